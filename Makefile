@@ -11,7 +11,7 @@ unexport PYTHONDONTWRITEBYTECODE
 SPREAD := -n auto --dist loadfile
 UNIT := tests/core tests/config tests/ranging
 
-.PHONY: help demo quick test test-long test-opencv-4.10 check gate bench bench-rules bench-safety pictures deb docs format clean
+.PHONY: help demo quick test test-long test-opencv-4.10 check gate bench bench-rules bench-safety pictures wheel deb docs format clean
 
 help: ## say what there is
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -56,6 +56,10 @@ bench-safety: $(VENV)/.dev ## run the program on streams that fail, and time how
 pictures: $(VENV)/.dev ## make the pictures of the documentation again
 	PYTHONPATH=tests $(BIN)/python docs/pictures/make_pictures.py
 
+wheel: $(VENV)/.pip ## build the wheel into dist/, for `pip install dist/stadimeter-*.whl` on another machine
+	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
+	@echo "Built: $$(ls -t dist/stadimeter-*.whl | head -n 1)"
+
 deb: $(VENV)/.pip ## make the Debian package; ARGS="--release bookworm --arch arm64" for another machine
 	$(BIN)/python deploy/make_deb.py $(ARGS)
 
@@ -68,6 +72,10 @@ clean: ## remove what the other targets made
 	rm -rf $(VENV) $(OLD_VENV) .mypy_cache .ruff_cache .hypothesis .import_linter_cache site
 
 $(VENV)/.python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+		echo "stadimeter needs Python 3.11 or newer, and $(PYTHON) is not. Name another one: make PYTHON=python3.12 ..."; exit 1; }
+	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || { \
+		echo "$(PYTHON) cannot make virtual environments here. On Debian: sudo apt install python3-venv"; exit 1; }
 	@echo "Making a virtual environment in $(VENV) ..."
 	@$(PYTHON) -m venv $(VENV)
 	@touch $@

@@ -7,8 +7,10 @@ The package has an environment of its own, in a folder named after its version; 
 from __future__ import annotations
 
 import argparse
+import gzip
 import os
 import platform
+import re
 import shutil
 import subprocess
 import sys
@@ -17,8 +19,11 @@ import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
+import package_docs
+
 from stadimeter.app.persistence.alarm_store import FORMAT
 from stadimeter.app.persistence.state_file import APPLICATION_ID
+from stadimeter.config.extras import OLDEST_PICAMERA2
 
 DEPLOY = Path(__file__).resolve().parent
 CHECKOUT = DEPLOY.parent
@@ -45,6 +50,13 @@ SYSTEM_FILES = {
     "modules-load.conf": "usr/lib/modules-load.d/stadimeter.conf",
 }
 """Files of this folder that the system looks for in one place only."""
+
+CONFIGURATION = "etc/stadimeter/appliance.toml"
+EXAMPLES = "usr/share/stadimeter/examples"
+
+DRIVES_PINS = "raspi-utils | gpiod"
+"""Where there is raspi-utils, on Raspberry Pi OS, it is installed for its pinctrl: Debian has the other one only, which
+shows who holds a pin. Pins are switched off without either, too: see drive_pins.py."""
 
 LINKS = {
     f"{HOME}/bin/stadimeter": "current/bin/stadimeter",
@@ -77,7 +89,7 @@ class Release:
         python: Of the release, which the environment is for.
         glibc: Minor version, from which follows which wheels run there.
         libraries: Besides those of pyproject.toml. The system's packages must work with the numpy that is here.
-        recommends: What Raspberry Pi OS has and no wheel gives: pinctrl for safe-outputs, and a library for pins.
+        recommends: What Raspberry Pi OS has and no wheel gives: a library for pins.
     """
 
     suffix: str
@@ -192,7 +204,8 @@ def _lay_out(target: Target, libraries: Path, root: Path) -> None:
     )
     _point(environment / "bin/python3", f"/usr/bin/{target.python}")
     _write(environment / "bin/stadimeter", LAUNCHER, 0o755)
-    for name, mode in (("debian/self_test.py", 0o644), ("debian/self-test.toml", 0o644), ("safe-outputs", 0o755)):
+    for name in ("debian/self_test.py", "debian/self-test.toml", "drive_pins.py", "safe-outputs"):
+        mode = 0o755 if name == "safe-outputs" else 0o644
         _write(environment / "libexec" / Path(name).name, (DEPLOY / name).read_text(), mode)
     for name, place in SYSTEM_FILES.items():
         # Once for the system, and once for the version: when the next one fails its self-test, it is put back.
@@ -200,17 +213,27 @@ def _lay_out(target: Target, libraries: Path, root: Path) -> None:
             _write(top / place, (DEPLOY / name).read_text())
     for link, place in LINKS.items():
         _point(root / link, f"/{HOME}/{place}")
-    _document(root / "usr/share/doc/stadimeter")
-
-
-def _document(folder: Path) -> None:
+    _write(root / CONFIGURATION, (CHECKOUT / "config/appliance.toml").read_text())
     for example in (*(CHECKOUT / "config").glob("*.toml"), *DEPLOY.glob("mosquitto.*")):
-        _write(folder / "examples" / example.name, example.read_text())
+        _write(root / EXAMPLES / example.name, example.read_text())
+    _document(target, root / "usr/share")
+    for shell, place in package_docs.COMPLETIONS.items():
+        _write(root / place, package_docs.completion(shell))
+
+
+def _document(target: Target, share: Path) -> None:
+    folder = share / "doc/stadimeter"
     for page in (CHECKOUT / "docs").glob("*.md"):
         _write(folder / page.name, page.read_text())
+    _point(folder / "examples", "../../stadimeter/examples")
     copyright_text = (DEPLOY / "debian/copyright").read_text()
     licence = "\n".join(f" {line or '.'}" for line in (CHECKOUT / "LICENSE").read_text().splitlines())
     _write(folder / "copyright", copyright_text.replace("@LICENSE@", licence))
+    maintainer = re.findall("^Maintainer: (.*)$", (DEPLOY / "debian/control").read_text(), re.MULTILINE)[0]
+    changes = (CHECKOUT / "CHANGELOG.md").read_text()
+    _write(folder / "changelog.gz", package_docs.changelog(target.version, maintainer, changes))
+    page = gzip.compress(package_docs.man_page(target.program_version).encode(), mtime=0)
+    _write(share / "man/man1/stadimeter.1.gz", page)
 
 
 def _describe(target: Target, root: Path) -> None:
@@ -222,7 +245,8 @@ def _describe(target: Target, root: Path) -> None:
         "INSTALLED_KB": installed_kb,
         "NEEDED_KB": installed_kb + round(BYTE_CODE_SHARE * sources_kb) + MARGIN_KB,
         "PYTHON": target.python,
-        "DEPENDS": f"{target.python}, passwd",
+        "DEPENDS": f"{target.python}, libc6 (>= 2.{target.release.glibc}), passwd, {DRIVES_PINS}",
+        "PICAMERA2": OLDEST_PICAMERA2,
         "RECOMMENDS": target.release.recommends,
         "STATE_FORMAT": FORMAT,
         "APPLICATION_ID": APPLICATION_ID,
@@ -232,6 +256,7 @@ def _describe(target: Target, root: Path) -> None:
         for key, value in values.items():
             text = text.replace(f"@{key}@", str(value))
         _write(root / "DEBIAN" / name, text, 0o644 if name == "control" else 0o755)
+    _write(root / "DEBIAN/conffiles", f"/{CONFIGURATION}\n")
 
 
 def _size_kb(folder: Path) -> int:
@@ -239,9 +264,9 @@ def _size_kb(folder: Path) -> int:
     return sum(-(-path.lstat().st_size // 4096) * 4 for path in folder.rglob("*"))
 
 
-def _write(path: Path, text: str, mode: int = 0o644) -> None:
+def _write(path: Path, content: str | bytes, mode: int = 0o644) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text)
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
     path.chmod(mode)
 
 

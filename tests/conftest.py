@@ -13,6 +13,7 @@ import pytest
 from hypothesis import settings
 
 import stadimeter  # noqa: F401 - before OpenCV, which asks only once how many pixels it may decode
+from stadimeter.app import ending
 
 # Machines are shared and slow at times: how long an example takes says nothing. In CI the examples are always the same,
 # so that a change is judged by what it changes; everywhere else new ones are tried each time, and fewer of them.
@@ -25,9 +26,13 @@ settings.load_profile(PROFILE)
 # Programs that tests start find `support` as well.
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(Path(__file__).parent), os.environ.get("PYTHONPATH")]))
 
-# Programs that tests start inherit what becomes of a hangup and of Ctrl-C; `nohup make test &` must not
+# Progress is shown of what takes longer than half a second: on a busy machine, of anything. Its own tests turn it on.
+os.environ["STADIMETER_PROGRESS"] = "off"
+
+# Programs that tests start inherit what becomes of a hangup, of Ctrl-C and the like; `nohup make test &` must not
 # change what they see.
-signal.signal(signal.SIGHUP, signal.SIG_DFL)
+for _number in (signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU):
+    signal.signal(_number, signal.SIG_DFL)
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 REAL_PICTURES = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -45,12 +50,18 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             test._hypothesis_internal_use_settings = settings(own, max_examples=settings.default.max_examples)
 
 
+@pytest.fixture(autouse=True, scope="session")
+def no_last_resort() -> None:
+    """Keep a run in the process of the tests from ending that process where a busy machine is late to close things."""
+    ending.LAST_RESORT_S = 600.0
+
+
 @pytest.fixture(autouse=True)
 def no_thread_left_behind() -> Iterator[None]:
-    """Fail a test that leaves a thread running."""
+    """Fail a test that leaves a thread running. One that is about to end is waited for, however busy the machine is."""
     before = set(threading.enumerate())
     yield
-    deadline_s = time.monotonic() + 2.0
+    deadline_s = time.monotonic() + 60.0
     left = [thread for thread in threading.enumerate() if thread not in before and thread.is_alive()]
     for thread in left:
         thread.join(max(0.0, deadline_s - time.monotonic()))

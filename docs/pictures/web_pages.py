@@ -93,7 +93,7 @@ def _set_up(page: Any, folder: Path) -> None:
     go()
     asked("How large is the ball?")
     go()
-    asked("Which colour has the ball?")
+    asked("What colour is the ball?")
     box = page.get_by_alt_text("What the camera sees").bounding_box()
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     page.get_by_role("button", name="Forget the clicks").wait_for()

@@ -5,6 +5,7 @@
     StadimeterError
     ├─ UnreadableError (OSError)             a file that is not there, not regular, too large, or not text
     ├─ ConfigError (ValueError)              a configuration, camera file or option is wrong; lists every problem
+    │  └─ DemonstrationError                 the demonstration's configuration, which nothing changes
     ├─ ChangedMeanwhileError                 a file was saved by another since it was read
     ├─ NotThereError (LookupError)           a recording or a version that is asked for by a name, and is not there
     ├─ CommandRangeError (ValueError)        a command that no actuator could follow: NaN, or outside its range
@@ -104,6 +105,16 @@ class ConfigError(StadimeterError, ValueError):
         self.problems = (Problem(problems),) if isinstance(problems, str) else tuple(problems)
         self.warnings = tuple(warnings)
         super().__init__("\n".join(str(problem) for problem in self.problems))
+
+
+class DemonstrationError(ConfigError):
+    """What is asked for would change the configuration of the demonstration.
+
+    Attributes:
+        code: What it is, for programs.
+    """
+
+    code = "demonstration"
 
 
 class ChangedMeanwhileError(StadimeterError):

@@ -64,7 +64,11 @@ def test_a_relay_is_switched_by_a_low_pin_unless_told_otherwise(context: DriverC
     assert factory.pin(24).state == 1.0
 
 
-@pytest.mark.parametrize("wrong", [{"dimmed": True, "on_at": 0.5}, {"frequency": "200 Hz"}, {"on_at": 0.0}], ids=str)
+@pytest.mark.parametrize(
+    "wrong",
+    [{"dimmed": True, "on_at": 0.5}, {"dimmed": True, "frequency": "1 Hz"}, {"frequency": "200 Hz"}, {"on_at": 0.0}],
+    ids=str,
+)
 def test_options_that_would_have_no_effect_are_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(ValidationError):
         LedOptions.model_validate({"pin": 24, **wrong})

@@ -118,6 +118,7 @@ def test_the_frequency_is_the_configured_one(context: DriverContext, factory: Mo
     [
         {"frequency": "20 kHz"},
         {"frequency": "0 Hz"},
+        {"frequency": "19 Hz"},  # it would stop late
         {"minimum_duty": 0.0},
         {"minimum_duty": 1.01},
         {"kick": "1 min"},

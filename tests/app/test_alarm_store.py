@@ -101,6 +101,28 @@ def alert(number):
     return "", Message(topic="event/alarm", payload=str(number), qos=1)
 
 
+def test_who_stopped_the_outputs_is_read_again_until_they_are_released(path):
+    store = AlarmStore(path)
+    store.open()
+    for stopped in ("by Zoë: a child", "by Zoë: a child", ""):
+        store.write(replace(remembered(NEAR), stopped=stopped))
+        store.close()
+        store = AlarmStore(path)
+        assert store.open().stopped == stopped
+    store.close()
+
+
+def test_a_file_of_the_format_before_is_read_and_goes_on_in_this_one(path):
+    written(path, NEAR)
+    with sqlite3.connect(path) as database:
+        database.execute("DROP TABLE stopped")
+        database.execute("PRAGMA user_version = 2")
+    database.close()
+    memory, warning = read(path)
+    assert (memory, warning) == (remembered(NEAR), "")
+    assert read(path)[1] == ""
+
+
 def test_of_what_was_not_delivered_only_what_came_and_what_went_is_written(path):
     store = AlarmStore(path)
     store.open()
@@ -350,7 +372,7 @@ def test_a_file_of_a_later_version_is_put_aside_and_named_so(path):
     database.close()
     memory, warning = read(path)
     assert memory is None
-    assert "written by a later version of stadimeter (format 7, not 2); it is now" in warning
+    assert "written by a later version of stadimeter (format 7, not 3); it is now" in warning
     assert path.with_name("run.sqlite3.newer-1").exists()
 
 

@@ -135,6 +135,41 @@ def test_a_press_over_a_pause_in_which_nobody_looked_is_none() -> None:
     assert lasted_s > STUCK_S
 
 
+def test_a_button_that_stops_outputs_does_so_as_soon_as_it_is_down_and_once() -> None:
+    front = Front(press="stop-outputs")
+    front.button.open()
+    front.clock.advance_s(1.0)
+    front.touch(True, 0.1)
+    assert front.actions() == [OperatorAction.STOP_OUTPUTS]
+    front.touch(True, STUCK_S + 1.0)
+    front.touch(False, 1.0)
+    assert front.actions() == []
+    front.button.close()
+
+
+def test_one_that_is_down_when_the_run_begins_stops_them_too() -> None:
+    front = Front(press="stop-outputs")
+    front.pins.ground(PIN, begins=True)
+    front.button.open()
+    front.clock.advance_s(1.0)
+    assert front.actions() == [OperatorAction.STOP_OUTPUTS]
+    front.button.close()
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        {"press": "stop-outputs", "hold": "release-outputs"},
+        {"hold": "stop-outputs"},
+        {"press": "stop-outputs", "rule": "near"},
+        {"hold": "release-outputs", "rule": "near"},
+    ],
+)
+def test_a_button_that_stops_outputs_does_nothing_else(table: dict[str, str]) -> None:
+    with pytest.raises(ValueError, match="outputs"):
+        ButtonTable.model_validate(table)
+
+
 def test_a_button_that_cannot_be_opened_keeps_a_run_from_beginning() -> None:
     front = Front()
     front.pins.occupy(PIN, begins=True)
@@ -168,13 +203,14 @@ def test_a_button_that_fails_is_told_opened_again_and_works(front: Front) -> Non
     assert front.actions() == ["acknowledge"]
 
 
-def test_a_driver_with_a_defect_does_not_end_the_looking() -> None:
+@pytest.mark.parametrize("defect", [ZeroDivisionError, SystemExit])
+def test_a_driver_with_a_defect_does_not_end_the_looking(defect: type[BaseException]) -> None:
     class Broken(SimulatedButton):
         is_broken = False
 
         def is_pressed(self) -> bool:
             if self.is_broken:
-                raise ZeroDivisionError
+                raise defect
             return super().is_pressed()
 
         def close(self) -> None:
@@ -189,7 +225,7 @@ def test_a_driver_with_a_defect_does_not_end_the_looking() -> None:
     button.open()
     driver.is_broken = True
     clock.advance_s(0.1)
-    assert button.trouble() == "button it: ZeroDivisionError; closing it failed too: it hangs"
+    assert button.trouble() == f"button it: {defect.__name__}; closing it failed too: it hangs"
     driver.is_broken = False
     clock.advance_s(OPEN_AGAIN_S)
     assert button.trouble() == ""

@@ -4,11 +4,13 @@ from dataclasses import replace
 
 import pytest
 
+from stadimeter.app.control import requests
 from stadimeter.app.control.messages import Reply, parse_request
 from stadimeter.app.control.requests import REMEMBERED_S, Control
 from stadimeter.app.control.socket_server import Asked
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.decision import SafetyMode
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule
@@ -53,7 +55,8 @@ class Desk:
         self.answers = []
         self.unix_s = 1e9
         self.reloader = NoReload()
-        self.control = Control(self, self.reloader, lambda: self.unix_s)
+        self.is_kept = True
+        self.control = Control(self, self.reloader, lambda: self.unix_s, is_kept=lambda: self.is_kept)
         self.run = Rehearsal(PLAN)
 
     def take(self):
@@ -187,3 +190,22 @@ def test_a_signal_asks_for_the_configuration_to_be_read_before_the_next_cycle(de
     answer(Reply(error="nothing was changed: it is wrong"))
     answer(Reply({"kept": ["a", "b"], "changed": ["c"], "added": [], "removed": [], "warnings": []}))
     assert said == ["nothing was changed: it is wrong", "the configuration was reloaded: 2 rules kept; changed: c"]
+
+
+def test_a_stop_is_answered_once_it_is_in_the_file_so_that_a_kill_after_the_answer_changes_nothing(desk):
+    desk.is_kept = False
+    desk.ask('{"op": "stop-outputs", "args": {"by": "Zoë"}}')
+    desk.cycle()
+    desk.cycle()
+    assert desk.run.decisions[-1][1].safety is SafetyMode.STOPPED
+    assert desk.answers == []
+    desk.is_kept = True
+    desk.cycle()
+    assert desk.reply().data["words"].startswith("the outputs are stopped until released")
+
+
+def test_a_stop_that_the_disk_does_not_take_is_answered_after_a_second_and_says_so(desk, monkeypatch):
+    monkeypatch.setattr(requests, "KEPT_WITHIN_S", 0.0)
+    desk.is_kept = False
+    assert desk.said('{"op": "stop-outputs", "args": {}}').data["words"].endswith(requests.NOT_YET_KEPT)
+    assert requests.NOT_YET_KEPT not in desk.said('{"op": "release-outputs", "args": {}}').data["words"]

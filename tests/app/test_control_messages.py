@@ -51,6 +51,18 @@ def test_what_an_operator_says_reaches_the_core_as_it_was_said(op, action):
     assert (command.id, command.action, command.rule, command.by, command.why) == ("7", action, "near", "Zoë", "seen")
 
 
+@pytest.mark.parametrize(
+    ("op", "action"),
+    [("stop-outputs", OperatorAction.STOP_OUTPUTS), ("release-outputs", OperatorAction.RELEASE_OUTPUTS)],
+)
+def test_what_concerns_every_output_names_none_and_no_rule(op, action):
+    line = json.dumps({"op": op, "args": {"by": "Zoë", "why": "a child"}}).encode()
+    command = operator_command(parse_request(line), "7")
+    assert (command.action, command.rule, command.by, command.why) == (action, "", "Zoë", "a child")
+    with pytest.raises(ControlError, match=r"args\.output"):
+        parse_request(json.dumps({"op": op, "args": {"output": "motor"}}).encode())
+
+
 @pytest.mark.parametrize("level", [True, "0.5", [1]])
 def test_what_is_no_number_is_no_level_to_hold_an_output_at(level):
     line = json.dumps({"op": "hold-output", "args": {"output": "motor", "level": level}}).encode()

@@ -1,5 +1,7 @@
 """Closing the parts of a run side by side, before one deadline."""
 
+import os
+import signal
 import threading
 
 import pytest
@@ -13,7 +15,7 @@ from stadimeter.errors import DriverError
 def hang():
     """Return a call that does not come back before the end of the test."""
     let_go = threading.Event()
-    yield lambda: let_go.wait(20)
+    yield lambda: let_go.wait(120)
     let_go.set()
 
 
@@ -68,3 +70,49 @@ def test_asking_for_the_end_cuts_a_wait_short_that_has_begun(monkeypatch, hang):
     asking.start()
     assert close_side_by_side({"phone": [("phone", hang)]}, deadline, wish_s=1000.0)
     asking.join()
+
+
+def test_where_there_is_no_memory_for_a_thread_a_lane_is_closed_without_one(monkeypatch):
+    def refuse(_thread):
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(threading.Thread, "start", refuse)
+    closed = []
+    assert close_side_by_side({"lane": [("motor", lambda: closed.append("motor"))]}, Deadline()) == []
+    assert closed == ["motor"]
+
+
+def test_a_process_that_is_asked_to_end_while_it_is_being_suspended_ends(monkeypatch):
+    monkeypatch.setattr(ending, "SETTLE_S", 0.0)
+    suspended = []
+    monkeypatch.setattr(signal, "raise_signal", suspended.append)
+    ended = []
+    with ending.stopping_on_signals(ended.append, make_safe=lambda: os.kill(os.getpid(), signal.SIGTERM) or []):
+        os.kill(os.getpid(), signal.SIGTSTP)
+    assert ended == ["SIGTERM"]
+    assert suspended == []
+
+
+def test_a_process_is_not_suspended_while_an_output_is_not_at_its_safe_value(monkeypatch, capfd):
+    suspended = []
+    monkeypatch.setattr(signal, "raise_signal", suspended.append)
+    with ending.stopping_on_signals(lambda _name: None, make_safe=lambda: ["motor: its driver is busy"]):
+        os.kill(os.getpid(), signal.SIGTSTP)
+    assert suspended == []
+    assert capfd.readouterr().err == "warning: SIGTSTP: not suspended: motor: its driver is busy\n"
+
+
+def test_a_signal_that_is_ignored_or_taken_by_another_stays_so():
+    heard = []
+    before = {number: signal.getsignal(number) for number in (signal.SIGUSR1, signal.SIGUSR2, signal.SIGTSTP)}
+    try:
+        signal.signal(signal.SIGUSR1, lambda number, _frame: heard.append(number))
+        signal.signal(signal.SIGUSR2, signal.SIG_IGN)
+        signal.signal(signal.SIGTSTP, signal.SIG_IGN)
+        with ending.stopping_on_signals(heard.append):
+            for number in before:
+                os.kill(os.getpid(), number)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    assert heard == [signal.SIGUSR1]

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from stadimeter.app.guard import PERIOD_S, Guard, retire_all
+from stadimeter.app.guard import PERIOD_S, Guard, make_all_safe, retire_all
 from stadimeter.app.leased_output import BUSY_WAIT_S, FIRST_WAIT_S, LONGEST_WAIT_S, REST_S, LeasedOutput
 from stadimeter.core.command import LevelCommand
 from stadimeter.errors import LinkLostError
@@ -51,11 +51,11 @@ def busy(output):
     def hang():
         with output._lock:
             entered.set()
-            assert leave.wait(20)
+            assert leave.wait(120)
 
     thread = threading.Thread(target=hang)
     thread.start()
-    assert entered.wait(20)
+    assert entered.wait(120)
     yield output
     leave.set()
     thread.join()
@@ -196,3 +196,26 @@ def test_a_guard_that_was_stopped_watches_no_more_and_may_be_stopped_again(outpu
     clock.advance_s(10.0)
     assert driver.level == 1.0
     assert guard.failure is None
+
+
+def test_an_output_that_is_not_open_yet_has_nothing_to_be_put_at_and_is_in_order(driver, clock):
+    output = LeasedOutput(driver, SAFE, lease_s=0.25, clock=clock)
+    assert make_all_safe([output]) == []
+    output.open()
+    assert output.apply(full(128.0)) == full(128.0)
+
+
+def test_an_output_that_could_be_opened_only_later_is_put_at_its_safe_value_too(driver, clock):
+    output = LeasedOutput(driver, SAFE, lease_s=9.0, clock=clock)
+    output.open_later(LinkLostError("absent"))
+    Guard([output], clock).start()
+    while output.observed_fault():
+        clock.advance_s(0.5)
+    output.apply(full(clock.now_s()))
+    assert driver.level == 1.0
+    assert make_all_safe([output]) == []
+    assert driver.level == 0.1
+
+
+def test_a_busy_output_is_waited_for_and_then_said_not_to_be_at_its_safe_value(busy):
+    assert make_all_safe([busy]) == ["motor: its driver is busy and does not come back"]

@@ -8,10 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.app.clock import MonotonicClock
-from stadimeter.app.guard import Guard, retire_all
+from stadimeter.app.guard import Guard, make_all_safe, retire_all
 from stadimeter.app.leased_output import REST_S, RESTING, LeasedOutput
 from stadimeter.core.command import LevelCommand, TwistCommand
 from stadimeter.errors import DeviceOpenError, LinkLostError
+from stadimeter.testing.eventually import eventually
 from stadimeter.testing.manual_clock import ManualClock
 from stadimeter.testing.recording import RecordingActuator, RecordingBase
 
@@ -247,11 +248,11 @@ def test_a_run_that_ends_does_not_wait_for_a_driver_that_is_being_opened_again()
     guard = Guard([output], clock)
     guard.start()
     break_it(driver, output)
-    assert opening.wait(20)
+    assert opening.wait(120)
     assert retire_all([output]) == []
     guard.stop()
     output.close()
-    assert closed.wait(20)
+    assert closed.wait(120)
 
 
 class Flaky(RecordingActuator):
@@ -309,15 +310,19 @@ def test_whatever_fails_when_nothing_moves_before_a_whole_rest_without_a_fault(s
     assert output.apply(full(clock.now_s())) is not None, "and it always comes back"
 
 
-def test_a_defect_that_comes_up_while_a_driver_is_opened_again_ends_the_run(guarded, output, driver, clock):
+DEFECTS = pytest.mark.parametrize("defect", [IndexError, SystemExit, KeyboardInterrupt, MemoryError])
+
+
+@DEFECTS
+def test_a_defect_that_comes_up_while_a_driver_is_opened_again_ends_the_run(guarded, output, driver, clock, defect):
     break_it(driver, output)
 
     def defective():
-        raise IndexError("a defect")
+        raise defect("a defect")
 
     driver.open = defective
     clock.advance_s(0.6)
-    assert isinstance(guarded.failure, IndexError)
+    assert isinstance(guarded.failure, defect)
 
 
 def test_a_driver_that_cannot_even_stop_is_reported_with_both_troubles(output, driver):
@@ -370,7 +375,22 @@ def test_a_command_that_a_signal_handler_interrupts_does_not_move_it_again(outpu
     assert driver.level == 0.0
 
 
-def test_every_output_is_stopped_even_if_one_fails(clock):
+def test_a_command_that_a_signal_handler_interrupts_to_suspend_the_process_ends_at_the_safe_value(output, driver):
+    apply = driver.apply
+
+    def interrupted(command):
+        driver.apply = apply
+        assert make_all_safe([output]) == []
+        return apply(command)
+
+    driver.apply = interrupted
+    assert output.apply(full(99.9)) == SAFE
+    assert driver.level == 0.1
+    assert output.apply(full(99.9)) == full(99.9), "the next cycle may command it again"
+
+
+@DEFECTS
+def test_every_output_is_stopped_even_if_one_fails(clock, defect):
     drivers = [RecordingActuator(clock, name) for name in ("a", "b", "c")]
     outputs = [
         LeasedOutput(d, LevelCommand(output=n, level=0), 0.3, clock) for d, n in zip(drivers, "abc", strict=True)
@@ -380,28 +400,50 @@ def test_every_output_is_stopped_even_if_one_fails(clock):
     drivers[0].fail_with, drivers[0].fail_on = LinkLostError("gone"), ("stop",)
 
     def defective():
-        raise ZeroDivisionError("a defect")
+        raise defect("a defect")
 
     drivers[1].stop = defective
-    assert retire_all(outputs) == ["a: gone", "b: ZeroDivisionError: a defect"]
+    assert retire_all(outputs) == ["a: gone", f"b: {defect.__name__}: a defect"]
     assert drivers[2].stop_times_s == [100.0]
 
 
-def test_a_defect_in_a_driver_stops_all_outputs_and_is_kept_for_the_loop(output, driver, clock):
+@DEFECTS
+def test_a_defect_in_a_driver_stops_all_outputs_and_is_kept_for_the_loop(output, driver, clock, defect):
     base = RecordingBase(clock, "base")
     still = TwistCommand(output="base", linear_mps=0, angular_radps=0)
     other = LeasedOutput(base, still, 0.3, clock)
     other.open()
 
     def defective(now_s):
-        raise IndexError("a defect")
+        raise defect("a defect")
 
     driver.tick = defective
     guard = Guard([output, other], clock)
     guard.start()
     clock.advance_s(0.05)
-    assert isinstance(guard.failure, IndexError)
+    assert isinstance(guard.failure, defect)
     assert base.stop_times_s
+
+
+def test_a_driver_that_asks_for_the_end_leaves_no_output_without_a_guard_while_another_hangs_the_loop():
+    clock = MonotonicClock()
+    hanging, base = Hanging(clock, "motor", "apply"), RecordingBase(clock, "base")
+    still = TwistCommand(output="base", linear_mps=0, angular_radps=0)
+    outputs = [LeasedOutput(hanging, SAFE, 60.0, clock), LeasedOutput(base, still, 60.0, clock)]
+    for each in outputs:
+        each.open()
+    guard = Guard(outputs, clock)
+    guard.start()
+    outputs[1].apply(TwistCommand(output="base", linear_mps=0.3, angular_radps=0, captured_at_s=clock.now_s()))
+    loop = threading.Thread(target=outputs[0].apply, args=(full(clock.now_s()),))
+    loop.start()
+    assert hanging.entered.wait(120)
+    base.fail_with, base.fail_on = SystemExit(), ("tick",)
+    assert eventually(lambda: base.current is None)
+    assert isinstance(guard.failure, SystemExit)
+    hanging.let_go.set()
+    loop.join()
+    guard.stop()
 
 
 def test_a_driver_that_cannot_be_opened_says_so(clock):
@@ -428,7 +470,7 @@ def test_the_guard_ends_a_command_while_the_control_thread_hangs():
     guard = Guard([output], clock)
     guard.start()
     output.apply(full(clock.now_s()))
-    assert safe_again.wait(10), "the control thread waits here, and the guard acts"
+    assert safe_again.wait(120), "the control thread waits here, and the guard acts"
     guard.stop()
     output.close()
 
@@ -443,7 +485,7 @@ class Hanging(RecordingActuator):
     def _hang(self, where):
         if where == self.where and self.commands:
             self.entered.set()
-            assert self.let_go.wait(20)
+            assert self.let_go.wait(120)
 
     def tick(self, now_s):
         self._hang("tick")
@@ -473,7 +515,7 @@ def test_a_driver_that_hangs_keeps_no_other_output_from_stopping(where):
     control.start()
     guard.start()
     try:
-        assert hanging.entered.wait(10)
+        assert hanging.entered.wait(120)
         while other.level:
             threading.Event().wait(0.001)
         troubles = retire_all(outputs)

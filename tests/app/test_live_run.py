@@ -133,13 +133,6 @@ def test_a_pi_camera_that_hangs_stops_the_output_and_drives_it_again_with_its_se
     assert sensor.configurations[-1]["controls"] == sensor.configurations[0]["controls"]
 
 
-@pytest.fixture
-def without_last_resort(monkeypatch):
-    """Let a machine that stands still for a moment not end the process of the tests."""
-    monkeypatch.setattr(ending, "LAST_RESORT_S", 60.0)
-
-
-@pytest.mark.usefixtures("without_last_resort")
 def test_a_signal_ends_it_with_everything_stopped(rig):
     def listen(_record, _frame):
         if rig.loop.health.frames == 10:
@@ -164,7 +157,7 @@ def test_being_asked_to_end_before_anything_is_open_opens_nothing(rig):
 def test_a_camera_that_does_not_let_go_is_left_behind_and_the_output_is_closed(rig, monkeypatch):
     monkeypatch.setattr(ending, "END_WITHIN_S", 1.5)
     let_go = threading.Event()
-    rig.camera.close = lambda: let_go.wait(20)
+    rig.camera.close = lambda: let_go.wait(120)
     rig.loop.listeners.append(lambda *_: rig.loop.stop("SIGTERM") if rig.loop.health.frames == 10 else None)
     rig.loop.run(Limits(seconds=20))
     assert rig.loop.troubles == ["camera: it did not end in time, and was left behind"]
@@ -173,11 +166,10 @@ def test_a_camera_that_does_not_let_go_is_left_behind_and_the_output_is_closed(r
     let_go.set()
 
 
-@pytest.mark.usefixtures("without_last_resort")
 def test_being_asked_to_end_while_a_device_opens_breaks_that_off(rig):
     def slow_open():
         os.kill(os.getpid(), signal.SIGINT)
-        threading.Event().wait(20)
+        threading.Event().wait(120)
 
     rig.camera.open = slow_open
     with stopping_on_signals(rig.loop.stop):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from stadimeter.app.bootstrap import build, demo_configuration
-from stadimeter.app.clock import SteppedClock
+from stadimeter.app.clock import MonotonicClock, SteppedClock
 from stadimeter.app.live.feed import LiveFeed
 from stadimeter.app.live.health import Board, BoardState, LiveHealth
 from stadimeter.app.live.history import Sample, Samples, Seen
@@ -69,6 +69,7 @@ def test_each_rule_says_why_as_the_terminal_and_explain_do(demonstration):
     for told in as_data(feed)["rules"]:
         (rule,) = (each for each in loop.parts.configuration.plan.rules if each.name == told["rule"])
         assert told["reason"] == why(feed.history.record.decision, rule.name)
+        assert ": P " not in told["reason"], "a probability is for explain only"
         assert told["needs_ack"] == (isinstance(rule, AlarmRule) and rule.needs_ack)
 
 
@@ -280,3 +281,39 @@ def test_frames_that_no_cycle_took_are_counted():
         feed(cycle_record(sequence / 100 + 0.001), None)
     assert feed.snapshot().health.dropped_frames == 5
     assert words_of(feed.snapshot().health)["dropped frames"][0] == "5 since the start"
+
+
+@pytest.mark.parametrize(
+    ("clock", "real_s_each", "pace", "rate_hz"),
+    [
+        (SteppedClock(speed=1.0), 0.1, 1 / 3, 10.0),  # at a third of real time
+        (SteppedClock(speed=1.0), 1 / 30, 1.0, 30.0),
+        (SteppedClock(speed=0.5), 2 / 30, 1.0, 30.0),  # as slow as it was asked for
+        (SteppedClock(), 0.1, 1.0, 30.0),  # as fast as this computer can
+        (MonotonicClock(), 1 / 30, 1.0, 30.0),
+    ],
+)
+def test_a_run_that_falls_behind_its_speed_is_not_well_whatever_rate_its_own_clock_gives(
+    clock, real_s_each, pace, rate_hz
+):
+    real_s = [100.0]
+    feed = LiveFeed(clock, real_time_s=lambda: real_s[0])
+    for number in range(90):
+        frame = Frame(np.zeros((2, 2, 3), np.uint8), number / 30, number)
+        feed(
+            cycle_record(
+                number / 30,
+            ),
+            frame,
+        )
+        real_s[0] += real_s_each
+    health = feed.snapshot().health
+    assert health.pace == pytest.approx(pace, rel=0.01)
+    assert health.frame_rate_hz == pytest.approx(rate_hz, rel=0.02)
+    assert ("pace" in words_of(health)) == (pace < 0.9)
+    assert all(note.is_good for note in health.notes if note.what != "pace")
+
+
+def test_a_slow_pace_is_said_in_words():
+    words = words_of(LiveHealth(pace=0.331))
+    assert words["pace"] == ("33% of the speed asked for: this computer cannot keep up", False)

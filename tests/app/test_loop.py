@@ -93,7 +93,14 @@ def test_a_run_moves_its_outputs_and_then_stops_them_before_anything_is_closed(r
 
 
 @pytest.mark.parametrize(
-    "error", [ZeroDivisionError("a defect"), CalibrationError("another aspect"), JournalError("the disk is full")]
+    "error",
+    [
+        ZeroDivisionError("a defect"),
+        CalibrationError("another aspect"),
+        JournalError("the disk is full"),
+        MemoryError("2 GB"),
+        SystemExit("a library"),
+    ],
 )
 def test_an_error_anywhere_stops_every_output_and_is_then_reported(rig, error):
     rig.raising(error)

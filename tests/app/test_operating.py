@@ -16,6 +16,7 @@ from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.operating import operated
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.decide import decide, initial_state
+from stadimeter.errors import DriverError
 from stadimeter.testing.eventually import eventually
 from stadimeter.workbench.replay.opening import read_recording
 from stadimeter.workbench.replay.replay import replay_run
@@ -89,7 +90,7 @@ def goes_on(monkeypatch):
 
     def open_late(begun, answer):
         file = opened(begun, answer)
-        assert goes_on.wait(20)
+        assert goes_on.wait(120)
         return file
 
     monkeypatch.setattr(RecordingOnRequest, "_opened", open_late)
@@ -103,6 +104,43 @@ def replayed(path):
         assert cycle.record().decision == decision
         cycles += 1
     return cycles
+
+
+class TestStopping:
+    def test_every_output_is_safe_until_released_and_the_recording_replays(self, room):
+        room.at(20, "record", do="start")
+        room.at(60, "stop-outputs", by="zoe", why="a child")
+        room.at(100, "release-outputs", by="ada")
+        begun, stopped, released = room.run(frames=140)
+        levels = [record.applied[0].level for record in room.records]
+        assert any(levels[40:60])
+        assert not any(levels[61:100])
+        assert any(levels[101:])
+        assert stopped.data["words"].startswith("the outputs are stopped until released")
+        assert released.data["words"] == "the outputs are released; they were stopped by zoe: a child"
+        assert replayed(room.path.parent / "recordings" / begun.data["file"]) > 90
+
+    def test_a_recording_that_begins_while_they_are_stopped_replays_too(self, room):
+        room.at(30, "stop-outputs")
+        room.at(60, "record", do="start")
+        _, begun = room.run(frames=120)
+        assert replayed(room.path.parent / "recordings" / begun.data["file"]) > 30
+
+    def test_whoever_stops_a_run_without_a_state_file_learns_that_its_end_is_the_end_of_the_stop(self, room):
+        room.at(40, "stop-outputs")
+        (stopped,) = room.run(frames=60)
+        assert "keeps no state" in stopped.data["words"]
+
+    def test_an_output_that_did_not_obey_is_named(self, room):
+        def unplug(record, _frame):
+            if len(room.records) == 39:
+                motor = room.loop.parts.driven[0]
+                motor._fail(DriverError("no answer"))
+
+        room.at(40, "stop-outputs")
+        room.loop.listeners.append(unplug)
+        (stopped,) = room.run(frames=60)
+        assert "motor did not confirm it (no answer)" in stopped.data["words"]
 
 
 class TestRecording:

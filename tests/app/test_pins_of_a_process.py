@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from stadimeter.testing.eventually import eventually
+from support.processes import is_suspended
 from support.simulated_run import SIMULATED_BALL
 
 LAUNCHER = """
@@ -59,7 +60,9 @@ class Lamp:
         configuration.write_text(text)
         command = [sys.executable, "-c", LAUNCHER, str(self._register), "run", str(configuration), "--no-state"]
         environment = {**os.environ, "GPIOZERO_PIN_FACTORY": "mock"}
-        self.program = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)
+        self.program = subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment, process_group=0
+        )
 
     @property
     def is_on(self) -> bool:
@@ -69,10 +72,12 @@ class Lamp:
 @pytest.fixture
 def lamp(tmp_path: Path) -> Iterator[Lamp]:
     lamp = Lamp(tmp_path)
-    eventually(lambda: lamp.is_on, within_s=20.0)
-    yield lamp
-    lamp.program.kill()
-    lamp.program.wait()
+    try:
+        eventually(lambda: lamp.is_on)
+        yield lamp
+    finally:
+        lamp.program.kill()
+        lamp.program.wait()
 
 
 def test_a_pin_keeps_its_level_when_the_program_is_killed(lamp: Lamp) -> None:
@@ -87,11 +92,21 @@ def test_a_pin_keeps_its_level_while_the_program_is_stopped(lamp: Lamp) -> None:
     assert lamp.is_on
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize(
+    "number", [signal.SIGTERM, signal.SIGINT, signal.SIGQUIT, pytest.param(signal.SIGUSR2, marks=pytest.mark.long)]
+)
 def test_a_pin_is_off_when_the_program_was_asked_to_end(lamp: Lamp, number: signal.Signals) -> None:
     lamp.program.send_signal(number)
-    lamp.program.wait(timeout=20)
+    lamp.program.wait(timeout=120)
     assert not lamp.is_on
+
+
+def test_a_pin_is_off_while_the_program_is_suspended_by_its_shell_and_on_again_after_it(lamp: Lamp) -> None:
+    lamp.program.send_signal(signal.SIGTSTP)
+    assert eventually(lambda: is_suspended(lamp.program.pid))
+    assert not lamp.is_on
+    lamp.program.send_signal(signal.SIGCONT)
+    assert eventually(lambda: lamp.is_on)
 
 
 def test_a_status_led_blinks_while_the_program_runs_and_is_dark_when_it_was_asked_to_end(tmp_path: Path) -> None:
@@ -101,10 +116,10 @@ def test_a_status_led_blinks_while_the_program_runs_and_is_dark_when_it_was_aske
     light = Lamp(tmp_path, CONFIGURATION.replace(table, tables))
     try:
         for _ in range(3):
-            eventually(lambda: light.is_on, within_s=20.0)
-            eventually(lambda: not light.is_on, within_s=20.0)
-        eventually(lambda: light.is_on, within_s=20.0)
+            eventually(lambda: light.is_on)
+            eventually(lambda: not light.is_on)
+        eventually(lambda: light.is_on)
     finally:
         light.program.terminate()
-        light.program.wait(timeout=20)
+        light.program.wait(timeout=120)
     assert not light.is_on

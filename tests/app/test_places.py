@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.app.control import places
+from stadimeter.app.control import client, places
 from stadimeter.app.control.client import ask, find
 from stadimeter.app.control.places import is_alive, running, runtime_folder, socket_path, usable_folder
 from stadimeter.app.control.socket_server import ControlSocket
@@ -107,6 +107,17 @@ def test_an_instance_is_found_by_its_configuration(instance):
     assert find(None, [instance]) == instance
     with pytest.raises(ControlError, match="no instance runs with"):
         find(Path("/etc/other.toml"), [instance])
+
+
+def test_that_none_runs_is_not_said_while_one_that_may_be_it_does_not_answer(instance, tmp_path, monkeypatch):
+    monkeypatch.setattr(client, "HELLO_WAIT_S", 0.1)
+    with socket.socket(socket.AF_UNIX) as hanging:
+        hanging.bind(str(tmp_path / "hanging.sock"))
+        hanging.listen()
+        with pytest.raises(ControlError, match="one that runs does not answer") as refused:
+            find(Path("/etc/other.toml"), [tmp_path / "hanging.sock", instance], names_others=False)
+        assert find(CONFIG, [tmp_path / "hanging.sock", instance]) == instance
+    assert "no instance runs" not in str(refused.value)
 
 
 def test_an_instance_that_does_not_answer_is_said_to_hang(instance):

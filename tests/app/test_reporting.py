@@ -14,13 +14,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.app.reporting import Reporter
+from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.decision import Decision, Event, EventKind, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.message import Message
+from stadimeter.core.rule import AlarmRule, Rule, Send, SequenceStep, Template
 from stadimeter.core.track import Track, TrackStatus
 
 NOON = "2026-06-01T12:00:00.000+00:00"
 LATER = "2026-06-01T12:00:07.000+00:00"
 FRAME_S = 1 / 30
+FAR = DistanceCondition(above_m=2.0)
 
 anything = st.none() | st.floats(allow_nan=True, allow_infinity=True)
 
@@ -80,12 +83,13 @@ def happened(kind: EventKind, source: str = "near", sequence: int = 0) -> Event:
 
 
 class Listener:
-    """A reporter and everything it said, frame by frame."""
+    """A reporter and everything it said, frame by frame; whether rules are available is kept apart."""
 
     def __init__(self) -> None:
         self.reporter = Reporter(boot_id="boot")
         self.now_s = 0.0
         self.told: list[tuple[float, Message]] = []
+        self.rule_messages: list[tuple[str, str]] = []
 
     def cycle(self, *tracks: Track, step_s: float = FRAME_S, wall_clock: str = NOON) -> list[Message]:
         return self.decided(decision(tracks), step_s=step_s, wall_clock=wall_clock)
@@ -93,8 +97,11 @@ class Listener:
     def decided(self, made: Decision, step_s: float = FRAME_S, wall_clock: str = NOON) -> list[Message]:
         self.now_s += step_s
         messages = self.reporter.messages(self.now_s, lambda: wall_clock, made)
-        self.told += [(self.now_s, message) for message in messages]
-        return list(messages)
+        of_rules = [message for message in messages if message.topic.startswith("rule/")]
+        self.rule_messages += [(message.topic.rpartition("/")[2], message.payload) for message in of_rules]
+        states = [message for message in messages if not message.topic.endswith("/availability")]
+        self.told += [(self.now_s, message) for message in states]
+        return states
 
     @property
     def payloads(self) -> list[dict[str, Any]]:
@@ -254,7 +261,8 @@ def test_an_alarm_is_an_event_that_is_never_retained_and_has_an_id_of_its_own() 
 def test_every_kind_of_event_is_told(kind: EventKind) -> None:
     (message,) = Listener().decided(decision(events=[happened(kind, source="it")]))
     payload = json.loads(message.payload)
-    of_rule = kind not in {EventKind.TARGET_SEEN, EventKind.TARGET_LOST, EventKind.FAULT, EventKind.FAULT_CLEARED}
+    of_outputs = {EventKind.FAULT, EventKind.FAULT_CLEARED, EventKind.STOPPED, EventKind.RELEASED}
+    of_rule = kind not in of_outputs | {EventKind.TARGET_SEEN, EventKind.TARGET_LOST}
     assert message.topic == ("event/alarm" if of_rule else "event/system")
     assert payload["event_type"] == kind.value
     assert payload["rule" if of_rule else "source"] == "it"
@@ -356,10 +364,47 @@ def test_who_did_something_to_an_alarm_is_told() -> None:
     assert (told["by"], told["notify"], told["first_out"]) == ("ann", False, True)
 
 
-def test_a_rule_that_never_saw_its_target_is_not_active() -> None:
+def test_a_rule_that_cannot_be_judged_is_neither_active_nor_not() -> None:
     listener = Listener()
-    listener.decided(decision(rules=[near(RuleStatus.UNKNOWN)]))
-    assert listener.payloads[0]["active"] is False
+    for active in (None, False):  # False where it treats a target that is lost as one that is far away
+        listener.decided(decision(rules=[replace(near(RuleStatus.UNKNOWN), active=active)]), step_s=1.0)
+        assert (listener.payloads[-1]["active"], listener.payloads[-1]["status"]) == (None, "unknown")
+
+
+def test_a_rule_is_unavailable_before_its_state_is_unknown_and_available_after_it_is_known() -> None:
+    listener = Listener()
+    unknown, idle = replace(near(RuleStatus.UNKNOWN), active=None), near(RuleStatus.IDLE)
+    for trace in (unknown, idle, near(RuleStatus.PENDING), unknown, near(RuleStatus.ACTIVE)):
+        listener.decided(decision(rules=[trace]), step_s=1.0)
+    seen = [
+        payload if what == "availability" else json.loads(payload)["active"] for what, payload in listener.rule_messages
+    ]
+    assert seen == ["offline", None, False, "online", False, "offline", None, True, "online"]
+
+
+def test_an_alarm_that_stands_without_its_target_is_available() -> None:
+    listener = Listener()
+    listener.decided(decision(rules=[near(RuleStatus.ACTIVE)], events=[happened(EventKind.RAISED)]))
+    listener.decided(decision(rules=[near(RuleStatus.UNKNOWN, active=True)]), step_s=1.0)
+    assert [payload for what, payload in listener.rule_messages if what == "availability"] == ["online"]
+    assert listener.payloads[-1]["active"] is True
+
+
+def test_a_target_on_the_edge_of_sight_makes_its_rule_flicker_twice_a_second_at_most() -> None:
+    listener = Listener()
+    unknown = replace(near(RuleStatus.UNKNOWN), active=None)
+    for frame in range(300):
+        listener.decided(decision(rules=[unknown if frame % 2 else near(RuleStatus.IDLE)]))
+    assert len(listener.told) <= 21
+
+
+def test_no_rule_is_available_before_the_first_cycle_of_a_run() -> None:
+    rules = [AlarmRule(name="near", target="ball", condition=FAR), Rule(name="follow", target="ball")]
+    messages = Reporter(boot_id="boot").opening(rules)
+    assert [(each.topic, each.payload, each.qos, each.retain) for each in messages] == [
+        ("rule/near/availability", "offline", 1, True),
+        ("rule/follow/availability", "offline", 1, True),
+    ]
 
 
 def test_text_that_is_not_ascii_stays_readable() -> None:
@@ -377,11 +422,22 @@ def test_the_documentation_shows_the_real_forms() -> None:
     assert [list(payload) for payload in shown] == [list(payload) for payload in (target, rule, alarm, system, system)]
 
 
-def test_a_rule_that_is_no_more_is_forgotten_by_the_broker_and_told_anew_when_it_is_back():
+def sending(name: str, topic: str, *, retain: bool) -> AlarmRule:
+    step = SequenceStep(send=Send(template=Template(text="x"), topic=topic, retain=retain))
+    return AlarmRule(name=name, target="ball", condition=FAR, sequence=(step,))
+
+
+def test_what_a_changed_configuration_publishes_no_more_is_forgotten_by_the_broker_and_told_anew_when_it_is_back():
     reporter = Reporter(boot_id="boot")
-    (told,) = reporter.messages(0.0, lambda: NOON, decision(rules=[near(RuleStatus.IDLE)]))
-    (forgotten,) = reporter.forget({"near"})
-    assert (forgotten.topic, forgotten.payload, forgotten.retain) == (told.topic, "", True)
+    reporter.opening([sending("near", "door/alert", retain=True), sending("far", "door/gone", retain=False)])
+    told, _ = reporter.messages(0.0, lambda: NOON, decision(rules=[near(RuleStatus.IDLE)]))
+    forgotten = reporter.reloaded([sending("far", "door/gone", retain=False)])
+    assert [(each.topic, each.payload, each.retain) for each in forgotten] == [
+        ("door/alert", "", True),
+        ("rule/near/availability", "offline", False),
+        ("rule/near/availability", "", True),
+        (told.topic, "", True),
+    ]
     assert reporter.messages(1.0, lambda: NOON, decision(rules=[])) == ()
-    (back,) = reporter.messages(2.0, lambda: NOON, decision(rules=[near(RuleStatus.IDLE)]))
-    assert back.topic == told.topic
+    back, available = reporter.messages(2.0, lambda: NOON, decision(rules=[near(RuleStatus.IDLE)]))
+    assert (back.topic, available.payload) == (told.topic, "online")

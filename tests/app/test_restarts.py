@@ -79,7 +79,7 @@ class Program:
 
     def end(self):
         self.process.send_signal(signal.SIGTERM)
-        return self.process.wait(10)
+        return self.process.wait(120)
 
 
 @pytest.fixture

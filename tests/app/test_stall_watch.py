@@ -3,7 +3,7 @@
 import pytest
 
 from stadimeter.app.bootstrap import build
-from stadimeter.app.guard import StallWatch
+from stadimeter.app.guard import Guard, StallWatch
 from stadimeter.app.leased_output import LeasedOutput
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.command import LevelCommand
@@ -73,3 +73,20 @@ def test_only_outputs_outside_the_simulated_world_need_it(tmp_path, text, real):
     path = tmp_path / "run.toml"
     path.write_text(SIMULATED_BALL + text + "[world]\n")
     assert build(load_configuration(path), speed=None).recording_drives == real
+
+
+@pytest.mark.parametrize("defect", [ZeroDivisionError, SystemExit])
+def test_a_defect_in_one_driver_stops_every_output_and_does_not_end_the_watch(defect):
+    recording, real = ManualClock(), ManualClock()
+    drivers = [RecordingActuator(recording, name) for name in ("a", "b")]
+    outputs = [LeasedOutput(each, LevelCommand(output="it", level=0.0), 9.0, recording) for each in drivers]
+    for output in outputs:
+        output.open()
+    guard = Guard(outputs, recording)
+    watch = StallWatch(outputs, recording, real, guard)
+    watch.start()
+    outputs[1].apply(LevelCommand(output="it", level=1.0, captured_at_s=recording.now_s()))
+    drivers[0].fail_with = defect()
+    real.advance_s(1.0)
+    assert isinstance(guard.failure, defect)
+    assert drivers[1].stop_times_s

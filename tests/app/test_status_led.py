@@ -54,6 +54,7 @@ BROKEN = (OutputFault(output="motor", reason="unplugged"),)
         ({"safety": SafetyMode.STARTING, "not_for_motion": "its age is not known"}, Status.HELD),
         ({"safety": SafetyMode.STALE}, Status.HELD),
         ({"safety": SafetyMode.STALE, "rules": (WAITS,)}, Status.ALARM),
+        ({"safety": SafetyMode.STOPPED, "tracks": BALL}, Status.HELD),
         ({"tracks": BALL, "rules": (SHELVED, WAITS)}, Status.ALARM),
         ({"rules": (RuleTrace(rule="near", status=RuleStatus.LATCHED),)}, Status.ALARM),
         ({"rules": (WAITS,), "output_faults": BROKEN}, Status.FAULT),

@@ -166,6 +166,14 @@ def test_without_a_new_frame_the_snapshot_goes_on_and_the_picture_does_not(watch
     assert later["data"]["frame"]["sequence"] == 1
 
 
+def test_a_snapshot_says_how_old_its_cycle_is_while_the_loop_hangs(watched):
+    watched.cycle()
+    client = watched.connect()
+    first, second = (client.answer()["data"]["cycle_age_s"] for _ in range(2))
+    assert second > first
+    eventually(lambda: watched.cycle() or client.answer()["data"]["cycle_age_s"] < second)
+
+
 def test_whoever_does_not_read_loses_snapshots_and_no_event_and_costs_the_others_nothing(watched):
     watched.image = np.random.default_rng(1).integers(0, 255, (480, 640, 3), np.uint8)  # too large for what waits
     with running(watched):

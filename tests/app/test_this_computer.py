@@ -12,7 +12,7 @@ import pytest
 from stadimeter.app.feasibility import feasibility_warnings
 from stadimeter.app.this_computer import warnings_here
 from stadimeter.config.loader import Configuration, load_configuration
-from support.simulated_run import SIMULATED_BALL
+from support.simulated_run import LENS, SIMULATED_BALL
 
 RULE = '[rules.near]\nactuator = "siren"\nwhen = { below = "1 m" }\n'
 SIREN = '[actuators.siren]\ndriver = "relay"\npin = 17\n'
@@ -94,3 +94,33 @@ def test_a_live_camera_too_slow_for_outputs_is_warned_of_until_the_hint_is_follo
     assert "rate-too-low" not in [each.code for each in (*feasibility_warnings(after), *after.warnings)]
     simulated = loaded(tmp_path, SIMULATED_BALL.replace("30 Hz", "4 Hz"), SIREN, RULE, "[world]")
     assert "rate-too-low" not in [each.code for each in feasibility_warnings(simulated)]
+
+
+BALL = '[targets.ball]\ndetector = "ball"\ndiameter = "20 cm"\nhsv = "29,86,6:64,255,255"\n'
+NEAR = '[rules.near]\nwhen = { below = "1 m" }\n'
+
+
+def test_each_file_that_is_named_and_not_there_is_found_with_its_key(tmp_path: Path) -> None:
+    camera = f'[camera]\ndriver = "video"\npath = "gone.mp4"\n{LENS}'
+    broker = '[messenger]\ndriver = "mqtt"\nusername = "zoe"\npassword_file = "secret.txt"\n'
+    page = '[web]\npassword_file = "page.passwords"\n'
+    parts = (camera, BALL, broker, page, NEAR)
+    found = lacking(tmp_path, *parts)
+    assert [(code, key) for code, key, _ in found] == [
+        ("driver-lacks", "camera.path"),
+        ("driver-lacks", "messenger.password_file"),
+        ("driver-lacks", "web.password_file"),
+    ]
+    assert f"there is no file {tmp_path / 'gone.mp4'}" in found[0][2]
+    for name in ("gone.mp4", "secret.txt", "page.passwords"):
+        (tmp_path / name).touch()
+    assert lacking(tmp_path, *parts) == []
+
+
+@pytest.mark.parametrize(("paths", "is_there"), [("shots", True), ("shots/*.jpg", True), ("shots/*.png", False)])
+def test_pictures_may_be_a_folder_or_a_pattern(tmp_path: Path, paths: str, is_there: bool) -> None:
+    (tmp_path / "shots").mkdir()
+    (tmp_path / "shots" / "1.jpg").touch()
+    camera = f'[camera]\ndriver = "images"\npaths = "{paths}"\n{LENS}'
+    found = lacking(tmp_path, camera, BALL, NEAR)
+    assert ("camera.paths" not in [key for _, key, _ in found]) is is_there

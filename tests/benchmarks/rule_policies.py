@@ -22,7 +22,7 @@ from __future__ import annotations
 import argparse
 import math
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -184,8 +184,14 @@ PEERS: dict[str, Callable[[Distances, Distances, float], Iterator[Turn]]] = {
 
 def plan_for(limit_m: float, policies: Sequence[str] = tuple(OURS)) -> tuple[Plan, dict[str, str]]:
     """Return our rules for a threshold, and what the table calls each."""
-    names = {f"rule-{number}": what for number, what in enumerate(policies)}
-    rules = "\n".join(f"[rules.{name}]\n{OURS[what] % {'limit': f'{limit_m} m'}}" for name, what in names.items())
+    return plan_of({what: OURS[what] for what in policies}, limit_m)
+
+
+def plan_of(rules_by_name: Mapping[str, str], limit_m: float) -> tuple[Plan, dict[str, str]]:
+    """Return rules for a threshold, which stands for `%(limit)s` in each, and what the table calls each."""
+    names = {f"rule-{number}": what for number, what in enumerate(rules_by_name)}
+    written = {name: rules_by_name[what] % {"limit": f"{limit_m} m"} for name, what in names.items()}
+    rules = "\n".join(f"[rules.{name}]\n{text}" for name, text in written.items())
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "policies.toml"
         path.write_text(CONFIGURATION + rules)

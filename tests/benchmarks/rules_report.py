@@ -11,10 +11,12 @@ import platform
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import closing_speeds
 import false_raises
 import following
 import numpy as np
 import replay_speed
+import rule_delays
 import rule_policies
 import rule_scale
 from goal import Facts, Goal, at_most, percent, plain
@@ -103,6 +105,8 @@ def jobs(*, is_whole_hour: bool) -> dict[str, Callable[[], Part]]:
     """Return the parts by name, in the order of the report."""
     return {
         "policies": lambda: rule_policies.run(rule_policies.RUNS, draw.REPORT_SEEDS.start),
+        "delays": lambda: rule_delays.run(draw.REPORT_SEEDS.start),
+        "speeds": lambda: closing_speeds.run(closing_speeds.RUNS, draw.REPORT_SEEDS.start),
         "raises": lambda: false_raises.run(false_raises.MINUTES, draw.REPORT_SEEDS.start),
         "following": lambda: following.run(following.RUNS, draw.REPORT_SEEDS.start),
         "scale": rule_scale.part,

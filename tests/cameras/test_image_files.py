@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from contextlib import suppress
 from pathlib import Path
 
@@ -8,8 +9,9 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from stadimeter.cameras import image_files
 from stadimeter.cameras.image_files import PLUGIN, ImageFilesCamera, ImageFilesOptions
-from stadimeter.cameras.picture import load_picture
+from stadimeter.cameras.picture import Picture, load_picture
 from stadimeter.config.plugins import CAMERAS, DriverContext, load_plugin
 from stadimeter.core.frame import Frame
 from stadimeter.errors import EndOfFramesError, PictureError
@@ -128,3 +130,78 @@ def test_without_a_rate_there_is_one_picture_a_second() -> None:
 def test_options_that_make_no_sense_are_refused(table: dict[str, object]) -> None:
     with pytest.raises(ValidationError):
         ImageFilesOptions.model_validate(table)
+
+
+def looping(*paths: Path, **options: object) -> ImageFilesCamera:
+    given = {"paths": [str(path) for path in paths], "loop": True, **options}
+    camera: ImageFilesCamera = PLUGIN.build(
+        ImageFilesOptions.model_validate(given), DriverContext(name="camera", clock=ManualClock())
+    )
+    camera.open()
+    return camera
+
+
+def test_the_first_picture_follows_the_last_while_time_goes_on(tmp_path: Path) -> None:
+    for name in ("a.png", "b.png"):
+        write_grey(tmp_path / name, 50)
+    camera = looping(tmp_path, rate="2 Hz")
+    frames = [camera.read() for _ in range(5)]
+    assert [Path(frame.source).stem for frame in frames] == ["a", "b", "a", "b", "a"]
+    assert [frame.captured_at_s for frame in frames] == [0.0, 0.5, 1.0, 1.5, 2.0]
+    assert [frame.sequence for frame in frames] == [0, 1, 2, 3, 4]
+
+
+def test_a_picture_that_is_added_is_shown_from_the_next_round_on(tmp_path: Path) -> None:
+    write_grey(tmp_path / "a.png", 50)
+    camera = looping(tmp_path)
+    camera.read()
+    write_grey(tmp_path / "b.png", 50)
+    assert [Path(camera.read().source).stem for _ in range(2)] == ["a", "b"]
+
+
+def test_a_picture_stays_for_as_many_frames_as_fit_into_its_time(tmp_path: Path) -> None:
+    for name in ("a.png", "b.png"):
+        write_grey(tmp_path / name, 50)
+    camera = looping(tmp_path, rate="10 Hz", dwell="300 ms")
+    assert [Path(camera.read().source).stem for _ in range(8)] == ["a", "a", "a", "b", "b", "b", "a", "a"]
+
+
+def test_a_loop_without_a_readable_picture_ends_rather_than_turning_for_ever(tmp_path: Path) -> None:
+    (tmp_path / "a.png").touch()
+    camera = looping(tmp_path)
+    with pytest.raises(PictureError, match="is empty"):
+        camera.read()
+    with pytest.raises(EndOfFramesError):
+        camera.read()
+
+
+def test_a_loop_whose_pictures_are_gone_says_so_once_and_ends(tmp_path: Path) -> None:
+    path = write_grey(tmp_path / "a.png", 50)
+    camera = looping(tmp_path)
+    camera.read()
+    path.unlink()
+    with pytest.raises(PictureError, match="no picture in the folder"):
+        camera.read()
+    with pytest.raises(EndOfFramesError):
+        camera.read()
+
+
+def test_pictures_are_looked_at_again_only_when_they_have_changed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    paths = [write_grey(tmp_path / name, 50) for name in ("a.png", "b.png")]
+    looked: list[str] = []
+
+    def look(file: Path) -> Picture:
+        looked.append(file.name)
+        return load_picture(file)
+
+    monkeypatch.setattr(image_files, "load_picture", look)
+    options = ImageFilesOptions(paths=(tmp_path,))
+    assert [PLUGIN.lacks(options), PLUGIN.lacks(options)] == [(), ()]
+    assert looked == ["a.png", "b.png"]
+    cv2.imwrite(str(paths[1]), np.full((16, 12, 3), 50, np.uint8))
+    os.utime(paths[1], ns=(0, 0))  # whatever the file system's clock counts in
+    (words,) = PLUGIN.lacks(options)
+    assert "b.png" in words
+    assert looked == ["a.png", "b.png", "b.png"]

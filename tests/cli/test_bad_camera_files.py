@@ -46,8 +46,8 @@ def picture(tmp_path: Path) -> Path:
         (GOOD.replace("640", "0"), ":1: width_px: 0 is not above 0"),
         (GOOD.replace("600.0", "4.12"), "focal length fx_px = 4.12 is not that of a lens"),
         (GOOD.replace("600.0", "1e-300"), "focal length fx_px = 1e-300 is not that of a lens"),
-        (GOOD.replace("600.0", "1e300"), "focal length fx_px = 1e+300 is not that of a lens"),
-        (GOOD + "fy_px = 1e300\n", "focal length fy_px = 1e+300 is not that of a lens"),
+        (GOOD.replace("600.0", "1e17"), "focal length fx_px = 1e+17 is not that of a lens"),
+        (GOOD + "fy_px = 1e17\n", "focal length fy_px = 1e+17 is not that of a lens"),
     ],
 )
 def test_a_camera_file_that_cannot_be_right_is_one_line(picture: Path, tmp_path: Path, text: str, said: str) -> None:

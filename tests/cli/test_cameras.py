@@ -160,3 +160,10 @@ def test_a_recording_that_ends_early_is_said(tmp_path: Path) -> None:
     result = _run("snapshot", tmp_path / "room.toml", "-o", tmp_path / "a.png", "--count", "2", "--every", "0s")
     assert result.exit_code == 2
     assert "the camera came to an end after 1 of 2 pictures" in result.stderr
+
+
+def test_as_json_a_snapshot_is_an_object_with_its_file(device: V4l2Double, tmp_path: Path) -> None:
+    result = _run("snapshot", "--live", f"opencv,device={device.node}", "-o", tmp_path / "a.png", "--json")
+    said = json.loads(result.stdout)
+    assert (said["file"], said["width_px"], said["height_px"]) == (str(tmp_path / "a.png"), 640, 480)
+    assert {"settings", "faults"} <= said.keys()

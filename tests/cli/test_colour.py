@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
@@ -172,3 +173,14 @@ def test_measure_proposes_a_range_where_no_pixel_has_the_colour(green_ball: Path
     found = re.search(r'hsv = "(.+)"', told.stderr)
     assert found
     assert _measured(green_ball, found[1]).exit_code == 0
+
+
+def test_as_json_it_is_one_object_with_the_range_and_what_each_picture_shows(green_ball: Path) -> None:
+    result = _run("colour", green_ball, "--annotate", green_ball.parent, "--json")
+    assert result.exit_code == 0
+    said = json.loads(result.stdout)
+    (picture,) = said["pictures"]
+    assert _measured(green_ball, said["hsv"]).exit_code == 0
+    assert (picture["file"], picture["status"], picture["is_where_pointed"]) == (str(green_ball), "found", True)
+    assert picture["centre_px"] == pytest.approx([300, 200], abs=1)
+    assert Path(picture["copy"]).is_file()

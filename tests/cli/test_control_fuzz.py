@@ -86,7 +86,7 @@ def instance(tmp_path):
     assert eventually(lambda: is_alive(path))
     yield path
     process.send_signal(signal.SIGTERM)
-    assert process.wait(20) == 0
+    assert process.wait(120) == 0
     said = (tmp_path / "said").read_text()
     assert "Ended: SIGTERM." in said
     assert "Traceback" not in said

@@ -14,6 +14,7 @@ from typer.testing import CliRunner, Result
 from stadimeter.cli import doctor
 from stadimeter.cli.glyphs import ASCII, UNICODE
 from stadimeter.cli.main import app
+from stadimeter.config.guides import guide
 from stadimeter.workbench.doctor.computer import Computer
 from stadimeter.workbench.doctor.diagnosis import Severity, wrong
 from support.broker import free_port
@@ -70,7 +71,7 @@ def test_a_configuration_that_is_not_there_is_a_mistake(tmp_path: Path, monkeypa
 
 
 def test_the_page_has_a_section_for_each_heading() -> None:
-    page = (ROOT / doctor.PAGE).read_text()
+    page = (ROOT / guide("doctor.md")).read_text()
     assert {check.group for check in doctor.CHECKS} <= {
         line[3:] for line in page.splitlines() if line.startswith("## ")
     }

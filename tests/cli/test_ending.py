@@ -16,6 +16,7 @@ from pathlib import Path
 
 import pytest
 
+from stadimeter.app import ending
 from stadimeter.app.clock import MonotonicClock
 from stadimeter.app.ending import END_WITHIN_S, LAST_RESORT_S, LAST_WORDS_S
 from stadimeter.messaging.apprise_notifier import PATIENCE
@@ -23,11 +24,15 @@ from stadimeter.messaging.back_off import Patience
 from stadimeter.simulation.emulated_port import EmulatedPort
 from stadimeter.simulation.ros_arduino_firmware import RosArduinoFirmware
 from stadimeter.testing.eventually import eventually
+from support.processes import is_suspended
 from support.simulated_run import SIMULATED_BALL
 from support.webhook_listener import HOST, WebhookListener
 
-HANGS_S = 15.0
+HANGS_S = 120.0
 """A process that has not ended by then hangs. How long it takes is measured elsewhere: machines are busy at times."""
+
+START_S = 60.0
+"""A busy machine takes as long to load the libraries and to begin."""
 
 FOLLOW = """
 [base]
@@ -48,6 +53,16 @@ on_delay = "0 s"
 path = [{{ at = "0 s", x = "2 m", y = "0 m" }}]
 loop = false
 """
+
+PATIENT = """
+from stadimeter.app import ending
+ending.END_WITHIN_S, ending.LAST_RESORT_S = 6.0, 9.0
+from stadimeter.cli.main import main
+main()
+"""
+"""A run whose end may take longer: of most tests it is no concern how busy the machine is."""
+
+AS_SHIPPED = ("-m", "stadimeter")
 
 HANGING = """
 import ctypes, sys
@@ -73,12 +88,52 @@ main()
 """A run in which one call hangs after some that did not."""
 
 
+RAISING = """
+import errno
+from {module} import {name}
+
+calls = []
+real = {name}.{method}
+
+def method(*args, **options):
+    calls.append(args)
+    if len(calls) > 60:
+        raise {error}
+    return real(*args, **options)
+
+{name}.{method} = method
+from stadimeter.cli.main import main
+main()
+"""
+"""A run in which one call raises an error after some that did not."""
+
+SIMULATED_CAMERA = ("stadimeter.simulation.camera", "SimulatedCamera", "read")
+BASE = ("stadimeter.bases.ros_arduino_base", "RosArduinoBase")
+DETECTOR = ("stadimeter.simulation.ideal_detector", "IdealDetector", "detect")
+ACTUATOR = ("stadimeter.simulation.actuator", "SimulatedActuator", "tick")
+
+
+class Board(RosArduinoFirmware):
+    """Tells a stop that was commanded from one that it makes by itself, when nothing has come for two seconds."""
+
+    stops_commanded = stops_by_itself = 0
+
+    def step(self, now_s):
+        was_moving = self._moving
+        super().step(now_s)
+        self.stops_by_itself += was_moving and not self._moving
+
+    def _set_motor_speeds(self, left, right):
+        self.stops_commanded += left == right == 0
+        return super()._set_motor_speeds(left, right)
+
+
 class Robot:
     """Wheels, the board that turns them, and the process that drives."""
 
     def __init__(self, folder):
         self.folder = folder
-        self.board = RosArduinoFirmware(time.monotonic())
+        self.board = Board(time.monotonic())
         self.port = EmulatedPort(self.board, MonotonicClock())
         self.process = None
         self.config = folder / "follow.toml"
@@ -87,13 +142,13 @@ class Robot:
     def write(self, extra="", do=""):
         self.config.write_text(SIMULATED_BALL + extra + FOLLOW.format(port=self.port.path, do=do))
 
-    def start(self, *words, program=("-m", "stadimeter"), until_driving=True, **options):
+    def start(self, *words, program=("-c", PATIENT), until_driving=True, **options):
         environ = {**os.environ, "XDG_RUNTIME_DIR": str(self.folder / "r"), "NO_COLOR": "1"}
         command = [sys.executable, *program, "run", str(self.config), *map(str, words)]
         options = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | options
         self.process = subprocess.Popen(command, env=environ, **options)
         if until_driving:
-            assert eventually(lambda: self.drives() or self.process.poll() is not None)
+            assert eventually(lambda: self.drives() or self.process.poll() is not None, START_S)
             assert self.process.poll() is None, self.process.stderr and self.process.stderr.read()
 
     def drives(self):
@@ -157,7 +212,7 @@ def test_nothing_pending_is_the_usual_end(robot):
 @pytest.mark.parametrize("streams", [("stdout",), pytest.param(("stdout", "stderr"), marks=pytest.mark.long)])
 def test_a_terminal_that_takes_no_more_lines_does_not_keep_it_from_ending(robot, streams):
     with blocked_pipe() as (pipe, fill):
-        robot.start(**dict.fromkeys(streams, pipe))
+        robot.start(program=AS_SHIPPED, **dict.fromkeys(streams, pipe))
         fill()
         time.sleep(1.2)  # a line is printed every second
         code, said = robot.end()
@@ -173,7 +228,7 @@ def test_a_notification_that_hangs_is_given_up_and_counted(robot):
         notifier = f'[notifiers.phone]\ndriver = "apprise"\nurl = "json://{HOST}:{service.port}"\n'
         robot.write(notifier, 'escalation = [{ notify = "phone" }]')
         robot.start()
-        assert service.asked.wait(10)
+        assert service.asked.wait(120)
         code, said = robot.end()
     assert code == 0
     assert "given up: 1 notification for phone" in said
@@ -323,3 +378,94 @@ def test_without_a_terminal_a_hangup_has_it_read_its_file_again_and_it_drives_on
     assert robot.drives()
     robot.end()
     assert json.loads(robot.process.stdout.read())["ended"] == "SIGTERM"
+
+
+def test_each_signal_of_the_system_is_in_the_table_once():
+    table = [*ending.ASKING, signal.SIGHUP, *ending.UNASKED, *ending.SUSPENDING, *ending.HARMLESS, *ending.BEYOND_US]
+    assert sorted(table) == sorted(signal.valid_signals())
+
+
+LONG = pytest.mark.long
+USUALLY_SENT = {signal.SIGQUIT, signal.SIGUSR1, signal.SIGALRM, signal.SIGXCPU}
+
+
+@pytest.mark.parametrize(
+    "number", [pytest.param(each, marks=() if each in USUALLY_SENT else LONG) for each in ending.UNASKED]
+)
+def test_a_signal_that_would_kill_it_stops_the_wheels_first(robot, number):
+    robot.start()
+    before = robot.board.stops_commanded
+    robot.process.send_signal(number)
+    code, said = robot.ended()
+    assert (code, said) == (0, "warning: a recording or simulation drives real outputs: base\n")
+    assert robot.board.stops_commanded > before
+    assert robot.board.stops_by_itself == 0
+
+
+@pytest.mark.parametrize(
+    "number", [signal.SIGTSTP, *(pytest.param(each, marks=LONG) for each in ending.SUSPENDING[1:])]
+)
+def test_a_run_that_is_suspended_stops_the_wheels_first_and_drives_on_when_it_is_continued(robot, number):
+    robot.start(process_group=0)  # a job of its own, as a shell makes one
+    before = robot.board.stops_commanded
+    for _ in range(2):
+        assert eventually(robot.drives)
+        robot.process.send_signal(number)
+        assert eventually(lambda: is_suspended(robot.process.pid))
+        assert not robot.drives()
+        assert robot.board.stops_commanded > before
+        robot.process.send_signal(signal.SIGCONT)
+    assert eventually(robot.drives)
+    assert robot.board.stops_by_itself == 0
+    assert robot.end()[0] == 0
+
+
+def raises(robot, where, error):
+    """Run with a call that raises; return the exit code and what was said."""
+    module, name, method = where
+    robot.start(
+        program=("-c", RAISING.format(module=module, name=name, method=method, error=error)), until_driving=False
+    )
+    robot.process.wait(START_S + HANGS_S)
+    return robot.process.returncode, robot.process.stderr.read().decode()
+
+
+@pytest.mark.parametrize(
+    ("where", "error"),
+    [
+        ((*BASE, "tick"), "SystemExit(0)"),
+        ((*BASE, "tick"), "KeyboardInterrupt"),
+        ((*BASE, "apply"), "SystemExit(0)"),
+        pytest.param((*BASE, "apply"), "KeyboardInterrupt", marks=LONG),
+        pytest.param(SIMULATED_CAMERA, "SystemExit(0)", marks=LONG),
+        pytest.param(DETECTOR, "SystemExit(0)", marks=LONG),
+        pytest.param(ACTUATOR, "SystemExit(0)", marks=LONG),
+    ],
+)
+def test_a_driver_that_asks_for_the_end_of_the_program_stops_everything_and_is_reported(robot, where, error):
+    code, said = raises(robot, where, error)
+    assert code not in {0, 128 + signal.SIGINT}
+    assert "asked for the end" in said or "ended the run" in said
+    assert error.partition("(")[0] in said
+    assert not robot.drives()
+    assert robot.board.stops_commanded > 0
+    assert robot.board.stops_by_itself == 0
+
+
+@pytest.mark.parametrize("name", ["EIO", "EPIPE"])
+def test_a_camera_that_fails_as_a_pipe_without_a_reader_does_is_no_good_end(robot, name):
+    code, said = raises(robot, SIMULATED_CAMERA, f"OSError(errno.{name}, 'the bus')")
+    assert code == 1
+    assert "the bus" in said
+    assert not robot.drives()
+    assert robot.board.stops_by_itself == 0
+
+
+@pytest.mark.parametrize("where", [DETECTOR, pytest.param((*BASE, "tick"), marks=LONG)])
+def test_running_out_of_memory_stops_everything_and_is_said_in_a_line(robot, where):
+    code, said = raises(robot, where, "MemoryError('2 GB')")
+    assert code == 2
+    assert said.splitlines()[-1] == "error: this computer, or a limit set for us, has no more memory: 2 GB"
+    assert "Traceback" not in said
+    assert not robot.drives()
+    assert robot.board.stops_by_itself == 0

@@ -160,3 +160,10 @@ def test_a_moment_that_is_over_is_read_as_a_time_of_day_or_as_how_long_ago():
 def test_what_is_no_moment_is_refused(at):
     with pytest.raises(ConfigError, match="is no moment"):
         seconds_since_the_beginning(at, BEGAN)
+
+
+@pytest.mark.parametrize("began_at", ["", "junk", "0001-01-01T00:00:00+14:00", "9999-12-31T23:59:59-14:00"])
+def test_a_time_of_day_in_a_recording_whose_beginning_is_damaged_is_refused(began_at):
+    with pytest.raises(ConfigError):
+        seconds_since_the_beginning("14:03", began_at)
+    assert seconds_since_the_beginning("12.5 s", began_at) == 12.5

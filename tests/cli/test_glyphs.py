@@ -42,7 +42,7 @@ def test_commands_print_no_more_than_ascii_where_there_is_no_more(tmp_path: Path
         done = subprocess.run(
             [sys.executable, "-m", "stadimeter", *command],
             capture_output=True,
-            env={"PYTHONIOENCODING": "ascii", "LANG": "C"},
+            env={"PYTHONIOENCODING": "ascii", "LANG": "C", "STADIMETER_PROGRESS": "off"},
             check=True,
             cwd=tmp_path,
         )

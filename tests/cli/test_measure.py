@@ -180,7 +180,8 @@ def test_a_configuration_says_what_to_look_for_and_through_which_camera(pictures
     [
         (("--sheet", "0in,8in"), "--sheet: '0in' is not a length above zero"),
         (("--sheet", "11in,nan in"), "--sheet: 'nan in' is not a number with a unit"),
-        (("--sheet", "11,8.5"), "has no unit"),
+        (("--sheet", "11,8.5"), "is not a width and a height"),
+        (("--sheet", "11in,8.5"), "has no unit"),
         (("--ball", "6.4 parsec", "--hsv", "1,2,3:4,255,255"), "unknown unit 'parsec'"),
         (("--ball", "6cm", "--hsv", "1,2,3:4,5,600"), "value 600 is outside 0 to 255"),
         ((), "nothing says what to look for"),
@@ -308,3 +309,10 @@ def test_the_help_reads_like_a_manual_page() -> None:
     assert result.exit_code == 0
     for words in ("--camera", "--sheet", "--annotate", "--explain", "Examples", "Exit code", "truncated"):
         assert words in result.stdout
+
+
+def test_all_options_that_are_missing_are_named_at_once(pictures: Path) -> None:
+    result = _run(pictures / "ball.png", "--ball", "10cm")
+    assert result.exit_code == 2
+    assert "add --hsv" in result.stderr
+    assert "--camera: the camera file is missing" in result.stderr

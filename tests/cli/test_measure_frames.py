@@ -226,3 +226,9 @@ def test_a_live_camera_goes_on_until_ctrl_c(camera, monkeypatch: pytest.MonkeyPa
         "note: no new frame in 0.50 s",
         "stopped after 2 frames",
     ]
+
+
+def test_pictures_that_a_run_repeats_are_measured_once_each(two_tags: Path, camera: tuple[str, str]) -> None:
+    live = f"images,paths={two_tags},rate=10 Hz,dwell=1 s,loop=true"
+    result = _run("--live", live, *TAG, "--id", "3", *camera, "--json")
+    assert len(result.output.splitlines()) == 1, result.output

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -61,8 +62,8 @@ class Terminal:
         """Type a command and wait for its end."""
         return typed(*words, env=self.environ)
 
-    def start(self, config=None, *words):
-        """Start a run, and wait until its rule is active."""
+    def start(self, config=None, *words, until="near raised"):
+        """Start a run, and wait until it says that its rule is active, or something else."""
         process = subprocess.Popen(
             [sys.executable, "-m", "stadimeter", "run", str(config or self.config), *map(str, words)],
             stdin=subprocess.DEVNULL,
@@ -74,7 +75,7 @@ class Terminal:
         )
         instance = Instance(process)
         self.started.append(instance)
-        instance.wait_for("near raised")
+        instance.wait_for(until)
         return instance
 
 
@@ -102,9 +103,9 @@ class Instance:
         return self.wait()
 
     def wait(self):
-        code = self.process.wait(30)
+        code = self.process.wait(120)
         for thread in self.threads:
-            thread.join(10)
+            thread.join(120)
         self.process.stdout.close()
         self.process.stderr.close()
         return code
@@ -134,6 +135,37 @@ def test_an_alarm_is_acknowledged_shelved_and_taken_out_while_it_runs(terminal):
     assert "by Zoë: seen" in instance.said["out"]
 
 
+def test_stopped_outputs_stay_stopped_over_a_kill_until_they_are_released(terminal):
+    state = ("--state", terminal.folder / "door.sqlite3")
+    instance = terminal.start(None, *state)
+    done = terminal.type("stop-outputs", "--by", "Zoë", "--why", "a child")
+    assert (done.returncode, done.stdout) == (0, "the outputs are stopped until released\n")
+    instance.process.kill()
+    instance.wait()
+    terminal.start(None, *state, until="STOPPED: stopped until released, by Zoë: a child")
+    status = terminal.type("status").stdout
+    assert status.splitlines()[1] == "outputs are safe: stopped until released, by Zoë: a child"
+    assert "but 'motor' is kept safe: stopped" in terminal.type("explain", "near").stdout
+    assert terminal.type("stop-outputs", "--release").returncode == 0
+    assert terminal.type("status").stdout.splitlines()[1] == "outputs may act"
+
+
+def test_a_stop_without_a_name_stops_every_instance_even_if_another_was_killed(terminal):
+    other, killed = terminal.folder / "garage.toml", terminal.folder / "killed.toml"
+    for config in (other, killed):
+        config.write_text(terminal.config.read_text())
+    instances = [terminal.start(), terminal.start(other)]
+    last = terminal.start(killed)
+    last.process.kill()
+    last.wait()
+    done = terminal.type("stop-outputs", "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["unconfirmed"] == []
+    for instance in instances:
+        instance.wait_for("STOPPED: stopped until released")
+    assert terminal.type("stop-outputs", "--release").returncode == 2
+
+
 def test_what_is_refused_is_one_clear_line_and_2(terminal):
     terminal.start()
     for words, expected in [
@@ -157,7 +189,7 @@ def test_meaning_every_rule_must_be_said(terminal):
         assert "name a RULE, or say --all" in done.stderr
 
 
-@pytest.mark.parametrize("command", ["ack", "reload", "status"])
+@pytest.mark.parametrize("command", ["ack", "reload", "status", "stop-outputs"])
 def test_without_a_running_instance_it_says_so(terminal, command):
     done = terminal.type(command, *(["near"] if command == "ack" else []))
     assert done.returncode == 2
@@ -180,6 +212,50 @@ def test_of_several_instances_one_must_be_named(terminal):
     assert (unseen["acknowledged"], seen["acknowledged"]) == (False, True)
     done = terminal.type("status", "--config", terminal.folder / "none.toml")
     assert "no instance runs with" in done.stderr
+
+
+def test_an_answer_names_the_configuration_its_age_and_whether_the_file_has_changed_since(terminal):
+    terminal.start()
+    for words in (("status",), ("explain", "near")):
+        first = terminal.type(*words).stdout.splitlines()[0]
+        assert re.fullmatch(rf"{terminal.config}, loaded [\d.]+ s ago \(process \d+\)", first)
+        told = json.loads(terminal.type(*words, "--json").stdout)["instance"]
+        assert (told["configuration"], told["is_file_changed"]) == (str(terminal.config), False)
+    terminal.write(NEAR, FAR)
+    before = json.loads(terminal.type("status", "--json").stdout)["instance"]
+    assert before["is_file_changed"]
+    assert "; the file has changed since: `stadimeter reload` applies it" in terminal.type("status").stdout
+    assert terminal.type("reload").returncode == 0
+    told = json.loads(terminal.type("status", "--json").stdout)["instance"]
+    assert told["configuration_age_s"] < before["configuration_age_s"]
+    assert not told["is_file_changed"]
+
+
+@pytest.mark.parametrize("words", [("status",), ("explain", "near"), ("ack", "near")])
+def test_no_other_instance_answers_for_one_that_was_killed(terminal, words):
+    other = terminal.folder / "garage.toml"
+    other.write_text(terminal.config.read_text())
+    garage, door = terminal.start(other), terminal.start()
+    door.process.kill()
+    door.wait()
+    done = terminal.type(*words)
+    assert done.returncode == 2
+    assert "the instance that began last was killed, or had no power" in done.stderr
+    assert str(other) in done.stderr
+    assert terminal.type(*words, "--config", terminal.config).returncode == 2
+    assert terminal.type(*words, "--config", other).returncode == 0
+    garage.end()
+    terminal.start(other)  # it began after that one ended
+    assert terminal.type(*words).returncode == 0
+
+
+def test_a_socket_of_another_configuration_than_the_named_one_is_not_asked(terminal):
+    terminal.start()
+    place = terminal.folder / "r" / "stadimeter" / "door.sock"
+    assert terminal.type("status", "--socket", place, "--config", terminal.config).returncode == 0
+    done = terminal.type("status", "--socket", place, "--config", terminal.folder / "garage.toml")
+    assert done.returncode == 2
+    assert f"the instance there runs {terminal.config}, and not " in done.stderr
 
 
 def test_the_status_says_what_waits_for_a_broker_that_is_away(terminal):

@@ -121,7 +121,7 @@ def test_trouble_outside_the_loop_is_told_when_it_changes(make_record: Callable[
     for number, words in enumerate(["", "the broker is away", "the broker is away", "", ""]):
         trouble[0] = words
         view.update(make_record(float(number)))
-    assert [line[10:] for line in lines[1:]] == ["the broker is away", "that trouble is over"]
+    assert [line[10:] for line in lines[1:]] == ["the broker is away", "resolved: the broker is away"]
 
 
 @pytest.mark.parametrize(("unit", "words"), [("cm", "243 cm ± 4"), ("ft", "8.0 ft ± 0.1"), ("in", "96 in ± 2")])

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
 from collections.abc import Iterator
 from typing import IO
 
 import pytest
+import typer
 
 from stadimeter.cli import progress
 
@@ -15,6 +17,7 @@ from stadimeter.cli import progress
 @pytest.fixture
 def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(progress, "FIRST_AFTER_S", 0.0)
+    monkeypatch.delenv(progress.SWITCH)
 
 
 @pytest.fixture
@@ -29,7 +32,7 @@ def shown_while_working(monkeypatch: pytest.MonkeyPatch, reading: int, writing: 
     """Return what comes first at the other end of standard error."""
     monkeypatch.setattr(sys, "stderr", writing)
     with progress.working("counting sheep"):
-        return os.read(reading, 4096).decode() + os.read(reading, 4096).decode() * writing.isatty()
+        return os.read(reading, 4096).decode() + (os.read(reading, 4096).decode() if writing.isatty() else "")
 
 
 @pytest.mark.usefixtures("at_once")
@@ -62,3 +65,49 @@ def test_who_wants_to_see_no_progress_sees_none(
     with progress.working("counting sheep"):
         pass
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.usefixtures("at_once")
+def test_what_is_written_meanwhile_is_never_glued_to_the_moving_line(
+    monkeypatch: pytest.MonkeyPatch, ends: list[int]
+) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    reading, writing = os.openpty()
+    ends.append(reading)
+    with os.fdopen(writing, "w", buffering=1) as stream:
+        monkeypatch.setattr(sys, "stderr", stream)
+        with progress.working("counting sheep"):
+            shown = os.read(reading, 4096).decode()
+            while "sheep" not in shown:
+                shown += os.read(reading, 4096).decode()
+            typer.echo("a black one", err=True)
+            while "a black one" not in shown:
+                shown += os.read(reading, 4096).decode()
+    before, after = shown.split("a black one")
+    assert before.endswith(("\x1b[2K", "\r")), "the moving line was not cleared"
+    assert after.startswith("\r\n")
+
+
+START = """
+import sys, threading, time
+from stadimeter import __main__ as start
+start.FIRST_SIGN_S = {wait_s}
+start.give_first_sign()
+"""
+
+
+def test_a_command_that_takes_long_to_load_says_at_once_that_it_is_starting() -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", START.format(wait_s=0) + "time.sleep(600)"], stderr=subprocess.PIPE, text=True
+    ) as slow:
+        assert slow.stderr is not None
+        assert slow.stderr.readline() == "starting ...\n"
+        slow.kill()
+
+
+@pytest.mark.parametrize("words", ["print('done')", "print('done', file=sys.stderr)"])
+def test_a_command_that_has_written_something_gives_no_other_sign(words: str) -> None:
+    joined = "[thread.join() for thread in threading.enumerate() if thread.name == 'first sign']"
+    quick = f"{START.format(wait_s=600)}{words}\n{words}\n{joined}"
+    done = subprocess.run([sys.executable, "-c", quick], capture_output=True, text=True, check=True)
+    assert done.stdout + done.stderr == "done\ndone\n"

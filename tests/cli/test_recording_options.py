@@ -90,7 +90,7 @@ def test_a_restart_replaces_no_record_of_an_earlier_run_and_says_where_that_is(
 def test_the_journal_of_a_run_that_was_killed_is_still_there_after_the_restart(config: Path, tmp_path: Path) -> None:
     path = tmp_path / "run.jsonl"
     with subprocess.Popen(command(config, "--journal", path), stdout=subprocess.DEVNULL) as killed:
-        eventually(lambda: path.exists() and path.read_bytes().count(b"\n") > 20, within_s=60)
+        eventually(lambda: path.exists() and path.read_bytes().count(b"\n") > 20)
         killed.kill()
     crashed = path.read_bytes()
     assert typed("run", config, "--frames", 3, "--speed", 0, "--journal", path).returncode == 0
@@ -132,7 +132,7 @@ def test_a_disk_that_hangs_does_not_keep_a_run_from_ending_on_sigterm(config: Pa
         assert run.stdout.readline()
         time.sleep(1.0)  # until the terminal is full
         run.send_signal(signal.SIGTERM)
-        out, err = run.communicate(timeout=20)  # without a bound, it would be never
+        out, err = run.communicate(timeout=120)  # without a bound, it would be never
     assert run.returncode == 0, err
     assert "Ended: SIGTERM" in out
     assert "the disk does not answer; the end of the journal is missing" in err

@@ -70,6 +70,17 @@ def run(app, *arguments):
     return CliRunner().invoke(app, [str(each) for each in arguments])
 
 
+def test_where_no_setting_keeps_to_what_was_asked_for_none_is_proposed(app, config, tmp_path, quick):
+    hovering = write_noisy_journal(tmp_path / "hovering.jsonl", lambda _: 2.0, KnownNoise(), seconds=40)
+    done = run(app, "near", hovering, "--config", config)
+    assert done.exit_code == 1
+    assert "so none is proposed" in done.output
+    assert "within one standard deviation of the threshold" in done.output
+    assert "For [rules.near]" not in done.output
+    assert "→" not in done.output
+    assert json.loads(run(app, "near", hovering, "--config", config, "--json").stdout)["toml"] == []
+
+
 def test_the_lines_for_the_rule_and_what_they_rest_on_are_printed(app, config, recording, quick):
     done = run(app, "near", recording, "--config", config)
     assert done.exit_code == 0, done.output

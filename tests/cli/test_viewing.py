@@ -23,13 +23,13 @@ def test_a_view_that_blocks_does_not_block_the_loop_and_what_is_not_shown_is_cou
 
     def update(record):
         entered.set()
-        assert let_go.wait(20)
+        assert let_go.wait(120)
         shown.append(record)
 
     thread = ViewThread(update)
     thread.start()
     thread.submit(0)
-    assert entered.wait(10)
+    assert entered.wait(120)
     for number in range(1, WAITING_MAX + 51):
         thread.submit(number)
     assert thread.dropped == 50
@@ -48,7 +48,7 @@ def test_what_ends_the_view_reaches_the_loop():
     thread = ViewThread(update)
     thread.start()
     thread.submit(0)
-    assert ended.wait(10)
+    assert ended.wait(120)
     thread.stop()
     with pytest.raises(BrokenPipeError):
         thread.submit(1)

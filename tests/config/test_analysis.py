@@ -27,8 +27,9 @@ CLASSES = {
     "never-true", "no-effect",
     "output-unused", "pin-taken", "ramp-reversed", "reference-cycle",
     "safety-clears-at-once", "safety-delayed", "safety-observed",
-    "safety-shelved", "safety-suppressed", "shadowed", "unheard", "unknown-key", "unknown-name", "unreachable",
-    "unresolvable",
+    "safety-shelved", "safety-suppressed", "shadowed", "unheard", "unknown-key", "unknown-name", "unknown-rule",
+    "unreachable",
+    "tolerance-too-long", "unresolvable",
 }  # fmt: skip
 """The codes that programs may rely on."""
 

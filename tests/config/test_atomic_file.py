@@ -6,13 +6,13 @@ import ast
 import os
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
 import stadimeter
-from stadimeter.config.atomic_file import write_atomically
+from stadimeter.config import atomic_file
+from stadimeter.config.atomic_file import write_all_atomically, write_atomically
 
 WRITE = """
 import resource, signal, sys
@@ -62,12 +62,41 @@ def test_what_a_cut_left_behind_is_used_up_by_the_next_save(tmp_path: Path) -> N
     assert [each.name for each in tmp_path.iterdir()] == ["a"]
 
 
+SAVE_AT_ONCE = """
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from stadimeter.config.atomic_file import write_atomically
+sys.setswitchinterval(1e-5)  # threads take turns between nearly any two steps
+with ThreadPoolExecutor(8) as pool:
+    list(pool.map(lambda number: write_atomically(Path(sys.argv[1]), bytes([number % 256]) * 500), range(320)))
+"""
+
+
 def test_savers_at_the_same_time_wait_for_each_other(tmp_path: Path) -> None:
-    texts = [bytes([number]) * 50_000 for number in range(8)]
-    with ThreadPoolExecutor(8) as pool:
-        list(pool.map(lambda text: write_atomically(tmp_path / "a", text), texts))
-    assert (tmp_path / "a").read_bytes() in texts
+    run = subprocess.run([sys.executable, "-c", SAVE_AT_ONCE, str(tmp_path / "a")], check=False, timeout=120)
+    assert run.returncode == 0
+    assert len((tmp_path / "a").read_bytes()) == 500
     assert [each.name for each in tmp_path.iterdir()] == ["a"]
+
+
+def test_a_save_of_several_files_that_fails_leaves_the_hidden_file_of_another_saver_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "b").mkdir()
+    hidden = tmp_path / ".a.part"
+    monkeypatch.setattr(atomic_file, "_sync_folder", lambda _: hidden.write_bytes(b"of the next saver"))
+    with pytest.raises(OSError, match="directory"):
+        write_all_atomically({tmp_path / "a": b"new", tmp_path / "b": b"new"})
+    assert hidden.read_bytes() == b"of the next saver"
+    assert not (tmp_path / ".b.part").exists()
+
+
+def test_a_save_of_several_files_of_which_one_cannot_be_opened_leaves_nothing_behind(tmp_path: Path) -> None:
+    (tmp_path / ".b.part").mkdir()
+    with pytest.raises(OSError, match="directory"):
+        write_all_atomically({tmp_path / "a": b"new", tmp_path / "b": b"new"})
+    assert [each.name for each in tmp_path.iterdir()] == [".b.part"]
 
 
 def test_a_file_that_is_replaced_keeps_its_mode_and_its_group(tmp_path: Path) -> None:
@@ -98,6 +127,7 @@ SAVES = {
     "workbench/tuning/plot.py": "into memory",
     "app/service.py": "a counter of failed starts, which counts from 0 where it cannot be read",
     "workbench/bench.py": "into a temporary folder",
+    "workbench/doctor/service.py": "a list for a program that only reads it, which is deleted after",
     "web/passwords.py": "a hidden file first, as there; the page imports nothing of `config`",
 }
 
@@ -118,3 +148,53 @@ def test_every_file_is_saved_in_one_place() -> None:
 def _opens_for_writing(call: ast.Call) -> bool:
     modes = [*call.args, *(keyword.value for keyword in call.keywords if keyword.arg == "mode")]
     return any(isinstance(mode, ast.Constant) and set(str(mode.value)) & set("wax+") for mode in modes)
+
+
+ASKS = {"exists", "is_file", "is_dir", "is_symlink", "lexists", "access", "isfile", "isdir"}
+LOOKS = {
+    "app/control/recording.py": "a name for a new recording; one that is taken all the same is kept under another name",
+    "app/control/places.py": "why a folder was left out",
+    "app/event_log.py": "only one run writes it; who reads it passes over a file that is gone",
+    "app/persistence/alarm_store.py": "why a write has failed",
+    "app/recordings/record_file.py": "an early refusal; what follows fails by itself",
+    "app/service_user.py": "which unit counts, of an installation",
+    "app/this_computer.py": "a finding of `check`",
+    "app/wall_time.py": "nothing is opened",
+    "bases/serial_link.py": "a finding of `check`; opening fails by itself",
+    "cameras/image_files.py": "what kind of path it is; reading fails by itself",
+    "cameras/opencv_device.py": "why it was not opened, or a finding of `check`",
+    "cameras/picamera2_package.py": "what is installed",
+    "cli/calibrate_board.py": "the word 'replaced' or 'wrote'",
+    "cli/calibrate_distance.py": "an early refusal; the word 'replaced' or 'wrote'",
+    "cli/config_argument.py": "whether one is taken without a name; reading fails by itself",
+    "cli/doctor.py": "why it cannot be read",
+    "cli/init.py": "a question to the user; the answers are replaced, never removed",
+    "cli/tune.py": "an early refusal",
+    "cli/web.py": "an early refusal",
+    "config/guides.py": "which name of a page is shown",
+    "config/untrusted_file.py": "nothing is opened",
+    "web/page.py": "a download that is gone by then fails",
+    "web/passwords.py": "a folder of the installation",
+    "web/run_process.py": "why there is no run",
+    "workbench/board_figures.py": "which version of the kernel's interface there is",
+    "workbench/colour_places.py": "how a name is split; reading fails by itself",
+    "workbench/doctor/computer.py": "a finding",
+    "workbench/doctor/examined.py": "a finding",
+    "workbench/run_camera.py": "why there is no picture",
+    "workbench/saving.py": "under the lock of every saver, or a list of what is kept",
+    "workbench/server/setup_desk.py": "the answers are replaced, never removed",
+    "workbench/setup/writing.py": "a word about a version that was just kept",
+}
+"""Where a file is looked up, and why nothing depends on it being the same a moment later."""
+
+
+def test_nothing_looks_a_file_up_before_it_acts_on_it() -> None:
+    """Another program may rename or remove it in between. Act, and handle the error of the act."""
+    package = Path(stadimeter.__file__).parent
+    found = {
+        str(file.relative_to(package))
+        for file in package.rglob("*.py")
+        for node in ast.walk(ast.parse(file.read_text("utf-8")))
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in ASKS
+    }
+    assert found == {*LOOKS}

@@ -112,7 +112,6 @@ def test_a_condition_means_what_is_written(text: str, expected: core.Condition) 
     "text",
     [
         '{ below = "1 m" }',
-        '{ closing_speed = { above = "1 m/s" } }',
         '{ time_to_contact = { below = "1 s" } }',
         '{ separation = { of = ["ball", "tag"], below = "1 m" } }',
     ],

@@ -83,6 +83,13 @@ def test_what_it_looks_for_and_through_is_told_first(load: Load, sound: str) -> 
             "`it` gives the alert (alarm) when `ball` is out of sight; clears when that has ended for 1 s.",
         ),
         (
+            'severity = "alarm"\nwhen = { lost = true }\non_delay = "5 s"\ndelay_tolerance = "0.5 s"',
+            (
+                "`it` gives the alert (alarm) when `ball` is out of sight for 5 s; clears when that has ended for 1 s; "
+                "up to 0.5 s to the contrary start no delay over."
+            ),
+        ),
+        (
             'actuator = "base"\nwhen = { seen = true }',
             "`it` stops `base` when `ball` is in sight in 3 of 5 frames; clears when that has ended for 1 s.",
         ),

@@ -6,6 +6,7 @@ import math
 import tomllib
 
 import pytest
+from pydantic import ValidationError
 
 from stadimeter.config import models
 from stadimeter.config.rules.tables import RuleTable
@@ -78,6 +79,13 @@ def test_a_safety_rule_acts_at_even_odds_and_at_once() -> None:
     assert found.condition == condition.DistanceCondition(below_m=1.0, probability_on=0.5, target="ball")
 
 
+def test_a_safety_rule_about_speed_asks_for_an_estimate_that_has_settled() -> None:
+    found = alarm('severity = "safety"\nwhen = { closing_speed = { above = "1 m/s" } }').condition
+    assert found == condition.ClosingCondition(above_mps=1.0, probability_on=0.8, target="ball")
+    found = alarm('severity = "safety"\nwhen = { closing_speed = { above = "1 m/s", probability = 0.5 } }').condition
+    assert found == condition.ClosingCondition(above_mps=1.0, probability_on=0.5, target="ball")
+
+
 def test_what_a_safety_rule_says_itself_counts() -> None:
     found = alarm('severity = "safety"\non_delay = "1 s"\nwhen = { below = "1 m", probability = 0.8 }')
     assert found.on_delay == core.OnDelay(hold_s=1.0)
@@ -125,6 +133,25 @@ def test_every_key_of_an_alarm_reaches_the_core() -> None:
         level=0.5,
         act_at_start=False,
     )
+
+
+@pytest.mark.parametrize(
+    ("written", "expected"),
+    [
+        ("", core.DelayTolerance(samples=1, for_s=0.15)),
+        ('delay_tolerance = "0.5 s"', core.DelayTolerance(samples=0, for_s=0.5)),
+        ('delay_tolerance = "0 s"', core.DelayTolerance(samples=0, for_s=0.0)),
+        ("delay_tolerance = { frames = 3 }", core.DelayTolerance(samples=3, for_s=0.0)),
+    ],
+)
+def test_a_delay_forgives_what_its_tolerance_says(written: str, expected: core.DelayTolerance) -> None:
+    found = alarm(f'when = {{ below = "1 m" }}\non_delay = "10 s"\noff_delay = "5 s"\n{written}')
+    assert found.delay_tolerance == expected
+
+
+def test_a_tolerance_of_so_many_frames_that_they_are_no_noise_is_refused() -> None:
+    with pytest.raises(ValidationError, match="delay_tolerance"):
+        alarm('when = { below = "1 m" }\non_delay = "10 s"\ndelay_tolerance = { frames = 1000 }')
 
 
 def test_every_key_of_a_ramp_reaches_the_core() -> None:

@@ -98,3 +98,21 @@ def test_a_whole_number_beyond_64_bits_is_refused_with_its_key(number: str) -> N
     (problem,) = caught.value.problems
     assert (problem.file, problem.line, problem.key) == ("file.toml", 4, "a.b.1")
     assert parse_toml("a = 9223372036854775807", "").table == {"a": 2**63 - 1}
+
+
+@pytest.mark.parametrize("number", ["1e300", "-1e19"])
+def test_a_number_that_no_key_means_is_refused_with_its_key(number: str) -> None:
+    with pytest.raises(ConfigError, match="too large a number; at most 1e\\+18 is taken") as caught:
+        parse_toml(f"[a]\nb = {number}\n", "file.toml")
+    (problem,) = caught.value.problems
+    assert (problem.file, problem.line, problem.key) == ("file.toml", 2, "a.b")
+
+
+def test_a_list_with_a_wrong_entry_is_not_called_too_short_as_well(tmp_path: Path) -> None:
+    file = tmp_path / "path.toml"
+    file.write_text('[world]\npath = [{ at = "0 s", x = "1e300 m", y = "0 m" }]\n', encoding="utf-8")
+    with pytest.raises(ConfigError) as caught:
+        load_configuration(file)
+    keys = [problem.key for problem in caught.value.problems]
+    assert "world.path.0.x" in keys
+    assert "world.path" not in keys

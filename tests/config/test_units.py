@@ -33,6 +33,11 @@ SEVERAL = "'{}' has more than one number; write one with its unit, such as '35 c
         (units.parse_turn_acceleration, "180 deg/s2", math.pi),
         (units.parse_turn_acceleration, "2 rad/s²", 2.0),
         (units.parse_frequency, "1 kHz", 1000.0),
+        (units.parse_length, "1,5 m", 1.5),
+        (units.parse_length, "0,500 m", 0.5),
+        (units.parse_length, "6,4cm", 0.064),
+        (units.parse_duration, "2,5 s", 2.5),
+        (units.parse_angle, "-22,5 deg", -math.pi / 8),
     ],
 )
 def test_a_quantity_is_read_in_si_units(parse: Callable[[object], float], text: str, value: float) -> None:
@@ -47,10 +52,16 @@ def test_a_quantity_is_read_in_si_units(parse: Callable[[object], float], text: 
         (units.parse_length_or_zero, "-1 m", "'-1 m' is below zero"),
         (units.parse_length, "nan m", "'nan m' is not a number with a unit; write it such as '35 cm'"),
         (units.parse_length, "inf m", "'inf m' is not a number with a unit; write it such as '35 cm'"),
-        (units.parse_length, "1e999 m", "'1e999 m' is too large a number"),
+        (units.parse_length, "1e999 m", "'1e999 m' is too large a number; at most 1e+09 m are taken"),
         (units.parse_length, "35", "'35' has no unit; write it with one, such as '35 cm'"),
         (units.parse_length, 35, "35 has no unit; write it with one, such as '35 cm'"),
-        (units.parse_length, "0,5 m", "'0,5 m' has a comma in its number; decimals come after a point: '0.5 m'"),
+        (
+            units.parse_length,
+            "1,500 m",
+            "'1,500 m' may mean 1.500 or 1500; write it with a point, or without the comma",
+        ),
+        (units.parse_length, "1,500,000 m", SEVERAL.format("1,500,000 m")),
+        (units.parse_length, "1.5.2 m", SEVERAL.format("1.5.2 m")),
         (units.parse_length, "1 ft 2 in", SEVERAL.format("1 ft 2 in")),
         (units.parse_length, "2 1/2 in", SEVERAL.format("2 1/2 in")),
         (units.parse_length, True, "True is not a quantity; write it as text, such as '35 cm'"),
@@ -86,3 +97,25 @@ def test_any_text_is_a_length_above_zero_or_refused_with_its_value(text: str) ->
         message = repr(text)
         assert 0 < value < math.inf
     assert repr(text) in message
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("11in,8.5in", ["11in", "8.5in"]),
+        ("29,7 cm, 21,0 cm", ["29,7 cm", "21,0 cm"]),
+        ("29,7cm,21cm", ["29,7cm", "21cm"]),
+        ("A4", ["A4"]),
+    ],
+)
+def test_a_comma_between_digits_is_no_separator(text: str, parts: list[str]) -> None:
+    assert units.split_quantities(text) == parts
+
+
+@given(st.integers(0, 999), st.integers(0, 99))
+def test_a_decimal_comma_reads_as_a_point_does_in_text_and_schema(whole: int, part: int) -> None:
+    comma, point = f"{whole},{part} m", f"{whole}.{part} m"
+    pattern = units.as_written(units.LENGTHS_M, "1 m").json_schema["pattern"]
+    assert units.parse_length_or_zero(comma) == units.parse_length_or_zero(point)
+    assert re.match(pattern, comma)
+    assert re.match(pattern, point)

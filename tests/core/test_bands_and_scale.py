@@ -57,7 +57,8 @@ def test_an_alarm_between_two_limits_ends_beyond_either_of_them():
 
 def test_noise_makes_the_deadband_wide_and_the_rest_of_what_is_unsure_does_not():
     inputs = RuleInputs(tracks={"ball": ball(0.5, noise_m=0.02)}, now_s=1.0)
-    assert in_words(NEAR, inputs, (), is_active=True) == "0.50 m ± 0.05, below 0.56 m: P 0.87, ends at 0.50"
+    words = in_words(NEAR, inputs, (), is_active=True, with_probability=True)
+    assert words == "0.50 m ± 0.05, below 0.56 m: P 0.87, ends at 0.50"
     (found,) = evidence(NEAR, inputs, (), is_active=True)
     assert (found.begins_at, found.ends_at) == ("0.47 m", "0.56 m")
     assert found.sigma == pytest.approx(math.hypot(0.02, 0.05))

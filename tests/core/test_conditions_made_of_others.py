@@ -171,11 +171,14 @@ def test_parts_that_are_needless_while_one_decides_may_be_unknown():
 
 def test_the_reason_names_each_part_and_whether_it_holds():
     condition = all_of(near(), not_(any_of(RuleCondition(rule="mute"), near("tag", 0.5))))
-    words = in_words(condition, seeing(ball=0.9, tag=None, active={"mute": False}), (), is_active=False)
+    inputs = seeing(ball=0.9, tag=None, active={"mute": False})
+    words = in_words(condition, inputs, (), is_active=False)
     assert words == (
-        "all of (ball 0.90 m ± 0.02, below 1.00 m: P 1.00, begins at 0.80 [yes]; "
+        "all of (ball 0.90 m ± 0.02, below 1.00 m [yes]; "
         "not (any of (the rule mute is not active [no]; tag is lost: no distance [unknown])))"
     )
+    why = in_words(condition, inputs, (), is_active=False, with_probability=True)
+    assert "below 1.00 m: P 1.00, begins at 0.80 [yes]" in why
 
 
 def test_parts_are_listed_with_how_they_are_judged():

@@ -1,5 +1,6 @@
 """What is said of a rule: also of what did not happen, and what it would have taken."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -42,7 +43,8 @@ def said(decision, rule="near"):
 
 def test_a_rule_that_was_not_raised_says_how_likely_it_was_and_what_it_would_have_taken():
     run = rehearse()
-    found = explain(run.see(*[2.02] * 20, sigma_m=0.05), "near")
+    decision = run.see(*[2.02] * 20, sigma_m=0.05)
+    found = explain(decision, "near")
     assert found.status is RuleStatus.IDLE
     assert found.sentence.startswith("not raised: 2.0")
     assert "begins at 0.80" in found.sentence
@@ -50,6 +52,8 @@ def test_a_rule_that_was_not_raised_says_how_likely_it_was_and_what_it_would_hav
     assert figures.probability < 0.8
     (begins_at_m,) = figures.begin_points
     assert found.sentence.endswith(f"; would raise at {begins_at_m:.2f} m")
+    for_views = explain(decision, "near", with_probability=False).sentence
+    assert for_views == re.sub(r": P [\d.]+, begins at 0\.80", "", found.sentence)
     assert 1.8 < begins_at_m < 2.0
 
 
@@ -82,7 +86,19 @@ def test_an_active_rule_says_since_when_what_it_drives_and_what_would_clear_it()
 def test_a_rule_that_is_clearing_says_how_far_it_is():
     run = rehearse()
     run.see(3.0, *[1.0] * 5)
-    assert "ended for 0.3 s of the 1.0 s that it takes" in said(run.see(3.0, 3.0, 3.0))
+    assert "ended for 0.2 s of the 1.0 s that it takes" in said(run.see(3.0, 3.0, 3.0))
+
+
+def test_a_rule_says_at_which_figure_its_verdict_would_change_and_never_one_that_it_has_passed():
+    run = rehearse(replace(NEAR, latch=True))
+    assert "would clear at 2.1" in said(run.see(3.0, *[1.0] * 5))
+    for frames in (3, 20):  # clearing, and latched
+        past = said(run.see(*[3.0] * frames))
+        assert "would hold again at 2.0" in past
+        assert "would clear" not in past
+    run = rehearse(replace(NEAR, needs_ack=True, on_delay=OnDelay(hold_s=5.0), off_delay_s=0.0))
+    run.see(*[1.0] * 60, *[3.0] * 5)
+    assert "would raise" not in said(run.see(*[1.0] * 10)), "over, not acknowledged, and on its way to be raised again"
 
 
 def test_a_rule_without_its_target_says_so_and_what_it_does_meanwhile():

@@ -32,7 +32,7 @@ def run(*command: str | Path, **options: object) -> subprocess.CompletedProcess[
         [str(part) for part in command],
         capture_output=True,
         text=True,
-        timeout=30,
+        timeout=120,
         check=False,
         **options,  # type: ignore[call-overload]
     )

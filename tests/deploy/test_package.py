@@ -7,6 +7,7 @@ by a stand-in. ``DEBIAN_RELEASE=trixie`` and ``DEBIAN_ARCHITECTURE=arm64`` try o
 
 from __future__ import annotations
 
+import gzip
 import json
 import os
 import shutil
@@ -44,7 +45,9 @@ FAKE_SYSTEMCTL = """\
 #!/bin/sh
 echo "$* with $(cat /opt/stadimeter/current/version 2>/dev/null)" >>/root/systemctl.log
 case "$*" in
-    "--quiet is-active"*) [ -e /root/is-active ] ;;
+    "is-active stadimeter.service") if [ -e /root/is-active ]; then echo active; else echo inactive; exit 3; fi ;;
+    is-active*) echo inactive; exit 3 ;;
+    is-enabled*) echo enabled ;;
 esac
 """
 
@@ -107,7 +110,7 @@ def broken(package: Package) -> Path:
 NUMPY_TRAP = rewrite(
     "cv2/__init__.py", "import os", "raise ImportError('numpy.core.multiarray failed to import')\nimport os"
 )
-LATER_STATE = rewrite("stadimeter/app/persistence/alarm_store.py", "FORMAT = 2\n", "FORMAT = 3\n")
+LATER_STATE = rewrite("stadimeter/app/persistence/alarm_store.py", "FORMAT = 3\n", "FORMAT = 4\n")
 
 
 @pytest.fixture(scope="module")
@@ -242,6 +245,48 @@ class TestInstallation:
         assert root.run("stat", "--format=%a %U %G", CONFIGURATION) == "640 root stadimeter\n"
         root.run("stadimeter", "check", "--elsewhere", CONFIGURATION)
 
+    def test_it_needs_no_documentation(self, bare: DebianRoot, first: Path, folder: Path) -> None:
+        with layered(bare.path, folder / "without-documentation") as root:
+            (root / "/etc/dpkg/dpkg.cfg.d/no-documentation").write_text(
+                "path-exclude=/usr/share/doc/*\npath-exclude=/usr/share/man/*\n"
+            )
+            root.run("apt-get", "update")
+            done = root.install(first)
+            assert done.returncode == 0, done.stderr
+            assert not (root / "/usr/share/doc/stadimeter").exists()
+            root.run("stadimeter", "check", "--elsewhere", CONFIGURATION)
+            root.run("stadimeter", "check", "--elsewhere", "/usr/share/stadimeter/examples/demo.toml")
+
+    def test_it_has_what_debian_asks_of_a_package(self, root: DebianRoot) -> None:
+        share = root / "/usr/share"
+        page = gzip.decompress((share / "man/man1/stadimeter.1.gz").read_bytes()).decode()
+        assert '.SS "stadimeter calibrate distance"' in page
+        assert gzip.decompress((share / "doc/stadimeter/changelog.gz").read_bytes()).startswith(
+            f"stadimeter ({full('1.0')}) unstable; urgency=medium\n\n".encode()
+        )
+        assert (share / "doc/stadimeter/copyright").exists()
+        assert (share / "doc/stadimeter/examples/demo.toml").exists()
+        assert f"{CONFIGURATION} " in root.run("dpkg-query", "--show", "--showformat=${Conffiles}", "stadimeter")
+
+    def test_root_is_told_what_the_user_of_the_service_may_not_read(self, root: DebianRoot) -> None:
+        check = ("stadimeter", "check", "--elsewhere")
+        assert "can be used by the user stadimeter" in root.run(*check, CONFIGURATION)
+        root.run("cp", CONFIGURATION, "/root/mine.toml")
+        root.run("chown", "root:root", CONFIGURATION)
+        root.run("chmod", "600", CONFIGURATION, "/root/mine.toml")
+        assert "permission denied" in root.try_to(*check, CONFIGURATION).stderr
+        assert "by the user" not in root.run(*check, "/root/mine.toml")
+        found = json.loads(root.try_to("stadimeter", "doctor", "--json").stdout)["checks"]
+        (configuration,) = (each for each in found if each["check"] == "configuration")
+        assert configuration["seen"].startswith(f"the service cannot use {CONFIGURATION}")
+
+    def test_bash_completes_its_commands(self, root: DebianRoot) -> None:
+        script = (
+            ". /usr/share/bash-completion/completions/stadimeter; COMP_WORDS=(stadimeter ca); COMP_CWORD=1;"
+            ' _stadimeter_completion stadimeter; echo "${COMPREPLY[*]}"'
+        )
+        assert root.run("bash", "-c", script).split() == ["cameras", "calibrate"]
+
     def test_a_picture_is_measured(self, root: DebianRoot, tmp_path: Path) -> None:
         model = CameraModel.with_focal_length(600.0, 640, 480)
         picture = Renderer(model, camera_height_m=0.3, seed=1, noise=2.0).render((0.0, 0.0, 1.2), 0.1, 0.0)
@@ -298,6 +343,14 @@ class TestUpgrade:
         assert orders[0] == f"stop stadimeter.service with {full('1.0')}"
         assert orders[-1] == f"start --no-block stadimeter.service with {full('1.1')}"
         assert f"daemon-reload with {full('1.1')}" in orders
+
+    def test_a_service_that_was_stopped_by_hand_is_not_started(
+        self, root: DebianRoot, with_systemd: Path, second: Path
+    ) -> None:
+        (root / "/root/is-active").unlink()
+        assert root.install(second).returncode == 0
+        orders = with_systemd.read_text().splitlines()
+        assert [line for line in orders if line.startswith(("start", "stop", "try-restart"))] == []
 
     def test_a_version_that_fails_its_self_test_is_not_run_and_what_runs_does_not_notice(
         self, root: DebianRoot, running: subprocess.Popen[str], with_systemd: Path, broken: Path

@@ -60,22 +60,28 @@ class Bench:
         program.write_text(f'#!/bin/sh\necho "{tool} $*" >>"{self._log}"\ncat >/dev/null\nexit {ends_with}\n')
         program.chmod(0o755)
 
-    def run(self, conf: str | None, *others: Path) -> str:
+    def run(self, conf: str | bytes | None, *others: Path) -> str:
         """Run it and return what it complained about."""
-        file = self._folder / "safe-outputs.conf"
         if conf is not None:
-            file.write_text(conf)
-        path = f"{self._folder / 'bin'}:{os.environ['PATH']}"
-        result = subprocess.run(
-            ["sh", str(self._script), str(file), *map(str, others)],
-            env={**os.environ, "PATH": path},
-            capture_output=True,
-            text=True,
-            timeout=20,
-            check=False,
-        )
+            self.file.write_bytes(conf.encode() if isinstance(conf, str) else conf)
+        result = self._result(self.file, *others)
         assert (result.returncode, result.stdout) == (0, "")
         return result.stderr
+
+    def check(self, conf: str) -> str:
+        """Return what it would drive pins with."""
+        self.file.write_text(conf)
+        return self._result("--check", self.file).stdout.strip()
+
+    @property
+    def file(self) -> Path:
+        return self._folder / "safe-outputs.conf"
+
+    def _result(self, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
+        path = f"{self._folder / 'bin'}:{os.environ['PATH']}"
+        command = ["sh", str(self._script), *map(str, arguments)]
+        environment = {**os.environ, "PATH": path}
+        return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
 
     @property
     def calls(self) -> list[str]:
@@ -90,7 +96,7 @@ def bench(deploy: Path, tmp_path: Path) -> Bench:
 def test_pins_are_driven_to_their_safe_level(bench: Bench) -> None:
     bench.add("pinctrl")
     assert bench.run("# the motor\npin 18\n\npin 5 high\npin 27 low") == ""
-    assert bench.calls == ["pinctrl set 18 op dl", "pinctrl set 5 op dh", "pinctrl set 27 op dl"]
+    assert bench.calls == ["pinctrl set 18,27 op dl", "pinctrl set 5 op dh"]
 
 
 @pytest.mark.parametrize("pinctrl_is_there", [True, False])
@@ -141,13 +147,80 @@ def test_a_port_that_takes_nothing_does_not_hold_up_the_pins(bench: Bench, port:
     port.fill()
     complaints = bench.run(f"serial {port.path} 57600\npin 18\n")
     assert "the stop was not sent" in complaints
-    assert bench.calls[-1] == "pinctrl set 18 op dl"
+    assert "pinctrl set 18 op dl" in bench.calls
 
 
 def test_pins_that_nothing_can_drive_are_complained_about(bench: Bench) -> None:
     bench.add("pinctrl", ends_with=1)
     bench.add("raspi-gpio", ends_with=1)
-    assert "pin 18: not driven low" in bench.run("pin 18\n")
+    bench.add("python3", ends_with=1)
+    assert "pins low: 18 high: 5 are NOT driven" in bench.run("pin 18\npin 5 high\n")
+
+
+@pytest.mark.parametrize(
+    "conf",
+    [
+        b"# the motor\r\npin 18\r\npin 5 high\r\n",
+        b"pin 18\rpin 5 high",
+        b"\xef\xbb\xbfpin 18 # the motor\n\tpin  5\thigh\n",
+        "pin 18\r\npin 5 high\r\n".encode("utf-16"),
+    ],
+    ids=["CRLF", "CR", "BOM", "UTF-16"],
+)
+def test_a_list_from_any_editor_is_read(bench: Bench, conf: bytes) -> None:
+    bench.add("pinctrl")
+    assert bench.run(conf) == ""
+    assert bench.calls == ["pinctrl set 18 op dl", "pinctrl set 5 op dh"]
+
+
+def test_a_port_of_a_list_with_crlf_is_stopped(bench: Bench, port: Port) -> None:
+    assert bench.run(f"serial {port.path} 57600\r\nserial {port.path}\r\n") == ""
+    assert port.received() == b"\rm 0 0\r"
+
+
+def test_however_many_lines_there_are_each_pin_is_driven_once_and_none_is_left_out(bench: Bench) -> None:
+    bench.add("pinctrl")
+    lines = [f"pin {number % 20}" for number in range(5000)]
+    complaints = bench.run("\n".join([*lines, "pin 27 high", "nonsense\n" * 3000]))
+    assert bench.calls == [f"pinctrl set {','.join(map(str, range(20)))} op dl", "pinctrl set 27 op dh"]
+    assert len(complaints.splitlines()) == 21
+    assert complaints.splitlines()[-1] == "safe-outputs: and so on, for 2980 more lines"
+
+
+def test_two_stops_for_one_port_are_sent_one_after_the_other(bench: Bench, port: Port) -> None:
+    assert bench.run(f"serial {port.path} 57600 0d\nserial {port.path} 115200 0a\n") == ""
+    assert port.received() == b"\r\n"
+
+
+def test_of_two_lines_on_a_pin_the_last_counts_and_that_is_said(bench: Bench) -> None:
+    bench.add("pinctrl")
+    assert "pin 18: two levels; the last, high, counts" in bench.run("pin 18\npin 18 high\n")
+    assert bench.calls == ["pinctrl set 18 op dh"]
+
+
+def test_a_list_without_end_is_cut_at_a_line_and_that_is_said(bench: Bench) -> None:
+    bench.add("pinctrl")
+    assert "what is beyond them is NOT switched off" in bench.run("pin 5\n" + "# the garden\n" * 80_000 + "pin 18\n")
+    assert bench.calls == ["pinctrl set 5 op dl"]
+
+
+def test_of_a_list_with_too_many_ports_the_pins_and_the_first_ports_are_switched_off(bench: Bench, port: Port) -> None:
+    bench.add("pinctrl")
+    lines = [f"serial {port.path} 57600", *(f"serial /dev/ttyUSB{number + 100}" for number in range(16)), "pin 18"]
+    complaints = bench.run("\n".join(lines))
+    assert "serial /dev/ttyUSB115: not stopped" in complaints
+    assert bench.calls == ["pinctrl set 18 op dl"]
+    assert port.received() == b"\rm 0 0\r"
+
+
+def test_it_says_what_would_drive_the_pins_and_drives_none(bench: Bench) -> None:
+    assert bench.check("serial /dev/ttyUSB0\n") == "no pins"
+    assert bench.check("pin 18\n") == "nothing"
+    bench.add("python3")
+    assert bench.check("pin 18\n") == "/dev/gpiochip"
+    bench.add("pinctrl")
+    assert bench.check("pin 18\npin 5 high\n") == "pinctrl"
+    assert [call for call in bench.calls if " set " in call] == []
 
 
 def test_without_a_configuration_it_says_that_nothing_was_done(bench: Bench) -> None:

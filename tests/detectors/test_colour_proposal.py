@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -56,6 +57,19 @@ def test_most_balls_as_they_are_met_are_found_with_the_range_that_is_proposed(
             and math.dist(seen.centre_px, (x_px, y_px)) < 0.3 * radius_px
         )
     assert found >= len(seeds) - missed
+
+
+def test_a_place_on_a_white_stripe_does_not_make_every_hue_the_ball_s() -> None:
+    image = np.full((480, 640, 3), (120, 110, 100), np.uint8)
+    cv2.circle(image, (320, 240), 60, (40, 170, 60), cv2.FILLED, cv2.LINE_AA)
+    cv2.rectangle(image, (300, 190), (312, 290), (235, 235, 235), cv2.FILLED)
+    image = np.clip(image + np.random.default_rng(0).normal(0, 2, image.shape), 0, 255).astype(np.uint8)
+    on_ball, on_stripe = (345.0, 240.0), (306.0, 240.0)
+    proposal = PLUGIN.propose_colour([ColourSample(Frame(image, 0.0, 0), (on_ball, on_stripe, (340.0, 220.0)))])
+    assert proposal is not None
+    low, _ = proposal.colour.split(":")
+    assert low.split(",")[0] != "0"
+    assert proposal.views[0].detection.width_px == pytest.approx(120, abs=3)
 
 
 hues = st.integers(0, 179)

@@ -188,6 +188,21 @@ def test_every_command_that_is_shown_exists_with_its_options(words):
     assert {word.partition("=")[0] for word in words if word.startswith("-")} <= known
 
 
+TARGET = re.compile(r"^([a-z][\w.-]*):", re.MULTILINE)
+
+
+def test_the_first_commands_of_the_readme_need_nothing_but_the_source():
+    (first, *_) = [block for kind, block in FENCE.findall((ROOT / "README.md").read_text()) if kind == "sh"]
+    assert [line.partition("#")[0].split() for line in first.splitlines()] == [["make", "demo"], ["make", "test"]]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_target_of_make_that_is_shown_exists(page):
+    targets = TARGET.findall((ROOT / "Makefile").read_text())
+    typed = [line.split() for line in lines_typed(page.read_text())]
+    assert {words[1] for words in typed if words[:1] == ["make"]} <= set(targets)
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_every_link_leads_to_something_that_is_there(page):
     for target in LINK.findall(page.read_text()):

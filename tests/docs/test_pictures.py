@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import tomllib
 from pathlib import Path
 
 import boards_table
@@ -62,3 +63,11 @@ def test_the_drawing_of_the_example_is_that_of_its_configuration() -> None:
 def test_the_drawing_of_the_first_beep_is_that_of_the_configuration_on_its_page() -> None:
     kept = (ROOT / "docs" / "pictures" / "wiring-first-beep.svg").read_text(encoding="utf-8")
     assert kept == svg_of(wiring_picture(make_pictures.first_beep())), "run make pictures"
+
+
+def test_the_buzzer_of_the_first_beep_is_on_the_pin_that_init_offers() -> None:
+    wishes = tomllib.loads((ROOT / "src" / "stadimeter" / "workbench" / "setup" / "wishes.toml").read_text("utf-8"))
+    (buzzer,) = [part for part in make_pictures.first_beep() if part.driver == "buzzer"]
+    offered = wishes["near"]["output"]
+    assert offered == f"buzzer {buzzer.options.pin}"
+    assert f"`{offered}`" in (ROOT / "docs" / "raspberry-pi.md").read_text("utf-8")

@@ -18,6 +18,12 @@ UNWANTED = {
     "report, state, notify": r"\btold\b",
     "a person, no one, or the passive": r"\bsomebody\b|\bnobody\b",
     "reload, apply": r"\btak(?:e|es|en|ing) over\b",
+    "What colour is …?": r"\bwhich (?:colour|number) has\b",
+    "resolved: …": r"\btrouble is over\b",
+    "cannot work on this computer": r"\bwill not work here\b",
+    "the likeliest outline, … px long, is refused: …": r"\bmost like one is\b",
+    "no rule drives it": r"\bnothing is asked of it\b",
+    "this user may not use it": r"\bours to open\b",
 }
 """Phrases that readers stumble over, by the words to use in their place."""
 

@@ -89,7 +89,7 @@ def _run_measured(*arguments: object) -> tuple[int, str, int]:
     )
     done = subprocess.run(
         [sys.executable, "-c", measured, *map(os.fsencode, map(str, arguments))],
-        capture_output=True, check=False, timeout=50,
+        capture_output=True, check=False, timeout=120,
     )  # fmt: skip
     return done.returncode, done.stderr.decode(), int(done.stdout.split()[-1])
 

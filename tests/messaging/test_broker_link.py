@@ -232,7 +232,7 @@ def test_a_huge_message_is_refused_before_there_is_memory_for_it(
     messenger = make_messenger(play((accepted + bomb, False)).port, protocol=protocol)
     tracemalloc.start()
     messenger.open()
-    eventually(lambda: "sent a message that is too large for any answer" in messenger.trouble())
+    eventually(lambda: "sent a message that is too large to be an answer" in messenger.trouble())
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 2 * len(bomb)  # the bomb itself is in this process, and what was announced is four times as large

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.core.message import Message
-from stadimeter.messaging.broker_link import MemoryOutbox
+from stadimeter.messaging.outbox import MemoryOutbox
 
 
 def alert(payload: object, expires_s: int | None = None) -> Message:

@@ -4,7 +4,7 @@ from dataclasses import fields
 
 import pytest
 
-from stadimeter.simulation.world import KNOBS, FaultKind, Faults, FaultSchedule, ScheduledFault
+from stadimeter.simulation.world import BY_HAND_S, KNOBS, FaultKind, Faults, FaultSchedule, ScheduledFault
 
 
 def fault(kind: str, at: str, lasts: str | None = None) -> ScheduledFault:
@@ -60,3 +60,31 @@ def test_a_knob_turned_by_hand_stays_until_its_next_scheduled_time() -> None:
     assert faults.target_hidden
     schedule.turn(faults, 6.0)
     assert not faults.target_hidden
+
+
+def test_a_fault_made_by_hand_ends_by_itself_and_one_that_was_made_again_has_its_whole_time(make_run) -> None:
+    run = make_run()
+
+    def is_frozen_after(wait_s: float) -> bool:
+        run.clock.advance_s(wait_s)
+        return run.world.goes_wrong("freeze-camera")
+
+    for _ in range(3):
+        run.world.toggle("freeze-camera")
+    assert is_frozen_after(BY_HAND_S - 0.1)
+    assert not is_frozen_after(0.2)
+    run.world.toggle("freeze-camera")
+    run.clock.advance_s(3.0)
+    run.world.toggle("freeze-camera")
+    run.world.toggle("freeze-camera")
+    assert is_frozen_after(BY_HAND_S - 0.1)
+    assert not is_frozen_after(0.2)
+
+
+def test_the_schedule_goes_before_the_end_of_a_fault_made_by_hand(make_run) -> None:
+    run = make_run(faults=[{"at": "8 s", "for": "6 s", "kind": "hide-target"}])
+    run.world.toggle("hide-target")
+    run.clock.advance_s(13.0)
+    assert run.world.goes_wrong("hide-target")
+    run.clock.advance_s(1.5)
+    assert not run.world.goes_wrong("hide-target")

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 HOST = "127.0.0.1"
-START_S = 10.0
+START_S = 120.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

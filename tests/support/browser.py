@@ -69,6 +69,29 @@ path = [
 """
 """A simulated room: a ball that comes near once, and goes far away; an output for each, and a base."""
 
+STILL = ROOM.partition("path = [")[0] + 'path = [{ at = "0 s", x = "3.2 m", y = "0.3 m" }]\n'
+"""The same room, and its ball does not move: 3.2 m away."""
+
+SILENT_AFTER_ONE = """() => {
+    const ask = window.fetch;
+    let asked = 0;
+    window.fetch = async (where, options) => {
+        const response = await ask(where, options);
+        if (!String(where).includes("/live?") || asked++) return response;
+        const reader = response.body.getReader();
+        const first = (await reader.read()).value;
+        const body = new ReadableStream({
+            start: (sink) => {
+                sink.enqueue(first);
+                options.signal.addEventListener("abort", () => sink.error(options.signal.reason));
+            },
+        });
+        window.isSilent = true;
+        return { ok: true, status: 200, body };
+    };
+}"""
+"""The first stream ends as one does whose device lost its power: nothing comes any more, and nothing tells so."""
+
 
 @dataclass
 class Served:

@@ -28,6 +28,7 @@ MOUNTS = (
 CONFIG_TXT = "dtparam=audio=on\ncamera_auto_detect=1\ndisplay_auto_detect=1\ndtoverlay=vc4-kms-v3d\n[all]\n"
 SWAPS = "Filename\t\t\t\tType\t\tSize\t\tUsed\t\tPriority\n"
 OF_UNIT = "LoadState,ActiveState,SubState,Result,NRestarts,UnitFileState,StatusText"
+SAFE_CHECK = "/usr/lib/stadimeter/safe-outputs --check"
 RUNNING = "LoadState=loaded\nActiveState=active\nSubState=running\nResult=success\nNRestarts=0\nUnitFileState=enabled\n"
 IMX219 = {
     "name": "imx219", "driver": "picamera2", "device": "/base/soc/i2c0mux/i2c@1/imx219@10", "node": "camera 0",
@@ -114,7 +115,11 @@ class Captured:
             return Answer(self.imports_code, "".join(f"{json.dumps(line)}\n" for line in self.imports))
         if "cameras" in words:
             return Answer(-11, "") if self.cameras is None else Answer(0, json.dumps(self.cameras))
+        if "--check" in words and words[2] != "/etc/stadimeter/safe-outputs.conf":  # a file that is made for it
+            words = words[:2]
         output = self.commands.get(" ".join(words))
+        if output is not None and "--check" in words and output.startswith("safe-outputs: "):
+            return Answer(0, "", output)
         return None if output is None else Answer(0, output)
 
 
@@ -127,6 +132,8 @@ PLACES = {
     "journald": "/etc/systemd/journald.conf.d/mine.conf",
     "mounts": "/proc/mounts",
     "passwd": "/etc/passwd",
+    "of_hand": "/etc/stadimeter/safe-outputs.conf",
+    "program": "/opt/stadimeter/bin/stadimeter",
     "safe_conf": "/run/stadimeter/safe-outputs.conf",
     "status": "/proc/self/status",
     "swaps": "/proc/swaps",
@@ -158,6 +165,7 @@ def _pi(model: str, name: str, cmdline: str, **files: str) -> Captured:
         f"systemctl show stadimeter.service --property={OF_UNIT}": RUNNING,
         "systemctl show stadimeter.service --property=LoadState,WatchdogUSec": "LoadState=loaded\nWatchdogUSec=2s\n",
         "systemctl show --property=RuntimeWatchdogUSec": "RuntimeWatchdogUSec=1min\n",
+        SAFE_CHECK: "pinctrl\n",
     }
     return Captured(files={**texts, **files}, commands=commands, cameras=(IMX219,))
 

@@ -41,7 +41,7 @@ class LiveDouble:
         if self.closed.wait(0.005):
             raise DeviceClosedError("closed")
         if self.blocked.is_set():
-            self.closed.wait(20)
+            self.closed.wait(120)
             raise CaptureTimeoutError("nothing came")
         self.count += 1
         image = np.full((48, 64, 3), self.count % 250, np.uint8)

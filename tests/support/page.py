@@ -56,7 +56,7 @@ class ServedPage:
         cookie = "; ".join(f"{name}={value}" for name, value in self.cookies.items())
         sent = {name: value for name, value in ({"Cookie": cookie} | origin | dict(headers or {})).items() if value}
         data = body if isinstance(body, bytes | str | None) else json.dumps(body)
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=120)
         try:
             connection.request(method, path, data, sent)
             response = connection.getresponse()

@@ -3,14 +3,16 @@
 What it imitates, of picamera2 0.3.19 to 0.3.36: a sensor that fills a few buffers in turn, and pauses while all are
 held; requests that complete a while after their exposure; jobs that wait for requests, in order, so that one that
 never ends keeps the later ones waiting; rows that are padded; controls that may be set only if there are any, and that
-show their effect some frames later; a constructor that hides every cause behind one sentence; a camera that falls
-silent when its cable is loose, and then cannot be closed.
+show their effect some frames later; a constructor that hides every cause behind one sentence, and makes a pipe first,
+which only an open camera closes; a camera that falls silent when its cable is loose, and then cannot be closed.
 """
 
 from __future__ import annotations
 
 import enum
+import io
 import mmap
+import os
 import sys
 import threading
 from collections.abc import Callable
@@ -133,6 +135,13 @@ def _class_of(sensor: Sensor) -> type[Camera]:
     return Picamera2
 
 
+class ReadingEnd(io.FileIO):
+    """The end of a pipe that a camera reads: a file, which closes itself when nothing refers to it any more."""
+
+    def __del__(self) -> None:
+        self.close()
+
+
 class Camera:
     """An open camera: ``Picamera2``."""
 
@@ -147,6 +156,8 @@ class Camera:
         self._started_at_s: float | None = None
         self._frames = 0
         self.is_open = False
+        reading, self.notifyme_w = os.pipe2(os.O_NONBLOCK)
+        self.notifymeread = ReadingEnd(reading)
         self.global_camera_info()[camera_num]
         try:
             sensor.acquire()
@@ -248,6 +259,8 @@ class Camera:
             self.is_open = False
             for buffer in self._buffers:
                 buffer.close()  # fails if an array still shows it
+            self.notifymeread.close()
+            os.close(self.notifyme_w)
 
     def _complete(self) -> None:
         """Give each frame that was completed since to the first job; without one it is dropped."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 
@@ -17,3 +18,9 @@ def children(pid: int) -> list[int]:
     """Return the processes that a process has started, in whichever thread."""
     threads = Path(f"/proc/{pid}/task").glob("*/children")
     return [int(each) for thread in threads for each in thread.read_text().split()]
+
+
+def is_suspended(child: int) -> bool:
+    """Return whether a child of ours was stopped by a signal; once for each time that it was."""
+    found = os.waitid(os.P_PID, child, os.WSTOPPED | os.WNOHANG)
+    return found is not None and found.si_code == os.CLD_STOPPED

@@ -70,7 +70,7 @@ def failures(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, st
     report = tmp_path_factory.mktemp("planted") / "report.xml"
     chosen = " or ".join(["Sound", "NamesNoFaults", *(f"({test} and {name})" for name, test in CAUGHT_BY.items())])
     arguments = ["-q", "--noconftest", "--tb=no", f"--junitxml={report}", "-k", chosen, planted_mistakes.__file__]
-    subprocess.run([sys.executable, "-m", "pytest", *arguments], capture_output=True, check=False, timeout=55)
+    subprocess.run([sys.executable, "-m", "pytest", *arguments], capture_output=True, check=False, timeout=120)
     failed: dict[str, dict[str, str]] = defaultdict(dict)
     for case in ET.parse(report).iter("testcase"):  # noqa: S314 - our own pytest wrote it
         test, _, parameters = case.get("name", "").partition("[")

@@ -47,7 +47,7 @@ class Page:
         data = None if method == "GET" else json.dumps(body or {}).encode()
         request = urllib.request.Request(f"{self.here.url}/api/v1/{path}", data, headers, method=method)  # noqa: S310
         try:
-            with urllib.request.urlopen(request, timeout=30) as response:  # noqa: S310 - the page of this test
+            with urllib.request.urlopen(request, timeout=120) as response:  # noqa: S310 - the page of this test
                 return response.status, json.loads(response.read())
         except urllib.error.HTTPError as error:
             with error:
@@ -130,7 +130,7 @@ def test_saving_works_while_there_is_no_run(page: Page) -> None:
     run = page.here.run
     assert run is not None
     run.terminate()
-    run.wait(timeout=20)
+    run.wait(timeout=120)
     kept = page.save(TEXT + "# later\n", page("GET", "configuration")["version"])
     assert kept["needs"] == "start"
     assert page.here.configuration.read_text() == TEXT + "# later\n"

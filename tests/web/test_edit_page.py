@@ -65,6 +65,7 @@ def test_an_error_stands_at_its_line_while_one_types_and_goes_when_it_is_mended(
         field = opened(page, here)
         edit(field, NEAR, 'when = { below = "1 parsec" }')
         page.get_by_text("1 error").wait_for()
+        assert page.locator(".meaning .words li").all_text_contents() == [NO_WORDS]
         page.get_by_role("button", name="unknown unit 'parsec'").click()
         line = ROOM.split("\n").index(NEAR) + 1
         assert page.evaluate(LINE_OF_CURSOR) == line
@@ -72,6 +73,10 @@ def test_an_error_stands_at_its_line_while_one_types_and_goes_when_it_is_mended(
         edit(field, "1 parsec", "1 m")
         page.get_by_text("2 warnings").wait_for()
         assert page.locator(".strip.error").count() == 0
+        assert page.locator(".meaning .words li").count() > 1
+
+
+NO_WORDS = "What the rules do is said here when there is no error."
 
 
 LINE_OF_CURSOR = """() => {

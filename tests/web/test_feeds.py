@@ -71,6 +71,24 @@ def told_by(monkeypatch):
     return tell
 
 
+def test_whoever_comes_while_the_run_hangs_is_told_how_old_the_last_message_is(told_by, monkeypatch):
+    now_s = [50.0]
+    monkeypatch.setattr("stadimeter.web.live.time.monotonic", lambda: now_s[0])
+
+    async def story(run, feed):
+        early, late = feed.watch(), feed.watch()
+        first = asyncio.ensure_future(anext(early))
+        await settle()
+        await run.says.put(snapshot(1))
+        assert json.loads((await first).snapshot)["waited_s"] == 0.0
+        now_s[0] += 7.5
+        assert json.loads((await anext(late)).snapshot)["waited_s"] == 7.5
+        for each in (early, late):
+            await each.aclose()
+
+    told_by(story)
+
+
 def test_many_watch_and_the_run_is_asked_once(told_by):
     async def story(run, feed):
         watchers = [feed.watch() for _ in range(20)]
@@ -79,7 +97,8 @@ def test_many_watch_and_the_run_is_asked_once(told_by):
         await run.says.put(snapshot(1, events=[7], samples=[0.1]))
         messages = [await each for each in first]
         assert run.subscriptions == 1
-        assert {message.framed() for message in messages} == {messages[0].framed()}
+        assert all(told(message) == (1, [7], [0.1]) for message in messages)
+        assert {message.picture for message in messages} == {b"jpeg 1"}
         for each in watchers:
             await each.aclose()
         await settle()

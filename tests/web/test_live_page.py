@@ -8,10 +8,7 @@ from typing import Any
 import pytest
 
 from stadimeter.web.passwords import PasswordFile
-from support.browser import PHONE, ROOM, Served, served, tab, until
-
-STILL = ROOM.partition("path = [")[0] + 'path = [{ at = "0 s", x = "3.2 m", y = "0.3 m" }]\n'
-"""The same room, and its ball does not move: 3.2 m away."""
+from support.browser import DESKTOP, PHONE, ROOM, SILENT_AFTER_ONE, STILL, Served, served, tab, until
 
 
 @pytest.fixture(scope="module")
@@ -170,6 +167,18 @@ def test_a_hold_that_ended_begins_with_a_new_press_only_though_the_key_is_down(b
         assert len([each for each in asked if "level" in each]) == 1
 
 
+def test_on_a_desktop_the_page_is_little_more_than_a_screen_high_and_its_columns_end_together(browser, still):
+    with tab(browser, size=DESKTOP) as page:
+        opened(page, still)
+        page.locator(".rule").first.wait_for()
+        ends = page.locator(".live > .stack").evaluate_all(
+            "all => all.map(e => [...e.children].findLast(c => c.clientHeight).getBoundingClientRect().bottom)"
+        )
+        assert len(ends) == 3
+        assert max(ends) < 1500
+        assert min(ends) > 0.6 * max(ends)
+
+
 def test_an_address_that_names_no_view_shows_the_live_one(browser, still):
     with tab(browser) as page:
         opened(page, still, "%/x")
@@ -184,6 +193,7 @@ def test_the_ball_is_moved_and_hidden_in_the_simulated_room(browser, moving):
         plan = page.locator(".plan").bounding_box()  # where it is now that the page was scrolled
         page.mouse.down()
         page.mouse.move(plan["x"] + plan["width"] / 2, plan["y"] + 0.15 * plan["height"], steps=5)
+        assert ball.evaluate("e => getComputedStyle(e).outlineStyle") == "none"  # its pixels would be metres
         page.mouse.up()
         where = page.locator(".room .number")
         until(page, "/from the camera, ahead/.test(document.querySelector('.room .number')?.textContent)")
@@ -224,7 +234,7 @@ def test_who_may_only_read_sees_everything_and_operates_nothing(browser, tmp_pat
         page.locator("canvas[data-drawn]").wait_for()
         page.locator(".badge", has_text="not acknowledged").wait_for()
         page.get_by_text("You are logged in to look").wait_for()
-        for name in ("Acknowledge", "Reset", "Hold to test", "Record", "Let it go on", "forwards"):
+        for name in ("Acknowledge", "Reset", "Hold to test", "Record", "Let it go on", "forwards", "Stop every output"):
             assert page.get_by_role("button", name=name).count() == 0
         assert page.locator(".room input:not(:disabled)").count() == 0
         assert page.get_by_role("link", name="Edit").count() == 0
@@ -240,27 +250,6 @@ def test_a_recording_is_made_with_a_button_and_listed(browser, still):
         page.get_by_text("Recorded:").wait_for()
         page.get_by_role("link", name="Recordings").click()
         page.get_by_text(".mcap").first.wait_for()
-
-
-SILENT_AFTER_ONE = """() => {
-    const ask = window.fetch;
-    let asked = 0;
-    window.fetch = async (where, options) => {
-        const response = await ask(where, options);
-        if (!String(where).includes("/live?") || asked++) return response;
-        const reader = response.body.getReader();
-        const first = (await reader.read()).value;
-        const body = new ReadableStream({
-            start: (sink) => {
-                sink.enqueue(first);
-                options.signal.addEventListener("abort", () => sink.error(options.signal.reason));
-            },
-        });
-        window.isSilent = true;
-        return { ok: true, status: 200, body };
-    };
-}"""
-"""The first stream ends as one does whose device lost its power: nothing comes any more, and nothing tells so."""
 
 
 def test_a_connection_that_fell_silent_is_made_anew(browser, still):

@@ -1,12 +1,15 @@
 """Who is let in, and to what: each path of the table, asked by each of those who may ask."""
 
+import asyncio
 import http.client
 import re
 
 import pytest
 
+from stadimeter.app.control.socket_server import ControlSocket
 from stadimeter.web.access import HEADERS, SESSION_S
 from stadimeter.web.attempts import FREE
+from stadimeter.web.ended_sessions import ENDED_MAX, EndedSessions, Session
 from stadimeter.web.passwords import PasswordFile
 from stadimeter.web.routes import PLACES, Right
 from support.page import FORM, OPERATE, READ, quicken, served_page
@@ -153,6 +156,38 @@ def test_the_session_says_what_one_may_do(reader):
     assert (told["run"]["is_running"], told["run"]["words"]) == (False, "Nothing is set up yet.")
 
 
+@pytest.mark.parametrize(("password", "is_shown"), [(READ, False), (OPERATE, True)])
+def test_process_numbers_and_folders_are_for_those_alone_who_may_operate(stranger, monkeypatch, password, is_shown):
+    async def about():
+        return {"digest": "abc", "pid": 7, "recordings": "/home/ada/recordings"}
+
+    monkeypatch.setattr(stranger.page.run_process, "about", about)
+    stranger.log_in(password)
+    run = stranger.get("/api/v1/session").data["run"]
+    assert run["digest"] == "abc"
+    assert ({"pid", "recordings"} & run.keys() != set()) is is_shown
+
+
+def test_watchers_learn_nothing_of_other_runs(reader, monkeypatch, tmp_path):
+    reader.page.configuration.write_text("")  # it is there, and no run uses it
+    folder = tmp_path / "r" / "stadimeter"
+    folder.mkdir(parents=True, mode=0o700)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "r"))
+    monkeypatch.delenv("RUNTIME_DIRECTORY", raising=False)
+    monkeypatch.setattr(reader.page.run, "_given", None)  # it looks for its run, as it does unless it is told where
+    other = ControlSocket(folder / "garage.sock", lambda: {"configuration": "/home/ada/garage.toml", "pid": 4711})
+    other.open()
+    try:
+        words = reader.get("/api/v1/session").data["run"]["words"]
+        refused = reader.get("/api/v1/status")
+    finally:
+        other.close()
+        reader.page.configuration.unlink()
+    assert (refused.error, "no instance runs with" in words) == ("no-run", True)
+    for said in (words, refused.body.decode()):
+        assert not any(secret in said for secret in ("garage", "4711", ".sock"))
+
+
 def test_a_cookie_that_was_changed_opens_nothing(reader):
     (name,) = reader.cookies
     right, *rest = reader.cookies[name].split(".")
@@ -192,7 +227,7 @@ def test_a_new_password_ends_what_is_being_watched(tmp_path, monkeypatch):
     with served_page(tmp_path, OPERATE) as site:
         site.log_in(OPERATE)
         (cookie,) = (f"{name}={value}" for name, value in site.cookies.items())
-        connection = http.client.HTTPConnection("127.0.0.1", site.port, timeout=20)
+        connection = http.client.HTTPConnection("127.0.0.1", site.port, timeout=120)
         connection.request("GET", "/api/v1/live?image=none", headers={"Cookie": cookie})
         stream = connection.getresponse()
         length = int.from_bytes(stream.read(8)[:4])
@@ -205,6 +240,112 @@ def test_a_new_password_ends_what_is_being_watched(tmp_path, monkeypatch):
 
 def test_logging_out_takes_the_cookie_away(operator):
     assert "max-age=0" in operator.ask("POST", "/logout").headers["set-cookie"].lower()
+
+
+def copied(site):
+    """Return the cookie of a browser, as somebody has copied it."""
+    ((name, value),) = site.cookies.items()
+    return {"Cookie": f"{name}={value}"}
+
+
+def test_logging_out_ends_the_session_for_whoever_has_a_copy_of_its_cookie(stranger):
+    stranger.log_in(OPERATE)
+    other = copied(stranger)
+    stranger.cookies.clear()
+    stranger.log_in(OPERATE)
+    ended = copied(stranger)
+    stranger.ask("POST", "/logout")
+    stranger.cookies.clear()
+    assert stranger.get("/api/v1/session", **ended).status == 401
+    assert stranger.get("/api/v1/session", **other).status == 200  # another session goes on
+
+
+def test_a_session_that_was_ended_stays_so_in_another_process_and_after_a_restart(tmp_path, monkeypatch):
+    quicken(monkeypatch)
+    with served_page(tmp_path, OPERATE) as first, served_page(tmp_path) as second:
+        first.log_in(OPERATE)
+        (cookie,) = first.cookies.values()
+        second.cookies[f"stadimeter-{second.port}"] = cookie
+        assert second.get("/api/v1/session").status == 200
+        first.ask("POST", "/logout")
+        assert second.get("/api/v1/session").status == 401
+    with served_page(tmp_path) as again:
+        again.cookies[f"stadimeter-{again.port}"] = cookie
+        assert again.get("/api/v1/session").status == 401
+        assert again.page.access.ended.path.stat().st_mode & 0o077 == 0
+
+
+def test_logging_out_ends_what_is_being_watched(operator):
+    connection = http.client.HTTPConnection("127.0.0.1", operator.port, timeout=120)
+    connection.request("GET", "/api/v1/live?image=none", headers=copied(operator))
+    stream = connection.getresponse()
+    length = int.from_bytes(stream.read(8)[:4])
+    message = stream.read(length)
+    operator.ask("POST", "/logout")
+    assert len(stream.read(10 * len(message))) < 10 * len(message)  # it has ended
+    connection.close()
+
+
+def test_a_session_ends_also_where_the_disk_takes_nothing_and_that_is_said(operator, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("stadimeter.web.ended_sessions.replace_file", full)
+    ended = copied(operator)
+    answer = operator.ask("POST", "/logout")
+    assert (answer.status, answer.error) == (503, "not-written")
+    assert "max-age=0" in answer.headers["set-cookie"].lower()
+    assert operator.get("/api/v1/session", **ended).status == 401
+
+
+def test_where_it_cannot_be_known_which_sessions_were_ended_none_goes_on(tmp_path, monkeypatch):
+    quicken(monkeypatch)
+    with served_page(tmp_path, OPERATE) as site:
+        site.log_in(OPERATE)
+        site.page.access.ended.path.write_text("[")
+        assert (site.get("/api/v1/session").status, site.get("/api/v1/session").error) == (503, "no-sessions")
+
+
+def test_more_ended_sessions_than_are_remembered_end_others_of_their_right_and_revive_none(tmp_path):
+    now_s = 1000
+    ended = EndedSessions(tmp_path / "ended", lambda: now_s)
+
+    async def end_many():
+        for number in range(ENDED_MAX + 10):
+            await ended.add(Session(Right.READ, 2000 + number, str(number)))
+
+    asyncio.run(end_many())
+    again = EndedSessions(tmp_path / "ended", lambda: now_s)
+    assert all(again.has(Session(Right.READ, 2000 + number, str(number))) for number in range(ENDED_MAX + 10))
+    assert again.has(Session(Right.READ, 2009, "older"))
+    assert not again.has(Session(Right.READ, 2010, "newer"))
+    assert not again.has(Session(Right.OPERATE, 2009, "of the other right"))
+    assert (tmp_path / "ended").stat().st_size < 100_000
+    now_s = 5000
+    asyncio.run(EndedSessions(tmp_path / "ended", lambda: now_s).add(Session(Right.READ, 6000, "late")))
+    assert (tmp_path / "ended").stat().st_size < 200  # what has ended by itself is forgotten
+
+
+def from_address(site, address, password):
+    """Log in from an address of the loopback; return the status."""
+    connection = http.client.HTTPConnection("127.0.0.1", site.port, timeout=120, source_address=(address, 0))
+    headers = {**FORM, "Origin": f"http://127.0.0.1:{site.port}"}
+    try:
+        connection.request("POST", "/login", f"password={password.replace(' ', '+')}", headers)
+        with connection.getresponse() as response:
+            response.read()
+            return response.status
+    finally:
+        connection.close()
+
+
+@pytest.mark.parametrize("is_known", [True, False])
+def test_thirty_wrong_passwords_from_thirty_addresses_do_not_keep_the_right_one_out(stranger, is_known):
+    if is_known:
+        assert from_address(stranger, "127.0.1.1", OPERATE) == 303
+    for number in range(30):
+        assert from_address(stranger, f"127.0.0.{number + 2}", "wrong") == 401
+    assert from_address(stranger, "127.0.1.1", OPERATE) == 303
 
 
 def test_without_a_password_this_computer_may_do_all(tmp_path):

@@ -54,7 +54,7 @@ def here(tmp_path_factory):
 
 
 def ask(here, path):
-    connection = http.client.HTTPConnection(here.url.removeprefix("http://"), timeout=30)
+    connection = http.client.HTTPConnection(here.url.removeprefix("http://"), timeout=120)
     try:
         connection.request("GET", path)
         answer = connection.getresponse()
@@ -87,7 +87,7 @@ def test_a_real_run_answers_as_it_says(here, path, name):
 
 
 def test_so_do_its_snapshots_in_which_nothing_is_untold(here):
-    connection = http.client.HTTPConnection(here.url.removeprefix("http://"), timeout=30)
+    connection = http.client.HTTPConnection(here.url.removeprefix("http://"), timeout=120)
     connection.request("GET", "/api/v1/live?image=plain")
     answer = connection.getresponse()
     for _ in range(3):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -96,3 +97,9 @@ def test_it_is_deleted_only_after_a_question(browser, room, recording):
         until(page, "!document.body.innerText.includes('Download other') && !document.querySelector('dialog')")
         assert not other.exists()
         assert recording.exists()
+
+
+def test_what_the_documents_install_for_the_page_can_record():
+    extras = tomllib.loads((Path(__file__).resolve().parents[2] / "pyproject.toml").read_text())["project"]
+    needed = extras["optional-dependencies"]
+    assert set(needed["record"]) <= set(needed["web"])

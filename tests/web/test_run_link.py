@@ -49,6 +49,7 @@ def test_without_its_run_it_says_so_and_asks_no_other(places, tmp_path):
     with pytest.raises(PageError, match="no instance runs with") as refused:
         hello(RunLink(tmp_path / "room.toml"))
     assert (refused.value.status, refused.value.code) == (503, "no-run")
+    assert not any(word in str(refused.value) for word in ("other", ".sock", "process"))  # of no one else's run
 
 
 def test_it_finds_the_run_again_where_it_listens_now(places, tmp_path):

@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from stadimeter.app.restarts import OF_RUN
+from stadimeter.config.extras import install_line
 from stadimeter.errors import PageError
 from stadimeter.testing.eventually import eventually
 from stadimeter.web import serving
@@ -44,7 +45,7 @@ def test_with_a_password_it_listens_everywhere(tmp_path, monkeypatch):
 
 def invoked(*words):
     command = [sys.executable, "-m", "stadimeter", "web", *map(str, words)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
 
 
 def test_a_port_in_use_is_a_sentence(tmp_path):
@@ -90,7 +91,7 @@ importlib.util.find_spec = lambda name, *more: None if name == "starlette" else 
 from stadimeter.cli.main import app
 app(["web", {str(tmp_path / "room.toml")!r}])"""
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    words = "error: the page needs the extra `web`: pip install 'stadimeter[web]'\n"
+    words = f"error: the page needs the extra `web`: {install_line('web')}\n"
     assert (done.returncode, done.stderr) == (2, words)
 
 
@@ -132,7 +133,7 @@ def test_with_a_certificate_it_serves_https(pairs, tmp_path):
         port = int(here.url.rpartition(":")[2])
         trust = ssl.create_default_context(cafile=str(pairs / "one.pem"))
         trust.check_hostname = False
-        connection = http.client.HTTPSConnection("127.0.0.1", port, context=trust, timeout=20)
+        connection = http.client.HTTPSConnection("127.0.0.1", port, context=trust, timeout=120)
         connection.request("GET", "/api/v1/session")
         assert connection.getresponse().status == 200
         connection.close()
@@ -142,12 +143,12 @@ def test_with_a_certificate_it_serves_https(pairs, tmp_path):
 def test_it_ends_at_once_also_with_streams_that_are_open(tmp_path, number):
     """A grace of uvicorn's would be cut short only by its time-out; here the streams end by themselves."""
     with served(tmp_path, None, runs=False) as here:
-        connection = http.client.HTTPConnection(here.url.removeprefix("http://"), timeout=20)
+        connection = http.client.HTTPConnection(here.url.removeprefix("http://"), timeout=120)
         connection.request("GET", "/api/v1/live")
         response = connection.getresponse()
         assert b"gone" in response.read(40)
         here.page.send_signal(number)
-        assert here.page.wait(20) == 0
+        assert here.page.wait(120) == 0
         assert response.read().count(b"gone") <= 1  # and the stream came to its proper end
         connection.close()
 
@@ -168,7 +169,7 @@ def test_it_ends_in_silence_while_the_workbench_hangs_and_a_download_is_slow(tmp
         here.page.send_signal(number)
         answer = hanging.getresponse()
         assert (answer.status, json.loads(answer.read())["error"]["code"]) == (503, "page-ends")
-        assert here.page.wait(20) == 0
+        assert here.page.wait(120) == 0
         assert not is_running(workbench)
         slow.close()
         hanging.close()
@@ -211,7 +212,7 @@ def test_it_starts_the_run_and_ends_it_with_itself(tmp_path):
         assert told["is_running"]
         assert asked(here, "POST", "/api/v1/run/start")[1]["error"]["code"] == "is-running"
         here.page.send_signal(signal.SIGTERM)
-        here.page.wait(20)
+        here.page.wait(120)
         with pytest.raises(ProcessLookupError):
             os.kill(told["pid"], 0)
 
@@ -226,7 +227,7 @@ def test_the_run_ends_with_the_page_that_started_it_however_that_ends(tmp_path, 
         assert asked(here, "POST", "/api/v1/run/start")[0] == 200
         run = asked(here, "GET", "/api/v1/session")[1]["run"]["pid"]
         here.page.send_signal(number)
-        assert (here.page.wait(20) == 0) == ended
+        assert (here.page.wait(120) == 0) == ended
         assert eventually(lambda: not is_running(run))
 
 
@@ -309,7 +310,7 @@ def hurried(monkeypatch):
     ids=["nothing", "half a request", "one request and nothing more"],
 )
 def test_a_connection_that_asks_nothing_is_ended(tmp_path, hurried, said):
-    with served_page(tmp_path) as site, socket.create_connection(("127.0.0.1", site.port), timeout=20) as connection:
+    with served_page(tmp_path) as site, socket.create_connection(("127.0.0.1", site.port), timeout=120) as connection:
         connection.sendall(said)
         received = b""
         try:
@@ -320,8 +321,31 @@ def test_a_connection_that_asks_nothing_is_ended(tmp_path, hurried, said):
         assert received.startswith(b"HTTP/1.1 200") == said.endswith(b"\r\n\r\n")
 
 
-def test_a_head_of_a_request_has_a_bound(tmp_path):
-    with served_page(tmp_path) as site, socket.create_connection(("127.0.0.1", site.port), timeout=20) as connection:
+def head(size, filler=b"x"):
+    """Return the head of a request of so many bytes."""
+    begin, end = b"GET /login HTTP/1.1\r\nHost: localhost\r\nX: 1", b"1\r\n\r\n"
+    return begin + filler * (size - len(begin) - len(end)) + end
+
+
+@pytest.mark.parametrize("filler", [b"x", b" "])
+@pytest.mark.parametrize("before", [b"", head(100)], ids=["at once", "behind another"])
+@pytest.mark.parametrize(
+    ("size", "is_taken"), [(serving.HEADERS_MAX_BYTES, True), (serving.HEADERS_MAX_BYTES + 1, False)]
+)
+def test_a_head_of_a_request_has_a_bound_also_if_it_comes_whole(tmp_path, filler, before, size, is_taken):
+    with served_page(tmp_path) as site, socket.create_connection(("127.0.0.1", site.port), timeout=120) as connection:
+        connection.sendall(before + head(size, filler))
+        connection.shutdown(socket.SHUT_WR)
+        received = b""
+        with contextlib.suppress(ConnectionResetError):
+            while more := connection.recv(65536):
+                received += more
+        assert received.count(b"HTTP/1.1 200") == bool(before) + is_taken
+        assert received.count(b"HTTP/1.1 4") == (not is_taken)
+
+
+def test_a_head_of_a_request_has_a_bound_while_it_comes(tmp_path):
+    with served_page(tmp_path) as site, socket.create_connection(("127.0.0.1", site.port), timeout=120) as connection:
         connection.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\nX: " + b"x" * 2 * serving.HEADERS_MAX_BYTES)
         assert connection.recv(1000).startswith(b"HTTP/1.1 4")
 
@@ -329,11 +353,11 @@ def test_a_head_of_a_request_has_a_bound(tmp_path):
 def test_no_more_are_connected_than_there_is_room_for(tmp_path, monkeypatch):
     monkeypatch.setattr(serving, "CONNECTIONS_MAX", 3)
     with served_page(tmp_path) as site:
-        held = [socket.create_connection(("127.0.0.1", site.port), timeout=20) for _ in range(3)]
+        held = [socket.create_connection(("127.0.0.1", site.port), timeout=120) for _ in range(3)]
         for each in held:
             each.sendall(b"GET /login HTTP/1.1\r\nHost: localhost\r\n\r\n")
             assert each.recv(1000).startswith(b"HTTP/1.1 200")
-        with socket.create_connection(("127.0.0.1", site.port), timeout=20) as fourth:
+        with socket.create_connection(("127.0.0.1", site.port), timeout=120) as fourth:
             assert ended(fourth)
         held.pop().close()
         assert eventually(lambda: is_let_in(site.port))
@@ -341,13 +365,54 @@ def test_no_more_are_connected_than_there_is_room_for(tmp_path, monkeypatch):
             each.close()
 
 
+def connected_from(address, port):
+    return socket.create_connection(("127.0.0.1", port), timeout=120, source_address=(address, 0))
+
+
+def test_an_address_that_takes_all_room_keeps_no_other_out(tmp_path):
+    with served_page(tmp_path) as site, contextlib.ExitStack() as held:
+        crowd = [held.enter_context(connected_from("127.0.0.1", site.port)) for _ in range(300)]
+        crowd[0].sendall(b"GET /login HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        assert crowd[0].recv(1000).startswith(b"HTTP/1.1 200")
+        for number in range(20):
+            other = held.enter_context(connected_from(f"127.0.0.{2 + number % 4}", site.port))
+            other.sendall(b"GET /login HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            assert other.recv(1000).startswith(b"HTTP/1.1 200")
+        crowd[0].sendall(b"GET /login HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        assert crowd[0].recv(1000)  # the oldest of the crowd still is there
+
+
+def test_room_is_shared_by_addresses(tmp_path, monkeypatch):
+    monkeypatch.setattr(serving, "CONNECTIONS_MAX", 6)
+    with served_page(tmp_path) as site, contextlib.ExitStack() as held:
+        greedy = [held.enter_context(connected_from("127.0.0.1", site.port)) for _ in range(6)]
+        others = [held.enter_context(connected_from("127.0.0.2", site.port)) for _ in range(3)]
+        assert [ended(each) for each in greedy[3:]] == [True] * 3
+        assert ended(held.enter_context(connected_from("127.0.0.2", site.port)))  # they hold as many as the other
+        for each in (*greedy[:3], *others):
+            each.sendall(b"GET /login HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            assert each.recv(1000).startswith(b"HTTP/1.1 200")
+
+
+def test_who_comes_for_tls_and_says_nothing_keeps_no_other_address_out(pairs, tmp_path):
+    options = ("--certificate", str(pairs / "one.pem"), "--key", str(pairs / "one.key"))
+    with served(tmp_path, None, *options, runs=False) as here, contextlib.ExitStack() as held:
+        port = int(here.url.rpartition(":")[2])
+        for _ in range(serving.CONNECTIONS_MAX):
+            held.enter_context(connected_from("127.0.0.1", port))
+        context = ssl.create_default_context(cafile=pairs / "one.pem")
+        with context.wrap_socket(connected_from("127.0.0.2", port), server_hostname="localhost") as other:
+            other.sendall(b"GET /login HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            assert other.recv(1000).startswith(b"HTTP/1.1 200")
+
+
 def test_who_comes_for_tls_and_says_nothing_takes_no_more_room(pairs, tmp_path):
     options = ("--certificate", str(pairs / "one.pem"), "--key", str(pairs / "one.key"))
     with served(tmp_path, None, *options, runs=False) as here, contextlib.ExitStack() as held:
         port = int(here.url.rpartition(":")[2])
         for _ in range(serving.CONNECTIONS_MAX):
-            held.enter_context(socket.create_connection(("127.0.0.1", port), timeout=20))
-        assert ended(held.enter_context(socket.create_connection(("127.0.0.1", port), timeout=20)))
+            held.enter_context(socket.create_connection(("127.0.0.1", port), timeout=120))
+        assert ended(held.enter_context(socket.create_connection(("127.0.0.1", port), timeout=120)))
 
 
 def ended(connection):
@@ -358,6 +423,6 @@ def ended(connection):
 
 
 def is_let_in(port):
-    with socket.create_connection(("127.0.0.1", port), timeout=20) as trial:
+    with socket.create_connection(("127.0.0.1", port), timeout=120) as trial:
         trial.sendall(b"GET /login HTTP/1.1\r\nHost: localhost\r\n\r\n")
         return not ended(trial)

@@ -101,7 +101,7 @@ def set_up(person: Person) -> None:
     person.click("Go on")
     person.is_asked("How large is the ball?")
     person.click("Go on")
-    person.is_asked("Which colour has the ball?")
+    person.is_asked("What colour is the ball?")
     person.point_at_the_ball()
     person.page.get_by_role("button", name="Forget the clicks").wait_for()
     person.click("Go on")

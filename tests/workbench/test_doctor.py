@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from dataclasses import replace
@@ -22,6 +23,8 @@ from support.captured_computers import (
     PC,
     PI_4,
     PI_5,
+    SAFE_CHECK,
+    STATUS,
     ZERO_2,
     Captured,
     examine,
@@ -160,12 +163,19 @@ class TestLibraries:
         assert found.remedy.endswith("-m pip install --force-reinstall simplejpeg")
         packaged = ({**LOADED[0], "prefix": "/opt/stadimeter/current"}, *imports[1:])
         found = only(replace(PI_4, imports=packaged), tmp_path, "libraries")
-        assert found.remedy == "`sudo apt install --reinstall stadimeter`"
+        assert found.remedy.startswith("`sudo apt install --reinstall ./stadimeter_")
 
     def test_picamera2_of_pip_lacks_what_only_apt_has(self, tmp_path: Path) -> None:
         of_pip = library("picamera2", error="ModuleNotFoundError: No module named 'libcamera'")
         found = only(replace(PI_4, imports=(*LOADED[:5], of_pip)), tmp_path, "libraries")
         assert found.remedy.startswith("`sudo apt install python3-picamera2`, and make the environment anew")
+
+    def test_a_picamera2_that_cannot_give_up_waiting_is_too_old(self, tmp_path: Path) -> None:
+        old = library("picamera2", "0.3.18", APT, error="too old")
+        found = only(replace(PI_4, imports=(*LOADED[:5], old)), tmp_path, "libraries")
+        assert found.severity is WRONG
+        assert found.seen.startswith("this picamera2 is too old: before 0.3.20")
+        assert found.remedy == "`sudo apt update && sudo apt full-upgrade`"
 
     def test_where_libraries_do_not_load_the_configuration_is_not_read(self, tmp_path: Path) -> None:
         imports = (LOADED[0], library("numpy", "2.2.6"), library("cv2", error=f"ImportError: {self.ABI}"))
@@ -218,6 +228,16 @@ class TestService:
                 WRONG,
                 "the service has failed (exit-code), 0 restarts",
             ),
+            (
+                {"LoadState": "masked", "ActiveState": "inactive"},
+                WARNING,
+                "the service is masked: nothing starts it",
+            ),
+            (
+                {"LoadState": "masked"},
+                WRONG,
+                "the service runs, and is masked: if it is killed, nothing switches its outputs off or starts it again",
+            ),
             ({"LoadState": "not-found"}, FINE, "stadimeter is not installed as a service on this computer"),
         ],
     )
@@ -248,6 +268,80 @@ class TestService:
         assert only(self.installed(PI_4), tmp_path / "installed", "safe-outputs").severity is UNKNOWN
         assert examine(PI_4, tmp_path / "other", "safe-outputs", config=CONFIG / "appliance.toml") == []
 
+    @pytest.mark.parametrize(
+        ("way", "user", "severity", "seen"),
+        [
+            ("pinctrl", 0, FINE, "1 output is switched off after the service, pins by pinctrl"),
+            ("/dev/gpiochip", 1000, FINE, "1 output is switched off after the service, pins by /dev/gpiochip"),
+            ("nothing", 0, WRONG, "the pins cannot be switched off after the service"),
+            ("nothing", 1000, UNKNOWN, "whether the pins can be switched off after the service"),
+            (None, 0, WRONG, "the pins cannot be switched off after the service"),
+        ],
+    )
+    def test_that_pins_can_be_switched_off_is_tried_and_not_assumed(
+        self, tmp_path: Path, way: str | None, user: int, severity: Severity, seen: str
+    ) -> None:
+        captured = self.installed(PI_4).with_files(
+            safe_conf="pin 17 low\n", status=STATUS.format(uid=user, groups="986")
+        )
+        commands = {key: text for key, text in captured.commands.items() if key != SAFE_CHECK}
+        captured = replace(captured, commands=commands if way is None else {**commands, SAFE_CHECK: f"{way}\n"})
+        found = only(captured, tmp_path, "safe-outputs")
+        assert found.severity is severity
+        assert found.seen.startswith(seen)
+        assert ("raspi-utils" in found.remedy) is (severity is WRONG and way is not None)
+
+    def test_a_list_made_by_hand_with_a_line_that_switches_nothing_off_is_found(self, tmp_path: Path) -> None:
+        captured = PI_4.with_files(of_hand="pin 99\n").printing(
+            f"{SAFE_CHECK} /etc/stadimeter/safe-outputs.conf", "safe-outputs: pin '99': not the number of a GPIO\n"
+        )
+        found = only(captured, tmp_path, "safe-outputs")
+        assert found.severity is WRONG
+        assert found.seen == "/etc/stadimeter/safe-outputs.conf: pin '99': not the number of a GPIO"
+
+    @pytest.mark.parametrize(
+        ("changed", "severity", "seen"),
+        [
+            ({}, FINE, "the page's service runs, 0 restarts"),
+            ({"ActiveState": "failed", "Result": "exit-code"}, WRONG, "the page's service has failed (exit-code)"),
+            ({"ActiveState": "activating", "SubState": "auto-restart"}, WRONG, "the page's service has failed"),
+            ({"ActiveState": "inactive"}, WARNING, "the page's service is enabled, and is inactive"),
+        ],
+    )
+    def test_the_service_of_the_page_is_judged(
+        self, tmp_path: Path, changed: dict[str, str], severity: Severity, seen: str
+    ) -> None:
+        state = dict(line.split("=") for line in PI_4.commands[self.SHOW].splitlines()) | changed
+        shown = "".join(f"{key}={value}\n" for key, value in state.items())
+        of_page = self.SHOW.replace("stadimeter.service", "stadimeter-web.service")
+        found = only(PI_4.printing(of_page, shown), tmp_path, "page")
+        assert found.severity is severity
+        assert found.seen.startswith(seen)
+
+    def test_a_page_that_nobody_wants_has_no_line(self, tmp_path: Path) -> None:
+        of_page = self.SHOW.replace("stadimeter.service", "stadimeter-web.service")
+        off = "LoadState=loaded\nActiveState=inactive\nSubState=dead\nUnitFileState=disabled\n"
+        assert examine(PI_4.printing(of_page, off), tmp_path, "page") == []
+
+    @pytest.mark.parametrize(
+        ("path", "sudo_user", "other"),
+        [
+            ("/home/maker/.local/bin:/usr/bin", "", "/home/maker/.local/bin/stadimeter"),
+            ("/usr/bin:/home/maker/.local/bin", "", ""),
+            ("/usr/sbin:/usr/bin", "maker", "/home/maker/.local/bin/stadimeter"),
+            ("/usr/sbin:/usr/bin", "", ""),
+        ],
+    )
+    def test_another_program_of_this_name_that_comes_first_is_found(
+        self, tmp_path: Path, path: str, sudo_user: str, other: str
+    ) -> None:
+        captured = replace(PI_4, environment={"PATH": path, "SUDO_USER": sudo_user})
+        files = dict.fromkeys(("/usr/bin/stadimeter", "/home/maker/.local/bin/stadimeter"), "")
+        captured = replace(captured, files={**captured.files, **files}).with_files(program="")
+        found = [each.seen for each in examine(captured, tmp_path, "path")]
+        wanted = [f"`stadimeter` is {other}, and the service runs /opt/stadimeter/bin/stadimeter"] if other else []
+        assert found == wanted
+
     def test_watchdogs_that_are_off_are_found(self, tmp_path: Path) -> None:
         off = PI_4.printing("systemctl show --property=RuntimeWatchdogUSec", "RuntimeWatchdogUSec=0\n").printing(
             "systemctl show stadimeter.service --property=LoadState,WatchdogUSec", "LoadState=loaded\nWatchdogUSec=0\n"
@@ -256,6 +350,38 @@ class TestService:
 
 
 class TestConfiguration:
+    CHECK = f"/opt/stadimeter/bin/stadimeter check --json {INSTALLED}"
+
+    @pytest.mark.parametrize(
+        ("said", "severity", "seen"),
+        [
+            (
+                {"problems": [], "warnings": []},
+                FINE,
+                f"{INSTALLED} can be used by the service, and `check` finds nothing",
+            ),
+            (
+                {"problems": [{"message": "camera.toml: Permission denied"}], "warnings": []},
+                WRONG,
+                f"the service cannot use {INSTALLED}: camera.toml: Permission denied",
+            ),
+            (
+                {"problems": [], "warnings": [{"message": "not ours to open", "code": "driver-lacks"}]},
+                WRONG,
+                f"{INSTALLED}: not ours to open",
+            ),
+            (None, UNKNOWN, f"whether the service can use {INSTALLED}"),
+        ],
+    )
+    def test_root_is_told_what_the_service_may_read_and_open(
+        self, tmp_path: Path, said: object, severity: Severity, seen: str
+    ) -> None:
+        root = TestService.installed(PI_4).with_files(status=STATUS.format(uid=0, groups="0"), program="")
+        if said is not None:
+            root = root.printing(self.CHECK, json.dumps(said))
+        found = only(root, tmp_path, "configuration")
+        assert (found.severity, found.seen) == (severity, seen)
+
     def test_that_of_the_service_is_looked_at_if_none_is_named(self, tmp_path: Path) -> None:
         installed = tmp_path / INSTALLED.lstrip("/")
         installed.parent.mkdir(parents=True)

@@ -287,6 +287,17 @@ def test_what_people_do_at_certain_times_is_done(load: Load) -> None:
     assert [runner.run(test).failures for test in configuration.tests] == [(), ()]
 
 
+def test_outputs_that_are_stopped_act_again_when_they_are_released(load: Load) -> None:
+    orders = 'operator = [{ at = "2 s", stop_outputs = true }, { at = "4 s", release_outputs = true }]'
+    near = 'hover = { at = "30 cm", for = "6 s" }'
+    tests = (
+        f"[[tests]]\ninput = {{ {near}, {orders} }}\nexpect.near = {{ raised = 1, cleared = 0 }}\n"
+        'expect.buzzer = { acts_at = ["1.9 s", "4.1 s"], stopped_at = ["2.1 s", "3.9 s"] }\n'
+    )
+    configuration = load(tests)
+    assert RuleTests(configuration).run(configuration.tests[0]).failures == ()
+
+
 def test_a_rule_that_is_shelved_is_raised_and_tells_nobody(load: Load) -> None:
     shelved = 'operator = [{ at = "0.5 s", shelve = "near", for = "1 h" }]'
     tests = (

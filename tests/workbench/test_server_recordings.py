@@ -252,6 +252,17 @@ def test_a_recording_is_deleted_unless_it_is_being_written(desk: Desk, folder: P
     assert ask(desk, "recordings")["recordings"] == []
 
 
+@pytest.mark.parametrize("ending", ["mcap", "jsonl"])
+@pytest.mark.parametrize("cycles", [0, 1, 5, 40])
+def test_a_recording_in_progress_is_never_damaged_however_young_it_is(
+    desk: Desk, folder: Path, cycles: int, ending: str
+) -> None:
+    with recording_of(folder / f"a.{ending}", cycles):
+        (listed,) = ask(desk, "recordings")["recordings"]
+        assert listed["is_growing"]
+        assert listed["damage"] == ""
+
+
 def test_a_recording_that_cannot_be_deleted_says_why(desk: Desk, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     record(folder / "a.mcap", 20)
 

@@ -17,11 +17,12 @@ import numpy as np
 import pytest
 
 from stadimeter.app.control.client import find
-from stadimeter.config.loader import load_configuration
+from stadimeter.config.loader import DEMONSTRATION, load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.errors import CalibrationError, ConfigError, ControlError, DeviceOpenError, StadimeterError
 from stadimeter.workbench.server.operations import MODULES, Desk, Reply, operation
+from stadimeter.workbench.server.process import told
 from stadimeter.workbench.server.setup_operations import setup_of
 from stadimeter.workbench.setup.camera_step import with_exposure, with_resolution
 from stadimeter.workbench.setup.lens import parse_distance
@@ -394,7 +395,7 @@ def test_the_camera_of_a_run_is_seen_through_the_run(tmp_path: Path, monkeypatch
             setup("world", x_m=1.0)
     finally:
         run.terminate()
-        run.wait(timeout=20)
+        run.wait(timeout=120)
     with pytest.raises(StadimeterError):
         setup("picture", draw="plain")
     assert setup("picture", draw="plain")["width_px"] == 640  # the run is gone: the camera is ours
@@ -440,3 +441,77 @@ def test_a_real_chessboard_moved_before_the_camera_gives_its_lens(
     setup("answer", answer="1 m", confirm=False)
     setup("answer", answer="screen")
     assert [file["name"] for file in setup("files")["files"]] == ["stadimeter.toml", "camera.toml"]
+
+
+@pytest.fixture
+def pictures(setup: Setup) -> tuple[str, ...]:
+    """Return the names of three pictures of a ball in a folder, at 0.8 m, 1.2 m and 2 m."""
+    folder = setup.desk.configuration.parent / "my shots"
+    folder.mkdir()
+    names = []
+    for distance_m in (0.8, 1.2, 2.0):
+        ball = BallTarget(diameter_m=0.2, position_m=(0.0, 0.0, distance_m), bgr=(60, 200, 180))
+        image = render(Scene(camera=LENS, target=ball, seed=1, backdrop=PlainBackdrop())).image
+        names.append(f"my shots/{distance_m:g}.png")
+        cv2.imwrite(str(folder.parent / names[-1]), image)
+    return tuple(names)
+
+
+def test_a_folder_is_shown_picture_by_picture_and_says_how_it_is_played(setup: Setup, pictures: Any) -> None:
+    setup("begin")
+    told = setup("camera", camera="'my shots'")
+    assert tuple(told["pictures"]) == pictures
+    assert told["played"] == {"rate": "5 Hz", "dwell": "2 s", "loop": True}
+    thumbnail = setup.reply("picture", draw="plain", width_px=160, file=pictures[2])
+    assert cv2.imdecode(np.frombuffer(thumbnail.attached, np.uint8), cv2.IMREAD_COLOR).shape == (120, 160, 3)
+    told = setup("camera", camera="'my shots'", played={"rate": "10 Hz", "dwell": "1 s", "loop": "no"})
+    assert told["answer"] == "'my shots' rate=10Hz dwell=1s loop=no"
+    assert told["played"] == {"rate": "10Hz", "dwell": "1s", "loop": False}
+    setup("answer", answer=told["answer"])
+    assert tuple(setup("state")["pictures"]) == pictures
+
+
+@pytest.mark.parametrize("name", ["stadimeter.toml", "../0.8.png", "/etc/passwd", "3.png"])
+def test_no_other_file_than_one_of_its_pictures_is_shown(setup: Setup, pictures: Any, name: str) -> None:
+    setup("begin")
+    setup("camera", camera="'my shots'")
+    with pytest.raises(StadimeterError, match="none of the camera's pictures"):
+        setup("picture", file=name)
+
+
+def test_a_set_up_with_a_folder_ends_in_a_run_that_goes_on(setup: Setup, pictures: Any) -> None:
+    setup("begin")
+    for answer in ("'my shots'", "ball", "20 cm"):
+        setup("answer", answer=answer)
+    setup("picture", draw="plain")
+    setup("answer", answer=setup("colour", clicks=[BALL_AT])["range"])
+    places = f"'{pictures[1]}@1.2 m'"
+    setup("answer", answer=places)
+    setup("leave")
+    setup("begin")  # its answers are read as they were written, spaces and all
+    seen = setup("picture", file=pictures[0])
+    assert seen["distance_m"] == pytest.approx(0.8, rel=0.02)
+    assert setup.question() == "wish"
+    for answer in ("near", "1 m", "screen"):
+        setup("answer", answer=answer)
+    configuration = setup.desk.configuration
+    for each in setup("files")["files"]:
+        (configuration.parent / each["name"]).write_text(each["text"])
+    command = [sys.executable, "-m", "stadimeter", "run", str(configuration), "--frames", "40", "--speed", "0"]
+    ended = subprocess.run(command, capture_output=True, text=True, cwd=configuration.parent, check=False)
+    assert "40 frames" in ended.stdout, ended.stdout + ended.stderr
+    assert ended.returncode == 0
+
+
+def test_a_folder_that_is_gone_leaves_the_set_up_at_its_question(setup: Setup, pictures: Any) -> None:
+    setup("begin")
+    setup("answer", answer="'my shots'")
+    shutil.rmtree(setup.desk.configuration.parent / "my shots")
+    assert setup("state")["pictures"] == []
+
+
+def test_the_demonstration_is_refused_with_a_code_that_a_page_knows() -> None:
+    desk = Desk(configuration=DEMONSTRATION, run_socket=Path("/nonexistent.sock"))
+    with pytest.raises(ConfigError) as refused:
+        operation("setup-begin")(desk, {})
+    assert told(refused.value)["code"] == "demonstration"

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from stadimeter.config.loader import load_configuration
+from stadimeter.config.units import parse_length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
 from stadimeter.errors import CalibrationError, ConfigError, DeviceOpenError
@@ -17,6 +18,8 @@ from stadimeter.workbench.setup.answers import load_answers, save_answers
 from stadimeter.workbench.setup.camera_step import table_of
 from stadimeter.workbench.setup.files import written_files
 from stadimeter.workbench.setup.interview import Interview, all_answered
+from stadimeter.workbench.setup.target import target_table
+from stadimeter.workbench.setup.wish_steps import base_table
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
 from support.scenes.render import render
@@ -92,7 +95,7 @@ def test_a_second_distance_that_contradicts_the_first_is_refused(interview: Inte
 
 
 def test_a_width_of_the_view_that_is_no_number_is_refused_in_a_sentence(interview: Interview) -> None:
-    with pytest.raises(ConfigError, match=r"'6\.0\.5 deg': unknown unit"):
+    with pytest.raises(ConfigError, match=r"'6\.0\.5 deg' has more than one number"):
         interview.answer("6.0.5 deg")
     assert interview.next_key == "calibration"
 
@@ -187,12 +190,39 @@ def test_answers_may_be_numbers_and_lists_but_no_tables(tmp_path: Path) -> None:
         ("/dev/video2,exposure=5ms", {"driver": "opencv", "device": "/dev/video2", "exposure": "5ms"}),
         ("http://10.0.0.9/a?b=c", {"driver": "opencv", "device": "http://10.0.0.9/a?b=c"}),
         ("picamera2", {"driver": "picamera2"}),
-        ("drive.mp4", {"driver": "video", "path": "drive.mp4"}),
-        ("'my ball.jpg' b.png", {"driver": "images", "paths": ["my ball.jpg", "b.png"], "rate": "10 Hz"}),
+        ("drive.mp4", {"driver": "video", "path": "drive.mp4", "loop": True}),
+        ("drive.mp4 loop=no", {"driver": "video", "path": "drive.mp4", "loop": False}),
+        (
+            "'my ball.jpg' b.png",
+            {"driver": "images", "paths": ["my ball.jpg", "b.png"], "rate": "5 Hz", "dwell": "2 s", "loop": True},
+        ),
+        (
+            "shots rate=1Hz dwell=0s loop=no",
+            {"driver": "images", "paths": ["shots"], "rate": "1Hz", "dwell": "0s", "loop": False},
+        ),
     ],
 )
 def test_a_camera_is_named_in_the_ways_that_people_know(answer: str, table: dict[str, object]) -> None:
     assert table_of(answer) == table
+
+
+@pytest.mark.parametrize(
+    ("size", "table"),
+    [
+        ("21,0 cm, 29,7 cm", {"width": "21,0 cm", "height": "29,7 cm"}),
+        ("11in,8.5in", {"width": "11in", "height": "8.5in"}),
+        ("A4", {"size": "A4"}),
+    ],
+)
+def test_the_sides_of_a_sheet_may_have_decimal_commas(size: str, table: dict[str, str]) -> None:
+    assert target_table({"target": "sheet", "size": size}) == {"detector": "sheet", **table}
+
+
+@pytest.mark.parametrize("wheels", ["6,5 cm, 1440, 20,5 cm", "6.5 cm,1440,20.5 cm"])
+def test_wheels_are_three_figures_with_commas_or_points(wheels: str) -> None:
+    table = base_table({"base": "/dev/ttyUSB0", "wheels": wheels})
+    assert table["ticks_per_turn"] == 1440
+    assert parse_length(table["track_width"]) == pytest.approx(0.205)
 
 
 @pytest.mark.parametrize("answer", ['"', "\\", "a = b # c", "°", "\x7f"])

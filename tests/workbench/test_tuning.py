@@ -108,6 +108,33 @@ def test_stretches_in_which_it_is_waved_about_are_left_out(tmp_path):
     assert found.ratio == pytest.approx(1.0, rel=0.25)
 
 
+def walks(at_s):
+    """Stand, creep, turn and come, as at a door: half of the time in motion, and never for 5 s without a change."""
+    times_s, places_m = zip(
+        (0, 3), (2, 3), (5, 2.05), (7, 1.98), (13, 2.01), (15, 0.8), (20, 0.8), (23, 3), strict=True
+    )
+    return float(np.interp(at_s % 23, times_s, places_m))
+
+
+@pytest.mark.parametrize("noise", [KnownNoise(), KnownNoise(per_m2=0.001, stated_per_m2=0.001, correlation=0.0)])
+def test_a_target_in_motion_has_no_outliers_and_no_more_noise_than_one_at_rest(tmp_path, noise):
+    found = noise_of([seen(tmp_path, walks, noise, seconds=300)])
+    assert found.gross < 0.005
+    assert found.ratio == pytest.approx(1.0, abs=0.25)
+
+
+def test_a_target_that_sways_all_the_time_tells_nothing_of_noise(tmp_path):
+    with pytest.raises(JournalError, match=r"stood still, or moved steadily, for \d+ s .* at least 20 s"):
+        noise_of([seen(tmp_path, lambda at_s: 2.5 + 0.4 * np.sin(1.3 * at_s), seconds=120)])
+
+
+def test_outliers_of_a_target_at_rest_are_still_found(tmp_path):
+    noise = KnownNoise(correlation=0.8, gross=0.1)
+    found = noise_of([seen(tmp_path, lambda _: 2.0, noise, seconds=200, frames_per_s=30)])
+    assert found.gross == pytest.approx(0.1, abs=0.02)
+    assert found.calm_s > 180
+
+
 def test_a_recording_without_a_calm_moment_is_refused(tmp_path):
     with pytest.raises(JournalError, match=r"stood still, or moved steadily, for 10 s .* at least 20 s"):
         noise_of([seen(tmp_path, lambda _: 2.0, seconds=14)])

@@ -176,6 +176,9 @@ def _hint(error: Exception) -> str:
 
 FULL_PERCENT = 100
 
+MIN_PULSES_HZ = 20.0
+"""lgpio begins a new duty, off among them, where a pulse ends: at 1 Hz a stop would take a second, and here 50 ms."""
+
 
 class OutputPin:
     """A pin that is off, on, or on for some percent of the time.
@@ -186,7 +189,7 @@ class OutputPin:
     have a resistor of its own to its off side: to ground if it is active high, to 3.3 V if it is active low.
 
     Args:
-        frequency_hz: Of the pulses, 0.1 to 10 000; None for a pin that is only ever off or on.
+        frequency_hz: Of the pulses, 20 to 10 000; None for a pin that is only ever off or on.
     """
 
     def __init__(

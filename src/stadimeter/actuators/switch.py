@@ -9,7 +9,7 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from stadimeter.actuators.output_pin import FULL_PERCENT, OutputPin, pins_lack
+from stadimeter.actuators.output_pin import FULL_PERCENT, MIN_PULSES_HZ, OutputPin, pins_lack
 from stadimeter.config.plugins import DriverContext, Options, Plugin
 from stadimeter.config.units import Frequency, Pin
 from stadimeter.core.command import LevelCommand
@@ -24,8 +24,8 @@ class LedOptions(Options):
     """The level from which it is on."""
     dimmed: bool = False
     """Whether it is as bright as the level says, instead of on or off."""
-    frequency: Frequency = Field(default=100.0, ge=1.0, le=10_000.0)
-    """Of the pulses that dim it."""
+    frequency: Frequency = Field(default=100.0, ge=MIN_PULSES_HZ, le=10_000.0)
+    """Of the pulses that dim it: below 20 Hz it would blink, and go off late."""
     active_high: bool = True
     """Whether a high pin means on."""
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from pydantic import Field
 
-from stadimeter.actuators.output_pin import FULL_PERCENT, OutputPin, pins_lack
+from stadimeter.actuators.output_pin import FULL_PERCENT, MIN_PULSES_HZ, OutputPin, pins_lack
 from stadimeter.config.plugins import DriverContext, Options, Plugin
 from stadimeter.config.units import Duration, Frequency, Pin
 from stadimeter.core.command import LevelCommand
@@ -18,8 +18,9 @@ class VibrationMotorOptions(Options):
 
     pin: Pin
     """The BCM number of the pin."""
-    frequency: Frequency = Field(default=100.0, ge=1.0, le=10_000.0)
-    """Of the pulses. lgpio makes them in software, up to 10 kHz; the higher, the less even they are."""
+    frequency: Frequency = Field(default=100.0, ge=MIN_PULSES_HZ, le=10_000.0)
+    """Of the pulses. lgpio makes them in software, up to 10 kHz; the higher, the less even they are. A stop waits for
+    the end of a pulse: 50 ms at 20 Hz."""
     minimum_duty: float = Field(default=0.4, gt=0.0, le=1.0)
     """The motor's weakest duty. Eccentric motors do not turn below 40 to 50 percent."""
     kick: Duration = Field(default=0.08, le=1.0)

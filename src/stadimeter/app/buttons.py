@@ -1,7 +1,8 @@
 """Push buttons: read every 20 ms beside the loop, debounced, and turned into operator commands.
 
-A press acts when the button is let go. A pin that is shorted, or a button that something leans on, is never let go: it
-does nothing, and `Loop.trouble` says so. So is one that is down when the run begins, or after a pause in which nobody
+A press acts when the button is let go; one that stops outputs acts as soon as the button is down, also if it is down
+when the run begins. A pin that is shorted, or a button that something leans on, is never let go: otherwise it does
+nothing, and `Loop.trouble` says so. So with one that is down when the run begins, or after a pause in which nobody
 looked at it: how long it has been down is not known then.
 """
 
@@ -120,23 +121,27 @@ class PushButton:
                 self._driver.open()
             self._look(now_s)
             self._fault = ""
-        except Exception as error:  # noqa: BLE001 - told by `trouble`
+        except BaseException as error:  # noqa: BLE001 - told by `trouble`
             self._fail(error, now_s)
 
-    def _fail(self, error: Exception, now_s: float) -> None:
+    def _fail(self, error: BaseException, now_s: float) -> None:
         self._fault = str(error) or type(error).__name__
         self._retry_at_s, self._presses = now_s + OPEN_AGAIN_S, None
         try:
             self._driver.close()
-        except DriverError as second:
-            self._fault += f"; closing it failed too: {second}"
+        except BaseException as second:  # noqa: BLE001 - likewise
+            self._fault += f"; closing it failed too: {str(second) or type(second).__name__}"
 
     def _look(self, now_s: float) -> None:
         is_down = self._driver.is_pressed()
+        was_down = self._presses is not None and self._presses.is_down
         if self._presses is None:
             self._presses = Presses(is_down=is_down, now_s=now_s)
         lasted_s = self._presses.look(is_down=is_down, now_s=now_s)
-        if lasted_s is not None and lasted_s <= STUCK_S:
+        if OperatorAction(self._table.press) is OperatorAction.STOP_OUTPUTS:
+            if self._presses.is_down and not was_down:
+                self._commands.append(self._command(0.0))
+        elif lasted_s is not None and lasted_s <= STUCK_S:
             self._commands.append(self._command(lasted_s))
 
     def _command(self, lasted_s: float) -> OperatorCommand:

@@ -94,12 +94,12 @@ class CaptureThread:
 
     A camera that times out, is lost or repeats its picture is closed and opened again, after a delay that doubles
     until a new frame comes. Repeated pictures never reach the mailbox. An error of another kind, such as a mistake in a
-    driver, ends the thread and is kept in `failure`.
+    driver, ends the thread and is kept in `failure`; so is a ``SystemExit``, which would end it without a word.
     """
 
     def __init__(self, camera: Camera, clock: Clock, freeze: FreezeDetector, wait: Wait) -> None:
         self.mailbox = Mailbox()
-        self.failure: Exception | None = None
+        self.failure: BaseException | None = None
         self._camera = camera
         self._clock = clock
         self._freeze = freeze
@@ -148,7 +148,7 @@ class CaptureThread:
                 self._open_again(self._outage.cause)
             while not self._stopped.is_set():
                 self._read_once()
-        except Exception as error:  # noqa: BLE001 - whoever asks for a frame gets it raised again, in his own thread
+        except BaseException as error:  # noqa: BLE001 - whoever asks for a frame gets it raised again, in his own thread
             self.failure = error
         finally:
             self.mailbox.close()
@@ -293,7 +293,7 @@ class LiveCapture:
         frame = thread.mailbox.take(timeout_s) if thread else None
         if frame:
             return frame
-        if thread and thread.failure:
+        if thread and thread.failure is not None:
             raise thread.failure
         if thread is None or thread is not self._thread:
             raise DeviceClosedError("the camera is not open; open it before asking for frames")
@@ -304,7 +304,9 @@ class LiveCapture:
         thread = self._thread
         if thread is None:
             return "the camera is not open"
-        return f"the camera's driver failed: {thread.failure}" if thread.failure else thread.trouble()
+        if (failure := thread.failure) is not None:
+            return f"the camera's driver failed: {str(failure) or type(failure).__name__}"
+        return thread.trouble()
 
     def hung(self) -> str:
         """Return why nothing but another process can use the camera, in words, or an empty string."""

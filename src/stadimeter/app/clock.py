@@ -131,11 +131,14 @@ class SteppedClock:
 
     All time passes inside `sleep_until_s`, in the thread of the caller, so a run is the same each time. An hour takes
     as long as what is computed in it.
+
+    Attributes:
+        speed: How fast time shall pass: 1 is real time, None as fast as the computer can.
     """
 
     def __init__(self, start_s: float = 0.0, speed: float | None = None) -> None:
+        self.speed = speed
         self._now_s = start_s
-        self._speed = speed
         self._start_s = start_s
         self._started_real_s = time.monotonic()
         self._periodic: list[_Periodic] = []
@@ -190,8 +193,8 @@ class SteppedClock:
 
     def _move_to(self, time_s: float) -> None:
         self._now_s = max(self._now_s, time_s)
-        if self._speed:
-            ahead_s = (self._now_s - self._start_s) / self._speed - (time.monotonic() - self._started_real_s)
+        if self.speed:
+            ahead_s = (self._now_s - self._start_s) / self.speed - (time.monotonic() - self._started_real_s)
             if ahead_s > 0:
                 time.sleep(ahead_s)
             elif ahead_s < -LATE_S:

@@ -20,7 +20,7 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import FrameType
 
@@ -70,9 +70,7 @@ def close_side_by_side(
     """
     troubles: list[str] = []
     until_s = time.monotonic() + wish_s
-    threads = [threading.Thread(target=_close, args=(steps, troubles), daemon=True) for steps in lanes.values()]
-    for thread in threads:
-        thread.start()
+    threads = [_closing(steps, troubles) for steps in lanes.values()]
     for thread in threads:
         while thread.is_alive() and deadline.left_s(until_s - time.monotonic(), keep_s) > 0:
             thread.join(LOOK_EVERY_S)
@@ -80,12 +78,22 @@ def close_side_by_side(
     return [*troubles, *left]
 
 
+def _closing(steps: Steps, troubles: list[str]) -> threading.Thread:
+    """Return the thread that closes a lane; where there is no memory for another thread, it is closed here."""
+    thread = threading.Thread(target=_close, args=(steps, troubles), daemon=True)
+    try:
+        thread.start()
+    except (RuntimeError, MemoryError):
+        _close(steps, troubles)
+    return thread
+
+
 def _close(steps: Steps, troubles: list[str]) -> None:
     while steps:
         name, close = steps[-1]
         try:
             close()
-        except Exception as error:  # noqa: BLE001 - a defect in one part must not keep the next from being closed
+        except BaseException as error:  # noqa: BLE001 - a defect in one part must not keep the next from being closed
             words = str(error) if isinstance(error, DriverError) else f"{type(error).__name__}: {error}"
             troubles.append(f"{name}: {words}")
         steps.pop()
@@ -97,8 +105,37 @@ LAST_RESORT_S = END_WITHIN_S + 0.2
 LAST_WORDS_S = 0.25
 """The last resort takes this long at most: to stop the outputs once more, keep the state and say why."""
 
+SETTLE_S = 0.2
+"""After everything was stopped, the guard goes on for this long: a stop without acknowledgement is repeated."""
+
+ASKING = (signal.SIGINT, signal.SIGTERM)
+UNASKED = (
+    *(signal.SIGQUIT, signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM, signal.SIGVTALRM, signal.SIGPROF),
+    *(signal.SIGXCPU, signal.SIGIO, signal.SIGPWR, signal.SIGSTKFLT),
+    *range(signal.SIGRTMIN, signal.SIGRTMAX + 1),
+)
+SUSPENDING = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
+HARMLESS = (signal.SIGPIPE, signal.SIGXFSZ, signal.SIGCHLD, signal.SIGCONT, signal.SIGURG, signal.SIGWINCH)
+BEYOND_US = (
+    *(signal.SIGKILL, signal.SIGSTOP),
+    *(signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT, signal.SIGTRAP, signal.SIGSYS),
+)
+"""Every signal but SIGHUP, by what a run makes of it. Without a handler, each but the harmless ones would end or stop
+the process with its outputs on.
+
+==========  ==========================================================================================================
+asking      ends the run
+unasked     ends the run, unless it is ignored or has a handler already: a timer, a limit, a slip of whoever sent it
+suspending  puts outputs at their safe values, and then stops the process until SIGCONT; as unasked otherwise
+harmless    nothing: Python ignores the first two, which then are errors of a write, and the system the others
+beyond us   kills or stops the process, or says that it has crashed, after which no code of ours can be relied on
+==========  ==========================================================================================================
+"""
+
+Handler = Callable[[int, FrameType | None], None]
+
 _ENDED = b"\0"
-_ENDING = (*_ENDED, signal.SIGINT, signal.SIGTERM)
+_ENDING = (*_ENDED, *ASKING, *UNASKED)
 
 
 @contextmanager
@@ -106,10 +143,11 @@ def stopping_on_signals(
     stop: Callable[[str], None],
     reload: Callable[[], bool] = lambda: False,
     give_up: Callable[[], Iterable[str]] = tuple,
+    make_safe: Callable[[], Iterable[str]] = tuple,
 ) -> Iterator[None]:
-    """Call ``stop`` with the signal's name when the process is asked to end.
+    """Call ``stop`` with the signal's name when the process is asked to end, and ``make_safe`` before it is suspended.
 
-    Without handlers, SIGTERM and SIGHUP would end the process with every pin left as it was. A second signal ends the
+    Without handlers, signals would end or stop the process with every pin left as it was. A second one ends the
     process at once, after one more stop. So does a first one, with the same exit code of 128 and its number, if the
     process has not ended after `LAST_RESORT_S`: then something hangs that no time-out reaches, such as a terminal that
     does not take the last lines. That works even while the main thread is in a call of C that does not come back.
@@ -120,6 +158,8 @@ def stopping_on_signals(
             whether it will. If not, the run ends.
         give_up: Stops the outputs and keeps what must be kept before the process is ended as the last resort. Returns
             what went wrong, in words. Called in another thread, and not waited for.
+        make_safe: Puts the outputs at their safe values; returns which of them are not, in words. Then the process
+            is not suspended. Called in the main thread.
 
     Yields:
         Nothing; the handlers that were there before are put back afterwards.
@@ -135,7 +175,7 @@ def stopping_on_signals(
         asked.append(number)
         os.write(tell, _ENDED)
         try:
-            stop(signal.Signals(number).name)
+            stop(_name(number))
         finally:
             if len(asked) > 1:
                 os._exit(128 + number)
@@ -143,8 +183,10 @@ def stopping_on_signals(
     is_over = threading.Event()
     watch = threading.Thread(target=_watch, args=(heard, is_over, give_up), name="last resort", daemon=True)
     watch.start()
-    numbers = [signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if heeds_hangup() else [])]
-    before = {number: signal.signal(number, handle) for number in numbers}
+    ending = [*ASKING, *([signal.SIGHUP] if heeds_hangup() else []), *_default(UNASKED)]
+    handlers: dict[int, Handler] = dict.fromkeys(ending, handle)
+    handlers |= dict.fromkeys(_default(SUSPENDING), _suspending(make_safe, asked))
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     wakeup = signal.set_wakeup_fd(tell, warn_on_full_buffer=False)
     try:
         yield
@@ -156,6 +198,27 @@ def stopping_on_signals(
         os.close(tell)
         watch.join()
         os.close(heard)
+
+
+def _default(numbers: Iterable[int]) -> Iterator[int]:
+    return (number for number in numbers if signal.getsignal(number) == signal.SIG_DFL)
+
+
+def _suspending(make_safe: Callable[[], Iterable[str]], asked: Sequence[int]) -> Handler:
+    """Return the handler that suspends the process, unless its end was ``asked`` for."""
+
+    def suspend(number: int, _frame: FrameType | None) -> None:
+        if troubles := [*make_safe()]:
+            _say([f"warning: {_name(number)}: not suspended: {trouble}\n" for trouble in troubles])
+            return
+        time.sleep(SETTLE_S)
+        if asked:  # meanwhile: whoever waits for the end would wait for ever
+            return
+        signal.signal(number, signal.SIG_DFL)
+        signal.raise_signal(number)  # returns after SIGCONT; at once where there is no shell that could send one
+        signal.signal(number, suspend)
+
+    return suspend
 
 
 def end_with(parent: str) -> None:
@@ -197,7 +260,7 @@ def _watch(heard: int, is_over: threading.Event, give_up: Callable[[], Iterable[
     if not byte or is_over.wait(LAST_RESORT_S):
         return
     number = byte[0] or signal.SIGHUP
-    last = threading.Thread(target=_say_last, args=(signal.Signals(number).name, give_up), daemon=True)
+    last = threading.Thread(target=_say_last, args=(_name(number), give_up), daemon=True)
     last.start()
     last.join(LAST_WORDS_S)
     os._exit(128 + number)
@@ -208,7 +271,17 @@ def _say_last(name: str, give_up: Callable[[], Iterable[str]]) -> None:
     hangs = _where(frames.get(threading.main_thread().ident or 0))
     troubles = [f"warning: while ending: {trouble}\n" for trouble in give_up()]
     words = f"error: {name}: ended after {LAST_RESORT_S:.1f} s, before everything was done: this hangs: {hangs}\n"
-    os.write(sys.__stderr__.fileno() if sys.__stderr__ else 2, "".join([*troubles, words]).encode(errors="replace"))
+    _say([*troubles, words])
+
+
+def _say(lines: Iterable[str]) -> None:
+    """Write on standard error, whatever the main thread is doing to it."""
+    os.write(sys.__stderr__.fileno() if sys.__stderr__ else 2, "".join(lines).encode(errors="replace"))
+
+
+def _name(number: int) -> str:
+    first = signal.SIGRTMIN
+    return signal.Signals(number).name if number <= first else f"SIGRTMIN+{number - first}"
 
 
 def _where(frame: FrameType | None) -> str:

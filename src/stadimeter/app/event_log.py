@@ -16,6 +16,7 @@ import stat
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -56,7 +57,7 @@ _LINE_BYTES_MAX = 4096
 LEFT_OUT = frozenset({EventKind.TARGET_SEEN, EventKind.TARGET_LOST})
 """What targets do is no event of a rule, and may happen many times a minute."""
 
-FAULTS = frozenset({EventKind.FAULT, EventKind.FAULT_CLEARED})
+URGENT = frozenset({EventKind.FAULT, EventKind.FAULT_CLEARED, EventKind.STOPPED, EventKind.RELEASED})
 
 
 def event_log_path(configuration: Path, environ: Mapping[str, str] = os.environ) -> Path | None:
@@ -108,8 +109,8 @@ class EventLog:
         """Take in the events of a cycle."""
         for event in record.decision.events:
             if event.kind not in LEFT_OUT:
-                self._add(_in_words(event), is_urgent=event.kind in FAULTS)
-        if self._waits_since_s is not None:
+                self._add(_in_words(event), is_urgent=event.kind in URGENT)
+        if self._waits_since_s is not None and record.decision.safety is not SafetyMode.STOPPED:
             self._wait_for_camera(record.decision, self._waits_since_s)
 
     def _wait_for_camera(self, decision: Decision, since_s: float) -> None:
@@ -241,12 +242,14 @@ def _append_whole(path: Path, data: bytes, *, is_lasting: bool) -> None:
 
 def _rotate(path: Path, more_bytes: int) -> None:
     """Make room: ``NAME.log`` becomes ``NAME.log.1`` and so on; the oldest goes."""
-    if not path.exists() or path.stat().st_size + more_bytes <= FILE_BYTES_MAX:
+    try:
+        if path.stat().st_size + more_bytes <= FILE_BYTES_MAX:
+            return
+    except FileNotFoundError:
         return
     for number in range(FILES_MAX - 1, 0, -1):
-        older = _numbered(path, number - 1)
-        if older.exists():
-            older.replace(_numbered(path, number))
+        with suppress(FileNotFoundError):
+            _numbered(path, number - 1).replace(_numbered(path, number))
 
 
 def _is_cut(path: Path) -> bool:

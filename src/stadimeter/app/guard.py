@@ -23,11 +23,12 @@ class Guard:
     """Checks the outputs of a run again and again.
 
     Attributes:
-        failure: A defect in a driver that came up here; the loop raises it. None if all is well.
+        failure: A defect in a driver that came up here, a ``SystemExit`` too: it would end the thread of the guard
+            without a word. The loop raises it. None if all is well.
     """
 
     def __init__(self, outputs: Sequence[LeasedOutput], clock: Clock) -> None:
-        self.failure: Exception | None = None
+        self.failure: BaseException | None = None
         self._outputs = outputs
         self._clock = clock
         self._cancels: list[Callable[[], None]] = []
@@ -39,15 +40,27 @@ class Guard:
     def _check(self, output: LeasedOutput, now_s: float) -> None:
         try:
             output.check(now_s)
-        except Exception as error:  # noqa: BLE001 - whatever it is, the outputs must stop; the loop reports it
-            self.failure = self.failure or error
-            retire_all(self._outputs)
+        except BaseException as error:  # noqa: BLE001 - whatever it is, the outputs must stop; the loop reports it
+            self.fail(error)
+
+    def fail(self, error: BaseException) -> None:
+        """Stop every output for good, for a defect that the loop raises."""
+        self.failure = self.failure or error
+        retire_all(self._outputs)
 
     def stop(self) -> None:
         """Cease to watch. May be called any number of times."""
         for cancel in self._cancels:
             cancel()
         self._cancels = []
+
+
+def make_all_safe(outputs: Sequence[LeasedOutput]) -> list[str]:
+    """Put every output at its safe value, busy ones last; return which of them are not, in words."""
+    busy = [output for output in outputs if not output.make_safe()]
+    until_s = time.monotonic() + BUSY_WAIT_S
+    left = [output for output in busy if not output.make_safe(max(0.0, until_s - time.monotonic()))]
+    return [f"{output.name}: its driver is busy and does not come back" for output in left]
 
 
 def retire_all(outputs: Sequence[LeasedOutput]) -> list[str]:
@@ -66,7 +79,7 @@ def _retired(output: LeasedOutput, wait_s: float) -> str:
         output.retire(wait_s)
     except DriverError as error:
         return str(error)
-    except Exception as error:  # noqa: BLE001 - a defect in one driver must not keep the next from stopping
+    except BaseException as error:  # noqa: BLE001 - a defect in one driver must not keep the next from stopping
         return f"{type(error).__name__}: {error}"
     return ""
 
@@ -76,10 +89,21 @@ STALLED_AFTER_S = 0.5
 
 
 class StallWatch:
-    """Puts outputs at their safe values while a stepped clock stands still."""
+    """Puts outputs at their safe values while a stepped clock stands still.
 
-    def __init__(self, outputs: Sequence[LeasedOutput], clock: Clock, real_clock: Clock | None = None) -> None:
+    Args:
+        guard: Stops every output for a defect that comes up here.
+    """
+
+    def __init__(
+        self,
+        outputs: Sequence[LeasedOutput],
+        clock: Clock,
+        real_clock: Clock | None = None,
+        guard: Guard | None = None,
+    ) -> None:
         self._outputs = outputs
+        self._guard = guard or Guard(outputs, clock)
         self._clock = clock
         self._real_clock = real_clock or MonotonicClock()
         self._seen_s = clock.now_s()
@@ -97,7 +121,13 @@ class StallWatch:
             self._seen_s, self._moved_at_s = now_s, real_s
         elif real_s - self._moved_at_s > STALLED_AFTER_S:
             for output in self._outputs:
-                output.make_safe()
+                self._make_safe(output)
+
+    def _make_safe(self, output: LeasedOutput) -> None:
+        try:
+            output.make_safe()
+        except BaseException as error:  # noqa: BLE001 - as in the guard
+            self._guard.fail(error)
 
     def stop(self) -> None:
         """Cease to watch. May be called any number of times."""

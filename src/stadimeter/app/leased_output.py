@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, Protocol
 
-from stadimeter.core.clock import Clock
+from stadimeter.core.clock import Clock, TaskEndedError
 from stadimeter.core.command import Command
 from stadimeter.errors import DriverError
 
@@ -81,6 +81,8 @@ class LeasedOutput:
         self._clock = clock
         self._command = safe
         self._retired = False
+        self._times_made_safe = 0
+        self._was_opened = False
         self._stays_off = stays_off
         self._observed_fault = ""
         self._wait_s = FIRST_WAIT_S
@@ -88,7 +90,7 @@ class LeasedOutput:
         self._retry_at_s = 0.0
         self._rest_until_s: float | None = None
         self._end_opening: Callable[[], None] | None = None
-        self._defect: Exception | None = None
+        self._defect: BaseException | None = None
         # A signal may arrive while the control thread is in here, and its handler must get in as well.
         self._lock = threading.RLock()
 
@@ -97,6 +99,7 @@ class LeasedOutput:
         with self._lock:
             self._driver.open()
             self._driver.apply(self.safe)
+            self._was_opened = True
 
     def open_later(self, error: DriverError) -> bool:
         """Go on after `open` has raised: the driver is opened again like one that failed while it ran.
@@ -120,8 +123,12 @@ class LeasedOutput:
             if self.fault or self._retired:
                 return None
             self._command = self.safe if self._is_stale(command, self._clock.now_s()) else command
+            before = self._times_made_safe
             try:
                 applied = self._driver.apply(self._command)
+                if self._times_made_safe != before:  # by a signal handler, within that call
+                    self._command = self.safe
+                    applied = self._driver.apply(self.safe)
                 return None if self._stopped_again() else applied
             except DriverError as error:
                 self._fail(error)
@@ -139,18 +146,23 @@ class LeasedOutput:
         finally:
             self._lock.release()
 
-    def make_safe(self) -> None:
-        """Put it at its safe value, whatever was commanded last. Does nothing while the driver is busy."""
-        if not self._lock.acquire(blocking=False):
-            return
+    def make_safe(self, wait_s: float = 0.0) -> bool:
+        """Put it at its safe value, whatever was commanded last, or is being commanded by a caller of ours.
+
+        Returns False if the driver was busy in another thread for so long: then nothing was done.
+        """
+        if not self._lock.acquire(timeout=wait_s):
+            return False
         try:
+            self._times_made_safe += 1
             self._command = self.safe
-            if not self.fault and not self._retired:
+            if self._was_opened and not self.fault and not self._retired:
                 self._driver.apply(self.safe)
         except DriverError as error:
             self._fail(error)
         finally:
             self._lock.release()
+        return True
 
     def forbid(self) -> None:
         """Let no later command move it. A call that is under way in its driver is followed by a stop. Never waits."""
@@ -234,8 +246,10 @@ class LeasedOutput:
             with suppress(DriverError):
                 self._driver.open()
                 self._driver.apply(self.safe)
-                is_open = True
-        except Exception as error:  # noqa: BLE001 - a defect in the driver; the next check raises it
+                is_open = self._was_opened = True
+        except TaskEndedError:
+            raise
+        except BaseException as error:  # noqa: BLE001 - a defect in the driver; the next check raises it
             self._defect = error
         finally:
             with self._lock:

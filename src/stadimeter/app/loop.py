@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import uuid
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -14,7 +15,7 @@ from stadimeter.app.bootstrap import Parts
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.deliveries import Deliveries
 from stadimeter.app.ending import Deadline, Steps, close_side_by_side
-from stadimeter.app.guard import Guard, retire_all
+from stadimeter.app.guard import Guard, make_all_safe, retire_all
 from stadimeter.app.health import Health
 from stadimeter.app.notifying import Notifying
 from stadimeter.app.open_parts import EndedWhileOpening, OpenParts
@@ -25,6 +26,7 @@ from stadimeter.core.decide import State
 from stadimeter.core.frame import Frame
 from stadimeter.core.message import Message
 from stadimeter.errors import EndOfFramesError
+from stadimeter.messaging.protocol import Retaining
 
 if TYPE_CHECKING:  # few runs are reloaded, and what that needs takes long to load
     from stadimeter.app.control.reloading import Change
@@ -61,6 +63,7 @@ class Loop:
         published: The newest messages with the time of each on the run's clock, newest first.
         services: What the run has beside its cycles.
         deliveries: What other programs and people have not got yet, and what was given up.
+        configured_at_s: Since when the run goes by its configuration, for people: on this computer's monotonic clock.
     """
 
     parts: Parts
@@ -72,6 +75,7 @@ class Loop:
     published: deque[tuple[float, Message]] = field(default_factory=lambda: deque(maxlen=PUBLISHED_MAX))
     services: Services = field(default_factory=Services)
     deadline: Deadline = field(default_factory=Deadline)
+    configured_at_s: float = field(default_factory=time.monotonic)
     _state: State | None = None
     _recordings: list[Recording] = field(default_factory=list)
     _open_parts: OpenParts = field(init=False)
@@ -80,7 +84,7 @@ class Loop:
 
     def __post_init__(self) -> None:
         """Send what the rules of the configuration send."""
-        self._open_parts = OpenParts(self.parts, lambda: bool(self.ending))
+        self._open_parts = OpenParts(self.parts, lambda: bool(self.ending), self._report_opening)
         self.deliveries = Deliveries(self.parts)
         self.notifying = Notifying(self.parts.configuration.plan.rules)
 
@@ -122,6 +126,10 @@ class Loop:
         self.deadline.set()
         self.troubles += retire_all(self.parts.driven)
         self._open_parts.break_off()
+
+    def make_safe(self) -> list[str]:
+        """Put every output at its safe value until the next cycle; return which are not. For a signal handler."""
+        return make_all_safe(self.parts.driven)
 
     def end(self, why: str) -> None:
         """End the run after this cycle. May be called from any thread."""
@@ -192,12 +200,14 @@ class Loop:
         parts, configuration = self.parts, change.configuration
         taken = self.services.reloaded(state, change)
         parts.configuration = configuration
+        self.configured_at_s = time.monotonic()
         parts.cycle.max_frame_age_s = configuration.plan.safety.max_frame_age_s
         self.notifying.take(configuration.plan.rules)
         now_s = parts.clock.now_s()
         for recording in self._recordings:
             recording.reloaded(now_s, change.recorded)
-        self._publish(now_s, self.reporter.forget(taken.removed))
+        self._publish(now_s, self.reporter.reloaded(configuration.plan.rules))
+        self._retain_only(self.reporter.retained)
         self.services.answer_reload(change, taken)
         return taken.state
 
@@ -207,6 +217,16 @@ class Loop:
         if limits.seconds is not None and seconds >= limits.seconds:
             return f"{limits.seconds:g} s, as asked for"
         return ""
+
+    def _report_opening(self) -> None:
+        """Report that no rule is judged yet, and have the broker forget those of earlier runs that are no more."""
+        self._publish(self.parts.clock.now_s(), self.reporter.opening(self.parts.configuration.plan.rules))
+        self._retain_only(self.reporter.retained)
+
+    def _retain_only(self, topics: frozenset[str]) -> None:
+        messenger: object = self.parts.messenger
+        if isinstance(messenger, Retaining):
+            messenger.retain_only(topics)
 
     def _report(self, record: CycleRecord) -> None:
         now_s = record.observation.now_s

@@ -7,12 +7,9 @@ from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
 from stadimeter.app.bootstrap import Parts
-from stadimeter.app.ending import Deadline, Steps, close_side_by_side
+from stadimeter.app.ending import SETTLE_S, Deadline, Steps, close_side_by_side
 from stadimeter.app.guard import Guard, StallWatch
 from stadimeter.errors import DriverError, DriverUnavailableError
-
-SETTLE_S = 0.2
-"""After everything was stopped, the guard goes on for this long: a stop without acknowledgement is repeated."""
 
 
 class EndedWhileOpening(BaseException):
@@ -36,10 +33,12 @@ class OpenParts:
 
     Attributes:
         is_over: Returns whether the end of the run was asked for.
+        messenger_opened: Called when there is one and it is open, while the other parts are still to be opened.
     """
 
     parts: Parts
     is_over: Callable[[], bool]
+    messenger_opened: Callable[[], None] = lambda: None
     _is_opening: bool = False
     _lanes: dict[str, Steps] = field(default_factory=dict)
 
@@ -63,6 +62,8 @@ class OpenParts:
                 if self.is_over():  # the end was asked for before, or between two parts
                     raise EndedWhileOpening
                 part.open()
+                if part is parts.messenger:
+                    self.messenger_opened()
             except DriverError as error:
                 if not (in_service and _is_opened_later(part, error)):
                     failures.append(f"{name}: {error}")
@@ -92,7 +93,7 @@ class OpenParts:
         guard = Guard(parts.driven, parts.clock)
         self._watch(guard.start, guard.stop)
         if parts.recording_drives:
-            watch = StallWatch(parts.driven, parts.clock)
+            watch = StallWatch(parts.driven, parts.clock, guard=guard)
             self._watch(watch.start, watch.stop)
         self._lanes.setdefault("outputs", []).append(("guard", self._settle))
         return guard

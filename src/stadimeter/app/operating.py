@@ -33,7 +33,13 @@ def operated(loop: Loop, requests: Requests) -> Iterator[None]:
         acts["world"] = Stage(loop.parts.world, configuration.plan.targets).act
     loop.listeners.append(recording)
     services.alarms, services.restarter, services.recording = alarms, restarter, recording
-    services.control = Control(requests, Reloader(configuration), deliveries=loop.deliveries.figures, acts=acts)
+    services.control = Control(
+        requests,
+        Reloader(configuration),
+        deliveries=loop.deliveries.figures,
+        acts=acts,
+        is_kept=services.is_kept,
+    )
     try:
         yield
     finally:

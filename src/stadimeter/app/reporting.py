@@ -1,16 +1,18 @@
 """What other programs are told of a run: which messages, and how often.
 
-==========================  ===  ======  ==========================================================================
-topic, below the base       QoS  retain  when
-==========================  ===  ======  ==========================================================================
-``target/<name>/state``     0    yes     status changes at once; else at most twice a second when the target moved,
-                                         and every 5 s. Expires after 10 s
-``rule/<name>/state``       1    yes     whether it is active, acknowledged, latched, kept quiet or blind at once;
-                                         other changes at most twice a second
-``event/alarm``             1    never   what happened to a rule: raised, cleared, acknowledged, shelved and so on
-``event/system``            1    never   what happened to a target, camera or output: target_seen, target_lost, fault,
-                                         fault_cleared; or to messages: given_up
-==========================  ===  ======  ==========================================================================
+============================  ===  ======  ========================================================================
+topic, below the base         QoS  retain  when
+============================  ===  ======  ========================================================================
+``target/<name>/state``       0    yes     status changes at once; else at most twice a second when the target moved,
+                                           and every 5 s. Expires after 10 s
+``rule/<name>/state``         1    yes     whether it is active, acknowledged, latched, kept quiet or blind at once;
+                                           other changes at most twice a second
+``rule/<name>/availability``  1    yes     ``offline`` while it is unknown whether the rule is active, else ``online``
+``event/alarm``               1    never   what happened to a rule: raised, cleared, acknowledged, shelved and so on
+``event/system``              1    never   what happened to a target, camera or output: target_seen, target_lost,
+                                           fault, fault_cleared; to all outputs: stopped, released; or to messages:
+                                           given_up
+============================  ===  ======  ========================================================================
 
 Payloads are JSON objects whose keys and their order are fixed; ``v`` is the version of that form. Numbers are in SI
 units, rounded to the millimetre and the milliradian. What is not known is null, never NaN. Times are labels for
@@ -21,12 +23,13 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 from stadimeter.core.decision import Decision, Event, EventKind, RuleStatus, RuleTrace, Severity
-from stadimeter.core.message import Message
+from stadimeter.core.message import Message, clearing
 from stadimeter.core.notification import Notification
+from stadimeter.core.rule import AlarmRule, AnyRule
 from stadimeter.core.track import Track
 
 FORM = 1
@@ -39,7 +42,14 @@ DEADBAND_SIGMAS = 0.5
 WallClock = Callable[[], str]
 
 _JSON = json.JSONEncoder(separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-SYSTEM_EVENTS = {EventKind.TARGET_SEEN, EventKind.TARGET_LOST, EventKind.FAULT, EventKind.FAULT_CLEARED}
+SYSTEM_EVENTS = {
+    EventKind.TARGET_SEEN,
+    EventKind.TARGET_LOST,
+    EventKind.FAULT,
+    EventKind.FAULT_CLEARED,
+    EventKind.STOPPED,
+    EventKind.RELEASED,
+}
 
 
 class Reporter:
@@ -48,9 +58,13 @@ class Reporter:
     Args:
         boot_id: Identifies the run. With an event's sequence number it makes an id by which receivers notice a
             message that came twice.
+
+    Attributes:
+        retained: The topics on which the run publishes messages that a broker keeps for ever.
     """
 
     def __init__(self, boot_id: str) -> None:
+        self.retained: frozenset[str] = frozenset()
         self._boot_id = boot_id
         self._targets: dict[str, _TargetReports] = {}
         self._rules: dict[str, _RuleReports] = {}
@@ -76,7 +90,7 @@ class Reporter:
             reports = self._rules.setdefault(trace.rule, _RuleReports())
             events = [event.kind for event in decision.events if event.source == trace.rule]
             if reports.is_due(now_s, time, trace, events):
-                messages.append(reports.tell(now_s, time, trace, decision.reasons.get(trace.rule, "")))
+                messages += reports.tell(now_s, time, trace, decision.reasons.get(trace.rule, ""))
             (self._held_back.add if reports.is_held_back else self._held_back.discard)(trace.rule)
         return messages
 
@@ -91,12 +105,19 @@ class Reporter:
         pairs = zip(decision.rules, before, strict=True)
         return [trace for trace, last in pairs if trace is not last or trace.rule in names]
 
-    def forget(self, rules: Collection[str]) -> tuple[Message, ...]:
-        """Forget rules that are no more; return an empty retained message for each, for brokers to forget them too."""
-        for name in rules:
-            self._rules.pop(name, None)
-            self._held_back.discard(name)
-        return tuple(Message(topic=f"rule/{name}/state", payload="", qos=1, retain=True) for name in rules)
+    def opening(self, rules: Iterable[AnyRule]) -> tuple[Message, ...]:
+        """Report, before the first cycle, that no rule is judged yet: what the broker has kept is an earlier run's."""
+        self.retained = _retained_topics(rules)
+        return tuple(_availability(rule.name, is_known=False) for rule in rules)
+
+    def reloaded(self, rules: Iterable[AnyRule]) -> tuple[Message, ...]:
+        """Go by other rules from now on; return what has the broker forget those that are no more."""
+        before, self.retained = self.retained, _retained_topics(rules)
+        gone = self._rules.keys() - {rule.name for rule in rules}
+        self._held_back -= gone
+        for name in gone:
+            del self._rules[name]
+        return clearing(before - self.retained)
 
     def given_up(self, wall_clock: WallClock, counts: Mapping[str, int]) -> tuple[Message, ...]:
         """Report, as events, what was given up since the last call, by notifier; the empty name is the messenger."""
@@ -193,7 +214,7 @@ class _RuleState:
     """What is told of a rule."""
 
     status: RuleStatus
-    is_active: bool = False
+    is_active: bool | None = None
     is_data_lost: bool = False
     is_acknowledged: bool = True
     is_first_out: bool = False
@@ -207,10 +228,10 @@ class _RuleState:
 
     @property
     def urgent(self) -> tuple[object, ...]:
-        """What is told at once when it changes."""
+        """What is told at once when it changes; a target on the edge of sight may become unknown in every frame."""
         return (
-            self.is_active, self.is_data_lost, self.is_acknowledged, self.is_latched, self.is_first_out, self.gates,
-            self.is_chattering,
+            self.is_active is True, self.is_data_lost, self.is_acknowledged, self.is_latched, self.is_first_out,
+            self.gates, self.is_chattering,
         )  # fmt: skip
 
 
@@ -222,7 +243,6 @@ class _RuleReports:
         self._told: _RuleState | None = None
         self._told_at_s = -math.inf
         self._is_data_lost = False
-        self._was_active: bool | None = None
         self._since = ""
 
     @property
@@ -232,19 +252,30 @@ class _RuleReports:
 
     def is_due(self, now_s: float, wall_clock: str, trace: RuleTrace, events: list[EventKind]) -> bool:
         """Take in a cycle, and return whether it is to be told."""
-        state = self._newest = self._state(trace, events)
-        if state.is_active is not self._was_active:
-            self._was_active, self._since = state.is_active, wall_clock
-        told = self._told
+        state, before = self._state(trace, events), self._newest
+        if state.is_active is not before.is_active or not self._since:
+            self._since = wall_clock
+        self._newest, told = state, self._told
         if told is None or state.urgent != told.urgent:
             return True
         return state != told and now_s - self._told_at_s >= INTERVAL_S
 
-    def tell(self, now_s: float, wall_clock: str, trace: RuleTrace, reason: str) -> Message:
-        """Return the newest state as a message."""
+    def tell(self, now_s: float, wall_clock: str, trace: RuleTrace, reason: str) -> list[Message]:
+        """Return the newest state as a message, and whether it can be relied on if that has changed.
+
+        Who goes by both never sees a state that is none: a rule becomes unavailable before, and available after.
+        """
+        was_known = None if self._told is None else self._told.is_active is not None
         state = self._told = self._newest
         self._told_at_s = now_s
-        payload = {
+        is_known = state.is_active is not None
+        messages = [_message(f"rule/{trace.rule}/state", self._payload(state, wall_clock, reason), qos=1, retain=True)]
+        if is_known is not was_known:
+            messages.insert(1 if is_known else 0, _availability(trace.rule, is_known=is_known))
+        return messages
+
+    def _payload(self, state: _RuleState, wall_clock: str, reason: str) -> Mapping[str, object]:
+        return {
             "v": FORM,
             "ts": wall_clock,
             "active": state.is_active,
@@ -258,7 +289,6 @@ class _RuleReports:
             "since": self._since,
             "reason": reason,
         }
-        return _message(f"rule/{trace.rule}/state", payload, qos=1, retain=True)
 
     def _state(self, trace: RuleTrace, events: list[EventKind]) -> _RuleState:
         for kind in events:
@@ -266,13 +296,28 @@ class _RuleReports:
                 self._is_data_lost = kind is EventKind.MEASUREMENT_LOST
         return _RuleState(
             status=trace.status,
-            is_active=trace.active is True,
+            is_active=_active(trace),
             is_data_lost=self._is_data_lost,
             is_acknowledged=trace.acknowledged,
             is_first_out=trace.first_out,
             gates=trace.gates,
             is_chattering=trace.chattering,
         )
+
+
+def _active(trace: RuleTrace) -> bool | None:
+    """Return whether a rule is active; None also where its policy for a lost target has let it go."""
+    return trace.active or (None if trace.status is RuleStatus.UNKNOWN else trace.active)
+
+
+def _availability(rule: str, *, is_known: bool) -> Message:
+    return Message(topic=f"rule/{rule}/availability", payload="online" if is_known else "offline", qos=1, retain=True)
+
+
+def _retained_topics(rules: Iterable[AnyRule]) -> frozenset[str]:
+    own = {f"rule/{rule.name}/{what}" for rule in rules for what in ("state", "availability")}
+    steps = [step for rule in rules if isinstance(rule, AlarmRule) for step in rule.sequence]
+    return frozenset(own | {step.send.topic for step in steps if step.send is not None and step.send.retain})
 
 
 def _event_message(event: Event, boot_id: str, wall_clock: str) -> Message:

@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from stadimeter.app.service_folders import runtime_directory
-from stadimeter.config.atomic_file import write_atomically
+from stadimeter.config.atomic_file import holds, write_atomically
 from stadimeter.config.loader import Configuration
 from stadimeter.config.plugins import DriverChoice, marked_options
 from stadimeter.config.units import PinMark, PortMark
@@ -39,7 +39,7 @@ def write_safe_outputs(configuration: Configuration, path: Path) -> list[str]:
     lines = {output.name: tuple(safe_lines(output)) for output in real}
     text = "".join(f"{line}\n" for each in lines.values() for line in each).encode()
     try:
-        if not path.is_file() or path.read_bytes() != text:
+        if not holds(path, text):
             write_atomically(path, text)
     except OSError as error:
         return [f"{path} cannot be written, so nothing is switched off if this process is killed: {error.strerror}"]

@@ -94,7 +94,9 @@ class FailedStarts:
 
     def __init__(self, folder: Path, configuration: Path) -> None:
         self._path = folder / "failed-starts"
-        self._version = configuration.stat().st_mtime_ns if configuration.exists() else 0
+        self._version = 0
+        with suppress(OSError):
+            self._version = configuration.stat().st_mtime_ns
 
     def begin(self) -> int:
         """Return how many there were before this start, and count this one until `forget` is called."""

@@ -123,6 +123,10 @@ class Services:
         if self.control is not None:
             self.control.heard(record)
 
+    def is_kept(self) -> bool | None:
+        """Return whether what is remembered is in the file already; None if nothing outlives the run."""
+        return None if self.memory is None else self.memory.is_kept()
+
     def trouble(self) -> str:
         """Return what is wrong with them, in words; empty if nothing is."""
         return self.memory.trouble() if self.memory is not None else ""

@@ -47,7 +47,7 @@ class Status(Enum):
     ALARM = Pattern(steps=((1.0, 0.12), (0.0, 0.12)))
     """An alarm waits to be acknowledged or reset."""
     HELD = _flashes(1, lit=0.0)
-    """Frames are late, or of unknown age: outputs are kept at their safe values."""
+    """Frames are late or of unknown age, or a person stopped the outputs: they are kept at their safe values."""
     BLIND = _flashes(2, lit=0.0)
     """The camera gives no frames."""
     FAULT = _flashes(3, lit=0.0)
@@ -63,7 +63,7 @@ def status_of(record: CycleRecord) -> Status:
         return Status.FAULT
     if any(not rule.acknowledged or rule.status is RuleStatus.LATCHED for rule in decision.rules if not rule.gates):
         return Status.ALARM
-    if decision.safety is SafetyMode.STALE or observation.not_for_motion:
+    if decision.safety in {SafetyMode.STALE, SafetyMode.STOPPED} or observation.not_for_motion:
         return Status.HELD
     return Status.STARTING if decision.safety is SafetyMode.STARTING else _status_while_active(decision)
 

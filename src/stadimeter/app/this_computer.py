@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from collections import defaultdict
 from collections.abc import Iterator
+from glob import has_magic, iglob
+from pathlib import Path
+
+from pydantic import BaseModel
 
 from stadimeter.app.bootstrap import build
 from stadimeter.config.findings import Finding, problems
@@ -18,6 +23,9 @@ def warnings_here(configuration: Configuration) -> tuple[Problem, ...]:
     return (*lacking, *_why_not_built(configuration))
 
 
+_ELSEWHERE = "if it runs on another computer, add --elsewhere"
+
+
 def _lacking(configuration: Configuration) -> Iterator[Finding]:
     lacking: dict[str, list[KeyPath]] = defaultdict(list)
     for at, part in configuration.parts():
@@ -25,8 +33,33 @@ def _lacking(configuration: Configuration) -> Iterator[Finding]:
             lacking[lack].append(at)
     for lack, parts in lacking.items():  # what several parts lack is said once
         names = " and ".join(f"'{at[-1]}'" for at in parts)
-        hint = "if it runs on another computer, add --elsewhere"
-        yield Finding(parts[0], f"{names} will not work here: {lack}", hint, "driver-lacks")
+        yield Finding(parts[0], f"{names} cannot work on this computer: {lack}", _ELSEWHERE, "driver-lacks")
+    for at, part in configuration.parts():
+        yield from _missing_files(at, part.options)
+    if configuration.web is not None:
+        yield from _missing_files(("web",), configuration.web)
+
+
+def _missing_files(at: KeyPath, options: BaseModel) -> Iterator[Finding]:
+    """Find the files that options name to be read, and that are not there or not for this user."""
+    for name, field in type(options).model_fields.items():
+        value = getattr(options, name)
+        is_list = isinstance(value, tuple)  # of files, folders and patterns, as of the camera `images`
+        for path in value if is_list else (value,):
+            if isinstance(path, Path) and (trouble := _file_trouble(path, may_be_several=is_list)):
+                yield Finding((*at, field.alias or name), trouble, _ELSEWHERE, "driver-lacks")
+
+
+def _file_trouble(path: Path, *, may_be_several: bool) -> str:
+    """Return why a file cannot be read, or a folder or the files of a pattern; empty if they can."""
+    try:
+        if path.is_file() or (may_be_several and path.is_dir()):
+            return "" if os.access(path, os.R_OK) else f"this user may not read {path}"
+        if may_be_several and has_magic(str(path)) and any(iglob(str(path), recursive=True)):  # noqa: PTH207 - may be absolute
+            return ""
+    except OSError as error:
+        return f"{path} cannot be looked at: {error.strerror}"
+    return f"there is no file {path}"
 
 
 def _why_not_built(configuration: Configuration) -> tuple[Problem, ...]:

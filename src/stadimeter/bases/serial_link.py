@@ -157,7 +157,7 @@ def _open_trouble(path: str, error: Exception) -> str:
         return f"the serial port {path} is already open in another program, or twice in this one; close the other"
     if number in _FORBIDDEN:
         return (
-            f"the serial port {path} is not yours to open; "
+            f"this user may not use the serial port {path}; "
             "add yourself to the group dialout (sudo usermod -aG dialout $USER), then log in again"
         )
     return f"the serial port {path} cannot be opened: {error}"

@@ -15,7 +15,7 @@ from stadimeter.cameras.protocol import AttachedCamera
 from stadimeter.cameras.v4l2 import Ioctl, ask_node, is_in_use
 
 NOT_OURS = (
-    "it is not ours to open; add this user to the group 'video' (`sudo usermod -aG video $USER`), then log in anew"
+    "this user may not use it; add this user to the group 'video' (`sudo usermod -aG video $USER`), then log in anew"
 )
 NAMED_MAX = 3
 _NOT_THERE = "the kernel knows it, but {node} is missing; a container has to be given it (--device {node})"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import glob
 from collections.abc import Iterator
+from functools import lru_cache
+from itertools import islice, repeat
 from pathlib import Path
 from typing import Annotated
 
@@ -12,10 +14,14 @@ from pydantic import BeforeValidator, Field
 from stadimeter.cameras.picture import PICTURE_SUFFIXES, load_picture
 from stadimeter.cameras.recorded import RecordedCamera
 from stadimeter.config.plugins import DriverContext, Options, Plugin
-from stadimeter.config.units import FilePath, Frequency
+from stadimeter.config.units import Duration, FilePath, Frequency
+from stadimeter.core.camera_model import check_one_aspect
 from stadimeter.core.clock import Clock
 from stadimeter.core.frame import Image
-from stadimeter.errors import EndOfFramesError, PictureError
+from stadimeter.errors import CalibrationError, EndOfFramesError, PictureError
+
+CHECKED_MAX = 100
+"""So many pictures are looked at before a run, which takes some seconds at most."""
 
 
 def _one_or_many(value: object) -> object:
@@ -30,38 +36,58 @@ class ImageFilesOptions(Options):
     pattern and the pictures of a folder come in the order of their names. In a folder, only files whose names end like
     a picture's (`PICTURE_SUFFIXES`) are taken."""
     rate: Annotated[Frequency, Field(gt=0)] = 1.0
-    """How many pictures are shown in a second of the run's clock, in hertz."""
+    """How many frames come in a second of the run's clock, in hertz."""
+    dwell: Duration = 0.0
+    """For how long each picture is shown, in as many frames as fit; in one at least."""
+    loop: bool = False
+    """Whether the first picture follows the last one, until the run is ended. At a desk, each is looked at once."""
 
 
 class ImageFilesCamera(RecordedCamera):
-    """Shows picture files in order, each once; a frame's ``source`` is its path.
+    """Shows picture files in order; a frame's ``source`` is its path.
 
     How pictures are converted, and that EXIF orientation is honoured: see `load_picture`.
+
+    Args:
+        frames_each: How many frames in a row show the same picture.
     """
 
-    def __init__(self, paths: tuple[str, ...], rate_hz: float, clock: Clock) -> None:
-        super().__init__("picture files", clock)
+    def __init__(
+        self, paths: tuple[str, ...], rate_hz: float, clock: Clock, *, frames_each: int = 1, loops: bool = False
+    ) -> None:
+        super().__init__("picture files", clock, loops=loops)
         self._paths = paths
         self._files_rate_hz = rate_hz
+        self._frames_each = frames_each
         self._files: Iterator[Path] = iter(())
+        self._again: Iterator[tuple[Image, str]] = iter(())
 
     def _begin(self) -> float:
-        try:
-            self._files = iter([file for path in self._paths for file in _files_of(path)])
-        except OSError as error:  # a name that is too long, for example
-            raise PictureError(f"{error.filename} cannot be looked at: {error.strerror}") from error
+        self._files = iter(self.files())
         return self._files_rate_hz
 
+    def files(self) -> list[Path]:
+        """Return the picture files in the order in which they are shown; see `ShowsFiles`."""
+        try:
+            return [file for path in self._paths for file in _files_of(path)]
+        except OSError as error:  # a name that is too long, for example
+            raise PictureError(f"{error.filename} cannot be looked at: {error.strerror}") from error
+
     def _next(self) -> tuple[Image, str]:
+        again = next(self._again, None)
+        if again is not None:
+            return again
         path = next(self._files, None)
         if path is None:
             raise EndOfFramesError("every picture has been shown")
         picture = load_picture(path)
         self._subsampling, self._optics = picture.subsampling, picture.optics
-        return picture.image, str(path)
+        shown = (picture.image, str(path))
+        self._again = repeat(shown, self._frames_each - 1)
+        return shown
 
     def _end(self) -> None:
-        self._files = iter(())
+        self._files, self._again = iter(()), iter(())
 
 
 def _files_of(path: str) -> list[Path]:
@@ -89,7 +115,36 @@ def _pictures_in(folder: Path) -> list[Path]:
 
 
 def _build(options: ImageFilesOptions, context: DriverContext) -> ImageFilesCamera:
-    return ImageFilesCamera(tuple(str(path) for path in options.paths), options.rate, context.clock)
+    return ImageFilesCamera(
+        tuple(str(path) for path in options.paths),
+        options.rate,
+        context.clock,
+        frames_each=max(1, round(options.dwell * options.rate)),
+        loops=options.loop,
+    )
 
 
-PLUGIN = Plugin(ImageFilesOptions, _build)
+def _lacks(options: ImageFilesOptions) -> tuple[str, ...]:
+    """Say which picture no lens fits that fits the first one: a run would stop there."""
+    first: tuple[str, int, int] | None = None
+    try:
+        files = (file for path in options.paths for file in _files_of(str(path)))
+        for file in islice(files, CHECKED_MAX):
+            shown = (str(file), *_size_px(file, file.stat().st_mtime_ns))
+            first = first or shown
+            check_one_aspect(first, shown)
+    except CalibrationError as error:
+        return (str(error),)
+    except (PictureError, OSError):
+        return ()  # what cannot be read is said by others
+    return ()
+
+
+@lru_cache(maxsize=CHECKED_MAX)
+def _size_px(file: Path, _changed_ns: int) -> tuple[int, int]:
+    """Return width and height, remembered until the file changes: an editor has its text checked at each pause."""
+    height_px, width_px = load_picture(file).image.shape[:2]
+    return width_px, height_px
+
+
+PLUGIN = Plugin(ImageFilesOptions, _build, lacks=_lacks)

@@ -244,10 +244,7 @@ def _why_not_ours(source: str, name: str) -> str:
 
 
 def _lacks(options: OpenCvOptions) -> tuple[str, ...]:
-    file = options.device_file
-    if file is not None:
-        return () if file.is_file() else (f"there is no file {file}",)
-    if options.is_stream:
+    if options.device_file is not None or options.is_stream:
         return ()
     trouble = _why_not_ours(options.source(), options.name)
     return (trouble,) if trouble else ()

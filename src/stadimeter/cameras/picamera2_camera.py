@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -128,7 +129,7 @@ class Picamera2Camera(LiveCamera):
         try:
             attached = package.Picamera2.global_camera_info()
             number = number_of(options.camera, attached)
-            device = self._device = package.Picamera2(number)
+            device = self._device = _acquired(package.Picamera2, number)
             available = device.camera_controls
             set_to = controls_of(options, available, package.controls)
             self._configure(package, device, set_to)
@@ -257,6 +258,25 @@ class Picamera2Camera(LiveCamera):
 def _exposure_s(metadata: Metadata) -> float | None:
     exposure_us: float | None = metadata.get("ExposureTime")
     return exposure_us / 1e6 if exposure_us else None
+
+
+def _acquired(kind: Any, number: int) -> Any:
+    """Return an open camera; one that cannot be opened leaves no descriptor behind.
+
+    The constructor of picamera2 makes a pipe before anything else, and only closing an open camera closes its writing
+    end: without this, a run that waits for a busy camera would have no descriptors left after some hours.
+    """
+    device = kind.__new__(kind)
+    try:
+        device.__init__(number)
+    except BaseException:
+        if getattr(device, "is_open", False):  # it failed later
+            _close(device)
+        else:
+            with suppress(AttributeError, OSError):
+                os.close(device.notifyme_w)
+        raise
+    return device
 
 
 def _close(device: Any) -> None:

@@ -4,15 +4,26 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import sys
 from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from stadimeter.cameras.attached_devices import in_use
 from stadimeter.cameras.protocol import AttachedCamera
-from stadimeter.config.extras import NUMPY_1, PICAMERA2, PICAMERA2_UNSEEN, SEE_SYSTEM
+from stadimeter.config.extras import (
+    NUMPY_1,
+    OLDEST_PICAMERA2,
+    PACKAGE_AGAIN,
+    PACKAGED,
+    PICAMERA2,
+    PICAMERA2_TOO_OLD,
+    PICAMERA2_UNSEEN,
+    SEE_SYSTEM,
+)
 from stadimeter.errors import DriverUnavailableError, StadimeterError
 
 SYSTEM_PACKAGES = Path(PICAMERA2_UNSEEN).parent
@@ -51,14 +62,11 @@ def load_package() -> Package:
     except ImportError as error:
         raise DriverUnavailableError(lack() or f"picamera2 cannot be loaded: {error}") from error
     except Exception as error:  # a package that was built for another numpy fails with a ValueError
-        raise DriverUnavailableError(
-            f"picamera2 does not fit this environment: {error}; where the system's packages are for numpy 1, run"
-            f" `pip install {NUMPY_1}`"
-        ) from error
+        mend = f"where the system's packages are for numpy 1, run `pip install {NUMPY_1}`"
+        remedy = PACKAGE_AGAIN if sys.prefix.startswith(PACKAGED) else mend
+        raise DriverUnavailableError(f"picamera2 does not fit this environment: {error}; {remedy}") from error
     if not hasattr(picamera2.Picamera2, "cancel_all_and_flush"):
-        raise DriverUnavailableError(
-            "this picamera2 is too old: it cannot give up waiting for a camera; `sudo apt update && sudo apt upgrade`"
-        )
+        raise DriverUnavailableError(PICAMERA2_TOO_OLD)
     return Package(
         Picamera2=picamera2.Picamera2,
         MappedArray=picamera2.MappedArray,
@@ -71,12 +79,21 @@ def lack() -> str:
     """Return why picamera2 cannot be loaded here, in a sentence, or an empty string; loads nothing."""
     if find_spec("picamera2") is not None:
         if find_spec("libcamera") is not None:
-            return ""
+            return PICAMERA2_TOO_OLD if is_too_old() else ""
         return f"picamera2 is there without libcamera, which pip does not have: {PICAMERA2}, and {SEE_SYSTEM}"
     if (SYSTEM_PACKAGES / "picamera2").is_dir():
         return f"picamera2 is installed, but not seen from this Python environment: {SEE_SYSTEM}"
     anew = "" if str(SYSTEM_PACKAGES) in sys.path else f", and {SEE_SYSTEM}"
     return f"the library picamera2 is not installed: {PICAMERA2}{anew}"
+
+
+def is_too_old() -> bool:
+    """Return whether the installed picamera2 says that it is too old for us; loads nothing."""
+    try:
+        numbers = re.findall(r"\d+", version("picamera2"))
+    except PackageNotFoundError:  # loading it will show
+        return False
+    return [int(each) for each in numbers[:3]] < [int(each) for each in OLDEST_PICAMERA2.split(".")]
 
 
 def why(error: BaseException) -> str:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from pathlib import Path
+from typing import Protocol, runtime_checkable
 
 from stadimeter.core.frame import Frame
 
@@ -115,4 +116,17 @@ class Camera(Protocol):
 
     def close(self) -> None:
         """Release the device. A `read` that waits in another thread ends with an error."""
+        ...
+
+
+@runtime_checkable
+class ShowsFiles(Protocol):
+    """A camera that shows picture files, any of which may be looked at by itself."""
+
+    def files(self) -> Sequence[Path]:
+        """Return the files in the order in which they are shown.
+
+        Raises:
+            PictureError: One of them is not there.
+        """
         ...

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 
 from stadimeter.core.clock import Clock
 from stadimeter.core.frame import Frame, Image, Optics, Subsampling
-from stadimeter.errors import DeviceClosedError
+from stadimeter.errors import DeviceClosedError, EndOfFramesError
 
 
 class RecordedCamera(ABC):
@@ -17,11 +17,14 @@ class RecordedCamera(ABC):
 
     Args:
         what: The recording in a word or two, for error messages.
+        loops: Whether it begins again after its last frame, while time goes on.
     """
 
-    def __init__(self, what: str, clock: Clock) -> None:
+    def __init__(self, what: str, clock: Clock, *, loops: bool = False) -> None:
         self._what = what
         self._clock = clock
+        self._loops = loops
+        self._has_frames = False
         self._rate_hz: float | None = None
         self._started_at_s: float | None = None
         self._index = 0
@@ -54,6 +57,7 @@ class RecordedCamera(ABC):
         self._rate_hz = self._begin()
         self._started_at_s = None
         self._index = 0
+        self._has_frames = False
 
     def read(self) -> Frame:
         """Wait until the next frame is due and return it.
@@ -71,10 +75,22 @@ class RecordedCamera(ABC):
             self._started_at_s = self._clock.now_s()
         captured_at_s = self._started_at_s + self._index / self._rate_hz
         self._index += 1
-        image, source = self._next()
+        image, source = self._next_or_first()
+        self._has_frames = True
         self._clock.sleep_until_s(captured_at_s)
         self._delivered += 1
         return Frame(image, captured_at_s, self._delivered - 1, source, self._subsampling, self._optics)
+
+    def _next_or_first(self) -> tuple[Image, str]:
+        try:
+            return self._next()
+        except EndOfFramesError:
+            if not (self._loops and self._has_frames):  # one without a whole frame would be read for ever
+                raise
+        self._has_frames = False
+        self._end()
+        self._begin()
+        return self._next()
 
     def close(self) -> None:
         """Let go of the recording."""

@@ -33,13 +33,15 @@ class VideoFileOptions(Options):
     """The video file."""
     rate: Annotated[Frequency, Field(gt=0)] | None = None
     """Its frame rate in hertz; None takes the one that the file names."""
+    loop: bool = False
+    """Whether it begins again at its end, until the run is ended. At a desk, it is looked through once."""
 
 
 class VideoFileCamera(RecordedCamera):
-    """Plays a video file once, at a steady frame rate or that of the file, upright if its header says it was turned."""
+    """Plays a video file, at a steady frame rate or that of the file, upright if its header says it was turned."""
 
-    def __init__(self, path: Path, rate_hz: float | None, clock: Clock) -> None:
-        super().__init__(f"the video {path}", clock)
+    def __init__(self, path: Path, rate_hz: float | None, clock: Clock, *, loops: bool = False) -> None:
+        super().__init__(f"the video {path}", clock, loops=loops)
         self._path = path
         self._asked_rate_hz = rate_hz
         self._capture: cv2.VideoCapture | None = None
@@ -98,7 +100,7 @@ class VideoFileCamera(RecordedCamera):
 
 
 def _build(options: VideoFileOptions, context: DriverContext) -> VideoFileCamera:
-    return VideoFileCamera(options.path, options.rate, context.clock)
+    return VideoFileCamera(options.path, options.rate, context.clock, loops=options.loop)
 
 
 PLUGIN = Plugin(VideoFileOptions, _build)

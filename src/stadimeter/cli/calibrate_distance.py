@@ -25,7 +25,7 @@ from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import ToneCurve
 from stadimeter.errors import ConfigError, Problem
 from stadimeter.ranging.calibration import Calibration, FocalLength
-from stadimeter.workbench.calibration.distance_fit import fit_distances
+from stadimeter.workbench.calibration.distance_fit import fit_distances, known_remedy
 from stadimeter.workbench.measuring import open_picture
 
 FAR_OFF_AXIS_RAD = math.radians(10)
@@ -77,8 +77,8 @@ def distance(
     - `stadimeter calibrate distance --live opencv,device=0 --ball 6.4cm --hsv "29,86,6:64,255,255" -o camera.toml`
 
     **Exit code**: 0 the camera file was written from all pictures; 1 the target was not found in some, which
-    were left out, or in all, and then nothing was written, or the finished camera file does not find it; 2 an
-    option, a file or a picture is wrong, or distances contradict each other, and nothing was written.
+    were left out, or in all, and then nothing was written; 2 an option, a file or a picture is wrong, or distances
+    contradict each other, and nothing was written.
     """
     with plain_errors():
         if bool(pictures) == bool(live):
@@ -103,7 +103,7 @@ def distance(
 def _from_pictures(
     pictures: Sequence[str], wanted: WantedTargets, distance_relative_sigma: float, tone_curve: ToneCurve
 ) -> tuple[Calibration, bool]:
-    """Calibrate; return the calibration, and whether the finished camera file finds the target in all pictures."""
+    """Calibrate; return the calibration, and whether it comes from all pictures."""
     known = look_at(pictures, wanted, None)
     if not known.usable:
         _nothing_written()
@@ -116,7 +116,8 @@ def _from_pictures(
         tone_curve=tone_curve,
     )
     for each in fit.left_out:
-        reason = f"through the camera file it is not found: {each.detection.reason}"
+        remedy = known_remedy(each, open_picture(Path(each.picture)), wanted.choices[0])
+        reason = f"through the camera file it is not found: {each.detection.reason}{remedy}"
         typer.echo(f"left out: {each.picture}: {reason}", err=True)
     for each in fit.elsewhere:
         there = f"{each.detection.centre_px[0]:.0f}, {each.detection.centre_px[1]:.0f} px"
@@ -127,8 +128,7 @@ def _from_pictures(
         )
     if fit.calibration is None:
         _nothing_written()
-    all_found = all(each.residual_share is not None for each in fit.calibration.pictures)
-    return fit.calibration, known.all_usable and not fit.left_out and all_found
+    return fit.calibration, known.all_usable and not fit.left_out
 
 
 def _nothing_written() -> NoReturn:
@@ -170,7 +170,7 @@ def _tell_picture(each: FocalLength, name_width: int, unit: LengthUnit) -> None:
 
 def _tell_the_worst(made: Calibration) -> None:
     sigmas, worst = max(
-        ((abs(each.residual_share or 0.0) / each.relative_sigma, each) for each in made.pictures),
+        ((abs(each.residual_share) / each.relative_sigma, each) for each in made.pictures),
         key=lambda pair: pair[0],
     )
     if sigmas > MISFIT_SIGMAS:

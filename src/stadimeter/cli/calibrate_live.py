@@ -63,7 +63,7 @@ def calibrated_live(live: str, at: Sequence[str], wanted: WantedTargets, setting
                 _say(_taken(session, asked), wanted.unit)
             if session.to_centre_m:
                 more = format_distance(session.to_centre_m, None, wanted.unit)
-                typer.echo(f"From here on a distance is that of the centre, {more} more.")
+                typer.echo(f"The distances below are to the centre, which is {more} farther.")
             return _proved(session)
     except CalibrationError as error:
         raise CalibrationError(f"{error}\nnothing was written") from error

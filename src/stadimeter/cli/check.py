@@ -14,8 +14,10 @@ from rich.console import Console
 from rich.text import Text
 
 from stadimeter.app.feasibility import feasibility_warnings
+from stadimeter.app.service_user import SERVICE_USER, become_service_user
 from stadimeter.app.this_computer import warnings_here
-from stadimeter.cli.exits import MOST_SHOWN, WRONG
+from stadimeter.cli.config_argument import ConfigArgument, configuration_path
+from stadimeter.cli.exits import MOST_SHOWN, WRONG, plain_errors
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text
@@ -39,7 +41,7 @@ def register(app: typer.Typer) -> None:
 
 
 def check(
-    config: Annotated[Path, typer.Argument(metavar="CONFIG", help="The configuration, a TOML file.")],
+    config: ConfigArgument = None,
     *,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object, for programs.")] = False,
     strict: Annotated[bool, typer.Option("--strict", help="Leave with 1 if there is a warning.")] = False,
@@ -52,7 +54,8 @@ def check(
     Finds values that cannot be read, names that stand for nothing, and rules that contradict each other: conditions
     that never hold, rules that always lose their output, rules that suppress themselves, rules that are too late for
     how fast the target comes, and limits beyond what camera and target can resolve. Then what this computer lacks to
-    run it: a camera, a serial port, a library, a permission. Nothing is opened and nothing moves.
+    run it: a camera, a serial port, a library, a permission. Nothing is opened and nothing moves. Root sees what the
+    service would: a configuration in /etc/stadimeter is checked as the service's user.
 
     **Example**
 
@@ -61,14 +64,17 @@ def check(
     **Exit code**: 0 the configuration can be used; 1 with --strict, it can be used and there is a warning; 2 it cannot
     be used.
     """
+    with plain_errors():
+        path = configuration_path(config)
+    user = f" by the user {SERVICE_USER}" if become_service_user(path) else ""
     try:
-        configuration = load_configuration(config)
+        configuration = load_configuration(path)
     except ConfigError as error:
-        _report_errors(config, error, as_json=as_json)
+        _report_errors(path, error, as_json=as_json)
         raise typer.Exit(WRONG) from error
     here = () if elsewhere else warnings_here(configuration)
     warnings = _in_order((*configuration.warnings, *feasibility_warnings(configuration), *here))
-    _report_success(configuration, warnings, as_json=as_json)
+    _report_success(configuration, warnings, user, is_lacking=bool(here), as_json=as_json)
     if strict and warnings:
         raise typer.Exit(WARNED)
 
@@ -90,7 +96,9 @@ def _report_errors(config: Path, error: ConfigError, *, as_json: bool) -> None:
     console.print(Text(f"{count}{also}: {config} cannot be used", "bold red"))
 
 
-def _report_success(configuration: Configuration, warnings: tuple[Problem, ...], *, as_json: bool) -> None:
+def _report_success(
+    configuration: Configuration, warnings: tuple[Problem, ...], user: str, *, is_lacking: bool, as_json: bool
+) -> None:
     sentences = describe(configuration)
     if as_json:
         _print_json((), warnings, sentences)
@@ -102,7 +110,9 @@ def _report_success(configuration: Configuration, warnings: tuple[Problem, ...],
         text.highlight_regex("`[^`]+`", "cyan")
         console.print(text)
     count = f", with {_counted(len(warnings), 'warning')}" if warnings else ""
-    console.print(Text(f"{configuration.path} can be used{count}", "bold green"))
+    here = ", but not on this computer, which lacks what is named above" if is_lacking else ""
+    words = f"{configuration.path} can be used{user}{count}{here}"
+    console.print(Text(words, "bold yellow" if is_lacking else "bold green"))
 
 
 def _counted(count: int, word: str) -> str:

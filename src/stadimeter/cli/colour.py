@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -52,6 +53,7 @@ def colour(
     copies: Annotated[
         Path, typer.Option("--annotate", metavar="DIR", help="Folder for the pictures that show the range.")
     ] = Path(),
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Find out the range of colours of a ball, from a picture and a place in it.
 
@@ -62,6 +64,10 @@ def colour(
     Prints the line `hsv = "…"` for the ball's table in a configuration; what else in the picture has that colour; and
     how many hues there are to the next thing. Writes a copy of each picture as NAME-colour.png, in which what has the
     colour stands out.
+
+    With --json, one object: hsv, hue_margin (null where no other thing has a hue near it), and pictures, a list of
+    objects with file, copy, status (found, truncated or not_found), is_where_pointed, centre_px, width_px, reason, and
+    others, each with centre_px and size_px.
 
     **Examples**
 
@@ -83,11 +89,15 @@ def colour(
             proposal: ColourProposal | None = found(samples) if found else None
         if proposal is None:
             raise ConfigError(_nothing(samples))
-        _print(names, samples, proposal)
         paths = copy_paths(names, copies, "colour")
+        if not as_json:
+            _print(names, samples, proposal)
         for name, sample, view in zip(names, samples, proposal.views, strict=True):
             write_picture(paths[name], colour_picture(sample.frame.image, view, proposal.colour))
-            typer.echo(f"written: {paths[name]}")
+            if not as_json:
+                typer.echo(f"written: {paths[name]}")
+        if as_json:
+            typer.echo(json.dumps(_record(paths, samples, proposal), ensure_ascii=False))
         is_found = all(map(is_where_pointed, samples, proposal.views))
     raise typer.Exit(DONE if is_found else NOT_FOUND)
 
@@ -133,6 +143,27 @@ def _print(names: Sequence[Path], samples: Sequence[ColourSample], proposal: Col
         typer.echo("margin: no other thing has a hue near it")
     else:
         typer.echo(f"margin: {proposal.hue_margin} more hues (of 180) at each end, then another thing has it as well")
+
+
+def _record(paths: Mapping[Path, Path], samples: Sequence[ColourSample], proposal: ColourProposal) -> dict[str, object]:
+    """Return the object that ``--json`` prints."""
+    pictures = []
+    for (name, copy), sample, view in zip(paths.items(), samples, proposal.views, strict=True):
+        found = view.detection
+        is_seen = found.status is not DetectionStatus.NOT_FOUND
+        pictures.append(
+            {
+                "file": str(name),
+                "copy": str(copy),
+                "status": found.status.value,
+                "is_where_pointed": is_where_pointed(sample, view),
+                "centre_px": found.centre_px if is_seen else None,
+                "width_px": found.width_px if is_seen else None,
+                "reason": found.reason,
+                "others": [{"centre_px": other.centre_px, "size_px": other.size_px} for other in view.others],
+            }
+        )
+    return {"hsv": proposal.colour, "hue_margin": proposal.hue_margin, "pictures": pictures}
 
 
 def _in_words(view: ColourView) -> str:

@@ -6,12 +6,18 @@ import getpass
 import json
 import os
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from stadimeter.app.control.client import ANSWER_WAIT_S, ask, find
+from stadimeter.app.control.client import ANSWER_WAIT_S, Instance, ask, find, introduced
+from stadimeter.app.control.places import running
+from stadimeter.app.recordings.recorded_configuration import sha256_of
+from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text
+from stadimeter.core.words import rounded_duration
+from stadimeter.errors import ControlError, UnreadableError
 
 ConfigOption = Annotated[
     Path | None,
@@ -36,7 +42,73 @@ def asked(
     wait_s: float = ANSWER_WAIT_S,
 ) -> Any:
     """Ask the running instance: that at a socket, or with a configuration, or the only one."""
-    return ask(socket or find(config), op, args, wait_s)
+    return ask(_place(config, socket), op, args, wait_s)
+
+
+def asked_of(
+    op: str, args: Mapping[str, object], config: Path | None, socket: Path | None
+) -> tuple[Mapping[str, Any], str]:
+    """Ask the running instance as `asked` does; return its answer with who gave it, also in a line for people."""
+    place = _place(config, socket)
+    instance = introduced(place)
+    data = ask(place, op, args)
+    told = {
+        "configuration": str(instance.configuration),
+        "configuration_age_s": instance.configuration_age_s,
+        "is_file_changed": (is_changed := _is_file_changed(instance)),
+        "pid": instance.pid,
+    }
+    return {"instance": told, **data}, _in_words(instance, is_changed=is_changed)
+
+
+def asked_of_all(op: str, args: Mapping[str, object]) -> Mapping[str, Any]:
+    """Ask every running instance at once to stop its outputs; raise `ControlError` if one does not answer.
+
+    A stop must not wait until it is said whose: it asks even if another instance was killed, or hangs.
+    """
+    sockets = running()
+    if len(sockets) < 2:
+        answer: Mapping[str, Any] = ask(sockets[0], op, args) if sockets else asked(op, args, None, None)
+        return answer
+    with ThreadPoolExecutor(len(sockets)) as pool:
+        answers = [*zip(sockets, pool.map(lambda socket: _tried(socket, op, args), sockets), strict=True)]
+    words = "\n".join(f"{socket.stem}: {answer['words']}" for socket, answer in answers)
+    if any("error" in answer for _, answer in answers):
+        raise ControlError(words)
+    return {"words": words, "unconfirmed": [each for _, answer in answers for each in answer.get("unconfirmed", ())]}
+
+
+def _tried(socket: Path, op: str, args: Mapping[str, object]) -> Mapping[str, Any]:
+    """Return the answer of an instance, or in words why there is none."""
+    try:
+        return dict(ask(socket, op, args))
+    except ControlError as error:
+        return {"words": f"not stopped: {error}", "error": True}
+
+
+def _place(config: Path | None, socket: Path | None) -> Path:
+    """Return where the instance listens that is meant; one at a socket must have the configuration that is named."""
+    if socket is None:
+        return find(config)
+    if config is not None and (other := introduced(socket).configuration) != config.resolve():
+        raise ControlError(f"{socket}: the instance there runs {other}, and not {config}")
+    return socket
+
+
+def _is_file_changed(instance: Instance) -> bool:
+    """Return whether the file is another one than the instance goes by; not if that cannot be seen from here."""
+    try:
+        text = read_untrusted_text(instance.configuration, CONFIGURATION_MAX_BYTES)
+    except UnreadableError:
+        return False
+    return instance.digest not in {"", sha256_of(text)}
+
+
+def _in_words(instance: Instance, *, is_changed: bool) -> str:
+    age_s = instance.configuration_age_s
+    since = "" if age_s is None else f", loaded {rounded_duration(age_s)} ago"
+    changed = "; the file has changed since: `stadimeter reload` applies it" if is_changed else ""
+    return f"{instance.configuration}{since} (process {instance.pid}){changed}"
 
 
 def who(by: str | None) -> str:

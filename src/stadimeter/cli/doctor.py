@@ -19,13 +19,13 @@ import stadimeter
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
 from stadimeter.cli.glyphs import ASCII, UNICODE, Glyphs
 from stadimeter.cli.progress import working
+from stadimeter.config.guides import guide
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.doctor.computer import Computer
 from stadimeter.workbench.doctor.diagnosis import Diagnosis, Severity
 from stadimeter.workbench.doctor.examination import CHECKS, Check
 from stadimeter.workbench.doctor.examined import Examined
 
-PAGE = "docs/doctor.md"
 MARKS = {
     Severity.FINE: ("✓", "green"),
     Severity.WARNING: ("!", "yellow"),
@@ -117,7 +117,7 @@ def _summary(every: list[Diagnosis]) -> Text:
     parts = [f"{counts[severity]} {words}" for severity, words in COUNTED.items() if counts[severity]]
     if not parts:
         return Text("nothing is wrong", "bold green")
-    return Text(f"{', '.join(parts)}; {PAGE} says more", "bold red" if counts[Severity.WRONG] else "bold")
+    return Text(f"{', '.join(parts)}; {guide('doctor.md')} says more", "bold red" if counts[Severity.WRONG] else "bold")
 
 
 def _print_json(examined: Examined) -> list[Diagnosis]:

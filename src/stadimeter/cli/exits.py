@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import errno
 import os
+import select
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import typer
 
@@ -16,8 +17,11 @@ DONE = 0
 NOT_FOUND = 1
 WRONG = 2
 
-_READER_GONE = frozenset({errno.EPIPE, errno.EIO})
-"""The reader of our output has enough, such as `head`; or the terminal is gone."""
+WRITING_FAILS = frozenset({errno.EPIPE, errno.EIO})
+"""How writing fails where nobody reads. Devices fail like this, too."""
+
+CV_NO_MEMORY = -4
+"""OpenCV's ``StsNoMem``, the code of its error."""
 
 MOST_SHOWN = 100
 """More lines than this are not read, and a file that is no configuration may have ten thousand errors."""
@@ -25,7 +29,10 @@ MOST_SHOWN = 100
 
 @contextmanager
 def plain_errors() -> Iterator[None]:
-    """Turn every error that stadimeter raises on purpose into its lines on standard error and exit code 2."""
+    """Turn every error that stadimeter raises on purpose into its lines on standard error and exit code 2.
+
+    So does running out of memory. The end of whoever reads our output, such as `head`, is a good end.
+    """
     try:
         yield
     except ConfigError as error:
@@ -38,8 +45,42 @@ def plain_errors() -> Iterator[None]:
         for line in str(error).splitlines():
             typer.echo(f"error: {line}", err=True)
         raise typer.Exit(WRONG) from error
-    except OSError as error:
-        if error.errno not in _READER_GONE:
+    except (Exception, SystemExit) as error:
+        instead = _instead_of(error)
+        if instead is None:
             raise
+        raise instead from error
+
+
+def _instead_of(error: BaseException) -> Exception | None:
+    """Return what ends the command instead of an error that nobody has caught; None if that error does."""
+    if isinstance(error, SystemExit):  # nothing of ours ends that way, and the program would end without a word
+        return RuntimeError(f"a driver or library asked for the end of the program: {error!r}")
+    if _is_out_of_memory(error):
+        words = " ".join(str(error).split()) or type(error).__name__
+        typer.echo(f"error: this computer, or a limit set for us, has no more memory: {words}", err=True)
+        return typer.Exit(WRONG)
+    if not isinstance(error, OSError) or error.errno not in WRITING_FAILS:
+        return None
+    if _is_reader_gone():
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123 - nothing is left to write to at exit
-        raise typer.Exit(DONE) from None
+        return typer.Exit(DONE)
+    # It is a device's. Click would take an EPIPE for our output's, and end without a word.
+    return RuntimeError(f"{type(error).__name__}: {error}")
+
+
+def _is_reader_gone() -> bool:
+    """Return whether whoever reads our output has enough, such as `head`, or the terminal is gone."""
+    poll = select.poll()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(AttributeError, OSError, ValueError):  # closed, or none that the system knows
+            poll.register(stream.fileno(), 0)
+    return any(seen & (select.POLLERR | select.POLLHUP) for _, seen in poll.poll(0))
+
+
+def _is_out_of_memory(error: BaseException) -> bool:
+    """Return whether that is it: Python, the system, OpenCV and threads each say it in a way of their own."""
+    if isinstance(error, OSError) and error.errno == errno.ENOMEM:
+        return True
+    is_cv = getattr(error, "code", None) == CV_NO_MEMORY
+    return isinstance(error, MemoryError) or is_cv or str(error) == "can't start new thread"

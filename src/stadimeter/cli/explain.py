@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from stadimeter.app.control.messages import as_data
-from stadimeter.cli.control_options import JsonOption, SocketOption, asked, print_answer
+from stadimeter.cli.control_options import JsonOption, SocketOption, asked_of, print_answer
 from stadimeter.cli.exits import plain_errors
 from stadimeter.config.units import parse_duration
 from stadimeter.core.decision import Decision
@@ -68,8 +68,9 @@ def explain_command(
     """
     with plain_errors():
         if journal is None:
-            answer = asked("explain", {"rule": rule, **_moment(at)}, config, socket)
-            print_answer(answer, "\n".join(_in_words(each) for each in answer["rules"]), as_json=as_json)
+            answer, who_answers = asked_of("explain", {"rule": rule, **_moment(at)}, config, socket)
+            lines = (who_answers, *(_in_words(each) for each in answer["rules"]))
+            print_answer(answer, "\n".join(lines), as_json=as_json)
             return
         run = replay_run(read_recording(journal), config)
         explanation, since_s = explain_recording(run, rule, at)
@@ -136,15 +137,20 @@ def seconds_since_the_beginning(at: str, began_at: str) -> float:
 
     Args:
         at: As typed: ``12.5``, ``12.5 s``, ``14:03``, ``14:03:20.5`` or ``2026-06-01 14:03:20``.
-        began_at: When the recording began, ISO 8601.
+        began_at: When the recording began, ISO 8601; anything else in a damaged one.
     """
     after_s = _duration_s(at)
     if after_s is not None:
         return after_s
-    began = datetime.fromisoformat(began_at).astimezone()
+    try:
+        began = datetime.fromisoformat(began_at).astimezone()
+    except (ValueError, OverflowError) as error:
+        message = f"'{at}' cannot be found: the recording does not say when it began"
+        hint = 'write a time since the beginning, such as "12.5 s"'
+        raise ConfigError([Problem(message, key="--at", hint=hint)]) from error
     try:
         return (_time_of_day(at, began) - began).total_seconds()
-    except ValueError as error:
+    except (ValueError, OverflowError) as error:
         hint = 'write a time since the beginning, such as "12.5 s", or a time of day, such as "14:03:20"'
         raise ConfigError([Problem(f"'{at}' is no moment", key="--at", hint=hint)]) from error
 

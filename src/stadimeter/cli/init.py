@@ -235,7 +235,7 @@ def _tell_notes(console: Console, accepted: Accepted) -> None:
     for note in accepted.notes:
         _indented(console, note, "yellow" if accepted.doubt else "green")
     if accepted.doubt:
-        _indented(console, "Enter if that is right all the same; or another answer.", "dim")
+        _indented(console, "Enter keeps this answer; or type another one, or back.", "dim")
 
 
 def _typed(console: Console, text: str, ready: str) -> str:
@@ -305,7 +305,7 @@ def _is_measured(console: Console, known: Known) -> bool:
     (result,) = Measuring(targets, known.camera_model).measure(known.frame, "").targets
     seen = result.measurement
     if seen.distance_m is None:
-        words = f"In the last picture, there is no {seen.target} to measure: {seen.reason}"
+        words = f"In the last picture, `{seen.target}` was not measured: {seen.reason}"
         console.print(Text(words, "yellow"))
         return False
     away = format_distance(seen.distance_m, seen.sigma_m, METRE)

@@ -17,7 +17,7 @@ from stadimeter.core.detection import DetectionStatus
 from stadimeter.errors import ConfigError
 from stadimeter.ranging.calibration import KnownDistance
 from stadimeter.workbench.calibration.calibrating import check_lens_settings
-from stadimeter.workbench.calibration.distance_fit import known_distance
+from stadimeter.workbench.calibration.distance_fit import known_distance, known_remedy
 from stadimeter.workbench.colour_profile import profile_notes
 from stadimeter.workbench.measuring import open_picture
 
@@ -69,7 +69,8 @@ def look_at(pictures: Sequence[str], wanted: WantedTargets, camera_model: Camera
     usable = tuple(each for each in known if each.detection.status is DetectionStatus.FOUND)
     for each in known:
         if each.detection.status is not DetectionStatus.FOUND:
-            typer.echo(f"left out: {each.picture}: {each.detection.reason}", err=True)
+            remedy = known_remedy(each, open_picture(Path(each.picture)), wanted.choices[0], camera_model)
+            typer.echo(f"left out: {each.picture}: {each.detection.reason}{remedy}", err=True)
         elif each.detection.reason:
             typer.echo(f"note: {each.picture}: {each.detection.reason}", err=True)
     return KnownPictures(usable=usable, all_usable=len(usable) == len(known))

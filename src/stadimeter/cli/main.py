@@ -102,6 +102,11 @@ class Commands(LazyGroup):
             "Apply the edited configuration of a running instance without a restart, if it passes `check`.",
             OPERATE,
         ),
+        "stop-outputs": LazyCommand(
+            "stadimeter.cli.operate",
+            "Put every output of a running instance at its safe value, until they are released.",
+            OPERATE,
+        ),
         "alarm": LazyCommand(
             "stadimeter.cli.operate", "Acknowledge, reset or shelve an alarm of a running instance, and more.", OPERATE
         ),

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -17,6 +17,7 @@ from stadimeter.cli.explanation import copy_paths, marks_of
 from stadimeter.cli.formatting import LengthUnit
 from stadimeter.cli.live_camera import LiveOption, camera_choice
 from stadimeter.cli.measure_output import Printer, printer_of
+from stadimeter.cli.progress import counted, goes_to_file
 from stadimeter.cli.target_options import ConfigOption, GivenTarget, WantedTargets, takes_target, wanted_targets
 from stadimeter.config.camera_file import load_camera_model
 from stadimeter.config.plugins import CAMERAS, DriverChoice, load_plugin
@@ -27,12 +28,10 @@ from stadimeter.workbench.annotation import annotate, write_picture
 from stadimeter.workbench.colour_notes import colour_notes
 from stadimeter.workbench.colour_profile import profile_notes
 from stadimeter.workbench.measuring import Measuring, PictureResult, failed, is_video_file, measure_picture
-
-if TYPE_CHECKING:
-    from rich.progress import Progress
+from stadimeter.workbench.remedies import remedy_notes
 
 MANY_PICTURES = 5
-"""More pictures than this have a progress bar, on a terminal."""
+"""Of more pictures than this it is shown how many are done."""
 
 EXIT_CODES = {
     MeasurementStatus.MEASURED: DONE,
@@ -126,11 +125,9 @@ def measure(
     found, or cut off; 2 an option, a file or a picture is wrong. A bad picture does not stop the others.
     """
     with plain_errors():
-        if bool(images) == bool(live):
-            raise ConfigError("give pictures or videos, or --live for a camera, one of the two")
-        names = _named_pair(between, target)
-        wanted = _wanted(target, config, names)
-        camera_model = _camera_model(camera, wanted)
+        names, wanted, camera_model = _checked(
+            target, config, camera, between, is_one_source=bool(images) != bool(live)
+        )
         targets = build_detectors(wanted.choices, camera_model)
         name = (live or "").partition(",")[0]  # the configuration or the driver: its options would fill each line
         work = _Work(
@@ -143,6 +140,33 @@ def measure(
         )
         code = work.frames(camera_choice(live), name) if live else work.files(images or [], copies, explain=explain)
     raise typer.Exit(code)
+
+
+def _checked(
+    given: GivenTarget, config: Path | None, camera: Path | None, between: str | None, *, is_one_source: bool
+) -> tuple[tuple[str, str] | None, WantedTargets, CameraModel]:
+    """Return the two targets of ``--between``, what to look for, and the lens; all that is wrong or missing at once."""
+    problems: list[Problem] = []
+    names = wanted = camera_model = None
+    with _collected(problems):
+        if not is_one_source:
+            raise ConfigError("give pictures or videos, or --live for a camera, one of the two")
+    with _collected(problems):
+        names = _named_pair(between, given)
+        wanted = _wanted(given, config, names)
+    with _collected(problems):
+        camera_model = _camera_model(camera, wanted, is_configured=config is not None)
+    if wanted is None or camera_model is None or problems:
+        raise ConfigError(problems)
+    return names, wanted, camera_model
+
+
+@contextmanager
+def _collected(problems: list[Problem]) -> Iterator[None]:
+    try:
+        yield
+    except ConfigError as error:
+        problems += error.problems
 
 
 def _video(path: Path) -> DriverChoice:
@@ -185,11 +209,14 @@ def _wanted(given: GivenTarget, config: Path | None, names: tuple[str, str] | No
     return wanted
 
 
-def _camera_model(file: Path | None, wanted: WantedTargets) -> CameraModel:
+def _camera_model(file: Path | None, wanted: WantedTargets | None, *, is_configured: bool) -> CameraModel | None:
+    """Return the lens; None where a configuration that cannot be read may have one."""
     if file is not None:
         return load_camera_model(file)
-    if wanted.camera_model is not None:
+    if wanted is not None and wanted.camera_model is not None:
         return wanted.camera_model
+    if wanted is None and is_configured:
+        return None
     hint = "make one with `stadimeter calibrate distance PICTURE@DISTANCE -o FILE`"
     raise ConfigError(
         [Problem("the camera file is missing; without it pixels say nothing about metres", key="--camera", hint=hint)]
@@ -206,7 +233,7 @@ class _Work:
     camera_model: CameraModel
     printer: Printer
     between: tuple[str, str] | None
-    proposed: set[str] = field(default_factory=set)  # targets for which other colours have been proposed
+    proposed: set[str] = field(default_factory=set)  # targets for which other options have been proposed
 
     def files(self, files: Sequence[Path], copies: Path | None, *, explain: bool) -> int:
         """Measure pictures and videos one after the other, and return the worst of their exit codes."""
@@ -217,14 +244,17 @@ class _Work:
             self.frames(_video(each), str(each))
             if is_video_file(each)
             else self.picture(each, _Copy.of(paths.get(each), self.wanted.unit, explain=explain))
-            for each in _counted(files)
+            for each in _shown(files)
         )
 
     def picture(self, image: Path, copy: _Copy | None) -> int:
         """Measure one picture, print what was found, write its copy, and return the exit code that it asks for."""
         result = measure_picture(image, self.targets, self.camera_model)
         code = self._printed(result)
-        for words in colour_notes(result, self.wanted.choices, self.proposed):
+        for words in (
+            *colour_notes(result, self.wanted.choices, self.proposed),
+            *remedy_notes(result, self.wanted.choices, self.camera_model, self.proposed),
+        ):
             _note(words)
         return max(code, _write_copy(result, copy)) if copy else code
 
@@ -286,26 +316,11 @@ def _write_copy(result: PictureResult, copy: _Copy) -> int:
     return DONE
 
 
-def _counted(images: Sequence[Path]) -> Iterator[Path]:
-    """Yield the pictures, with a progress bar if there are many and standard error is a terminal."""
-    if len(images) <= MANY_PICTURES or not sys.stderr.isatty():
-        yield from images
-        return
-    with _progress() as progress:
-        task = progress.add_task("measuring", total=len(images))
-        for image in images:
-            yield image
-            progress.advance(task)
+def _shown(images: Sequence[Path]) -> Iterable[Path]:
+    """Return the pictures; it is shown how many are done, if there are many and the results go to a file.
 
-
-@contextmanager
-def _progress() -> Iterator[Progress]:
-    # Few pictures need no bar, and a start without it is shorter.
-    from rich.console import Console  # noqa: PLC0415
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    # Lines printed meanwhile go above the bar where both share a terminal; elsewhere they must stay on standard output.
-    shared = sys.stdout.isatty()
-    with Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=shared) as progress:
-        yield progress
+    On a terminal the results show it themselves, and what shares the terminal with them, by a pipe too, would be glued
+    to them.
+    """
+    is_worth_it = len(images) > MANY_PICTURES and goes_to_file(sys.stdout)
+    return counted(images, "measuring", len(images)) if is_worth_it else images

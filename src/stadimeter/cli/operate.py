@@ -16,6 +16,8 @@ from stadimeter.cli.control_options import (
     SocketOption,
     WhyOption,
     asked,
+    asked_of,
+    asked_of_all,
     print_answer,
     who,
 )
@@ -92,6 +94,7 @@ def register(app: typer.Typer) -> None:
             group.command(op, help=words)(_on_one_rule(op))
         group.command("shelve")(shelve)
     app.add_typer(alarm)
+    app.command("stop-outputs")(stop_outputs)
     app.command("reload")(reload)
     app.command("status")(status)
 
@@ -152,6 +155,38 @@ def shelve(
         _operate("shelve", args, config, socket, as_json=as_json)
 
 
+def stop_outputs(
+    release: Annotated[bool, typer.Option("--release", help="Let them act again.")] = False,
+    by: ByOption = None,
+    why: WhyOption = "",
+    config: ConfigOption = None,
+    socket: SocketOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Put every output of a running instance at its safe value, until they are released.
+
+    Every actuator goes to its `safe` level, a base stands still, and all holds end. No rule stands before that, of
+    whatever severity; alarms are raised and announced as ever. It outlasts a reload, and a restart of a run that keeps
+    its state. If several instances run and none is named, all are stopped. It is no emergency stop: that is a switch in
+    the supply.
+
+    **Examples**
+
+    - `stadimeter stop-outputs --why "a child is in the room"`
+
+    - `stadimeter stop-outputs --release`
+
+    **Exit code**: 0 done, also if it was done already; 2 no instance runs, or one of them does not answer.
+    """
+    op, args = "release-outputs" if release else "stop-outputs", {"by": who(by), "why": why}
+    if release or config is not None or socket is not None:
+        _operate(op, args, config, socket, as_json=as_json)
+        return
+    with plain_errors():
+        data = asked_of_all(op, args)
+    print_answer(data, data["words"], as_json=as_json)
+
+
 def reload(config: ConfigOption = None, socket: SocketOption = None, as_json: JsonOption = False) -> None:
     """Apply the edited configuration of a running instance without a restart, if it passes `check`.
 
@@ -177,15 +212,17 @@ def reload(config: ConfigOption = None, socket: SocketOption = None, as_json: Js
 def status(config: ConfigOption = None, socket: SocketOption = None, as_json: JsonOption = False) -> None:
     """Print the state of every rule of a running instance, and the reason.
 
+    The first line names its configuration, how long ago that was loaded, and whether the file has changed since.
+
     **Example**
 
     - `stadimeter status`
 
-    **Exit code**: 0 done; 2 no instance runs, or several do.
+    **Exit code**: 0 done; 2 no instance runs, or several do, or the one that began last was killed.
     """
     with plain_errors():
-        data = asked("status", {}, config, socket)
-    print_answer(data, "\n".join(_lines(data)), as_json=as_json)
+        data, who_answers = asked_of("status", {}, config, socket)
+    print_answer(data, "\n".join((who_answers, *_lines(data))), as_json=as_json)
 
 
 def _operate(op: str, args: Mapping[str, object], config: Path | None, socket: Path | None, *, as_json: bool) -> None:

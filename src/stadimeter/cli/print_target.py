@@ -18,6 +18,7 @@ from stadimeter.cli.calibrate_board import (
 )
 from stadimeter.cli.exits import plain_errors
 from stadimeter.cli.target_options import wanted_targets
+from stadimeter.config.units import split_quantities
 from stadimeter.core.drawing import Drawing
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.drawing.files import write_drawings
@@ -59,7 +60,7 @@ def tag(
     ] = "36h11",
     numbers: Annotated[
         list[str] | None,
-        typer.Option("--id", metavar="N|N-M", help="Which tag of the family, or which; 0 if not given."),
+        typer.Option("--id", metavar="N|N-M", help="Numbers of the tags in the family; 0 if not given."),
     ] = None,
     paper: PaperOption = "A4",
 ) -> None:
@@ -142,8 +143,8 @@ def sheet(
 
 
 def _sides(size: str) -> dict[str, str]:
-    width, comma, height = size.partition(",")
-    return {"width": width.strip(), "height": height.strip()} if comma else {"size": size}
+    width, *height = split_quantities(size)
+    return {"width": width, "height": ", ".join(height)} if height else {"size": size}
 
 
 @_print_app.command()

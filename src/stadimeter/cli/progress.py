@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import os
+import stat
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from typing import TypeVar
+from typing import TYPE_CHECKING, TextIO, TypeVar
 
 import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 FIRST_AFTER_S = 0.5
 """What is done sooner is not announced."""
@@ -56,6 +60,14 @@ def counted(items: Iterable[_T], doing: str, total: int) -> Iterator[_T]:
             yield item
 
 
+def goes_to_file(stream: TextIO) -> bool:
+    """Return whether what is written there goes to a file, and to no terminal, not even by a pipe."""
+    try:
+        return stat.S_ISREG(os.fstat(stream.fileno()).st_mode)
+    except (OSError, ValueError):  # closed, or in memory
+        return False
+
+
 def _show(now: list[str], is_over: threading.Event) -> None:
     began_s = time.monotonic()
     if os.environ.get(SWITCH) == "off" or is_over.wait(FIRST_AFTER_S):
@@ -69,10 +81,33 @@ def _show(now: list[str], is_over: threading.Event) -> None:
 
 def _show_moving(now: list[str], is_over: threading.Event, began_s: float) -> None:
     from rich.console import Console  # noqa: PLC0415 - what is done at once needs none
+    from rich.live import Live  # noqa: PLC0415
+    from rich.spinner import Spinner  # noqa: PLC0415
 
-    with Console(stderr=True).status(now[0]) as status:
+    console, spinner = Console(stderr=True), Spinner("dots", now[0])
+    line = Live(spinner, console=console, transient=True, redirect_stdout=False, redirect_stderr=False)
+    with _written_above(console), line:
         while not is_over.wait(0.25):
-            status.update(_words(now[0], began_s))
+            spinner.update(text=_words(now[0], began_s))
+
+
+@contextmanager
+def _written_above(console: Console) -> Iterator[None]:
+    """Put above the moving line what is written on the terminal meanwhile. What goes elsewhere still goes there."""
+    from rich.file_proxy import FileProxy  # noqa: PLC0415 - likewise
+
+    class Above(FileProxy):
+        encoding = "utf-8"  # a FileProxy names none, and typer then writes past it: glued to the moving line
+        errors = "replace"
+
+    before = sys.stdout, sys.stderr
+    if sys.stdout.isatty():
+        sys.stdout = Above(console, sys.stdout)
+    sys.stderr = Above(console, sys.stderr)
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = before
 
 
 def _show_in_lines(now: list[str], is_over: threading.Event, began_s: float) -> None:

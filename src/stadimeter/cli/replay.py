@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -134,8 +134,9 @@ def _written(run: ReplayRun, journal: Path | None) -> Iterator[Iterator[Replayed
         yield iter(run)
         return
     source = run.recording
-    if journal.exists() and journal.samefile(source.path):
-        raise JournalError(f"{journal} is the recording that is replayed; choose another file")
+    with suppress(FileNotFoundError):
+        if journal.samefile(source.path):
+            raise JournalError(f"{journal} is the recording that is replayed; choose another file")
     with ExitStack() as closing:
         writer = JournalWriter(journal, run.to_be_recorded, source.header.began_at)
         closing.callback(writer.close)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import gc
 import json
 import os
+import threading
 from collections.abc import Iterator, Mapping
-from pathlib import Path
+from contextlib import contextmanager
 from typing import Annotated
 
 import typer
@@ -15,6 +16,7 @@ from stadimeter.app.bootstrap import build
 from stadimeter.app.ending import end_with, stopping_on_signals
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.restarts import HAS_PAGE, begin_anew
+from stadimeter.cli.config_argument import ConfigArgument, configuration_path
 from stadimeter.cli.exits import DONE, plain_errors
 from stadimeter.cli.keyboard import RunKeys
 from stadimeter.cli.run_options import (
@@ -41,8 +43,6 @@ from stadimeter.cli.viewing import Showing, View, in_words, live_or_plain, show,
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.track import TrackStatus
 
-ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="The configuration, a TOML file.")]
-
 
 def register(app: typer.Typer) -> None:
     """Add the command."""
@@ -50,7 +50,7 @@ def register(app: typer.Typer) -> None:
 
 
 def run(
-    config: ConfigFile,
+    config: ConfigArgument = None,
     frames: Frames = None,
     seconds: Seconds = None,
     journal: JournalFile = None,
@@ -69,10 +69,12 @@ def run(
 ) -> None:
     """Measure, decide and act, until stopped.
 
-    Opens the camera and every output that CONFIG names, and runs its rules on every frame. Prints a line a second,
-    and each event at once. A recording ends when its frames do; Ctrl-C and SIGTERM stop every output first and then
-    end the run, within 2 s. So does SIGHUP, which says that the terminal is gone, wherever the input comes from. To a
-    service, which has no terminal, SIGHUP says to read CONFIG again, as `stadimeter reload` does.
+    Opens the camera and every output that CONFIG names, and runs its rules on every frame. Without CONFIG, that is
+    stadimeter.toml in this folder. Prints a line a second, and each event at once. A recording ends when its frames
+    do; Ctrl-C and SIGTERM stop every output first and then end the run, within 2 s. So does SIGHUP, which says that
+    the terminal is gone, wherever the input comes from. To a service, which has no terminal, SIGHUP says to read
+    CONFIG again, as `stadimeter reload` does. Ctrl-Z puts every output at its safe value before the process is
+    suspended.
 
     Alarms of a live camera are remembered: after a restart they go on as if nothing had happened. A running instance
     takes operator commands: `stadimeter alarm ack`, `shelve` and so on.
@@ -85,14 +87,16 @@ def run(
 
     - `stadimeter run config/follow-ball.toml --record run.mcap --image-rate 5`
 
-    **Exit code**: 0 the run ended as it should; 2 a device or the configuration is wrong, or a journal or recording
-    cannot be begun; 128 and the number of a signal if something hung, so that the process was ended before all was
-    done. A journal that cannot go on, for a full disk for example, is a warning: the run goes on without it.
+    **Exit code**: 0 the run ended as it should; 1 a driver has a defect; 2 a device or the configuration is wrong, a
+    journal or recording cannot be begun, or there is no memory left; 128 and the number of a signal if something hung,
+    so that the process was ended before all was done. A journal that cannot go on, for a full disk for example, is a
+    warning: the run goes on without it.
     """
     view: View = "json" if as_json else live_or_plain() if watch else "plain"
     with plain_errors():
-        service = begun_service(config)
-        loop = Loop(build(load_configuration(config, with_tests=False), speed=speed or None))
+        path = configuration_path(config)
+        service = begun_service(path)
+        loop = Loop(build(load_configuration(path, with_tests=False), speed=speed or None))
         keeping = Keeping(
             journal=journal,
             record=record,
@@ -110,7 +114,7 @@ def run(
             is_quiet=view == "live",
             service=service,
         )
-        showing = Showing(view, config.name, unit, RunKeys(loop))
+        showing = Showing(view, path.name, unit, RunKeys(loop))
         run_loop(loop, Limits(frames=frames, seconds=seconds), keeping, serving, showing)
 
 
@@ -127,7 +131,7 @@ def run_loop(loop: Loop, limits: Limits, keeping: Keeping, serving: Serving, sho
         finally:
             showing.keys.keyboard.restore()
 
-    with stopping_on_signals(stop, loop.services.reload, loop.give_up):
+    with stopping_on_signals(stop, loop.services.reload, loop.give_up, loop.make_safe), _telling_of_threads(loop):
         end_with(os.environ.get(HAS_PAGE, ""))
         try:
             with plain_errors():
@@ -136,11 +140,31 @@ def run_loop(loop: Loop, limits: Limits, keeping: Keeping, serving: Serving, sho
             code = DONE
         except typer.Exit as left:
             code = left.exit_code
+        except KeyboardInterrupt as error:  # Ctrl-C is a signal of which the loop learns
+            raise RuntimeError(f"a driver or library ended the run: {error!r}") from error
         if loop.deadline.is_set and not loop.services.is_restart_due:
             os._exit(code)
     if loop.services.is_restart_due:
         begin_anew()
     raise typer.Exit(code)
+
+
+@contextmanager
+def _telling_of_threads(loop: Loop) -> Iterator[None]:
+    """Say it if a thread ends by an error that nobody has caught. Of a ``SystemExit``, Python would say nothing."""
+    before = threading.excepthook
+
+    def tell(args: threading.ExceptHookArgs) -> None:
+        name = args.thread.name if args.thread is not None else "?"
+        kind = args.exc_type.__name__
+        loop.services.tell(f"warning: the thread {name!r} has ended: {kind}: {args.exc_value}")
+        before(args)
+
+    threading.excepthook = tell
+    try:
+        yield
+    finally:
+        threading.excepthook = before
 
 
 def _run_to_the_end(loop: Loop, limits: Limits, keeping: Keeping, serving: Serving, showing: Showing) -> None:

@@ -30,9 +30,22 @@ if TYPE_CHECKING:
 
 Seconds = Annotated[float | None, typer.Option("--seconds", min=0.0, metavar="S", help="End after this long.")]
 Frames = Annotated[int | None, typer.Option("--frames", min=1, metavar="N", help="End after this many frames.")]
+MIN_SPEED, MAX_SPEED = 1e-3, 1e6
+
+
+def _check_speed(speed: float) -> float:
+    if speed and not MIN_SPEED <= speed <= MAX_SPEED:
+        raise typer.BadParameter(f"{speed:g} is neither 0 nor between {MIN_SPEED:g} and {MAX_SPEED:g}")
+    return speed
+
+
 Speed = Annotated[
     float,
-    typer.Option("--speed", min=0.0, help="How fast recordings and simulations run: 1 is real time, 0 has no brake."),
+    typer.Option(
+        "--speed",
+        callback=_check_speed,
+        help="How fast recordings and simulations run: 1 is real time, 0 has no brake.",
+    ),
 ]
 Unit = Annotated[Literal["m", "cm", "ft", "in"], typer.Option("--unit", help="The unit to show distances in.")]
 JournalFile = Annotated[
@@ -53,7 +66,8 @@ ImageRate = Annotated[
     typer.Option("--image-rate", min=0.01, metavar="HZ", help="Upper limit of recorded pictures a second."),
 ]
 ImageQuality = Annotated[
-    int, typer.Option("--image-quality", min=1, max=100, metavar="PERCENT", help="Of their JPEGs; 95 measures best.")
+    int,
+    typer.Option("--image-quality", min=1, max=100, metavar="PERCENT", help="Quality of JPEGs; 95 measures best."),
 ]
 
 

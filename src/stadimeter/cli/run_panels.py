@@ -40,6 +40,7 @@ SAFETY_STYLES = {
     SafetyMode.STARTING: "bold black on yellow",
     SafetyMode.ACTIVE: "bold black on green",
     SafetyMode.STALE: "bold white on red",
+    SafetyMode.STOPPED: "bold white on red",
 }
 SEVERITY_STYLES = {
     Severity.INFO: "bold",
@@ -50,7 +51,7 @@ SEVERITY_STYLES = {
 PAUSED_STYLE = "bold black on yellow"
 CTRL_C = Key(presses="", name="Ctrl-C", does="quit", act=lambda: None)
 SCREEN = (
-    ("ACTIVE", "outputs may act: frames are fresh; STARTING and STALE: outputs are at their safe values"),
+    ("ACTIVE", "outputs may act: frames are fresh; STARTING, STALE, STOPPED: outputs are at their safe values"),
     ("target", "its distance ± one standard deviation, how it moves, its bearing, and the last half minute"),
     ("rules", "the state of each, its output, and the reason"),
     ("outputs", "what each really does, and the rule that commands it"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from contextlib import closing
 from itertools import islice
 from pathlib import Path
@@ -14,7 +15,7 @@ from stadimeter.cli.live_camera import LiveOption, camera_choice
 from stadimeter.config.units import parse_duration
 from stadimeter.errors import ConfigError, Problem
 from stadimeter.workbench.annotation import write_picture
-from stadimeter.workbench.snapshot import OTHER_PROGRAMS, snapshots
+from stadimeter.workbench.snapshot import OTHER_PROGRAMS, Snapshot, snapshots
 
 
 def register(app: typer.Typer) -> None:
@@ -37,6 +38,7 @@ def snapshot(
     every: Annotated[
         str, typer.Option("--every", metavar="TIME", help="With --count: how long from one to the next.")
     ] = "1s",
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for each picture.")] = False,
 ) -> None:
     """Take a picture with exactly the settings that `run` uses.
 
@@ -45,6 +47,7 @@ def snapshot(
     another focal length.
 
     Says which settings the camera did not take, and whether the picture is black, dark, clipped to white or blurred.
+    With --json, each picture is an object with file, width_px, height_px, settings and faults.
 
     **Examples**
 
@@ -64,14 +67,23 @@ def snapshot(
             for number, each in enumerate(islice(taken, count), start=1):
                 path = output if count == 1 else output.with_stem(f"{output.stem}-{number}")
                 write_picture(path, each.frame.image, each.frame.optics)
-                typer.echo(f"wrote {path}: {each.frame.width_px} × {each.frame.height_px} pixels")
-                for words in (*(each.settings if number == 1 else ()), *each.faults):
-                    typer.echo(f"note: {words}", err=True)
+                _say(path, each, is_first=number == 1, as_json=as_json)
                 written, is_good = number, is_good and not each.faults
         if written < count:
             raise ConfigError(f"the camera came to an end after {written} of {count} pictures")
         typer.echo(f"note: {OTHER_PROGRAMS}", err=True)
     raise typer.Exit(DONE if is_good else NOT_FOUND)
+
+
+def _say(path: Path, taken: Snapshot, *, is_first: bool, as_json: bool) -> None:
+    size = {"width_px": taken.frame.width_px, "height_px": taken.frame.height_px}
+    if as_json:
+        record = {"file": str(path), **size, "settings": taken.settings, "faults": taken.faults}
+        typer.echo(json.dumps(record, ensure_ascii=False))
+        return
+    typer.echo(f"wrote {path}: {size['width_px']} × {size['height_px']} pixels")
+    for words in (*(taken.settings if is_first else ()), *taken.faults):
+        typer.echo(f"note: {words}", err=True)
 
 
 def _seconds(every: str) -> float:

@@ -19,7 +19,7 @@ from stadimeter.config.findings import findings_of
 from stadimeter.config.paper import paper_sides
 from stadimeter.config.plugins import DETECTORS, DriverChoice, load_plugin
 from stadimeter.config.toml_source import key_and_value
-from stadimeter.config.units import LENGTHS_M, parse_length
+from stadimeter.config.units import LENGTHS_M, parse_length, split_quantities
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import ConfigError, DriverNotFoundError, Problem
 
@@ -260,7 +260,7 @@ def _short(flag: str, said: Mapping[str, Any]) -> _Described:
 
 def _sides(flag: str, text: str) -> list[str]:
     """Return width and height, which may be given by the name of a paper."""
-    sizes = text.split(",")
+    sizes = split_quantities(text)
     if len(sizes) == 2:
         return sizes
     if len(sizes) > 2 or text[:1].isdigit():

@@ -6,7 +6,6 @@ import fnmatch
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -14,6 +13,7 @@ from rich.console import Console
 from rich.text import Text
 
 from stadimeter.cli.check import prose_console
+from stadimeter.cli.config_argument import ConfigArgument, configuration_path
 from stadimeter.cli.exits import NOT_FOUND, WRONG, plain_errors
 from stadimeter.cli.progress import working
 from stadimeter.config.loader import Configuration, load_configuration
@@ -34,7 +34,7 @@ def register(app: typer.Typer) -> None:
 
 
 def run_tests(
-    config: Annotated[Path, typer.Argument(metavar="CONFIG", help="The configuration, with its tests.")],
+    config: ConfigArgument = None,
     name: Annotated[
         str, typer.Option("--name", metavar="PATTERN", help="Only tests whose name holds this; * stands for anything.")
     ] = "",
@@ -55,7 +55,7 @@ def run_tests(
     name.
     """
     with plain_errors():
-        configuration = load_configuration(config)
+        configuration = load_configuration(configuration_path(config))
     chosen = [test for test in configuration.tests if _is_meant(test.name, name)]
     if name and not chosen:
         _nothing_of_that_name(configuration, name)

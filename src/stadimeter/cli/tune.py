@@ -26,6 +26,9 @@ from stadimeter.workbench.tuning.plot import draw_plot, on_delay_in_words, requi
 from stadimeter.workbench.tuning.proposing import FLAPS_A_MINUTE, Beginning, Ending, Proposal, tune
 from stadimeter.workbench.tuning.rates import DAY_S
 
+AT_THRESHOLD_TOLD = 0.05
+"""A target that was at its threshold for this share of the time is reported: raises there look like false alarms."""
+
 
 def register(app: typer.Typer) -> None:
     """Add the command."""
@@ -197,7 +200,7 @@ def _begin_table(proposal: Proposal) -> Table:
         table.add_column(heading, justify="right")
     for each in worth_showing(proposal):
         table.add_row(
-            _mark(each is proposal.begin, each is proposal.beginnings[0]),
+            _mark(proposal.is_reached and each is proposal.begin, each is proposal.beginnings[0]),
             _probability(each.settings),
             on_delay_in_words(each.settings.on_delay),
             _a_day(each.rate.a_day),
@@ -229,7 +232,7 @@ def _end_table(proposal: Proposal) -> Table:
         table.add_column(heading, justify="right")
     for each in sorted(proposal.endings, key=lambda each: (each.settings.deadband_sigmas, each.settings.off_delay_s)):
         table.add_row(
-            _mark(each is proposal.end, each is proposal.endings[0]),
+            _mark(proposal.is_reached and each is proposal.end, each is proposal.endings[0]),
             f"{each.settings.deadband_sigmas:g} σ",
             f"{each.settings.off_delay_s:g} s",
             f"{each.flaps_a_minute:.2f}",
@@ -253,6 +256,9 @@ def _probability(settings: Settings) -> str:
 
 
 def _toml(proposal: Proposal) -> Iterator[str]:
+    """Yield the lines for the rule; none if no setting keeps to what was asked for."""
+    if not proposal.is_reached:
+        return
     settings, tuned = proposal.end.settings, proposal.tuned
     yield f"For [rules.{tuned.rule.name}]:"
     yield f"when = {{ {', '.join(_when(tuned, settings))} }}"
@@ -300,9 +306,15 @@ def _claims(proposal: Proposal) -> Iterator[str]:
         yield f"Expected: {rate}, if the noise goes on as it was recorded."
     else:
         yield (
-            f"No setting that was tried is expected to keep to {wanted:g} false alarms a day. The best: {rate}. "
-            "A threshold further from where the target stands, or less noise, would help."
+            f"No setting that was tried is expected to keep to {wanted:g} false alarms a day, so none is proposed. The "
+            f"best: {rate}. A threshold further from where the target stands, or less noise, would help."
         )
+        if proposal.points.at_threshold >= AT_THRESHOLD_TOLD:
+            yield (
+                f"For {proposal.points.at_threshold:.0%} of the time without a true alarm the target was within one "
+                "standard deviation of the threshold, where nothing shows whether an alarm is right: record it "
+                "where it mostly stands, or mark the true alarms with --event."
+            )
     if proposal.is_extrapolated:
         yield "The target stood further away than where false alarms could be counted; the figures are extrapolated."
     if not proposal.is_supported:

@@ -104,7 +104,7 @@ class PlainView:
     def _say_trouble(self, now_s: float) -> None:
         trouble = self._trouble()
         if trouble != self._said:
-            self._line(now_s, trouble or "that trouble is over")
+            self._line(now_s, trouble or f"resolved: {self._said}")
         self._said = trouble
 
     def _line(self, at_s: float, words: str) -> None:
@@ -277,7 +277,7 @@ class ViewThread:
         self, update: Callable[[CycleRecord], None], screen: AbstractContextManager[object] | None = None
     ) -> None:
         self.dropped = 0
-        self.failure: Exception | None = None
+        self.failure: BaseException | None = None
         self._update = update
         self._screen = screen or nullcontext()
         self._waiting: queue.Queue[CycleRecord | None] = queue.Queue(WAITING_MAX)
@@ -310,7 +310,7 @@ class ViewThread:
             with self._screen:
                 while (record := self._waiting.get()) is not None:
                     self._update(record)
-        except Exception as error:  # noqa: BLE001 - the loop raises it, in its own thread
+        except BaseException as error:  # noqa: BLE001 - the loop raises it, in its own thread
             self.failure = error
 
 

@@ -13,6 +13,7 @@ from typing import Annotated
 import typer
 
 from stadimeter.cli.exits import plain_errors
+from stadimeter.config.extras import install_line
 from stadimeter.errors import PageError
 from stadimeter.web import python
 
@@ -110,7 +111,7 @@ def web(
 
 def _check_extra() -> None:
     if not all(find_spec(name) for name in ("starlette", "uvicorn")):
-        words = "the page needs the extra `web`: pip install 'stadimeter[web]'"
+        words = f"the page needs the extra `web`: {install_line('web')}"
         raise PageError(503, "no-extra", words)
 
 

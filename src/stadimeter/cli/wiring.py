@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from stadimeter.cli.config_argument import ConfigArgument, configuration_path
 from stadimeter.cli.exits import plain_errors
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.plugins import DriverChoice
@@ -25,7 +26,7 @@ def register(app: typer.Typer) -> None:
 
 
 def wiring(
-    config: Annotated[Path, typer.Argument(metavar="CONFIG", help="The configuration, a TOML file.")],
+    config: ConfigArgument = None,
     *,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="Draw it into this file, .svg or .pdf.")
@@ -47,10 +48,10 @@ def wiring(
     **Exit code**: 0 done; 2 the configuration cannot be used, nothing is on a pin, or the file cannot be written.
     """
     with plain_errors():
-        configuration = load_configuration(config)
+        configuration = load_configuration(configuration_path(config))
         parts = parts_of(configuration)
         if not wired_outputs(parts):
-            raise ConfigError(f"{config}: no part is on a pin of the header, so there is nothing to wire")
+            raise ConfigError(f"{configuration.path}: no part is on a pin of the header, so there is nothing to wire")
         for warning in configuration.warnings:
             if warning.code == "pin-taken":
                 typer.echo(f"warning: {warning}", err=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import stat
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import BinaryIO
@@ -39,22 +39,55 @@ def write_all_atomically(files: Mapping[Path, bytes]) -> None:
     _write_all(files, None)
 
 
+def holds(path: Path, data: bytes) -> bool:
+    """Return whether there is a file with exactly this content."""
+    try:
+        return path.read_bytes() == data
+    except FileNotFoundError:
+        return False
+
+
+def rename_to_free_name(path: Path, names: Iterator[str]) -> Path:
+    """Rename a file to the first of some names that is free in its folder; return its new path.
+
+    The name is taken by an empty file first, which the renamed one then replaces. So nothing else is ever replaced, on
+    every file system, even if two programs do this at once.
+
+    Args:
+        names: Never ends.
+
+    Raises:
+        OSError: It cannot be renamed.
+    """
+    for free in map(path.with_name, names):
+        with suppress(FileExistsError):
+            os.close(os.open(free, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
+            break
+    try:
+        path.replace(free)
+    except OSError:
+        free.unlink()
+        raise
+    return free
+
+
 def _write_all(files: Mapping[Path, bytes], like: Path | None) -> None:
     places = {path: Path(os.path.realpath(path)) for path in files}
     temporary = {path: place.with_name(f".{place.name}.part") for path, place in places.items()}
     with ExitStack() as closing:
-        # Locked in one order by everybody, so that no two savers wait for each other.
-        in_order = sorted(files, key=places.__getitem__)
-        opened = {path: closing.enter_context(_locked(temporary[path])) for path in in_order}
+        opened: dict[Path, BinaryIO] = {}
         try:
+            for path in sorted(files, key=places.__getitem__):  # every saver's order, so that no two block each other
+                opened[path] = closing.enter_context(_open_locked(temporary[path]))
             for path, data in files.items():
                 _fill(opened[path], data, like or places[path])
             for path, place in places.items():
                 temporary[path].replace(place)
+                del opened[path]  # the hidden name is free again: another saver may have it by now
                 _sync_folder(place.parent)
         except BaseException:
-            for each in temporary.values():
-                each.unlink(missing_ok=True)
+            for path in opened:
+                temporary[path].unlink(missing_ok=True)
             raise
 
 
@@ -66,15 +99,21 @@ def _fill(file: BinaryIO, data: bytes, like: Path) -> None:
     os.fsync(file.fileno())
 
 
-def _locked(path: Path) -> BinaryIO:
-    """Open a file for nobody but us, and wait for whoever writes it. It may hold what a cut left there."""
+def _open_locked(path: Path) -> BinaryIO:
+    """Open a file that no other saver writes, and wait for one that does. It may hold what a power cut left there."""
     while True:
         file = os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666), "r+b")
-        with suppress(OSError):  # a file system without locks
-            fcntl.flock(file, fcntl.LOCK_EX)
-        if path.exists() and os.path.samestat(os.fstat(file.fileno()), path.stat()):
-            return file
-        file.close()  # it got its name meanwhile, or was removed
+        try:
+            with suppress(OSError):  # a file system without locks
+                fcntl.flock(file, fcntl.LOCK_EX)
+            # It may have got its final name while we waited, or was removed: its hidden name is free or another's then
+            with suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(file.fileno()), path.stat()):
+                    return file
+        except BaseException:
+            file.close()  # else its lock holds up every saver after us
+            raise
+        file.close()
 
 
 def _take_after(path: Path, descriptor: int) -> None:

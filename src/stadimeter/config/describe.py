@@ -10,7 +10,17 @@ from stadimeter.config.models import ButtonTable, WebTable
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.condition import AllOf, AnyOf, Condition, Leaf, Not, leaves
 from stadimeter.core.plan import BaseOutput
-from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, LostPolicy, OnDelay, Pattern, RampRule, SequenceStep
+from stadimeter.core.rule import (
+    AlarmRule,
+    AnyRule,
+    DelayTolerance,
+    FollowRule,
+    LostPolicy,
+    OnDelay,
+    Pattern,
+    RampRule,
+    SequenceStep,
+)
 from stadimeter.core.rules.layout import contested_outputs
 from stadimeter.core.words import duration, length
 
@@ -18,6 +28,7 @@ Verb = Callable[[str], str]
 """What an output does when it acts, such as ``lights``, by its name."""
 
 _RAISES_MAX = AlarmRule.__dataclass_fields__["raises_per_minute_max"].default
+_TOLERANCE = DelayTolerance()
 
 NAMED_MAX = 10
 """Of more rules than these, the rest are counted: a list of hundreds is of no use."""
@@ -61,7 +72,12 @@ def _held(table: ButtonTable) -> str:
 
 def _pressed(action: str, table: ButtonTable) -> str:
     """Say what a button does, such as ``shelves every alarm for 30 min``."""
-    does = {"take-out": "takes {} out of service", "put-back": "puts {} back into service"}.get(action, action + "s {}")
+    does = {
+        "take-out": "takes {} out of service",
+        "put-back": "puts {} back into service",
+        "stop-outputs": "stops every output until they are released",
+        "release-outputs": "lets outputs that were stopped act again",
+    }.get(action, action + "s {}")
     lasting = f" for {duration(table.shelve_for)}" if action == "shelve" and table.shelve_for else ""
     return does.format(f"`{table.rule}`" if table.rule else "every alarm that it can") + lasting
 
@@ -70,7 +86,7 @@ def _combined(configuration: Configuration) -> Iterator[str]:
     contested = contested_outputs(configuration.plan.rules)
     for output in configuration.plan.outputs:
         if output.name in contested:
-            yield f"Of what rules of one priority ask of `{output.name}`, {_COMBINED[output.combine]} counts."
+            yield f"Where rules of one priority drive `{output.name}`, {_COMBINED[output.combine]} counts."
 
 
 _COMBINED = {"max": "the highest level", "min": "the lowest level", "most_restrictive": "the slower of each speed"}
@@ -94,7 +110,9 @@ def _rule(rule: AnyRule, configuration: Configuration) -> str:
 def _alarm(rule: AlarmRule, configuration: Configuration) -> str:
     condition = f"{_acts(rule, configuration)} when {begins(rule.condition)}{_delay(rule.on_delay)}"
     besides = _consequences(rule, lambda output: _verb_of(output, configuration))
-    return f"{condition}; clears {_ends(rule)}.{_lost_alarm(rule)}{besides}{_wins(rule, configuration)}"
+    return (
+        f"{condition}; clears {_ends(rule)}{_tolerance(rule)}.{_lost_alarm(rule)}{besides}{_wins(rule, configuration)}"
+    )
 
 
 def _acts(rule: AlarmRule, configuration: Configuration) -> str:
@@ -126,6 +144,17 @@ def _delay(delay: OnDelay) -> str:
 def _ends(rule: AlarmRule) -> str:
     held = f"for {rule.off_delay_s:g} s" if rule.off_delay_s else "at once"
     return f"when {ends(rule.condition)} {held}"
+
+
+def _tolerance(rule: AlarmRule) -> str:
+    tolerance = rule.delay_tolerance
+    if tolerance == _TOLERANCE:
+        return ""
+    if tolerance.for_s:
+        return f"; up to {tolerance.for_s:g} s to the contrary start no delay over"
+    if tolerance.samples:
+        return f"; up to {tolerance.samples} frames in a row to the contrary start no delay over"
+    return "; any frame to the contrary starts a delay over"
 
 
 def _lost_alarm(rule: AlarmRule) -> str:
@@ -227,7 +256,7 @@ def _sentences(rule: AlarmRule, verb: Verb) -> Iterator[str]:
         yield f"Is reported again every {duration(rule.realarm_s)} while it stands"
     yield from _governor(rule)
     if rule.group:
-        yield f"Of the alarms of the group `{rule.group}`, the first is marked"
+        yield f"The first alarm of the group `{rule.group}` is marked as such"
     if rule.suppress_when is not None:
         yield f"Keeps quiet while {begins(rule.suppress_when)}"
 

@@ -19,9 +19,15 @@ LIBRARIES = {
 """The library of each extra, by the extra's name."""
 
 PICAMERA2 = "`sudo apt install python3-picamera2`"
+OLDEST_PICAMERA2 = "0.3.20"
+"""The first version that can give up waiting for a camera (`cancel_all_and_flush`)."""
+PICAMERA2_TOO_OLD = (
+    f"this picamera2 is too old: before {OLDEST_PICAMERA2} it cannot give up waiting for a camera; `sudo apt update &&"
+    " sudo apt full-upgrade`"
+)
 PICAMERA2_UNSEEN = "/usr/lib/python3/dist-packages/picamera2"
 """Where apt puts it, which a Python environment of its own does not see."""
-SEE_SYSTEM = (
+SEE_SYSTEM = (  # the Debian package's environment sees them
     "make the environment anew with `python3 -m venv --system-site-packages`, so that it sees the system's packages"
 )
 NUMPY_1 = "'numpy<2' 'opencv-python-headless<4.12'"
@@ -30,15 +36,24 @@ NUMPY_1 = "'numpy<2' 'opencv-python-headless<4.12'"
 
 PACKAGED = "/opt/stadimeter"
 """Where the Debian package has its environment, which has no pip and sees the system's packages."""
+PACKAGE_AGAIN = "`sudo apt install --reinstall ./stadimeter_VERSION.deb`, the package's file"
+"""No repository has it, so apt needs the file."""
 
 _OF_DEBIAN = {"pi": "python3-lgpio", "plots": "python3-matplotlib"}
+_OF_PACKAGE = ("notify", "record", "web")
+"""What the package brings itself. Anything else goes beside drivers of one's own, which survive an upgrade."""
 
 
 def install_line(extra: str) -> str:
     """Return the command that installs an extra for the Python that runs, which need not be the first of the path."""
-    if sys.prefix.startswith(PACKAGED) and extra in _OF_DEBIAN:
+    if not sys.prefix.startswith(PACKAGED):
+        return f"{shlex.quote(sys.executable)} -m pip install 'stadimeter[{extra}]'"
+    if extra in _OF_DEBIAN:
         return f"sudo apt install {_OF_DEBIAN[extra]}"
-    return f"{shlex.quote(sys.executable)} -m pip install 'stadimeter[{extra}]'"
+    if extra in _OF_PACKAGE:
+        return PACKAGE_AGAIN.replace("`", "")
+    target = f"--no-deps --target {PACKAGED}/drivers {LIBRARIES[extra]}"
+    return f"sudo apt install python3-pip && sudo python3 -m pip install {target}"
 
 
 def missing(extra: str) -> str:

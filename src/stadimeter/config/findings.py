@@ -135,7 +135,10 @@ def findings_of(
         One finding for each key that is wrong, however many ways it could have been right.
     """
     by_path: dict[KeyPath, tuple[Any, list[ErrorDetails]]] = {}
-    for details in error.errors(include_url=False):
+    found = error.errors(include_url=False)
+    for details in found:
+        if details["type"] == "too_short" and _has_wrong_entries(details, found):
+            continue
         path, value = _path_and_value(table, details)
         by_path.setdefault(path, (value, []))[1].append(details)
     for path, (value, complaints) in islice(by_path.items(), MOST_EXPLAINED):
@@ -144,6 +147,12 @@ def findings_of(
         yield _finding((*at, *path), complaints, known, value, elsewhere)
     if (left := len(by_path) - MOST_EXPLAINED) > 0:
         yield Finding(at, f"{left} more keys are wrong", code="unknown-key")
+
+
+def _has_wrong_entries(of_list: ErrorDetails, found: Iterable[ErrorDetails]) -> bool:
+    """Return whether entries of a list are wrong: pydantic counts only the others, and takes the list for too short."""
+    at = of_list["loc"]
+    return any(len(each["loc"]) > len(at) and each["loc"][: len(at)] == at for each in found)
 
 
 def known_keys(model: type[BaseModel], path: KeyPath = ()) -> list[str]:

@@ -134,15 +134,19 @@ class StatusLedTable(Section):
     """The keys that every status LED has, whatever drives it: none."""
 
 
-ButtonAction = Literal["acknowledge", "reset", "shelve", "unshelve", "take-out", "put-back"]
+ButtonAction = Literal[
+    "acknowledge", "reset", "shelve", "unshelve", "take-out", "put-back", "stop-outputs", "release-outputs"
+]
 """The values of `stadimeter.core.operator.OperatorAction`."""
+
+STOP, RELEASE = "stop-outputs", "release-outputs"
 
 
 class ButtonTable(Section):
-    """The keys that every button has, whatever its driver: what it asks of alarms when it is let go."""
+    """The keys that every button has, whatever its driver: what it asks of alarms, or of every output."""
 
     press: ButtonAction = "acknowledge"
-    """What a short press does."""
+    """What a short press does, when it is let go; but `stop-outputs` as soon as it is down."""
     hold: ButtonAction | None = None
     """What a long press does; None for the same as a short one."""
     hold_for: Annotated[Duration, Field(ge=1.0, le=HOLD_MAX_S)] = 2.0
@@ -159,6 +163,10 @@ class ButtonTable(Section):
             raise ValueError("hold_for has a meaning only beside hold; leave it out, or say what a long press does")
         if "shelve_for" in given and "shelve" not in {self.press, self.hold}:
             raise ValueError('shelve_for has a meaning only where the button shelves; write hold = "shelve"')
+        if self.hold == STOP or (self.press == STOP and self.hold is not None):
+            raise ValueError(f'a button stops outputs as soon as it is down: write press = "{STOP}" without hold')
+        if self.rule and {STOP, RELEASE} & {self.press, self.hold}:
+            raise ValueError(f"{STOP} and {RELEASE} concern every output: leave out rule")
         return self
 
 

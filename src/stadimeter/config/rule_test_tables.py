@@ -297,7 +297,7 @@ class MotionTable(Section):
 
 
 class OperatorTable(Section):
-    """An operator command to a rule at some time; exactly one of the keys that name an action holds the rule's name."""
+    """An operator command at some time: exactly one of the keys that name an action, with the rule's name or true."""
 
     at: Duration
     """In seconds from the start of the test."""
@@ -313,6 +313,10 @@ class OperatorTable(Section):
     """Take it out of service."""
     put_back: str | None = None
     """Put it back into service."""
+    stop_outputs: Literal[True] | None = None
+    """Put every output at its safe value, until they are released."""
+    release_outputs: Literal[True] | None = None
+    """Let them act again."""
     duration: Annotated[DurationAboveZero | None, Field(alias="for")] = None
     """How long to shelve it, written ``for``, in seconds; None for as long as the rule allows."""
     one_shot: bool = False
@@ -323,9 +327,9 @@ class OperatorTable(Section):
     """Why."""
 
     def orders(self) -> tuple[tuple[OperatorAction, str], ...]:
-        """Return what is to be done to which rule; more or fewer than one is wrong."""
+        """Return what is to be done to which rule (empty for none); more or fewer than one is wrong."""
         named = ((action, getattr(self, action.replace("-", "_"))) for action in OperatorAction)
-        return tuple((action, rule) for action, rule in named if rule is not None)
+        return tuple((action, "" if rule is True else rule) for action, rule in named if rule is not None)
 
 
 class InputTable(MotionTable):

@@ -56,17 +56,17 @@ _TABLES: dict[str, type[BaseModel]] = {
     "web": models.WebTable,
 }
 _SECTIONS = {
-    "camera": "What looks: its driver, and the lens.",
-    "targets": "What is looked for, by name; at least one.",
-    "actuators": "What can be driven, by name: motors, buzzers, lamps.",
-    "base": "What can drive about.",
+    "camera": "The camera: its driver and its lens.",
+    "targets": "The objects to look for, by name; at least one.",
+    "actuators": "The outputs, by name: motors, buzzers, lamps.",
+    "base": "The robot's base.",
     "status_led": "A light that shows whether it runs well.",
-    "buttons": "Push buttons, by name, and what they ask of alarms.",
-    "messenger": "What tells other programs.",
-    "notifiers": "What tells people, by name.",
+    "buttons": "Push buttons, by name, and what each does.",
+    "messenger": "The link to other programs, such as MQTT.",
+    "notifiers": "The ways to notify people, by name.",
     "world": "The simulated world, for simulated drivers.",
-    "rules": "What to do when, by name.",
-    "tests": "What the rules are tested with, by the command stadimeter test.",
+    "rules": "The rules, by name: what to do at which distance.",
+    "tests": "Tests of the rules, for the command stadimeter test.",
 }
 
 
@@ -98,7 +98,7 @@ def configuration_schema() -> JsonSchema:
         {
             "$schema": DIALECT,
             "title": "stadimeter configuration",
-            "description": "What a camera looks for, and what happens depending on how far away it is.",
+            "description": "The target of a camera, and what happens depending on its distance.",
             "type": "object",
             "properties": {
                 section: {**sections[section], **({"description": _SECTIONS[section]} if section in _SECTIONS else {})}

@@ -8,6 +8,7 @@ no configuration for certain is refused before it is parsed, with its line.
 from __future__ import annotations
 
 import json
+import math
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -18,6 +19,7 @@ from typing import Any
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.toml_lines import KeyPath, SourceSpan, key_spans, syntax_error
 from stadimeter.config.untrusted_file import read_untrusted_text, size_text
+from stadimeter.core.bounds import MAX_PLAIN
 from stadimeter.errors import ConfigError, Problem, UnreadableError
 
 UNREADABLE = "unreadable"
@@ -87,7 +89,7 @@ def parse_toml(text: str, file: str) -> TomlSource:
     """Parse a TOML text, unless it cannot be meant as a configuration.
 
     Raises:
-        ConfigError: It is not TOML, nests too deep, or holds a number beyond 64 bits; with the line.
+        ConfigError: It is not TOML, nests too deep, or holds a number beyond all bounds; with the line.
     """
     if why := why_out_of_bounds(text):
         message, line = why
@@ -101,7 +103,7 @@ def parse_toml(text: str, file: str) -> TomlSource:
             [Problem(f"this is not valid TOML: {message}", file, line, hint=hint, code="syntax")]
         ) from error
     spans = key_spans(text)
-    if found := list(_numbers_too_large((), table)):
+    if found := list(_numbers_out_of_bounds((), table)):
         raise ConfigError(problems(found, file, spans))
     return TomlSource(text=text, table=table, spans=spans)
 
@@ -146,12 +148,14 @@ def _syntax_hint(message: str) -> str:
     return ""
 
 
-def _numbers_too_large(path: KeyPath, value: Any) -> Iterator[Finding]:
+def _numbers_out_of_bounds(path: KeyPath, value: Any) -> Iterator[Finding]:
     if isinstance(value, dict | list):
         for key, inner in value.items() if isinstance(value, dict) else enumerate(value):
-            yield from _numbers_too_large((*path, key), inner)
+            yield from _numbers_out_of_bounds((*path, key), inner)
     elif isinstance(value, int) and value not in _INTEGERS:
         yield Finding(path, "this whole number does not fit into 64 bits", code="bad-value")
+    elif isinstance(value, float) and MAX_PLAIN < abs(value) < math.inf:
+        yield Finding(path, f"{value:g} is too large a number; at most {MAX_PLAIN:g} is taken", code="bad-value")
 
 
 def why_out_of_bounds(text: str) -> tuple[str, int] | None:

@@ -15,42 +15,82 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, ValidationInfo, WithJsonSchema
 
+from stadimeter.core.bounds import (
+    MAX_ACCELERATION_MPS2,
+    MAX_ANGLE_RAD,
+    MAX_DURATION_S,
+    MAX_FREQUENCY_HZ,
+    MAX_LENGTH_M,
+    MAX_SPEED_MPS,
+    MAX_TURN_ACCELERATION_RADPS2,
+    MAX_TURN_RATE_RADPS,
+    MIN_QUANTITY,
+)
+
 INCH_M = 0.0254
 FOOT_M = 0.3048
 
-LENGTHS_M = {
+
+class Units(dict[str, float]):
+    """The units of a quantity, each with its size in the SI unit.
+
+    Attributes:
+        most: The largest value that is taken, in the SI unit.
+    """
+
+    def __init__(self, most: float, units: dict[str, float]) -> None:
+        super().__init__(units)
+        self.most = most
+
+    @property
+    def si_unit(self) -> str:
+        """The unit in which values are known."""
+        return next(name for name, size in self.items() if size == 1.0)
+
+
+LENGTHS_M = Units(MAX_LENGTH_M, {
     "mm": 1e-3, "cm": 1e-2, "m": 1.0, "km": 1e3,
     "in": INCH_M, "inch": INCH_M, "inches": INCH_M, '"': INCH_M,
     "ft": FOOT_M, "foot": FOOT_M, "feet": FOOT_M, "'": FOOT_M,
     "yd": 0.9144,
-}  # fmt: skip
-DURATIONS_S = {"us": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0, "min": 60.0, "h": 3600.0}
-SPEEDS_MPS = {"mm/s": 1e-3, "cm/s": 1e-2, "m/s": 1.0, "km/h": 1 / 3.6, "in/s": INCH_M, "ft/s": FOOT_M, "mph": 0.44704}
-ACCELERATIONS_MPS2 = {"m/s2": 1.0, "m/s^2": 1.0, "m/s²": 1.0, "cm/s2": 1e-2, "ft/s2": FOOT_M}
-ANGLES_RAD = {"rad": 1.0, "deg": math.pi / 180, "°": math.pi / 180}
-TURN_RATES_RADPS = {"rad/s": 1.0, "deg/s": math.pi / 180, "°/s": math.pi / 180}
-TURN_ACCELERATIONS_RADPS2 = {
-    f"{turn}/{time}": size
-    for turn, size in (("rad", 1.0), ("deg", math.pi / 180), ("°", math.pi / 180))
-    for time in ("s2", "s^2", "s²")
-}
-FREQUENCIES_HZ = {"Hz": 1.0, "hz": 1.0, "kHz": 1e3}
+})  # fmt: skip
+DURATIONS_S = Units(MAX_DURATION_S, {"us": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0, "min": 60.0, "h": 3600.0})
+SPEEDS_MPS = Units(MAX_SPEED_MPS, {
+    "mm/s": 1e-3, "cm/s": 1e-2, "m/s": 1.0, "km/h": 1 / 3.6, "in/s": INCH_M, "ft/s": FOOT_M, "mph": 0.44704,
+})  # fmt: skip
+ACCELERATIONS_MPS2 = Units(
+    MAX_ACCELERATION_MPS2, {"m/s2": 1.0, "m/s^2": 1.0, "m/s²": 1.0, "cm/s2": 1e-2, "ft/s2": FOOT_M}
+)
+ANGLES_RAD = Units(MAX_ANGLE_RAD, {"rad": 1.0, "deg": math.pi / 180, "°": math.pi / 180})
+TURN_RATES_RADPS = Units(MAX_TURN_RATE_RADPS, {"rad/s": 1.0, "deg/s": math.pi / 180, "°/s": math.pi / 180})
+TURN_ACCELERATIONS_RADPS2 = Units(
+    MAX_TURN_ACCELERATION_RADPS2,
+    {
+        f"{turn}/{time}": size
+        for turn, size in (("rad", 1.0), ("deg", math.pi / 180), ("°", math.pi / 180))
+        for time in ("s2", "s^2", "s²")
+    },
+)
+FREQUENCIES_HZ = Units(MAX_FREQUENCY_HZ, {"Hz": 1.0, "hz": 1.0, "kHz": 1e3})
 
 DAY_S = 24 * 3600.0
 
 _TIME_OF_DAY = re.compile(r"\s*(\d{1,2}):(\d{2})(?::(\d{2}(?:\.\d+)?))?\s*")
-_QUANTITY = re.compile(r"\s*([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+_QUANTITY = re.compile(r"\s*([+-]?(?:\d+(?:\.\d*|,\d+)?|[.,]\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
+"""A number whose comma some read as decimal, others as the one of thousands."""
+_BETWEEN_QUANTITIES = re.compile(r"(?<!\d),|,(?!\d)")
 
 
-def parse_quantity(text: object, units: dict[str, float], example: str) -> float:
-    """Read a number with its unit.
+def parse_quantity(text: object, units: Units, example: str) -> float:
+    """Read a number with its unit. Its decimals come after a point or a comma, wherever a person may write it.
 
     Args:
-        units: The units that are meant, each with its size in the SI unit.
         example: How such a quantity may look, for error messages.
 
     Raises:
-        ValueError: It is not a number with one of the units.
+        ValueError: It is not a number with one of the units, its comma may be one of thousands, or it is beyond the
+            bounds of `core.bounds`.
     """
     if isinstance(text, int | float) and not isinstance(text, bool):
         raise ValueError(f"{text} has no unit; write it with one, such as {example!r}")
@@ -59,25 +99,34 @@ def parse_quantity(text: object, units: dict[str, float], example: str) -> float
     match = _QUANTITY.fullmatch(text)
     if not match:
         raise ValueError(f"{text!r} is not a number with a unit; write it such as {example!r}")
-    number, unit = float(match[1]), match[2]
+    written, unit = match[1], match[2]
     if unit not in units:
         raise ValueError(_unit_trouble(text, unit, units, example))
+    if _THOUSANDS.fullmatch(written):
+        dot, none = written.replace(",", "."), written.replace(",", "")
+        raise ValueError(f"{text!r} may mean {dot} or {none}; write it with a point, or without the comma")
+    number = float(written.replace(",", "."))
     value = number * units[unit]
-    if not math.isfinite(value):
-        raise ValueError(f"{text!r} is too large a number")
+    if abs(value) > units.most:
+        raise ValueError(f"{text!r} is too large a number; at most {units.most:g} {units.si_unit} are taken")
+    if 0 < abs(value) < MIN_QUANTITY or (number and not value):
+        raise ValueError(f"{text!r} is too small a number; write 0, or at least {MIN_QUANTITY:g} {units.si_unit}")
     return value
 
 
-def _unit_trouble(text: str, unit: str, units: dict[str, float], example: str) -> str:
+def _unit_trouble(text: str, unit: str, units: Units, example: str) -> str:
     if not unit:
         return f"{text!r} has no unit; write it with one, such as {example!r}"
-    if re.match(r",\d", unit):
-        return f"{text!r} has a comma in its number; decimals come after a point: {text.replace(',', '.', 1)!r}"
-    if re.search(r"(^|\s)\d", unit):
+    if re.search(r"(^|[\s.,])\d", unit):
         return f"{text!r} has more than one number; write one with its unit, such as {example!r}"
     close = difflib.get_close_matches(unit, units, n=1, cutoff=0.5)
     guess = f"; did you mean {close[0]!r}?" if close else "."
     return f"{text!r}: unknown unit {unit!r}{guess} Known units: {', '.join(units)}"
+
+
+def split_quantities(text: str) -> list[str]:
+    """Return the parts of a list such as ``"11in, 8,5in"``: a comma between two digits belongs to a number."""
+    return [part.strip() for part in _BETWEEN_QUANTITIES.split(text)]
 
 
 def parse_length(text: object) -> float:
@@ -114,7 +163,7 @@ def parse_time_of_day(text: object) -> float:
     return second
 
 
-def _not_negative(units: dict[str, float], example: str) -> Callable[[object], float]:
+def _not_negative(units: Units, example: str) -> Callable[[object], float]:
     """Return a parser of quantities in SI units; it raises ValueError for a text that is none, or is below zero."""
 
     def parse(text: object) -> float:
@@ -150,20 +199,16 @@ def _parse_pin(value: object) -> int:
     return value
 
 
-def as_written(units: dict[str, float], example: str, *, is_signed: bool = False) -> WithJsonSchema:
+def as_written(units: Units, example: str, *, is_signed: bool = False) -> WithJsonSchema:
     """Say to editors how a quantity is written.
-
-    Args:
-        units: The units that are meant, each with its size in the SI unit.
 
     Returns:
         What to annotate its type with. ``x-unit`` is the SI unit, in which its default is known.
     """
     sign = "[+-]?" if is_signed else "[+]?"
     names = "|".join(re.escape(name) for name in units)
-    pattern = rf"^\s*{sign}([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?\s*({names})\s*$"
-    unit = next(name for name, size in units.items() if size == 1.0)
-    return WithJsonSchema({"type": "string", "pattern": pattern, "examples": [example], "x-unit": unit})
+    pattern = rf"^\s*{sign}([0-9]+(\.[0-9]*|,[0-9]+)?|[.,][0-9]+)([eE][+-]?[0-9]+)?\s*({names})\s*$"
+    return WithJsonSchema({"type": "string", "pattern": pattern, "examples": [example], "x-unit": units.si_unit})
 
 
 Length = Annotated[float, BeforeValidator(parse_length), as_written(LENGTHS_M, "35 cm")]

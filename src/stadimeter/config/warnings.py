@@ -9,6 +9,7 @@ from stadimeter.config.analysis.promises import promise_warnings
 from stadimeter.config.analysis.references import rules_asked_for
 from stadimeter.config.analysis.subject import Subject, subject_of
 from stadimeter.config.analysis.timing import timing_warnings
+from stadimeter.config.analysis.unknowns import unknown_warnings
 from stadimeter.config.analysis.writers import overlap_warnings, priority_warnings, shadow_warnings
 from stadimeter.config.draft import BASE_NAME, Draft
 from stadimeter.config.findings import Finding
@@ -192,6 +193,7 @@ _ANALYSES: tuple[Callable[[Subject], Iterator[Finding]], ...] = (
     priority_warnings,
     timing_warnings,
     promise_warnings,
+    unknown_warnings,
 )
 _ABOUT_DRIVERS: tuple[Callable[[Draft], Iterator[Finding]], ...] = (
     _no_motion,

@@ -30,6 +30,21 @@ SHORTEST_FOCAL, LONGEST_FOCAL = 0.02, 1e4
 seconds. The focal length in millimetres, written by mistake, is shorter."""
 
 
+def is_one_aspect(one_px: tuple[int, int], other_px: tuple[int, int]) -> bool:
+    """Return whether two widths and heights are resolutions of one view, so that one lens fits both."""
+    scale_x, scale_y = one_px[0] / other_px[0], one_px[1] / other_px[1]
+    return abs(scale_x - scale_y) <= ASPECT_TOLERANCE * scale_y
+
+
+def check_one_aspect(first: tuple[str, int, int], other: tuple[str, int, int]) -> None:
+    """Raise a `CalibrationError` that names two pictures, each with its width and height, if no lens fits both."""
+    if not is_one_aspect(first[1:], other[1:]):
+        raise CalibrationError(
+            f"{other[0]} has {other[1]}x{other[2]} px, {first[0]} has {first[1]}x{first[2]} px: another aspect shows "
+            "another part of the view, so no camera file fits both; leave out the pictures of one of them"
+        )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
     """How a camera model was made.
@@ -161,7 +176,7 @@ class CameraModel:
         if (width_px, height_px) == (self.width_px, self.height_px):
             return self
         scale_x, scale_y = width_px / self.width_px, height_px / self.height_px
-        if abs(scale_x - scale_y) > ASPECT_TOLERANCE * scale_y:
+        if not is_one_aspect((width_px, height_px), (self.width_px, self.height_px)):
             raise CalibrationError(
                 f"the camera was calibrated at {self.width_px}x{self.height_px}; a picture of {width_px}x{height_px} "
                 "has another aspect, so it shows another part of the view; calibrate at this resolution"

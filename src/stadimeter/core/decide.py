@@ -14,12 +14,13 @@ from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.decision import Decision, Event, EventKind, SafetyMode, Severity
 from stadimeter.core.holding import Hold, step_holds, with_holds
 from stadimeter.core.observation import Observation, OutputFault
-from stadimeter.core.operator import Answer, HoldCommand, OperatorCommand
+from stadimeter.core.operator import ON_OUTPUTS, Answer, HoldCommand, OperatorCommand
 from stadimeter.core.outputs import OutputStep, command_all, forbidden_outputs, new_output
 from stadimeter.core.plan import Plan
 from stadimeter.core.rules.reasons import Reasons
 from stadimeter.core.rules.scheduler import EvaluatedRules, judge, new_rules
-from stadimeter.core.safety import SafetyState, in_words, is_gap, step_safety, usual_step_s
+from stadimeter.core.safety import SafetyState, in_words, is_gap, step_safety, usual_step_s, while_stopped
+from stadimeter.core.stopping import step_stop
 from stadimeter.core.track import Track, TrackStatus
 from stadimeter.core.tracking.life_cycle import TrackState, after_gap, new_track
 from stadimeter.core.tracking.life_cycle import step as step_track
@@ -36,6 +37,7 @@ class State:
         events: How many events there were in the run.
         due: Events of what happened between two cycles; they are part of the next decision.
         holds: The outputs that people hold.
+        stopped: Who has stopped every output, and why, in words; empty while nobody has.
     """
 
     plan: Plan
@@ -49,6 +51,7 @@ class State:
     events: int = 0
     due: tuple[Event, ...] = ()
     holds: tuple[Hold, ...] = ()
+    stopped: str = ""
 
 
 def initial_state(plan: Plan) -> State:
@@ -74,11 +77,14 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
     inputs = _known(state, tracks, observation, is_after_gap=gap_s is not None)
     sample = _sample(state, safety)
     rules, outcome = judge(plan.rules, state.rules, inputs, sample, cycle, _for_rules(observation))
-    holds, answers, outputs = _act(state, observation, safety, rules, is_after_gap=gap_s is not None)
+    stopped, told, stop_events = step_stop(state.stopped, observation.operator_commands, observation.now_s)
+    demanded = while_stopped(safety, stopped)
+    holds, answers, outputs = _act(state, observation, demanded, rules, is_after_gap=gap_s is not None)
     events = _numbered(
         state.due
         + _track_events(state, track_states, observation.now_s, in_words(gap_s, plan.safety) if gap_s else "")
         + outcome.events
+        + stop_events
         + _camera_events(state.safety, safety, observation.now_s)
         + _fault_events(state.faults, observation),
         state.events,
@@ -87,12 +93,12 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
         commands=tuple([step.command for step in outputs]),
         events=events,
         tracks=tuple(tracks.values()),
-        safety=safety.mode,
-        safety_reason=safety.reason,
+        safety=demanded.mode,
+        safety_reason=demanded.reason,
         outputs=tuple([step.trace for step in outputs]),
         rules=rules.traces,
         notices=outcome.notices,
-        answers=outcome.answers + answers,
+        answers=outcome.answers + told + answers,
         reasons=Reasons(plan=plan, judged=rules, inputs=inputs),
     )
     remembered = State(
@@ -106,6 +112,7 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
         faults=observation.output_faults,
         events=state.events + len(events),
         holds=holds,
+        stopped=stopped,
     )
     return remembered, decision
 
@@ -128,7 +135,8 @@ def _act(
 
 
 def _for_rules(observation: Observation) -> tuple[OperatorCommand, ...]:
-    return tuple([each for each in observation.operator_commands if isinstance(each, OperatorCommand)])
+    commands = [each for each in observation.operator_commands if isinstance(each, OperatorCommand)]
+    return tuple([each for each in commands if each.action not in ON_OUTPUTS])
 
 
 def _known(state: State, tracks: Mapping[str, Track], observation: Observation, *, is_after_gap: bool) -> RuleInputs:

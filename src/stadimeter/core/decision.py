@@ -40,6 +40,9 @@ class EventKind(StrEnum):
     """An alarm that was chattering is an ordinary one again."""
     REFUSED = "refused"
     """What an operator wanted could not be done."""
+    STOPPED = "stopped"
+    """Somebody has stopped every output."""
+    RELEASED = "released"
 
 
 class Severity(StrEnum):
@@ -56,7 +59,7 @@ class Event:
     """Something that happened once and must not be lost.
 
     Attributes:
-        source: The rule, target or output it happened to, or ``camera``.
+        source: The rule, target or output it happened to, ``outputs`` for all of them, or ``camera``.
         at_s: When, on the run's monotonic clock.
         sequence: Counts the events of the run, from 0.
         notify: Whether people are to be told: not while the rule is shelved, suppressed, out of service or only
@@ -158,6 +161,8 @@ class SafetyMode(StrEnum):
     ACTIVE = "active"
     STALE = "stale"
     """The newest frame is too old: every output is kept at its safe value."""
+    STOPPED = "stopped"
+    """Somebody has stopped every output: each is kept at its safe value until they are released."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

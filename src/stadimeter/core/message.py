@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 
@@ -21,3 +22,13 @@ class Message:
     qos: int = 0
     retain: bool = False
     expires_s: int | None = None
+
+
+def clearing(topics: Iterable[str]) -> tuple[Message, ...]:
+    """Return what makes a broker forget topics, and who listens now take a rule that is gone for unavailable."""
+    messages = []
+    for topic in sorted(topics):
+        if topic.endswith("/availability"):
+            messages.append(Message(topic=topic, payload="offline", qos=1))
+        messages.append(Message(topic=topic, payload="", qos=1, retain=True))
+    return tuple(messages)

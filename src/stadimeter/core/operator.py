@@ -7,7 +7,7 @@ from enum import StrEnum
 
 
 class OperatorAction(StrEnum):
-    """What somebody wants of a rule."""
+    """What somebody wants of a rule, or of every output."""
 
     ACKNOWLEDGE = "acknowledge"
     """I have seen it."""
@@ -20,6 +20,14 @@ class OperatorAction(StrEnum):
     """Take it out of service, until it is put back."""
     PUT_BACK = "put-back"
     """Put it back into service."""
+    STOP_OUTPUTS = "stop-outputs"
+    """Put every output at its safe value, until they are released."""
+    RELEASE_OUTPUTS = "release-outputs"
+    """Let them act again."""
+
+
+ON_OUTPUTS = frozenset({OperatorAction.STOP_OUTPUTS, OperatorAction.RELEASE_OUTPUTS})
+"""The actions that concern every output, and no rule."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,6 +49,12 @@ class OperatorCommand:
     why: str = ""
     for_s: float | None = None
     one_shot: bool = False
+
+    @property
+    def said(self) -> str:
+        """Who wants it and why, such as ``by zoe: on my way``."""
+        who = f"by {self.by}" if self.by else "by an operator"
+        return f"{who}: {self.why}" if self.why else who
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,7 +13,7 @@ from stadimeter.core.rule_step import LevelRequest, Request, TwistRequest
 from stadimeter.core.rules.limits import limited_twist, slewed_level
 from stadimeter.core.safety import SafetyState
 
-NOBODY = "nothing is asked of it"
+NOBODY = "no rule drives it"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

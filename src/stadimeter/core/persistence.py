@@ -111,6 +111,8 @@ def absent(state: State) -> tuple[Absence, ...]:
 
 def change(before: State, after: State) -> Change:
     """Return the greatest change of what alarms remember that a cycle has made, by the same rules."""
+    if before.stopped != after.stopped:
+        return Change.LASTING
     found = Change.PASSING if _begins_an_absence(before, after) else Change.NOTHING
     if before.rules.steps is after.rules.steps:
         return found

@@ -45,7 +45,7 @@ class OnDelay:
     """How long a condition must hold before the alarm is raised.
 
     Attributes:
-        hold_s: For this long. A frame to the contrary sets the timer back by its own time, not to zero.
+        hold_s: Throughout this time, apart from noise; see `DelayTolerance`.
         frames: In this many of the newest `of_frames` frames; 0 to judge by time alone.
         of_frames: How many frames are looked at.
     """
@@ -53,6 +53,23 @@ class OnDelay:
     hold_s: float = 0.0
     frames: int = 0
     of_frames: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DelayTolerance:
+    """Which samples to the contrary are forgiven as noise while a delay runs: so many in a row, or for so long.
+
+    Attributes:
+        samples: This many in a row, however far they are apart.
+        for_s: Any number, if the newest comes this soon after the last sample that was not to the contrary; 0: none.
+    """
+
+    samples: int = 1
+    for_s: float = 0.15
+
+    def forgives(self, samples: int, for_s: float) -> bool:
+        """Return whether samples in a row are forgiven."""
+        return samples <= self.samples or (self.for_s > 0 and for_s <= self.for_s + ROUNDING_S)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -170,7 +187,8 @@ class AlarmRule(Rule):
     Attributes:
         condition: The condition. Parts of it that name no target are about the rule's target.
         on_delay: How long it must hold first.
-        off_delay_s: How long it must no longer hold before the alarm clears.
+        off_delay_s: How long it must no longer hold, throughout, before the alarm clears.
+        delay_tolerance: What does not start these delays over.
         level: The level that an actuator gets while the alarm is active. A base gets a stop.
         act_at_start: Whether an alarm that is raised by the very first sight of the target moves its output.
         pattern: Levels that change by themselves while the alarm is active, in place of `level`; None for none.
@@ -190,6 +208,7 @@ class AlarmRule(Rule):
     condition: Condition
     on_delay: OnDelay = field(default_factory=OnDelay)
     off_delay_s: float = 1.0
+    delay_tolerance: DelayTolerance = field(default_factory=DelayTolerance)
     level: float = 1.0
     act_at_start: bool = True
     pattern: Pattern | None = None

@@ -11,13 +11,14 @@ active            a fresh frame                          active
 ================  =====================================  ==========
 
 In every mode but active, every output is kept at its safe value, whatever the rules ask for. An output whose driver
-failed is kept at its safe value in every mode. This is not a certified safety function: below it must be a base with a
-timeout of its own, a pull-down on each gate, and a switch in the motor supply.
+failed is kept at its safe value in every mode. While a person has stopped the outputs, the mode is stopped, whatever it
+would be otherwise. This is not a certified safety function: below it must be a base with a timeout of its own, a
+pull-down on each gate, and a switch in the motor supply.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from stadimeter.core.decision import SafetyMode
 from stadimeter.core.observation import FrameStamp, Observation
@@ -94,6 +95,18 @@ def step_safety(
         reason = f"{in_words(gap_s, settings)}; {reason}"
     mode = SafetyMode.STALE if state.mode is SafetyMode.ACTIVE else state.mode
     return SafetyState(mode=mode, good_frames=good_frames, frame=frame, reason=reason)
+
+
+def while_stopped(state: SafetyState, stopped: str) -> SafetyState:
+    """Return what safety demands now, though a person may have stopped every output.
+
+    Args:
+        stopped: Who has, and why, in words; empty if nobody has.
+    """
+    if not stopped:
+        return state
+    reason = f"stopped until released, {stopped}"
+    return replace(state, mode=SafetyMode.STOPPED, reason=f"{reason}; {state.reason}" if state.reason else reason)
 
 
 def in_words(gap_s: float, settings: Safety) -> str:

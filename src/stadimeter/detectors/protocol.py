@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stadimeter.config.plugins import Options
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, Points, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame
@@ -65,6 +66,34 @@ class ShowsEdges(Protocol):
 
     def edge_points(self, frame: Frame, found: Detection, *, lens: CameraModel | None = None) -> Points:
         """Return the places where edges are seen, shape ``(n, 2)``, x and y in pixels; `found` is in the frame."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Remedy:
+    """Other options with which a target that was refused may be found.
+
+    Attributes:
+        key: The key of the target's table that differs.
+        value: What it holds, as a person writes it.
+        options: All the options.
+    """
+
+    key: str
+    value: str
+    options: Options
+
+    def __str__(self) -> str:
+        """Return it as a table has it."""
+        return f'{self.key} = "{self.value}"'
+
+
+@runtime_checkable
+class KnowsRemedies(Protocol):
+    """A detector that knows which of its options may be wrong where it refuses a target."""
+
+    def remedies(self) -> Iterator[Remedy]:
+        """Yield what to try; of several with one key, the first that helps is the best."""
         ...
 
 

@@ -23,7 +23,6 @@ from stadimeter.config.models import DurationAboveZero
 from stadimeter.config.plugins import DriverContext, Options, Plugin
 from stadimeter.config.secrets import HIDDEN
 from stadimeter.config.units import FilePath
-from stadimeter.config.untrusted_file import is_file
 from stadimeter.core.decision import Severity
 from stadimeter.core.notification import Notification
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverUnavailableError
@@ -147,7 +146,7 @@ class AppriseNotifier:
                     body_format="text",  # services that speak HTML or Markdown must not take it for that
                 ):
                     return ""
-            except Exception as error:  # noqa: BLE001 - a hundred services, and none may end the thread
+            except BaseException as error:  # noqa: BLE001 - a hundred services, and none may end the thread
                 words.append(f"{type(error).__name__}: {error}")
         return self._masked(words[-1] if words else "the service did not take the notification")
 
@@ -203,11 +202,8 @@ def _build(options: AppriseOptions, context: DriverContext) -> AppriseNotifier:
     return AppriseNotifier(options, context.name)
 
 
-def _lacks(options: AppriseOptions) -> tuple[str, ...]:
-    lacks = [trouble] if (trouble := missing("notify")) else []
-    if options.url_file is not None and not is_file(options.url_file):
-        lacks.append(f"there is no file {options.url_file}")
-    return tuple(lacks)
+def _lacks(_options: AppriseOptions) -> tuple[str, ...]:
+    return (trouble,) if (trouble := missing("notify")) else ()
 
 
 PLUGIN = Plugin(AppriseOptions, _build, lacks=_lacks)

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import socket
 import struct
 import threading
 import time
-from collections import deque
 from contextlib import suppress
-from dataclasses import dataclass, replace
 
 from paho.mqtt.client import Client
 from paho.mqtt.enums import MQTTErrorCode, MQTTProtocolVersion
@@ -27,126 +24,19 @@ from stadimeter.messaging.mqtt_client import (
     make_client,
     publish_properties,
 )
-
-
-@dataclass(frozen=True, slots=True)
-class _Waiting:
-    """A message, and when it expires."""
-
-    message: Message
-    deadline_s: float
-
-
-class MemoryOutbox:
-    """Remembers messages of QoS 1 until a broker has acknowledged them, and those of QoS 0 until they are written.
-
-    It does no I/O and knows no clock. A full outbox gives up a state that a newer one has replaced, or else its oldest
-    message, for a new one. Nothing survives the end of the program by itself; see `undelivered`.
-
-    Args:
-        capacity: How many messages of QoS 1 may wait.
-        window: How many of QoS 1 may be on the wire at a time. Brokers allow 20 where they say nothing else.
-        unwritten_max: How many of QoS 0 may wait for the operating system to take them.
-
-    Attributes:
-        dropped: How many messages of QoS 0 were not written, and how many states of QoS 1 were replaced unsent.
-        given_up: How many other messages of QoS 1 were given up: too many waited, they expired, or were refused.
-    """
-
-    def __init__(self, *, capacity: int = 1000, window: int = 20, unwritten_max: int = 100) -> None:
-        self.dropped = 0
-        self.given_up = 0
-        self._capacity = capacity
-        self._window = window
-        self._unwritten_max = unwritten_max
-        self._waiting: deque[_Waiting] = deque()
-        self._unacknowledged: dict[int, _Waiting] = {}
-        self._unwritten: set[int] = set()
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether nothing waits and nothing is on the wire."""
-        return not (self._waiting or self._unacknowledged or self._unwritten)
-
-    @property
-    def has_room_on_wire(self) -> bool:
-        """Whether a message of QoS 0 may be sent; if not, the link is slower than what is said over it."""
-        return len(self._unwritten) < self._unwritten_max
-
-    def add(self, message: Message, now_s: float) -> None:
-        """Let a message of QoS 1 wait for its turn. All times are on one monotonic clock."""
-        if len(self._waiting) >= self._capacity:
-            self._make_room()
-        lives_s = math.inf if message.expires_s is None else message.expires_s
-        self._waiting.append(_Waiting(message, now_s + lives_s))
-
-    def take(self, now_s: float) -> Message | None:
-        """Return the next message that may be sent now, with what is left of its life; then report it to `sent`.
-
-        None if none waits that has not expired, or enough are on the wire.
-        """
-        while self._waiting and len(self._unacknowledged) < self._window:
-            waiting = self._waiting.popleft()
-            left_s = waiting.deadline_s - now_s
-            if left_s == math.inf:
-                return waiting.message
-            if left_s > 0:
-                return replace(waiting.message, expires_s=math.ceil(left_s))
-            self.given_up += 1
-        return None
-
-    def sent(self, number: int, message: Message, now_s: float) -> None:
-        """Note that a message is on the wire."""
-        if message.qos == 0:
-            self._unwritten.add(number)
-        else:
-            lives_s = math.inf if message.expires_s is None else message.expires_s
-            self._unacknowledged[number] = _Waiting(message, now_s + lives_s)
-
-    def done(self, number: int, *, is_refused: bool = False) -> None:
-        """Note that a message was written (QoS 0) or answered (QoS 1); unknown numbers are passed over."""
-        self._unwritten.discard(number)
-        if self._unacknowledged.pop(number, None) is not None and is_refused:
-            self.given_up += 1
-
-    def drop(self) -> None:
-        """Count a message that could not be sent."""
-        self.dropped += 1
-
-    def connection_lost(self) -> None:
-        """Give up the messages of QoS 0 that were not written; whoever sends keeps those of QoS 1 on its wire."""
-        self.dropped += len(self._unwritten)
-        self._unwritten.clear()
-
-    def start_over(self) -> None:
-        """Take every message back from a wire that is no more, to send it again on another, in the same order."""
-        self.connection_lost()
-        self._waiting.extendleft(reversed(self._unacknowledged.values()))
-        self._unacknowledged.clear()
-
-    def undelivered(self) -> tuple[Message, ...]:
-        """Return the messages of QoS 1 that are neither acknowledged nor given up, oldest first."""
-        return tuple(each.message for each in (*self._unacknowledged.values(), *self._waiting))
-
-    def _make_room(self) -> None:
-        """Drop the oldest state that a newer one has replaced; if there is none, give up the oldest message."""
-        newest = {each.message.topic: each for each in self._waiting}
-        for each in self._waiting:
-            if each.message.retain and newest[each.message.topic] is not each:
-                self._waiting.remove(each)
-                self.dropped += 1
-                return
-        self._waiting.popleft()
-        self.given_up += 1
-
+from stadimeter.messaging.outbox import MemoryOutbox
+from stadimeter.messaging.retained import RetainedList
 
 LOOK_EVERY_S = 0.5
 """In a pause, it is looked this often whether something came that must arrive."""
 
 V5, V311 = MQTTProtocolVersion.MQTTv5, MQTTProtocolVersion.MQTTv311
 
-_OURS = (ONLINE, OFFLINE)
-"""Messages of the link's own are never sent again."""
+LIST_ENDS_S = 0.5
+"""After the broker has confirmed the subscription, so much later every page of the list of what it keeps has come."""
+
+_OURS = ("availability", "retained")
+"""First words of the topics of the link's own messages. A later run does not send them again."""
 
 
 def serve(client: Client, events: LinkEvents, wait_s: float) -> bool:
@@ -185,6 +75,8 @@ class BrokerLink:
         self._why_not = f"not connected to {options.place} yet"
         self._version = V311 if options.protocol == "3.1.1" else V5
         self._client = self._new_client()
+        self._retained = RetainedList(options.retained_topic, options.retained_page_bytes)
+        self._is_reading = False
 
     @property
     def dropped(self) -> int:
@@ -201,7 +93,7 @@ class BrokerLink:
     def undelivered(self) -> tuple[Message, ...]:
         """Return the messages of QoS 1 that are neither acknowledged nor given up, oldest first."""
         with self._lock:
-            return tuple(each for each in self._outbox.undelivered() if each not in _OURS)
+            return tuple(each for each in self._outbox.undelivered() if each.topic.partition("/")[0] not in _OURS)
 
     def start(self) -> None:
         """Begin to connect."""
@@ -217,6 +109,11 @@ class BrokerLink:
                 self._hand_over(message)
             else:
                 self._outbox.drop()
+
+    def retain_only(self, topics: frozenset[str]) -> None:
+        """Take on which topics messages are published for the broker to keep; see `RetainedList`."""
+        with self._lock:
+            self._send_ours(self._retained.retain_only(topics))
 
     def trouble(self) -> str:
         """Return in words what is wrong, or an empty string."""
@@ -263,7 +160,8 @@ class BrokerLink:
             self._say_goodbye()
         self._hang_up()
         with self._lock:
-            self._is_connected = False
+            self._is_connected = self._is_reading = False
+            self._retained.begin()
             self._note_done()
             self._outbox.connection_lost()
 
@@ -274,9 +172,12 @@ class BrokerLink:
             if not self._events.is_accepted and left_s < 0:
                 self._events.no_answer_came()
                 return
-            if not self._loop(1.0 if self._events.is_accepted else max(0.0, left_s)):
+            if not self._loop(self._wait_s() if self._events.is_accepted else max(0.0, left_s)):
                 return
             self._take_stock()
+
+    def _wait_s(self) -> float:
+        return LIST_ENDS_S / 4 if self._is_reading else 1.0
 
     def _loop(self, wait_s: float) -> bool:
         return serve(self._client, self._events, wait_s)
@@ -290,10 +191,16 @@ class BrokerLink:
             if not self._is_connected:
                 self._is_connected = True
                 self._hand_over(ONLINE)
+                self._begin_to_read()
+            elif self._is_reading:
+                self._read()
             self._send_waiting()
 
     def _say_goodbye(self) -> None:
         """Disconnect in order if all was delivered; without that, the broker will publish our last will."""
+        if self._is_reading:
+            with self._lock:
+                self._read(is_last=True)
         until_s = time.monotonic() + self._patience.goodbye_s
         delivered = not self._is_connected
         while not delivered and time.monotonic() < until_s and self._loop(0.05):
@@ -314,6 +221,28 @@ class BrokerLink:
             connection.close()  # unless it stumbles over what was sent before
 
     # With the lock held.
+
+    def _begin_to_read(self) -> None:
+        """Have the broker send the list of what it keeps of us, unless somebody made a trap of it."""
+        if self._retained.is_wanted and not self._events.was_bombed:
+            self._client.subscribe(f"{self._options.base}/{self._options.retained_topic}/+", qos=0)
+            self._is_reading = True
+
+    def _read(self, *, is_last: bool = False) -> None:
+        """Take in pages; when all have come, clear what is no longer published, and write the list anew."""
+        for number, payload in self._events.take_pages():
+            self._retained.hear(number, payload)
+        subscribed_at_s = self._events.subscribed_at_s
+        if subscribed_at_s is None or (not is_last and time.monotonic() - subscribed_at_s < LIST_ENDS_S):
+            return
+        self._is_reading = False
+        self._client.unsubscribe(f"{self._options.base}/{self._options.retained_topic}/+")
+        self._send_ours(self._retained.finish())
+
+    def _send_ours(self, messages: tuple[Message, ...]) -> None:
+        for message in messages:
+            self._outbox.add(message, time.monotonic())
+        self._send_waiting()
 
     def _send_waiting(self) -> None:
         while self._is_connected and (message := self._outbox.take(time.monotonic())):

@@ -7,12 +7,14 @@ import ssl
 import time
 from collections import deque
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
-from paho.mqtt.client import Client, ConnectFlags, DisconnectFlags
+from paho.mqtt.client import Client, ConnectFlags, DisconnectFlags, MQTTMessage
 from paho.mqtt.reasoncodes import ReasonCode
 
 from stadimeter.messaging.mqtt_client import MqttOptions
+from stadimeter.messaging.retained import PAGES_MAX
 
 STABLE_S = 10.0
 """A connection that ends sooner is not taken for a sign that all is well."""
@@ -30,7 +32,9 @@ class LinkEvents:
         ending: Why the newest attempt to connect failed, or the connection ended, in words.
         suspects_version: Whether the broker seems not to speak the version of MQTT that was tried.
         was_taken_over: Whether another program with our client id took our place.
+        was_bombed: Whether the other side ever announced more than a broker has to say to us.
         refusal: Why the broker would not take a message over this connection, in words.
+        subscribed_at_s: When the broker answered our subscription; None before.
     """
 
     def __init__(self, options: MqttOptions) -> None:
@@ -38,6 +42,8 @@ class LinkEvents:
         self._done: deque[tuple[int, bool]] = deque()
         self._short_lives = 0
         self._was_ever_accepted = False
+        self._pages: deque[tuple[str, bytes]] = deque(maxlen=PAGES_MAX)
+        self.was_bombed = False
         self.refusal = ""
         self.begin()
 
@@ -46,6 +52,8 @@ class LinkEvents:
         self.ending = ""
         self.suspects_version = False
         self.was_taken_over = False
+        self.subscribed_at_s: float | None = None
+        self._pages.clear()
         self._accepted_at_s: float | None = None
         self._stood_s = 0.0
 
@@ -64,6 +72,8 @@ class LinkEvents:
         client.on_connect = self._on_connect
         client.on_disconnect = self._on_disconnect
         client.on_publish = self._on_publish
+        client.on_subscribe = self._on_subscribe
+        client.on_message = self._on_message
 
     def could_not_connect(self, error: OSError) -> None:
         """Note that there is no connection at all."""
@@ -76,6 +86,7 @@ class LinkEvents:
 
     def bomb_came(self) -> None:
         """Note that the other side announced more than a broker has to say to us."""
+        self.was_bombed = True
         if not self.is_accepted:
             self.nonsense_came()
         else:
@@ -90,6 +101,11 @@ class LinkEvents:
         """Yield, once each, the messages that were written (QoS 0) or answered (QoS 1): number, and if refused."""
         while self._done:
             yield self._done.popleft()
+
+    def take_pages(self) -> Iterator[tuple[str, bytes]]:
+        """Yield, once each, the messages that came: the last part of the topic, and the payload."""
+        while self._pages:
+            yield self._pages.popleft()
 
     def _on_connect(self, _client: Client, _data: Any, _flags: ConnectFlags, reason: ReasonCode, _more: Any) -> None:
         if reason.is_failure:
@@ -120,6 +136,13 @@ class LinkEvents:
         if reason.is_failure:
             self.refusal = would_not_take(self._options, reason)
         self._done.append((number, reason.is_failure))
+
+    def _on_subscribe(self, *_: Any) -> None:
+        self.subscribed_at_s = time.monotonic()
+
+    def _on_message(self, _client: Client, _data: Any, message: MQTTMessage) -> None:
+        with suppress(UnicodeDecodeError):
+            self._pages.append((message.topic.rpartition("/")[2], bytes(message.payload)))
 
 
 UNSUPPORTED_VERSION = 0x84
@@ -187,7 +210,7 @@ def no_broker(options: MqttOptions) -> str:
 
 def too_much(options: MqttOptions) -> str:
     """Say, in one line, that a message came that is far larger than any answer to us."""
-    return f"{options.place} sent a message that is too large for any answer, though nothing was asked of it"
+    return f"{options.place} sent a message that is too large to be an answer to this program"
 
 
 def shared_name(options: MqttOptions) -> str:

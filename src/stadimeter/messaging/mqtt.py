@@ -28,6 +28,7 @@ class PahoMessenger:
         self._patience = patience
         self._link: BrokerLink | None = None
         self._left: tuple[Message, ...] = ()
+        self._retained: frozenset[str] | None = None
         self._dropped_before = 0
         self._given_up_before = 0
 
@@ -51,6 +52,8 @@ class PahoMessenger:
         if self._link is not None:
             return
         self._link = BrokerLink(self._options, read_secrets(self._options), self._patience)
+        if self._retained is not None:
+            self._link.retain_only(self._retained)
         left, self._left = self._left, ()
         for message in left:
             self._link.send(message)
@@ -67,6 +70,12 @@ class PahoMessenger:
         if self._link is None:
             raise DeviceClosedError(f"the messenger for {self._options.place} is not open; open it first")
         self._link.send(message)
+
+    def retain_only(self, topics: frozenset[str]) -> None:
+        """Have the broker forget what an earlier run left on other topics; see `Retaining`."""
+        self._retained = topics
+        if self._link is not None:
+            self._link.retain_only(topics)
 
     def trouble(self) -> str:
         """Return in words what is wrong with the connection, or an empty string if it stands."""

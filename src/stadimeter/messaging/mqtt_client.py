@@ -123,6 +123,16 @@ class MqttOptions(Options):
         return self.base_topic or f"stadimeter/{self.node}"
 
     @property
+    def retained_topic(self) -> str:
+        """Where the list is of what the broker keeps of this node, below the base: another may share that."""
+        return f"retained/{self.node}"
+
+    @property
+    def retained_page_bytes(self) -> int:
+        """The size of a page of that list: what a packet has room for, beside its topic and what a broker adds."""
+        return PACKET_MAX - len(f"{self.base}/{self.retained_topic}/999".encode()) - 64
+
+    @property
     def client_id(self) -> str:
         """Who we are to the broker. It knows only one client of a name at a time."""
         return f"stadimeter-{self.node}"
@@ -133,7 +143,7 @@ WILL_DELAY_S = 5
 """A drop of the link that is shorter than this is not reported as offline. MQTT 5 only."""
 
 PACKET_MAX = 1024
-"""We subscribe to nothing, so all that a broker has to say are short answers. No larger one is read.
+"""We subscribe to short pages of our own only, so all that a broker has to say is short. No larger packet is read.
 
 MQTT allows 256 MiB. A broker of MQTT 5 hears of this bound; for one that does not heed it, and with 3.1.1, `_Client`
 sees to it. Even 65,535 messages of QoS 2 that are never completed then fit into 64 MiB.
@@ -178,7 +188,7 @@ def make_client(options: MqttOptions, secrets: Secrets, version: MQTTProtocolVer
     client = _Client(
         CallbackAPIVersion.VERSION2,
         client_id=options.client_id,
-        # A session of 3.1.1 never ends. We subscribe to nothing, so there is nothing to keep in it.
+        # A session of 3.1.1 never ends. We subscribe anew each time, so there is nothing to keep in it.
         clean_session=None if is_v5 else True,
         protocol=version,
         reconnect_on_failure=False,

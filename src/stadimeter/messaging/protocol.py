@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from stadimeter.core.message import Message
 from stadimeter.core.notification import Notification
@@ -41,6 +41,18 @@ class Messenger(Protocol):
 
     def close(self) -> None:
         """Say goodbye, wait a moment at most for what is queued, and disconnect. May be called again."""
+        ...
+
+
+@runtime_checkable
+class Retaining(Protocol):
+    """A messenger whose messages are kept elsewhere, beyond the end of a run."""
+
+    def retain_only(self, topics: frozenset[str]) -> None:
+        """Take on which topics messages to keep are published from now on. May be called before `open`.
+
+        What an earlier run left on any other topic is cleared, as soon as there is a connection.
+        """
         ...
 
 

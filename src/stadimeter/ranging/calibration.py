@@ -161,15 +161,11 @@ class FocalLength:
     focal_px: float  # the focal length, with the edge bias of the model undone
     relative_sigma: float  # the standard deviation of the focal length, as a share of it
     off_axis_rad: float  # how far from the middle of the picture the target is
-    # What the model measures in this picture, less the known depth, as a share of that; None if it does not find it.
-    residual_share: float | None
-    why_not: str = ""  # why it does not
+    residual_share: float  # what the model measures in this picture, less the known depth, as a share of that
 
     @property
     def reads(self) -> str:
         """What the model measures in this picture, in words."""
-        if self.residual_share is None:
-            return f"does not find it: {self.why_not}"
         return f"reads {round(self.residual_share, 4) + 0.0:+.2%}"  # adding zero turns -0.0 into 0.0
 
     def __str__(self) -> str:
@@ -239,7 +235,7 @@ def calibrate(
 
 
 def with_readings(made: Calibration, again: Sequence[KnownDistance]) -> Calibration:
-    """Return a calibration with what its camera model reads in each of its pictures, looked at through that model.
+    """Return a calibration with what its camera model reads in its pictures, in which it was found through that model.
 
     Until then the readings are computed from what was found before, through another model. Where an edge bias is large,
     or the edges are unsure, the detector finds other edges through this one.
@@ -250,10 +246,7 @@ def with_readings(made: Calibration, again: Sequence[KnownDistance]) -> Calibrat
 
 
 def _read(one: FocalLength, again: KnownDistance, model: CameraModel) -> FocalLength:
-    if again.detection.status is not DetectionStatus.FOUND:
-        return replace(one, residual_share=None, why_not=again.detection.reason)
-    residual = measured_depth_m(again, model) / again.depth_m - 1
-    return replace(one, residual_share=residual)
+    return replace(one, residual_share=measured_depth_m(again, model) / again.depth_m - 1)
 
 
 def _usable(known: Sequence[KnownDistance]) -> list[KnownDistance]:

@@ -278,6 +278,7 @@ class SimulatedCamera:
         self._sequence = self._next_sequence(self._start_s)
         captured_at_s = self._start_s + (self._sequence + 1) / self._rate_hz
         self._clock.sleep_until_s(captured_at_s)
+        self._world.look(self._model, captured_at_s)
         if self._newest is None or not self._world.faults.camera_frozen:
             self._newest = Frame(self._picture(captured_at_s), captured_at_s, self._sequence)
         return self._newest

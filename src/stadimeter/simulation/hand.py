@@ -38,9 +38,14 @@ class Hand:
         self._path = path
         self._moves: deque[_Move] = deque(maxlen=MOVES_MAX)
 
+    @property
+    def holds(self) -> bool:
+        """Whether it holds the ball away from its path now."""
+        return bool(self._moves) and self._moves[-1].place is not None
+
     def put(self, place: tuple[float, float] | None, now_s: float) -> None:
         """Move the ball to a place from now on, and leave it there; with None, let it go back to its path."""
-        if place is not None or (self._moves and self._moves[-1].place is not None):
+        if place is not None or self.holds:
             self._moves.append(_Move(now_s, self.position_m(now_s), place))
 
     def position_m(self, time_s: float) -> Point:

@@ -8,7 +8,7 @@ from collections.abc import Collection, Sequence
 from pydantic import Field
 
 from stadimeter.config.plugins import Options
-from stadimeter.config.units import Duration
+from stadimeter.config.units import Duration, Length
 
 
 class StoryLine(Options):
@@ -18,6 +18,19 @@ class StoryLine(Options):
     """When, in seconds from the start of the path."""
     say: str = Field(min_length=1)
     """The sentence. Lengths in it are in metres, such as ``3.05 m``, and are shown in the unit that was asked for."""
+    nearer: Length | None = None
+    """It is said only while the ball is nearer to the camera than this; else the line before it."""
+    beyond: Length | None = None
+    """It is said only while the ball is further from the camera than this; else the line before it."""
+
+    def fits(self, distance_m: float) -> bool:
+        """Return whether what it says is so with the ball at a distance from the camera."""
+        is_near_enough = self.nearer is None or distance_m < self.nearer
+        return is_near_enough and (self.beyond is None or distance_m > self.beyond)
+
+
+OUT_OF_SIGHT = "out-of-sight"
+"""The ball is not where the camera looks. Like the kinds of faults, it is said while it lasts and when it is over."""
 
 
 DURING = {
@@ -26,6 +39,7 @@ DURING = {
     "block-camera": "The camera is blocked on purpose: without pictures nothing may move.",
     "unplug-base": "The robot's cable is out on purpose: nothing reaches it, so it must stop by itself.",
     "broker-gone": "The message broker is away on purpose: messages must wait for it.",
+    OUT_OF_SIGHT: "The ball is out of the camera's sight: the robot stands still until the ball comes back.",
 }
 """What is said while a fault lasts, by its kind."""
 
@@ -33,13 +47,17 @@ AFTER = {
     "hide-target": "The ball is back in sight: the robot may go on.",
     "freeze-camera": "The camera sends new pictures again: the robot may go on.",
     "block-camera": "The camera sends pictures again: the robot may go on.",
-    "unplug-base": "The robot's cable is in again: it is asked who it is, and must stand for 3 s before it may go on.",
+    "unplug-base": "The robot's cable is in again: it is identified, and stands still for 3 s before it goes on.",
     "broker-gone": "The message broker is back: what waited is delivered.",
+    OUT_OF_SIGHT: "The ball has come back to the camera: the robot may go on.",
 }
 """What is said when it is over."""
 
 AFTER_S = 4.0
 """For how long that is said."""
+
+BY_HAND = "The ball is where a hand has put it: the robot goes by where it sees it."
+"""What is said in place of the story while the ball is not on its path."""
 
 
 class Narrator:
@@ -55,23 +73,36 @@ class Narrator:
         self._active: tuple[str, ...] = ()
         self._over: tuple[float, str] | None = None
 
-    def words(self, faults: Collection[str], into_s: float) -> str:
+    def words(
+        self,
+        faults: Collection[str],
+        now_s: float,
+        *,
+        path_s: float = 0.0,
+        distance_m: float = 0.0,
+        is_by_hand: bool = False,
+    ) -> str:
         """Return what is said at a time.
 
         Args:
-            faults: The kinds of what is wrong at that time.
-            into_s: The time since the start, not before that of the last call.
+            faults: The kinds of what is wrong at that time, `OUT_OF_SIGHT` among them.
+            now_s: That time, not before that of the last call.
+            path_s: How long the ball is on its path.
+            distance_m: How far from the camera it is.
+            is_by_hand: Whether a hand holds it elsewhere.
         """
         ended = [kind for kind in self._active if kind not in faults]
         self._active = tuple(faults)
         if ended:
-            self._over = (into_s + AFTER_S, AFTER[ended[-1]])
+            self._over = (now_s + AFTER_S, AFTER[ended[-1]])
         if self._active:
             return " ".join(DURING[kind] for kind in self._active)
-        if self._over is not None and into_s < self._over[0]:
+        if self._over is not None and now_s < self._over[0]:
             return self._over[1]
-        return self._told(into_s % self._period_s if self._period_s else into_s)
+        if is_by_hand and self._story:
+            return BY_HAND
+        return self._line(path_s % self._period_s if self._period_s else path_s, distance_m)
 
-    def _told(self, at_s: float) -> str:
-        line = bisect.bisect_right(self._story, at_s, key=lambda line: line.at) - 1
-        return self._story[line].say if line >= 0 else ""
+    def _line(self, at_s: float, distance_m: float) -> str:
+        begun = self._story[: bisect.bisect_right(self._story, at_s, key=lambda line: line.at)]
+        return next((line.say for line in reversed(begun) if line.fits(distance_m)), "")

@@ -5,46 +5,28 @@ Its options are the table ``[world]`` of a configuration.
 
 from __future__ import annotations
 
-import bisect
 import math
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import pairwise
-from typing import Annotated, Any
+from typing import Any
 
-from pydantic import BeforeValidator, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from stadimeter.config.plugins import DriverContext, Options, Plugin
-from stadimeter.config.units import LENGTHS_M, Angle, Duration, Length, LengthOrZero, as_written, parse_quantity
+from stadimeter.config.units import Angle, Duration, Length, LengthOrZero
+from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.clock import Clock
 from stadimeter.errors import ConfigError
+from stadimeter.simulation.ball import Ball, Coordinate, WayPoint
 from stadimeter.simulation.hand import Hand
-from stadimeter.simulation.narration import Narrator, StoryLine
+from stadimeter.simulation.narration import OUT_OF_SIGHT, Narrator, StoryLine
 from stadimeter.simulation.robot import DifferentialRobot, Pose
 
 SHARED_NAME = "world"
 """Under this name the drivers of a run share the world."""
-
-
-def parse_coordinate(text: object) -> float:
-    """Read a coordinate such as ``"-1.5 m"``, return it in metres; raises ValueError if it is not a length."""
-    return parse_quantity(text, LENGTHS_M, "-1.5 m")
-
-
-Coordinate = Annotated[float, BeforeValidator(parse_coordinate), as_written(LENGTHS_M, "-1.5 m", is_signed=True)]
-
-
-class WayPoint(Options):
-    """The position of the ball at some time."""
-
-    at: Duration
-    """When, in seconds from the start of the run."""
-    x: Coordinate
-    """Metres to the east."""
-    y: Coordinate
-    """Metres to the north."""
 
 
 class FaultKind(StrEnum):
@@ -108,6 +90,9 @@ class WorldOptions(Options):
     """What goes wrong when."""
     story: tuple[StoryLine, ...] = ()
     """What the views say about the ball's path, and from when on; it begins again with the path."""
+    comes_back: Duration | None = None
+    """A ball that the camera has not seen for this long begins its path anew, before the robot where that is now; None
+    for never. While something is wrong on purpose, or a hand holds the ball, the time does not count."""
 
     @field_validator("path")
     @classmethod
@@ -130,71 +115,6 @@ class WorldOptions(Options):
         return self
 
 
-class Ball:
-    """A ball that moves along way points, whose times count from ``start_s``.
-
-    Between two way points each coordinate is a monotone cubic (F. N. Fritsch and J. Butland, "A method for constructing
-    local monotone piecewise cubic interpolants", 1984): the speed never jumps, the ball never goes beyond its way
-    points, and it stands still between two that are equal. It stays at the end of its path or begins again.
-    """
-
-    def __init__(
-        self, *, diameter_m: float, height_m: float, path: Sequence[WayPoint], loop: bool, start_s: float = 0.0
-    ) -> None:
-        self.diameter_m = diameter_m
-        self.height_m = height_m
-        self._start_s = start_s
-        self._times_s = [point.at for point in path]
-        self._period_s = self._times_s[-1] if loop and len(path) > 1 else None
-        self._x = _Coordinate(self._times_s, [point.x for point in path], loop)
-        self._y = _Coordinate(self._times_s, [point.y for point in path], loop)
-
-    def position_m(self, time_s: float) -> tuple[float, float, float]:
-        """Return where the ball's centre is: x to the east, y to the north, z up from the floor."""
-        into_s = max(0.0, time_s - self._start_s)
-        if self._period_s is not None:
-            into_s %= self._period_s
-        if into_s >= self._times_s[-1]:
-            return (self._x.values[-1], self._y.values[-1], self.height_m)
-        index = bisect.bisect_right(self._times_s, into_s) - 1
-        return (self._x.between(index, into_s), self._y.between(index, into_s), self.height_m)
-
-
-class _Coordinate:
-    """One coordinate of the path: values at times, and the speed at each of them."""
-
-    def __init__(self, times_s: list[float], values: list[float], loop: bool) -> None:
-        self.values = values
-        self._times_s = times_s
-        self._speeds = _speeds(times_s, values, loop)
-
-    def between(self, index: int, time_s: float) -> float:
-        """Return the value at a time between way points ``index`` and the next, by a cubic Hermite curve."""
-        span_s = self._times_s[index + 1] - self._times_s[index]
-        share = (time_s - self._times_s[index]) / span_s
-        rest = 1 - share
-        return rest * rest * (
-            (1 + 2 * share) * self.values[index] + share * span_s * self._speeds[index]
-        ) + share * share * ((1 + 2 * rest) * self.values[index + 1] - rest * span_s * self._speeds[index + 1])
-
-
-def _speeds(times_s: list[float], values: list[float], loop: bool) -> list[float]:
-    """Return the speed at each way point. The path begins and ends at rest, unless it is a loop."""
-    spans = [(end - begin) for begin, end in pairwise(times_s)]
-    slopes = [(end - begin) / span for (begin, end), span in zip(pairwise(values), spans, strict=True)]
-    inner = [_speed_between(*both) for both in zip(pairwise(spans), pairwise(slopes), strict=True)]
-    ends = _speed_between((spans[-1], spans[0]), (slopes[-1], slopes[0])) if loop and spans else 0.0
-    return [ends, *inner, ends] if spans else [0.0]
-
-
-def _speed_between(spans: tuple[float, float], slopes: tuple[float, float]) -> float:
-    """Return the weighted harmonic mean of two slopes, or 0 where the direction turns."""
-    if slopes[0] * slopes[1] <= 0:
-        return 0.0
-    weights = (spans[0] + 2 * spans[1], 2 * spans[0] + spans[1])
-    return sum(weights) / (weights[0] / slopes[0] + weights[1] / slopes[1])
-
-
 @dataclass(slots=True)
 class Faults:
     """The knobs. Tests and people turn them by hand; the schedule of the configuration turns them too."""
@@ -215,13 +135,18 @@ KNOBS = {
 }
 
 
+BY_HAND_S = 7.0
+"""A fault that a person makes ends by itself after this long; the next try to open a base again comes soon after."""
+
+
 class FaultSchedule:
-    """Turns knobs at set times from ``start_s``. A knob that was turned by hand stays so until its next time comes.
+    """Turns knobs at set times from ``start_s``. A knob that was set otherwise stays so until its next time comes.
 
     Faults of one kind may overlap.
     """
 
     def __init__(self, planned: Sequence[ScheduledFault], start_s: float) -> None:
+        self._by_hand: dict[FaultKind, float] = {}
         self._spans = [(fault.kind, start_s + fault.at, start_s + _end_s(fault)) for fault in planned]
         self._left = sorted(
             {(time_s, kind) for kind, begin_s, end_s in self._spans for time_s in (begin_s, end_s)}, reverse=True
@@ -233,6 +158,18 @@ class FaultSchedule:
             time_s, kind = self._left.pop()
             active = any(kind is other and begin_s <= time_s < end_s for other, begin_s, end_s in self._spans)
             setattr(faults, KNOBS[kind], active)
+            self._by_hand.pop(kind, None)
+        for kind in [kind for kind, end_s in self._by_hand.items() if end_s <= now_s]:
+            setattr(faults, KNOBS[kind], False)
+            del self._by_hand[kind]
+
+    def toggle(self, faults: Faults, kind: FaultKind, now_s: float) -> None:
+        """Turn a knob by hand. A fault ends by itself after `BY_HAND_S`, or when the schedule turns that knob."""
+        is_wrong = not getattr(faults, KNOBS[kind])
+        setattr(faults, KNOBS[kind], is_wrong)
+        self._by_hand.pop(kind, None)
+        if is_wrong:
+            self._by_hand[kind] = now_s + BY_HAND_S
 
 
 def _end_s(fault: ScheduledFault) -> float:
@@ -250,7 +187,6 @@ class World:
     def __init__(self, options: WorldOptions, clock: Clock) -> None:
         start_s = clock.now_s()
         self._clock = clock
-        self._start_s = start_s
         self._lock = threading.RLock()
         self._narrator = Narrator(
             options.story, options.path[-1].at if options.loop and len(options.path) > 1 else None
@@ -267,11 +203,12 @@ class World:
             start_s=start_s,
         )
         self._hand = Hand(self.ball.position_m)
+        self._comes_back_s = options.comes_back
+        self._model: CameraModel | None = None
+        self._seen_s = start_s
+        self._start = Pose(x_m=options.robot_x, y_m=options.robot_y, heading_rad=options.robot_heading)
         self.robot = DifferentialRobot(
-            track_width_m=options.track_width,
-            ticks_per_metre=options.ticks_per_metre,
-            start=Pose(x_m=options.robot_x, y_m=options.robot_y, heading_rad=options.robot_heading),
-            clock=clock,
+            track_width_m=options.track_width, ticks_per_metre=options.ticks_per_metre, start=self._start, clock=clock
         )
 
     @property
@@ -287,9 +224,46 @@ class World:
         return self._faults
 
     def narration(self) -> str:
-        """Return in a sentence what happens now: what goes wrong on purpose, else the story of the path."""
+        """Return in a sentence what happens now: what goes wrong, else the story of the path as far as it is seen."""
         with self._lock:
-            return self._narrator.words([kind for kind in KNOBS if self.goes_wrong(kind)], self.now_s - self._start_s)
+            now_s = self.now_s
+            wrong: list[str] = [kind for kind in KNOBS if self.goes_wrong(kind)]
+            if not wrong and self._comes_back_s is not None and not self._is_in_sight(now_s):
+                wrong = [OUT_OF_SIGHT]
+            return self._narrator.words(
+                wrong,
+                now_s,
+                path_s=self.ball.path_s(now_s),
+                distance_m=self.distance_m(now_s),
+                is_by_hand=self._hand.holds,
+            )
+
+    def look(self, model: CameraModel, time_s: float) -> None:
+        """Take in that the camera looks, through a lens; a ball that it has not seen for long comes back."""
+        with self._lock:
+            self._model = model
+            is_excused = self._hand.holds or any(self.goes_wrong(kind) for kind in KNOBS)
+            if self._comes_back_s is None or is_excused or self._is_in_sight(time_s):
+                self._seen_s = time_s
+            elif time_s - self._seen_s >= self._comes_back_s:
+                self.ball.begin_anew(time_s, self._start, self.robot.pose_at(time_s))
+
+    def _is_in_sight(self, time_s: float) -> bool:
+        """Return whether the whole ball is where the camera looks, hidden or not."""
+        if self._model is None:
+            return True
+        x_m, y_m, z_m = self.target_in_camera(time_s)
+        if z_m <= 0:
+            return False
+        lens, radius_m = self._model, self.ball.diameter_m / 2
+        return all(
+            centre_px + focal_px * (off_axis_m - radius_m) / z_m >= 0
+            and centre_px + focal_px * (off_axis_m + radius_m) / z_m < size_px
+            for centre_px, focal_px, off_axis_m, size_px in (
+                (lens.cx_px, lens.fx_px, x_m, lens.width_px),
+                (lens.cy_px, lens.fy_px, y_m, lens.height_px),
+            )
+        )
 
     def state(self) -> dict[str, Any]:
         """Return where ball and camera are, and what goes wrong, for a view from above."""
@@ -307,8 +281,9 @@ class World:
         return bool(getattr(self.faults, KNOBS[FaultKind(fault)]))
 
     def toggle(self, fault: str) -> None:
-        """Turn the knob of a `FaultKind`. It stays so until it is turned again, or its next time in the schedule."""
-        setattr(self.faults, KNOBS[FaultKind(fault)], not self.goes_wrong(fault))
+        """Turn the knob of a `FaultKind`. A fault ends when it is turned again, and by itself after `BY_HAND_S`."""
+        with self._lock:
+            self._schedule.toggle(self.faults, FaultKind(fault), self.now_s)
 
     def place_target(self, x_m: float, y_m: float) -> None:
         """Move the ball there, by hand, and leave it there."""

@@ -18,8 +18,9 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from stadimeter.errors import PageError
-from stadimeter.web.answers import as_error
+from stadimeter.web.answers import as_error, as_json
 from stadimeter.web.attempts import Attempts
+from stadimeter.web.ended_sessions import EndedSessions, Session
 from stadimeter.web.passwords import PasswordFile, Passwords
 from stadimeter.web.routes import PLACES, Place, Right
 
@@ -63,6 +64,7 @@ class Access:
     ) -> None:
         self.file = file
         self.attempts = Attempts()
+        self.ended = EndedSessions(file.path.with_name(f"{file.path.name}.ended"), wall_clock)
         self._is_local = is_loopback(listens[0])
         self._cookie = f"stadimeter-{listens[1]}"  # two pages of one computer share the cookies of its name
         self._hosts = _own_names() | {each.lower().rstrip(".") for each in allowed_hosts}
@@ -89,7 +91,8 @@ class Access:
         passwords = self.file.passwords()
         if passwords is None:
             return Right.OPERATE if self._is_local else Right.OPEN
-        return self._right_of_session(passwords, Headers(scope=scope))
+        session = self._session(passwords, Headers(scope=scope))
+        return Right.OPEN if session is None else session.right
 
     def may_read(self, scope: Scope) -> bool:
         """Return whether whoever asks may read, now: a stream may have begun before that ended."""
@@ -110,16 +113,16 @@ class Access:
         if headers.get("content-type", "").partition(";")[0].strip().lower() != wanted:
             raise PageError(400, "wrong-content", f"a request that changes something has Content-Type: {wanted}")
         if not _is_from_us(headers):
-            raise PageError(403, "wrong-origin", "only a page of ours may ask for that: its origin is another")
+            raise PageError(403, "wrong-origin", "this comes from another origin, and only the page itself may ask it")
 
     async def log_in(self, password: str, address: str) -> tuple[Passwords, Right]:
         """Return what a password opens; `PageError` if it is wrong, or was tried too often."""
         passwords = self.file.passwords()
         if passwords is None:
             raise PageError(503, "no-passwords", "no password is set: `stadimeter web --set-password` sets one")
-        if self._logins >= LOGINS_MAX:
+        if self._logins >= LOGINS_MAX and not self.attempts.knows(address):
             raise PageError(429, "too-many-attempts", "others are logging in; try again in a second", {"wait_s": 1})
-        self.attempts.begin(address)
+        await asyncio.sleep(self.attempts.begin(address))
         self._logins += 1
         try:
             async with self._hashing:
@@ -136,9 +139,18 @@ class Access:
         told = f"{int(right)}.{int(self._unix_s()) + SESSION_S}.{secrets.token_hex(8)}"
         self._set_cookie(response, f"{told}.{_signature(passwords, told)}", SESSION_S, scope)
 
-    def end_session(self, response: Response, scope: Scope) -> None:
-        """Let the browser forget its cookie."""
+    async def end_session(self, scope: Scope) -> Response:
+        """End a session for good, also for whoever has a copy of its cookie; return the answer, without a cookie."""
+        passwords = self.file.passwords()
+        session = self._session(passwords, Headers(scope=scope)) if passwords is not None else None
+        response = as_json({})
+        if session is not None:
+            try:
+                await self.ended.add(session)
+            except PageError as error:
+                response = as_error(error)
         self._set_cookie(response, "", 0, scope)
+        return response
 
     def _set_cookie(self, response: Response, value: str, age_s: int, scope: Scope) -> None:
         through_proxy = Headers(scope=scope).get("x-forwarded-proto") == "https"
@@ -147,14 +159,16 @@ class Access:
             self._cookie, value, max_age=age_s, path="/", secure=is_secure, httponly=True, samesite="strict"
         )
 
-    def _right_of_session(self, passwords: Passwords, headers: Headers) -> Right:
+    def _session(self, passwords: Passwords, headers: Headers) -> Session | None:
+        """Return the session of a browser; None without one that goes on."""
         # Not that of `http.cookies`, which reads none where one of another program on this computer is odd to it.
         cookie = cookie_parser(headers.get("cookie", "")).get(self._cookie, "")
         told, _, signature = cookie.rpartition(".")
         if not hmac.compare_digest(signature.encode(), _signature(passwords, told).encode()):
-            return Right.OPEN
-        right, until_s, _ = told.split(".")
-        return Right(int(right)) if self._unix_s() < int(until_s) else Right.OPEN
+            return None
+        right, until_s, name = told.split(".")
+        session = Session(Right(int(right)), int(until_s), name)
+        return session if self._unix_s() < session.until_s and not self.ended.has(session) else None
 
 
 class Guard:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections import OrderedDict, deque
+from collections import OrderedDict
 from collections.abc import Callable
 from ipaddress import IPv6Address, ip_address, ip_network
 from math import ceil
@@ -17,11 +17,18 @@ FIRST_WAIT_S, LONGEST_WAIT_S = 10.0, 900.0
 FORGOTTEN_S = 24 * 3600.0
 """After this long without a failure, those before count no more."""
 
-IN_ALL, IN_ALL_S = 30, 60.0
-"""So many failures in so much time, from everywhere: a network of computers guesses no faster than one."""
+IN_ALL, EVERY_S = 30, 2.0
+"""So many attempts at once, and then one in so much time, are taken from all addresses together that are not known: a
+network of computers guesses no faster than one."""
+
+TURN_MAX_S = 10.0
+"""So long an attempt waits for its turn among them, before it is refused. So five wait at most."""
 
 ADDRESSES_MAX = 1000
 """Of so many addresses the failures are remembered; the oldest is forgotten first."""
+
+KNOWN_MAX = 100
+"""Of so many it is remembered that somebody who may operate has logged in from there."""
 
 
 class Attempts:
@@ -34,44 +41,63 @@ class Attempts:
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         self._failures: OrderedDict[str, tuple[int, float]] = OrderedDict()
-        self._recent: deque[float] = deque(maxlen=IN_ALL)
+        self._known: OrderedDict[str, None] = OrderedDict()
+        self._paid_until_s = 0.0
 
-    def begin(self, address: str) -> None:
-        """Count an attempt as failed until it has succeeded; `PageError` says how long to wait, if it is too early."""
-        now_s, of = self._clock(), _network(address)
+    def knows(self, address: str) -> bool:
+        """Return whether somebody who may operate has logged in from there: no stranger elsewhere is in their way."""
+        return network_of(address) in self._known
+
+    def begin(self, address: str) -> float:
+        """Count an attempt as failed until it has succeeded; return for how long it waits for its turn.
+
+        Raises `PageError`, which says how long to wait, if it is too early.
+        """
+        now_s, of = self._clock(), network_of(address)
         count, until_s = self._failures.get(of, (0, now_s))
         if now_s > until_s + FORGOTTEN_S:
             count = 0
-        if len(self._recent) == IN_ALL:
-            until_s = max(until_s, self._recent[0] + IN_ALL_S)
-        if until_s > now_s:
-            left_s = ceil(until_s - now_s)
+        turn_s = 0.0 if of in self._known else self._turn_s(now_s)
+        left_s = ceil(max(until_s - now_s, turn_s - TURN_MAX_S))
+        if left_s > 0:
             words = f"too many wrong passwords; try again in {left_s} s"
             raise PageError(429, "too-many-attempts", words, {"wait_s": left_s})
+        if of not in self._known:
+            self._paid_until_s = max(self._paid_until_s, now_s) + EVERY_S
         count += 1
         doubled = 2.0 ** min(count - FREE, 20)
         wait_s = min(LONGEST_WAIT_S, FIRST_WAIT_S * doubled) if count >= FREE else 0.0
         self._failures[of] = (count, now_s + wait_s)
         self._failures.move_to_end(of)
-        self._recent.append(now_s)
         while len(self._failures) > ADDRESSES_MAX:
             self._failures.popitem(last=False)
+        return turn_s
+
+    def _turn_s(self, now_s: float) -> float:
+        return max(0.0, self._paid_until_s - now_s - (IN_ALL - 1) * EVERY_S)
 
     def succeeded(self, address: str, *, forgets: bool = True) -> None:
         """Take back the attempt that was none, and forget the failures of its address.
 
         Args:
-            forgets: Whether those are forgotten at once. Not for a password that there is more to gain than: whoever
-                has it could guess that other one without a wait, with theirs in between.
+            forgets: Whether those are forgotten at once, and the address is known from now on. Not for a password that
+                there is more to gain than: whoever has it could guess that other one without a wait, with theirs in
+                between.
         """
-        count, _ = self._failures.pop(_network(address), (1, 0.0))
+        of = network_of(address)
+        count, _ = self._failures.pop(of, (1, 0.0))
         if count > 1 and not forgets:
-            self._failures[_network(address)] = (count - 1, self._clock())
-        if self._recent:
-            self._recent.pop()
+            self._failures[of] = (count - 1, self._clock())
+        if of not in self._known:
+            self._paid_until_s -= EVERY_S
+        if forgets:
+            self._known[of] = None
+            self._known.move_to_end(of)
+        if len(self._known) > KNOWN_MAX:
+            self._known.popitem(last=False)
 
 
-def _network(address: str) -> str:
+def network_of(address: str) -> str:
     """Return what one computer may have of addresses: of version 6, any of its network."""
     try:
         found = ip_address(address.partition("%")[0])

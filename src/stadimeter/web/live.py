@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import json
 import struct
+import time
 from collections import deque
 from collections.abc import AsyncGenerator, Callable, Mapping
 from contextlib import aclosing
@@ -95,6 +96,7 @@ class Feed:
         self._newest = Message(b"")
         self._in_words: dict[int, bytes] = {}
         self._arrived = asyncio.Event()
+        self._arrived_s = 0.0
         self._watchers = 0
         self._task: asyncio.Task[None] | None = None
         self._is_closed = False
@@ -155,6 +157,7 @@ class Feed:
 
     def _publish(self, snapshot: Mapping[str, Any], picture: bytes) -> None:
         self._number += 1
+        self._arrived_s = time.monotonic()
         self._snapshot = snapshot
         self._newest = Message(_json(snapshot), picture)
         self._in_words = {self._number - 1: self._newest.snapshot}
@@ -162,12 +165,18 @@ class Feed:
         arrived.set()
 
     def _message(self, seen: int) -> Message:
-        """Return the newest message for one who has seen that of a number, and none of those between."""
+        """Return the newest message for one who has seen that of a number, and none of those between.
+
+        Whoever comes while the run hangs is given the last one there was: it says for how long it has been here.
+        """
         snapshot = self._snapshot or {}
         if seen not in self._in_words:
             news = {} if "gone" in snapshot else self._history.since(seen)
             self._in_words[seen] = _json({**snapshot, **news})
-        return Message(self._in_words[seen], self._newest.picture)
+        words = self._in_words[seen]
+        if "gone" not in snapshot:
+            words = b'{"waited_s":%.3f,' % (time.monotonic() - self._arrived_s) + words[1:]
+        return Message(words, self._newest.picture)
 
 
 class Feeds:

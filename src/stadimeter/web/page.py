@@ -30,6 +30,9 @@ from stadimeter.web.run_process import RunProcess
 from stadimeter.web.workbench_link import WorkbenchLink, command_of_workbench
 
 HERE = Path(__file__).parent
+NOT_FOR_WATCHERS = frozenset({"pid", "recordings"})
+"""What the run says of itself that is for those alone who may operate."""
+
 FRESH_S = 0.1
 """A picture that was asked for by one is given to others for this long: they cost the run nothing."""
 
@@ -136,20 +139,19 @@ class Page:
 
     async def logout(self, request: Request) -> Response:
         """End the session of this browser."""
-        response = as_json({})
-        self.access.end_session(response, request.scope)
-        return response
+        return await self.access.end_session(request.scope)
 
     async def session(self, request: Request) -> Response:
         """Tell what whoever asks may do, and what is there."""
         right: Right = request.scope["right"]
+        hidden = frozenset() if right is Right.OPERATE else NOT_FOR_WATCHERS
         return as_json(
             {
                 "right": right.name.lower(),
                 "needs_password": self.access.needs_password,
                 "version": stadimeter.__version__,
                 "configuration": str(self.configuration),
-                "run": await self._about_run(),
+                "run": {name: value for name, value in (await self._about_run()).items() if name not in hidden},
             }
         )
 

@@ -113,21 +113,25 @@ def _parsed(text: bytes) -> Passwords:
 
 
 def _write(path: Path, passwords: Passwords) -> None:
-    """Replace the file at once. It belongs to the owner of its folder, also where root writes it for a service."""
     told: dict[str, Any] = {"scrypt": passwords.scrypt, "salt": passwords.salt.hex(), "key": passwords.key.hex()}
     told |= {name: hashed.hex() for name, hashed in passwords.hashes.items()}
     try:
-        with tempfile.NamedTemporaryFile("w", dir=path.parent, prefix=f".{path.name}-", delete=False) as file:
-            try:
-                file.write(json.dumps(told) + "\n")
-                file.flush()
-                os.fsync(file.fileno())
-                owner = path.parent.stat()
-                if os.getuid() == 0:
-                    os.chown(file.fileno(), owner.st_uid, owner.st_gid)
-                Path(file.name).replace(path)
-            except BaseException:
-                Path(file.name).unlink(missing_ok=True)
-                raise
+        replace_file(path, json.dumps(told))
     except OSError as error:
         raise PageError(400, "password", f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def replace_file(path: Path, text: str) -> None:
+    """Replace a file at once. It belongs to the owner of its folder, also where root writes it for a service."""
+    with tempfile.NamedTemporaryFile("w", dir=path.parent, prefix=f".{path.name}-", delete=False) as file:
+        try:
+            file.write(text + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+            owner = path.parent.stat()
+            if os.getuid() == 0:
+                os.chown(file.fileno(), owner.st_uid, owner.st_gid)
+            Path(file.name).replace(path)
+        except BaseException:
+            Path(file.name).unlink(missing_ok=True)
+            raise

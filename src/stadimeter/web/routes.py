@@ -80,7 +80,8 @@ def _desk(method: Literal["GET", "POST", "PUT", "DELETE"], path: str, op: str, *
 
 
 _OF_RULES = ("ack", "reset", "shelve", "unshelve", "take-out", "put-back")
-NAMED = frozenset({*_OF_RULES, "hold-output"})
+_OF_OUTPUTS = {"stop": "stop-outputs", "release": "release-outputs"}
+NAMED = frozenset({*_OF_RULES, *_OF_OUTPUTS.values(), "hold-output"})
 """Operations that are told who wants them."""
 
 _JPEG, _SVG = "image/jpeg", "image/svg+xml"
@@ -101,6 +102,7 @@ PLACES: tuple[Place, ...] = (
     _asked("/api/v1/alarms", "alarms"),
     _asked("/api/v1/rules/{rule}/explanation", "explain", {"ago_s": float}),
     *(_run(f"/api/v1/rules/{{rule}}/{op}", op) for op in _OF_RULES),
+    *(_run(f"/api/v1/outputs/{name}", op) for name, op in _OF_OUTPUTS.items()),
     _run("/api/v1/outputs/{output}/hold", "hold-output"),
     _own("POST", "/api/v1/run/start", Right.OPERATE, "start", 4 * KIB),
     _run("/api/v1/run/restart", "restart", CHECK_WAIT_S),
@@ -124,6 +126,6 @@ PLACES: tuple[Place, ...] = (
         for step in ("answer", "back", "begin", "leave", "colour", "camera", "world", "try", "files", "outlook")
     ),
     *(_set_up(step, LONG_WAIT_S) for step in ("take", "board")),
-    _desk("GET", "setup/picture.jpg", "setup-picture", query={"draw": str, "width_px": int}, media=_JPEG),
+    _desk("GET", "setup/picture.jpg", "setup-picture", query={"draw": str, "width_px": int, "file": str}, media=_JPEG),
     _desk("GET", "setup/wiring.svg", "setup-wiring", query={"output": str}, media=_SVG),
 )

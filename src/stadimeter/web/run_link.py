@@ -70,7 +70,7 @@ class RunLink:
                 return await _open(self._given)
             if self._found is not None and (streams := await self._opened_again(self._found)) is not None:
                 return streams
-            self._found = await asyncio.to_thread(find, self.configuration)
+            self._found = await asyncio.to_thread(find, self.configuration, names_others=False)
             return await _open(self._found)
         except ControlError as error:
             raise PageError(503, "no-run", str(error)) from error

@@ -9,11 +9,13 @@ import os
 import signal
 import socket
 import ssl
+from collections import Counter
 from collections.abc import Callable, Generator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+import h11
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
@@ -23,6 +25,7 @@ from stadimeter.app.restarts import OF_RUN
 from stadimeter.errors import PageError
 from stadimeter.web.access import is_loopback
 from stadimeter.web.application import application
+from stadimeter.web.attempts import network_of
 from stadimeter.web.page import Options, Page
 from stadimeter.web.passwords import PasswordFile
 
@@ -154,7 +157,6 @@ def server_of(page: Page, tls: tuple[Path | None, Path | None] = (None, None)) -
         access_log=False,
         server_header=False,
         proxy_headers=False,
-        h11_max_incomplete_event_size=HEADERS_MAX_BYTES,
         timeout_graceful_shutdown=1,
         ssl_certfile=certificate,
         ssl_keyfile=key,
@@ -170,11 +172,28 @@ class _Server(uvicorn.Server):
         yield
 
 
+class _Requests(h11.Connection):
+    """Refuses headers that are too large, also those that have come whole: the parser bounds what is to be awaited."""
+
+    def next_event(self) -> type[h11.NEED_DATA | h11.PAUSED] | h11.Event:
+        if self.their_state is not h11.IDLE:
+            return super().next_event()
+        before = len(self.trailing_data[0])
+        event = super().next_event()
+        if isinstance(event, h11.Request) and before - len(self.trailing_data[0]) > HEADERS_MAX_BYTES:
+            raise h11.RemoteProtocolError("the headers are too large", error_status_hint=431)
+        return event
+
+
 class _Connection(H11Protocol):
     """A connection that cannot be held without asking anything."""
 
     _since_s = 0.0
     _timer: asyncio.TimerHandle | None = None
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.conn = _Requests(h11.SERVER, HEADERS_MAX_BYTES)
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
@@ -202,22 +221,35 @@ class _Listener(socket.socket):
     """Lets in no more than there is room for, also of those who come for TLS and say nothing.
 
     The server knows a connection from the end of its handshake on. Before that, strangers could take every file
-    descriptor of the process, which then fills the log.
+    descriptor of the process, which then fills the log. Where all room is taken, it is shared by addresses.
     """
 
     def __init__(self, family: socket.AddressFamily) -> None:
         super().__init__(family, socket.SOCK_STREAM)
-        self._let_in: list[socket.socket] = []
+        self._let_in: list[tuple[socket.socket, str]] = []
 
     def accept(self) -> tuple[socket.socket, Any]:
         """Return a connection; one that there is no room for is closed, and `BlockingIOError` asks to come again."""
         connection, address = super().accept()
-        self._let_in = [each for each in self._let_in if each.fileno() >= 0]
-        if len(self._let_in) >= CONNECTIONS_MAX:
+        network = network_of(address[0])
+        self._let_in = [each for each in self._let_in if each[0].fileno() >= 0]
+        if len(self._let_in) >= CONNECTIONS_MAX and not self._make_room(network):
             connection.close()
             raise BlockingIOError
-        self._let_in.append(connection)
+        self._let_in.append((connection, network))
         return connection, address
+
+    def _make_room(self, newcomer: str) -> bool:
+        """Hang up on the newest connection of the address that holds most, unless the newcomer's own holds as many."""
+        counts = Counter(network for _, network in self._let_in)
+        (greediest, most), *_ = counts.most_common(1)
+        if most <= counts[newcomer] + 1:
+            return False
+        victim = next(each for each in reversed(self._let_in) if each[1] == greediest)
+        self._let_in.remove(victim)
+        with suppress(OSError):  # it may be gone already
+            victim[0].shutdown(socket.SHUT_RDWR)
+        return True
 
 
 def _listening(address: str, port: int) -> socket.socket:

@@ -6,6 +6,7 @@ from contextlib import closing
 from typing import Any
 
 from stadimeter.cameras.protocol import AttachedCamera
+from stadimeter.config.guides import guide
 from stadimeter.config.plugins import CAMERAS, DriverChoice, driver_names, load_plugin
 from stadimeter.errors import DriverError, DriverUnavailableError, PictureError
 from stadimeter.workbench.snapshot import Snapshot, snapshots
@@ -13,7 +14,7 @@ from stadimeter.workbench.snapshot import Snapshot, snapshots
 NONE_FOUND = (
     "no camera is found. Is its cable plugged in, and does `ls /dev/video*` list it? A ribbon camera of a Raspberry Pi"
     " needs `sudo apt install python3-picamera2` and an environment that sees the system's packages; a camera in the"
-    " network is read as a stream (docs/cameras.md), which no list can show"
+    f" network is read as a stream ({guide('cameras.md')}), which no list can show"
 )
 """What to say where there are no cameras."""
 

@@ -14,7 +14,7 @@ from stadimeter.errors import ConfigError, Problem
 Place = tuple[float, float]
 
 NOTHING_STANDS_OUT = "nothing in the picture stands out as a ball of one colour"
-ONLY_BACKGROUND = "what you point at has no outline of its own: it is background; point at the middle of the ball"
+ONLY_BACKGROUND = "the place has no outline of its own, so it is background; point at the middle of the ball"
 
 
 def split_places(text: str) -> tuple[str, list[str]]:

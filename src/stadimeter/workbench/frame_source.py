@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 from stadimeter.app.capture import Capture, capture_for
 from stadimeter.app.clock import MonotonicClock, SteppedClock
-from stadimeter.cameras.protocol import Camera
+from stadimeter.cameras.protocol import Camera, ShowsFiles
 from stadimeter.config.plugins import DriverChoice, DriverContext
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CaptureTimeoutError, EndOfFramesError
@@ -67,7 +68,7 @@ class Source:
 
 
 def open_source(choice: DriverChoice) -> Source:
-    """Build a camera. Touches no hardware.
+    """Build a camera. Touches no hardware. A recording is looked through once, each of its pictures in one frame.
 
     Raises:
         DriverError: It cannot be built.
@@ -75,6 +76,7 @@ def open_source(choice: DriverChoice) -> Source:
     if choice.plugin.needs_world:
         room = SimulatedRoom(choice)
         return Source(capture=room.capture, is_live=True, room=room)
+    choice = _once(choice)
     clock = SteppedClock()
     camera: Camera = choice.plugin.build(choice.options, DriverContext(name=choice.name, clock=clock))
     if not camera.is_live:
@@ -82,6 +84,25 @@ def open_source(choice: DriverChoice) -> Source:
     live_clock = MonotonicClock()
     camera = choice.plugin.build(choice.options, DriverContext(name=choice.name, clock=live_clock))
     return Source(capture=capture_for(camera, live_clock), is_live=True)
+
+
+def _once(choice: DriverChoice) -> DriverChoice:
+    """Return the choice without what is for the eyes of those who watch a run."""
+    told = choice.options
+    changes = {key: plain for key, plain in (("loop", False), ("dwell", 0.0)) if getattr(told, key, plain) != plain}
+    return replace(choice, options=told.model_copy(update=changes)) if changes else choice
+
+
+def files_shown(choice: DriverChoice) -> tuple[Path, ...]:
+    """Return the picture files that a camera shows; nothing of one that shows something else.
+
+    Raises:
+        PictureError: One of them is not there.
+    """
+    if choice.plugin.needs_world:
+        return ()
+    camera = choice.plugin.build(choice.options, DriverContext(name=choice.name, clock=SteppedClock()))
+    return tuple(camera.files()) if isinstance(camera, ShowsFiles) else ()
 
 
 @contextmanager

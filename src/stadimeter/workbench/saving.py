@@ -18,10 +18,10 @@ from datetime import UTC, datetime
 from itertools import zip_longest
 from pathlib import Path
 
-from stadimeter.config.atomic_file import write_all_atomically, write_atomically
+from stadimeter.config.atomic_file import holds, write_all_atomically, write_atomically
 from stadimeter.config.loader import is_demonstration
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text, size_text
-from stadimeter.errors import ConfigError, NotThereError, Problem, UnreadableError, reason_of
+from stadimeter.errors import ConfigError, DemonstrationError, NotThereError, Problem, UnreadableError, reason_of
 
 VERSIONS = "versions"
 """The folder of former versions, beside a configuration."""
@@ -73,11 +73,11 @@ class Version:
 
 
 def check_is_not_ours(configuration: Path) -> None:
-    """Raise a `ConfigError` for the demonstration's configuration: each start of it shall show the same."""
+    """Raise a `DemonstrationError` for the demonstration's configuration: each start of it shall show the same."""
     if is_demonstration(configuration):
-        words = "this is the demonstration's, and stays as it is"
+        words = "this configuration is the demonstration's, and stays as it is"
         hint = "for one of your own, end this and run `stadimeter web stadimeter.toml` in a folder of yours"
-        raise ConfigError([Problem(words, str(configuration), hint=hint)])
+        raise DemonstrationError([Problem(words, str(configuration), hint=hint)])
 
 
 def save_files(
@@ -102,7 +102,7 @@ def save_files(
         folder.mkdir(parents=True, exist_ok=True)
         with _alone(folder):
             check()
-            changed = {name: text for name, text in files.items() if not _holds(folder / name, text)}
+            changed = {name: text for name, text in files.items() if not holds(folder / name, text.encode())}
             present = [name for name in files if (folder / name).exists()] if changed else []
             kept = _next_version(folder) if present else None
             try:
@@ -168,13 +168,6 @@ def _all(folder: Path) -> list[Version]:
     except OSError:
         return []
     return sorted(found, key=lambda version: version.number)
-
-
-def _holds(path: Path, text: str) -> bool:
-    try:
-        return path.read_bytes() == text.encode()
-    except FileNotFoundError:
-        return False
 
 
 def _next_version(folder: Path) -> Path:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from stadimeter.app.control.framing import attached_bytes
-from stadimeter.app.control.places import check_peer, left_out, running
+from stadimeter.app.control.places import check_peer, left_out, left_since, running
 from stadimeter.errors import ControlError
 
 ANSWER_WAIT_S = 10.0
@@ -24,11 +24,18 @@ HELLO_WAIT_S = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Instance:
-    """A running instance."""
+    """A running instance.
+
+    Attributes:
+        configuration_age_s: How long ago it began to go by its configuration; None if it does not say.
+        digest: The SHA-256 of that configuration's text; empty if it does not say.
+    """
 
     socket: Path
     configuration: Path
     pid: int
+    configuration_age_s: float | None = None
+    digest: str = ""
 
     def __str__(self) -> str:
         """Return it for people to choose by."""
@@ -59,34 +66,50 @@ def fetch(
     except TimeoutError as error:
         raise ControlError(f"{path}: no answer within {wait_s:g} s; does it hang?") from error
     except PermissionError as error:
-        raise ControlError(f"{path}: we may not ask there; try it with sudo, or as the user that runs it") from error
+        raise ControlError(f"{path}: this user may not ask there; try sudo, or the user that runs it") from error
     except OSError as error:
         raise ControlError(f"{path}: no instance listens there: {error.strerror or error}") from error
     return _data(path, line), attached
 
 
-def find(configuration: Path | None = None, sockets: Iterable[Path] | None = None) -> Path:
+def find(
+    configuration: Path | None = None, sockets: Iterable[Path] | None = None, *, names_others: bool = True
+) -> Path:
     """Find the running instance that is meant.
 
     Without a configuration, the only one. ``sockets`` names where instances may listen; None to look for them.
 
     Raises:
-        ControlError: None runs, or several do; the message lists them.
+        ControlError: None runs, or several do, or the one that began last was killed. The message lists those that
+            run, unless it is for people who may not know of them.
     """
     found = running() if sockets is None else list(sockets)
     if not found:
         words = "no instance of stadimeter is running; start one with `stadimeter run CONFIG`"
-        raise ControlError("; ".join(filter(None, (words, left_out()))))
-    if configuration is None and len(found) == 1:
+        raise ControlError("; ".join(filter(None, (words, left_out() if names_others else ""))))
+    left = left_since(found[0]) if configuration is None and sockets is None and len(found) == 1 else []
+    if configuration is None and len(found) == 1 and not left:
         return found[0]
     instances = [instance for path in found if (instance := _introduced(path)) is not None]
     meant = [each for each in instances if configuration is None or each.configuration == configuration.resolve()]
-    if len(meant) == 1:
+    if configuration is not None and len(meant) == 1:
         return meant[0].socket
     listed = "".join(f"\n  {instance}" for instance in meant or instances)
     if configuration is not None and not meant:
-        raise ControlError(f"no instance runs with {configuration}; these run:{listed or ' none that may be asked'}")
-    raise ControlError(f"several instances run; say which one with --config or --socket:{listed}")
+        others = f"; these run:{listed or ' none that may be asked'}" if names_others else ""
+        raise ControlError(f"{_none(len(found) - len(instances))} with {configuration}{others}")
+    words = "several instances run"
+    if left:
+        words = f"the instance that began last was killed, or had no power ({', '.join(map(str, left))})"
+    raise ControlError(f"{words}; say which one with --config or --socket{f':{listed}' if names_others else ''}")
+
+
+def _none(silent: int) -> str:
+    """Say that no instance runs; of one that does not answer, nobody knows with which configuration it does."""
+    if not silent:
+        return "no instance runs"
+    which = "one that runs does" if silent == 1 else f"{silent} that run do"
+    return f"{which} not answer: wait, or end it if it hangs; no other runs"
 
 
 def in_words(taken: Mapping[str, Any]) -> str:
@@ -97,12 +120,26 @@ def in_words(taken: Mapping[str, Any]) -> str:
     return "; ".join(parts)
 
 
-def _introduced(path: Path) -> Instance | None:
-    """Ask an instance who it is; None if it does not say."""
+def introduced(path: Path) -> Instance:
+    """Ask an instance who it is; `ControlError` if it does not say."""
+    told = ask(path, "hello", wait_s=HELLO_WAIT_S)
     try:
-        told = ask(path, "hello", wait_s=HELLO_WAIT_S)
-        return Instance(path, Path(told["configuration"]), int(told["pid"]))
-    except (ControlError, KeyError, TypeError, ValueError):
+        age_s = told.get("configuration_age_s")
+        return Instance(
+            path,
+            Path(told["configuration"]),
+            int(told["pid"]),
+            configuration_age_s=None if age_s is None else float(age_s),
+            digest=str(told.get("digest", "")),
+        )
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ControlError(f"{path}: that is no instance of stadimeter; its answer makes no sense") from error
+
+
+def _introduced(path: Path) -> Instance | None:
+    try:
+        return introduced(path)
+    except ControlError:
         return None
 
 

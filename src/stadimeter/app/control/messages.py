@@ -19,6 +19,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError
 
 from stadimeter.app.control.framing import framed_line
+from stadimeter.core.bounds import MAX_DURATION_S, MAX_TIME_S
 from stadimeter.core.operator import AnyCommand, HoldCommand, OperatorAction, OperatorCommand
 from stadimeter.core.rules.explaining import Explanation
 from stadimeter.errors import ControlError, Problem
@@ -53,10 +54,17 @@ class RuleArgs(_Strict):
 class ShelveArgs(RuleArgs):
     """How to shelve a rule."""
 
-    for_s: Annotated[float, Field(gt=0, strict=False)] | None = None
+    for_s: Annotated[float, Field(gt=0, le=MAX_DURATION_S, strict=False)] | None = None
     """For how long; None for as long as the rule allows."""
     one_shot: bool = False
     """Until the alarm has returned to normal, or the time is over."""
+
+
+class OutputsArgs(_Strict):
+    """Who wants every output stopped or released, and why."""
+
+    by: _Name = ""
+    why: _Words = ""
 
 
 class ExplainArgs(_Strict):
@@ -64,9 +72,9 @@ class ExplainArgs(_Strict):
 
     rule: _Name = ""
     """The rule; empty for each."""
-    at_unix_s: float | None = None
+    at_unix_s: Annotated[float, Field(ge=-MAX_TIME_S, le=MAX_TIME_S, strict=False)] | None = None
     """The moment, in seconds since 1970 on the wall clock; None for now."""
-    ago_s: Annotated[float, Field(ge=0, strict=False)] | None = None
+    ago_s: Annotated[float, Field(ge=0, le=MAX_DURATION_S, strict=False)] | None = None
     """In place of that: how long ago it was."""
 
 
@@ -144,6 +152,13 @@ class ShelveRequest(_Request):
     args: ShelveArgs = Field(default_factory=ShelveArgs)
 
 
+class OutputsRequest(_Request):
+    """Something that an operator wants of every output."""
+
+    op: Literal["stop-outputs", "release-outputs"]
+    args: OutputsArgs = Field(default_factory=OutputsArgs)
+
+
 class ExplainRequest(_Request):
     """Say why a rule does what it does."""
 
@@ -197,6 +212,7 @@ Transaction = str | int | None
 Request = (
     OperatorRequest
     | ShelveRequest
+    | OutputsRequest
     | ExplainRequest
     | PlainRequest
     | HoldRequest
@@ -208,7 +224,7 @@ Request = (
 
 OPS = (
     "ack", "reset", "shelve", "unshelve", "take-out", "put-back", "reload", "restart", "explain", "status", "alarms",
-    "hold-output", "record", "world", "hello", "subscribe", "frame",
+    "stop-outputs", "release-outputs", "hold-output", "record", "world", "hello", "subscribe", "frame",
 )  # fmt: skip
 
 _REQUEST: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="op")])
@@ -220,6 +236,8 @@ _ACTIONS: Mapping[str, OperatorAction] = {
     "unshelve": OperatorAction.UNSHELVE,
     "take-out": OperatorAction.TAKE_OUT,
     "put-back": OperatorAction.PUT_BACK,
+    "stop-outputs": OperatorAction.STOP_OUTPUTS,
+    "release-outputs": OperatorAction.RELEASE_OUTPUTS,
 }
 
 
@@ -270,7 +288,11 @@ def transaction_of(line: bytes) -> Transaction:
     return transaction if is_usable else None
 
 
-def operator_command(request: OperatorRequest | ShelveRequest | HoldRequest, number: str) -> AnyCommand:
+CommandRequest = OperatorRequest | ShelveRequest | OutputsRequest | HoldRequest
+"""What becomes an operator's command."""
+
+
+def operator_command(request: CommandRequest, number: str) -> AnyCommand:
     """Return what an operator tells a rule or an output, as the core sees it."""
     args = request.args
     if isinstance(args, HoldArgs):
@@ -287,7 +309,7 @@ def operator_command(request: OperatorRequest | ShelveRequest | HoldRequest, num
     return OperatorCommand(
         id=number,
         action=_ACTIONS[str(request.op)],
-        rule=args.rule,
+        rule=args.rule if isinstance(args, RuleArgs) else "",
         by=args.by,
         why=args.why,
         for_s=for_s,
@@ -305,7 +327,7 @@ def _what_is_wrong(error: ValidationError) -> str:
         return f'"op" must be one of: {", ".join(OPS)}'
     place = ".".join(str(part) for part in detail["loc"][1:])
     if detail["type"] == "string_pattern_mismatch":
-        return f"{place}: text on one line is wanted, without control characters"
+        return f"{place}: write one line of text, without control characters"
     return f"{place}: {detail['msg'][:1].lower()}{detail['msg'][1:]}" if place else detail["msg"]
 
 

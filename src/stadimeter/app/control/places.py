@@ -7,7 +7,7 @@ import socket
 import stat
 import struct
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from stadimeter.app.service_folders import runtime_directory
@@ -36,9 +36,16 @@ def runtime_folder(environ: Mapping[str, str] = os.environ) -> Path:
     if for_service is not None:
         return for_service
     of_user = environ.get("XDG_RUNTIME_DIR")
-    if of_user and (not Path(of_user).exists() or Path(of_user).stat().st_uid == os.getuid()):
+    if of_user and _owner(Path(of_user)) in {None, os.getuid()}:
         return Path(of_user) / "stadimeter"
     return ROOT_FOLDER if os.getuid() == 0 else Path(tempfile.gettempdir()) / f"stadimeter-{os.getuid()}"
+
+
+def _owner(folder: Path) -> int | None:
+    try:
+        return folder.stat().st_uid
+    except FileNotFoundError:
+        return None
 
 
 def usable_folder(folder: Path) -> Path:
@@ -90,8 +97,17 @@ def socket_path(configuration: Path, folder: Path) -> Path:
 
 def running(environ: Mapping[str, str] = os.environ) -> list[Path]:
     """Return where instances listen that can be asked. Folders of other users are left out."""
-    folders = dict.fromkeys((runtime_folder(environ), SERVICE_FOLDER))
-    return [path for folder in folders for path in _sockets(folder) if is_alive(path)]
+    return [path for folder in _folders(environ) for path in _sockets(folder) if is_alive(path)]
+
+
+def left_since(path: Path) -> list[Path]:
+    """Return where instances listened that began after the one at a path, and were killed or lost their power."""
+    try:
+        began_ns = path.lstat().st_mtime_ns
+        sockets = [each for folder in _folders() for each in _sockets(folder) if each.lstat().st_mtime_ns > began_ns]
+    except OSError:
+        return []
+    return [each for each in sockets if not is_alive(each)]
 
 
 def is_alive(path: Path) -> bool:
@@ -135,6 +151,10 @@ def check_peer(path: Path, connection: socket.socket) -> None:
     for user in (found.st_uid, listener):
         if user not in trusted_users(folder):
             raise ControlError(f"{path}: not asked: it belongs to another user ({user}), who may pose as the instance")
+
+
+def _folders(environ: Mapping[str, str] = os.environ) -> Iterable[Path]:
+    return dict.fromkeys((runtime_folder(environ), SERVICE_FOLDER))
 
 
 def _sockets(folder: Path) -> list[Path]:

@@ -170,7 +170,7 @@ class RecordingOnRequest:
             self._ready = self._opened(answer)
         except (StadimeterError, OSError) as error:
             answer(Reply(error=f"nothing is recorded: {error}"))
-        except Exception as error:  # noqa: BLE001 - a defect must not leave the one who asks waiting
+        except BaseException as error:  # noqa: BLE001 - a defect must not leave the one who asks waiting
             answer(Reply(error=f"nothing is recorded: {type(error).__name__}: {error}"))
         finally:
             self._is_beginning = False
@@ -200,7 +200,7 @@ class RecordingOnRequest:
 
     def _check_room(self) -> None:
         """Raise `JournalError` if there is no room for a recording."""
-        used = sum(path.stat().st_size for path in self._folder.glob(f"*{ENDING}"))
+        used = sum(map(_size_bytes, self._folder.glob(f"*{ENDING}")))
         if used > self._bounds.folder_bytes:
             raise JournalError(f"{self._folder} holds {used / 1e9:.1f} GB; delete recordings first")
         free = shutil.disk_usage(self._folder).free
@@ -265,6 +265,14 @@ class RecordingOnRequest:
         begun.is_ended.set()
         begun.recorder.end()
         threading.Thread(target=_finish, args=(begun, answer), name="end recording", daemon=True).start()
+
+
+def _size_bytes(path: Path) -> int:
+    """Return how large a file is; 0 if it was deleted since it was listed."""
+    try:
+        return path.stat().st_size
+    except FileNotFoundError:
+        return 0
 
 
 def _finish(begun: _Begun, answer: Answer) -> None:

@@ -81,7 +81,7 @@ class Reloader:
         except StadimeterError as error:
             self.done()
             answer(Reply(error=f"nothing was changed:\n{error}"))
-        except Exception as error:  # noqa: BLE001 - a defect in a check must not leave the one who asks waiting
+        except BaseException as error:  # noqa: BLE001 - a defect in a check must not leave the one who asks waiting
             self.done()
             answer(Reply(error=f"nothing was changed: the file could not be checked: {type(error).__name__}: {error}"))
 

@@ -10,19 +10,19 @@ from typing import Any, Protocol
 
 from stadimeter.app.control.client import in_words
 from stadimeter.app.control.messages import (
+    CommandRequest,
     ExplainRequest,
     HoldRequest,
-    OperatorRequest,
+    OutputsRequest,
     PlainRequest,
     Reply,
-    ShelveRequest,
     operator_command,
 )
 from stadimeter.app.control.reloading import Change, Reloader
 from stadimeter.app.control.socket_server import Answer, Asked
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.config.findings import did_you_mean_or_list
-from stadimeter.core.decision import Decision
+from stadimeter.core.decision import Decision, SafetyMode
 from stadimeter.core.operator import AnyCommand
 from stadimeter.core.reload import ReloadedState
 from stadimeter.core.rules.explaining import explain
@@ -39,6 +39,12 @@ class Requests(Protocol):
         ...
 
 
+KEPT_WITHIN_S = 1.0
+"""A stop is answered this late at most, however slow the disk is; the outputs are stopped before that."""
+
+NOT_KEPT = "this run keeps no state, so the next one begins without the stop"
+NOT_YET_KEPT = "the disk has not taken it yet, so if this run is killed, the next one may begin without the stop"
+
 Act = Callable[[Any, Answer], None]
 """Does what a request with these arguments asks for, and answers. Called between two cycles; it never waits."""
 
@@ -48,6 +54,7 @@ class Control:
 
     Args:
         acts: What it does for operations that are about neither rules nor the configuration, by their names.
+        is_kept: Tells whether all that shall outlive the run is in its file; None if nothing outlives it.
     """
 
     def __init__(
@@ -57,8 +64,11 @@ class Control:
         unix_s: Callable[[], float] = time.time,
         deliveries: Callable[[], list[dict[str, Any]]] = list,
         acts: Mapping[str, Act] | None = None,
+        is_kept: Callable[[], bool | None] = lambda: True,
     ) -> None:
         self._acts = acts or {}
+        self._is_kept = is_kept
+        self._stops: list[tuple[float, Asked, dict[str, Any]]] = []
         self._requests = requests
         self._reloader = reloader
         self._unix_s = unix_s
@@ -95,9 +105,13 @@ class Control:
         self._remember(record)
         for given in record.decision.answers:
             asked = self._waiting.pop(given.id, None)
-            if asked is not None:
-                done = {"words": given.words, **_applied(asked, record)}
-                asked.answer(Reply(done) if given.accepted else Reply(error=given.words))
+            if asked is not None and not given.accepted:
+                asked.answer(Reply(error=given.words))
+            elif asked is not None and isinstance(asked.request, OutputsRequest):
+                self._stops.append((time.monotonic() + KEPT_WITHIN_S, asked, _stopped(given.words, record)))
+            elif asked is not None:
+                asked.answer(Reply({"words": given.words, **_applied(asked, record)}))
+        self._answer_stops()
         questions, self._questions = self._questions, []
         for asked in questions:
             asked.answer(self._reply(asked.request, record))
@@ -105,7 +119,7 @@ class Control:
     def _sorted(self, asked: Asked) -> AnyCommand | None:
         """Return the command that a request is; attend to it otherwise if it is none."""
         request = asked.request
-        if isinstance(request, OperatorRequest | ShelveRequest | HoldRequest):
+        if isinstance(request, CommandRequest):
             self._commands += 1
             number = f"asked-{self._commands}"
             self._waiting[number] = asked
@@ -119,6 +133,19 @@ class Control:
         else:
             self._questions.append(asked)
         return None
+
+    def _answer_stops(self) -> None:
+        """Answer who stopped or released the outputs, once it is in the file: a run that is killed then has kept it."""
+        waiting, self._stops = self._stops, []
+        for by_s, asked, done in waiting:
+            is_kept = self._is_kept()
+            if is_kept is False and time.monotonic() < by_s:
+                self._stops.append((by_s, asked, done))
+                continue
+            note = (
+                {True: "", None: "; " + NOT_KEPT, False: "; " + NOT_YET_KEPT}[is_kept] if "unconfirmed" in done else ""
+            )
+            asked.answer(Reply({**done, "words": done["words"] + note}))
 
     def _remember(self, record: CycleRecord) -> None:
         now_s = record.observation.now_s
@@ -142,6 +169,17 @@ class Control:
             known_s = now_s - self._past[0][0]
             return Reply(error=f"only the last {known_s:.0f} s are remembered; a journal remembers all of a run")
         return lambda: _explanation(past[1], request.args.rule, now_s - past[0])
+
+
+def _stopped(words: str, record: CycleRecord) -> dict[str, Any]:
+    """Return what whoever stopped or released the outputs must know: of a stop, which of them did not obey."""
+    if record.decision.safety is not SafetyMode.STOPPED:
+        return {"words": words}
+    obeyed = {command.output for command in record.applied}
+    unconfirmed = [each.output for each in record.decision.commands if each.output not in obeyed]
+    faults = {fault.output: fault.reason for fault in record.observation.output_faults}
+    notes = [f"{name} did not confirm it ({faults.get(name, 'it failed')}): cut its supply" for name in unconfirmed]
+    return {"words": "; ".join([words, *notes]), "unconfirmed": unconfirmed}
 
 
 def _applied(asked: Asked, record: CycleRecord) -> dict[str, Any]:

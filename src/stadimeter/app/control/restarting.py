@@ -52,7 +52,7 @@ class Restarter:
             answer(Reply(error=f"not restarted, since the run could not begin:\n{error}", problems=error.problems))
         except StadimeterError as error:
             answer(Reply(error=f"not restarted, since the run could not begin: {error}"))
-        except Exception as error:  # noqa: BLE001 - a defect in a check must not leave the one who asks waiting
+        except BaseException as error:  # noqa: BLE001 - a defect in a check must not leave the one who asks waiting
             answer(Reply(error=f"not restarted: the file could not be checked: {type(error).__name__}: {error}"))
         else:
             answer(Reply({"words": "restarting"}))

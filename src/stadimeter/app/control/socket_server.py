@@ -318,5 +318,5 @@ class _Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
 def _made(reply: Callable[[], Reply]) -> Reply:
     try:
         return reply()
-    except Exception as error:  # noqa: BLE001 - a defect in an answer is said to whoever asked
+    except BaseException as error:  # noqa: BLE001 - a defect in an answer is said to whoever asked
         return Reply(error=f"the answer could not be put into words: {type(error).__name__}: {error}")

@@ -21,6 +21,9 @@ DISK_FREE_MIN_BYTES = 200e6
 OLD_S = 0.5
 """A picture older than this is no longer a live one."""
 
+SLOW_PACE = 0.9
+"""Below this share of its speed, a simulation or a recording is slow for all who watch it."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Note:
@@ -74,7 +77,8 @@ class LiveHealth:
     """How a run is doing.
 
     Attributes:
-        frame_rate_hz: Frames a second, of late; 0 if none came.
+        frame_rate_hz: Frames a second, of late; 0 if none came. In real time, where the run falls behind its speed.
+        pace: How fast a simulation or a recording passes, as a share of the speed that was asked for; else 1.
         frame_age_s: Age of the newest frame in the newest cycle; None before the first.
         latency_s: From the capture of a frame until its commands had been applied, median of late.
         cycle_s: The computing time of a cycle, median and 95th percentile of late.
@@ -84,6 +88,7 @@ class LiveHealth:
     """
 
     frame_rate_hz: float = 0.0
+    pace: float = 1.0
     frame_age_s: float | None = None
     latency_s: float | None = None
     cycle_s: tuple[float | None, float | None] = (None, None)
@@ -109,6 +114,9 @@ class LiveHealth:
         else:
             words = f"{self.frame_rate_hz:.1f} pictures a second, {_age(self.frame_age_s)} old"
             yield Note(what="camera", words=words, is_good=self.frame_age_s < OLD_S)
+        if self.pace < SLOW_PACE:
+            words = f"{self.pace:.0%} of the speed asked for: this computer cannot keep up"
+            yield Note(what="pace", words=words, is_good=False)
         if self.latency_s is not None:
             yield Note(what="latency", words=f"median {_age(self.latency_s)} to the outputs")
         median_s, p95_s = self.cycle_s
@@ -142,11 +150,12 @@ class LiveHealth:
 CONNECTED = "connected"
 
 
-def live_health(history: RunHistory, board: Board, broker: str, trouble: str) -> LiveHealth:
+def live_health(history: RunHistory, board: Board, broker: str, trouble: str, pace: float = 1.0) -> LiveHealth:
     """Return how a run is doing now."""
     cycle_s = sorted(history.cycle_times_s)
     return LiveHealth(
-        frame_rate_hz=history.frame_rate_hz,
+        frame_rate_hz=history.frame_rate_hz * (pace if pace < SLOW_PACE else 1.0),
+        pace=pace,
         frame_age_s=history.frame_age_s,
         latency_s=_median(history.data_ages_s),
         cycle_s=(percentile(cycle_s, 0.5), percentile(cycle_s, 0.95)),

@@ -89,13 +89,13 @@ class Snapshot:
 
 
 def why(decision: Decision, rule: str) -> str:
-    """Return why a rule does what it does, as ``stadimeter explain``; the reason alone if read from a file."""
+    """Return why a rule does what it does, in short; the reason alone if read from a file."""
     if isinstance(decision.reasons, Reasons):
-        return explain(decision, rule).sentence
+        return explain(decision, rule, with_probability=False).sentence
     return decision.reasons.get(rule, "")
 
 
-def snapshot_of(history: RunHistory, surroundings: Surroundings, board: Board, after_s: float) -> Snapshot:
+def snapshot_of(history: RunHistory, surroundings: Surroundings, board: Board, after_s: float, pace: float) -> Snapshot:
     """Return what there is to see now, with the distances after a time."""
     plan, seen = surroundings.plan(), history.seen
     return Snapshot(
@@ -106,7 +106,7 @@ def snapshot_of(history: RunHistory, surroundings: Surroundings, board: Board, a
         events=tuple(history.events),
         messages=tuple(surroundings.messages())[:MESSAGES_MAX],
         limits_m=limits_m(plan) if plan is not None else {},
-        health=live_health(history, board, surroundings.broker(), surroundings.trouble()),
+        health=live_health(history, board, surroundings.broker(), surroundings.trouble(), pace),
         narration=surroundings.narration(),
         plan=plan,
         has_corners=surroundings.has_corners,

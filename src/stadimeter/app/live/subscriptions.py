@@ -150,7 +150,7 @@ class Subscriptions:
                     return
                 self._number += 1
             due = [each for each in self._all if each.is_due(self._told_s)]
-            with suppress(Exception):  # whoever asks gets the same defect as an answer, and this thread goes on
+            with suppress(BaseException):  # whoever asks gets the same defect as an answer, and this thread goes on
                 self._prepare(due)
             for each in due:
                 each.is_woken, each.woken_s = True, self._told_s
@@ -190,12 +190,14 @@ class Subscriptions:
             is_new = seen is not None and seen.frame is not to.frame
             jpeg = self._pictures.jpeg(seen, to.args.image, to.args.quality) if seen is not None and is_new else b""
         to.frame = seen.frame if seen is not None else None
-        news = [each for each in snapshot.events if each.sequence > to.after_event]
-        events = events_json(reversed(news[: FIRST_EVENTS_MAX if to.after_event < 0 else None]), moment.unix_offset_s)
+        new = [each for each in snapshot.events if each.sequence > to.after_event]
+        events = events_json(reversed(new[: FIRST_EVENTS_MAX if to.after_event < 0 else None]), moment.unix_offset_s)
         samples = {name: found.after(to.after_s) for name, found in snapshot.samples.items()}
-        to.after_event = max((each.sequence for each in news), default=to.after_event)
+        to.after_event = max((each.sequence for each in new), default=to.after_event)
         to.after_s = max((found[-1].at_s for found in samples.values() if found), default=to.after_s)
-        return Reply(json=f'{moment.shared},"events":{events},"samples":{samples_json(samples)}}}', attached=jpeg)
+        age = f'"cycle_age_s":{self.feed.cycle_age_s():.3f}'
+        news = f'"events":{events},"samples":{samples_json(samples)}'
+        return Reply(json=f"{moment.shared},{age},{news}}}", attached=jpeg)
 
     def _newest(self) -> _Moment:
         """Return the snapshot that all get who were woken at the same time."""

@@ -31,6 +31,10 @@ def live_feed(loop: Loop) -> LiveFeed:
     return feed
 
 
+_NOT_FOR_WATCHERS = ("pid", "recordings", "configuration_age_s")
+"""What a run says of itself that no view shows: a page hands snapshots on to people who may only watch."""
+
+
 def introduction(loop: Loop) -> dict[str, object]:
     """Return what a run says of itself to whoever connects."""
     configuration = loop.parts.configuration
@@ -39,6 +43,7 @@ def introduction(loop: Loop) -> dict[str, object]:
         "pid": os.getpid(),
         "version": stadimeter.__version__,
         "digest": sha256_of(configuration.text),
+        "configuration_age_s": round(time.monotonic() - loop.configured_at_s, 1),
         "is_service": is_service(),
         "recordings": str(recordings_folder(configuration.path)),
         "world": loop.parts.world is not None,
@@ -47,7 +52,8 @@ def introduction(loop: Loop) -> dict[str, object]:
 
 def _surroundings(loop: Loop) -> Surroundings:
     parts = loop.parts
-    fixed = introduction(loop) | {
+    told = {name: value for name, value in introduction(loop).items() if name not in _NOT_FOR_WATCHERS}
+    fixed = told | {
         "title": parts.configuration.path.name,
         "started_unix_s": round(time.time(), 3),
     }

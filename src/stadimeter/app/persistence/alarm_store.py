@@ -1,4 +1,4 @@
-"""What alarms remember, and what nobody got yet, in a file that survives a restart and a power cut: SQLite.
+"""What alarms remember, what nobody got yet, and who stopped the outputs, in a file that survives a power cut: SQLite.
 
 The file is written with a write-ahead log: each change is one append and one flush, and after a power cut it holds what
 was before the change or what was after it. The append outlives the program at once; the flush, which outlives a power
@@ -34,8 +34,8 @@ from stadimeter.core.notification import Notification
 from stadimeter.core.persistence import Absence, AlarmSnapshot
 from stadimeter.errors import StateError
 
-FORMAT = 2
-OLDER = (1,)
+FORMAT = 3
+OLDER = (1, 2)
 """Formats that are read as well."""
 LOG_PAGES_MAX = 64
 """After so many pages of 4 KiB the log is taken over into the file; it needs little room, and that is seldom."""
@@ -65,6 +65,7 @@ _TABLES = (
     "CREATE TABLE alarm (rule TEXT PRIMARY KEY, memory TEXT NOT NULL) WITHOUT ROWID",
     "CREATE TABLE undelivered (number INTEGER PRIMARY KEY, name TEXT NOT NULL, item TEXT NOT NULL)",
     "CREATE TABLE saved (one INTEGER PRIMARY KEY, moment TEXT NOT NULL, absent TEXT NOT NULL, sha256 TEXT NOT NULL)",
+    "CREATE TABLE stopped (one INTEGER PRIMARY KEY, said TEXT NOT NULL)",
 )
 """As SQLite keeps them, to the letter: a flipped one may change what a column takes, or how long a query runs."""
 
@@ -131,6 +132,7 @@ class AlarmStore:
         """
         memories = {alarm.rule: _ROW.dump_json((alarm,)).decode() for alarm in memory.alarms}
         rest = _MOMENT.dump_json(memory.moment).decode(), _ABSENT.dump_json(memory.absent).decode()
+        stopped = (memory.stopped,) if memory.stopped else ()
         queued = [(name, _ITEM.dump_json(item).decode()) for name, item in memory.undelivered]
         rows, delivered = moved_on(self._queued, queued)
         changed = [(rule, memory) for rule, memory in memories.items() if self._written.get(rule) != memory]
@@ -141,7 +143,9 @@ class AlarmStore:
             database.executemany("DELETE FROM undelivered WHERE number = ?", delivered)
             new = [(number, *row) for number, row in rows.items() if number not in self._queued]
             database.executemany("INSERT INTO undelivered VALUES (?, ?, ?)", new)
-            saved = (*rest, _sha256(rest, memories.items(), rows.values()))
+            database.execute("DELETE FROM stopped")
+            database.executemany("INSERT INTO stopped VALUES (1, ?)", [stopped] if stopped else [])
+            saved = (*rest, _sha256((*rest, *stopped), memories.items(), rows.values()))
             database.execute("INSERT OR REPLACE INTO saved VALUES (1, ?, ?, ?)", saved)
         self._written, self._queued = memories, rows
 
@@ -243,10 +247,11 @@ class AlarmStore:
         rows = dict(database.execute("SELECT rule, memory FROM alarm ORDER BY rule").fetchall())
         saved = database.execute("SELECT moment, absent, sha256 FROM saved").fetchall()
         queued = database.execute("SELECT number, name, item FROM undelivered ORDER BY number").fetchall()
-        if not (saved or rows or queued):
+        stopped = [said for (said,) in database.execute("SELECT said FROM stopped").fetchall()]
+        if not (saved or rows or queued or stopped):
             return None
         queue = {number: (name, item) for number, name, item in queued}
-        if len(saved) != 1 or saved[0][2] != _sha256(saved[0][:2], rows.items(), queue.values()):
+        if len(saved) != 1 or saved[0][2] != _sha256((*saved[0][:2], *stopped), rows.items(), queue.values()):
             raise _DamagedError("its checksum is wrong")
         try:
             alarms = tuple(_ROW.validate_json(upgraded(memory))[0] for memory in rows.values())
@@ -255,7 +260,7 @@ class AlarmStore:
         except ValidationError as error:
             raise _DamagedError(f"it holds something else than alarms: {error.errors()[0]['msg']}") from error
         self._written, self._queued = rows, queue
-        return Memory(moment=moment, alarms=alarms, absent=absent, undelivered=undelivered)
+        return Memory(moment=moment, alarms=alarms, absent=absent, undelivered=undelivered, stopped="".join(stopped))
 
 
 def _connected(path: Path) -> sqlite3.Connection:

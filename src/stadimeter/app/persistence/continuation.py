@@ -68,6 +68,7 @@ class _Course:
     events: int
     due: tuple[Event, ...]
     holds: tuple[Hold, ...]
+    stopped: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,6 +100,7 @@ class Continuation:
             events=was.events,
             due=was.due,
             holds=was.holds,
+            stopped=was.stopped,
         )
 
 
@@ -126,6 +128,7 @@ def continuation_text(state: State) -> str:
         events=state.events,
         due=state.due,
         holds=state.holds,
+        stopped=state.stopped,
     )
     return _ONE.dump_json((Continuation(continued=course),)).decode()
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -74,12 +74,19 @@ def elapsed_s(before: Moment, now: Moment) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Memory:
-    """What alarms remembered, which targets were out of sight, what was not delivered (oldest first), and when."""
+    """What a run remembered, and when.
+
+    Attributes:
+        absent: Which targets were out of sight.
+        undelivered: What was not delivered, oldest first.
+        stopped: Who had stopped every output, and why, in words; empty if nobody had.
+    """
 
     moment: Moment
     alarms: tuple[AlarmSnapshot, ...]
     absent: tuple[Absence, ...] = ()
     undelivered: tuple[Undelivered, ...] = ()
+    stopped: str = ""
 
 
 def upgraded(memory: str) -> str:
@@ -97,6 +104,7 @@ class Resumption:
         from_s: As of when the alarms remembered it, on the new run's clock.
         now_s: The beginning of the new run, on its clock.
         absent: Which targets were out of sight.
+        stopped: Who had stopped every output, and why, in words; empty if nobody had.
     """
 
     alarms: tuple[AlarmSnapshot, ...]
@@ -104,10 +112,12 @@ class Resumption:
     from_s: float
     now_s: float
     absent: tuple[Absence, ...] = ()
+    stopped: str = ""
 
     def of(self, state: State) -> State:
         """Return the state with which to begin: that of a run that has not begun, with alarms that remember."""
-        return restored(state, self.alarms, self.absent, shift_s=self.shift_s, from_s=self.from_s, now_s=self.now_s)
+        begun = replace(state, stopped=self.stopped)
+        return restored(begun, self.alarms, self.absent, shift_s=self.shift_s, from_s=self.from_s, now_s=self.now_s)
 
     def text(self) -> str:
         """Return it as text, for a recording."""
@@ -122,7 +132,14 @@ def resumption_at(now: Moment, memory: Memory) -> Resumption:
     """Return what a run restores that begins now, as if the alarms had gone on in between."""
     from_s = now.at_s - elapsed_s(memory.moment, now)
     shift_s = from_s - memory.moment.at_s
-    return Resumption(alarms=memory.alarms, absent=memory.absent, shift_s=shift_s, from_s=from_s, now_s=now.at_s)
+    return Resumption(
+        alarms=memory.alarms,
+        absent=memory.absent,
+        stopped=memory.stopped,
+        shift_s=shift_s,
+        from_s=from_s,
+        now_s=now.at_s,
+    )
 
 
 class Restored(Protocol):

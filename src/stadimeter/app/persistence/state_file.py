@@ -9,10 +9,13 @@ from __future__ import annotations
 import os
 import stat
 from collections.abc import Mapping
+from contextlib import suppress
 from enum import Enum, auto
+from itertools import count
 from pathlib import Path
 
 from stadimeter.app.service_folders import state_directory
+from stadimeter.config.atomic_file import rename_to_free_name
 from stadimeter.errors import StateError
 
 APPLICATION_ID = 0x53746164
@@ -77,8 +80,11 @@ def _header(path: Path) -> bytes:
 
 def too_large(path: Path) -> bool:
     """Return whether a state file, or its log, has more bytes than we ever write."""
-    files = (path, *(path.with_name(path.name + ending) for ending in BESIDE))
-    return any(file.stat().st_size > SIZE_MAX for file in files if file.exists())
+    for file in (path, *(path.with_name(path.name + ending) for ending in BESIDE)):
+        with suppress(FileNotFoundError):  # SQLite removes its log when another process closes the file
+            if file.stat().st_size > SIZE_MAX:
+                return True
+    return False
 
 
 def put_aside(path: Path, why: str) -> Path:
@@ -86,15 +92,11 @@ def put_aside(path: Path, why: str) -> Path:
 
     Raises `StateError` if the folder is read-only, for example.
     """
-    number = 1
     try:
-        while (aside := path.with_name(f"{path.name}.{why}-{number}")).exists():
-            number += 1
-        path.rename(aside)
+        aside = rename_to_free_name(path, (f"{path.name}.{why}-{number}" for number in count(1)))
         for ending in BESIDE:
-            beside = path.with_name(path.name + ending)
-            if beside.exists():
-                beside.rename(aside.with_name(aside.name + ending))
+            with suppress(FileNotFoundError):
+                path.with_name(path.name + ending).rename(aside.with_name(aside.name + ending))
     except OSError as error:
         raise StateError(f"{path} cannot be put aside: {error.strerror or error}") from error
     return aside

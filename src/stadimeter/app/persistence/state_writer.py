@@ -105,10 +105,12 @@ class StateWriter:
         Never waits for the disk, but a moment if there is an alarm that others have not got yet.
         """
         self._latest = after
-        if any(event.kind not in SYSTEM_EVENTS for event in events) and self._undelivered():
+        is_alarm = any(event.kind not in SYSTEM_EVENTS for event in events) and bool(self._undelivered())
+        if is_alarm or before.stopped != after.stopped:
             self.keep(after)
-            with self._turned:
-                self._turned.wait_for(lambda: self._newest is None and not self._is_writing, ALARM_WAIT_S)
+            if is_alarm:
+                with self._turned:
+                    self._turned.wait_for(lambda: self._newest is None and not self._is_writing, ALARM_WAIT_S)
             return
         found = change(before, after)
         if found is Change.NOTHING and not self._is_owed:
@@ -149,6 +151,13 @@ class StateWriter:
             return "the disk does not take the state of the alarms"
         self._store.close()
         return self._trouble
+
+    def is_kept(self) -> bool | None:
+        """Return whether all that was to be written is in the file; None if nothing can be."""
+        if self._thread is None or self._trouble:
+            return None
+        with self._turned:
+            return self._newest is None and not self._is_writing
 
     def trouble(self) -> str:
         """Return why nothing is written at present, in words; empty if all is well."""
@@ -201,11 +210,18 @@ class StateWriter:
         undelivered = self._undelivered()
         try:
             moment = self._moment_of(state.now_s or 0.0)
-            self._store.write(Memory(moment=moment, alarms=kept(state), absent=absent(state), undelivered=undelivered))
+            memory = Memory(
+                moment=moment,
+                alarms=kept(state),
+                absent=absent(state),
+                undelivered=undelivered,
+                stopped=state.stopped,
+            )
+            self._store.write(memory)
         except StateError as error:
             self._trouble = str(error)
             return False
-        except Exception as error:  # noqa: BLE001 - a defect here must not end the run, and must not stay unseen
+        except BaseException as error:  # noqa: BLE001 - a defect here must not end the run, and must not stay unseen
             self._trouble = f"what alarms remember cannot be written: {type(error).__name__}: {error}"
             return False
         self._trouble = ""

@@ -17,6 +17,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+from stadimeter.core.bounds import MAX_TIME_S, is_time
 from stadimeter.core.decision import Decision, Event, RuleTrace
 from stadimeter.core.observation import Observation
 from stadimeter.errors import JournalError
@@ -144,9 +145,16 @@ class RecordedCycle:
     def observation(self) -> Observation:
         """Return what was observed. Like every part, it raises `JournalError` if the cycle is damaged."""
         try:
-            return _OBSERVATION.validate_json(self._line[len(_OPENING) : self._line.find(_APPLIED)])
+            observation = _OBSERVATION.validate_json(self._line[len(_OPENING) : self._line.find(_APPLIED)])
         except ValidationError:
-            return self.record().observation  # which names what is wrong, or knows another order of the parts
+            observation = self.record().observation  # which names what is wrong, or knows another order of the parts
+        captured_s = [measured.captured_at_s for measured in observation.measurements]
+        if observation.frame is not None:
+            captured_s.append(observation.frame.captured_at_s)
+        if not is_time(observation.now_s, *captured_s):
+            words = f"a time beyond {MAX_TIME_S:g} s, which no clock shows"
+            raise JournalError(f"{self._place}: not a cycle of a recording: {words}")
+        return observation
 
     def has_frame(self) -> bool:
         """Return whether a frame was new in it."""

@@ -13,8 +13,10 @@ import struct
 from collections.abc import Callable
 from contextlib import suppress
 from io import FileIO
+from itertools import count
 from pathlib import Path
 
+from stadimeter.config.atomic_file import rename_to_free_name
 from stadimeter.errors import JournalError
 
 HEAD_BYTES = 4096
@@ -123,7 +125,8 @@ class RecordFile:
         while self._is_taken():
             self._file.close()
             try:
-                self.kept_as = _set_aside(self._real_path)
+                numbered = (_numbered(self._real_path, number) for number in count(1))
+                self.kept_as = rename_to_free_name(self._real_path, numbered)
             except OSError as error:
                 raise self._failure(error, "", f"the older {self._kind} cannot be kept: ") from error
             self._file = self._opened(self._real_path)
@@ -153,28 +156,6 @@ class RecordFile:
 def _holds_nothing(head: bytes) -> bool:
     """Return whether a file is empty, or has a length only: some file systems leave zeros after a power cut."""
     return not head.strip(b"\0")
-
-
-def _set_aside(path: Path) -> Path:
-    """Give a file the next free name with a number, ``run-1.jsonl`` for ``run.jsonl``, and return that.
-
-    The name is taken by an empty file first, which the renamed one then replaces. So nothing else is ever replaced, on
-    every file system, even if two programs do this at once.
-    """
-    number = 1
-    while True:
-        kept = path.with_name(_numbered(path, number))
-        try:
-            os.close(os.open(kept, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
-        except FileExistsError:
-            number += 1
-            continue
-        try:
-            path.replace(kept)
-        except OSError:
-            kept.unlink()
-            raise
-        return kept
 
 
 def _numbered(path: Path, number: int) -> str:

@@ -186,7 +186,7 @@ class Recorder:
                 if not self.failure:
                     self._write(item)
             self._writer.close()
-        except Exception as error:  # noqa: BLE001 - whatever it is, the run goes on without the recording
+        except BaseException as error:  # noqa: BLE001 - whatever it is, the run goes on without the recording
             self.failure = str(error) if isinstance(error, StadimeterError) else f"{type(error).__name__}: {error}"
             self._writer.abandon()
 

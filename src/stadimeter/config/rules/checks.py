@@ -11,8 +11,8 @@ from stadimeter.config.rules.tables import KINDS, FramesTable, RuleTable
 
 _BEEPS = "leave it out: a buzzer on a ramp beeps by itself, the faster the higher the level"
 _ONLY_FOR_WHEN = (
-    "targets", "on_delay", "off_delay", "level", "pattern", "at_start", "latch", "ack", "realarm", "cooldown",
-    "shelve_max", "raises_per_min_max", "group", "suppress_when", "escalation", "notify",
+    "targets", "on_delay", "off_delay", "delay_tolerance", "level", "pattern", "at_start", "latch", "ack", "realarm",
+    "cooldown", "shelve_max", "raises_per_min_max", "group", "suppress_when", "escalation", "notify",
 )  # fmt: skip
 
 
@@ -61,6 +61,17 @@ def _frames(name: str, rule: RuleTable) -> Iterator[Finding]:
         )
 
 
+def _tolerance(name: str, rule: RuleTable) -> Iterator[Finding]:
+    if not isinstance(rule.delay_tolerance, float):
+        return
+    delays_s = {"on_delay": rule.on_delay, "off_delay": rule.off_delay}
+    for key, delay_s in delays_s.items():
+        if isinstance(delay_s, float) and 0 < delay_s <= rule.delay_tolerance:
+            message = f"delay_tolerance {rule.delay_tolerance:g} s is no shorter than {key} {delay_s:g} s"
+            hint = f"make it much shorter, or write a longer {key}: two frames that far apart would fulfil the delay"
+            yield Finding(("rules", name, "delay_tolerance"), message, hint, "tolerance-too-long")
+
+
 def _lost(name: str, rule: RuleTable) -> Iterator[Finding]:
     if rule.lost.fault_after < rule.lost.grace:
         message = f"fault_after {rule.lost.fault_after:g} s is shorter than grace {rule.lost.grace:g} s"
@@ -102,6 +113,7 @@ def _follow(name: str, rule: RuleTable) -> Iterator[Finding]:
 
 _CHECKS: tuple[Callable[[str, RuleTable], Iterator[Finding]], ...] = (
     _frames,
+    _tolerance,
     _lost,
     _ramp,
     _follow,

@@ -19,7 +19,7 @@ from stadimeter.core import rule, templates
 JSON_DEEPEST = 20
 """Greatest depth of lists and tables in a JSON template."""
 
-OWN_TOPICS = ("availability", "event", "rule", "target")
+OWN_TOPICS = ("availability", "event", "retained", "rule", "target")
 """First words of the topics that the program itself publishes below its base topic."""
 
 DEFAULT_TITLE = "{rule}: {event}"

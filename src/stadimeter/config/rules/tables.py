@@ -62,9 +62,24 @@ class FramesTable(Section):
     """Of this many newest frames."""
 
 
+MAX_TOLERATED_FRAMES = 100
+"""More to the contrary in a row than this are no noise, at any rate of a camera: at 30 Hz they last 3 s."""
+
+
+class ToleratedFramesTable(Section):
+    """A tolerance of delays counted in frames."""
+
+    frames: Annotated[int, Field(ge=0, le=MAX_TOLERATED_FRAMES)]
+    """This many frames in a row to the contrary are forgiven."""
+
+
 OnDelay = Annotated[
     Annotated[FramesTable, Tag("in frames")] | Annotated[Duration, Tag("in time")],
     Discriminator(lambda value: "in frames" if isinstance(value, dict | FramesTable) else "in time"),
+]
+Tolerance = Annotated[
+    Annotated[ToleratedFramesTable, Tag("in frames")] | Annotated[Duration, Tag("in time")],
+    Discriminator(lambda value: "in frames" if isinstance(value, dict | ToleratedFramesTable) else "in time"),
 ]
 
 
@@ -113,6 +128,9 @@ class RuleTable(Section):
     """How long a condition must hold first; in seconds or in frames. None for the default."""
     off_delay: Duration = _ALARM.off_delay_s
     """How long it must no longer hold; in seconds."""
+    delay_tolerance: Tolerance | None = None
+    """What is to the contrary for no longer than this does not start a delay over; in seconds or in frames. None for
+    the default."""
     level: Share = _ALARM.level
     """The level of an actuator while the condition holds."""
     pattern: PatternTable | None = None
@@ -211,6 +229,15 @@ class RuleTable(Section):
         return rule.OnDelay() if is_sure or self.severity is Severity.SAFETY else FRAMES_TO_RAISE
 
     @property
+    def tolerance(self) -> rule.DelayTolerance:
+        """What does not start the delays over; without a word about it the default of the core."""
+        if isinstance(self.delay_tolerance, ToleratedFramesTable):
+            return rule.DelayTolerance(samples=self.delay_tolerance.frames, for_s=0.0)
+        if self.delay_tolerance is not None:
+            return rule.DelayTolerance(samples=0, for_s=self.delay_tolerance)
+        return _ALARM.delay_tolerance
+
+    @property
     def cooldown_s(self) -> float:
         """The least time between two notifications; without a word about it none at all for safety."""
         return self._unless_safety(self.cooldown, _ALARM.cooldown_s)
@@ -233,6 +260,7 @@ class RuleTable(Section):
             condition=when,
             on_delay=self.delay(when),
             off_delay_s=self.off_delay,
+            delay_tolerance=self.tolerance,
             level=self.level,
             act_at_start=self.at_start == "act",
             pattern=self.pattern.to_plan(self.level) if self.pattern else None,

@@ -335,9 +335,15 @@ def why(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> str:
     return f"{'held: ' if is_held else ''}{missing_in_words(rule, state, inputs)}: {in_words(rule, state, inputs)}"
 
 
-def in_words(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> str:
+def in_words(rule: AlarmRule, state: AlarmState, inputs: RuleInputs, *, with_probability: bool = False) -> str:
     """Return the figures behind the condition of an alarm."""
-    return conditions.in_words(rule.condition, inputs, state.timers.leaves, is_active=state.is_judged_by_its_end)
+    return conditions.in_words(
+        rule.condition,
+        inputs,
+        state.timers.leaves,
+        is_active=state.is_judged_by_its_end,
+        with_probability=with_probability,
+    )
 
 
 def missing_in_words(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> str:

@@ -118,10 +118,13 @@ def _with_verdict(evaluation: Evaluation, holds: bool, held: tuple[bool, ...], s
         reason = f"there is something to judge by again, after {inputs.now_s - before.unknown_since_s:.1f} s"
         evaluation.add_event(EventKind.MEASUREMENT_BACK, reason, notify=not evaluation.is_quiet)
     evaluation.go(state)
+    if sample is None or machine.is_settled(state, holds, held):
+        return
     # A frame whose measurement was refused as an outlier contradicts the track that the condition is judged by: it
     # counts neither for an alarm that is not raised nor against it.
-    is_refused = not state.is_active and inputs.tracks[rule.target].rejected > 0
-    if sample is not None and not is_refused and not machine.is_settled(state, holds, held):
+    if not state.is_active and inputs.tracks[rule.target].rejected > 0:
+        evaluation.go(machine.pass_over(state, sample.since_s))
+    else:
         evaluation.go(machine.take_sample(rule, state, sample, holds, held, now_s=inputs.now_s))
 
 
@@ -286,19 +289,16 @@ def _done(evaluation: Evaluation, action: OperatorAction) -> str:
 def _applies(evaluation: Evaluation, action: OperatorAction) -> bool:
     """Return whether a command to every alarm is meant for this one."""
     rule, state, inhibits = evaluation.rule, evaluation.state, evaluation.state.inhibits
-    match action:
-        case OperatorAction.ACKNOWLEDGE:
-            return not state.is_acknowledged
-        case OperatorAction.RESET:
-            return state.phase in LATCHED
-        case OperatorAction.SHELVE:
-            return inhibits.shelved_until_s is None and not _why_not_quiet(rule) and rule.shelve_max_s > 0
-        case OperatorAction.UNSHELVE:
-            return inhibits.shelved_until_s is not None
-        case OperatorAction.TAKE_OUT:
-            return not inhibits.is_out_of_service and not _why_not_quiet(rule)
-        case OperatorAction.PUT_BACK:
-            return inhibits.is_out_of_service
+    may_be_quiet = not _why_not_quiet(rule)
+    applies = {
+        OperatorAction.ACKNOWLEDGE: not state.is_acknowledged,
+        OperatorAction.RESET: state.phase in LATCHED,
+        OperatorAction.SHELVE: inhibits.shelved_until_s is None and may_be_quiet and rule.shelve_max_s > 0,
+        OperatorAction.UNSHELVE: inhibits.shelved_until_s is not None,
+        OperatorAction.TAKE_OUT: not inhibits.is_out_of_service and may_be_quiet,
+        OperatorAction.PUT_BACK: inhibits.is_out_of_service,
+    }
+    return applies[action]
 
 
 def _operate(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
@@ -312,10 +312,10 @@ def _operate(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
 def _acknowledge(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
     if evaluation.state.is_acknowledged:
         return "there is nothing to acknowledge"
-    evaluation.add_event(EventKind.ACKNOWLEDGED, _said(command), notify=not evaluation.is_quiet, by=command.by)
+    evaluation.add_event(EventKind.ACKNOWLEDGED, command.said, notify=not evaluation.is_quiet, by=command.by)
     said = Acknowledgement(at_s=evaluation.inputs.now_s, by=command.by, why=command.why)
     state = replace(machine.acknowledged(evaluation.rule, evaluation.state), acknowledgement=said)
-    evaluation.go(state, _said(command), command.by)
+    evaluation.go(state, command.said, command.by)
     return ""
 
 
@@ -325,8 +325,8 @@ def _reset(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
         return why_not_latched(evaluation.rule, state, evaluation.inputs)
     if Trigger.RESET not in TRANSITIONS[state.phase]:
         return "it is not acknowledged; acknowledge it first"
-    evaluation.add_event(EventKind.RESET, _said(command), notify=False, by=command.by)
-    evaluation.go(machine.fire(state, Trigger.RESET), _said(command), command.by)
+    evaluation.add_event(EventKind.RESET, command.said, notify=False, by=command.by)
+    evaluation.go(machine.fire(state, Trigger.RESET), command.said, command.by)
     return ""
 
 
@@ -345,14 +345,14 @@ def _shelve(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
     inhibits = replace(inhibits, shelved_until_s=until_s, is_one_shot=command.one_shot, shelved_by=command.by)
     evaluation.change(inhibits=inhibits)
     how = f"for {duration(for_s)}" + (", or until it has returned to normal" if command.one_shot else "")
-    evaluation.add_event(EventKind.SHELVED, f"{how}: {_said(command)}", notify=False, by=command.by)
+    evaluation.add_event(EventKind.SHELVED, f"{how}: {command.said}", notify=False, by=command.by)
     return ""
 
 
 def _unshelve(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
     if evaluation.state.inhibits.shelved_until_s is None:
         return "it is not shelved"
-    unshelve(evaluation, _said(command), command.by)
+    unshelve(evaluation, command.said, command.by)
     return ""
 
 
@@ -362,7 +362,7 @@ def _take_out(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
     if refusal or inhibits.is_out_of_service:
         return refusal or "it is out of service already"
     evaluation.change(inhibits=replace(inhibits, is_out_of_service=True))
-    evaluation.add_event(EventKind.OUT_OF_SERVICE, _said(command), notify=not rule.observe, by=command.by)
+    evaluation.add_event(EventKind.OUT_OF_SERVICE, command.said, notify=not rule.observe, by=command.by)
     return ""
 
 
@@ -371,17 +371,12 @@ def _put_back(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
     if not inhibits.is_out_of_service:
         return "it is not out of service"
     evaluation.change(inhibits=replace(inhibits, is_out_of_service=False))
-    evaluation.add_event(EventKind.IN_SERVICE, _said(command), notify=not evaluation.is_quiet, by=command.by)
+    evaluation.add_event(EventKind.IN_SERVICE, command.said, notify=not evaluation.is_quiet, by=command.by)
     return ""
 
 
 def _why_not_quiet(rule: AlarmRule) -> Refusal:
     return "a safety rule cannot be kept quiet" if rule.severity is Severity.SAFETY else ""
-
-
-def _said(command: OperatorCommand) -> str:
-    who = f"by {command.by}" if command.by else "by an operator"
-    return f"{who}: {command.why}" if command.why else who
 
 
 _ACTIONS: Mapping[OperatorAction, Callable[[Evaluation, OperatorCommand], Refusal]] = {

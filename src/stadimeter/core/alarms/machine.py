@@ -22,6 +22,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 from stadimeter.core.alarms.chattering import MINUTE_S, is_too_frequent, with_raise
+from stadimeter.core.alarms.delays import counted
 from stadimeter.core.alarms.state import NO_INHIBITS, NO_TIMERS, Acknowledgement, Inhibits, Leg, Resumed, Sample, Timers
 from stadimeter.core.rule import ROUNDING_S, AlarmRule, LostPolicy
 
@@ -204,8 +205,7 @@ def take_sample(
 ) -> AlarmState:
     """Return an alarm after a sample for which its condition is known.
 
-    Timers run on the capture times of the frames that were judged, so a recording gives the same alarms. A frame to the
-    contrary sets a timer back by its own time instead of to zero: under noise a timer that restarts may never end.
+    Timers run on the capture times of the frames that were judged, so a recording gives the same alarms.
     """
     # Time between two samples counts only if both were judged. What held before a restart and holds now has held in it.
     if state.resumed is None:
@@ -232,11 +232,8 @@ def _while_normal(
     rule: AlarmRule, state: AlarmState, since_s: float, holds: bool, leaves: tuple[bool, ...], now_s: float
 ) -> AlarmState:
     """Count towards the on-delay: in seconds, or in frames of the newest ones."""
-    before, delay = state.timers, rule.on_delay
-    held_s = before.held_s + since_s * before.held_last if holds else max(0.0, before.held_s - since_s)
-    recent = (*before.recent, holds)[-delay.of_frames :] if delay.of_frames else ()
-    timers = Timers(held_last=holds, was_judged=True, leaves=leaves, held_s=held_s, recent=recent)
-    if holds and held_s >= delay.hold_s and sum(recent) >= delay.frames:
+    delay, timers = rule.on_delay, counted(rule, state.timers, since_s, holds, leaves, is_active=False)
+    if holds and timers.held_s + ROUNDING_S >= delay.hold_s and sum(timers.recent) >= delay.frames:
         return _raise(rule, replace(state, timers=timers), now_s)
     return _sampled(state, timers)
 
@@ -248,13 +245,11 @@ def _while_active(
     ended_s = state.timers.ended_s
     if holds and state.is_chattering and ended_s >= rule.off_delay_s and state.phase not in _HOLDING:
         # Without the governor it would have cleared, and would be raised anew: that counts towards the next minute.
-        state, ended_s = (
-            replace(state, raises_at_s=with_raise(state.raises_at_s, rule.raises_per_minute_max, now_s)),
-            0.0,
-        )
-    ended_s = max(0.0, ended_s - since_s) if holds else ended_s + since_s
-    state = _sampled(state, Timers(held_last=holds, was_judged=True, leaves=leaves, ended_s=ended_s))
-    return state if holds else _clear_when_due(rule, state, ended_s, now_s)
+        state = replace(state, raises_at_s=with_raise(state.raises_at_s, rule.raises_per_minute_max, now_s))
+        return _sampled(state, Timers(held_last=True, was_judged=True, leaves=leaves))
+    timers = counted(rule, state.timers, since_s, holds, leaves, is_active=True)
+    state = _sampled(state, timers)
+    return state if holds else _clear_when_due(rule, state, timers.ended_s, now_s)
 
 
 def _raise(rule: AlarmRule, state: AlarmState, now_s: float) -> AlarmState:
@@ -271,7 +266,7 @@ def _raise(rule: AlarmRule, state: AlarmState, now_s: float) -> AlarmState:
 
 def _clear_when_due(rule: AlarmRule, state: AlarmState, ended_s: float, now_s: float) -> AlarmState:
     """Clear or latch an alarm whose off-delay is over, unless it chatters."""
-    if ended_s < rule.off_delay_s:
+    if ended_s + ROUNDING_S < rule.off_delay_s:
         return state
     latches = _latches(rule, state)
     if not latches and is_too_frequent(state.raises_at_s, rule.raises_per_minute_max, now_s):
@@ -374,6 +369,12 @@ def ended_s(rule: AlarmRule, state: AlarmState, now_s: float) -> float:
     return state.timers.ended_s + now_s - state.unknown_since_s - rule.lost.grace_s + ROUNDING_S
 
 
+def pass_over(state: AlarmState, since_s: float) -> AlarmState:
+    """Return an alarm after time that counts for no delay. If samples to the contrary follow, it belongs to them."""
+    timers = replace(state.timers, contrary_s=state.timers.contrary_s + since_s)
+    return replace(state, timers=timers) if timers.is_running else state
+
+
 def back_in_sight(rule: AlarmRule, state: AlarmState, now_s: float) -> AlarmState:
     """Return an alarm for which there is something to judge by again. Coming back raises nothing by itself."""
     if state.unknown_since_s is None:
@@ -381,7 +382,8 @@ def back_in_sight(rule: AlarmRule, state: AlarmState, now_s: float) -> AlarmStat
     # The time out of sight counts for no other timer, so the next sample starts counting anew.
     ended = ended_s(rule, state, now_s) if state.is_active else 0.0
     timers = replace(state.timers, was_judged=False, ended_s=ended)
-    return replace(state, unknown_since_s=None, is_given_up=False, timers=timers)
+    back = replace(state, unknown_since_s=None, is_given_up=False, timers=timers)
+    return pass_over(back, now_s - state.unknown_since_s)
 
 
 def due_s(rule: AlarmRule, state: AlarmState, now_s: float) -> float:

@@ -22,9 +22,13 @@ class Timers:
     """For how long the condition has held, or has not."""
 
     held_s: float = 0.0
-    """For how long it has held, while the alarm is not active."""
+    """For how long it has held, while the alarm is not active; noise to the contrary that was forgiven included."""
     ended_s: float = 0.0
-    """For how long it has not held, while the alarm is active."""
+    """For how long it has not held, while the alarm is active; noise to the contrary that was forgiven included."""
+    contrary_samples: int = 0
+    """How many of the newest samples, in a row, were to the contrary of what is counted, and are forgiven so far."""
+    contrary_s: float = 0.0
+    """How long before the newest of them the last sample was that was not to the contrary."""
     recent: tuple[bool, ...] = ()
     """Whether it held in each of the newest frames, oldest first."""
     held_last: bool = False

@@ -224,11 +224,15 @@ class TimeToContactCondition(Leaf):
         if pace is Pace.UNSURE:
             return f"{metres(approach.distance_m, approach.sigma_m)}, {speed}: too unsure for a time"
         limit_s, time_s = self._limit_s(approach, is_on=is_on), approach.time_s(self.contact_m)
-        words = f"contact in {time_s:.2f} s ± {approach.time_sigma_s(time_s):.2f}, below {limit_s:.2f} s"
-        if self.probability_on is None:
-            return words
-        likely = self._likely(approach, limit_s)
-        return words + likely_said(likely, self.probability_on, self.probability_off, is_on=is_on)
+        return f"contact in {time_s:.2f} s ± {approach.time_sigma_s(time_s):.2f}, below {limit_s:.2f} s"
+
+    def probability_in_words(self, inputs: RuleInputs, is_on: bool) -> str:
+        """Return how likely it is; see `Leaf.probability_in_words`."""
+        approach = approach_of(inputs.tracks[self.target])
+        if approach is None or self.probability_on is None or self._pace(approach) in {Pace.SLOW, Pace.UNSURE}:
+            return ""
+        likely = self._likely(approach, self._limit_s(approach, is_on=is_on))
+        return likely_said(likely, self.probability_on, self.probability_off, is_on=is_on)
 
     def evidence(self, inputs: RuleInputs, is_on: bool) -> Evidence:
         """Return the figures behind `holds`; see `Leaf.evidence`."""

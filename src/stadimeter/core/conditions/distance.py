@@ -151,6 +151,12 @@ class DistanceCondition(LimitsCondition):
         words = f"passed through between two frames: {passed[0]:.2f} m, then {passed[1]:.2f} m"
         return self._named(words) if names_target else words
 
+    def probability_in_words(self, inputs: RuleInputs, is_on: bool) -> str:
+        """Return how likely it is; see `Leaf.probability_in_words`."""
+        if not is_on and self.passed_through(inputs) is not None:
+            return ""
+        return LimitsCondition.probability_in_words(self, inputs, is_on)
+
     def limit_points(self, figures: Uncertain, *, is_on: bool) -> tuple[float, ...]:
         """Return the distances at which it begins, or ends.
 

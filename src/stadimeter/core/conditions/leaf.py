@@ -158,12 +158,19 @@ class Leaf:
         """
         raise NotImplementedError
 
+    def probability_in_words(self, inputs: RuleInputs, is_on: bool) -> str:  # noqa: ARG002
+        """Return what to add to those words for whoever asks why: how likely it is, and from when on that is enough.
+
+        Empty where it is not judged by a probability.
+        """
+        return ""
+
     def evidence(self, inputs: RuleInputs, is_on: bool) -> Evidence:
         """Return the figures behind `holds`, for whoever asks why."""
         return Evidence(
             quantity=self.noun,
             about=self.about,
-            words=self.in_words(inputs, is_on, names_target=True),
+            words=self.in_words(inputs, is_on, names_target=True) + self.probability_in_words(inputs, is_on),
             holds=self.holds(inputs, is_on),
             unit=self.unit,
         )

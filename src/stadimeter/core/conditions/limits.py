@@ -160,10 +160,17 @@ class LimitsCondition(Leaf):
         value, sigma, noise = figures
         low, high = self.widened_limits(value, noise) if is_on else self.limits
         words = f"{self.said(value, sigma)}, {self.limits_said(low, high)}"
-        likely_on, likely_off = self.chances()
-        if likely_on is not None:
-            words += likely_said(probability_between(low, high, value, sigma), likely_on, likely_off, is_on=is_on)
         return self._named(words) if names_target else words
+
+    def probability_in_words(self, inputs: RuleInputs, is_on: bool) -> str:
+        """Return how likely it is; see `Leaf.probability_in_words`."""
+        figures = self.uncertain(inputs)
+        likely_on, likely_off = self.chances()
+        if figures is None or likely_on is None:
+            return ""
+        value, sigma, noise = figures
+        low, high = self.widened_limits(value, noise) if is_on else self.limits
+        return likely_said(probability_between(low, high, value, sigma), likely_on, likely_off, is_on=is_on)
 
     def _named(self, words: str) -> str:
         return f"{self.targets_named[0]} {words}"

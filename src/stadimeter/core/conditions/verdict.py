@@ -70,11 +70,24 @@ def rest_of(condition: Condition, inputs: RuleInputs, held: tuple[bool, ...], *,
     return _rest(condition, inputs, held, [], is_active, False)[1]
 
 
-def in_words(condition: Condition, inputs: RuleInputs, held: tuple[bool, ...], *, is_active: bool) -> str:
-    """Return the figures behind what `judge` returns for the same arguments."""
+def in_words(
+    condition: Condition,
+    inputs: RuleInputs,
+    held: tuple[bool, ...],
+    *,
+    is_active: bool,
+    with_probability: bool = False,
+) -> str:
+    """Return the figures behind what `judge` returns for the same arguments.
+
+    Args:
+        with_probability: Whether to say how likely each part is, and from when on that is enough: for whoever asks why.
+    """
     if isinstance(condition, Leaf):
-        return condition.in_words(inputs, is_active, names_target=False)
-    return _words(condition, inputs, iter(parts_of(condition, held, is_active=is_active)))
+        words = condition.in_words(inputs, is_active, names_target=False)
+        return words + condition.probability_in_words(inputs, is_active) if with_probability else words
+    parts = iter(parts_of(condition, held, is_active=is_active))
+    return _words(condition, inputs, parts, with_probability=with_probability)
 
 
 def evidence(
@@ -179,14 +192,18 @@ def _listed(condition: Condition, *, is_inverted: bool) -> Iterator[tuple[Leaf, 
             yield from _listed(part, is_inverted=is_inverted)
 
 
-def _words(condition: Condition, inputs: RuleInputs, parts: Iterator[Part]) -> str:
+def _words(condition: Condition, inputs: RuleInputs, parts: Iterator[Part], *, with_probability: bool) -> str:
     if isinstance(condition, Leaf):
         is_on = next(parts).is_on
         words = condition.in_words(inputs, is_on, names_target=True)
+        if with_probability:
+            words += condition.probability_in_words(inputs, is_on)
         return f"{words} [{_ANSWERS[condition.holds(inputs, is_on)]}]"
     if isinstance(condition, Not):
-        return f"not ({_words(condition.condition, inputs, parts)})"
-    within = "; ".join([_words(part, inputs, parts) for part in condition.conditions])
+        return f"not ({_words(condition.condition, inputs, parts, with_probability=with_probability)})"
+    within = "; ".join(
+        [_words(part, inputs, parts, with_probability=with_probability) for part in condition.conditions]
+    )
     return f"{'all' if isinstance(condition, AllOf) else 'any'} of ({within})"
 
 

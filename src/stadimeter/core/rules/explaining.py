@@ -48,11 +48,12 @@ class Explanation:
     losers: tuple[str, ...] = ()
 
 
-def explain(decision: Decision, name: str) -> Explanation:
+def explain(decision: Decision, name: str, *, with_probability: bool = True) -> Explanation:
     """Explain a rule.
 
     Args:
         decision: What was decided at that moment, as `stadimeter.core.decide.decide` returned it.
+        with_probability: Whether the sentence says how likely its condition is: for whoever asks, and for no view.
 
     Raises:
         KeyError: There is no such rule.
@@ -65,7 +66,8 @@ def explain(decision: Decision, name: str) -> Explanation:
     inputs = reasons.inputs_of_rules()
     output = next((trace for trace in decision.outputs if trace.output == rule.output), None)
     if isinstance(rule, AlarmRule) and isinstance(step, AlarmStep):
-        clauses = [*_alarm(rule, step, inputs), *_consequence(rule, step, decision, inputs, output)]
+        alarm = _alarm(rule, step, inputs, with_probability=with_probability)
+        clauses = [*alarm, *_consequence(rule, step, decision, inputs, output)]
         timers, gates = tuple(_timers(rule, step.state, inputs.now_s)), tuple(_gates(rule, step.state, inputs))
         leaves = step.state.timers.leaves
         found = evidence(rule.condition, inputs, leaves, is_active=step.state.is_judged_by_its_end)
@@ -96,10 +98,10 @@ def _noisiness(inputs: RuleInputs, rule: AnyRule) -> Iterator[str]:
         yield f"`{rule.target}` was found to be {track.noise_factor:.1f} times as noisy as its measurements state"
 
 
-def _alarm(rule: AlarmRule, step: AlarmStep, inputs: RuleInputs) -> Iterator[str]:
+def _alarm(rule: AlarmRule, step: AlarmStep, inputs: RuleInputs, *, with_probability: bool) -> Iterator[str]:
     """Say where an alarm is and why, and what would change that."""
     state = step.state
-    words = in_words(rule, state, inputs)
+    words = in_words(rule, state, inputs, with_probability=with_probability)
     if state.unknown_since_s is not None:
         yield _unseen(rule, state, words, inputs.now_s)
         yield from _timers(rule, state, inputs.now_s)
@@ -152,13 +154,15 @@ def _timers(rule: AlarmRule, state: AlarmState, now_s: float) -> Iterator[str]:
 
 
 def _turning_points(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> Iterator[str]:
-    """Say at which figure a simple condition would begin, or end."""
-    is_active = state.is_judged_by_its_end
-    found = evidence(rule.condition, inputs, state.timers.leaves, is_active=is_active)
-    if len(found) != 1:
+    """Say at which figure the verdict on a simple condition would change, unless a delay runs that ends with it."""
+    is_on = state.is_judged_by_its_end
+    found = evidence(rule.condition, inputs, state.timers.leaves, is_active=is_on)
+    if len(found) != 1 or (found[0].holds and not is_on):
         return
-    verb, points = ("would clear", found[0].ends_at) if is_active else ("would raise", found[0].begins_at)
-    if points and state.phase is not Phase.PENDING:
+    points = found[0].ends_at if is_on else found[0].begins_at
+    otherwise = "would hold again" if state.is_active else "would raise"
+    verb = "would clear" if found[0].holds else otherwise
+    if points:
         yield f"{verb} at {points}"
 
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from stadimeter.core.bounds import MAX_FIGURE, MAX_TIME_S
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.tracking.filter import NOISE_FLOOR_M
-
-LARGEST = 1e6
-"""No figure of a sighting is larger, in metres or radians: what is beyond is broken, and its square may overflow."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,7 +44,7 @@ def sighting_of(measurement: Measurement) -> Sighting | None:
     if noise_m is None or bearing_rad is None or elevation_rad is None:
         return None
     figures = abs(distance_m) + abs(depth_m) + abs(sigma_m) + abs(noise_m) + abs(bearing_rad) + abs(elevation_rad)
-    if not figures <= LARGEST or distance_m <= 0:  # NaN is not below anything
+    if not (figures <= MAX_FIGURE and abs(measurement.captured_at_s) <= MAX_TIME_S) or distance_m <= 0:
         return None
     return Sighting(
         at_s=measurement.captured_at_s,

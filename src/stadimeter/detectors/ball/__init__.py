@@ -30,6 +30,7 @@ from stadimeter.detectors.ball.gates import (
     LEAST_FILL,
     Ball,
     BallGates,
+    Refusal,
     most_score,
     too_little_colour,
     without_limb,
@@ -108,7 +109,7 @@ class _Scene(NamedTuple):
     lens: CameraModel  # the camera at its resolution; a likely one if it is not known
     is_lens_known: bool  # whether it is
     gates: BallGates  # what a ball must pass
-    rejected: list[RejectedCandidate]  # what was looked at and is no ball, filled while searching
+    refusals: list[Refusal]  # what was looked at and is no ball, filled while searching
     expected: Circle | None = None  # where the ball is expected, while it is looked for there
 
 
@@ -117,10 +118,16 @@ _Search = Callable[[_Scene, Blob], Ball | None]
 
 
 class BallDetector:
-    """Finds a sphere of one colour, whole or partly hidden."""
+    """Finds a sphere of one colour, whole or partly hidden.
 
-    def __init__(self, name: str, options: BallOptions) -> None:
+    Args:
+        around_px: For a quick trial of a range of colours: look only at blobs that reach to this place (x, y), and
+            only with this range. None to look everywhere, and with more or less of the range as well.
+    """
+
+    def __init__(self, name: str, options: BallOptions, *, around_px: tuple[float, float] | None = None) -> None:
         self._name = name
+        self._around_px = around_px
         self._size = BallShape(
             diameter_m=options.diameter, relative_sigma=(options.tolerance or 0.0) / options.diameter
         )
@@ -155,18 +162,21 @@ class BallDetector:
             lens=lens or _likely_lens(frame.width_px, frame.height_px, frame.subsampling),
             is_lens_known=lens is not None,
             gates=self._gates,
-            rejected=[],
+            refusals=[],
         )
         if prediction is not None:
             expected = self._expected(scene, prediction)
             if expected is not None:
                 return self._found(scene, expected)
-            scene.rejected.clear()
-        large = self._large(scene)
+            scene.refusals.clear()
+        large = self._large(scene) if self._around_px is None else None
         if large is not None:
             return self._found(scene, large)
         blobs = find_blobs(frame.image, self._colour, self._step)
-        ball = self._best(scene, blobs) or self._of_other_ranges(scene)
+        near = blobs if self._around_px is None else [blob for blob in blobs if _reaches(blob, self._around_px)]
+        ball = self._best(scene, near)
+        if ball is None and self._around_px is None:
+            ball = self._of_other_ranges(scene)
         return self._not_found(scene, blobs) if ball is None else self._found(scene, ball)
 
     def _large(self, scene: _Scene) -> Ball | None:
@@ -180,7 +190,7 @@ class BallDetector:
         ball = self._within(scene, blobs[0])
         if _explains(ball, blobs[0]):
             return ball
-        scene.rejected.clear()
+        scene.refusals.clear()
         return None
 
     def _expected(self, scene: _Scene, prediction: Prediction) -> Ball | None:
@@ -226,7 +236,7 @@ class BallDetector:
     def _of_other_ranges(self, scene: _Scene) -> Ball | None:
         """Return the ball by more or less of its range of colours; what was refused there is not told."""
         for colour in other_ranges(thinned(scene.image, self._step), self._colour):
-            narrowed = scene._replace(gates=replace(scene.gates, colour=colour), rejected=[])
+            narrowed = scene._replace(gates=replace(scene.gates, colour=colour), refusals=[])
             ball = self._best(narrowed, find_blobs(scene.image, colour, self._step)[:MOST_OF_OTHERS])
             if ball is not None and ball.quality >= QUALITY_OF_OTHERS:
                 return ball
@@ -247,7 +257,7 @@ class BallDetector:
     def _within(self, scene: _Scene, blob: Blob) -> Ball | None:
         """Return the ball by the circle around a blob, unless that could not show enough of the ball's colour."""
         if blob.fill < LEAST_FILL:
-            scene.rejected.append(too_little_colour(blob.circle, blob.fill))
+            scene.refusals.append(too_little_colour(blob.circle, blob.fill))
             return None
         return self._at(scene, blob.circle, max(FIRST_REACH_PX, REACH_OF_STEP * blob.step), blob.coloured_px2)
 
@@ -262,7 +272,7 @@ class BallDetector:
         """Return the ball near a circle; None, and a note of why, if there is none."""
         limb = find_limb(scene.image, start, reach_px, scene.lens)
         if limb is None:
-            scene.rejected.append(without_limb(start))
+            scene.refusals.append(without_limb(start))
             return None
         judged = scene.gates.judge(
             scene.image,
@@ -274,7 +284,7 @@ class BallDetector:
         )
         if isinstance(judged, Ball):
             return judged
-        scene.rejected.append(judged)
+        scene.refusals.append(judged)
         return None
 
     def _around(self, scene: _Scene, blob: Blob) -> Ball | None:
@@ -299,32 +309,38 @@ class BallDetector:
             height_px=diameter_px,
             size_sigma_px=2 * ball.limb.radius_sigma_px,
             quality=ball.quality,
-            rejected=tuple(scene.rejected[:MOST_REJECTED]),
+            rejected=_most_alike(scene),
             measured_with=scene.lens if scene.is_lens_known else None,
         )
 
     def _not_found(self, scene: _Scene, blobs: Sequence[Blob]) -> Detection:
-        limit_px = 2 * self._gates.min_radius_px
+        rejected = _most_alike(scene)
         if not blobs:
             reason = f"no pixel has the ball's colour {self._colour}"
-        elif not scene.rejected:
-            reason = f"largest blob {blobs[0].size_px:.0f} px, limit {limit_px:.0f} px"
+        elif not rejected:
+            reason = f"largest blob {blobs[0].size_px:.0f} px, limit {2 * self._gates.min_radius_px:.0f} px"
         else:
-            reason = f"largest blob {blobs[0].size_px:.0f} px {scene.rejected[0].reason}"
-        return Detection(
-            target=self._name,
-            status=DetectionStatus.NOT_FOUND,
-            reason=reason,
-            rejected=tuple(scene.rejected[:MOST_REJECTED]),
-        )
+            reason = f"blob of {rejected[0].size_px:.0f} px {rejected[0].reason}"
+        return Detection(target=self._name, status=DetectionStatus.NOT_FOUND, reason=reason, rejected=rejected)
+
+
+def _most_alike(scene: _Scene) -> tuple[RejectedCandidate, ...]:
+    """Return what is no ball, most like one first."""
+    refusals = sorted(scene.refusals, key=lambda each: each.likeness, reverse=True)
+    return tuple(each.candidate for each in refusals[:MOST_REJECTED])
 
 
 def _is_as_expected(ball: Ball, prediction: Prediction) -> bool:
     """Return whether a ball is where it was expected, and as large."""
-    circle, (x_px, y_px) = ball.limb.circle, prediction.centre_px
+    circle = ball.limb.circle
     most_px = AGREE_SIGMAS * max(prediction.sigma_px, 0.0) + AGREE_PX
-    off_px = math.hypot(circle.x_px - x_px, circle.y_px - y_px)
+    off_px = math.dist((circle.x_px, circle.y_px), prediction.centre_px)
     return off_px <= most_px and abs(2 * circle.radius_px - prediction.size_px) <= most_px
+
+
+def _reaches(blob: Blob, place_px: tuple[float, float]) -> bool:
+    """Return whether the circle around a blob reaches to a place."""
+    return math.dist((blob.circle.x_px, blob.circle.y_px), place_px) <= blob.circle.radius_px + blob.step
 
 
 def _explains(ball: Ball | None, blob: Blob) -> bool:
@@ -340,16 +356,12 @@ def _better(one: Ball | None, other: Ball | None) -> Ball | None:
 @lru_cache(maxsize=8)
 def _likely_lens(width_px: int, height_px: int, subsampling: Subsampling) -> CameraModel:
     """Return a camera like those of most phones, webcams and boards: 60 to 70 degrees across the long side."""
-    lens = CameraModel.with_focal_length(LIKELY_FOCAL_SHARE * max(width_px, height_px), width_px, height_px)
-    return replace(lens, subsampling=subsampling)
+    focal_px = LIKELY_FOCAL_SHARE * max(width_px, height_px)
+    return replace(CameraModel.with_focal_length(focal_px, width_px, height_px), subsampling=subsampling)
 
 
 def _build(options: BallOptions, context: DriverContext) -> BallDetector:
     return BallDetector(context.name, options)
-
-
-def _exercise() -> Exercise:
-    return Exercise(options={"diameter": "20 cm", "hsv": "29,86,6:64,255,255"})
 
 
 def _propose_colour(samples: Sequence[ColourSample]) -> ColourProposal | None:
@@ -370,15 +382,15 @@ def _widen_colour(colour: str, steps: int) -> str:
     return str(loosened(parse_hsv_range(colour), steps))
 
 
-def _of_colour(frame: Frame, colour: HsvRange) -> Detection:
+def _of_colour(frame: Frame, colour: HsvRange, around_px: tuple[float, float] | None = None) -> Detection:
     options = BallOptions.model_validate({"diameter": "1 m", "hsv": colour})  # the size changes nothing in a picture
-    return BallDetector("ball", options).detect(frame)
+    return BallDetector("ball", options, around_px=around_px).detect(frame)
 
 
 PLUGIN = Plugin(
     BallOptions,
     _build,
-    exercise=_exercise,
+    exercise=lambda: Exercise(options={"diameter": "20 cm", "hsv": "29,86,6:64,255,255"}),
     propose_colour=_propose_colour,
     view_colour=_view_colour,
     widen_colour=_widen_colour,

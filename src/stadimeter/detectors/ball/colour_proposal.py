@@ -8,9 +8,10 @@ which it sees the best ball there wins. Without a place, the blobs that stand ou
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from itertools import islice
+from typing import NamedTuple, Protocol
 
 import cv2
 import numpy as np
@@ -38,8 +39,18 @@ LARGE_PX = 40.0
 """A ball of this diameter is no less likely than a larger one."""
 
 MOST_STANDING_OUT = 8
-FIRST_TRIED = 3
-"""At each of those, so many ranges of a middling width tell whether it is a ball."""
+MIDDLING_FROM, FIRST_TRIED = 5, 3
+"""At each of those, some ranges of a middling width tell whether it is a ball: the number of narrower ones, of up to
+18 in all, and how many are tried."""
+
+PERFECT_SCORE = 1 + WIDER_BONUS * (FIRST_TRIED - 1)
+"""What the best ball of all would be given with one of those: what cannot reach the best so far is not tried."""
+
+STEP_OF_SEVERAL = 2
+"""Where several places are given, every second range is tried at each: they join into one that is wide enough."""
+
+MAX_VERIFIED = 5
+"""The best so many ranges at a place are looked at in the whole picture, where clutter may be a better ball."""
 
 SEARCH_PX = 800
 """Pictures with a longer side than this are searched smaller."""
@@ -57,8 +68,12 @@ class _Range(NamedTuple):
     colour: HsvRange
 
 
-Detect = Callable[[Frame, HsvRange], Detection]
-"""Looks for a ball of any size with a range of colours."""
+class Detect(Protocol):
+    """Looks for a ball of any size with a range of colours: everywhere, or quickly at one place."""
+
+    def __call__(self, frame: Frame, colour: HsvRange, around_px: Place | None = None) -> Detection:
+        """Return what is found."""
+        ...
 
 
 def propose(samples: Sequence[ColourSample], detect: Detect) -> ColourProposal | None:
@@ -70,12 +85,14 @@ def propose(samples: Sequence[ColourSample], detect: Detect) -> ColourProposal |
     for frame, places in map(_smaller, samples):
         known = places or _place_by(found, frame, detect)
         if known:
-            found += filter(None, (_at(frame, place, detect) for place in known))
+            step = 1 if len(known) == 1 else STEP_OF_SEVERAL
+            found += filter(None, (_at(frame, place, detect, step) for place in known))
         else:
             found += _standing_out(frame, detect)
     if not found:
         return None
-    colour = joined(found)
+    # A place on a white stripe, a gloss or a shadow has no hue: it says nothing of a ball that has one elsewhere.
+    colour = joined([each for each in found if not _is_grey(each)] or found)
     views = tuple(view(frame, colour, detect) for frame, _ in samples)
     return ColourProposal(colour=str(colour), views=views, hue_margin=_hue_margin(samples, views, colour))
 
@@ -97,13 +114,13 @@ def _place_by(found: Sequence[HsvRange], frame: Frame, detect: Detect) -> tuple[
     return (detection.centre_px,) if detection and detection.status is DetectionStatus.FOUND else ()
 
 
-def _at(frame: Frame, place: Place, detect: Detect) -> HsvRange | None:
+def _at(frame: Frame, place: Place, detect: Detect, step: int = 1) -> HsvRange | None:
     """Return the best range at a place; where no ball is seen with any, one of a middling width; None of background."""
     hsv = smoothed(frame.image)
     by_place = list(ranges_at(hsv, place))
-    best = _best(frame, by_place, place, detect)
+    best = _seen(frame, by_place[::step], place, detect)
     if best is None or best.score < SURE_SCORE:
-        near = _best(frame, vivid_ranges_at(hsv, place), place, detect)
+        near = _seen(frame, islice(vivid_ranges_at(hsv, place), None, None, step), place, detect)
         best = near if best is None or (near is not None and near.score > best.score) else best
     if best is not None:
         return best.colour
@@ -113,32 +130,43 @@ def _at(frame: Frame, place: Place, detect: Detect) -> HsvRange | None:
 def _standing_out(frame: Frame, detect: Detect) -> list[HsvRange]:
     """Return the best range of what stands out in a picture most, as a list; an empty one if that is no ball."""
     hsv = smoothed(frame.image)
-    tried = []
-    for blob in vivid_blobs(frame.image, MOST_STANDING_OUT):
-        ranges = list(ranges_at(hsv, blob.place))
-        first = len(ranges) // 3
-        best = _best(frame, ranges[first : first + FIRST_TRIED], blob.place, detect)
-        if best is not None:
-            tried.append((best.score * blob.score, blob.place))
-    best_there = _at(frame, max(tried)[1], detect) if tried else None
+    best_so_far, place = 0.0, None
+    for blob in vivid_blobs(frame.image, MOST_STANDING_OUT):  # the best first
+        if best_so_far >= PERFECT_SCORE * blob.score:
+            break
+        ranges = list(islice(ranges_at(hsv, blob.place), MIDDLING_FROM + FIRST_TRIED))[-FIRST_TRIED:]
+        score = max((each.score for each in _tried(frame, ranges, blob.place, detect)), default=0.0)
+        if score * blob.score > best_so_far:
+            best_so_far, place = score * blob.score, blob.place
+    best_there = None if place is None else _at(frame, place, detect)
     return [] if best_there is None else [best_there]
 
 
-def _best(frame: Frame, ranges: Iterable[HsvRange], place: Place, detect: Detect) -> _Range | None:
-    """Return the range with which the best ball is seen at a place; None if there is none with any."""
-    best = None
+def _seen(frame: Frame, ranges: Iterable[HsvRange], place: Place, detect: Detect) -> _Range | None:
+    """Return the range with which the best ball is seen at a place, and none elsewhere that is taken for it."""
+    tried = sorted(_tried(frame, ranges, place, detect), key=lambda each: each.score, reverse=True)
+    return next((each for each in tried[:MAX_VERIFIED] if _is_at(place, detect(frame, each.colour))), None)
+
+
+def _is_at(place: Place, detection: Detection) -> bool:
+    is_found = detection.status is not DetectionStatus.NOT_FOUND
+    return is_found and math.dist(detection.centre_px, place) <= AT_PLACE * detection.width_px
+
+
+def _tried(frame: Frame, ranges: Iterable[HsvRange], place: Place, detect: Detect) -> Iterator[_Range]:
+    """Yield the ranges with which a ball is seen at a place."""
     for number, colour in enumerate(ranges):
-        detection = detect(frame, colour)
-        reach_px = AT_PLACE * detection.width_px
-        if detection.status is DetectionStatus.NOT_FOUND or math.dist(detection.centre_px, place) > reach_px:
+        detection = detect(frame, colour, place)
+        if not _is_at(place, detection):
             continue
         size = math.sqrt(min(1.0, detection.width_px / LARGE_PX))
-        is_grey = (colour.lower[0], colour.upper[0]) == (0, 179)
-        score = detection.quality * size * (1 + WIDER_BONUS * number) * (GREY_SHARE if is_grey else 1.0)
+        score = detection.quality * size * (1 + WIDER_BONUS * number) * (GREY_SHARE if _is_grey(colour) else 1.0)
         score /= 1 + ELSEWHERE_COSTS * min(_elsewhere(colour.mask(frame.image), detection), ELSEWHERE_MOST)
-        if best is None or score > best.score:
-            best = _Range(score, colour)
-    return best
+        yield _Range(score, colour)
+
+
+def _is_grey(colour: HsvRange) -> bool:
+    return (colour.lower[0], colour.upper[0]) == (0, 179)
 
 
 def _elsewhere(mask: Mask, detection: Detection) -> float:

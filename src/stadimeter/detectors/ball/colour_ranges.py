@@ -45,6 +45,8 @@ MOST_OF_PICTURE = 0.4
 GROWTHS = 3
 MOST_COLOURS = 20_000
 
+HUES = np.arange(180.0)
+
 REACH_OF_WIDTH = 1 / 320
 """How far around a place its colour is taken from, as a share of the picture's width."""
 
@@ -128,7 +130,9 @@ def _covering(colours: Colours, margin: int) -> HsvRange:
         more = 1 + GREY_VALUE * margin
         least, most = (0.0, least_value * (2 - more)), (most_saturation + GREY_SATURATION * margin, most_value * more)
         return _range(0.0, 179.0, least, most)
-    middle = _mean_hue(hues, saturations * values)
+    middle = _mean_hue(
+        HUES, np.bincount(hues.astype(np.intp), saturations * values, minlength=len(HUES)).astype(np.float64)
+    )
     low, high = np.percentile(_hues_apart(hues, middle), SEEN_PERCENT)
     further, less = HUE_MARGIN + HUE_OF_MARGIN * margin, 1 - LESS_OF_MARGIN * margin
     least = (least_saturation * less, least_value * less)
@@ -177,7 +181,9 @@ def _patch(hsv: Image, colour: HsvRange, place: Place) -> Colours | None:
     area_px2 = int(stats[label, cv2.CC_STAT_AREA])
     if area_px2 > MOST_OF_PICTURE * mask.size:
         return None
-    return _colours(hsv[labels == label][:: 1 + area_px2 // MOST_COLOURS])
+    left, top, width, height = stats[label, : cv2.CC_STAT_AREA].tolist()
+    part = (slice(top, top + height), slice(left, left + width))
+    return _colours(hsv[part][labels[part] == label][:: 1 + area_px2 // MOST_COLOURS])
 
 
 def _reach_px(hsv: Image) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -100,6 +101,18 @@ class Ball:
         return self.quality >= SURE_QUALITY
 
 
+class Refusal(NamedTuple):
+    """Something that is no ball.
+
+    Attributes:
+        likeness: How much it is like one, as scores are: the tests that it passed and its share of the one that it
+            failed, and more if it is large. It only tells which of many refusals to name.
+    """
+
+    likeness: float
+    candidate: RejectedCandidate
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BallGates:
     """The tests that a limb has to pass."""
@@ -117,7 +130,7 @@ class BallGates:
         is_lens_known: bool,
         expected: Circle | None = None,
         coloured_px2: float | None = None,
-    ) -> Ball | RejectedCandidate:
+    ) -> Ball | Refusal:
         """Return the ball, or the test that its limb failed, the cheapest first.
 
         Args:
@@ -130,31 +143,30 @@ class BallGates:
         """
         radius_px = limb.circle.radius_px
         if not self.min_radius_px <= radius_px <= self.max_radius_px:
-            return _rejected(limb.circle, f"lies in a circle of {2 * radius_px:.0f} px, limit {self.limits_text()}")
+            return _refusal(limb.circle, f"lies in a circle of {2 * radius_px:.0f} px, limit {self.limits_text()}", 0.0)
         agrees = expected is not None and _agree(limb.circle, expected)
         needed = _needed_support(limb, is_lens_known=is_lens_known) * (AGREEING_SHARE if agrees else 1.0)
         cut_off = is_cut_off(limb.circle, image)
         support = limb.support_inside if cut_off and limb.support >= LEAST_CUT_OFF else limb.support
         if support < needed:
-            return _rejected(
-                limb.circle,
-                f"is not round: {support:.0%} of a circle to {limb.scatter_px:.1f} px, limit {needed:.0%}",
-            )
+            reason = f"is not round: {support:.0%} of a circle to {limb.scatter_px:.1f} px, limit {needed:.0%}"
+            return _refusal(limb.circle, reason, 1 + support / needed)
         if not agrees and _is_square(limb):
-            return _rejected(limb.circle, "is not round: it has corners, as four waves around it tell")
+            return _refusal(limb.circle, "is not round: it has corners, as four waves around it tell", 2.0)
         margin = support - needed
         # Where a ball is expected and seen all around, its colour was judged less than a second ago: see
         # stadimeter.perception.perceiver. To judge it again would take as long as a fifth of all else.
         is_known = expected is not None and margin >= BEST_MARGIN
         fill = 1.0 if is_known else self._fill(image, limb.circle, coloured_px2)
         if fill < LEAST_FILL:
-            return too_little_colour(limb.circle, fill)
+            return too_little_colour(limb.circle, fill, tests_passed=2)
         if margin < CLEAR_MARGIN:
             margin -= OVERRUN_WEIGHT * self._overrun(image, limb, lens)
         ball = Ball(limb=limb, fill=fill, margin=margin, is_cut_off=cut_off)
         least = LEAST_QUALITY + QUALITY_OF_SMALL_PX / radius_px
         if ball.quality < least and not agrees:
-            return _rejected(limb.circle, f"is hardly round: quality {ball.quality:.2f}, limit {least:.2f}")
+            reason = f"is hardly round: quality {ball.quality:.2f}, limit {least:.2f}"
+            return _refusal(limb.circle, reason, 3 + ball.quality / least)
         return ball
 
     def _overrun(self, image: Image, limb: Limb, lens: CameraModel) -> float:
@@ -209,14 +221,15 @@ def _fitted(waves: NDArray[np.float64], radii_px: NDArray[np.float64]) -> tuple[
     return fit, float(left_px @ left_px)
 
 
-def without_limb(start: Circle) -> RejectedCandidate:
+def without_limb(start: Circle) -> Refusal:
     """Return why there is no ball where no limb was found near a circle."""
-    return _rejected(start, f"has no edge around it, limit {LEAST_SUPPORT:.0%} of a circle")
+    return _refusal(start, f"has no edge around it, limit {LEAST_SUPPORT:.0%} of a circle", 0.0)
 
 
-def too_little_colour(circle: Circle, fill: float) -> RejectedCandidate:
+def too_little_colour(circle: Circle, fill: float, tests_passed: int = 0) -> Refusal:
     """Return why there is no ball where this share of a circle has its colour."""
-    return _rejected(circle, f"has the ball's colour on {fill:.0%} of it, limit {LEAST_FILL:.0%}")
+    reason = f"has the ball's colour on {fill:.0%} of it, limit {LEAST_FILL:.0%}"
+    return _refusal(circle, reason, tests_passed + fill / LEAST_FILL)
 
 
 def most_score(radius_px: float) -> float:
@@ -246,8 +259,10 @@ def _needed_support(limb: Limb, *, is_lens_known: bool) -> float:
     return LEAST_SUPPORT + SUPPORT_OF_SCATTER * limb.scatter_px / allowance_px
 
 
-def _rejected(circle: Circle, reason: str) -> RejectedCandidate:
-    return RejectedCandidate(centre_px=(circle.x_px, circle.y_px), size_px=2 * circle.radius_px, reason=reason)
+def _refusal(circle: Circle, reason: str, tests_passed: float) -> Refusal:
+    centre_px, size_px = (circle.x_px, circle.y_px), 2 * circle.radius_px
+    candidate = RejectedCandidate(centre_px=centre_px, size_px=size_px, reason=reason)
+    return Refusal(tests_passed * most_score(circle.radius_px), candidate)
 
 
 def colour_share(image: Image, circle: Circle, colour: HsvRange) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any
 
 import numpy as np
@@ -11,18 +11,18 @@ from pydantic import ConfigDict, Field, model_validator
 
 from stadimeter.config.paper import Paper, paper_sides
 from stadimeter.config.plugins import DriverContext, Exercise, Options, Plugin
-from stadimeter.config.units import Length
+from stadimeter.config.units import Length, parse_length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.drawing import Drawing, Rectangle
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.hsv import HsvRange, HsvRangeText
-from stadimeter.detectors.protocol import check_image
+from stadimeter.detectors.protocol import Remedy, check_image
 from stadimeter.detectors.region import Region
 from stadimeter.detectors.sampling import light_table
 from stadimeter.detectors.sheet.candidates import Candidate, Findings
 from stadimeter.detectors.sheet.one_outline import edge_points
-from stadimeter.detectors.sheet.other_paper import other_paper
+from stadimeter.detectors.sheet.other_paper import mistaken_for, other_paper
 from stadimeter.detectors.sheet.search import SheetSearch
 from stadimeter.detectors.sheet.tracked import follow
 from stadimeter.detectors.sides import diagonals_meet, grown, width_and_height
@@ -32,6 +32,10 @@ REGION_SIDES = 0.8
 REGION_SIGMAS = 4.0
 REGION_MARGIN_PX = 12.0
 """Reach of the search around a prediction, to each side: in longer sides, standard deviations and pixels."""
+
+TOLERANCE_SHARES = (0.004, 0.008, 0.012)
+"""Tolerances to try for a sheet whose corners are too far off, as shares of its size: 1, 2 and 3 mm for A4. At more it
+may be another paper."""
 
 MOST_BIAS_SHARE = 0.5
 """Of a sheet's shorter side, the camera's edge bias may make up this share at most."""
@@ -95,6 +99,7 @@ class SheetDetector:
 
     def __init__(self, name: str, options: SheetOptions) -> None:
         self._name = name
+        self._options = options
         self._size = options.shape
         self._min_side_px = options.min_side_px
         self._colour: HsvRange | None = options.hsv
@@ -139,6 +144,18 @@ class SheetDetector:
         """Return where steps are seen along the sides of a sheet that was found."""
         light = light_table("srgb" if lens is None else lens.tone_curve)
         return edge_points(frame.image, found.outline_px, light, lens if lens and lens.distortion else None)
+
+    def remedies(self) -> Iterator[Remedy]:
+        """Yield tolerances, the smallest first, and then papers that it may be mistaken for."""
+        for share in TOLERANCE_SHARES:
+            tolerance_mm = float(f"{1000 * share * math.sqrt(self._size.width_m * self._size.height_m):.1g}")
+            if tolerance_mm / 1000 > (self._options.tolerance or 0.0):
+                wider = self._options.model_copy(update={"tolerance": tolerance_mm / 1000})
+                yield Remedy(key="tolerance", value=f"{tolerance_mm:g} mm", options=wider)
+        for name in mistaken_for(self._size) if self._size.known_side == "auto" else ():
+            width_m, height_m = map(parse_length, paper_sides(name))
+            sides = {"size": name, "width": width_m, "height": height_m}
+            yield Remedy(key="size", value=name, options=self._options.model_copy(update=sides))
 
     def _found(self, best: Candidate, findings: Findings, lens: CameraModel | None) -> Detection:
         bias_px = 0.0 if lens is None else lens.edge_bias_px
@@ -186,7 +203,7 @@ class SheetDetector:
         reason = "no contour of four corners"
         if rejected:
             most_like = rejected[0]
-            reason = f"no sheet; most like one is an outline of {most_like.size_px:.0f} px: {most_like.reason}"
+            reason = f"the likeliest outline, {most_like.size_px:.0f} px long, is refused: {most_like.reason}"
         return Detection(target=self._name, status=DetectionStatus.NOT_FOUND, reason=reason, rejected=rejected)
 
 

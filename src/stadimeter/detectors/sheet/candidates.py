@@ -202,9 +202,9 @@ def _refused(candidate: Candidate) -> Refused:
 
 Values = NDArray[np.float64]
 
-FOCAL_LENGTHS = (0.5, 0.65, 0.85, 1.1, 1.5, 2.2, 3.5)
-"""Focal lengths tried while the lens is not known, in lengths of the picture's longer side: from wide-angle to
-telephoto."""
+FOCAL_LENGTHS = tuple(0.5 * 1.085**step for step in range(25))
+"""Focal lengths tried while the lens is not known, in lengths of the picture's longer side, from wide-angle to
+telephoto: so close to each other that one beside the true one changes no verdict."""
 
 UNKNOWN_SIDES = (0.5, 0.65, 0.8, 1.0, 1.25, 1.55, 2.0)
 """Lengths tried for the side that is not named, as multiples of the one in the options."""
@@ -216,7 +216,7 @@ class SheetFit:
 
     misfit_px: Values  # how far their corners are from where a sheet would have them, root mean square, shape ``(c,)``
     # What the square of a misfit in pixels is multiplied by to give the share of any outlines that fit as well,
-    # shape ``(c,)``; 0 where it is not known, without the lens or with only one side known.
+    # shape ``(c,)``; 0 where it is not known, with only one side known.
     chance_per_square: Values
 
 
@@ -233,16 +233,15 @@ class SheetOutlines:
             if lens is None
             else (lens,)
         )
-        self._tells_chance = lens is not None and not one_side
+        self._tells_chance = not one_side
 
-    def fit(self, corners_px: Points) -> SheetFit:
-        """Compare outlines, ``(c, 4, 2)``, with the sheet through the best of the possible lenses and shapes."""
-        tried = [self._through(lens, corners_px) for lens in self._lenses]
-        if len(tried) == 1:
-            return tried[0]
-        return SheetFit(
-            misfit_px=np.min([each.misfit_px for each in tried], axis=0), chance_per_square=np.zeros(len(corners_px))
-        )
+    def misfit_px(self, corners_px: Points) -> Values:
+        """Return how far outlines, ``(c, 4, 2)``, are from the sheet as they look through the best lens."""
+        return np.asarray(np.min([each.misfit_px for each in self.fits(corners_px)], axis=0))
+
+    def fits(self, corners_px: Points) -> list[SheetFit]:
+        """Compare outlines, ``(c, 4, 2)``, with the sheet, through each of the possible lenses."""
+        return [self._through(lens, corners_px) for lens in self._lenses]
 
     def _through(self, lens: CameraModel, corners_px: Points) -> SheetFit:
         focal_px = math.sqrt(lens.fx_px * lens.fy_px)

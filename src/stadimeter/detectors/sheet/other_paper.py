@@ -8,7 +8,7 @@ from stadimeter.config.paper import PAPER
 from stadimeter.config.units import parse_length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
-from stadimeter.detectors.sides import width_and_height
+from stadimeter.detectors.sides import quad_shapes
 from stadimeter.ranging.flat import SheetShape
 from stadimeter.ranging.plane_pose import seen_sides
 
@@ -16,37 +16,62 @@ OTHER_SHAPE = 0.04
 SAME_SHAPE = 0.02
 """Two ratios of sides are different, or the same, that differ by more, or less, than this share."""
 
+LIKE_IN_SIZE = math.log(1.5)
+"""Nobody takes one paper for another whose area is more than 1.5 times as large: the logarithm of that."""
+
 RIGHT_ANGLE = 0.05
 """Greatest cosine of a corner in space that is a right one."""
 
+FACING_RATIO = 1.03
+"""Opposite sides of a sheet that faces the camera differ by this factor at most."""
+
 NAMED = 0.005
 """A sheet has a name if both its sides are those of the paper, to this share."""
+
+_SIDES_M = {name: tuple(sorted(map(parse_length, each))) for name, each in PAPER.items()}
 
 
 def other_paper(corners_px: Points, size: SheetShape, lens: CameraModel | None) -> str:
     """Say which paper an outline is rather than the sheet: ``sides 1.29 : 1, not 1.41 : 1: letter instead of A4?``.
 
-    Empty where no paper with a name explains it better. Without the lens the sheet is taken to face the camera, as it
-    should while a camera is calibrated.
+    Empty where no paper that it may be mistaken for explains it better. Without the lens only what faces the camera
+    tells its shape.
     """
     seen = _seen_aspect(corners_px, lens)
     wanted = size.longest_m / size.shortest_m
     if seen is None or _apart(seen, wanted) < OTHER_SHAPE:
         return ""
-    sides = {name: tuple(sorted(map(parse_length, each))) for name, each in PAPER.items()}
-    alike = {name: each for name, each in sides.items() if _apart(each[1] / each[0], seen) < SAME_SHAPE}
-    if not alike:
-        return ""
-    # Of papers of one shape, such as A3 and A4, the one that is nearest in size is the likeliest to be mistaken.
-    other = min(alike, key=lambda name: _apart(alike[name][0] * alike[name][1], size.shortest_m * size.longest_m))
-    named = (name for name, each in sides.items() if _is_size(each, size))
-    return f"sides {seen:.2f} : 1, not {wanted:.2f} : 1: {other} instead of {next(named, 'the sheet given')}?"
+    alike = [name for name in mistaken_for(size) if _apart(_aspect(_SIDES_M[name]), seen) < SAME_SHAPE]
+    return f"sides {seen:.2f} : 1, not {wanted:.2f} : 1: {alike[0]} instead of {_name(size)}?" if alike else ""
+
+
+def mistaken_for(size: SheetShape) -> list[str]:
+    """Return the papers that a sheet with a name may be mistaken for, the likeliest first; none for any other sheet.
+
+    They are of about its size, but of another shape: one of the same, such as A5 for A4, looks just alike, so it
+    explains nothing.
+    """
+    if not _name(size):
+        return []
+    off = {name: _apart(each[0] * each[1], size.shortest_m * size.longest_m) for name, each in _SIDES_M.items()}
+    own = size.longest_m / size.shortest_m
+    others = (name for name, each in _SIDES_M.items() if _apart(_aspect(each), own) >= OTHER_SHAPE)
+    return sorted((name for name in others if off[name] < LIKE_IN_SIZE), key=lambda name: off[name])
+
+
+def _name(size: SheetShape) -> str:
+    return next((name for name, each in _SIDES_M.items() if _is_size(each, size)), "")
+
+
+def _aspect(sides_m: tuple[float, ...]) -> float:
+    return sides_m[1] / sides_m[0]
 
 
 def _seen_aspect(corners_px: Points, lens: CameraModel | None) -> float | None:
     if lens is None:
-        width_px, height_px = width_and_height(corners_px)
-        return max(width_px, height_px) / min(width_px, height_px)
+        shapes = quad_shapes(corners_px[None])
+        is_turned = shapes.side_ratio[0] > FACING_RATIO or math.cos(shapes.sharpest_rad[0]) > RIGHT_ANGLE
+        return None if is_turned else float(shapes.aspect[0])
     cosine, ratio = seen_sides(lens.directions(corners_px))
     return max(ratio, 1 / ratio) if abs(cosine) < RIGHT_ANGLE and ratio > 0 else None
 

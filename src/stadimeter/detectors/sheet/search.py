@@ -7,7 +7,7 @@ candidate being the sheet and not one of the other outlines of the picture, see 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,8 +104,8 @@ SLACK_SIGMAS = 2.0
 """Greatest misfit of the corners to those of the sheet, in standard deviations of the measurement and of its shape:
 noise has no bound, but what is cut worse than this is another thing."""
 
-UNKNOWN_LENS_SHARE = 0.005
-"""The same while the focal length, or a side, is one of a few that are tried."""
+UNKNOWN_SIDE_SHARE = 0.005
+"""The same while one side is one of a few that are tried."""
 
 EXPECTED_EVIDENCE = 2.0
 EXPECTED_SIZES = (0.4, 1.4)
@@ -114,9 +114,7 @@ EXPECTED_LOG_SIZE = 0.2
 for it, less half the square of the logarithm of its size by that expected, in these standard deviations."""
 
 LEAST_QUALITY = 0.5
-LEAST_SHARE = 0.03
-"""While the lens, or one side, is not known, what fits badly or is turned far away is not taken for the sheet; while
-the lens is not, neither is what is smaller than this share of the picture."""
+"""While one side is not known, what fits badly is not taken for the sheet."""
 
 MISFIT_FACTOR = 1.5
 """The stated standard deviation adds this multiple of the misfit: two of the eight coordinates are known beforehand,
@@ -140,13 +138,13 @@ class SheetSearch:
         self._lens, self._size = lens, size
         self._bent = lens if lens is not None and lens.distortion else None
         self._light = light_table("srgb" if lens is None else lens.tone_curve)
-        self._min_side_px = min_side_px if lens is not None else max(min_side_px, LEAST_SHARE * max(image.shape[:2]))
+        self._min_side_px = min_side_px
         self._aspect = max(size.width_m, size.height_m) / min(size.width_m, size.height_m)
         self._shape = SheetOutlines(size, lens, (image.shape[1], image.shape[0]))
-        self._is_strict = lens is not None and size.known_side == "auto"
+        self._is_strict = size.known_side == "auto"
         self._slack = slack_share(size, by_hand=self._is_strict)
         if not self._is_strict:
-            self._slack = math.hypot(self._slack, UNKNOWN_LENS_SHARE)
+            self._slack = math.hypot(self._slack, UNKNOWN_SIDE_SHARE)
 
     def look(self, region: Region, expected: Prediction | None = None) -> Findings:
         """Look for the sheet in a part of the picture; where one is expected, only what is about as large counts."""
@@ -167,7 +165,7 @@ class SheetSearch:
             on_border = sides_on_border(outlines, self._image.shape, _margin_px(scale))
             unseen = not_seen_before(outlines * scale, seen)
             self._judge(findings, outlines[unseen & ~on_border.any(axis=1)], scale, expected, looks)
-            if findings.best is not None and self._lens is not None and findings.best.evidence >= SURE_EVIDENCE:
+            if findings.best is not None and findings.best.evidence >= SURE_EVIDENCE:
                 break
         if findings.best is None:
             self._judge_cut_off(findings, outlines, on_border, scale, looks)
@@ -243,7 +241,7 @@ class SheetSearch:
 
     def _fitting(self, findings: Findings, outlines: Points, off_px: float) -> Points:
         """Return the outlines that fit the sheet about as well as they were found."""
-        misfit_px = self._shape.fit(outlines).misfit_px
+        misfit_px = self._shape.misfit_px(outlines)
         slack_px = SLACK_SIGMAS * self._slack * longest_sides_px(outlines)
         limits = off_px / np.sin(quad_shapes(outlines).sharpest_rad) + slack_px
         good = misfit_px < limits
@@ -264,7 +262,7 @@ class SheetSearch:
         edges = edges[np.isfinite(edges.corners_px).all(axis=(1, 2))]
         straight = edges.support.min(axis=1, initial=1.0) > FIRST_SUPPORT
         findings.refuse(2, edges.corners_px, ~straight, lambda i: straight_text(edges, i, FIRST_SUPPORT))
-        misfit_px, limits = self._shape.fit(edges.corners_px).misfit_px, self._misfit_limits(edges, off_px)
+        misfit_px, limits = self._shape.misfit_px(edges.corners_px), self._misfit_limits(edges, off_px)
         near = misfit_px < limits
         findings.refuse(
             3,
@@ -292,16 +290,18 @@ class SheetSearch:
         self, findings: Findings, edges: QuadEdges, scale: float, expected: Prediction | None, looks: Looks
     ) -> None:
         """Put the candidates through the last tests, and keep those that may be the sheet."""
-        fit, sigmas, limits = self._shape.fit(edges.corners_px), edges.corner_sigmas_px, self._misfit_limits(edges)
-        quality, least_quality = self._qualities(edges, fit, limits), 0.0 if self._is_strict else LEAST_QUALITY
-        evidence = self._evidence(edges, fit, expected, looks)
+        fits, sigmas, limits = self._shape.fits(edges.corners_px), edges.corner_sigmas_px, self._misfit_limits(edges)
+        misfit_px: Values = np.min([each.misfit_px for each in fits], axis=0)
+        quality = edges.support.mean(axis=1) * (1 - np.minimum(misfit_px / limits, 1.0) / 2)
+        least_quality = 0.0 if self._is_strict else LEAST_QUALITY
+        evidence = self._evidence(edges, fits, expected, looks)
         good = ~corners_on_border(edges.corners_px, self._image.shape, _margin_px(scale))
         tests = (
             *_size_test(edges, expected),
             *side_tests(edges, self._min_side_px),
             (
-                fit.misfit_px <= limits,
-                lambda i: self._misfit_text(fit.misfit_px[i], limits[i], edges.corners_px[i]),
+                misfit_px <= limits,
+                lambda i: self._misfit_text(misfit_px[i], limits[i], edges.corners_px[i]),
             ),
             (
                 quality >= least_quality,
@@ -312,39 +312,31 @@ class SheetSearch:
             findings.refuse(stage, edges.corners_px, good & ~passed, why, evidence / 2)
             good &= passed
         for number in np.nonzero(good)[0].tolist():
-            misfit_px = MISFIT_FACTOR * fit.misfit_px[number] * self._is_strict
+            off_px = MISFIT_FACTOR * misfit_px[number] * self._is_strict
             findings.keep(
                 Candidate(
                     corners_px=edges.corners_px[number],
-                    corner_sigma_px=math.hypot(sigmas[number], misfit_px),
+                    corner_sigma_px=math.hypot(sigmas[number], off_px),
                     is_brighter=sum(sorted(edges.contrast[number].tolist())[1:3]) >= 0,
                     quality=float(quality[number]),
                     evidence=float(evidence[number]),
                 )
             )
 
-    def _evidence(self, edges: QuadEdges, fit: SheetFit, expected: Prediction | None, looks: Looks) -> Values:
-        """Return how much speaks for each candidate; without the lens all that is known is what must be there."""
-        if self._lens is None:
-            return np.full(len(edges), SURE_EVIDENCE)
+    def _evidence(
+        self, edges: QuadEdges, fits: Sequence[SheetFit], expected: Prediction | None, looks: Looks
+    ) -> Values:
+        """Return how much speaks for each candidate; while the lens is not known, through that which says most."""
         sigmas, longest_px = edges.corner_sigmas_px, longest_sides_px(edges.corners_px)
         if self._is_strict:
-            shape = shape_evidence(fit, sigmas, longest_px, self._size)
+            shape = np.max([shape_evidence(fit, sigmas, longest_px, self._size) for fit in fits], axis=0)
         else:
             shape = facing_evidence(edges.corners_px, np.hypot(sigmas, self._slack * longest_px))
         evidence = shape + looks.evidence(edges.corners_px, edges.inside) + sides_evidence(edges)
         if expected is None:
-            return evidence
+            return np.asarray(evidence)
         off = np.log(longest_px / expected.size_px) / EXPECTED_LOG_SIZE
         return np.asarray(evidence + EXPECTED_EVIDENCE - off**2 / 2)
-
-    def _qualities(self, edges: QuadEdges, fit: SheetFit, limits: Values) -> Values:
-        """Return how much they look like the sheet: seen whole and of its shape; without the lens, facing too."""
-        quality: Values = edges.support.mean(axis=1) * (1 - np.minimum(fit.misfit_px / limits, 1.0) / 2)
-        if self._lens is not None:
-            return quality
-        aspect = quad_shapes(edges.corners_px).aspect
-        return quality * np.minimum(aspect, self._aspect) / np.maximum(aspect, self._aspect)
 
     def _judge_cut_off(
         self, findings: Findings, outlines: Points, on_border: Which, scale: float, looks: Looks

@@ -1,19 +1,21 @@
 // The frame of the page: its tabs, what is said on every one of them, and the view that is open.
 
 import { api } from "./api.js";
+import { ask } from "./dialog.js";
 import { h, icon, inCode, keyed, replace, write } from "./dom.js";
-import { UNITS } from "./format.js";
+import { old, span, UNITS } from "./format.js";
 import { Live } from "./live_stream.js";
 
 const VIEWS = {
-  live: { name: "Live", load: () => import("./views/live/index.js") },
+  live: { name: "Live", isOfRun: true, load: () => import("./views/live/index.js") },
   setup: { name: "Set-up", load: () => import("./views/setup/index.js"), right: "operate" },
   edit: { name: "Edit", load: () => import("./views/edit/index.js"), right: "operate" },
   recordings: { name: "Recordings", load: () => import("./views/recordings.js") },
-  alarms: { name: "Alarms", load: () => import("./views/alarms.js") },
+  alarms: { name: "Alarms", isOfRun: true, load: () => import("./views/alarms.js") },
 };
 const GOOD_MS = 6000;
 const SILENT_MS = 2500;
+const AGE_EVERY_MS = 100;
 
 const part = (id) => document.getElementById(id);
 const live = new Live();
@@ -48,7 +50,7 @@ async function open() {
   }
   document.title = `${view.name} · stadimeter`;
   drawState();
-  const root = h("div", { class: "view" });
+  const root = h("div", { class: view.isOfRun ? "view of-run" : "view" });
   replace(part("main"), root);
   try {
     if (view.right === "operate" && session.right !== "operate") throw new Error("You are logged in to look. This page is for those who may operate.");
@@ -80,12 +82,12 @@ async function logOut() {
 /** What every page shows: whether the picture is live, how many alarms there are, and what cannot be overlooked. */
 function drawState() {
   const { snapshot, state } = live;
-  const isLive = state.status === "live" && snapshot && live.silentMs() < SILENT_MS;
+  const isLive = state.status === "live" && snapshot && live.staleMs() === null;
   const active = isLive ? snapshot.rules.filter((rule) => !rule.acknowledged || (rule.is_alarm && rule.active && !rule.gates.length)) : [];
   const badges = [
     isLive && snapshot.recording && { key: "rec", kind: "alarm", words: "recording" },
     active.length && { key: "alarms", kind: "alarm", words: `${active.length} ${active.length === 1 ? "alarm" : "alarms"}` },
-    { key: "state", kind: isLive ? "good" : "quiet", words: isLive ? "live" : state.status !== "connecting" ? "not connected" : "connecting" },
+    { key: "state", kind: isLive ? "good" : "quiet", words: isLive ? "live" : state.status === "live" ? "standing still" : state.status === "lost" ? "not connected" : "connecting" },
   ];
   keyed(part("state"), badges.filter(Boolean), (each) => each.key, () => badge());
   keyed(part("banners"), banners(isLive), (each) => each.key, banner);
@@ -106,25 +108,66 @@ function banners(isLive) {
   if (state.status === "lost" && route() === VIEWS.setup) return []; // it needs no run, and starts one at its end
   if (state.code === "no-configuration") return [{ key: "new", kind: "warning", words: state.words, offersSetUp: session.right === "operate" }];
   if (state.status === "lost") return [{ key: "lost", kind: "error", words: state.words, offersStart: session.right === "operate" && state.code !== "offline" }];
-  if (live.silentMs() >= SILENT_MS) return [{ key: "silent", kind: "error", words: `Nothing has come from the device for ${Math.round(live.silentMs() / 1000)} s. What is shown is old.` }];
+  if (live.staleMs() >= SILENT_MS) return [{ key: "silent", kind: "error", words: `Nothing has come from the run for ${span(live.staleMs() / 1000)}. What is shown is old.` }];
   if (!isLive) return [];
   const { safety, health } = snapshot;
+  const isStopped = safety.mode === "stopped";
   return [
-    safety.mode !== "active" && { key: "safety", kind: safety.mode === "stale" ? "error" : "warning", words: `Outputs are at their safe values: ${safety.reason || safety.mode}` },
+    isStopped && { key: "stopped", kind: "error", words: `Every output is at its safe value: ${safety.reason}`, offersRelease: session.right === "operate" },
+    safety.mode !== "active" && !isStopped && { key: "safety", kind: safety.mode === "stale" ? "error" : "warning", words: `Outputs are at their safe values: ${safety.reason || safety.mode}` },
     health.trouble && { key: "trouble", kind: "warning", words: health.trouble },
   ].filter(Boolean);
 }
 
-function banner({ offersStart, offersSetUp }) {
+/** Everything that the run tells is grey and says how old it is, while it is not of now: `.stale .of-run` and --age. */
+function markAge() {
+  const root = document.documentElement;
+  const age = live.staleMs();
+  if (age !== null) root.style.setProperty("--age", `"${old(age)}"`);
+  if (root.classList.toggle("stale", age !== null) !== markAge.was) drawState();
+  markAge.was = age !== null;
+}
+
+function banner({ offersStart, offersSetUp, offersRelease }) {
   const words = h("span");
   const start = offersStart && h("button", { type: "button", class: "button", onclick: startRun }, "Start the run");
+  const release = offersRelease && h("button", { type: "button", class: "button", onclick: releaseOutputs }, "Release");
   const setUp = offersSetUp && h("a", { href: "#setup", class: "button" }, "Set it up");
-  const element = h("p", { class: "banner" }, words, start, setUp);
+  const element = h("p", { class: "banner" }, words, start, setUp, release);
   element.update = (each) => {
     element.className = `banner is-${each.kind}`;
     if (words.said !== each.words) replace(words, inCode((words.said = each.words)));
   };
   return element;
+}
+
+/** Stop everything, without a question. It never becomes the button that releases: two presses are one stop. */
+function drawStop() {
+  const stop = h("button", { type: "button", class: "button danger", "aria-label": "Stop every output", onclick: stopOutputs }, icon("stop"), "Stop");
+  replace(part("stop"), session.right === "operate" && stop);
+}
+
+async function stopOutputs() {
+  try {
+    const { words, unconfirmed } = await api.post("outputs/stop", { by: localStorage.getItem("name") || undefined });
+    say(words, unconfirmed.length ? "error" : "good");
+  } catch (error) {
+    say(`It is not known whether the outputs are stopped: cut their supply. ${error.message}`, "error");
+  }
+}
+
+async function releaseOutputs() {
+  const fields = [
+    { name: "why", label: "Why", placeholder: "may be left empty", maxLength: 200 },
+    { name: "by", label: "Your name", value: localStorage.getItem("name") ?? "", placeholder: "may be left empty", maxLength: 60 },
+  ];
+  const given = await ask({ title: "Release the outputs", words: "They act again at once, as the rules want them to: what moves may move off.", fields, action: "Release" });
+  if (!given) return;
+  try {
+    say((await api.post("outputs/release", { by: given.by || undefined, why: given.why })).words);
+  } catch (error) {
+    say(error.message, "error");
+  }
 }
 
 async function startRun() {
@@ -147,11 +190,14 @@ async function begin() {
   }
   drawTabs();
   drawMenu();
+  drawStop();
   window.addEventListener("hashchange", open);
   await open(); // first: what it subscribes to decides whether the stream has pictures
   live.watch(drawState);
   live.subscribe(drawState, { image: false });
   setInterval(drawState, 500);
+  setInterval(markAge, AGE_EVERY_MS);
+  document.addEventListener("visibilitychange", markAge); // a tab that comes back shows what was when it was left
 }
 
 begin();

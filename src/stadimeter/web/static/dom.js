@@ -49,6 +49,7 @@ const ICONS = {
   recordings: "M4 5h16v14H4zM10 9v6l5-3z",
   alarms: "M6 17V11a6 6 0 0 1 12 0v6l2 2H4zM10 21h4",
   close: "M6 6l12 12M18 6L6 18",
+  stop: "M8.5 3h7L21 8.5v7L15.5 21h-7L3 15.5v-7zM9 9h6v6H9z",
 };
 
 function filled(element, props, children) {

@@ -52,6 +52,9 @@ export function span(seconds) {
 /** How long ago: `1.4 s ago`, `2 min ago`. */
 export const since = (seconds) => `${seconds < 10 ? `${fixed(seconds, 1)} s` : span(seconds)} ago`;
 
+/** How old: `1 s old`, `2 min old`; never 0 s, since nobody asks about what is of now. */
+export const old = (ms) => `${span(Math.max(1, ms / 1000))} old`;
+
 /** A moment by this device's clock: the time, and the date unless it is today's. */
 export function moment(unix_s) {
   if (!isNumber(unix_s)) return UNKNOWN;

@@ -58,7 +58,7 @@ function draw(root, data, unit) {
 /** The distances with their standard deviation as a band; where nothing was measured, both have a gap. */
 function curve({ samples, thresholds_m }, unit, x, width) {
   const known = Object.values(samples).flat().filter(([, distance_m]) => distance_m !== null);
-  const most = Math.max(0.1, ...known.map(([, distance_m]) => distance_m), ...thresholds_m.map((each) => each * 1.05)) * 1.05;
+  const most = Math.max(0.1, ...known.map(([, distance_m, sigma_m]) => distance_m + (sigma_m ?? 0)), ...thresholds_m.map((each) => each * 1.05)) * 1.05;
   const y = (distance_m) => CURVE - 4 - (Math.max(0, distance_m) / most) * (CURVE - 12);
   const ticks = steps(most / unit.size_m, 4).map((value) => [
     svg("line", { class: "grid", x1: LEFT, x2: width, y1: y(value * unit.size_m), y2: y(value * unit.size_m) }),
@@ -109,7 +109,7 @@ function lanesOf(all, x, width) {
 }
 
 /** Round values from 0 up to `most`, about `count` of them. */
-function steps(most, count) {
+export function steps(most, count) {
   const rough = Math.max(most, 1e-6) / count;
   const power = 10 ** Math.floor(Math.log10(rough));
   const step = [1, 2, 5, 10].map((each) => each * power).find((each) => each >= rough);

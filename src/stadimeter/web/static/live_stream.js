@@ -5,23 +5,25 @@ import { api } from "./api.js";
 const HISTORY_S = 300;
 const EVENTS_MAX = 500;
 const RETRY_MS = [300, 1000, 2000, 5000];
+const STALE_MS = 800; // a run that is well tells something every 300 ms at least; it is checked every 100 ms, so all is grey within a second
 const SILENT_MAX_MS = 20000; // a device that lost its power ends no connection; also without a run it says so every few seconds
 
 /** `subscribe(fn(snapshot, bitmap|null), {image})` opens the stream and returns what ends it. A bitmap is good until the next call.
  *  `state` is `{status: "connecting"|"live"|"lost", words}`; `watch(fn)` is called when it changes. `history` has
- *  `samples` by target and `events`, newest first. `ageMs()` is how old the shown frame is now. */
+ *  `samples` by target and `events`, newest first. `ageMs()` is how old the shown frame is now, `staleMs()` how old all
+ *  the rest is, once it is too old to be taken for what is now. */
 export class Live {
   #readers = new Map();
   #watchers = new Set();
   #stop = null;
   #kind = "";
   #failures = 0;
-  #offset = null; // the quickest way of a snapshot so far: this tab's clock less the device's, ms
+  #offset = null; // the quickest way of a snapshot in this connection so far: this tab's clock less the device's, ms
   #received = null; // of the newest frame: when, and how old it was then
   #bitmap = null;
   #newest = null; // what is to be shown next
   #isShowing = false;
-  #heard = null; // when the newest message came
+  #heard = null; // of the newest message: when it came, and how old what it tells was then
   #clocks = -Infinity; // the device's time of day less the run's clock
   state = { status: "connecting", words: "" };
   snapshot = null;
@@ -53,9 +55,12 @@ export class Live {
     return this.#received && performance.now() - this.#received.at + this.#received.age;
   }
 
-  /** For how long nothing has come; 0 while the stream is known to be lost, or before it began. */
-  silentMs() {
-    return this.state.status === "live" ? performance.now() - this.#heard : 0;
+  /** How old the figures are that are shown, if they are not of now: the run is lost, or its loop or the way to here
+   *  stands still. Else null, also while nothing is shown. Measured by this tab's own clock. */
+  staleMs() {
+    if (!this.snapshot) return null;
+    const age = performance.now() - this.#heard.at + this.#heard.age;
+    return age > STALE_MS || this.state.status === "lost" ? age : null;
   }
 
   /** Ask again at once, as after a start of the run. */
@@ -97,6 +102,7 @@ export class Live {
   /** Takes what comes as fast as it comes, whatever the drawing costs: else it would pile up in the browser, and grow old. */
   async #read(reader, connection) {
     const messages = new Messages();
+    this.#offset = null; // meanwhile a clock may have been set, or this device have slept
     for (;;) {
       const { done, value } = await answered(reader.read(), connection);
       if (done) return;
@@ -110,8 +116,9 @@ export class Live {
 
   #take(message) {
     this.#remember(message.snapshot);
-    message.at = this.#heard = performance.now();
+    message.at = performance.now();
     message.transit = this.#transit(message.snapshot, message.at);
+    this.#heard = { at: message.at, age: message.transit + (message.snapshot.cycle_age_s ?? 0) * 1000 };
     const isBusy = this.#newest !== null || this.#isShowing;
     this.#newest = message;
     if (!isBusy) this.#showNewest();
@@ -158,14 +165,16 @@ export class Live {
     this.#bitmap = bitmap;
   }
 
-  /** How long a snapshot was on its way, beyond the quickest so far; clocks drift, so the quickest is forgotten slowly. */
+  /** How long a snapshot was on its way: with the page's process, and beyond the quickest so far; clocks drift, so the
+   *  quickest is forgotten slowly. */
   #transit(snapshot, at) {
     const clocks = snapshot.unix_s - snapshot.now_s;
     if (clocks < this.#clocks - 1) this.#offset = null; // the time of day was set back
     this.#clocks = clocks;
-    const offset = at - snapshot.unix_s * 1000;
+    const waited = (snapshot.waited_s ?? 0) * 1000;
+    const offset = at - waited - snapshot.unix_s * 1000;
     this.#offset = Math.min(offset, (this.#offset ?? offset) + 0.05);
-    return offset - this.#offset;
+    return waited + offset - this.#offset;
   }
 
   #tell(status, words, code = "") {

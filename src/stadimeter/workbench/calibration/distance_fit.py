@@ -9,9 +9,18 @@ from dataclasses import dataclass, replace
 from stadimeter.app.detectors import NamedDetector, build_detectors
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.core.camera_model import CameraModel, ToneCurve
-from stadimeter.core.detection import DetectionStatus
+from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
-from stadimeter.ranging.calibration import BIAS_STEP_PX, Calibration, KnownDistance, calibrate, with_readings
+from stadimeter.errors import CalibrationError
+from stadimeter.ranging.calibration import (
+    BIAS_STEP_PX,
+    DISTANCE_RELATIVE_SIGMA,
+    Calibration,
+    KnownDistance,
+    calibrate,
+    with_readings,
+)
+from stadimeter.workbench.remedies import remedies_for
 
 FrameOf = Callable[[str], Frame]
 """Returns the picture of a name: reads its file, or has kept it. It may raise `StadimeterError`."""
@@ -24,7 +33,7 @@ class DistanceFit:
     Attributes:
         calibration: None if no picture can be used.
         usable: The pictures that it comes from, as they look through a rough camera model.
-        left_out: Those in which the target is not found through that model.
+        left_out: Those in which the target is not found through that model, or the finished one.
         elsewhere: Those in which another thing is taken for the target than at first.
     """
 
@@ -67,31 +76,83 @@ def fit_distances(
 ) -> DistanceFit:
     """Calibrate from pictures in which the target was found whole.
 
-    The first look has no camera model yet, so it takes the tone curve for that of sRGB and knows less of shapes. What
-    counts is a second one through the model that it gives, which is that of `measure`; what the finished file reads
-    is found by a third.
+    The first look has no camera model yet, so it takes the tone curve for that of sRGB. What counts is a second one
+    through the model that it gives, which is that of `measure`; what the finished file reads is found by a third. No
+    picture counts that is refused through the finished file, so what calibrates is measured.
 
     Raises:
         CalibrationError: The pictures differ in resolution, or in how the camera was set, or do not tell the focal
             length.
         StadimeterError: A picture can no longer be read.
     """
-    made = calibrate(known, date=date, distance_relative_sigma=distance_relative_sigma)
+    first = calibrate(known, date=date, distance_relative_sigma=distance_relative_sigma)
     optics = frame_of(known[0].picture).optics
-    rough = replace(made.camera_model, edge_bias_px=0.0, tone_curve=tone_curve, optics=optics)
+    rough = replace(first.camera_model, edge_bias_px=0.0, tone_curve=tone_curve, optics=optics)
     looked = _looked_at_again(known, frame_of, choices, rough)
-    usable = tuple(each for each in looked if each.detection.status is DetectionStatus.FOUND)
+    usable, left_out = _sorted_out(looked, looked)
     pairs = zip(known, looked, strict=True)
     elsewhere = tuple(again for before, again in pairs if again in usable and _is_elsewhere(before, again))
-    left_out = tuple(each for each in looked if each not in usable)
-    if not usable:
-        return DistanceFit(calibration=None, usable=(), left_out=left_out, elsewhere=())
-    if len(usable) > 1:  # one picture cannot tell the edge bias
-        usable = _with_bias_undone(usable, frame_of, choices, rough)
-    made = calibrate(usable, date=date, distance_relative_sigma=distance_relative_sigma)
-    made = replace(made, camera_model=replace(made.camera_model, tone_curve=tone_curve, optics=optics))
-    made = with_readings(made, _looked_at_again(usable, frame_of, choices, made.camera_model))
-    return DistanceFit(calibration=made, usable=usable, left_out=left_out, elsewhere=elsewhere)
+    finished: Calibration | None = None
+    while usable and finished is None:
+        if len(usable) > 1:  # one picture cannot tell the edge bias
+            usable = _with_bias_undone(usable, frame_of, choices, rough)
+        made = calibrate(usable, date=date, distance_relative_sigma=distance_relative_sigma)
+        made = replace(made, camera_model=replace(made.camera_model, tone_curve=tone_curve, optics=optics))
+        again = _looked_at_again(usable, frame_of, choices, made.camera_model)
+        usable, lost = _sorted_out(usable, again)
+        left_out += lost
+        finished = None if lost else with_readings(made, again)
+    return DistanceFit(calibration=finished, usable=usable, left_out=left_out, elsewhere=elsewhere)
+
+
+def _sorted_out(
+    known: Sequence[KnownDistance], again: Sequence[KnownDistance]
+) -> tuple[tuple[KnownDistance, ...], tuple[KnownDistance, ...]]:
+    """Return the pictures in which the target is found again, and those looked at again in which it is not."""
+    is_found = [each.detection.status is DetectionStatus.FOUND for each in again]
+    found = tuple(each for each, is_good in zip(known, is_found, strict=True) if is_good)
+    return found, tuple(each for each, is_good in zip(again, is_found, strict=True) if not is_good)
+
+
+def known_remedy(
+    left_out: KnownDistance, frame: Frame, choice: DriverChoice, camera_model: CameraModel | None = None
+) -> str:
+    """Say what to change in the target's options so that it is found in a picture of which the distance is known.
+
+    Args:
+        left_out: The picture in which it was not found.
+        camera_model: The camera's lens; None where the picture shall calibrate it, which the change then makes it do.
+
+    Returns:
+        A clause that follows the reason why it was not found; empty where no change helps.
+    """
+
+    def calibrated(changed: DriverChoice) -> Detection | None:
+        return _calibrated(left_out, frame, changed)
+
+    lens = camera_model and camera_model.for_frame(frame)
+    remedies = remedies_for(choice, left_out.detection, frame, lens, None if lens else calibrated)
+    return f"; it is found with {' or '.join(map(str, remedies))}" if remedies else ""
+
+
+def _calibrated(left_out: KnownDistance, frame: Frame, choice: DriverChoice) -> Detection | None:
+    """Calibrate from one picture, and return where the target is in it; None where it does not calibrate."""
+    (target,) = build_detectors([choice], None)
+    known = known_distance(left_out.picture, frame, left_out.depth_m, target)
+    if known.detection.status is not DetectionStatus.FOUND:
+        return None
+    try:
+        fit = fit_distances(
+            [known],
+            lambda _: frame,
+            [choice],
+            date="",
+            distance_relative_sigma=DISTANCE_RELATIVE_SIGMA,
+            tone_curve="srgb",
+        )
+    except CalibrationError:
+        return None
+    return fit.usable[0].detection if fit.usable else None
 
 
 def _looked_at_again(

@@ -24,7 +24,7 @@ from stadimeter.ranging.calibration import (
     calibrate,
     measured_depth_m,
 )
-from stadimeter.workbench.calibration.distance_fit import fit_distances, known_distance
+from stadimeter.workbench.calibration.distance_fit import fit_distances, known_distance, known_remedy
 from stadimeter.workbench.frame_source import SETTLING_WAIT_S, Source
 from stadimeter.workbench.picture_quality import picture_remarks
 
@@ -178,7 +178,7 @@ class LiveDistance:
         found = [pair for pair in seen if pair[0].detection.status is DetectionStatus.FOUND]
         if len(found) < max(1.0, FOUND_SHARE_MIN * len(seen)):
             missed = [pair for pair in seen if pair[0].detection.status is not DetectionStatus.FOUND]
-            raise CalibrationError(_why_not_found(name, missed, len(seen)))
+            raise CalibrationError(_why_not_found(name, missed, len(seen), self._choices[0]))
         found.sort(key=lambda pair: _size_px(pair[0]))
         known, frame = found[len(found) // 2]
         take = self._take(name, distance_m, known, [_size_px(each) for each, _ in found], len(seen))
@@ -250,9 +250,10 @@ class LiveDistance:
         return measured_depth_m(known, model) - self.to_centre_m
 
 
-def _why_not_found(name: str, missed: Sequence[tuple[KnownDistance, Frame]], frames: int) -> str:
+def _why_not_found(name: str, missed: Sequence[tuple[KnownDistance, Frame]], frames: int, choice: DriverChoice) -> str:
     known, frame = missed[0]
-    reasons = "; ".join((known.detection.reason, *picture_remarks(frame.image)))
+    why = f"{known.detection.reason}{known_remedy(known, frame, choice)}"
+    reasons = "; ".join((why, *picture_remarks(frame.image)))
     return f"{name} the target was found in {frames - len(missed)} of {frames} frames: {reasons}"
 
 

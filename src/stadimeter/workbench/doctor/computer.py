@@ -87,6 +87,11 @@ class Computer:
         """Return the name of the device that a path such as ``/dev/serial0`` leads to."""
         return self._at(path).resolve().name
 
+    def home(self, user: str) -> str:
+        """Return the home of a user, or what would be a usual one."""
+        lines = [line.split(":") for line in self.text("/etc/passwd").splitlines()]
+        return next((fields[5] for fields in lines if fields[0] == user and len(fields) > 5), f"/home/{user}")
+
     def settings(self, *patterns: str) -> dict[str, str]:
         """Return what files of lines ``KEY=VALUE`` set; later files and lines win."""
         lines = "\n".join(self.text(path) for pattern in patterns for path in self.paths(pattern))
@@ -106,6 +111,11 @@ class Computer:
     def is_pi(self) -> bool:
         """Whether this is a Raspberry Pi."""
         return "Raspberry Pi" in self.model
+
+    @property
+    def is_root(self) -> bool:
+        """Whether this process may read every file."""
+        return re.search(r"^Uid:\s+0\s", self.text("/proc/self/status"), re.MULTILINE) is not None
 
     @property
     def has_systemd(self) -> bool:

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from stadimeter.config.extras import LIBRARIES, PICAMERA2, PICAMERA2_UNSEEN, SEE_SYSTEM, install_line
+from stadimeter.config.extras import LIBRARIES, PACKAGED, PICAMERA2, PICAMERA2_UNSEEN, SEE_SYSTEM, install_line
 from stadimeter.workbench.doctor.computer import Computer
 from stadimeter.workbench.doctor.diagnosis import Diagnosis, fine, unknown, warning, wrong
 from stadimeter.workbench.doctor.examined import UNIT, Examined
@@ -167,6 +168,8 @@ def _unseen(examined: Examined) -> Diagnosis:
             "the kernel knows a ribbon camera, and libcamera does not list it",
             "`rpicam-hello --list-cameras`; mend the libraries first, if one does not load",
         )
+    if sys.prefix.startswith(PACKAGED):  # it sees the system's packages
+        return wrong("a ribbon camera is there, and the library picamera2 is not", PICAMERA2)
     if examined.computer.has(PICAMERA2_UNSEEN):
         return wrong("a ribbon camera is there, but this Python environment does not see picamera2", SEE_SYSTEM)
     return wrong("a ribbon camera is there, and the library picamera2 is not", f"{PICAMERA2}, and {SEE_SYSTEM}")

@@ -42,6 +42,8 @@ CHECKS = (
     Check("Configuration", "configuration", "checking the configuration", configured.configuration),
     Check("Configuration", "broker", "connecting to the broker", configured.broker),
     Check("Service", "service", "asking for the service", service.service),
+    Check("Service", "page", "asking for the page's service", service.page),
+    Check("Service", "path", "looking for other programs of this name", service.path),
     Check("Service", "safe-outputs", "comparing the safe outputs", service.safe_outputs),
     Check("Service", "watchdogs", "asking for the watchdogs", service.watchdogs),
 )

@@ -6,16 +6,21 @@ Sources: systemctl(1), systemd.service(5) and systemd-system.conf(5) for the pro
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Iterator
 
+from stadimeter.config.extras import PACKAGE_AGAIN, PACKAGED
+from stadimeter.workbench.doctor.computer import COMMAND_S, Computer
 from stadimeter.workbench.doctor.diagnosis import Diagnosis, fine, unknown, warning, wrong
 from stadimeter.workbench.doctor.examined import SUDO, UNIT, Examined
 
 STATE = ("LoadState", "ActiveState", "SubState", "Result", "NRestarts", "UnitFileState", "StatusText")
 RESTARTS_MANY = 3
 SAFE_OUTPUTS = "/run/stadimeter/safe-outputs.conf"
+OF_HAND = "/etc/stadimeter/safe-outputs.conf"
 SWITCHES_OFF = "/usr/lib/stadimeter/safe-outputs"
-LOG = f"`sudo journalctl -eu {UNIT}`"
+PAGE = "stadimeter-web.service"
+OURS = ("/usr/bin", "/bin", f"{PACKAGED}/bin")
 
 
 def service(examined: Examined) -> Iterator[Diagnosis]:
@@ -27,53 +32,149 @@ def service(examined: Examined) -> Iterator[Diagnosis]:
     state = computer.unit(UNIT, *STATE)
     if not state:
         yield unknown("the service: systemctl does not answer")
-    elif state.get("LoadState") != "loaded":
+    elif state.get("LoadState") not in {"loaded", "masked"}:
         yield fine("stadimeter is not installed as a service on this computer")
     else:
         yield _judged(state)
 
 
 def _judged(state: dict[str, str]) -> Diagnosis:
-    active, restarts = state.get("ActiveState", ""), int(state.get("NRestarts") or 0)
-    says = f", and says: {state['StatusText']}" if state.get("StatusText") else ""
-    if active == "failed" or state.get("SubState") == "auto-restart":
-        return wrong(f"the service has failed ({state.get('Result', 'no result')}), {restarts} restarts{says}", LOG)
-    if active == "activating":
-        return warning(f"the service is starting, {restarts} restarts{says}", LOG)
+    if failure := _failure("the service", UNIT, state):
+        return failure
+    active, restarts, says = state.get("ActiveState", ""), _restarts(state), _says(state)
+    if state.get("LoadState") == "masked":
+        return _masked(active)
     if active != "active":
-        return warning(f"the service is {active or 'in no known state'}", "`sudo systemctl enable --now stadimeter`")
+        return _not_active(active, f"{restarts} restarts{says}")
     if restarts > RESTARTS_MANY:
-        return warning(f"the service runs, after {restarts} restarts{says}", LOG)
+        return warning(f"the service runs, after {restarts} restarts{says}", _log(UNIT))
     if state.get("UnitFileState") != "enabled":
         return warning("the service runs, and is not started at boot", "`sudo systemctl enable stadimeter`")
     return fine(f"the service runs, {restarts} restarts{says}")
 
 
-def safe_outputs(examined: Examined) -> Iterator[Diagnosis]:
-    """Compare the outputs that are switched off after the service with those of the configuration."""
+def _masked(active: str) -> Diagnosis:
+    """Judge a masked unit: systemd knows none of its settings any more, what it runs after its end among them."""
+    unmask = "`sudo systemctl unmask stadimeter`"
+    if active == "active":
+        seen = "if it is killed, nothing switches its outputs off or starts it again"
+        return wrong(f"the service runs, and is masked: {seen}", f"{unmask}, or stop it")
+    return warning("the service is masked: nothing starts it", unmask)
+
+
+def _not_active(active: str, more: str) -> Diagnosis:
+    if active == "activating":
+        return warning(f"the service is starting, {more}", _log(UNIT))
+    return warning(f"the service is {active or 'in no known state'}", "`sudo systemctl enable --now stadimeter`")
+
+
+def _failure(what: str, unit: str, state: dict[str, str]) -> Diagnosis | None:
+    if state.get("ActiveState") != "failed" and state.get("SubState") != "auto-restart":
+        return None
+    seen = f"{what} has failed ({state.get('Result', 'no result')}), {_restarts(state)} restarts{_says(state)}"
+    return wrong(seen, _log(unit))
+
+
+def _restarts(state: dict[str, str]) -> int:
+    return int(state.get("NRestarts") or 0)
+
+
+def _says(state: dict[str, str]) -> str:
+    return f", and says: {state['StatusText']}" if state.get("StatusText") else ""
+
+
+def _log(unit: str) -> str:
+    return f"`sudo journalctl -eu {unit}`"
+
+
+def page(examined: Examined) -> Iterator[Diagnosis]:
+    """Tell whether the page's service, if it is wanted, serves the page. It is off unless somebody enables it."""
+    if not examined.computer.has_systemd:
+        return
+    state = examined.computer.unit(PAGE, *STATE)
+    if failure := _failure("the page's service", PAGE, state):
+        yield failure
+    elif state.get("ActiveState") == "active":
+        yield fine(f"the page's service runs, {_restarts(state)} restarts")
+    elif state.get("UnitFileState") == "enabled":
+        seen = f"the page's service is enabled, and is {state.get('ActiveState') or 'in no known state'}"
+        yield warning(seen, "`sudo systemctl start stadimeter-web`")
+
+
+def path(examined: Examined) -> Iterator[Diagnosis]:
+    """Tell whether `stadimeter`, as it is typed, is another program than that of the service."""
     computer = examined.computer
-    if examined.configuration is None or not examined.is_of_service or not computer.has(SWITCHES_OFF):
+    if not computer.has(f"{PACKAGED}/bin/stadimeter"):
+        return
+    folders = [folder for folder in computer.environment.get("PATH", "").split(":") if folder]
+    if user := computer.environment.get("SUDO_USER"):  # the path of root, that sudo gives, is not theirs
+        folders = [f"{computer.home(user)}/.local/bin", *folders]
+    first = next((folder for folder in folders if computer.has(f"{folder}/stadimeter")), OURS[0])
+    if first not in OURS:
+        yield warning(
+            f"`stadimeter` is {first}/stadimeter, and the service runs {PACKAGED}/bin/stadimeter",
+            "type `/usr/bin/stadimeter`, or uninstall the other one as it was installed (pip, pipx, uv)",
+        )
+
+
+def safe_outputs(examined: Examined) -> Iterator[Diagnosis]:
+    """Compare the outputs that are switched off after the service with those of the configuration, and try the way."""
+    if not examined.is_of_service or not examined.computer.has(SWITCHES_OFF):
+        return
+    yield from _of_hand(examined.computer)
+    if examined.configuration is None:
         return
     from stadimeter.app.safe_outputs import safe_lines  # noqa: PLC0415 - loads the configuration's drivers
 
     driven = examined.configuration.driven
     wanted = [line for each in driven if not each.plugin.is_simulated(each.options) for line in safe_lines(each)]
-    if not wanted:
-        return
+    if wanted:
+        way = _way(examined.computer, wanted)
+        has_no_way = way in {"", "nothing"} and examined.computer.is_pi  # elsewhere pins are wrong already
+        yield _no_way(examined.computer, way) if has_no_way else _listed(examined.computer, wanted, way)
+
+
+def _no_way(computer: Computer, way: str) -> Diagnosis:
+    if not computer.is_root:
+        return unknown("whether the pins can be switched off after the service", SUDO)
+    return wrong(
+        "the pins cannot be switched off after the service, so a killed service leaves them as they are",
+        "`sudo apt install raspi-utils`, which brings pinctrl" if way else PACKAGE_AGAIN,
+    )
+
+
+def _listed(computer: Computer, wanted: list[str], way: str) -> Diagnosis:
     if not computer.has(SAFE_OUTPUTS):
-        yield unknown("which outputs are switched off after the service: it lists them when it starts")
-        return
+        return unknown("which outputs are switched off after the service: it lists them when it starts")
     if not computer.is_readable(SAFE_OUTPUTS):
-        yield unknown(f"{SAFE_OUTPUTS} is not yours to read", SUDO)
-        return
+        return unknown(f"{SAFE_OUTPUTS} is not yours to read", SUDO)
     lacking = set(wanted) - set(computer.text(SAFE_OUTPUTS).splitlines())
     if lacking:
-        yield wrong(
+        return wrong(
             f"after the service has ended, these are not switched off: {', '.join(sorted(lacking))}",
             "`sudo systemctl restart stadimeter`, which lists the outputs of /etc/stadimeter/appliance.toml",
         )
-    else:
-        yield fine(f"{len(wanted)} {'output is' if len(wanted) == 1 else 'outputs are'} switched off after the service")
+    outputs = "1 output is" if len(wanted) == 1 else f"{len(wanted)} outputs are"
+    return fine(f"{outputs} switched off after the service{'' if way == 'no pins' else f', pins by {way}'}")
+
+
+def _way(computer: Computer, wanted: list[str]) -> str:
+    """Return what would drive the pins of a list, found out by the program that does it; empty if it does not say."""
+    with tempfile.NamedTemporaryFile("w", prefix="stadimeter-") as file:
+        file.write("".join(f"{line}\n" for line in wanted))
+        file.flush()
+        answer = computer.run((SWITCHES_OFF, "--check", file.name), COMMAND_S)
+    return answer.output.strip() if answer is not None and answer.code == 0 else ""
+
+
+def _of_hand(computer: Computer) -> Iterator[Diagnosis]:
+    """Tell which lines of a list that somebody made switch nothing off."""
+    if not computer.has(OF_HAND):
+        return
+    answer = computer.run((SWITCHES_OFF, "--check", OF_HAND), COMMAND_S)
+    refused = [line.removeprefix("safe-outputs: ") for line in answer.error.splitlines()] if answer else []
+    if refused:
+        yield wrong(f"{OF_HAND}: {refused[0]}", f"mend it; `{SWITCHES_OFF} --check {OF_HAND}` shows all")
 
 
 def watchdogs(examined: Examined) -> Iterator[Diagnosis]:

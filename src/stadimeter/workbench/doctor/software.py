@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from stadimeter.config.extras import NUMPY_1, PACKAGED, PICAMERA2, SEE_SYSTEM
+from stadimeter.config.extras import NUMPY_1, PACKAGE_AGAIN, PACKAGED, PICAMERA2, PICAMERA2_TOO_OLD, SEE_SYSTEM
 from stadimeter.workbench.doctor.computer import Computer
 from stadimeter.workbench.doctor.diagnosis import Diagnosis, fine, unknown, wrong
 
@@ -31,6 +31,8 @@ for name in sys.argv[1:]:
         try:
             module = importlib.import_module(name)
             found["version"] = str(getattr(module, "__version__", ""))
+            if name == "picamera2" and not hasattr(module.Picamera2, "cancel_all_and_flush"):
+                found["error"] = "too old"
         except BaseException as error:
             found["error"] = f"{type(error).__name__}: {error}"
     print(json.dumps(found), flush=True)
@@ -100,9 +102,13 @@ def _origin(library: dict[str, Any]) -> str:
 
 
 def _broken(library: dict[str, Any], python: dict[str, Any], found: list[dict[str, Any]]) -> Diagnosis:
+    if library["error"] == "too old":
+        return wrong(*PICAMERA2_TOO_OLD.split("; "))
     if not _NUMPY_MIX.search(library["error"]):
         is_of_pi = library["name"] == "picamera2"  # what it needs is not on pip
-        remedy = f"{PICAMERA2}, and {SEE_SYSTEM}" if is_of_pi else _again(python, library["name"])
+        is_packaged = python["prefix"].startswith(PACKAGED)
+        of_pi = PICAMERA2 if is_packaged else f"{PICAMERA2}, and {SEE_SYSTEM}"
+        remedy = of_pi if is_of_pi else _again(python, library["name"])
         return wrong(f"{library['name']} does not load: {_short(library['error'])}", remedy)
     numpy = next((each for each in found if each["name"] == "numpy"), None)
     beside = f" beside numpy {numpy['version']}{_origin(numpy)}" if numpy and numpy["version"] else ""
@@ -117,7 +123,7 @@ def _short(error: str) -> str:
 
 def _again(python: dict[str, Any], library: str = "stadimeter") -> str:
     if python["prefix"].startswith(PACKAGED):
-        return "`sudo apt install --reinstall stadimeter`"
+        return PACKAGE_AGAIN
     return f"{_pip(python)} --force-reinstall {library}"
 
 

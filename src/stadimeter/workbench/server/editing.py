@@ -242,7 +242,7 @@ def _needed(desk: Desk, files: Mapping[str, str]) -> str:
 
 def run_socket(desk: Desk) -> Path:
     """Return where the run of this configuration listens; `ControlError` if there is none."""
-    return desk.run_socket or find(desk.configuration)
+    return desk.run_socket or find(desk.configuration, names_others=False)
 
 
 def _running(desk: Desk, digest: object) -> Configuration | None:

@@ -72,7 +72,7 @@ def _answered(desk: Desk, line: bytes) -> bytes:
         return framed({"transaction": transaction, "status": "ok", "data": reply.data}, reply.attached)
     except StadimeterError as error:
         return framed({"transaction": transaction, **told(error)})
-    except Exception as error:  # noqa: BLE001 - a defect in one operation must not end the others
+    except BaseException as error:  # noqa: BLE001 - a defect in one operation must not end the others
         traceback.print_exc(file=sys.stderr)
         words = f"this is a defect of stadimeter, not of yours: {type(error).__name__}: {error}"
         return framed({"transaction": transaction, "status": "error", "error": words, "code": "defect"})

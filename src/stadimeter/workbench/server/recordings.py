@@ -8,6 +8,7 @@ import re
 import stat
 import tomllib
 from collections.abc import Mapping
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -36,9 +37,12 @@ _NOW_WITHIN = 120
 def recordings(desk: Desk, _args: Mapping[str, Any]) -> Reply:
     """Answer the recordings that there are, newest first."""
     folder = folder_of(desk)
-    found = [path for path in folder.glob("*") if path.suffix in ENDINGS and _is_file(path)] if folder.is_dir() else []
-    newest = sorted(found, key=lambda path: path.stat().st_mtime, reverse=True)
-    listed = [about(desk, path) for path in newest[:LISTED_MAX]]
+    found = {path: about_file for path in folder.glob("*") if path.suffix in ENDINGS and (about_file := _file(path))}
+    newest = sorted(found, key=lambda path: found[path].st_mtime, reverse=True)
+    listed = []
+    for path in newest[:LISTED_MAX]:
+        with suppress(FileNotFoundError):  # deleted since, or removed by a run that recorded nothing
+            listed.append(about(desk, path))
     return Reply(data={"folder": str(folder), "recordings": listed, "left_out": max(0, len(newest) - LISTED_MAX)})
 
 
@@ -90,7 +94,7 @@ def path_of(desk: Desk, args: Mapping[str, Any]) -> Path:
     """
     name = args.get("name")
     folder = folder_of(desk)
-    if isinstance(name, str) and name == Path(name).name and Path(name).suffix in ENDINGS and _is_file(folder / name):
+    if isinstance(name, str) and name == Path(name).name and Path(name).suffix in ENDINGS and _file(folder / name):
         return folder / name
     raise NotThereError(f"there is no recording {name!r} in {folder}")
 
@@ -104,12 +108,13 @@ def index_of(desk: Desk, path: Path) -> RecordingIndex:
     return index
 
 
-def _is_file(path: Path) -> bool:
-    """Return whether there is a file that is no link, which could lead anywhere."""
+def _file(path: Path) -> os.stat_result | None:
+    """Return what the system says of a file; None if there is none, or a link, which could lead anywhere."""
     try:
-        return stat.S_ISREG(path.lstat().st_mode)
+        found = path.lstat()
     except (OSError, ValueError):
-        return False
+        return None
+    return found if stat.S_ISREG(found.st_mode) else None
 
 
 def _key(path: Path) -> tuple[str, int, int]:
@@ -149,7 +154,8 @@ def _looked_into(path: Path) -> dict[str, Any]:
         if not told["is_growing"] and found.is_cut_off():
             told["damage"] = "its end is missing, as after a power cut; what comes before can be used"
     except StadimeterError as error:
-        told["damage"] = str(error)
+        if not told["is_growing"]:  # one that has only just begun lacks its first cycle
+            told["damage"] = str(error)
     return told
 
 

@@ -13,12 +13,13 @@ from stadimeter.config.driver_tables import CAMERA
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement
-from stadimeter.errors import ConfigError, StadimeterError
+from stadimeter.errors import ConfigError, NotThereError, PictureError, StadimeterError
 from stadimeter.workbench.frame_source import SETTLING_WAIT_S
+from stadimeter.workbench.measuring import open_picture
 from stadimeter.workbench.run_camera import source_beside_run
 from stadimeter.workbench.saving import check_is_not_ours
 from stadimeter.workbench.setup.answers import ANSWERS, load_answers
-from stadimeter.workbench.setup.camera_step import CameraStep, table_of
+from stadimeter.workbench.setup.camera_step import CameraStep, picture_names, table_of
 from stadimeter.workbench.setup.colour_trial import ColourTrial
 from stadimeter.workbench.setup.held_camera import HeldCamera
 from stadimeter.workbench.setup.interview import Interview
@@ -79,6 +80,7 @@ class SetupDesk:
                 for key, answer in answers.items()
             ],
             "question": _as_json(question) if question else None,
+            "pictures": list(self._pictures_now()),
             "doubt": {"notes": list(self._doubt)} if self._doubt else None,
             "trouble": self._trouble,
             "done": interview is not None and question is None,
@@ -155,6 +157,21 @@ class SetupDesk:
             self.shown = source.capture.latest(SETTLING_WAIT_S)
         return self.shown
 
+    def pictures(self) -> tuple[str, ...]:
+        """Return the files of the camera that is looked through, if it shows picture files, as answers name them."""
+        choice = self._offered or (self._interview.known.camera if self._interview else None)
+        return picture_names(self.known, choice) if choice else ()
+
+    def picture(self, name: str) -> Frame:
+        """Return one of `pictures`.
+
+        Raises:
+            StadimeterError: There is none of that name, or it cannot be read.
+        """
+        if name not in self.pictures():
+            raise NotThereError(f"{name} is none of the camera's pictures")
+        return open_picture(self.folder / name)
+
     def remember(self, measured: Measurement) -> None:
         """Keep what was measured, for trying rules on it."""
         self.history.append(measured)
@@ -172,6 +189,12 @@ class SetupDesk:
                 if not interview.back():
                     raise
         return self._question
+
+    def _pictures_now(self) -> tuple[str, ...]:
+        try:
+            return self.pictures()
+        except PictureError:  # gone since: the question about the camera says so
+            return ()
 
     def _saved(self) -> Mapping[str, str]:
         return load_answers(self._file) if self._file.exists() else {}

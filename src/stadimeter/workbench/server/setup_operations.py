@@ -17,11 +17,11 @@ from stadimeter.errors import ConfigError
 from stadimeter.workbench.colour_picture import colour_picture
 from stadimeter.workbench.colour_places import NOTHING_STANDS_OUT
 from stadimeter.workbench.picture_quality import better_exposure_s
-from stadimeter.workbench.server.arguments import number, places, text, truth
+from stadimeter.workbench.server.arguments import number, places, text, texts, truth
 from stadimeter.workbench.server.operations import Desk, Operation, Reply
 from stadimeter.workbench.server.setup_desk import SetupDesk
 from stadimeter.workbench.setup import colour_trial
-from stadimeter.workbench.setup.camera_step import with_exposure, with_resolution
+from stadimeter.workbench.setup.camera_step import PLAYED_KEYS, table_of, with_exposure, with_playing, with_resolution
 from stadimeter.workbench.setup.preview import DRAWINGS, drawn, jpeg_of, looked_at, target_so_far, values_of
 
 
@@ -77,11 +77,15 @@ def leave(desk: Desk, args: Mapping[str, Any]) -> Reply:
 
 
 def picture(desk: Desk, args: Mapping[str, Any]) -> Reply:
-    """Answer what the camera sees now: figures, and a JPEG that may be smaller than they are about."""
+    """Answer what the camera sees now: figures, and a JPEG that may be smaller than they are about.
+
+    With ``file``, the picture of that name among those that the camera shows.
+    """
     setup, draw = setup_of(desk), text(args, "draw", "target")
     if draw not in DRAWINGS:
         raise ConfigError(f"draw is one of {', '.join(DRAWINGS)}")
-    frame, width_px = setup.newest(), int(number(args, "width_px", 0))
+    name, width_px = text(args, "file", ""), int(number(args, "width_px", 0))
+    frame = setup.picture(name) if name else setup.newest()
     if draw == "mask" and setup.trial.colour:
         seen = colour_trial.view(frame, setup.trial.colour)
         values = {**values_of(frame, seen.detection, None), "words": colour_trial.in_words(seen)}
@@ -91,7 +95,7 @@ def picture(desk: Desk, args: Mapping[str, Any]) -> Reply:
     if target is None:
         return Reply(data=values_of(frame, None, None), attached=jpeg_of(frame.image, width_px))
     found, measured = looked_at(setup.known, frame, target)
-    if measured is not None:
+    if measured is not None and not name:
         setup.remember(replace(measured, captured_at_s=frame.captured_at_s))
     image = drawn(frame, found, measured, with_candidates=draw == "candidates")
     return Reply(data=values_of(frame, found, measured), attached=jpeg_of(image, width_px))
@@ -100,11 +104,13 @@ def picture(desk: Desk, args: Mapping[str, Any]) -> Reply:
 def camera(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Look through a camera that is offered; with ``exposure``, lock that at a time such as ``10 ms``.
 
-    ``resolution`` is one to ask it for, such as ``1280x720``. The answer to give, with both in it, is in the reply;
-    ``setup-picture`` shows what it sees.
+    ``resolution`` is one to ask it for, such as ``1280x720``; ``played``, how files are played. The answer to give,
+    with all of it, is in the reply; ``setup-picture`` shows what it sees.
     """
     setup, wanted = setup_of(desk), text(args, "camera")
-    exposure, resolution = text(args, "exposure", ""), text(args, "resolution", "")
+    exposure, resolution, played = text(args, "exposure", ""), text(args, "resolution", ""), texts(args, "played")
+    if played:
+        wanted = with_playing(wanted, played)
     if resolution:
         wanted = with_resolution(wanted, resolution)
     if exposure:
@@ -118,6 +124,10 @@ def camera(desk: Desk, args: Mapping[str, Any]) -> Reply:
         "settings": [f"{each[0].upper()}{each[1:]}." for each in settings],
         "has_resolution": hasattr(choice.options, "width_px"),
         "has_exposure": hasattr(choice.options, "exposure"),
+        "pictures": setup.pictures(),
+        "played": {key: value for key, value in table_of(wanted).items() if key in PLAYED_KEYS}
+        if hasattr(choice.options, "loop")
+        else None,
         "is_locked": getattr(choice.options, "exposure", None) is not None,
         "proposed_exposure_s": better_exposure_s(frame.image, frame.exposure_s),
     }

@@ -21,8 +21,9 @@ from stadimeter.workbench.setup.known import CONFIGURATION, Known
 from stadimeter.workbench.setup.outlook import outlook
 from stadimeter.workbench.setup.trying import complete_answers, made_up, seen_lately
 from stadimeter.workbench.setup.wish_steps import NOTHING, SCREEN, actuator_table
+from stadimeter.workbench.wiring.circuits import CIRCUITS
 from stadimeter.workbench.wiring.outputs import header_labels, parts_of, pin_name, wired_outputs
-from stadimeter.workbench.wiring.picture import wiring_picture
+from stadimeter.workbench.wiring.picture import circuits_picture, wiring_picture
 
 
 def show_outlook(desk: Desk, _args: Mapping[str, Any]) -> Reply:
@@ -54,11 +55,14 @@ def try_wishes(desk: Desk, args: Mapping[str, Any]) -> Reply:
 def wiring(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Answer the header and the circuits as SVG: of a text, or of the outputs that are chosen.
 
-    ``output`` is one that is not chosen yet, such as ``buzzer 23``.
+    ``output`` is one that is not chosen yet, such as ``buzzer 23``. Then the drawing is its circuit alone: ``wires``
+    has the pins of the header that it goes to, and ``notes`` what is to be minded.
     """
-    written = text(args, "text", "")
-    parts = parts_of(editing.loaded(desk, written, {})) if written else _chosen_parts(desk, text(args, "output", ""))
-    labels = header_labels(wired_outputs(parts))
+    written, proposed = text(args, "text", ""), text(args, "output", "")
+    parts = parts_of(editing.loaded(desk, written, {})) if written else _chosen_parts(desk, proposed)
+    outputs = wired_outputs(parts)
+    alone = outputs[-1:] if proposed and not written else ()
+    labels = header_labels(outputs)
     pins = [
         {
             "number": number,
@@ -69,7 +73,10 @@ def wiring(desk: Desk, args: Mapping[str, Any]) -> Reply:
         }
         for number, what in enumerate(HEADER, start=1)
     ]
-    return Reply(data={"pins": pins}, attached=svg_of(wiring_picture(parts)).encode())
+    wires = [{"number": number, "name": pin_name(number)} for number in sorted(header_labels(alone))]
+    notes = [note for each in alone for note in CIRCUITS[each.circuit].notes_on(each)]
+    drawing = circuits_picture(alone) if alone else wiring_picture(parts)
+    return Reply(data={"pins": pins, "wires": wires, "notes": notes}, attached=svg_of(drawing).encode())
 
 
 def files(desk: Desk, _args: Mapping[str, Any]) -> Reply:
@@ -115,7 +122,7 @@ def _loaded(desk: Desk, known: Known, answers: Mapping[str, str]) -> Configurati
 def _chosen_parts(desk: Desk, proposed: str) -> tuple[DriverChoice, ...]:
     known = setup_of(desk).known
     answers = [answer for key, answer in known.answers.items() if key.endswith("_output")]
-    chosen = dict.fromkeys([*answers, *([proposed] if proposed else [])])
+    chosen = dict.fromkeys([*(each for each in answers if each != proposed), *([proposed] if proposed else [])])
     return tuple(
         known.chosen(ACTUATOR, ("actuators", _name(each)), actuator_table(each))
         for each in chosen

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from stadimeter.app.detectors import build_detectors
 from stadimeter.config.camera_file import load_camera_model
-from stadimeter.config.paper import PAPER
 from stadimeter.config.units import parse_angle, parse_length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus
@@ -20,7 +19,6 @@ from stadimeter.workbench.calibration.live_distance import APART_MIN, LiveDistan
 from stadimeter.workbench.setup.answers import words_of
 from stadimeter.workbench.setup.known import BOARD_FILE, CAMERA_FILE, PICTURES, Known
 from stadimeter.workbench.setup.lens import (
-    PictureAt,
     contradiction,
     guessed_lens,
     is_unusual,
@@ -31,7 +29,7 @@ from stadimeter.workbench.setup.lens import (
     today,
 )
 from stadimeter.workbench.setup.question import Accepted, Option, Question, Step
-from stadimeter.workbench.setup.target import chosen_target, look
+from stadimeter.workbench.setup.target import chosen_target, look, why_not_measured
 
 GUESS = "60 deg"
 """The width of what a usual webcam sees."""
@@ -48,18 +46,20 @@ class CalibrationStep(Step):
     def question(self, known: Known) -> Question:
         """Have the most certain way ready that there is."""
         name = known.answers["target"]
-        live = f" Put the {name} into the middle of the picture; measure from the lens to {_measured_to(name)}."
+        put = f" Put the {name} into the middle of the picture." if known.is_live else ""
         options = [*_known_files(known), *_live(known), *_named_pictures(known)]
         options.append(Option(GUESS, "a guess: the camera sees that much across; distances may be wrong by a tenth"))
         return Question(
             key=self.key,
-            text=f"How far away is the {name}? That calibrates the camera.{live if known.is_live else ''}",
+            text=f"How far away is the {name}? That calibrates the camera.{put} {_how_to_measure(known)}",
+            found=_drawn_distances(known),
             options=tuple(options),
             ready=options[0].answer,
             unattended=GUESS if known.is_live and options[0].answer != CAMERA_FILE else "",
             form=(
-                "a distance, such as 1 m, or 1 m ± 5 mm if you know how well; pictures at known distances of its "
-                "middle, such as near.jpg@50cm far.jpg@2m; a camera file; or the width of the view, such as 60 deg"
+                f"a distance to {_measured_to(name)}, such as 1 m, or 1 m ± 5 mm if you know how well; pictures with "
+                "their distances to its middle, such as near.jpg@50cm far.jpg@2m; a camera file; or the width of the "
+                "view, such as 60 deg"
             ),
         )
 
@@ -67,11 +67,12 @@ class CalibrationStep(Step):
         """Find out the focal length."""
         if text.endswith(".toml"):
             return _from_file(known, text)
-        if re.fullmatch(r"[\d.]+\s*(deg|°)", text):
-            known.camera_model, known.model_file = guessed_lens(known.frame, _angle(text)), ""
-            return Accepted(answer=text, notes=("This is rough: distances may be wrong by a tenth of themselves.",))
-        pictures, seen = (_pictures(text), ()) if "@" in text else _picture_now(known, text)
-        answer = pictures[0] if len(pictures) == 1 else shlex.join(pictures)
+        if re.fullmatch(r"[\d.,]+\s*(deg|°)", text):
+            rough = ("This is rough: distances may be wrong by a tenth of themselves.",)
+            return _taken(known, guessed_lens(known.frame, _angle(text)), text, rough)
+        pictures, seen = (_pictures(known, text), ()) if "@" in text else _picture_now(known, text)
+        is_one_word = len(pictures) == 1 and " " not in pictures[0]
+        answer = pictures[0] if is_one_word else shlex.join(pictures)
         return _from_pictures(known, pictures, answer, seen)
 
 
@@ -137,19 +138,46 @@ def _distance(text: str) -> tuple[float, float]:
         raise ConfigError(f"{error}; or give pictures, such as near.jpg@50cm") from error
 
 
-def _pictures(text: str) -> list[str]:
-    """Return the pictures of an answer; a distance may have a space before its unit."""
+def _pictures(known: Known, text: str) -> list[str]:
+    """Return the pictures of an answer; a distance may have a space before its unit, a camera's picture no folder."""
     pictures: list[str] = []
     for word in words_of(text):
         if pictures and "@" not in word:
             pictures[-1] += word
         else:
             pictures.append(word)
-    return pictures
+    paths = {Path(frame.source).name: str(_path_from(known.folder, frame)) for frame in known.frames if frame.source}
+    named = (each.rpartition("@") for each in pictures)
+    return [f"{paths.get(name, name)}{at}{distance}" for name, at, distance in named]
+
+
+def _path_from(folder: Path, frame: Frame) -> Path:
+    path = Path(frame.source)
+    return path.relative_to(folder) if path.is_relative_to(folder) else path
 
 
 def _measured_to(name: str) -> str:
     return "its nearest point" if name == "ball" else f"the {name}"
+
+
+def _how_to_measure(known: Known) -> str:
+    """Say between which points a distance is meant: to a ball, that with a picture is another than that alone."""
+    to = _measured_to(known.answers["target"])
+    if known.is_live or not _limb_radius_m(known):
+        return f"Measure from the lens to {to}."
+    return f"Measure from the lens: to the ball's middle if you name a picture, to {to} if you give a distance alone."
+
+
+def _drawn_distances(known: Known) -> tuple[str, ...]:
+    """Draw both distances to a ball; nothing for what is flat, of which they are the same."""
+    behind_m = _limb_radius_m(known)
+    if not behind_m:
+        return ()
+    middle_m = f"{1 + behind_m:.4g}"
+    return (
+        "lens |<------- 1 m ------->( + )   alone, such as 1 m: to its nearest point",
+        f"lens |<------ {middle_m} m ------->+     with a picture, near.jpg@{middle_m}m: to its middle",
+    )
 
 
 def _far(known: Known) -> str:
@@ -184,9 +212,8 @@ def _named_pictures(known: Known) -> list[Option]:
             parse_length(name.stem)
         except ValueError:
             continue
-        path = name.relative_to(known.folder) if name.is_relative_to(known.folder) else name
-        named.append(f"{path}@{name.stem}")
-    return [Option(shlex.join(sorted(set(named))), "the distances that the names of the pictures say")] if named else []
+        named.append(f"{_path_from(known.folder, frame)}@{name.stem}")
+    return [Option(shlex.join(sorted(set(named))), "the distances to the middle that the names say")] if named else []
 
 
 def _from_file(known: Known, text: str) -> Accepted:
@@ -197,31 +224,18 @@ def _from_file(known: Known, text: str) -> Accepted:
 
 def _from_pictures(known: Known, pictures: list[str], answer: str, seen: tuple[str, ...]) -> Accepted:
     taken = [picture_at(known.folder, each) for each in pictures]
-    try:
-        model, notes = lens_from(taken, chosen_target(known))
-    except CalibrationError as error:
-        other = _other_paper(known, taken[:1])
-        raise CalibrationError(f"{error}{other}") from error
+    model, notes = lens_from(taken, chosen_target(known))
     model.for_frame(known.frame)  # refuses pictures of another aspect than the camera's
     return _taken(known, model, answer, (*seen, *notes))
 
 
-def _other_paper(known: Known, pictures: list[PictureAt]) -> str:
-    """Return which paper it is rather than the one of the answers: the one with which it is found; empty for none."""
-    if known.answers["target"] != "sheet":
-        return ""
-    for name in ("letter", "A4", *PAPER):  # the two that are mistaken for each other, first
-        try:
-            lens_from(pictures, chosen_target(known, size=name))
-        except CalibrationError:
-            continue
-        return f". As {name} it is found: is it {name} instead of {known.answers['size']}? Then go back to the size"
-    return ""
-
-
 def _taken(known: Known, model: CameraModel, answer: str, notes: tuple[str, ...], model_file: str = "") -> Accepted:
     known.camera_model, known.model_file = model, model_file
-    return Accepted(answer=answer, notes=(*notes, lens_in_words(model)), doubt=is_unusual(model))
+    words = (*notes, lens_in_words(model))
+    why_not = why_not_measured(known, model)
+    return Accepted(
+        answer=answer, notes=(*words, why_not) if why_not else words, doubt=is_unusual(model) or bool(why_not)
+    )
 
 
 def _picture_now(known: Known, text: str) -> tuple[list[str], tuple[str, ...]]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+import shlex
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +12,12 @@ from stadimeter.cameras.protocol import AttachedCamera
 from stadimeter.config.driver_tables import CAMERA
 from stadimeter.config.plugins import CAMERAS, DriverChoice, driver_names
 from stadimeter.config.toml_source import camera_table
+from stadimeter.core.camera_model import check_one_aspect
 from stadimeter.core.frame import Frame
 from stadimeter.errors import ConfigError, PictureError, StadimeterError
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.attached_cameras import NONE_FOUND, attached_cameras
-from stadimeter.workbench.frame_source import SETTLING_WAIT_S, Source, settled_frame
+from stadimeter.workbench.frame_source import SETTLING_WAIT_S, Source, files_shown, settled_frame
 from stadimeter.workbench.measuring import is_video_file
 from stadimeter.workbench.picture_quality import picture_remarks
 from stadimeter.workbench.setup.answers import words_of
@@ -26,8 +28,14 @@ from stadimeter.workbench.simulated_room import BALL
 SHOWN = f"{PICTURES}/camera.png"
 """The picture in which places are meant that answers name."""
 
-PICTURES_RATE = "10 Hz"
-"""So fast are picture files shown, as a camera would."""
+PLAYED: Mapping[str, Mapping[str, Any]] = {
+    "images": {"rate": "5 Hz", "dwell": "2 s", "loop": True},
+    "video": {"loop": True},
+}
+"""How a run plays files, until it is ended: each picture for so long that a person sees what is found in it."""
+
+PICTURES_MAX = 60
+"""So many of the pictures of a folder are shown one by one."""
 
 SIMULATED = "simulated"
 """The camera in a room that is not there."""
@@ -39,6 +47,8 @@ LONGEST_RECORDING = 2000
 """Frames behind these are not looked at."""
 
 _DRIVER = re.compile(r"[a-z][\w-]*")
+_PLAIN = re.compile(r"[\w@%+=:,./*?\[\]~-]+")
+"""A file or a pattern that needs no quotation marks."""
 
 
 class CameraStep(Step):
@@ -62,7 +72,10 @@ class CameraStep(Step):
             found=() if cameras else (_no_camera(pictures),),
             options=tuple(options),
             ready=ready,
-            form="a device such as /dev/video0, picamera2, the address of a stream, a video file, or picture files",
+            form=(
+                "a device such as /dev/video0, picamera2, the address of a stream, a video file, picture files, or "
+                "a folder of pictures"
+            ),
         )
 
     def accept(self, known: Known, text: str) -> Accepted:
@@ -91,15 +104,58 @@ def table_of(text: str) -> dict[str, Any]:
     Raises:
         ConfigError: A quotation mark is missing.
     """
+    if _names_driver(text):
+        return camera_table(text)
+    words = words_of(text)
+    files = [word for word in words if not _is_option(word)]
+    given = (word.partition("=") for word in words if _is_option(word))
+    options = {key: _YES_OR_NO.get(value, value) for key, _, value in given}
+    if len(files) == 1 and is_video_file(Path(files[0])):
+        return {"driver": "video", "path": files[0], **PLAYED["video"], **options}
+    return {"driver": "images", "paths": files, **PLAYED["images"], **options}
+
+
+PLAYED_KEYS = frozenset(key for played in PLAYED.values() for key in played)
+_YES_OR_NO: Mapping[str, Any] = {"yes": True, "no": False}
+
+
+def _names_driver(text: str) -> bool:
+    """Return whether an answer is a device, an address or a driver with its options, rather than files."""
     driver, _, options = text.partition(",")
     if driver.isdecimal() or driver.startswith("/dev/") or "://" in driver or driver in driver_names(CAMERAS):
-        return camera_table(text)
-    if _DRIVER.fullmatch(driver) and "=" in options:
-        return camera_table(text)
-    files = words_of(text)
-    if len(files) == 1 and is_video_file(Path(files[0])):
-        return {"driver": "video", "path": files[0]}
-    return {"driver": "images", "paths": files, "rate": PICTURES_RATE}
+        return True
+    return bool(_DRIVER.fullmatch(driver)) and "=" in options
+
+
+def _is_option(word: str) -> bool:
+    return word.partition("=")[0] in PLAYED_KEYS and "=" in word
+
+
+def with_playing(text: str, played: Mapping[str, str]) -> str:
+    """Return the answer for files with other options of how they are played, such as ``{"loop": "no"}``.
+
+    Raises:
+        ConfigError: A quotation mark is missing.
+    """
+    wanted = {key: "".join(value.split()) for key, value in played.items() if key in PLAYED_KEYS}
+    if _names_driver(text):
+        return _with_options(text, **wanted)
+    files = [word for word in words_of(text) if not _is_option(word)]
+    return " ".join([*map(_quoted, files), *(f"{key}={value}" for key, value in wanted.items())])
+
+
+def _quoted(file: str) -> str:
+    return file if _PLAIN.fullmatch(file) else shlex.quote(file)
+
+
+def picture_names(known: Known, choice: DriverChoice) -> tuple[str, ...]:
+    """Return the files of a camera that shows pictures, by the names that answers have for them; else nothing.
+
+    Raises:
+        PictureError: One of them is not there.
+    """
+    shown = files_shown(choice)[:PICTURES_MAX]
+    return tuple(str(each.relative_to(known.folder) if each.is_relative_to(known.folder) else each) for each in shown)
 
 
 def with_exposure(text: str, exposure: str) -> str:
@@ -121,7 +177,7 @@ def with_resolution(text: str, resolution: str) -> str:
 
 def _with_options(text: str, **options: str) -> str:
     kept = [part for part in text.split(",") if part.partition("=")[0] not in options]
-    return ",".join([*kept, *(f"{key}={value}" for key, value in options.items())])
+    return ",".join([*kept, *(f"{key}={value.replace(',', '.')}" for key, value in options.items())])
 
 
 def _frames(known: Known, choice: DriverChoice) -> tuple[tuple[Frame, ...], bool]:
@@ -136,7 +192,13 @@ def _frames(known: Known, choice: DriverChoice) -> tuple[tuple[Frame, ...], bool
 
 
 def _recorded(source: Source) -> Iterator[Frame]:
+    """Yield frames; a `CalibrationError` names the first that no lens fits which fits the others."""
+    first: Frame | None = None
     for frame, _ in zip(source.frames(lambda _: None), range(LONGEST_RECORDING), strict=False):
+        first = first or frame
+        check_one_aspect(
+            (first.source, first.width_px, first.height_px), (frame.source, frame.width_px, frame.height_px)
+        )
         yield frame
 
 

@@ -52,7 +52,7 @@ class ColourStep(Step):
         ready, found = self._proposed or (self._what_stands_out(known) if known.looks_ahead else ("", ()))
         return Question(
             key=self.key,
-            text="Which colour has the ball?",
+            text="What colour is the ball?",
             found=found,
             ready=ready,
             form=(

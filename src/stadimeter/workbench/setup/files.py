@@ -12,7 +12,7 @@ from stadimeter.config.units import parse_length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.workbench.setup.camera_step import SIMULATED, table_of
 from stadimeter.workbench.setup.known import CAMERA_FILE, CONFIGURATION
-from stadimeter.workbench.setup.target import target_table
+from stadimeter.workbench.setup.target import size_and_tolerance, target_table
 from stadimeter.workbench.setup.wish_steps import (
     NOTHING,
     SCREEN,
@@ -70,7 +70,8 @@ def _configuration(answers: Mapping[str, str], model_file: str) -> str:
 def _world(answers: Mapping[str, str]) -> list[tuple[str, Mapping[str, Any]]]:
     """Return the world for a camera or a base that is not there."""
     if answers["camera"] == SIMULATED:
-        return [("world", {"ball_diameter": answers["size"]} if answers["target"] == "ball" else {})]
+        size, _ = size_and_tolerance(answers["size"])
+        return [("world", {"ball_diameter": size} if answers["target"] == "ball" else {})]
     return [("world", {})] if answers.get("base") == SCREEN else []
 
 

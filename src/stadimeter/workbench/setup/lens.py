@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import datetime as dt
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,16 +18,15 @@ from stadimeter.errors import CalibrationError, ConfigError
 from stadimeter.ranging.agreement import disagreement
 from stadimeter.ranging.calibration import DISTANCE_RELATIVE_SIGMA, KnownDistance
 from stadimeter.workbench.calibration.calibrating import check_lens_settings
-from stadimeter.workbench.calibration.distance_fit import fit_distances, known_distance
+from stadimeter.workbench.calibration.distance_fit import fit_distances, known_distance, known_remedy
 from stadimeter.workbench.measuring import open_picture
+from stadimeter.workbench.setup.target import PLUS_OR_MINUS
 
 GUESS_RELATIVE_SIGMA = 0.1
 """How well a width of the view is known that somebody guesses."""
 
 BEST_KNOWN, WORST_KNOWN = 0.001, 0.2
 """Nobody measures from a lens better than this share of a distance; and worse than that says nothing."""
-
-_PLUS_MINUS = re.compile(r"\+/?-")
 
 NARROWEST_RAD, WIDEST_RAD = math.radians(20), math.radians(130)
 """A camera that sees more or less than this is unusual: a size or a distance may be in another unit than was meant."""
@@ -52,7 +50,7 @@ def parse_distance(text: str) -> tuple[float, float]:
     Raises:
         ValueError: It is no distance, or is not known better than to half of itself.
     """
-    length, is_said, sigma = _PLUS_MINUS.sub("±", text).partition("±")
+    length, is_said, sigma = PLUS_OR_MINUS.sub("±", text).partition("±")
     distance_m = parse_length(length.strip())
     if not is_said:
         return distance_m, DISTANCE_RELATIVE_SIGMA
@@ -90,11 +88,11 @@ def lens_from(pictures: Sequence[PictureAt], choice: DriverChoice) -> tuple[Came
         distance_relative_sigma=_relative_sigma(pictures),
         tone_curve="srgb",
     )
-    _check_found((*fit.left_out, *fit.elsewhere))
+    _check_found(fit.left_out, choice)
     if fit.calibration is None:
         raise CalibrationError("no picture can be used")
     made = fit.calibration
-    reads = [f"{Path(each.picture).name} reads {each.residual_share or 0:+.1%}" for each in made.pictures]
+    reads = [f"{Path(each.picture).name} reads {each.residual_share:+.1%}" for each in made.pictures]
     several = ("With this, " + ", ".join(reads) + ".",) if len(reads) > 1 else ()
     return made.camera_model, (*notes, *several)
 
@@ -153,14 +151,15 @@ def today() -> str:
 def _known(pictures: Sequence[PictureAt], choice: DriverChoice) -> tuple[KnownDistance, ...]:
     (target,) = build_detectors([choice], None)
     known = tuple(known_distance(str(each.path), open_picture(each.path), each.depth_m, target) for each in pictures)
-    _check_found(known)
+    _check_found(known, choice)
     return known
 
 
-def _check_found(known: Sequence[KnownDistance]) -> None:
+def _check_found(known: Sequence[KnownDistance], choice: DriverChoice) -> None:
     for each in known:
         if each.detection.status is not DetectionStatus.FOUND:
-            raise CalibrationError(f"{each.picture}: the target is not found whole: {each.detection.reason}")
+            remedy = known_remedy(each, _frame_of(each.picture), choice)
+            raise CalibrationError(f"{each.picture}: the target is not found whole: {each.detection.reason}{remedy}")
 
 
 def _frame_of(name: str) -> Frame:

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
 from stadimeter.app.detectors import build_detectors
 from stadimeter.config.driver_tables import TARGET
 from stadimeter.config.plugins import DriverChoice
+from stadimeter.config.units import split_quantities
+from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.errors import ConfigError, StadimeterError
 from stadimeter.workbench.annotation import Mark, annotate, write_picture
 from stadimeter.workbench.frame_source import settled_frame
+from stadimeter.workbench.remedies import remedies_for
 from stadimeter.workbench.setup.known import PICTURES, Known
 
 FOUND = f"{PICTURES}/found.png"
+
+PLUS_OR_MINUS = re.compile(r"\+/?-")
+"""How ``±`` is typed."""
 
 ANY_COLOUR = "0,0,0:179,255,255"
 """The range of a ball before its colour is known."""
@@ -26,17 +33,24 @@ SMALLEST_M, LARGEST_M = 0.005, 3.0
 
 def target_table(answers: Mapping[str, str]) -> dict[str, Any]:
     """Return the table of the target, ``[targets.ball]`` for one, from complete answers."""
-    kind, size = answers["target"], answers["size"]
+    kind, (size, tolerance) = answers["target"], size_and_tolerance(answers["size"])
+    known_to = {"tolerance": tolerance} if tolerance else {}
     if kind == "ball":
-        return {"detector": kind, "diameter": size, "hsv": answers.get("colour", ANY_COLOUR)}
+        return {"detector": kind, "diameter": size, **known_to, "hsv": answers.get("colour", ANY_COLOUR)}
     if kind == "disc":
-        return {"detector": kind, "diameter": size}
+        return {"detector": kind, "diameter": size, **known_to}
     if kind == "tag":
-        return {"detector": kind, "side": size, **_tag_keys(answers.get("tag", ""))}
-    width, comma, height = size.replace(" x ", ",").partition(",")
-    if not comma:
-        return {"detector": kind, "size": size}
-    return {"detector": kind, "width": width.strip(), "height": height.strip()}
+        return {"detector": kind, "side": size, **known_to, **_tag_keys(answers.get("tag", ""))}
+    width, *height = split_quantities(size.replace(" x ", ", "))
+    if not height:
+        return {"detector": kind, "size": size, **known_to}
+    return {"detector": kind, "width": width, "height": ", ".join(height), **known_to}
+
+
+def size_and_tolerance(text: str) -> tuple[str, str]:
+    """Return a size and how well it is known, from an answer such as ``A4 ± 3 mm``; the latter is empty mostly."""
+    size, _, tolerance = PLUS_OR_MINUS.sub("±", text).partition("±")
+    return size.strip(), tolerance.strip()
 
 
 def _tag_keys(text: str) -> dict[str, Any]:
@@ -63,10 +77,13 @@ def chosen_target(known: Known, **answers: str) -> DriverChoice:
     return choice
 
 
-def look(known: Known, choice: DriverChoice) -> tuple[Detection, str]:
+def look(known: Known, choice: DriverChoice, size: str = "") -> tuple[Detection, str]:
     """Look for the target in new pictures of a live camera, or those of a recording.
 
     The picture in which it is found becomes the one that is shown, and is drawn with its outline.
+
+    Args:
+        size: The answer for its size that is tried; empty for the one that was given.
 
     Returns:
         Where it is in that picture, and a sentence about it.
@@ -82,10 +99,38 @@ def look(known: Known, choice: DriverChoice) -> tuple[Detection, str]:
             break
     frame, found = next((each for each in seen if each[1].status is DetectionStatus.FOUND), seen[0])
     known.frames = (frame, *(each for each in known.frames if each is not frame))
-    words = found_in_words(choice.name, found)
+    words = f"{found_in_words(choice.name, found)}"
+    words += _remedy_in_words(choice, found, frame, known.camera_model, size or known.answers["size"])
     mark = Mark(detection=found, headline=choice.name, lines=(words,))
     write_picture(known.path(FOUND), annotate(frame.image, [mark]))
     return found, f"{words}{known.shown_in(FOUND)}" if found.status is DetectionStatus.FOUND else words
+
+
+def why_not_measured(known: Known, lens: CameraModel) -> str:
+    """Say why the target is not found through a lens in any of the pictures; empty if it is found in one.
+
+    Before a live camera it need not be there now: only what is found without the lens contradicts it.
+    """
+    choice, why = chosen_target(known), ""
+    (named,) = build_detectors([choice], lens)
+    for frame in known.frames:
+        found = named.detector.detect(frame, lens=lens.for_frame(frame))
+        if found.status is DetectionStatus.FOUND:
+            return ""
+        if not why and not (known.is_live and named.detector.detect(frame).status is not DetectionStatus.FOUND):
+            remedy = _remedy_in_words(choice, found, frame, lens, known.answers["size"])
+            why = f"Through this lens nothing is measured. {found_in_words(choice.name, found)}{remedy}"
+    return why
+
+
+def _remedy_in_words(
+    choice: DriverChoice, refused: Detection, frame: Frame, lens: CameraModel | None, size: str
+) -> str:
+    """Say which other answer for the size makes the target found; empty for none."""
+    remedies = remedies_for(choice, refused, frame, lens and lens.for_frame(frame))
+    own, _ = size_and_tolerance(size)
+    answers = [f"{own} ± {each.value}" if each.key == "tolerance" else each.value for each in remedies]
+    return f" It is found with the size {' or '.join(answers)}." if answers else ""
 
 
 def found_in_words(name: str, found: Detection) -> str:

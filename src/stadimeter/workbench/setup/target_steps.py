@@ -23,7 +23,10 @@ KINDS = (
 
 _SIZES = {
     "ball": ("tennis ball", f"its diameter, such as 6.4 cm, or a name: {', '.join(BALLS)}"),
-    "sheet": ("A4", f"width and height, such as 11 in, 8.5 in, or a name: {', '.join(PAPER)}"),
+    "sheet": (
+        "A4",
+        f"width and height, such as 11 in, 8.5 in, or a name: {', '.join(PAPER)}; cut by hand or not flat: A4 ± 3 mm",
+    ),
     "tag": ("8 cm", "the side of its black square, such as 8 cm"),
     "disc": ("12 cm", "its diameter, such as 12 cm"),
 }
@@ -74,7 +77,7 @@ class SizeStep(Step):
         named = (_in_figures(choice.options),) if text[:1].isalpha() else ()
         if known.answers["target"] not in {"sheet", "disc"}:
             return Accepted(answer=text, notes=named)
-        found, words = look(known, choice)
+        found, words = look(known, choice, text)
         return Accepted(answer=text, notes=(*named, words), doubt=is_doubtful(found))
 
 

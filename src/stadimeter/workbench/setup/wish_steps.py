@@ -10,7 +10,7 @@ from typing import Any
 
 from stadimeter.app.detectors import build_detectors
 from stadimeter.config.driver_tables import ACTUATOR, BASE, MESSENGER
-from stadimeter.config.units import parse_length
+from stadimeter.config.units import parse_length, split_quantities
 from stadimeter.errors import ConfigError
 from stadimeter.ranging.feasibility import farthest_m
 from stadimeter.workbench.setup.answers import words_of
@@ -190,10 +190,10 @@ class SecondTargetStep(Step):
     def question(self, known: Known) -> Question:
         """Ask what tells it from the first."""
         if known.answers["target"] == "tag":
-            return Question(key=self.key, text="Which number has the second tag?", form="a number such as 7")
+            return Question(key=self.key, text="What is the number of the second tag?", form="a number such as 7")
         return Question(
             key=self.key,
-            text="Which colour has the second ball? It is as large as the first.",
+            text="What colour is the second ball? It is as large as the first.",
             form='a range that `stadimeter colour` has found, such as "100,86,60:130,255,255"',
         )
 
@@ -252,7 +252,7 @@ class WheelsStep(Step):
 
     def accept(self, known: Known, text: str) -> Accepted:
         """Check the figures as the base's."""
-        parts = [part.strip() for part in text.split(",")]
+        parts = _wheel_figures(text)
         if len(parts) != 3 or not parts[1].isdecimal():
             raise ConfigError(f"{text!r} are not three figures; write them such as 6.5 cm, 1440, 20 cm")
         try:
@@ -291,12 +291,17 @@ def actuator_table(text: str) -> dict[str, Any]:
     return {"driver": driver, **({"pin": int(pin[0]) if pin[0].isdecimal() else pin[0]} if pin else {})}
 
 
+def _wheel_figures(text: str) -> list[str]:
+    plain = [part.strip() for part in text.split(",")]
+    return plain if len(plain) == 3 else split_quantities(text)  # "6.5 cm,1440,20 cm" has no decimal comma
+
+
 def base_table(answers: Mapping[str, str]) -> dict[str, Any]:
     """Return the table ``[base]``."""
     limits = {"max_speed": answers.get("follow_speed", "0.3 m/s"), "max_turn_rate": "60 deg/s"}
     if answers["base"] == SCREEN:
         return {"driver": "simulated", **limits}
-    wheel, ticks, track = (part.strip() for part in answers.get("wheels", "6.5 cm, 1440, 20 cm").split(","))
+    wheel, ticks, track = _wheel_figures(answers.get("wheels", "6.5 cm, 1440, 20 cm"))
     wheels = {"wheel_diameter": wheel, "ticks_per_turn": int(ticks), "track_width": track}
     return {"driver": "ros-arduino-bridge", "port": answers["base"], **wheels, **limits}
 

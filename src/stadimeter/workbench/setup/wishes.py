@@ -95,5 +95,5 @@ def ready_answers(wish: Wish, seen_up_to_m: float) -> dict[str, str]:
 
 
 def _si_unit(figure: str) -> str:
-    unit = figure.lstrip("+-.0123456789eE ")  # no unit begins with an e
+    unit = figure.lstrip("+-.,0123456789eE ")  # no unit begins with an e
     return next(si for si, units in _UNITS.items() if unit in units)

@@ -29,9 +29,15 @@ def write_files(folder: Path, files: Mapping[str, str]) -> Iterator[str]:
 
 def was_left(answers: Path, configuration: Path) -> bool:
     """Return whether an interview was left before its end: its answers are newer than what came of the last one."""
-    if not answers.exists():
-        return False
-    return not configuration.exists() or answers.stat().st_mtime_ns > configuration.stat().st_mtime_ns
+    answered_ns = _modified_ns(answers)
+    return answered_ns is not None and answered_ns > (_modified_ns(configuration) or 0)
+
+
+def _modified_ns(path: Path) -> int | None:
+    try:
+        return path.stat().st_mtime_ns
+    except FileNotFoundError:
+        return None
 
 
 def example(name: str) -> str:

@@ -16,6 +16,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from stadimeter.core.bounds import MAX_FIGURE
 from stadimeter.core.condition import Quantity
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.tracking.filter import NOISE_FLOOR_M
@@ -30,6 +31,14 @@ SEEN_SHARE = 0.5
 """A stretch counts if the target was measured in this share of its frames; else it may simply not have been there."""
 CALM_TIMES = 2.0
 """A stretch is calm if its spread is at most this many times that of the calmest quarter."""
+LASTING_S = 0.5
+"""Errors are told from movement by how long they last: a median over this time leaves little of noise and outliers."""
+MOVES_SIGMAS = 4.0
+"""A target whose distance differs from the line by more than this for `LASTING_S` moves, in units of its jitter, or of
+the stated standard deviation if that is larger. Noise that keeps 0.9 of itself from frame to frame stays below it."""
+MOVES_CORRELATION = 0.9
+"""Errors that are clearly larger than stated and keep more than this from frame to frame are a movement as well, or are
+like one: nothing tells the two apart."""
 CALM_LEAST_S = 20.0
 """With less than this, nothing can be said of noise."""
 GROSS_SIGMAS = 6.0
@@ -68,6 +77,7 @@ class Stretch:
         first_m: The distance at its beginning, by the line that fits.
         errors: The distance of each measurement from the line, in standard deviations as stated; NaN without one.
         spread: The standard deviation of the errors, those that are grossly wrong left out.
+        is_moving: The target left the line for longer than noise does: it set off, stopped, turned, or swayed.
     """
 
     steps_s: Floats
@@ -75,6 +85,7 @@ class Stretch:
     last_m: float
     errors: Floats
     spread: float
+    is_moving: bool
 
     @property
     def duration_s(self) -> float:
@@ -160,7 +171,7 @@ def _row(seen: Measurement, quantity: Quantity) -> tuple[float, float, float, fl
     nothing = (seen.captured_at_s, math.nan, math.nan, math.nan)
     if seen.status is not MeasurementStatus.MEASURED or figure_m is None or noise_m is None or sigma_m is None:
         return nothing
-    if not math.isfinite(figure_m + noise_m + sigma_m) or figure_m <= 0:
+    if not abs(figure_m) + abs(noise_m) + abs(sigma_m) <= MAX_FIGURE or figure_m <= 0:  # NaN is not below anything
         return nothing
     noise_m = max(noise_m, NOISE_FLOOR_M)
     return seen.captured_at_s, figure_m, noise_m, math.sqrt(max(0.0, sigma_m**2 - noise_m**2)) / figure_m
@@ -251,7 +262,21 @@ def _stretch(series: Series, part: slice, steps_s: Floats) -> Stretch:
         last_m=float(line_m[-1]),
         errors=errors,
         spread=_spread(errors),
+        is_moving=_is_moving(times_s, errors),
     )
+
+
+def _is_moving(times_s: Floats, errors: Floats) -> bool:
+    spread = _spread(errors)
+    if spread > CLEARLY_LARGER and _correlation([errors], spread) > MOVES_CORRELATION:
+        return True
+    jitter = _spread(np.diff(errors, n=2))  # what changes from frame to frame, of which a movement has next to nothing
+    half = max(2, round(LASTING_S / 2 / _usual_step_s(times_s)))
+    padded = np.pad(errors, half, constant_values=np.nan)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
+    seen = windows[np.isfinite(windows).mean(axis=1) >= SEEN_SHARE]
+    lasting = np.abs(np.nanmedian(seen, axis=1)).max(initial=0.0)
+    return bool(lasting > MOVES_SIGMAS * max(jitter, 1.0))
 
 
 def _robust_line(times_s: Floats, figures_m: Floats) -> tuple[float, float, float]:
@@ -275,11 +300,12 @@ def _spread(errors: Floats) -> float:
 
 
 def _calm(stretches: Sequence[Stretch]) -> list[Stretch]:
-    """Return the stretches in which a straight line fits about as well as it ever does."""
-    if not stretches:
+    """Return the stretches in which a straight line fits about as well as it ever does, and for all of the time."""
+    steady = [stretch for stretch in stretches if not stretch.is_moving]
+    if not steady:
         return []
-    usual = float(np.quantile([stretch.spread for stretch in stretches], 0.25))
-    return [stretch for stretch in stretches if stretch.spread <= CALM_TIMES * usual + 1e-9]
+    usual = float(np.quantile([stretch.spread for stretch in steady], 0.25))
+    return [stretch for stretch in steady if stretch.spread <= CALM_TIMES * usual + 1e-9]
 
 
 def _made_whole(calm: Sequence[Stretch]) -> list[Stretch]:

@@ -52,6 +52,11 @@ class OperatingPoints:
     clearances: Floats
     median_m: float
 
+    @property
+    def at_threshold(self) -> float:
+        """The share of that time in which the target was within a standard deviation of the threshold."""
+        return float(np.mean(self.clearances < _CLEARLY_SIGMAS))
+
 
 def clearance_of(tuned: Tuned, noise: Noise, at_m: float) -> float:
     """Return the distance from the threshold, in standard deviations of the noise at `at_m`; negative beyond it."""

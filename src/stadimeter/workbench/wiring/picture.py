@@ -55,9 +55,13 @@ def wiring_picture(parts: Sequence[DriverChoice]) -> Drawing:
 
 def circuit_picture(part: DriverChoice) -> Drawing:
     """Return a drawing of a part's circuits by themselves, for parts lists."""
+    return circuits_picture(wired_outputs([part]))
+
+
+def circuits_picture(outputs: Sequence[Output]) -> Drawing:
+    """Return a drawing of circuits, without the header and without notes."""
     shapes: list[Shape] = []
     top_m = MARGIN_M
-    outputs = wired_outputs([part])
     columns = max(len(line) for output in outputs for line in _lines(output))
     for output in outputs:
         shapes += _circuit(output, top_m, has_notes=False)

@@ -28,7 +28,7 @@ class Recordings {
     this.list = h("ul", { class: "list recordings" });
     this.player = h("div");
     this.element = h("div", { class: "stack" },
-      h("section", { class: "panel stack", "aria-label": "Record" }, h("h1", {}, "Recordings"), h("div", { class: "row" }, this.record, this.now)),
+      h("section", { class: "panel stack of-run", "aria-label": "Record" }, h("h1", {}, "Recordings"), h("div", { class: "row" }, this.record, this.now)),
       this.player,
       h("section", { class: "panel", "aria-label": "List" }, this.list, this.folder));
   }

@@ -111,6 +111,7 @@ class Desk {
     write(this.state, this.isChanged ? "Not saved." : "As saved.");
     this.save.disabled = this.discard.disabled = !this.isChanged;
     this.checker.soon(this.editor.text);
+    this.trying.changed();
     this.#showChanges();
   }
 

@@ -77,14 +77,17 @@ export class Meaning {
   show({ problems, words, tests }, goTo, isTested) {
     write(this.summary, summed(problems));
     replace(this.problems, problems.length ? problemList(problems, goTo) : null);
-    if (words?.length) replace(this.words, words.map((each) => h("li", {}, inCode(each))));
-    else if (!problems.length) replace(this.words, h("li", {}, "No rules yet."));
+    const isWrong = problems.some(({ severity }) => severity !== "warning");
+    replace(this.words, words?.length ? words.map((each) => h("li", {}, inCode(each))) : h("li", {}, isWrong ? "What the rules do is said here when there is no error." : "No rules yet."));
     this.#showTests(isTested ? tests : null);
   }
 
   /** The check itself did not work. */
   fail(words) {
     write(this.summary, words);
+    replace(this.problems);
+    replace(this.words);
+    this.#showTests(null);
   }
 
   #showTests(tests) {

@@ -33,7 +33,7 @@ export class Trying {
   /** Each answer shows what is compared so far; a long recording takes several. */
   async #try() {
     const mine = (this.asked = Symbol("asked"));
-    const text = this.desk.editor.text;
+    const text = (this.tried = this.desk.editor.text);
     const path = `recordings/${encodeURIComponent(this.recording.value)}/replay-diff`;
     this.button.disabled = true;
     replace(this.result, h("p", {}, "Replaying …"));
@@ -44,11 +44,20 @@ export class Trying {
         if (this.asked === mine) this.#show(answer);
       }
     } catch (error) {
+      if (this.asked !== mine) return;
       if (error.problems?.length) this.desk.show(error.problems);
       replace(this.result, h("p", {}, error.message));
     } finally {
       this.button.disabled = false;
     }
+  }
+
+  /** The text in the field has changed: what another one would have done is shown no longer. */
+  changed() {
+    if (this.tried === undefined || this.tried === this.desk.editor.text) return;
+    this.tried = undefined;
+    this.stop();
+    replace(this.result);
   }
 
   /** Ask no more. */

@@ -9,7 +9,7 @@ const LOOKS = { info: "quiet", warning: "warning", alarm: "alarm", safety: "alar
 export function eventList({ live, unit }, most) {
   const list = h("ol", { class: "list events" });
   const none = h("p", { class: "quiet", hidden: true }, "Nothing has happened yet.");
-  const element = h("section", { class: "panel" }, h("h2", null, "Events"), none, list, h("p", null, h("a", { href: "#alarms" }, "All alarms and events")));
+  const element = h("section", { class: "panel happened" }, h("h2", null, "Events"), none, list, h("p", null, h("a", { href: "#alarms" }, "All alarms and events")));
   return {
     element,
     update() {
@@ -26,6 +26,9 @@ export function drawEvents(list, events, unit) {
       h("span", { class: `mark is-${LOOKS[event.severity]}`, title: event.severity }),
       h("strong", null, `${event.source} ${event.kind.replaceAll("_", " ")}`, event.by && ` by ${event.by}`),
       h("time", { class: "number quiet small" }, format.moment(event.unix_s)),
-      event.reason && h("span", { class: "reason small" }, format.words(event.reason, unit)),
+      why(event) && h("span", { class: "reason small" }, format.words(why(event), unit)),
       h("span", { class: "sr" }, `(${event.severity})`)));
 }
+
+/** Why it happened, without who did it: that is said above it. */
+const why = ({ reason, by }) => (by && reason?.startsWith(`by ${by}`) ? reason.slice(3 + by.length).replace(/^: /, "") : reason);

@@ -1,7 +1,9 @@
 // The lens: the target at a distance that is known, then at another as proof; or a camera file, or a guess.
 
-import { h, replace, svg } from "../../dom.js";
+import { h, svg } from "../../dom.js";
 import { boardWay } from "./board.js";
+import { steps } from "../../lanes.js";
+import { distances } from "./pictures.js";
 import { choices } from "./question.js";
 import { room } from "./room.js";
 
@@ -12,35 +14,27 @@ export function widget(step) {
   const { question } = step;
   const isProof = question.key === "proof";
   const live = question.options.find(({ answer }) => LIVE.test(answer));
-  if (!live) return choices(step);
-  const first = /^([\d.]+)\s*(mm|cm|m|in|ft)/.exec(question.ready) ?? /^([\d.]+)\s*(m)/.exec(live.answer);
+  if (!live) return step.setup.state.pictures.length ? distances(step) : choices(step);
+  const first = /^([\d.,]+)\s*(mm|cm|m|in|ft)/.exec(question.ready) ?? /^([\d.]+)\s*(m)/.exec(live.answer);
   const figure = h("input", { type: "text", inputmode: "decimal", autocomplete: "off", value: first[1], "aria-label": "Distance", "data-first": "", oninput: measured });
   const unit = h("select", { "aria-label": "Unit", onchange: measured }, ["m", "cm", "mm", "ft", "in"].map((each) => h("option", { value: each, selected: each === first[2] }, each)));
   const sigma = h("select", { onchange: measured }, KNOWN_TO.map(([value, words]) => h("option", { value }, words)));
-  const seen = h("p", { class: "setup-found", role: "status" });
   const ways = question.options.filter((each) => each !== live);
   const others = ways.length > 0 && h("div", { class: "row" }, ways.map(({ answer, meaning }) =>
     h("button", { type: "button", class: "button setup-way-other", onclick: () => step.submit(answer) }, h("b", null, answer), h("span", { class: "quiet small" }, meaning))));
   step.busyWords = "Taking pictures: hold still …";
   step.goes = isProof ? "Take it as proof" : "Take it";
   if (!step.setup.state.doubt) measured();
-  step.picture.mode({ isSaid: true });
-  step.picture.onValues((values) => {
-    replace(seen, values.found ? `Found, ${Math.round(values.size_px[0])} px across.` : values.words || "Looking …");
-    seen.classList.toggle("is-good", values.found);
-    seen.classList.toggle("is-warning", !values.found);
-  });
-  const mover = room(step.setup);
-  if (mover) replace(step.picture.below, mover);
-  return h("div", { class: "stack" },
-    h("div", { class: "field" }, h("span", null, "It is this far from the lens now"), h("div", { class: "setup-size" }, figure, unit)),
-    h("label", { class: "field" }, h("span", null, "How well do you know that?"), sigma),
-    seen,
+  step.below = h("div", { class: "stack" },
+    room(step.setup),
     !isProof && boardWay(step),
     others && h("details", null, h("summary", null, isProof ? "Without a proof" : "Another way"), others));
+  return h("div", { class: "stack" },
+    h("div", { class: "field" }, h("span", null, "It is this far from the lens now"), h("div", { class: "setup-size" }, figure, unit)),
+    h("label", { class: "field" }, h("span", null, "How well do you know that?"), sigma));
 
   function measured() {
-    const text = `${figure.value.trim().replace(",", ".")} ${unit.value}`;
+    const text = `${figure.value.trim()} ${unit.value}`;
     step.set(sigma.value ? `${text} ± ${sigma.value}` : text);
   }
 }
@@ -55,17 +49,24 @@ export async function outlook(setup) {
   return h("section", { class: "panel setup-outlook" },
     h("h2", null, "How far this camera sees it"),
     h("p", { class: "quiet small" }, `From ${length(nearest_m)} to ${length(farthest_m)}. ± is one standard deviation.`),
-    chart(rows),
-    h("table", null, h("thead", null, h("tr", null, ["Distance", "±", "", "Width"].map((name) => h("th", { scope: "col" }, name)))), h("tbody", null, rows.map(row))));
+    chart(rows, unit),
+    h("table", null, h("thead", null, h("tr", null, ["Distance", "±", "Share", "Width"].map((name) => h("th", { scope: "col" }, name)))), h("tbody", null, rows.map(row))));
 }
 
-/** The standard deviation as a share of the distance, both on logarithmic axes. */
-function chart(rows) {
-  const xs = rows.map(({ distance_m }) => Math.log(distance_m));
-  const ys = rows.map(({ distance_m, sigma_m }) => Math.log(Math.max(1e-6, sigma_m / distance_m)));
-  const at = (value, all, from, to) => from + ((value - Math.min(...all)) / (Math.max(...all) - Math.min(...all) || 1)) * (to - from);
-  const points = xs.map((x, index) => `${at(x, xs, 8, 312)} ${at(ys[index], ys, 72, 10)}`);
-  return svg("svg", { viewBox: "0 0 320 80", class: "setup-chart", role: "img", "aria-label": "± as a share of the distance, from near to far" },
-    svg("path", { class: "area", d: `M8 78L${points.join("L")}L312 78Z` }), svg("path", { d: `M${points.join("L")}` }),
-    rows.map((_, index) => svg("circle", { cx: points[index].split(" ")[0], cy: points[index].split(" ")[1], r: 2.5 })));
+/** The standard deviation as a share of the distance, which is on a logarithmic axis. */
+function chart(rows, unit) {
+  const [left, right, top, bottom] = [44, 298, 10, 122];
+  const [near, far] = [rows[0].distance_m, rows.at(-1).distance_m];
+  const shares = rows.map(({ distance_m, sigma_m }) => (100 * sigma_m) / distance_m);
+  const most = 1.15 * Math.max(0.1, ...shares);
+  const x = (metres) => left + ((right - left) * Math.log(metres / near)) / (Math.log(far / near) || 1);
+  const y = (share) => bottom - ((bottom - top) * share) / most;
+  const points = rows.map(({ distance_m }, index) => `${x(distance_m).toFixed(1)} ${y(shares[index]).toFixed(1)}`);
+  const round = [-3, -2, -1, 0, 1, 2, 3].flatMap((power) => [1, 2, 5].map((each) => Number((each * 10 ** power).toPrecision(1))));
+  const at = round.filter((each) => each * unit.size_m >= near && each * unit.size_m <= far);
+  return svg("svg", { viewBox: "0 0 320 142", class: "setup-chart", role: "img", "aria-label": "± as a share of the distance, from near to far" },
+    steps(most, 3).map((each) => [svg("line", { x1: left, x2: right, y1: y(each), y2: y(each) }), svg("text", { x: left - 6, y: y(each) + 4, "text-anchor": "end" }, `${each} %`)]),
+    at.map((each) => [svg("line", { x1: x(each * unit.size_m), x2: x(each * unit.size_m), y1: bottom, y2: bottom + 4 }), svg("text", { x: x(each * unit.size_m), y: bottom + 16, "text-anchor": "middle" }, `${each} ${unit.symbol}`)]),
+    svg("path", { class: "area", d: `M${left} ${bottom}L${points.join("L")}L${right} ${bottom}Z` }), svg("path", { d: `M${points.join("L")}` }),
+    points.map((point) => svg("circle", { cx: point.split(" ")[0], cy: point.split(" ")[1], r: 2.5 })));
 }

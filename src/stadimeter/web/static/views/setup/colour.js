@@ -72,6 +72,7 @@ class Colour {
       this.#taken(await step.api.post("setup/colour", args), args);
     } catch (error) {
       if (args.clicks) this.#state.clicks.pop();
+      if (args.range) replace(this.words); // they were about the former one
       if (!isQuiet) step.say(error.message);
     }
     this.#isAsking = false;

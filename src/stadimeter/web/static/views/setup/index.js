@@ -18,6 +18,8 @@ const STEPS = {
   done: () => import("./save.js"),
 };
 
+const capital = (words) => words[0].toUpperCase() + words.slice(1);
+
 /** What is asked for now, `done` when all is answered. */
 const kindOf = (state) => (state.done ? "done" : state.question.kind || state.question.key);
 
@@ -118,13 +120,14 @@ class SetUp {
     this.picture.mode({});
     this.aside = h("div", { class: "stack" });
     const hasCamera = state.answers.some(({ key }) => key === "camera");
-    const heading = h("h1", { tabindex: -1 }, state.done ? "Save, and run it" : state.question.text);
+    const [title, ...more] = state.done ? ["Save, and run it"] : state.question.text.split(/(?<=\?) /);
+    const heading = h("h1", { tabindex: -1 }, title);
     const form = kind === "done" ? widget(this) : answerForm(this, widget);
     const side = h("aside", { class: "setup-side", hidden: !hasCamera }, this.picture.element, this.aside);
     replace(this.#root,
       h("div", { class: `setup is-${kind}${hasCamera ? "" : " is-alone"}` },
         drawRail(this, kind),
-        h("div", { class: "setup-head" }, heading, this.#notes(state)),
+        h("div", { class: "setup-head" }, heading, more.length > 0 && h("p", { class: "setup-lead" }, more.join(" ")), this.#notes(state)),
         side,
         h("div", { class: "setup-ask" }, form),
         hasCamera && h("p", { class: "setup-end" }, h("button", { type: "button", class: "button bare", onclick: () => this.beginAnew() }, "Begin anew"))));
@@ -173,8 +176,11 @@ class SetUp {
     for (const undo of this.#undo.splice(0)) undo();
   }
 
+  /** Say why there is no set-up; `again` is offered unless it would come to the same. */
   #say(error, again) {
     this.picture.stop();
+    const final = error.code === "demonstration" && error.problems[0];
+    if (final) return void replace(this.#root, h("div", { class: "panel stack" }, h("h1", null, "Set-up"), h("p", null, inCode(`${capital(final.message)}. ${capital(final.hint)}.`)), h("div", { class: "row" }, h("a", { href: "#live", class: "button primary" }, "Watch it"))));
     replace(this.#root, h("div", { class: "panel stack" },
       h("h1", null, "Set-up"),
       h("p", { class: "setup-error", role: "alert" }, error.message),

@@ -15,13 +15,16 @@ export function widget(step) {
   const kind = h("select", { "aria-label": "What is wired", onchange: () => ((part = kind.value), chosen()) }, PARTS.map(([value, name]) => h("option", { value }, name)));
   const header = h("div", { class: "setup-header", role: "radiogroup", "aria-label": "Pins of the header of a Raspberry Pi" });
   const said = h("p", { class: "small", role: "status" });
-  const drawing = h("img", { class: "setup-circuit", alt: "" });
+  const drawing = h("img", { class: "setup-circuit", alt: "", onload: () => (wider.hidden = drawing.parentElement.scrollWidth <= drawing.parentElement.clientWidth) });
+  const wider = h("p", { class: "quiet small", hidden: true }, "The drawing goes on to the right: move it sideways.");
   const wired = h("div", { class: "stack", hidden: true },
     h("label", { class: "field" }, h("span", null, "What is wired"), kind),
     h("p", { class: "quiet small" }, "Choose the pin of its signal. The other wires are drawn."), h("div", { class: "setup-board" }, header), said);
   let asked = 0;
   let url = "";
-  const circuit = h("section", { class: "panel setup-wiring", hidden: true }, h("h2", null, "How it is wired"), h("div", { class: "setup-scrolls", tabindex: 0, role: "group", "aria-label": "Wiring" }, drawing));
+  const wires = h("p");
+  const notes = h("ul", { class: "setup-words" });
+  const circuit = h("section", { class: "panel stack setup-wiring", hidden: true }, h("h2", null, "How it is wired"), wires, h("div", { class: "setup-scrolls", tabindex: 0, role: "group", "aria-label": "Wiring" }, drawing), wider, notes);
   replace(setup.aside, circuit);
   setup.onLeave(() => ((asked += 1), URL.revokeObjectURL(url)));
   step.onAnswer(async (answer) => {
@@ -36,13 +39,17 @@ export function widget(step) {
       if (mine !== asked) return;
       URL.revokeObjectURL(url);
       drawing.src = url = URL.createObjectURL(blob);
+      replace(wires, `Wires to the header: ${values.wires.map(({ number, name }) => `pin ${number} (${name})`).join(", ")}.`);
+      replace(notes, values.notes.map((each) => h("li", null, each)));
       drawing.alt = `How the ${part} is wired to GPIO ${pin}`;
       drawHeader(header, values.pins, pin, (gpio) => ((pin = gpio), chosen()));
       const mineNow = values.pins.find(({ gpio }) => gpio === pin);
       replace(said, mineNow ? `GPIO ${pin} is pin ${mineNow.number}. ${mineNow.warning ? `Careful: it is used for ${mineNow.warning}.` : ""}` : "");
       said.classList.toggle("is-warning", Boolean(mineNow?.warning));
     } catch (error) {
-      if (mine === asked) replace(said, error.message);
+      if (mine !== asked) return;
+      circuit.hidden = true; // it is of the former one
+      replace(said, error.message);
     }
   });
   return h("div", { class: "stack" }, choices(step), wired, held(step));

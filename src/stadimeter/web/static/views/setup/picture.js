@@ -106,6 +106,7 @@ export class Picture {
     this.values = values;
     this.marks.setAttribute("viewBox", `0 0 ${values.width_px} ${values.height_px}`);
     this.#tell([this.#measured(values), this.#mode.isSaid ? "" : values.words, ...(values.remarks ?? [])].filter(Boolean).join(" "));
+    this.caption.classList.toggle("is-missing", Boolean(values.words) && !values.found);
     for (const fn of this.#listeners) fn(values);
   }
 

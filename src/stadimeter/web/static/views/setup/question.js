@@ -9,9 +9,12 @@ export function answerForm(setup, widget = choices) {
   const step = new Step(setup, question);
   const shown = widget(step);
   step.isBusy(false);
+  const doubted = doubt && h("div", { class: "setup-doubt", role: "alert" }, doubt.notes.map((each) => h("p", null, inCode(each))), h("p", null, "Change the answer, or go on with it as it is."));
+  if (doubted) step.onAnswer((answer) => (doubted.hidden = answer !== question.ready)); // it is about that answer alone
   const others = h("details", { class: "setup-text", open: !shown },
     h("summary", null, shown ? "Answer in words instead" : "Your answer"),
     h("label", { class: "field" }, h("span", { class: "sr" }, question.text), step.text, question.form && h("span", { class: "quiet small" }, question.form)));
+  const found = !step.picture.isSaid && question.found.map(told);
   const send = async (event) => {
     event.preventDefault();
     if (step.go.disabled) return; // it is on its way
@@ -27,20 +30,29 @@ export function answerForm(setup, widget = choices) {
   const enter = (event) => event.key === "Enter" && event.target.tagName === "SELECT" && (event.preventDefault(), form.requestSubmit());
   step.submit = (answer) => (step.set(answer), form.requestSubmit());
   const form = h("form", { class: "panel stack", onsubmit: send, onkeydown: enter, novalidate: true },
-    !step.picture.isSaid && question.found.map((each) => h("p", { class: "quiet" }, inCode(each))),
+    !step.below && found,
     shown,
-    others,
-    doubt && h("div", { class: "setup-doubt", role: "alert" }, doubt.notes.map((each) => h("p", null, inCode(each))), h("p", null, "Change the answer, or go on with it as it is.")),
+    !step.below && others,
+    doubted,
     step.error,
     step.progress,
     h("div", { class: "row setup-way" },
       answers.length > 0 && h("button", { type: "button", class: "button", onclick: () => setup.back() }, "Back"),
-      step.go));
+      step.go),
+    step.below,
+    step.below && [found, others]);
   return form;
+}
+
+/** What was found, in words. A drawing of a distance is in letters of one width, and what it is stands beside it. */
+function told(line) {
+  const [, drawn, words] = /^(lens \|.*?) {3,}(.*)$/.exec(line) ?? [];
+  return drawn ? h("p", { class: "row small" }, h("code", { class: "setup-drawing" }, drawn), h("span", null, words)) : h("p", { class: "quiet" }, inCode(line));
 }
 
 class Step {
   #listeners = [];
+  below = null; // what stands below the way on
 
   constructor(setup, question) {
     Object.assign(this, { setup, question, api: setup.api, picture: setup.picture, goes: "Go on", busyWords: "One moment …" });

@@ -33,7 +33,7 @@ export function drawRail(setup, kind) {
 }
 
 const answerButton = (setup, { key, answer, back }) =>
-  h("button", { type: "button", class: "setup-given", title: "Change this answer", "aria-label": `Change the answer to ${key.replace("_", ", ")}: ${answer}`, onclick: () => setup.back(back) }, inShort(answer));
+  h("button", { type: "button", class: "setup-given", title: answer, "aria-label": `Change the answer to ${key.replace("_", ", ")}: ${answer}`, onclick: () => setup.back(back) }, inShort(answer));
 
 /** An answer as a person remembers it: of a picture that the set-up took itself, only how far away the target was. */
 const inShort = (answer) => answer.replace(/^init\/[^@]*@([\d.]+) ?(\w+)$/, "at $1 $2");

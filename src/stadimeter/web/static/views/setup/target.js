@@ -10,7 +10,8 @@ const DRAWN = {
   disc: [["ellipse", { cx: 40, cy: 33, rx: 32, ry: 20 }], ["ellipse", { cx: 40, cy: 29, rx: 32, ry: 20, class: "fill" }]],
 };
 const UNITS = ["cm", "mm", "m", "in", "ft"];
-const FIGURE = /^\s*([\d.]+)\s*(mm|cm|m|in|ft)\s*$/;
+const FIGURE = /^\s*([\d.,]+)\s*(mm|cm|m|in|ft)\s*$/;
+const BETWEEN = /(?<!\d),|,(?!\d)/; // as the server splits a list: a comma between digits belongs to a number
 
 export const widget = (step) => (step.question.key === "target" ? kinds(step) : size(step));
 
@@ -26,11 +27,11 @@ function size(step) {
   const named = names.length > 0 && h("select", { "data-first": "", onchange: () => named.value && step.set(named.value) },
     h("option", { value: "" }, "measured by you"), names.map((each) => h("option", { value: each }, each)));
   function measured() {
-    const sides = [figure, second].filter(Boolean).map((each) => `${each.value.trim().replace(",", ".")} ${unit.value}`);
+    const sides = [figure, second].filter(Boolean).map((each) => `${each.value.trim()} ${unit.value}`);
     step.set(sides.join(", "));
   }
   step.onAnswer((answer) => {
-    const sides = answer.split(",").map((each) => FIGURE.exec(each));
+    const sides = answer.split(BETWEEN).map((each) => FIGURE.exec(each));
     if (named) named.value = names.includes(answer) ? answer : "";
     if (document.activeElement === figure || document.activeElement === second) return;
     figure.value = sides[0]?.[1] ?? "";

@@ -67,16 +67,19 @@ function tryIt(step, root) {
     try {
       const { words, seen, made_up } = await api.post("setup/try", { answers: step.more?.() ?? { [question.key]: step.answer } });
       if (mine !== asked) return;
+      root.classList.remove("is-old");
       const { unit } = setup.context;
       replace(root,
         words.map((each) => h("p", { class: "small" }, inCode(each))),
         seen && drawn("On the last minute", seen, unit),
         drawn("If it came, went, and was gone", made_up, unit));
     } catch (error) {
-      if (mine === asked) replace(root, h("p", { class: "quiet small" }, error.message));
+      if (mine !== asked) return;
+      root.classList.remove("is-old");
+      replace(root, h("p", { class: "quiet small" }, error.message));
     }
   };
-  step.changed = () => (clearTimeout(timer), (timer = setTimeout(ask, PAUSE_MS)));
+  step.changed = () => (clearTimeout(timer), root.classList.add("is-old"), (timer = setTimeout(ask, PAUSE_MS)));
   step.onAnswer(() => step.changed());
   setup.onLeave(() => ((asked += 1), clearTimeout(timer)));
 }

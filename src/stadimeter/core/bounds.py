@@ -1,0 +1,36 @@
+"""How large a number from outside may be: one table, by what the number is.
+
+Whatever is beyond is a slip or damage. Within these bounds no square, quotient or exponential that is worked out here
+overflows, and no time that is added to another loses its milliseconds: a float keeps them up to 1e12 s.
+"""
+
+from __future__ import annotations
+
+MAX_LENGTH_M = 1e9
+"""Beyond the moon; a camera sees no target there."""
+MAX_SPEED_MPS = 1e6
+MAX_ACCELERATION_MPS2 = 1e6
+MAX_ANGLE_RAD = 1e4
+"""A thousand turns."""
+MAX_TURN_RATE_RADPS = 1e4
+MAX_TURN_ACCELERATION_RADPS2 = 1e6
+MAX_FREQUENCY_HZ = 1e9
+
+MAX_DURATION_S = 3.2e9
+"""A hundred years."""
+MAX_TIME_S = 1e10
+"""On a clock that began when the computer was switched on, or in 1970: it is the year 2286 then."""
+
+MAX_FIGURE = 1e6
+"""Of a measurement, in metres or radians; also of its standard deviation."""
+
+MAX_PLAIN = 1e18
+"""Of a number without a unit."""
+
+MIN_QUANTITY = 1e-12
+"""A quantity that is nearer to zero is zero, and written as that."""
+
+
+def is_time(*times_s: float) -> bool:
+    """Return whether each is a time that a clock can show, or known to be none: NaN or infinite."""
+    return all(abs(time_s) <= MAX_TIME_S or time_s - time_s != 0.0 for time_s in times_s)

@@ -1,0 +1,223 @@
+"""What a broker keeps of a run is cleared when it is published no more: by real brokers, over real links."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stadimeter.core.message import Message, clearing
+from stadimeter.messaging.mqtt import PahoMessenger
+from stadimeter.messaging.mqtt_client import PACKET_MAX, MqttOptions
+from stadimeter.messaging.retained import RetainedList
+from stadimeter.testing.eventually import eventually
+from support.broker import LoopbackBroker, MosquittoBroker
+from support.mqtt_listener import MqttListener
+from support.tunnel import Tunnel
+
+BASE = "stadimeter/it"
+PAGE = f"{BASE}/retained/it/0"
+
+Listen = Callable[..., MqttListener]
+MakeMessenger = Callable[..., PahoMessenger]
+
+
+def state(rule: str) -> Message:
+    return Message(topic=f"rule/{rule}/state", payload=rule, qos=1, retain=True)
+
+
+def topics(*rules: str, also: tuple[str, ...] = ()) -> frozenset[str]:
+    return frozenset({state(rule).topic for rule in rules} | set(also))
+
+
+def ran(messenger: PahoMessenger, *rules: str, also: tuple[str, ...] = ()) -> PahoMessenger:
+    """Open a messenger as a run with these rules does."""
+    messenger.retain_only(topics(*rules, also=also))
+    messenger.open()
+    for rule in rules:
+        messenger.publish(state(rule))
+    for topic in also:
+        messenger.publish(Message(topic=topic, payload="x", qos=1, retain=True))
+    eventually(lambda: not messenger.trouble())
+    eventually(lambda: not messenger.undelivered())
+    return messenger
+
+
+def kept(listener: MqttListener) -> dict[str, str]:
+    """Return what the broker keeps, by topic below the base, as a subscriber knows who has heard everything."""
+    newest = {heard.topic.removeprefix(f"{BASE}/"): heard.payload for heard in listener.heard}
+    return {topic: payload for topic, payload in newest.items() if payload}
+
+
+@pytest.mark.parametrize("protocol", ["3.1.1", "auto"])
+def test_a_rule_that_was_renamed_is_forgotten_by_the_broker_when_the_next_run_connects(
+    protocol: str, broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+) -> None:
+    witness = listen(broker.port)
+    ran(make_messenger(broker.port, protocol=protocol), "near", "far", also=("door/alert",)).close()
+    ran(make_messenger(broker.port, protocol=protocol), "nearer", "far")
+    witness.wait_for(f"{BASE}/rule/near/state", "")
+    witness.wait_for(f"{BASE}/door/alert", "")
+    eventually(lambda: set(kept(witness)) == {
+        "availability", "rule/nearer/state", "rule/far/state", "retained/it/0",
+    })  # fmt: skip
+    assert witness.payloads(f"{BASE}/rule/far/state") == ["far", "far"]
+
+
+def test_a_run_that_was_killed_leaves_a_list_too(
+    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen, lay_tunnel: Callable[[int], Tunnel]
+) -> None:
+    tunnel = lay_tunnel(broker.port)
+    ran(make_messenger(tunnel.port), "near")
+    witness = listen(broker.port)
+    assert json.loads(witness.wait_for(PAGE).payload) == ["rule/near/state"]
+    tunnel.cut()  # it never comes back, and says no goodbye
+    ran(make_messenger(broker.port), "far")
+    witness.wait_for(f"{BASE}/rule/near/state", "")
+
+
+def test_a_rule_that_was_renamed_while_the_broker_was_away_is_forgotten_when_it_is_back(
+    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen, lay_tunnel: Callable[[int], Tunnel]
+) -> None:
+    tunnel = lay_tunnel(broker.port)
+    messenger = ran(make_messenger(tunnel.port), "near")
+    witness = listen(broker.port)
+    witness.wait_for(PAGE)
+    tunnel.cut()
+    eventually(messenger.trouble)
+    messenger.retain_only(topics("far"))
+    tunnel.mend()
+    witness.wait_for(f"{BASE}/rule/near/state", "")
+    witness.wait_for(PAGE, json.dumps(["rule/far/state"]))
+
+
+def test_a_reload_while_connected_writes_the_list_anew(
+    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+) -> None:
+    messenger = ran(make_messenger(broker.port), "near")
+    witness = listen(broker.port)
+    witness.wait_for(PAGE)
+    messenger.retain_only(frozenset())
+    witness.wait_for(PAGE, "")
+
+
+def test_another_node_below_the_same_base_keeps_its_own(
+    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+) -> None:
+    witness = listen(broker.port)
+    ran(make_messenger(broker.port, node="one", base_topic="home"), "near")
+    witness.wait_for("home/retained/one/0")
+    ran(make_messenger(broker.port, node="two", base_topic="home"), "far")
+    witness.wait_for("home/retained/two/0")
+    assert witness.payloads("home/rule/near/state") == ["near"]
+
+
+def test_a_list_that_somebody_else_wrote_clears_nothing_but_rules_and_messages_of_ours(
+    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+) -> None:
+    writer = make_messenger(broker.port, node="writer", base_topic=BASE)
+    evil = [
+        "availability",
+        "retained/other/0",
+        "../up",
+        "#",
+        "rule/+/state",
+        "event/alarm",
+        "rule/a/b/state",
+        1,
+        None,
+        "",
+    ]
+    writer.open()
+    for topic, payload in [
+        ("retained/it/0", json.dumps([*evil, "rule/gone/state"])),
+        ("retained/it/1", "{"),
+        ("up", "x"),
+    ]:
+        writer.publish(Message(topic=topic, payload=payload, qos=1, retain=True))
+    eventually(lambda: not writer.undelivered() and not writer.trouble())
+    witness = listen(broker.port)
+    ran(make_messenger(broker.port), "near")
+    witness.wait_for(f"{BASE}/rule/gone/state", "")
+    witness.wait_for(f"{BASE}/retained/it/1", "")
+    cleared = {heard.topic.removeprefix(f"{BASE}/") for heard in witness.heard if not heard.payload}
+    assert cleared == {"rule/gone/state", "retained/it/1", "../up"}  # which is below the base, and nobody's parent
+
+
+@pytest.mark.parametrize("protocol", ["3.1.1", "auto"])
+def test_a_page_that_is_too_large_costs_one_connection_at_most(
+    protocol: str, broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+) -> None:
+    writer = make_messenger(broker.port, node="writer", base_topic=BASE)
+    writer.open()
+    writer.publish(Message(topic="retained/it/0", payload="x" * 50_000, qos=1, retain=True))
+    eventually(lambda: not writer.undelivered() and not writer.trouble())
+    messenger = make_messenger(broker.port, protocol=protocol)
+    messenger.retain_only(topics("near"))
+    messenger.open()
+    witness = listen(broker.port)
+    messenger.publish(state("near"))
+    messenger.publish(Message(topic="event/alarm", payload="raised", qos=1))
+    witness.wait_for(f"{BASE}/event/alarm", "raised")
+    eventually(lambda: not messenger.trouble() and not messenger.undelivered())
+
+
+def test_a_login_that_may_write_only_publishes_as_before(
+    mosquitto: MosquittoBroker,
+    start_broker: Callable[..., LoopbackBroker],
+    make_messenger: MakeMessenger,
+    listen: Listen,
+) -> None:
+    strict = start_broker(acl=f"topic write {BASE}/#\n")
+    messenger = ran(make_messenger(strict.port), "near")
+    assert (messenger.trouble(), messenger.given_up) == ("", 0)
+
+
+def test_a_list_of_hundreds_of_rules_fits_into_packets_that_are_read(
+    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+) -> None:
+    names = [f"the-rule-of-number-{number}" for number in range(300)]
+    ran(make_messenger(broker.port), *names).close()
+    witness = listen(broker.port)
+    ran(make_messenger(broker.port), names[0])
+    for name in names[1:]:
+        witness.wait_for(f"{BASE}/rule/{name}/state", "")
+
+
+@given(
+    names=st.sets(st.text(st.characters(codec="utf-8", exclude_characters="+#\0"), min_size=1), max_size=60),
+    room_bytes=st.integers(20, 900),
+)
+def test_what_fits_on_pages_is_read_back_from_them(names: set[str], room_bytes: int) -> None:
+    written = RetainedList("retained/it", room_bytes)
+    written.retain_only(frozenset(f"my/{name}" for name in names))
+    read = RetainedList("retained/it", room_bytes)
+    read.retain_only(frozenset())
+    for page in written.finish():
+        assert len(page.payload.encode()) <= room_bytes
+        read.hear(page.topic.rpartition("/")[2], page.payload.encode())
+    cleared = {message.topic for message in read.finish() if not message.topic.startswith("retained/")}
+    assert cleared <= {f"my/{name}" for name in names}
+    short = {f"my/{name}" for name in names if name.isprintable() and len(json.dumps(f"my/{name}")) + 2 <= room_bytes}
+    assert cleared == short
+
+
+def test_a_rule_that_is_gone_becomes_unavailable_before_it_is_forgotten() -> None:
+    sent = [(each.topic, each.payload, each.retain) for each in clearing({"rule/near/availability", "rule/near/state"})]
+    assert sent == [
+        ("rule/near/availability", "offline", False),
+        ("rule/near/availability", "", True),
+        ("rule/near/state", "", True),
+    ]
+
+
+def test_a_base_topic_of_any_length_leaves_no_page_larger_than_what_is_read() -> None:
+    for length in (1, 500, 5000):
+        options = MqttOptions(node="it", base_topic="b" * length)
+        pages = RetainedList(options.retained_topic, options.retained_page_bytes)
+        pages.retain_only(topics(*(f"rule-{number}" for number in range(100))))
+        for page in pages.finish() if pages.is_wanted else ():
+            assert len(f"{options.base}/{page.topic}{page.payload}".encode()) < PACKET_MAX - 30
