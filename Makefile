@@ -7,8 +7,9 @@ ARGS ?=
 # Bytecode is kept whatever the environment says: else each program that a test starts compiles all of it again, and
 # pytest rewrites the assertions of every test file each time.
 unexport PYTHONDONTWRITEBYTECODE
-# On every core, the tests of one file together: they share what is costly to prepare.
-SPREAD := -n auto --dist loadfile
+# On every core, the tests of one file together: they share what is costly to prepare. A worker that crashed is not
+# replaced: with files kept together, the new one is given the test that crashed the last one, again and again.
+SPREAD := -n auto --dist loadfile --max-worker-restart 0
 UNIT := tests/core tests/config tests/ranging
 
 .PHONY: help demo quick test test-long test-opencv-4.10 check gate bench bench-rules bench-safety pictures wheel deb docs format clean

@@ -160,7 +160,7 @@ def test_a_sheet_that_is_too_small_says_how_small(sheet_detector, draw, wall) ->
     corners = [(300, 200), (320, 200), (320, 215), (300, 215)]
     found = sheet_detector(min_side_px=20).detect(draw.frame(draw.polygon(wall(), corners, PAPER)))
     assert found.status is DetectionStatus.NOT_FOUND
-    assert re.search(r"an outline of 2\d px: 1[4-6] px wide, limit 20 px", found.reason)
+    assert re.search(r"outline, 2\d px long, is refused: 1[4-6] px wide, limit 20 px", found.reason)
 
 
 def test_a_ribbon_is_too_long_for_a_sheet(sheet_detector, draw, wall) -> None:
