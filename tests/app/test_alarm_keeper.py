@@ -27,7 +27,7 @@ def plan_of(*rules):
         targets=("ball",),
         rules=rules,
         outputs=(LevelOutput(name="buzzer"),),
-        tracking=Tracking(confirm_frames=1, coast_s=0.15, outliers_max=0, acceleration_mps2=20.0, correlation=0.0),
+        tracking=Tracking(confirm_frames=1, coast_s=0.15, outliers_max=0, acceleration_mps2=20.0, autocorrelation=0.0),
         safety=Safety(good_frames=1),
     )
 

@@ -29,7 +29,7 @@ PLAN = Plan(
     targets=("ball",),
     rules=(NEAR, replace(NEAR, name="nearer", output=None, condition=DistanceCondition(below_m=0.4))),
     outputs=(LevelOutput(name="buzzer"),),
-    tracking=Tracking(confirm_frames=1, outliers_max=0, acceleration_mps2=20.0, correlation=0.0),
+    tracking=Tracking(confirm_frames=1, outliers_max=0, acceleration_mps2=20.0, autocorrelation=0.0),
     safety=Safety(good_frames=1),
 )
 

@@ -60,5 +60,5 @@ def test_a_key_by_both_names_is_an_error(problems_of: Problems, sound: str) -> N
 
 def test_the_old_name_of_a_key_outside_rules_works_too(load: Load, sound: str) -> None:
     configuration = load(f"{sound}[tracking]\ncorrelation = 0.4\n")
-    assert configuration.plan.tracking.correlation == 0.4
+    assert configuration.plan.tracking.autocorrelation == 0.4
     assert [key for key, _, _ in renamed(configuration)] == ["tracking.correlation"]

@@ -20,7 +20,7 @@ NEAR = AlarmRule(
     off_delay_s=0.5,
     lost=Lost(grace_s=0.5, fault_after_s=5.0),
 )
-TRACKING = Tracking(confirm_frames=1, coast_s=0.15, outliers_max=0, acceleration_mps2=10.0, correlation=0.0)
+TRACKING = Tracking(confirm_frames=1, coast_s=0.15, outliers_max=0, acceleration_mps2=10.0, autocorrelation=0.0)
 
 
 def rehearse(rule=NEAR, frame_s=0.1):

@@ -19,7 +19,7 @@ FAR, CLOSE = (3.0,) * 5, (0.5,) * 3
 def rehearse(*rules, **fields):
     rules = tuple(replace(rule, **fields) for rule in rules or (NEAR,))
     outputs = (LevelOutput(name="buzzer"), LevelOutput(name="lamp"))
-    tracking = Tracking(confirm_frames=1, coast_s=0.15, outliers_max=0, acceleration_mps2=20.0, correlation=0.0)
+    tracking = Tracking(confirm_frames=1, coast_s=0.15, outliers_max=0, acceleration_mps2=20.0, autocorrelation=0.0)
     plan = Plan(targets=("ball",), rules=rules, outputs=outputs, tracking=tracking, safety=Safety(good_frames=1))
     return Rehearsal(plan)
 

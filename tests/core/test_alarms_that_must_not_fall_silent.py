@@ -29,7 +29,7 @@ def rehearse(*rules, outliers_max=0, **fields):
         rules=tuple(replace(rule, **fields) for rule in rules or (NEAR,)),
         outputs=(LevelOutput(name="buzzer"), LevelOutput(name="lamp")),
         tracking=Tracking(
-            confirm_frames=1, coast_s=0.15, outliers_max=outliers_max, acceleration_mps2=20.0, correlation=0.0
+            confirm_frames=1, coast_s=0.15, outliers_max=outliers_max, acceleration_mps2=20.0, autocorrelation=0.0
         ),
         safety=Safety(good_frames=1),
     )

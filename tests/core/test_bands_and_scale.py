@@ -153,7 +153,7 @@ def turns(condition, distance_m, scale_sigma, seed, severity=Severity.WARNING):
     rule = AlarmRule(
         name="it", target="ball", condition=condition, on_delay=OnDelay(), off_delay_s=0.0, severity=severity
     )
-    state = initial_state(Plan(targets=("ball",), rules=(rule,), tracking=Tracking(correlation=0.0)))
+    state = initial_state(Plan(targets=("ball",), rules=(rule,), tracking=Tracking(autocorrelation=0.0)))
     noise = random.Random(seed)  # noqa: S311 - nothing is to be kept secret
     count, noise_m = 0, 0.02 * distance_m
     for number in range(900):

@@ -26,7 +26,7 @@ NEAR = AlarmRule(
 
 def rehearse(*rules, **fields):
     rules = tuple(replace(rule, **fields) for rule in rules or (NEAR,))
-    tracking = Tracking(confirm_frames=1, coast_s=0.15, outliers_max=0, acceleration_mps2=20.0, correlation=0.0)
+    tracking = Tracking(confirm_frames=1, coast_s=0.15, outliers_max=0, acceleration_mps2=20.0, autocorrelation=0.0)
     plan = Plan(
         targets=("ball",),
         rules=rules,

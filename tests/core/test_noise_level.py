@@ -12,7 +12,7 @@ from stadimeter.core.plan import Tracking
 from stadimeter.core.track import TrackStatus
 from stadimeter.core.tracking import noise_level
 from stadimeter.core.tracking.life_cycle import new_track, step
-from stadimeter.core.tracking.noise_level import Line, Noise
+from stadimeter.core.tracking.noise_level import LineDeviation, NoiseEstimate
 from support.observing import measured
 
 FRAME_S = 1 / 15
@@ -124,12 +124,12 @@ def test_noise_that_is_new_in_each_frame_is_averaged_more_than_noise_that_lasts(
     st.integers(1, 50),
 )
 def test_whatever_is_seen_the_noise_stays_within_its_bounds(sigmas, line, step_s, factor_max, times):
-    settings, noise = replace(SETTINGS, noise_factor_max=factor_max), Noise()
+    settings, noise = replace(SETTINGS, noise_factor_max=factor_max), NoiseEstimate()
     for _ in range(times):
-        noise = noise_level.learn(noise, sigmas, Line(*line), step_s, settings)
+        noise = noise_level.learn(noise, sigmas, LineDeviation(*line), step_s, settings)
         assert 1.0 <= noise.factor <= factor_max * (1 + 1e-9)
         assert 0.0 <= noise.staying_share <= 1.0
-        assert 0.0 <= noise.correlation(settings) <= settings.correlation
+        assert 0.0 <= noise.autocorrelation(settings) <= settings.autocorrelation
 
 
 @given(st.floats(0.1, 10), st.floats(-5, 5), st.floats(0.01, 0.9), st.floats(0.01, 0.9))
@@ -147,6 +147,8 @@ def test_a_steady_speed_is_on_the_line_whatever_the_steps(distance_m, speed_mps,
             elevation_rad=0.0,
         )
 
-    line = noise_level.line_of(Noise(), (sighting(0.0), sighting(first_s)), sighting(first_s + second_s), SETTINGS)
+    line = noise_level.line_of(
+        NoiseEstimate(), (sighting(0.0), sighting(first_s)), sighting(first_s + second_s), SETTINGS
+    )
     assert line.off_m == pytest.approx(0.0, abs=1e-6 * (1 + second_s / first_s))
     assert line.noise_var_m2 > 0

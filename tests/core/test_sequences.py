@@ -21,7 +21,7 @@ CALL = SequenceStep(after_s=1.0, send=Send(template=Template(text="{rule}"), not
 
 def rehearse(*rules, outputs=None):
     outputs = outputs or (LevelOutput(name="buzzer"), LevelOutput(name="lamp"), BaseOutput(name="base"))
-    tracking = Tracking(confirm_frames=1, coast_s=0.15, outliers_max=0, acceleration_mps2=20.0, correlation=0.0)
+    tracking = Tracking(confirm_frames=1, coast_s=0.15, outliers_max=0, acceleration_mps2=20.0, autocorrelation=0.0)
     plan = Plan(targets=("ball",), rules=rules, outputs=outputs, tracking=tracking, safety=Safety(good_frames=1))
     return Rehearsal(plan)
 

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stadimeter.core.frame import Image
-from stadimeter.detectors.ball.circles import Circle
+from stadimeter.detectors.ball.circles import ImageCircle
 from stadimeter.detectors.ball.colours import ball_colours, likely_drop, plausible
 from stadimeter.detectors.ball.limb import Limb, find_limb
 from support.scenes import draw
@@ -52,7 +52,7 @@ def _picture(*, stripe: bool = False, speckle: float = 0.0, shadow: bool = False
 
 def _limb(image: Image) -> Limb:
     # The picture's middle is at (319.5, 239.5): pixels have their centres at whole numbers.
-    start = Circle(x_px=CENTRE_PX[0] + 1.5, y_px=CENTRE_PX[1] - 1.0, radius_px=RADIUS_PX - 2)
+    start = ImageCircle(x_px=CENTRE_PX[0] + 1.5, y_px=CENTRE_PX[1] - 1.0, radius_px=RADIUS_PX - 2)
     limb = find_limb(image, start, 8.0, CAMERA)
     assert limb is not None
     return limb
@@ -70,7 +70,7 @@ def test_stripes_speckles_and_the_shadow_are_not_the_limb(kind: dict[str, float]
 
 def test_colours_of_stripes_are_the_balls_and_those_of_the_floor_are_not() -> None:
     image = _picture(stripe=True, shadow=True)
-    colours = ball_colours(image, Circle(x_px=320.0, y_px=240.0, radius_px=RADIUS_PX))
+    colours = ball_colours(image, ImageCircle(x_px=320.0, y_px=240.0, radius_px=RADIUS_PX))
     assert colours is not None
     # From the middle of the ball to the left and to the right: the limb is 40 pixels away.
     for row in (image[240, 319:250:-1], image[240, 320:390]):
@@ -82,13 +82,13 @@ def test_colours_of_stripes_are_the_balls_and_those_of_the_floor_are_not() -> No
 
 def test_where_ball_and_floor_look_alike_every_place_is_plausible() -> None:
     image = np.full((100, 100, 3), 90, np.uint8)
-    colours = ball_colours(image, Circle(x_px=50.0, y_px=50.0, radius_px=20.0))
+    colours = ball_colours(image, ImageCircle(x_px=50.0, y_px=50.0, radius_px=20.0))
     assert colours is not None
     assert plausible(image[50:51], colours.odds).all()
 
 
 def test_a_circle_outside_the_picture_has_no_colours() -> None:
-    assert ball_colours(np.zeros((50, 50, 3), np.uint8), Circle(x_px=900.0, y_px=-900.0, radius_px=20.0)) is None
+    assert ball_colours(np.zeros((50, 50, 3), np.uint8), ImageCircle(x_px=900.0, y_px=-900.0, radius_px=20.0)) is None
 
 
 @settings(max_examples=20, deadline=None)
@@ -98,7 +98,7 @@ def test_the_size_is_continuous_in_the_edge_bias(seed: int, grey: int, bias_px: 
     made = render(scene)
     outline = made.truth.outline_px
     x, y = (outline.min(axis=0) + outline.max(axis=0)) / 2
-    start = Circle(x_px=float(x), y_px=float(y), radius_px=made.truth.apparent_px / 2)
+    start = ImageCircle(x_px=float(x), y_px=float(y), radius_px=made.truth.apparent_px / 2)
     sizes = [
         find_limb(made.image, start, 8.0, replace(CAMERA, edge_bias_px=each)) for each in (bias_px, bias_px + 0.01)
     ]
@@ -109,7 +109,7 @@ def test_the_size_is_continuous_in_the_edge_bias(seed: int, grey: int, bias_px: 
 @pytest.mark.parametrize("bias_px", [-1e4, -60.0, -7.0, 7.0, 60.0, 1e4])
 def test_an_absurd_edge_bias_gives_a_limb_or_none(bias_px: float) -> None:
     limb = find_limb(
-        _picture(), Circle(x_px=320.0, y_px=240.0, radius_px=40.0), 8.0, replace(CAMERA, edge_bias_px=bias_px)
+        _picture(), ImageCircle(x_px=320.0, y_px=240.0, radius_px=40.0), 8.0, replace(CAMERA, edge_bias_px=bias_px)
     )
     assert limb is None or math.isfinite(limb.radius_sigma_px)
 
@@ -125,7 +125,7 @@ def test_colour_that_is_stored_coarsely_makes_the_radius_less_sure() -> None:
     image = render(jpeg(80)(draw.ball_scene(3))).image
     truth = render(draw.ball_scene(3)).truth
     x, y = truth.outline_px.mean(axis=0)
-    start = Circle(x_px=float(x), y_px=float(y), radius_px=truth.apparent_px / 2)
+    start = ImageCircle(x_px=float(x), y_px=float(y), radius_px=truth.apparent_px / 2)
     fine = find_limb(image, start, 8.0, CAMERA)
     coarse = find_limb(image, start, 8.0, replace(CAMERA, subsampling="4:2:0"))
     assert fine is not None
@@ -139,7 +139,7 @@ def test_the_edge_of_a_shadow_is_no_step_from_the_balls_colours_to_others() -> N
     image[60:] = image[60:] // 2
     cv2.circle(image, (50, 45), 25, (40, 90, 220), -1)
     image[20:71, 25:45] = np.where(image[20:71, 25:45, 2:] > 150, image[20:71, 25:45] // 2, image[20:71, 25:45])
-    colours = ball_colours(image, Circle(x_px=50.0, y_px=45.0, radius_px=25.0))
+    colours = ball_colours(image, ImageCircle(x_px=50.0, y_px=45.0, radius_px=25.0))
     assert colours is not None
     along_ball = likely_drop(image[45:46, ::-1][:, 25:90], colours)[0]
     # From right to left across the ball: its own shade begins after 30 pixels, and it ends after 50.

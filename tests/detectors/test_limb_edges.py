@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stadimeter.core.frame import Image
-from stadimeter.detectors.ball.circles import Circle
+from stadimeter.detectors.ball.circles import ImageCircle
 from stadimeter.detectors.ball.limb_edges import LimbEdges, limb_edges
 from stadimeter.detectors.sampling import light_table
 from support.scenes import draw
@@ -33,12 +33,12 @@ def _scene(diameter_m: float = 0.2, depth_m: float = 1.5) -> Scene:
     return replace(draw.empty_scene(7), target=ball, backdrop=PlainBackdrop())
 
 
-def _circle(scene: Scene) -> Circle:
+def _circle(scene: Scene) -> ImageCircle:
     camera = scene.camera
-    return Circle(x_px=camera.cx_px, y_px=camera.cy_px, radius_px=scene.target.apparent_px(camera) / 2)
+    return ImageCircle(x_px=camera.cx_px, y_px=camera.cy_px, radius_px=scene.target.apparent_px(camera) / 2)
 
 
-def _edges(scene: Scene, circle: Circle | None = None, within_px: float = 6.0) -> LimbEdges:
+def _edges(scene: Scene, circle: ImageCircle | None = None, within_px: float = 6.0) -> LimbEdges:
     edges = limb_edges(render(scene).image, circle or _circle(scene), within_px + 2.5, within_px, CAMERA)
     assert edges is not None
     return edges
@@ -62,7 +62,7 @@ def test_where_they_are_looked_for_does_not_move_them() -> None:
     scene = _scene()
     true = _circle(scene)
     for x, y, more in ((3.0, 0.0, 0.0), (-2.0, 2.0, 1.0), (0.0, -3.0, -2.0)):
-        beside = Circle(x_px=true.x_px + x, y_px=true.y_px + y, radius_px=true.radius_px + more)
+        beside = ImageCircle(x_px=true.x_px + x, y_px=true.y_px + y, radius_px=true.radius_px + more)
         radii = _radii(scene, _edges(scene, beside))
         assert np.median(radii) == pytest.approx(true.radius_px, abs=0.04)
 
@@ -103,7 +103,7 @@ def test_spokes_that_leave_the_picture_are_counted_and_not_looked_along() -> Non
     scene = _scene(depth_m=1.0)
     camera, circle = scene.camera, _circle(scene)
     image: Image = np.ascontiguousarray(render(scene).image[:, int(camera.cx_px) :])
-    shifted = Circle(x_px=circle.x_px - int(camera.cx_px), y_px=circle.y_px, radius_px=circle.radius_px)
+    shifted = ImageCircle(x_px=circle.x_px - int(camera.cx_px), y_px=circle.y_px, radius_px=circle.radius_px)
     edges = limb_edges(image, shifted, 8.5, 6.0, CAMERA)
     assert edges is not None
     assert edges.inside < 0.8 * edges.spokes
@@ -112,11 +112,11 @@ def test_spokes_that_leave_the_picture_are_counted_and_not_looked_along() -> Non
 
 @pytest.mark.parametrize("shape", [(1, 1), (3, 5), (480, 640)])
 def test_a_plain_picture_has_no_edges(shape: tuple[int, int]) -> None:
-    circle = Circle(x_px=shape[1] / 2, y_px=shape[0] / 2, radius_px=min(shape) / 4)
+    circle = ImageCircle(x_px=shape[1] / 2, y_px=shape[0] / 2, radius_px=min(shape) / 4)
     assert limb_edges(np.full((*shape, 3), 90, np.uint8), circle, 8.5, 6.0, CAMERA) is None
 
 
 def test_a_circle_far_outside_has_no_edges() -> None:
-    circle = Circle(x_px=-5000.0, y_px=9000.0, radius_px=40.0)
+    circle = ImageCircle(x_px=-5000.0, y_px=9000.0, radius_px=40.0)
     assert limb_edges(render(_scene()).image, circle, 8.5, 6.0, CAMERA) is None
     assert math.isfinite(circle.radius_px)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction
 from stadimeter.core.track import Track, TrackStatus
-from stadimeter.perception.perceiver import UNSEEN_MAX_S, Motion, follow, predict
+from stadimeter.perception.perceiver import UNSEEN_MAX_S, AngularMotion, follow, predict
 from stadimeter.ranging.ball import BallShape
 from stadimeter.ranging.flat import DiscShape, SheetShape, TagShape
 from stadimeter.ranging.measure import measure
@@ -124,7 +124,7 @@ def test_the_longer_it_was_not_seen_the_less_sure_it_is(first_s: float, second_s
 
 def sighted(
     directions_rad: Iterable[tuple[float, float]], frame_s: float = 1 / 30, **changes: object
-) -> Iterator[tuple[Track, Motion | None]]:
+) -> Iterator[tuple[Track, AngularMotion | None]]:
     """Yield what is known after each frame of a target that is seen in these directions, from 10 s on."""
     motion = None
     for number, (bearing_rad, elevation_rad) in enumerate(directions_rad):

@@ -178,7 +178,7 @@ def _tell(proposal: Proposal, configuration: Configuration) -> None:
 
 def _noise(proposal: Proposal, configuration: Configuration) -> Iterator[str]:
     noise, tuned, standing = proposal.noise, proposal.tuned, proposal.points
-    threshold_m, correlation = tuned.threshold_m, configuration.plan.tracking.correlation
+    threshold_m, correlation = tuned.threshold_m, configuration.plan.tracking.autocorrelation
     recorded, calm, quiet = map(rounded_duration, (noise.recorded_s, noise.calm_s, standing.quiet_s))
     yield (
         f"Recorded: {recorded}, {1 / noise.frame_s:.0f} frames a second; '{tuned.condition.target}' steady for {calm} "

@@ -214,7 +214,7 @@ class TrackingTable(Section):
 
     acceleration: Acceleration = _TRACKING.acceleration_mps2
     """In m/s²."""
-    autocorrelation: Annotated[float, Field(ge=0, lt=1)] = _TRACKING.correlation
+    autocorrelation: Annotated[float, Field(ge=0, lt=1)] = _TRACKING.autocorrelation
     """Of the measurement noise from one frame to the next."""
     gate_sigmas: Annotated[float, Field(gt=0)] = _TRACKING.gate_sigmas
     """A measurement further than this from the prediction is an outlier."""
@@ -233,7 +233,7 @@ class TrackingTable(Section):
         """Return the section as the core sees it."""
         return plan.Tracking(
             acceleration_mps2=self.acceleration,
-            correlation=self.autocorrelation,
+            autocorrelation=self.autocorrelation,
             gate_sigmas=self.gate_sigmas,
             outliers_max=self.outliers_max,
             confirm_frames=self.confirm_frames,

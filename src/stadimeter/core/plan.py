@@ -56,7 +56,7 @@ class Tracking:
 
     Attributes:
         acceleration_mps2: Standard deviation of the target's acceleration that the filter expects.
-        correlation: Correlation of the measurement noise from one frame to the next, 0 to below 1.
+        autocorrelation: Autocorrelation of the measurement noise from one frame to the next, 0 to below 1.
         gate_sigmas: A measurement further than this from the prediction is an outlier.
         outliers_max: After this many outliers in a row the target is taken to have jumped, and the track starts anew.
         confirm_frames: How many frames a new target must be measured in before it counts.
@@ -66,7 +66,7 @@ class Tracking:
     """
 
     acceleration_mps2: float = 2.0
-    correlation: float = 0.6
+    autocorrelation: float = 0.6
     gate_sigmas: float = 4.0
     outliers_max: int = 5
     confirm_frames: int = 2

@@ -58,7 +58,7 @@ FLOOR_SHARE = 0.02
 USEFUL_SHARE = 0.25
 """A standard deviation beyond this share of the picture's longer side leaves nothing out, so it is no prediction."""
 
-LARGEST = 4.0
+MAX_SIZE_PER_DEPTH = 4.0
 """A target that appears larger than this per unit of depth, over 126 degrees, is too near to be seen whole."""
 
 _SIDEWAYS_RAD = math.radians(85)
@@ -76,7 +76,7 @@ class Perceiver:
         self._camera_model = camera_model
         self._lens = camera_model
         self._optics: Optics | None = None
-        self._sightings: dict[str, Sighting] = {}
+        self._sightings: dict[str, LastOutline] = {}
         self.expectations = Expectations()
         self.motion_blur = MotionBlur()
 
@@ -98,7 +98,7 @@ class Perceiver:
             found = detector.detect(frame, expected, lens=lens)
             measured = measure(found, shape, lens, at_s)
             if shape.has_corners and measured.depth_m is not None:
-                self._sightings[name] = Sighting(found.outline_px, found.centre_px, measured.depth_m)
+                self._sightings[name] = LastOutline(found.outline_px, found.centre_px, measured.depth_m)
             self.motion_blur.add(frame, found, measured, lens.fx_px)
             detections.append(found)
             measurements.append(measured)
@@ -114,7 +114,7 @@ class Perceiver:
         return lens
 
 
-class Sighting(NamedTuple):
+class LastOutline(NamedTuple):
     """Where the corners of a target were when it was last seen, around which centre, and how far away that was."""
 
     outline_px: Points
@@ -123,7 +123,7 @@ class Sighting(NamedTuple):
 
 
 def with_outline(
-    expected: Prediction, sighting: Sighting | None, shape: TargetShape, camera: CameraModel
+    expected: Prediction, sighting: LastOutline | None, shape: TargetShape, camera: CameraModel
 ) -> Prediction:
     """Return a prediction with the corners that were last seen, moved and scaled to where and how large it is."""
     if sighting is None:
@@ -139,7 +139,7 @@ class Expectations:
 
     def __init__(self) -> None:
         self._searched_at_s: dict[str, float] = {}
-        self._motions: dict[str, Motion | None] = {}
+        self._motions: dict[str, AngularMotion | None] = {}
 
     def of(self, track: Track | None, shape: TargetShape, camera: CameraModel, at_s: float) -> Prediction | None:
         """Return where a target is expected in a frame; None to search all of it. Asked once for a target and frame."""
@@ -154,7 +154,7 @@ class Expectations:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Motion:
+class AngularMotion:
     """How the direction of a target changes."""
 
     at_s: float  # the capture time of its last sighting
@@ -167,7 +167,7 @@ class Motion:
     step_s: float = 0.0
 
 
-def follow(motion: Motion | None, track: Track) -> Motion | None:
+def follow(motion: AngularMotion | None, track: Track) -> AngularMotion | None:
     """Return the motion with the newest sighting taken in; None of a target that is not tracked."""
     at_s, bearing_rad, elevation_rad = track.measured_at_s, track.bearing_rad, track.elevation_rad
     if not track.is_valid or at_s is None or bearing_rad is None or elevation_rad is None:
@@ -175,15 +175,15 @@ def follow(motion: Motion | None, track: Track) -> Motion | None:
     if motion is not None and at_s == motion.at_s:
         return motion
     if motion is None or not 0 < at_s - motion.at_s <= UNSEEN_MAX_S:
-        return Motion(at_s=at_s, bearing_rad=bearing_rad, elevation_rad=elevation_rad)
+        return AngularMotion(at_s=at_s, bearing_rad=bearing_rad, elevation_rad=elevation_rad)
     step_s = at_s - motion.at_s
     across_rad, up_rad = bearing_rad - motion.bearing_rad, elevation_rad - motion.elevation_rad
     off_rad = math.hypot(
         (across_rad - motion.bearing_radps * step_s) * math.cos(elevation_rad), up_rad - motion.elevation_radps * step_s
     )
     if not off_rad <= JUMP_SIGMAS * _loose_radps(track.distance_m or math.inf) * step_s:
-        return Motion(at_s=at_s, bearing_rad=bearing_rad, elevation_rad=elevation_rad)
-    return Motion(
+        return AngularMotion(at_s=at_s, bearing_rad=bearing_rad, elevation_rad=elevation_rad)
+    return AngularMotion(
         at_s=at_s,
         bearing_rad=bearing_rad,
         elevation_rad=elevation_rad,
@@ -195,7 +195,7 @@ def follow(motion: Motion | None, track: Track) -> Motion | None:
 
 
 def predict(
-    track: Track, shape: TargetShape, camera: CameraModel, at_s: float, motion: Motion | None = None
+    track: Track, shape: TargetShape, camera: CameraModel, at_s: float, motion: AngularMotion | None = None
 ) -> Prediction | None:
     """Return where and how large a target will appear.
 
@@ -215,7 +215,7 @@ def predict(
         return None
     depth_m = known.distance_m * math.cos(elevation_rad) * math.cos(bearing_rad)
     nearer_m = _nearer_m(depth_m, shape)
-    if not nearer_m * LARGEST > shape.longest_m:
+    if not nearer_m * MAX_SIZE_PER_DEPTH > shape.longest_m:
         return None
     x, y = math.tan(bearing_rad), -math.tan(elevation_rad) / math.cos(bearing_rad)
     # The centre of a ball's outline lies further out than the ball's centre, see `stadimeter.ranging.ball`.
@@ -268,7 +268,7 @@ def _loose_radps(distance_m: float) -> float:
     return math.hypot(LATERAL_MPS / max(distance_m, 1e-6), TURN_RADPS)
 
 
-def _direction(known: _Known, motion: Motion | None) -> tuple[float, float, float]:
+def _direction(known: _Known, motion: AngularMotion | None) -> tuple[float, float, float]:
     """Return bearing, elevation, and the standard deviation of the direction."""
     unseen_s = known.unseen_s
     loose_radps = _loose_radps(known.distance_m)

@@ -77,7 +77,7 @@ class BoardCalibration:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class _Fit:
+class _LensFit:
     matrix: NDArray[np.float64]
     distortion: NDArray[np.float64]
     poses: tuple[tuple[NDArray[np.float64], NDArray[np.float64]], ...]  # turn and place of each board
@@ -169,7 +169,7 @@ def coverage(views: Sequence[BoardView], width_px: int, height_px: int) -> tuple
 
 def _without_outliers(
     views: list[BoardView], shape: tuple[int, int]
-) -> tuple[_Fit, list[BoardView], dict[int, ViewError]]:
+) -> tuple[_LensFit, list[BoardView], dict[int, ViewError]]:
     used, bad = list(views), {}
     fit = _fit(used, shape)
     while len(used) > VIEWS_MIN and (limit_px := _outlier_limit_px(fit.view_rms_px)) < fit.view_rms_px.max():
@@ -192,7 +192,7 @@ def _outlier_limit_px(view_rms_px: NDArray[np.float64]) -> float:
     return max(median + _OUTLIER_MADS * sigma, _OUTLIER_MEDIANS * median)
 
 
-def _fit(views: Sequence[BoardView], shape: tuple[int, int]) -> _Fit:
+def _fit(views: Sequence[BoardView], shape: tuple[int, int]) -> _LensFit:
     """Fit all five coefficients, or all but k3 where with it the lens would fold the picture."""
     fit = _opencv_fit(views, shape, 0)
     if _lens(fit, shape) is None:
@@ -200,7 +200,7 @@ def _fit(views: Sequence[BoardView], shape: tuple[int, int]) -> _Fit:
     return fit
 
 
-def _opencv_fit(views: Sequence[BoardView], shape: tuple[int, int], flags: int) -> _Fit:
+def _opencv_fit(views: Sequence[BoardView], shape: tuple[int, int], flags: int) -> _LensFit:
     board, corners = _as_opencv(views)
     matrix: NDArray[Any] = np.eye(3)
     distortion: NDArray[Any] = np.zeros((1, 5))
@@ -213,7 +213,7 @@ def _opencv_fit(views: Sequence[BoardView], shape: tuple[int, int], flags: int) 
             "the pictures do not fix the camera: the corners allow no fit; tilt the board to all sides, by 30 to 45 "
             "degrees"
         ) from error
-    return _Fit(
+    return _LensFit(
         matrix=np.asarray(new_matrix, dtype=np.float64),
         distortion=np.asarray(new_distortion, dtype=np.float64),
         poses=tuple(zip(map(np.asarray, turns), map(np.asarray, shifts), strict=True)),
@@ -231,14 +231,14 @@ def _as_opencv(views: Sequence[BoardView]) -> tuple[list[NDArray[Any]], list[NDA
     )
 
 
-def _lens(fit: _Fit, shape: tuple[int, int]) -> CameraModel | None:
+def _lens(fit: _LensFit, shape: tuple[int, int]) -> CameraModel | None:
     try:
         return _lens_or_error(fit, shape)
     except CalibrationError:
         return None
 
 
-def _lens_or_error(fit: _Fit, shape: tuple[int, int]) -> CameraModel:
+def _lens_or_error(fit: _LensFit, shape: tuple[int, int]) -> CameraModel:
     matrix = fit.matrix
     return CameraModel(
         width_px=shape[0],
@@ -251,7 +251,7 @@ def _lens_or_error(fit: _Fit, shape: tuple[int, int]) -> CameraModel:
     )
 
 
-def _model(fit: _Fit, views: Sequence[BoardView], shape: tuple[int, int], date: str) -> CameraModel:
+def _model(fit: _LensFit, views: Sequence[BoardView], shape: tuple[int, int], date: str) -> CameraModel:
     lens = _lens_or_error(fit, shape)
     covariance = lens_covariance(_placed(fit, views), fit.lens)
     share = math.sqrt(max(covariance[0, 0] / lens.fx_px**2, covariance[1, 1] / lens.fy_px**2))
@@ -274,7 +274,7 @@ def _model(fit: _Fit, views: Sequence[BoardView], shape: tuple[int, int], date: 
     )
 
 
-def _placed(fit: _Fit, views: Sequence[BoardView]) -> list[PlacedBoard]:
+def _placed(fit: _LensFit, views: Sequence[BoardView]) -> list[PlacedBoard]:
     return [
         PlacedBoard(
             board_m=np.column_stack((view.board_m, np.zeros(len(view.board_m)))),

@@ -25,7 +25,7 @@ from stadimeter.core.detection import Points
 
 Matrix = NDArray[np.float64]
 
-LEAST_POINTS = 5
+MIN_POINTS = 5
 """An ellipse has five unknowns."""
 
 
@@ -70,7 +70,7 @@ def cone_through(directions: Points) -> Matrix | None:
 
     None if they are on no such cone. The rays are x and y per unit of depth, ``(n, 2)``, and should lie all around it.
     """
-    if len(directions) < LEAST_POINTS or not np.isfinite(directions).all():
+    if len(directions) < MIN_POINTS or not np.isfinite(directions).all():
         return None
     # Centred and of unit size: the five unknowns are of one magnitude, and the normal equations well conditioned.
     middle = directions.mean(axis=0)

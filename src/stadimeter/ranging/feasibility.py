@@ -16,7 +16,7 @@ from stadimeter.core.target import TargetShape
 RELIABLE_PX = 12.0
 """Smaller targets are hardly distinguished from clutter, whatever kind they are."""
 
-_LEAST_M2 = 1e-12
+_MIN_M2 = 1e-12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +45,7 @@ def expect(shape: TargetShape, camera: CameraModel, distance_m: float) -> Expect
         raise ValueError(f"distance_m = {distance_m} is not a finite number above zero")
     focal_px = math.sqrt(camera.fx_px * camera.fy_px)
     square_m2 = distance_m * distance_m - shape.limb_radius_m * shape.limb_radius_m
-    size_px = focal_px * (shape.shortest_m / math.sqrt(max(square_m2, _LEAST_M2)))
+    size_px = focal_px * (shape.shortest_m / math.sqrt(max(square_m2, _MIN_M2)))
     noise_m = shape.size_sigma_px(size_px) / size_px * distance_m
     sigma_m = math.hypot(noise_m, camera.focal_relative_sigma * distance_m)
     return Expectation(distance_m=distance_m, size_px=size_px, sigma_m=sigma_m, noise_m=noise_m)

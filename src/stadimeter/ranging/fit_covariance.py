@@ -24,10 +24,10 @@ Matrix = NDArray[np.float64]
 
 _OF_POSE = 6
 _OF_LENS = slice(_OF_POSE, _OF_POSE + 9)
-_LEAST_EIGENVALUE = 1e-13
+_MIN_EIGENVALUE = 1e-13
 """As a share of the largest: smaller ones are rounding errors."""
 
-_MOST_LEVERAGE = 0.9999
+_MAX_LEVERAGE = 0.9999
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -75,13 +75,13 @@ def _inverse_root(normal: Matrix) -> Matrix:
     """
     scale = 1 / np.sqrt(np.diag(normal).clip(1e-300))
     values, vectors = np.linalg.eigh(normal * np.outer(scale, scale))
-    return np.asarray(scale[:, None] * vectors / np.sqrt(values.clip(_LEAST_EIGENVALUE * values[-1])))
+    return np.asarray(scale[:, None] * vectors / np.sqrt(values.clip(_MIN_EIGENVALUE * values[-1])))
 
 
 def _pull(jacobian: Matrix, residuals_px: Matrix) -> Matrix:
     """Return the square of a board's pull on parameters in which the normal matrix is 1."""
     left, leverage, right = np.linalg.svd(jacobian, full_matrices=False)
-    factor = leverage / np.sqrt(1 - np.minimum(leverage**2, _MOST_LEVERAGE))
+    factor = leverage / np.sqrt(1 - np.minimum(leverage**2, _MAX_LEVERAGE))
     pull = (left.T @ residuals_px * factor) @ right
     return np.outer(pull, pull)
 

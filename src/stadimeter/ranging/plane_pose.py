@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadimeter.core.detection import Points
-from stadimeter.ranging.pose_refinement import Pose, linearised, refined
+from stadimeter.ranging.pose_refinement import PlanePose, linearised, refined
 
 Vector = tuple[float, float, float]
 Seen = Sequence[Sequence[float]]
@@ -257,7 +257,7 @@ def distance_share(pose: RectanglePose, corners_m: Points, corner_sigma: float) 
     by half the tilt's variance. It is a standard deviation as a share of the distance, infinite where the corners,
     ``(4, 3)``, do not tell the pose; theirs, `corner_sigma`, is per unit of depth.
     """
-    linear = linearised(Pose(*pose[:3]), corners_m.tolist(), NOWHERE)
+    linear = linearised(PlanePose(*pose[:3]), corners_m.tolist(), NOWHERE)
     if linear is None:
         return math.inf
     jacobian, _ = linear
@@ -276,7 +276,7 @@ def distance_share(pose: RectanglePose, corners_m: Points, corner_sigma: float) 
 
 def nearest_pose(pose: RectanglePose, corners_m: Seen, seen: Seen) -> RectanglePose:
     """Return the pose nearby whose corners, x and y in its plane, appear nearest to where they were seen."""
-    better = refined(Pose(*pose[:3]), corners_m, seen)
+    better = refined(PlanePose(*pose[:3]), corners_m, seen)
     missed = misfit(*better, corners_m, seen)
     return RectanglePose(*better, missed) if missed <= pose.misfit else pose
 

@@ -18,7 +18,7 @@ Vector = tuple[float, float, float]
 Seen = Sequence[Sequence[float]]
 Values = NDArray[np.float64]
 
-MOST_STEPS = 8
+MAX_STEPS = 8
 SETTLED_SHARE = 1e-3
 """A step that would take less than this share off the sum of squares is the last one."""
 
@@ -26,7 +26,7 @@ DAMPING, GROWTH = 1e-6, 30.0
 """The first damping, a share of the normal matrix's diagonal, and what it grows by where a step makes things worse."""
 
 
-class Pose(NamedTuple):
+class PlanePose(NamedTuple):
     """A pose of a plane: its axes in the camera frame, towards its right and its top, and where its centre is."""
 
     right: Vector
@@ -34,7 +34,7 @@ class Pose(NamedTuple):
     position_m: Vector
 
 
-def linearised(pose: Pose, corners_m: Seen, seen: Seen) -> tuple[Values, Values] | None:
+def linearised(pose: PlanePose, corners_m: Seen, seen: Seen) -> tuple[Values, Values] | None:
     """Return how seen corners change with a small turn about the camera's axes and a shift, and how far off they are.
 
     The shapes are ``(2 n, 6)`` and ``(2 n,)``, per unit of depth. None where a corner is not in front of the camera.
@@ -55,11 +55,11 @@ def linearised(pose: Pose, corners_m: Seen, seen: Seen) -> tuple[Values, Values]
     return np.array(rows), np.array(off)
 
 
-def refined(pose: Pose, corners_m: Seen, seen: Seen) -> Pose:
+def refined(pose: PlanePose, corners_m: Seen, seen: Seen) -> PlanePose:
     """Return the pose nearby whose corners, x and y in its plane, appear nearest to where they were seen."""
     now = linearised(pose, corners_m, seen)
     damping = DAMPING
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         if now is None:
             return pose
         jacobian, off = now
@@ -83,12 +83,12 @@ def refined(pose: Pose, corners_m: Seen, seen: Seen) -> Pose:
     return pose
 
 
-def _moved(pose: Pose, step: Sequence[float]) -> Pose:
+def _moved(pose: PlanePose, step: Sequence[float]) -> PlanePose:
     """Return a pose turned about the camera's axes and shifted."""
     turn, shift = (step[0], step[1], step[2]), step[3:]
     right, up = _turned(pose.right, turn), _turned(pose.up, turn)
     x, y, z = pose.position_m
-    return Pose(right, up, (x + shift[0], y + shift[1], z + shift[2]))
+    return PlanePose(right, up, (x + shift[0], y + shift[1], z + shift[2]))
 
 
 def _turned(vector: Vector, turn: Vector) -> Vector:

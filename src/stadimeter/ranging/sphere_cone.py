@@ -32,10 +32,10 @@ from stadimeter.core.detection import Points
 Values = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
-MOST_EXCESS = 100.0
+MAX_EXCESS = 100.0
 """Square of the tangent of the half angle beyond which rays form no cone around a sphere: it would fill 168 degrees."""
 
-LEAST_RAYS = 6
+MIN_RAYS = 6
 """Fewer rays say too little about three unknowns."""
 
 
@@ -130,7 +130,7 @@ class ConeFrame:
         q1 = (ab * r + bb * s + bc * t) / determinant
         q2 = (ac * r + bc * s + cc * t) / determinant
         excess = 2 * q0 + q0 * q0 + q1 * q1 + q2 * q2
-        if not 0 < excess < MOST_EXCESS:
+        if not 0 < excess < MAX_EXCESS:
             return None
         length = math.sqrt(1 + excess)
         g = 1 + q0
@@ -150,11 +150,11 @@ class ConeFrame:
 
 
 def fit_cone(directions: Points, towards: tuple[float, float]) -> SphereCone | None:
-    """Return the cone around a sphere from rays that touch it; None for fewer than `LEAST_RAYS`, or if they form none.
+    """Return the cone around a sphere from rays that touch it; None for fewer than `MIN_RAYS`, or if they form none.
 
     Rays and the guess of the centre, `towards`, are x and y per unit of depth with the lens's distortion undone.
     """
-    return ConeFrame(with_ones(directions), towards).fit() if len(directions) >= LEAST_RAYS else None
+    return ConeFrame(with_ones(directions), towards).fit() if len(directions) >= MIN_RAYS else None
 
 
 def with_ones(directions: Points) -> Values:

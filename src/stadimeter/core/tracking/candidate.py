@@ -17,14 +17,14 @@ from stadimeter.core.tracking import motion
 from stadimeter.core.tracking.motion import MotionState
 from stadimeter.core.tracking.sighting import Sighting
 
-FASTEST_MPS = 40.0
+MAX_SPEED_MPS = 40.0
 """Two sightings that are further apart than a target of this speed could come are not of one target."""
 
 ON_A_LINE = 3
 """The frames that agree when a third is on the line through two."""
 
 
-class Candidate(NamedTuple):
+class TentativeTrack(NamedTuple):
     """What was seen, and how it may move.
 
     Attributes:
@@ -42,7 +42,7 @@ class Candidate(NamedTuple):
     fast: MotionState | None = None
 
 
-def seen(before: Candidate | None, sighting: Sighting, noise_m: float, settings: Tracking) -> Candidate:
+def seen(before: TentativeTrack | None, sighting: Sighting, noise_m: float, settings: Tracking) -> TentativeTrack:
     """Return the candidate after another sighting.
 
     Args:
@@ -52,29 +52,29 @@ def seen(before: Candidate | None, sighting: Sighting, noise_m: float, settings:
     """
     at_rest = motion.start(sighting.distance_m, noise_m)
     if before is None:
-        return Candidate(sighting, noise_m, 1, at_rest)
+        return TentativeTrack(sighting, noise_m, 1, at_rest)
     agreeing = _agreeing(before.motion, before, sighting, noise_m, settings)
     if agreeing:
-        return Candidate(sighting, noise_m, before.frames + 1, agreeing)
+        return TentativeTrack(sighting, noise_m, before.frames + 1, agreeing)
     on_line = before.fast and _agreeing(before.fast, before, sighting, noise_m, settings)
     if on_line:
-        return Candidate(sighting, noise_m, ON_A_LINE, on_line)
-    return Candidate(sighting, noise_m, 1, at_rest, _fast(before, sighting, noise_m))
+        return TentativeTrack(sighting, noise_m, ON_A_LINE, on_line)
+    return TentativeTrack(sighting, noise_m, 1, at_rest, _fast(before, sighting, noise_m))
 
 
 def _agreeing(
-    state: MotionState, before: Candidate, sighting: Sighting, noise_m: float, settings: Tracking
+    state: MotionState, before: TentativeTrack, sighting: Sighting, noise_m: float, settings: Tracking
 ) -> MotionState | None:
     """Return the motion with a sighting taken in; None if the sighting contradicts it."""
     step_s = sighting.at_s - before.sighting.at_s
-    moved = motion.predict(state, step_s, settings.acceleration_mps2, settings.correlation)
+    moved = motion.predict(state, step_s, settings.acceleration_mps2, settings.autocorrelation)
     innovation = motion.compare(moved, sighting.distance_m, noise_m)
     return motion.update(moved, noise_m, innovation) if innovation.sigmas <= settings.gate_sigmas else None
 
 
-def _fast(before: Candidate, sighting: Sighting, noise_m: float) -> MotionState | None:
+def _fast(before: TentativeTrack, sighting: Sighting, noise_m: float) -> MotionState | None:
     step_s = sighting.at_s - before.sighting.at_s
     rate_mps = (sighting.distance_m - before.sighting.distance_m) / step_s
-    if abs(rate_mps) > FASTEST_MPS:
+    if abs(rate_mps) > MAX_SPEED_MPS:
         return None
     return motion.start_moving(sighting.distance_m, noise_m, rate_mps, before.noise_m, step_s)

@@ -30,7 +30,7 @@ NOISE_FLOOR_M = 1e-4
 """No measurement is taken to be better than this; a claim of zero would make the filter deaf."""
 
 FRESH_SHARE = 0.1
-"""The share of the noise's variance that is new in each frame, whatever the correlation of the rest."""
+"""The share of the noise's variance that is new in each frame, whatever the autocorrelation of the rest."""
 
 _KEPT, _FRESH = math.sqrt(1 - FRESH_SHARE), FRESH_SHARE
 
@@ -96,14 +96,14 @@ def start_moving(
     )
 
 
-def predict(state: FilterState, step_s: float, acceleration_mps2: float, correlation: float) -> FilterState:
+def predict(state: FilterState, step_s: float, acceleration_mps2: float, autocorrelation: float) -> FilterState:
     """Return what is expected of the next frame.
 
     Args:
         state: What is known now.
         step_s: How much later, zero or more.
         acceleration_mps2: How far the rate may wander in one second, as a standard deviation in m/s.
-        correlation: ρ, of the noise from one frame to the next, 0 to below 1.
+        autocorrelation: ρ, of the noise from one frame to the next, 0 to below 1.
     """
     distance_m, rate_mps, noise, var_distance, cov, var_rate, cov_noise, cov_rate_noise, var_noise = state
     distance_m += step_s * rate_mps
@@ -112,13 +112,13 @@ def predict(state: FilterState, step_s: float, acceleration_mps2: float, correla
     return FilterState(
         distance_m if distance_m > 0.0 else 0.0,
         rate_mps,
-        correlation * noise,
+        autocorrelation * noise,
         var_distance + step_s * (cov + cov_rate + wander * step_s / 3),
         cov_rate + wander * step_s / 2,
         var_rate + wander,
-        correlation * (cov_noise + step_s * cov_rate_noise),
-        correlation * cov_rate_noise,
-        1.0 - correlation * correlation * (1.0 - var_noise),
+        autocorrelation * (cov_noise + step_s * cov_rate_noise),
+        autocorrelation * cov_rate_noise,
+        1.0 - autocorrelation * autocorrelation * (1.0 - var_noise),
     )
 
 

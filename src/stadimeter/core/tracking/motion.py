@@ -120,7 +120,7 @@ def _alike(state: FilterState) -> MotionState:
     return MotionState(state, state, state, 0.5, 0.25, 0.25, state)
 
 
-def predict(state: MotionState, step_s: float, acceleration_mps2: float, correlation: float) -> MotionState:
+def predict(state: MotionState, step_s: float, acceleration_mps2: float, autocorrelation: float) -> MotionState:
     """Return what is expected of the next frame.
 
     The mixing step of the IMM: each filter starts from a mixture of all, weighted by how likely the target came to its
@@ -130,7 +130,7 @@ def predict(state: MotionState, step_s: float, acceleration_mps2: float, correla
         state: What is known now.
         step_s: How much later, zero or more.
         acceleration_mps2: How far the rate usually wanders in one second, as a standard deviation in m/s.
-        correlation: Of the noise from one frame to the next, 0 to below 1.
+        autocorrelation: Of the noise from one frame to the next, 0 to below 1.
     """
     together, kept = state.estimate(), math.exp(-step_s / KEEPS_FOR_S)
     taken = 1.0 - kept
@@ -142,9 +142,9 @@ def predict(state: MotionState, step_s: float, acceleration_mps2: float, correla
     swaying = kalman.mixed(state.swaying, together, keeps_swaying / swaying_share)
     manoeuvring = kalman.mixed(state.manoeuvring, together, keeps_manoeuvring / manoeuvring_share)
     return MotionState(
-        kalman.predict(constant, step_s, CONSTANT_VELOCITY_SHARE * acceleration_mps2, correlation),
-        kalman.predict(swaying, step_s, SWAYING_SHARE * acceleration_mps2, correlation),
-        kalman.predict(manoeuvring, step_s, MANOEUVRING_SHARE * acceleration_mps2, correlation),
+        kalman.predict(constant, step_s, CONSTANT_VELOCITY_SHARE * acceleration_mps2, autocorrelation),
+        kalman.predict(swaying, step_s, SWAYING_SHARE * acceleration_mps2, autocorrelation),
+        kalman.predict(manoeuvring, step_s, MANOEUVRING_SHARE * acceleration_mps2, autocorrelation),
         constant_share,
         swaying_share,
         manoeuvring_share,

@@ -9,12 +9,13 @@ and the motion models explain nothing away. (They would: to a filter for manoeuv
 all the time.) Each normalised square moves the level by a small step, up if it is above its mean and down if it is
 below: stochastic approximation (H. Robbins, S. Monro, "A stochastic approximation method", Annals of Mathematical
 Statistics 22 (3), 1951). The step is in proportion to what the noise has in the variance, so where motion may explain
-all, nothing is learnt. A large square counts as `MOST_SQUARE`, and that of an outlier half as much (P. Huber, "Robust
+all, nothing is learnt. A large square counts as `MAX_SQUARE`, and that of an outlier half as much (P. Huber, "Robust
 Statistics", Wiley 1981, chapter 5; F. Hampel's redescending influence): an outlier or a leap is not learnt as noise.
 
-The **correlation** from frame to frame is less than configured if successive innovations alternate: those of a filter
-with the right correlation have none (R. Mehra, "On the identification of variances and adaptive Kalman filtering", IEEE
-Transactions on Automatic Control 15 (2), 1970). It is not learnt to be more: a target that drifts would look like that.
+The **autocorrelation** from frame to frame is less than configured if successive innovations alternate: those of a
+filter with the right autocorrelation are white (R. Mehra, "On the identification of variances and adaptive Kalman
+filtering", IEEE Transactions on Automatic Control 15 (2), 1970). It is not learnt to be more: a target that drifts
+would look like that.
 
 What **stays**: a figure that varies clearly less than stated does not err less for that. Its error is the same in every
 frame, as that of an edge under a compression that does not change, and no filter averages it away. That share of the
@@ -31,32 +32,32 @@ from stadimeter.core.tracking.filter import FRESH_SHARE
 from stadimeter.core.tracking.motion import SWAYING_SHARE
 from stadimeter.core.tracking.sighting import Sighting
 
-LEVEL_WITHIN_S, CORRELATION_WITHIN_S = 1.0, 5.0
+LEVEL_WITHIN_S, AUTOCORRELATION_WITHIN_S = 1.0, 5.0
 """Time constants of learning."""
 
-MOST_SQUARE = 6.0
+MAX_SQUARE = 6.0
 """98.6 % of normally distributed figures have a smaller normalised square."""
 _USUAL_SQUARE = 0.974
 """The mean of a normalised square that is cut there."""
 
-LEAST_LEVEL = -2.0
+MIN_LEVEL = -2.0
 """How far below the stated noise it is followed."""
 STAYS_BELOW = 0.4
 """Below this share of the stated variance, a figure varies surely less than stated."""
 
 LINE_WITHIN_S = 1.0
 """Sightings that are further apart say nothing of each other."""
-_MOST_SIGMAS = 2.5
-_LEAST_CORRELATION = -0.2
+_MAX_SIGMAS = 2.5
+_MIN_AUTOCORRELATION = -0.2
 """The figure that is learnt may be somewhat below zero, so that zero is not its lower end but what it hovers around."""
 
 
-class Noise(NamedTuple):
+class NoiseEstimate(NamedTuple):
     """What is known of a target's noise.
 
     Attributes:
         level: The logarithm of its variance over the stated one.
-        less_correlated: The correlation from frame to frame, less the configured one; zero or below.
+        less_correlated: The autocorrelation from frame to frame, less the configured one; zero or below.
         innovation_sigmas: The newest innovation, in standard deviations.
     """
 
@@ -74,13 +75,15 @@ class Noise(NamedTuple):
         """The share of the stated variance that stays from frame to frame, 0 to 1."""
         return max(0.0, 1.0 - math.exp(self.level) / STAYS_BELOW) if self.level < 0.0 else 0.0
 
-    def correlation(self, settings: Tracking) -> float:
-        """Return the correlation from one frame to the next, 0 to that of the settings."""
-        correlation = settings.correlation + self.less_correlated
-        return max(0.0, correlation)
+    def autocorrelation(self, settings: Tracking) -> float:
+        """Return the autocorrelation from one frame to the next, 0 to that of the settings."""
+        autocorrelation = settings.autocorrelation + self.less_correlated
+        return max(0.0, autocorrelation)
 
 
-def learn(noise: Noise, innovation_sigmas: float, line: Line | None, step_s: float, settings: Tracking) -> Noise:
+def learn(
+    noise: NoiseEstimate, innovation_sigmas: float, line: LineDeviation | None, step_s: float, settings: Tracking
+) -> NoiseEstimate:
     """Return what is known of the noise after a measurement.
 
     Args:
@@ -93,20 +96,20 @@ def learn(noise: Noise, innovation_sigmas: float, line: Line | None, step_s: flo
     if settings.noise_factor_max <= 1.0:
         return noise
     # Like 1 - exp(-x), and cheaper.
-    slow, quick = step_s / (step_s + CORRELATION_WITHIN_S), step_s / (step_s + LEVEL_WITHIN_S)
-    sigmas = min(max(innovation_sigmas, -_MOST_SIGMAS), _MOST_SIGMAS)
+    slow, quick = step_s / (step_s + AUTOCORRELATION_WITHIN_S), step_s / (step_s + LEVEL_WITHIN_S)
+    sigmas = min(max(innovation_sigmas, -_MAX_SIGMAS), _MAX_SIGMAS)
     less = noise.less_correlated + noise.innovation_sigmas * sigmas * slow
-    less = min(max(less, _LEAST_CORRELATION - settings.correlation), 0.0)
+    less = min(max(less, _MIN_AUTOCORRELATION - settings.autocorrelation), 0.0)
     level = noise.level
     if line is not None:
         is_outlier = abs(innovation_sigmas) > settings.gate_sigmas
-        change = _surprise(line, level, MOST_SQUARE / 2 if is_outlier else MOST_SQUARE)
+        change = _surprise(line, level, MAX_SQUARE / 2 if is_outlier else MAX_SQUARE)
         level += change * quick
-        level = min(max(level, LEAST_LEVEL), 2.0 * math.log(settings.noise_factor_max))
-    return Noise(level, less, sigmas)
+        level = min(max(level, MIN_LEVEL), 2.0 * math.log(settings.noise_factor_max))
+    return NoiseEstimate(level, less, sigmas)
 
 
-class Line(NamedTuple):
+class LineDeviation(NamedTuple):
     """How far a measurement is from the line through the two before it.
 
     Attributes:
@@ -120,7 +123,9 @@ class Line(NamedTuple):
     motion_var_m2: float
 
 
-def line_of(noise: Noise, before: tuple[Sighting, Sighting], now: Sighting, settings: Tracking) -> Line | None:
+def line_of(
+    noise: NoiseEstimate, before: tuple[Sighting, Sighting], now: Sighting, settings: Tracking
+) -> LineDeviation | None:
     """Return how far a sighting is from the line through the two before it; None where these are too far apart.
 
     Args:
@@ -135,20 +140,20 @@ def line_of(noise: Noise, before: tuple[Sighting, Sighting], now: Sighting, sett
         return None
     # The difference is z₂ − (1+r)·z₁ + r·z₀, with r the ratio of the steps. Noise that keeps the share ρ of itself from
     # frame to frame cancels in it as far as it is kept.
-    r, rho = step_s / step_before_s, noise.correlation(settings)
+    r, rho = step_s / step_before_s, noise.autocorrelation(settings)
     stretched = (1.0 + r) * (1.0 + r)
     shares = 1.0 + stretched + r * r - 2.0 * (1.0 - FRESH_SHARE) * rho * (stretched - r * rho)
     stated_m = newer.noise_m * settings.noise_factor
     # White-noise acceleration of density q² adds q²·step²·(step + step before)/3.
     q_mps2 = SWAYING_SHARE * settings.acceleration_mps2
-    return Line(
+    return LineDeviation(
         off_m=now.distance_m - newer.distance_m - r * (newer.distance_m - older.distance_m),
         noise_var_m2=shares * stated_m * stated_m,
         motion_var_m2=q_mps2 * q_mps2 * step_s * step_s * (step_s + step_before_s) / 3.0,
     )
 
 
-def _surprise(line: Line, level: float, most: float) -> float:
+def _surprise(line: LineDeviation, level: float, most: float) -> float:
     """Return how far a normalised square is above its mean, weighted by what the noise has in it."""
     noise_var_m2 = line.noise_var_m2 * math.exp(level)
     var_m2 = noise_var_m2 + line.motion_var_m2

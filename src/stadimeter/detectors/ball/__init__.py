@@ -25,11 +25,11 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame, Image, Subsampling
 from stadimeter.detectors.ball.blobs import Blob, find_blobs, search_step, thinned, together
-from stadimeter.detectors.ball.circles import Circle, edge_circle
+from stadimeter.detectors.ball.circles import ImageCircle, edge_circle
 from stadimeter.detectors.ball.gates import (
-    LEAST_FILL,
-    Ball,
+    MIN_FILL,
     BallGates,
+    FoundBall,
     Refusal,
     most_score,
     too_little_colour,
@@ -53,7 +53,7 @@ COARSE_CELLS = 3
 """Least width of a ball in those, in cells."""
 
 CERTAIN_PX, REACH_SIGMAS = 2.0, 2.5
-WIDEST_RING_PX = 16.0
+MAX_RING_PX = 16.0
 """With a prediction that is less sure, the blobs near the expected place are looked at instead."""
 
 REGION_SIGMAS = 4.0
@@ -64,24 +64,24 @@ AGREE_SIGMAS, AGREE_PX = 3.0, 1.0
 WITHIN_REACH, AROUND_REACH = 1.2, 2.0
 """Greatest radius of a ball that the search within and around a blob finds, in half sizes of the blob."""
 
-MOST_OF_OTHERS, QUALITY_OF_OTHERS = 4, 0.2
+MAX_OTHER_BLOBS, QUALITY_OF_OTHERS = 4, 0.2
 """Number of blobs tried of another range than the ball's own, and least quality there: chance has had its turn."""
 
-LEAST_OF_BLOB = 0.7
+MIN_SHARE_OF_BLOB = 0.7
 """A ball is no narrower than this share of the blob that shows it, unless that shows more than the ball."""
 
 NARROWER = 0.85
 """The largest circle within a blob says no more than the one around it unless it is narrower by this factor."""
 
-LEAST_FILL_AROUND = 0.2
+MIN_FILL_AROUND = 0.2
 """No circle of edges is looked for around a blob that covers a smaller share of its own circle: it is the grain of
 wood, the joint of a floor or the rim of something. Of 635 balls with markings, on textured floors and in hands none
 showed so little."""
 
-MOST_SEARCHED_AROUND = 3
+MAX_SEARCHED_AROUND = 3
 """Number of blobs around which the circle of edges is looked for, which is slow."""
 
-MOST_REJECTED = 8
+MAX_REJECTED = 8
 
 LIKELY_FOCAL_SHARE = 0.8
 """The focal length of most cameras, as a share of their pictures' long side."""
@@ -110,10 +110,10 @@ class _Scene(NamedTuple):
     is_lens_known: bool  # whether it is
     gates: BallGates  # what a ball must pass
     refusals: list[Refusal]  # what was looked at and is no ball, filled while searching
-    expected: Circle | None = None  # where the ball is expected, while it is looked for there
+    expected: ImageCircle | None = None  # where the ball is expected, while it is looked for there
 
 
-_Search = Callable[[_Scene, Blob], Ball | None]
+_Search = Callable[[_Scene, Blob], FoundBall | None]
 """Returns the ball that a blob leads to."""
 
 
@@ -179,7 +179,7 @@ class BallDetector:
             ball = self._of_other_ranges(scene)
         return self._not_found(scene, blobs) if ball is None else self._found(scene, ball)
 
-    def _large(self, scene: _Scene) -> Ball | None:
+    def _large(self, scene: _Scene) -> FoundBall | None:
         """Return a large ball beyond doubt, found in few pixels; None if it takes more of them to tell."""
         height, width = scene.image.shape[:2]
         if width * height <= COARSE_FROM_PIXELS * self._step**2 or self._step >= COARSE_STEP:
@@ -193,15 +193,15 @@ class BallDetector:
         scene.refusals.clear()
         return None
 
-    def _expected(self, scene: _Scene, prediction: Prediction) -> Ball | None:
+    def _expected(self, scene: _Scene, prediction: Prediction) -> FoundBall | None:
         """Look where the ball is expected: at the ring around its limb, or else at the blobs around it."""
         (x_px, y_px), radius_px = prediction.centre_px, prediction.size_px / 2
         if not all(map(math.isfinite, (x_px, y_px, radius_px, prediction.sigma_px))):
             return None
-        start = Circle(x_px=x_px, y_px=y_px, radius_px=max(radius_px, self._gates.min_radius_px))
+        start = ImageCircle(x_px=x_px, y_px=y_px, radius_px=max(radius_px, self._gates.min_radius_px))
         scene = scene._replace(expected=start)
         reach_px = FIRST_REACH_PX + REACH_SIGMAS * max(0.0, prediction.sigma_px - CERTAIN_PX)
-        if reach_px <= WIDEST_RING_PX:
+        if reach_px <= MAX_RING_PX:
             in_ring = self._at(scene, start, reach_px)
             if in_ring is not None and _is_as_expected(in_ring, prediction):
                 return in_ring
@@ -212,7 +212,7 @@ class BallDetector:
         ball = self._best(scene, find_blobs(scene.image, self._colour, self._step, region))
         return ball if ball is not None and _is_as_expected(ball, prediction) else None
 
-    def _best(self, scene: _Scene, blobs: Sequence[Blob]) -> Ball | None:
+    def _best(self, scene: _Scene, blobs: Sequence[Blob]) -> FoundBall | None:
         """Return the ball that looks most like one around one of the blobs.
 
         First the circle around each blob is tried; then, of the largest ones that are no ball beyond doubt, the largest
@@ -233,42 +233,44 @@ class BallDetector:
                 best = _better(best, search(scene, blob))
         return best
 
-    def _of_other_ranges(self, scene: _Scene) -> Ball | None:
+    def _of_other_ranges(self, scene: _Scene) -> FoundBall | None:
         """Return the ball by more or less of its range of colours; what was refused there is not told."""
         for colour in other_ranges(thinned(scene.image, self._step), self._colour):
             narrowed = scene._replace(gates=replace(scene.gates, colour=colour), refusals=[])
-            ball = self._best(narrowed, find_blobs(scene.image, colour, self._step)[:MOST_OF_OTHERS])
+            ball = self._best(narrowed, find_blobs(scene.image, colour, self._step)[:MAX_OTHER_BLOBS])
             if ball is not None and ball.quality >= QUALITY_OF_OTHERS:
                 return ball
         return None
 
     def _other_ways(self, large: Sequence[Blob], sure: Sequence[Blob]) -> Iterator[tuple[_Search, Blob]]:
         """Yield slower searches around the largest blobs that are no ball beyond doubt."""
-        doubtful = [blob for blob in large[:MOST_SEARCHED_AROUND] if blob not in sure]
+        doubtful = [blob for blob in large[:MAX_SEARCHED_AROUND] if blob not in sure]
         if not doubtful:
             return
         for blob in doubtful:
             yield self._inscribed, blob
-        for blob in together(large, MOST_SEARCHED_AROUND):
+        for blob in together(large, MAX_SEARCHED_AROUND):
             yield self._around, blob
         for blob in doubtful:
             yield self._around, blob
 
-    def _within(self, scene: _Scene, blob: Blob) -> Ball | None:
+    def _within(self, scene: _Scene, blob: Blob) -> FoundBall | None:
         """Return the ball by the circle around a blob, unless that could not show enough of the ball's colour."""
-        if blob.fill < LEAST_FILL:
+        if blob.fill < MIN_FILL:
             scene.refusals.append(too_little_colour(blob.circle, blob.fill))
             return None
         return self._at(scene, blob.circle, max(FIRST_REACH_PX, REACH_OF_STEP * blob.step), blob.coloured_px2)
 
-    def _inscribed(self, scene: _Scene, blob: Blob) -> Ball | None:
+    def _inscribed(self, scene: _Scene, blob: Blob) -> FoundBall | None:
         """Return the ball by the largest circle in a blob, which is wider since other things of its colour touch it."""
         circle = blob.inscribed
         if not self._gates.min_radius_px <= circle.radius_px < NARROWER * blob.circle.radius_px:
             return None
         return self._at(scene, circle, max(FIRST_REACH_PX, REACH_OF_STEP * blob.step))
 
-    def _at(self, scene: _Scene, start: Circle, reach_px: float, coloured_px2: float | None = None) -> Ball | None:
+    def _at(
+        self, scene: _Scene, start: ImageCircle, reach_px: float, coloured_px2: float | None = None
+    ) -> FoundBall | None:
         """Return the ball near a circle; None, and a note of why, if there is none."""
         limb = find_limb(scene.image, start, reach_px, scene.lens)
         if limb is None:
@@ -282,21 +284,21 @@ class BallDetector:
             expected=scene.expected,
             coloured_px2=coloured_px2,
         )
-        if isinstance(judged, Ball):
+        if isinstance(judged, FoundBall):
             return judged
         scene.refusals.append(judged)
         return None
 
-    def _around(self, scene: _Scene, blob: Blob) -> Ball | None:
+    def _around(self, scene: _Scene, blob: Blob) -> FoundBall | None:
         """Return the ball by the circle of edges around a blob, unless that is too thin to be part of a ball."""
-        if blob.fill < LEAST_FILL_AROUND:
+        if blob.fill < MIN_FILL_AROUND:
             return None
         circle = edge_circle(scene.image, blob.thinned_px, blob.area_px2)
         if circle is None:
             return None
         return self._at(scene, circle, within(circle))
 
-    def _found(self, scene: _Scene, ball: Ball) -> Detection:
+    def _found(self, scene: _Scene, ball: FoundBall) -> Detection:
         circle = ball.limb.circle
         diameter_px = 2 * ball.limb.straight_radius_px
         return Detection(
@@ -327,10 +329,10 @@ class BallDetector:
 def _most_alike(scene: _Scene) -> tuple[RejectedCandidate, ...]:
     """Return what is no ball, most like one first."""
     refusals = sorted(scene.refusals, key=lambda each: each.likeness, reverse=True)
-    return tuple(each.candidate for each in refusals[:MOST_REJECTED])
+    return tuple(each.candidate for each in refusals[:MAX_REJECTED])
 
 
-def _is_as_expected(ball: Ball, prediction: Prediction) -> bool:
+def _is_as_expected(ball: FoundBall, prediction: Prediction) -> bool:
     """Return whether a ball is where it was expected, and as large."""
     circle = ball.limb.circle
     most_px = AGREE_SIGMAS * max(prediction.sigma_px, 0.0) + AGREE_PX
@@ -343,12 +345,12 @@ def _reaches(blob: Blob, place_px: tuple[float, float]) -> bool:
     return math.dist((blob.circle.x_px, blob.circle.y_px), place_px) <= blob.circle.radius_px + blob.step
 
 
-def _explains(ball: Ball | None, blob: Blob) -> bool:
+def _explains(ball: FoundBall | None, blob: Blob) -> bool:
     """Return whether a blob is a ball beyond doubt, and not something larger that a ball is a part of."""
-    return ball is not None and ball.is_sure and ball.limb.circle.radius_px >= LEAST_OF_BLOB * blob.circle.radius_px
+    return ball is not None and ball.is_sure and ball.limb.circle.radius_px >= MIN_SHARE_OF_BLOB * blob.circle.radius_px
 
 
-def _better(one: Ball | None, other: Ball | None) -> Ball | None:
+def _better(one: FoundBall | None, other: FoundBall | None) -> FoundBall | None:
     """Return the ball with the higher score."""
     return one if other is None or (one is not None and one.score >= other.score) else other
 

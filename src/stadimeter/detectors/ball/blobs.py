@@ -16,22 +16,22 @@ import numpy as np
 
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
-from stadimeter.detectors.ball.circles import Circle
+from stadimeter.detectors.ball.circles import ImageCircle
 from stadimeter.detectors.hsv import HsvRange, Mask
 from stadimeter.detectors.region import Region
 
-SMALLEST_SEARCHED_RADIUS_PX = 1.25
+MIN_SEARCHED_RADIUS_PX = 1.25
 """Pixels are left out only as long as the smallest accepted ball still has this radius in what remains."""
 
-GREATEST_STEP = 8
+MAX_STEP = 8
 
-MOST_BLOBS = 16
+MAX_BLOBS = 16
 """Number of blobs that are looked at: the largest."""
 
-MOST_POINTS = 60
+MAX_POINTS = 60
 """Number of points of an outline, evenly spaced, used where fewer will do."""
 
-PATCH_GAP, LEAST_PATCH = 0.5, 0.25
+PATCH_GAP, MIN_PATCH = 0.5, 0.25
 """Greatest gap between two patches of one ball, and least size of the smaller one, as shares of the larger's size."""
 
 
@@ -39,7 +39,7 @@ PATCH_GAP, LEAST_PATCH = 0.5, 0.25
 class Blob:
     """Pixels of the ball's colour that hang together, or several such patches of one ball."""
 
-    circle: Circle  # the circle around which its limb may be: as wide or as high as the blob, whichever is more
+    circle: ImageCircle  # the circle around which its limb may be: as wide or as high as the blob, whichever is more
     contours: tuple[cv2.typing.MatLike, ...]  # its outlines as OpenCV has them, in pixels of the thinned picture
     mask: Mask  # which pixels in the box of the first of them have the ball's colour
     coloured_px2: float  # area of these
@@ -62,14 +62,14 @@ class Blob:
         return sum(map(cv2.contourArea, self.contours)) * self.step**2
 
     @property
-    def inscribed(self) -> Circle:
+    def inscribed(self) -> ImageCircle:
         """The largest circle of its pixels: the ball, where other things of its colour touch it."""
         x, y, _, _ = cv2.boundingRect(self.contours[0])
         # The median leaves out single pixels, and what is beyond the box counts as another colour.
         solid = cv2.copyMakeBorder(cv2.medianBlur(self.mask, 3), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
         _, radius, _, (column, row) = cv2.minMaxLoc(cv2.distanceTransform(solid, cv2.DIST_L2, cv2.DIST_MASK_5))
         (left, top), step = self.origin_px, self.step
-        return Circle(
+        return ImageCircle(
             x_px=left + (x + column - 1) * step, y_px=top + (y + row - 1) * step, radius_px=float(radius) * step
         )
 
@@ -81,24 +81,24 @@ class Blob:
 
     @property
     def thinned_px(self) -> Points:
-        """No more than `MOST_POINTS` points of its outlines, evenly spaced."""
+        """No more than `MAX_POINTS` points of its outlines, evenly spaced."""
         outline_px = self.outline_px
-        return outline_px[:: max(1, math.ceil(len(outline_px) / MOST_POINTS))]
+        return outline_px[:: max(1, math.ceil(len(outline_px) / MAX_POINTS))]
 
 
 def search_step(min_radius_px: float) -> int:
     """Return the k of "every k-th pixel"."""
-    return max(1, min(GREATEST_STEP, int(min_radius_px / SMALLEST_SEARCHED_RADIUS_PX)))
+    return max(1, min(MAX_STEP, int(min_radius_px / MIN_SEARCHED_RADIUS_PX)))
 
 
 def find_blobs(image: Image, colour: HsvRange, step: int, region: Region | None = None) -> list[Blob]:
-    """Find the largest blobs of a colour, `MOST_BLOBS` at most, the largest first; looks at every step-th pixel."""
+    """Find the largest blobs of a colour, `MAX_BLOBS` at most, the largest first; looks at every step-th pixel."""
     region = region or Region.whole(image)
     mask = colour.mask(thinned(region.of(image), step))
     contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    if len(contours) > MOST_BLOBS:
+    if len(contours) > MAX_BLOBS:
         # Of texture, blobs are wide but thin; that of a ball is solid.
-        contours = sorted(contours, key=cv2.contourArea, reverse=True)[:MOST_BLOBS]
+        contours = sorted(contours, key=cv2.contourArea, reverse=True)[:MAX_BLOBS]
     boxed = [(contour, cv2.boundingRect(contour)) for contour in contours]
     boxed.sort(key=lambda pair: (-max(pair[1][2:]), pair[1]))
     return [_blob(contour, box, mask, step, (region.left, region.top)) for contour, box in boxed]
@@ -118,7 +118,7 @@ def _may_be_one(blob: Blob, other: Blob) -> bool:
     """Return whether a blob and one that is no larger may be patches of the same ball."""
     one, two = blob.circle, other.circle
     gap_px = math.hypot(one.x_px - two.x_px, one.y_px - two.y_px) - one.radius_px - two.radius_px
-    return gap_px < PATCH_GAP * one.radius_px and LEAST_PATCH * one.radius_px <= two.radius_px <= one.radius_px
+    return gap_px < PATCH_GAP * one.radius_px and MIN_PATCH * one.radius_px <= two.radius_px <= one.radius_px
 
 
 def _joined(patches: Sequence[Blob]) -> Blob:
@@ -126,7 +126,9 @@ def _joined(patches: Sequence[Blob]) -> Blob:
     left, right = (min(c.x_px - c.radius_px for c in circles), max(c.x_px + c.radius_px for c in circles))
     top, bottom = (min(c.y_px - c.radius_px for c in circles), max(c.y_px + c.radius_px for c in circles))
     return Blob(
-        circle=Circle(x_px=(left + right) / 2, y_px=(top + bottom) / 2, radius_px=max(right - left, bottom - top) / 2),
+        circle=ImageCircle(
+            x_px=(left + right) / 2, y_px=(top + bottom) / 2, radius_px=max(right - left, bottom - top) / 2
+        ),
         contours=tuple(contour for patch in patches for contour in patch.contours),
         mask=patches[0].mask,
         coloured_px2=sum(patch.coloured_px2 for patch in patches),
@@ -149,7 +151,7 @@ def thinned(image: Image, step: int) -> Image:
 def _blob(contour: cv2.typing.MatLike, box: cv2.typing.Rect, mask: Mask, step: int, origin_px: tuple[int, int]) -> Blob:
     (x, y, width, height), (left, top) = box, origin_px
     # The pixel that was looked at is the first of its cell; the blob reaches half a cell beyond it on average.
-    circle = Circle(
+    circle = ImageCircle(
         x_px=left + (x + (width - 1) / 2) * step,
         y_px=top + (y + (height - 1) / 2) * step,
         radius_px=max(width, height) * step / 2,

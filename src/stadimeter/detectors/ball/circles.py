@@ -30,10 +30,10 @@ STEPS_A_HALF = 40
 EDGES_PER_RADIAL = 3
 """Edges kept in each: the limb is not always the strongest."""
 
-NEAREST, FURTHEST = 0.35, 2.0
+MIN_REACH, MAX_REACH = 0.35, 2.0
 """Range of the search for the limb, in half sizes of the blob from its centre."""
 
-LEAST_STEP = 6.0
+MIN_STEP = 6.0
 """Edges of fewer levels of 8 bits a pixel are noise."""
 
 BAND_PX = 1.5
@@ -48,10 +48,10 @@ TRIES = 400
 FEW_TRIES = 64
 """With half of the points on the circle, 64 triples miss it twice in ten thousand times."""
 
-MOST_HELD = 128
+MAX_CIRCLES_HELD = 128
 """Number of circles that are held against all edges."""
 
-LEAST_EDGES = 6
+MIN_EDGES = 6
 
 CHANNELS = np.ones(3, np.float32)
 """The product with these is the sum over the channels, several times as fast as numpy's."""
@@ -61,7 +61,7 @@ EVENLY = 1 / 1.2207440846057596 ** np.arange(1, 4)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Circle:
+class ImageCircle:
     """A circle in pixels."""
 
     x_px: float
@@ -77,16 +77,16 @@ class Edges(NamedTuple):
     strength: Weights
 
 
-def edge_circle(image: Image, blob_px: Points, area_px2: float) -> Circle | None:
+def edge_circle(image: Image, blob_px: Points, area_px2: float) -> ImageCircle | None:
     """Find the circle of edges around a blob's outline, shape ``(n, 2)``; None if none has the blob inside."""
     low, high = blob_px.min(axis=0), blob_px.max(axis=0)
     centre, half_px = (low + high) / 2, float((high - low).max()) / 2 + 0.5
     step_px = max(0.5, half_px / STEPS_A_HALF)
-    distances = np.arange(NEAREST * half_px, FURTHEST * half_px + 3 * step_px, step_px)
+    distances = np.arange(MIN_REACH * half_px, MAX_REACH * half_px + 3 * step_px, step_px)
     return find_circle(_edges(image, centre, distances), blob_px, area_px2, (max(BAND_PX, step_px), BAND_SHARE))
 
 
-def find_circle(edges: Edges, around_px: Points, area_px2: float, band: tuple[float, float]) -> Circle | None:
+def find_circle(edges: Edges, around_px: Points, area_px2: float, band: tuple[float, float]) -> ImageCircle | None:
     """Find the circle with strong edges on most radials that is filled by something; None if none is.
 
     Circles through three edges each are tried. The same edges always give the same circle.
@@ -97,7 +97,7 @@ def find_circle(edges: Edges, around_px: Points, area_px2: float, band: tuple[fl
         band: How far from a circle its edges may lie: in pixels, and as a share of the radius if that is more.
     """
     points = edges.points_px[edges.strength > 0]
-    if len(points) < LEAST_EDGES:
+    if len(points) < MIN_EDGES:
         return None
     circles = _circles_through_triples(points, TRIES)
     if not len(circles):
@@ -105,13 +105,13 @@ def find_circle(edges: Edges, around_px: Points, area_px2: float, band: tuple[fl
     fill = np.minimum(1.0, area_px2 / (np.pi * circles[:, 2] ** 2))
     worth = _enclosed(around_px, circles) * np.sqrt(fill)
     # What a circle encloses is quickly told; only the best by that are held against all edges.
-    tried = np.argsort(-worth, kind="stable")[:MOST_HELD]
+    tried = np.argsort(-worth, kind="stable")[:MAX_CIRCLES_HELD]
     score = worth[tried] * _support(edges, circles[tried], band)
     best = int(np.argmax(score))
     if not score[best] > 0:
         return None
     x, y, radius = (float(value) for value in circles[tried[best]])
-    return Circle(x_px=x, y_px=y, radius_px=radius)
+    return ImageCircle(x_px=x, y_px=y, radius_px=radius)
 
 
 def _edges(image: Image, centre: Points, distances_px: Points) -> Edges:
@@ -129,7 +129,7 @@ def _edges(image: Image, centre: Points, distances_px: Points) -> Edges:
     # Beyond the border its pixels are repeated, which shows no edges.
     places, peak = _peaks(steepness)
     found_px = distances_px[places] + 1.5 * step_px
-    usual = max(float(np.median(steepness.max(axis=1))), LEAST_STEP)
+    usual = max(float(np.median(steepness.max(axis=1))), MIN_STEP)
     points = np.stack([x + across * found_px, y + down * found_px], axis=-1)
     return Edges(points, np.minimum(1.0, peak / usual))
 
@@ -144,7 +144,7 @@ def _directions() -> tuple[Values, Values]:
 def _peaks(steepness: Values) -> tuple[Indices, Values]:
     """Return the highest local maxima of each row: their columns, and how high they are; 0 where there are fewer."""
     middle, before, after = steepness[:, 1:-1], steepness[:, :-2], steepness[:, 2:]
-    peak = middle * ((middle >= before) & (middle > after) & (middle > LEAST_STEP / 2))
+    peak = middle * ((middle >= before) & (middle > after) & (middle > MIN_STEP / 2))
     left, each = peak.copy(), np.arange(len(peak))
     columns = np.empty((len(peak), EDGES_PER_RADIAL), np.intp)
     for rank in range(EDGES_PER_RADIAL):
@@ -153,7 +153,7 @@ def _peaks(steepness: Values) -> tuple[Indices, Values]:
     return columns + 1, peak[each[:, None], columns]
 
 
-def most_common_circle(points_px: Points, band_px: float = 1.0) -> Circle | None:
+def most_common_circle(points_px: Points, band_px: float = 1.0) -> ImageCircle | None:
     """Find the circle within a band of which most of the points lie; None if no three of them form one.
 
     Circles through three points each are tried. The same points always give the same circle.
@@ -165,7 +165,7 @@ def most_common_circle(points_px: Points, band_px: float = 1.0) -> Circle | None
     apart = (np.sqrt(across * across + down * down) - circles[:, 2:]) / band_px
     score = np.maximum(1 - apart * apart, 0.0).sum(axis=1)
     x, y, radius = (float(value) for value in circles[int(np.argmax(score))])
-    return Circle(x_px=x, y_px=y, radius_px=radius)
+    return ImageCircle(x_px=x, y_px=y, radius_px=radius)
 
 
 def _circles_through_triples(points: Points, tries: int) -> Points:

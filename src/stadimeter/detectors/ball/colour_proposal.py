@@ -32,13 +32,13 @@ AT_PLACE = 0.55
 WIDER_BONUS, GREY_SHARE = 0.03, 0.7
 """A wider range is better if the ball is as good with it. Grey is a ball's colour less often than a gloss on it."""
 
-ELSEWHERE_COSTS, ELSEWHERE_MOST = 0.1, 10.0
+ELSEWHERE_COSTS, MAX_ELSEWHERE = 0.1, 10.0
 """What it costs a range to cover as much elsewhere as the ball covers; beyond a multiple of that it costs no more."""
 
 LARGE_PX = 40.0
 """A ball of this diameter is no less likely than a larger one."""
 
-MOST_STANDING_OUT = 8
+MAX_VIVID_BLOBS = 8
 MIDDLING_FROM, FIRST_TRIED = 5, 3
 """At each of those, some ranges of a middling width tell whether it is a ball: the number of narrower ones, of up to
 18 in all, and how many are tried."""
@@ -55,10 +55,10 @@ MAX_VERIFIED = 5
 SEARCH_PX = 800
 """Pictures with a longer side than this are searched smaller."""
 
-THING_PX2, THING_SHARE, MOST_THINGS = 25.0, 0.05, 8
+THING_PX2, THING_SHARE, MAX_THINGS = 25.0, 0.05, 8
 """Other things of the colour count from this area on, and from this share of the ball's."""
 
-MARGIN_SHARE, MARGIN_MOST = 0.25, 20
+MARGIN_SHARE, MAX_HUE_MARGIN = 0.25, 20
 
 
 class _Range(NamedTuple):
@@ -131,7 +131,7 @@ def _standing_out(frame: Frame, detect: Detect) -> list[HsvRange]:
     """Return the best range of what stands out in a picture most, as a list; an empty one if that is no ball."""
     hsv = smoothed(frame.image)
     best_so_far, place = 0.0, None
-    for blob in vivid_blobs(frame.image, MOST_STANDING_OUT):  # the best first
+    for blob in vivid_blobs(frame.image, MAX_VIVID_BLOBS):  # the best first
         if best_so_far >= PERFECT_SCORE * blob.score:
             break
         ranges = list(islice(ranges_at(hsv, blob.place), MIDDLING_FROM + FIRST_TRIED))[-FIRST_TRIED:]
@@ -161,7 +161,7 @@ def _tried(frame: Frame, ranges: Iterable[HsvRange], place: Place, detect: Detec
             continue
         size = math.sqrt(min(1.0, detection.width_px / LARGE_PX))
         score = detection.quality * size * (1 + WIDER_BONUS * number) * (GREY_SHARE if _is_grey(colour) else 1.0)
-        score /= 1 + ELSEWHERE_COSTS * min(_elsewhere(colour.mask(frame.image), detection), ELSEWHERE_MOST)
+        score /= 1 + ELSEWHERE_COSTS * min(_elsewhere(colour.mask(frame.image), detection), MAX_ELSEWHERE)
         yield _Range(score, colour)
 
 
@@ -204,14 +204,14 @@ def _others(mask: Mask, detection: Detection, share: float) -> tuple[RejectedCan
             size_px=float(sizes[label]),
             reason="has the colour as well",
         )
-        for label in largest[:MOST_THINGS]
+        for label in largest[:MAX_THINGS]
     )
 
 
 def _hue_margin(samples: Sequence[ColourSample], views: Sequence[ColourView], colour: HsvRange) -> int | None:
     """Return by how many hues the range can grow at both ends before it covers something else; None for many."""
     before = [len(_others(view.mask, view.detection, MARGIN_SHARE)) for view in views]
-    for hues in range(2, MARGIN_MOST + 1, 2):
+    for hues in range(2, MAX_HUE_MARGIN + 1, 2):
         wider = widened(colour, hues)
         masks = (wider.mask(frame.image) for frame, _ in samples)
         after = [len(_others(mask, view.detection, MARGIN_SHARE)) for mask, view in zip(masks, views, strict=True)]

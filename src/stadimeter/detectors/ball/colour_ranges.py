@@ -32,18 +32,18 @@ LESS_OF_MARGIN = 0.1
 LESS_OF_STEP = 0.06
 """The same for each step by which a person widens a range, and as much more where it is made narrower."""
 
-LEAST_CHROMA = 24.0
+MIN_CHROMA = 24.0
 """Where the channels of most pixels differ by fewer levels, the thing is grey, white or black: every hue counts."""
 
 GREY_SATURATION, GREY_VALUE = 12.0, 0.08
 """What each step of the margin adds to grey: levels of saturation, and a share of the value."""
 
 SEEN_PERCENT = (2.0, 98.0)
-MOST_OF_PICTURE = 0.4
+MAX_PICTURE_SHARE = 0.4
 """A patch that is larger than this share of the picture is the background."""
 
 GROWTHS = 3
-MOST_COLOURS = 20_000
+MAX_COLOURS = 20_000
 
 HUES = np.arange(180.0)
 
@@ -126,7 +126,7 @@ def _covering(colours: Colours, margin: int) -> HsvRange:
     (least_saturation, most_saturation), (least_value, most_value) = (
         np.percentile(each, SEEN_PERCENT) for each in (saturations, values)
     )
-    if least_saturation * np.median(values) / 255 < LEAST_CHROMA:
+    if least_saturation * np.median(values) / 255 < MIN_CHROMA:
         more = 1 + GREY_VALUE * margin
         least, most = (0.0, least_value * (2 - more)), (most_saturation + GREY_SATURATION * margin, most_value * more)
         return _range(0.0, 179.0, least, most)
@@ -179,11 +179,11 @@ def _patch(hsv: Image, colour: HsvRange, place: Place) -> Colours | None:
         return None
     label = int(np.bincount(here).argmax())
     area_px2 = int(stats[label, cv2.CC_STAT_AREA])
-    if area_px2 > MOST_OF_PICTURE * mask.size:
+    if area_px2 > MAX_PICTURE_SHARE * mask.size:
         return None
     left, top, width, height = stats[label, : cv2.CC_STAT_AREA].tolist()
     part = (slice(top, top + height), slice(left, left + width))
-    return _colours(hsv[part][labels[part] == label][:: 1 + area_px2 // MOST_COLOURS])
+    return _colours(hsv[part][labels[part] == label][:: 1 + area_px2 // MAX_COLOURS])
 
 
 def _reach_px(hsv: Image) -> int:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadimeter.core.frame import Image
-from stadimeter.detectors.ball.circles import Circle
+from stadimeter.detectors.ball.circles import ImageCircle
 
 Odds = NDArray[np.float32]
 Flags = NDArray[np.bool_]
@@ -36,7 +36,7 @@ OUTSIDE_SHARE, OUTSIDE_PX = 0.15, 2.0
 """Pixels this near to the circle are not counted: a share of the radius, or pixels if that is more. The first circle
 may be wrong by so much, and pixels on the limb are a mixture."""
 
-LEAST_COUNTED = 8
+MIN_COUNTED = 8
 """Fewer pixels on either side tell no colours."""
 
 BITS = 4
@@ -49,7 +49,7 @@ SPREAD = np.eye(BINS, dtype=np.float32) + 0.5 * (np.eye(BINS, k=1) + np.eye(BINS
 RARE_SHARE = 0.02
 """A share of pixels that counts as chance, added to both sides of the ratio."""
 
-MOST_ODDS = 1.0
+MAX_ODDS = 1.0
 """No pixel says more than this for either side: speckles and scratches are a few pixels."""
 
 PLAUSIBLE_ODDS = 2.0
@@ -70,7 +70,7 @@ class BallColours(NamedTuple):
     axis: Odds  # the direction from the colours around it to those of the ball, of length 1, shape ``(3,)``
 
 
-def ball_colours(image: Image, circle: Circle) -> BallColours | None:
+def ball_colours(image: Image, circle: ImageCircle) -> BallColours | None:
     """Learn the colours of the ball inside a circle and of what is around it; None from too few pixels."""
     half_px = REACH_SHARE * circle.radius_px + REACH_PX
     left, top = max(int(circle.x_px - half_px), 0), max(int(circle.y_px - half_px), 0)
@@ -84,7 +84,7 @@ def ball_colours(image: Image, circle: Circle) -> BallColours | None:
     apart = np.sqrt(np.add.outer(y * y, x * x))
     inside = pixels[apart < circle.radius_px - max(INSIDE_SHARE * circle.radius_px, INSIDE_PX)]
     outside = pixels[apart > circle.radius_px + max(OUTSIDE_SHARE * circle.radius_px, OUTSIDE_PX)]
-    if min(len(inside), len(outside)) < LEAST_COUNTED:
+    if min(len(inside), len(outside)) < MIN_COUNTED:
         return None
     return BallColours(_odds(inside, outside), _axis(inside.astype(np.float32), outside.astype(np.float32)))
 
@@ -92,7 +92,7 @@ def ball_colours(image: Image, circle: Circle) -> BallColours | None:
 def _odds(inside: Image, outside: Image) -> Odds:
     shares = np.stack([np.bincount(_bins(each), minlength=BINS**3) / len(each) for each in (inside, outside)])
     ball, around = _smoothed(shares.astype(np.float32)) + RARE_SHARE
-    return np.asarray(np.clip(np.log(ball / around), -MOST_ODDS, MOST_ODDS), np.float32)
+    return np.asarray(np.clip(np.log(ball / around), -MAX_ODDS, MAX_ODDS), np.float32)
 
 
 def _axis(inside: Odds, outside: Odds) -> Odds:

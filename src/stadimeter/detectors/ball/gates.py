@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points, RejectedCandidate
 from stadimeter.core.frame import Image
-from stadimeter.detectors.ball.circles import Circle
+from stadimeter.detectors.ball.circles import ImageCircle
 from stadimeter.detectors.ball.limb import SHARP_PX, Limb
 from stadimeter.detectors.hsv import HsvRange
 
-LEAST_SUPPORT, SUPPORT_OF_SCATTER = 0.3, 0.7
+MIN_SUPPORT, SUPPORT_OF_SCATTER = 0.3, 0.7
 """Least share of the limb that must be seen: the first if its steps lie on it exactly, more as they scatter, up to
 the sum of both for the allowance below. Clutter has many circles with few steps near them, and some that are round by
 half, but hardly any with most of its steps close by."""
@@ -27,7 +27,7 @@ SCATTER_PX, SCATTER_SHARE, SCATTER_OF_BLUR, UNKNOWN_LENS_SHARE = 0.3, 0.07, 0.3,
 the width of a step; and without a camera model, another share of the radius, since how oblong the outline is away from
 the middle of the picture is then not known."""
 
-LEAST_CUT_OFF = 0.25
+MIN_CUT_OFF_SUPPORT = 0.25
 """Of a ball that the border cuts off, so much must be seen of the whole limb, and as much as of others of the rest."""
 
 MARGIN_PX = 1.0
@@ -42,17 +42,17 @@ SQUARE_SHARE, SQUARE_OFF = 0.3, 0.06
 """A limb is that of something with four corners if waves of four to the turn have more than this share of the variance
 of its steps, and are higher than this share of the radius."""
 
-SQUARE_SCATTER, LEAST_OF_SQUARE = 0.04, 12
+SQUARE_SCATTER, MIN_SQUARE_STEPS = 0.04, 12
 """With less scatter, as a share of the radius, there are no such waves; of fewer steps they are not seen."""
 
-LEAST_FILL = 0.3
+MIN_FILL = 0.3
 """Least share of the ball that has its colour."""
 
-LEAST_QUALITY, QUALITY_OF_SMALL_PX = 0.06, 0.3
+MIN_QUALITY, QUALITY_OF_SMALL_PX = 0.06, 0.3
 """Circles that chance puts together from the edges of other things have less: the first, and the second over the radius
 in pixels, since chance makes small ones more often."""
 
-MOST_SCATTER_PX = 3.0
+MAX_SCATTER_PX = 3.0
 """Greatest allowance without blur: steps of texture scatter more, and lie near to any large circle."""
 
 CLEAR_MARGIN, OVERRUN_WEIGHT = 0.25, 2.0
@@ -69,7 +69,7 @@ OUTLINE_POINTS = 48
 GRID = 16
 """Pixels each way from which the share of a circle with the ball's colour is estimated."""
 
-BEST_MARGIN = 0.6
+FULL_QUALITY_MARGIN = 0.6
 """With so much more of the limb seen than is asked for, a ball has the best quality."""
 
 SURE_QUALITY = 0.4
@@ -77,7 +77,7 @@ SURE_QUALITY = 0.4
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Ball:
+class FoundBall:
     """A limb that passed every test."""
 
     limb: Limb
@@ -88,7 +88,7 @@ class Ball:
     @property
     def quality(self) -> float:
         """From 0 for a limb that is barely enough to 1 for one that is seen all around."""
-        return min(1.0, max(0.0, self.margin) / BEST_MARGIN) * math.sqrt(min(1.0, self.fill / 0.8))
+        return min(1.0, max(0.0, self.margin) / FULL_QUALITY_MARGIN) * math.sqrt(min(1.0, self.fill / 0.8))
 
     @property
     def score(self) -> float:
@@ -128,9 +128,9 @@ class BallGates:
         *,
         lens: CameraModel,
         is_lens_known: bool,
-        expected: Circle | None = None,
+        expected: ImageCircle | None = None,
         coloured_px2: float | None = None,
-    ) -> Ball | Refusal:
+    ) -> FoundBall | Refusal:
         """Return the ball, or the test that its limb failed, the cheapest first.
 
         Args:
@@ -147,7 +147,7 @@ class BallGates:
         agrees = expected is not None and _agree(limb.circle, expected)
         needed = _needed_support(limb, is_lens_known=is_lens_known) * (AGREEING_SHARE if agrees else 1.0)
         cut_off = is_cut_off(limb.circle, image)
-        support = limb.support_inside if cut_off and limb.support >= LEAST_CUT_OFF else limb.support
+        support = limb.support_inside if cut_off and limb.support >= MIN_CUT_OFF_SUPPORT else limb.support
         if support < needed:
             reason = f"is not round: {support:.0%} of a circle to {limb.scatter_px:.1f} px, limit {needed:.0%}"
             return _refusal(limb.circle, reason, 1 + support / needed)
@@ -156,14 +156,14 @@ class BallGates:
         margin = support - needed
         # Where a ball is expected and seen all around, its colour was judged less than a second ago: see
         # stadimeter.perception.perceiver. To judge it again would take as long as a fifth of all else.
-        is_known = expected is not None and margin >= BEST_MARGIN
+        is_known = expected is not None and margin >= FULL_QUALITY_MARGIN
         fill = 1.0 if is_known else self._fill(image, limb.circle, coloured_px2)
-        if fill < LEAST_FILL:
+        if fill < MIN_FILL:
             return too_little_colour(limb.circle, fill, tests_passed=2)
         if margin < CLEAR_MARGIN:
             margin -= OVERRUN_WEIGHT * self._overrun(image, limb, lens)
-        ball = Ball(limb=limb, fill=fill, margin=margin, is_cut_off=cut_off)
-        least = LEAST_QUALITY + QUALITY_OF_SMALL_PX / radius_px
+        ball = FoundBall(limb=limb, fill=fill, margin=margin, is_cut_off=cut_off)
+        least = MIN_QUALITY + QUALITY_OF_SMALL_PX / radius_px
         if ball.quality < least and not agrees:
             reason = f"is hardly round: quality {ball.quality:.2f}, limit {least:.2f}"
             return _refusal(limb.circle, reason, 3 + ball.quality / least)
@@ -182,7 +182,7 @@ class BallGates:
             len(unseen_px) / OUTLINE_POINTS
         )
 
-    def _fill(self, image: Image, circle: Circle, coloured_px2: float | None) -> float:
+    def _fill(self, image: Image, circle: ImageCircle, coloured_px2: float | None) -> float:
         """Return how much of a ball has its colour."""
         if coloured_px2 is None:
             return colour_share(image, circle, self.colour)
@@ -194,7 +194,7 @@ class BallGates:
         return f"{2 * self.min_radius_px:.0f}{most} px"
 
 
-def _agree(circle: Circle, expected: Circle) -> bool:
+def _agree(circle: ImageCircle, expected: ImageCircle) -> bool:
     """Return whether a circle is just where and as large as one is expected."""
     off_px = math.hypot(circle.x_px - expected.x_px, circle.y_px - expected.y_px)
     larger_px = abs(circle.radius_px - expected.radius_px)
@@ -203,7 +203,7 @@ def _agree(circle: Circle, expected: Circle) -> bool:
 
 def _is_square(limb: Limb) -> bool:
     """Return whether the steps lie as on a square: nearer in the middle of each side, further away at the corners."""
-    if limb.scatter_px < SQUARE_SCATTER * limb.circle.radius_px or len(limb.points_px) < LEAST_OF_SQUARE:
+    if limb.scatter_px < SQUARE_SCATTER * limb.circle.radius_px or len(limb.points_px) < MIN_SQUARE_STEPS:
         return False
     x, y = (limb.points_px - (limb.circle.x_px, limb.circle.y_px)).T
     radii_px, turns = np.hypot(x, y), np.outer((1, 2, 4), np.arctan2(y, x))
@@ -221,15 +221,15 @@ def _fitted(waves: NDArray[np.float64], radii_px: NDArray[np.float64]) -> tuple[
     return fit, float(left_px @ left_px)
 
 
-def without_limb(start: Circle) -> Refusal:
+def without_limb(start: ImageCircle) -> Refusal:
     """Return why there is no ball where no limb was found near a circle."""
-    return _refusal(start, f"has no edge around it, limit {LEAST_SUPPORT:.0%} of a circle", 0.0)
+    return _refusal(start, f"has no edge around it, limit {MIN_SUPPORT:.0%} of a circle", 0.0)
 
 
-def too_little_colour(circle: Circle, fill: float, tests_passed: int = 0) -> Refusal:
+def too_little_colour(circle: ImageCircle, fill: float, tests_passed: int = 0) -> Refusal:
     """Return why there is no ball where this share of a circle has its colour."""
-    reason = f"has the ball's colour on {fill:.0%} of it, limit {LEAST_FILL:.0%}"
-    return _refusal(circle, reason, tests_passed + fill / LEAST_FILL)
+    reason = f"has the ball's colour on {fill:.0%} of it, limit {MIN_FILL:.0%}"
+    return _refusal(circle, reason, tests_passed + fill / MIN_FILL)
 
 
 def most_score(radius_px: float) -> float:
@@ -237,7 +237,7 @@ def most_score(radius_px: float) -> float:
     return math.sqrt(radius_px)
 
 
-def is_cut_off(circle: Circle, image: Image) -> bool:
+def is_cut_off(circle: ImageCircle, image: Image) -> bool:
     """Return whether a circle reaches the border of a picture."""
     height, width = image.shape[:2]
     reach_px = circle.radius_px + MARGIN_PX
@@ -255,17 +255,17 @@ def _needed_support(limb: Limb, *, is_lens_known: bool) -> float:
     """Return how much of a limb must be seen for it to be a ball's, given how much its steps scatter."""
     share = SCATTER_SHARE + (0.0 if is_lens_known else UNKNOWN_LENS_SHARE)
     blur_px = max(0.0, limb.width_px - SHARP_PX)
-    allowance_px = min(SCATTER_PX + share * limb.circle.radius_px, MOST_SCATTER_PX) + SCATTER_OF_BLUR * blur_px
-    return LEAST_SUPPORT + SUPPORT_OF_SCATTER * limb.scatter_px / allowance_px
+    allowance_px = min(SCATTER_PX + share * limb.circle.radius_px, MAX_SCATTER_PX) + SCATTER_OF_BLUR * blur_px
+    return MIN_SUPPORT + SUPPORT_OF_SCATTER * limb.scatter_px / allowance_px
 
 
-def _refusal(circle: Circle, reason: str, tests_passed: float) -> Refusal:
+def _refusal(circle: ImageCircle, reason: str, tests_passed: float) -> Refusal:
     centre_px, size_px = (circle.x_px, circle.y_px), 2 * circle.radius_px
     candidate = RejectedCandidate(centre_px=centre_px, size_px=size_px, reason=reason)
     return Refusal(tests_passed * most_score(circle.radius_px), candidate)
 
 
-def colour_share(image: Image, circle: Circle, colour: HsvRange) -> float:
+def colour_share(image: Image, circle: ImageCircle, colour: HsvRange) -> float:
     """Return how much of a circle has a colour, 0 to 1, from a grid of the pixels in its inner square."""
     half_px = max(1.0, circle.radius_px * math.sqrt(0.5))
     left, top = max(int(circle.x_px - half_px), 0), max(int(circle.y_px - half_px), 0)

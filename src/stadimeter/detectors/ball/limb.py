@@ -18,17 +18,17 @@ from numpy.typing import NDArray
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
-from stadimeter.detectors.ball.circles import Circle, most_common_circle
+from stadimeter.detectors.ball.circles import ImageCircle, most_common_circle
 from stadimeter.detectors.ball.colours import BallColours, ball_colours
 from stadimeter.detectors.ball.limb_edges import LimbEdges, limb_edges
-from stadimeter.ranging.sphere_cone import LEAST_RAYS, ConeFrame, SphereCone, with_ones
+from stadimeter.ranging.sphere_cone import MIN_RAYS, ConeFrame, SphereCone, with_ones
 
 Values = NDArray[np.float64]
 
 BEYOND_PX = 2.5
 """Pixels read in the first look beyond where the limb may be, for the levels beside it."""
 
-LEAST_REACH_PX, MOST_REACH_PX = 6.0, 24.0
+MIN_REACH_PX, MAX_REACH_PX = 6.0, 24.0
 """Least and greatest reach on either side of the circle of the last fit."""
 
 REACH_OF_WIDTH = 0.6
@@ -57,14 +57,14 @@ it either: of 530 balls it found one."""
 RIVAL_SHARE = 0.7
 """A look that is supported this well, as a share of the best one, may be right as well."""
 
-MOST_LOOKS = 4
+MAX_LOOKS = 4
 """Greatest number of looks, each around the last fit, until the same steps are found."""
 
 ROUNDS, SETTLED_SHARE = 5, 0.8
 """Greatest number of reweighted fits of the cone; they end once the limit for outliers shrinks by less, nor
 where all steps are so near that they count fully."""
 
-NARROWEST_PX = 0.25
+MIN_OUTLIER_PX = 0.25
 """Steps no further from the cone than this always count fully: noise alone puts them there."""
 
 OUTLIER_SIGMAS = 4.0
@@ -112,7 +112,7 @@ class Limb:
     """The limb of a ball."""
 
     cone: SphereCone  # the rays that touch the ball
-    circle: Circle  # the circle that comes nearest to the outline, as wide as its smaller diameter
+    circle: ImageCircle  # the circle that comes nearest to the outline, as wide as its smaller diameter
     straight_radius_px: float  # that radius if the lens bent no lines
     points_px: Points  # the steps on it, shape ``(n, 2)``
     support: float  # the share of the spokes that have a step on it: how much of the limb is seen
@@ -148,7 +148,7 @@ class Limb:
         )
 
 
-def find_limb(image: Image, start: Circle, within_px: float, lens: CameraModel) -> Limb | None:
+def find_limb(image: Image, start: ImageCircle, within_px: float, lens: CameraModel) -> Limb | None:
     """Fit the limb near an expected circle; None with too few steps.
 
     Where the steps leave doubt, since they scatter or too few are on one limb, they are looked for once more between
@@ -176,13 +176,13 @@ def _looked_by_colour(image: Image, best: Limb, within_px: float, lens: CameraMo
 
 
 def _settled(
-    image: Image, circle: Circle, within_px: float, lens: CameraModel, colours: BallColours | None = None
+    image: Image, circle: ImageCircle, within_px: float, lens: CameraModel, colours: BallColours | None = None
 ) -> Limb | None:
     """Fit the limb near a circle, then around where the fit put it, until the same steps are found."""
     # Invariant: the result does not depend on where the search began. So the spokes are laid again around each fit
     # until the part of the picture that they cover holds the whole of every step.
     limb, reach_px = None, within_px + BEYOND_PX
-    for _ in range(MOST_LOOKS):
+    for _ in range(MAX_LOOKS):
         edges = limb_edges(image, circle, reach_px, within_px, lens, colours)
         limb = None if edges is None else _fitted(edges, circle, lens)
         if edges is None or limb is None:
@@ -193,7 +193,7 @@ def _settled(
         needed_px = _reach_px(edges, limb)
         if moved_px + needed_px <= reach_px + 1.0:
             break
-        circle, reach_px = limb.circle, min(max(needed_px + 1.0, LEAST_REACH_PX), MOST_REACH_PX)
+        circle, reach_px = limb.circle, min(max(needed_px + 1.0, MIN_REACH_PX), MAX_REACH_PX)
         within_px = min(reach_px, within(circle) + WITHIN_OF_WIDTH * limb.width_px)
     return limb
 
@@ -204,14 +204,14 @@ def _near_px(limb: Limb) -> float:
     return NEAR_PX + felt_px + _oblong_px(limb) + WITHIN_OF_WIDTH * max(0.0, limb.width_px - SHARP_PX)
 
 
-def within(circle: Circle) -> float:
+def within(circle: ImageCircle) -> float:
     """Return how far from a circle that was fitted to it the limb may be."""
     return WITHIN_PX + WITHIN_SHARE * circle.radius_px
 
 
 def _reach_px(edges: LimbEdges, limb: Limb) -> float:
     """Return how far from the limb must be looked to see its steps whole, on an outline that is no circle."""
-    return min(REACH_SPARE_PX + REACH_OF_WIDTH * edges.wide_width_px + _oblong_px(limb), MOST_REACH_PX)
+    return min(REACH_SPARE_PX + REACH_OF_WIDTH * edges.wide_width_px + _oblong_px(limb), MAX_REACH_PX)
 
 
 def _oblong_px(limb: Limb) -> float:
@@ -220,10 +220,10 @@ def _oblong_px(limb: Limb) -> float:
     return limb.circle.radius_px * (1 / z - 1) if z > 0 else 0.0
 
 
-def _fitted(edges: LimbEdges, circle: Circle, lens: CameraModel) -> Limb | None:
+def _fitted(edges: LimbEdges, circle: ImageCircle, lens: CameraModel) -> Limb | None:
     """Return the limb through most of the steps."""
     count = edges.places.shape[1]
-    if count < LEAST_RAYS:
+    if count < MIN_RAYS:
         return None
     frame = _cone_frame(edges, circle, lens)
     most_px = _most_px(circle, edges)
@@ -240,7 +240,7 @@ def _fitted(edges: LimbEdges, circle: Circle, lens: CameraModel) -> Limb | None:
     return None if fit is None else _limb(fit, edges, lens)
 
 
-def _cone_frame(edges: LimbEdges, circle: Circle, lens: CameraModel) -> ConeFrame:
+def _cone_frame(edges: LimbEdges, circle: ImageCircle, lens: CameraModel) -> ConeFrame:
     """Return the rays to the steps, as seen along the one to the middle of the circle."""
     towards = lens.direction(circle.x_px, circle.y_px)
     if lens.distortion:
@@ -248,12 +248,12 @@ def _cone_frame(edges: LimbEdges, circle: Circle, lens: CameraModel) -> ConeFram
     return ConeFrame(edges.places, towards, lens)
 
 
-def _most_px(circle: Circle, edges: LimbEdges) -> float:
+def _most_px(circle: ImageCircle, edges: LimbEdges) -> float:
     """Return how far from the cone its steps may be at most: felt and blur spread them."""
     return OFF_PX + OFF_SHARE * circle.radius_px + OFF_OF_WIDTH * max(0.0, edges.usual_width_px - 3.0)
 
 
-class _Fit(NamedTuple):
+class _ConeFit(NamedTuple):
     """A cone, how far outside it each step lies, which steps are on it, how many, and how far they usually are."""
 
     cone: SphereCone
@@ -263,7 +263,7 @@ class _Fit(NamedTuple):
     usual_px: float
 
 
-def _robust(frame: ConeFrame, cone: SphereCone | None, lens: CameraModel, most_px: float) -> _Fit | None:
+def _robust(frame: ConeFrame, cone: SphereCone | None, lens: CameraModel, most_px: float) -> _ConeFit | None:
     """Fit a cone again with Tukey's weights, until what belongs to it is settled."""
     last_px = math.inf
     for _ in range(ROUNDS):
@@ -271,7 +271,7 @@ def _robust(frame: ConeFrame, cone: SphereCone | None, lens: CameraModel, most_p
             return None
         misses = frame.misses(cone, _pixels_a_radian(cone, lens))
         usual, limit, furthest = _limits(misses, most_px)
-        if limit > SETTLED_SHARE * last_px or furthest < NARROWEST_PX:
+        if limit > SETTLED_SHARE * last_px or furthest < MIN_OUTLIER_PX:
             break
         last_px = limit
         # Tukey's biweight: (1 - (miss / limit)²)², and nothing beyond the limit.
@@ -284,7 +284,7 @@ def _robust(frame: ConeFrame, cone: SphereCone | None, lens: CameraModel, most_p
     if cone is None:
         return None
     on_it = np.abs(misses) < limit
-    return _Fit(cone, misses, on_it, int(np.count_nonzero(on_it)), usual)
+    return _ConeFit(cone, misses, on_it, int(np.count_nonzero(on_it)), usual)
 
 
 def _limits(misses: Values, most_px: float) -> tuple[float, float, float]:
@@ -292,15 +292,15 @@ def _limits(misses: Values, most_px: float) -> tuple[float, float, float]:
     ordered = np.abs(misses)
     ordered.sort()
     usual = float(ordered[int(RANK * len(ordered))]) / RANK_SIGMAS
-    return usual, min(max(OUTLIER_SIGMAS * usual, NARROWEST_PX), most_px), float(ordered[-1])
+    return usual, min(max(OUTLIER_SIGMAS * usual, MIN_OUTLIER_PX), most_px), float(ordered[-1])
 
 
-def _better(one: _Fit | None, other: _Fit | None) -> _Fit | None:
+def _better(one: _ConeFit | None, other: _ConeFit | None) -> _ConeFit | None:
     """Return the fit with more steps that lie closer to it."""
     if one is None or other is None:
         return one or other
 
-    def worth(fit: _Fit) -> float:
+    def worth(fit: _ConeFit) -> float:
         return float(np.maximum(1 - (fit.misses_px / 1.0) ** 2, 0.0).sum())
 
     return one if worth(one) >= worth(other) else other
@@ -311,9 +311,9 @@ def _pixels_a_radian(cone: SphereCone, lens: CameraModel) -> float:
     return math.sqrt(lens.fx_px * lens.fy_px) / math.pow(max(cone.axis[2], 0.1), 1.5)
 
 
-def _limb(fit: _Fit, edges: LimbEdges, lens: CameraModel) -> Limb | None:
+def _limb(fit: _ConeFit, edges: LimbEdges, lens: CameraModel) -> Limb | None:
     steps, cone = fit.steps, fit.cone
-    if steps < LEAST_RAYS or not (math.isfinite(cone.half_across) and cone.axis[2] > 0.1):
+    if steps < MIN_RAYS or not (math.isfinite(cone.half_across) and cone.axis[2] > 0.1):
         return None
     misses = fit.misses_px.compress(fit.on_it)
     squared = float(misses.dot(misses))
@@ -356,11 +356,11 @@ def _block_starts(steps: int, blocks: int) -> NDArray[np.intp]:
     return np.arange(blocks) * steps // blocks
 
 
-def _outline_circle(cone: SphereCone, lens: CameraModel) -> Circle:
+def _outline_circle(cone: SphereCone, lens: CameraModel) -> ImageCircle:
     """Return the circle that comes nearest to the outline in the picture."""
     if not lens.distortion:
         x, y = cone.outline_centre
-        return Circle(
+        return ImageCircle(
             x_px=x * lens.fx_px + lens.cx_px,
             y_px=y * lens.fy_px + lens.cy_px,
             radius_px=cone.half_across * math.sqrt(lens.fx_px * lens.fy_px),
@@ -368,4 +368,4 @@ def _outline_circle(cone: SphereCone, lens: CameraModel) -> Circle:
     x_px, y_px = lens.project(np.array([cone.outline_centre]))[0].tolist()
     points = lens.project(cone.outline(OUTLINE_POINTS))
     radius_px = float(np.hypot(points[:, 0] - x_px, points[:, 1] - y_px).min())
-    return Circle(x_px=x_px, y_px=y_px, radius_px=radius_px)
+    return ImageCircle(x_px=x_px, y_px=y_px, radius_px=radius_px)

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
-from stadimeter.detectors.ball.circles import Circle
+from stadimeter.detectors.ball.circles import ImageCircle
 from stadimeter.detectors.ball.colours import BallColours, likely_drop
 from stadimeter.detectors.sampling import Light, light_table, quantile
 
@@ -38,14 +38,14 @@ Profiles = NDArray[np.float32]
 Indices = NDArray[np.intp]
 Flags = NDArray[np.bool_]
 
-MOST_SPOKES_A_SIDE = 16
+MAX_SPOKES_A_SIDE = 16
 SPOKES_A_PIXEL = 1.2
 """Spokes across each of the four sides for each pixel of the radius: no row or column is read twice."""
 
-LEAST_RADIUS_PX = 2.0
+MIN_RADIUS_PX = 2.0
 """A smaller circle is looked around as if it had this radius."""
 
-LEAST_CHANGE, LEAST_DROP, CLEAR_SHARE = 12.0, 5.0, 0.12
+MIN_CHANGE, MIN_DROP, CLEAR_SHARE = 12.0, 5.0, 0.12
 """Least change over two pixels: in levels of 8 bits, of all channels or along one axis of colours, and as a share of
 the upper quartile of all spokes."""
 
@@ -72,23 +72,23 @@ CHANNELS = np.ones(3, np.float32)
 CLIPPED = 251
 """A channel with such a code value holds more light than it tells; the others must do. JPEG leaves it below 255."""
 
-LEAST_LIGHT = 2e-5
+MIN_LIGHT = 2e-5
 """Least squared difference of inside and outside; less is noise of dark pixels."""
 
 SHARP_PX, BLURRED_PX = 3.0, 3.2
 """Steps up to the first width tell how a ball is shaded. If most are wider than the second, levels are read further
 off."""
 
-MOST_SHADE = 0.2
+MAX_SHADE = 0.2
 """A ball's limb is not darker than this, as a share of the step; more is a seam or a hand."""
 
-LEAST_BLURRED_SHADE, MOST_BLURRED_SHADE = -0.1, 0.4
+MIN_BLURRED_SHADE, MAX_BLURRED_SHADE = -0.1, 0.4
 """The same for blurred steps, whose levels are read further off, so that one side may be shaded more than the other."""
 
-GAP_PX, GAP_OF_WIDTH, MOST_GAP_PX = 0.7, 0.5, 10.7
+GAP_PX, GAP_OF_WIDTH, MAX_GAP_PX = 0.7, 0.5, 10.7
 """Distance from a blurred step at which its levels are read: half its width, and what point spread adds."""
 
-MOST_ROUNDS, UNSHADED_ROUNDS = 4, 2
+MAX_ROUNDS, UNSHADED_ROUNDS = 4, 2
 """Greatest number of times that the levels of a blurred step are read, each time from further away; and of the first of
 them, in which a wide step would look like shade."""
 
@@ -136,7 +136,7 @@ class _Spokes(NamedTuple):
     expected: int  # how many there would be without the border
 
 
-class _Steps(NamedTuple):
+class _LimbSteps(NamedTuple):
     """Steps on spokes."""
 
     at: Profiles | Values  # where they are, in pixels from the start of the spoke, shape ``(n,)``
@@ -147,7 +147,7 @@ class _Steps(NamedTuple):
 
 def limb_edges(
     image: Image,
-    circle: Circle,
+    circle: ImageCircle,
     reach_px: float,
     within_px: float,
     lens: CameraModel,
@@ -204,10 +204,10 @@ def _contrast(codes: Image, steepest: Indices, light: Light) -> Profiles:
         light.take(codes[spoke, np.minimum(np.maximum(steepest + beside, 0), last)]).dot(CHANNELS)
         for beside in (-BESIDE_PX, BESIDE_PX)
     )
-    return np.asarray((inside - outside) / np.maximum(np.maximum(inside, outside), LEAST_LIGHT))
+    return np.asarray((inside - outside) / np.maximum(np.maximum(inside, outside), MIN_LIGHT))
 
 
-@lru_cache(maxsize=MOST_SPOKES_A_SIDE)
+@lru_cache(maxsize=MAX_SPOKES_A_SIDE)
 def _rose(a_side: int) -> _Rose:
     """Return spokes at evenly spread angles, in the quarter circles about right, down, left and up."""
     angles = np.repeat(np.arange(4) * (math.pi / 2), a_side)
@@ -227,11 +227,11 @@ def _offsets(a_side: int, width: int, length: int) -> tuple[Values, Indices]:
     return index, np.outer(index.dot(_rose(a_side).step), np.arange(length)).astype(np.intp)
 
 
-def _spokes(shape: tuple[int, ...], circle: Circle, inside: int, outside: int) -> _Spokes | None:
+def _spokes(shape: tuple[int, ...], circle: ImageCircle, inside: int, outside: int) -> _Spokes | None:
     """Lay spokes from `inside` pixels inside the circle to `outside` pixels outside, those that fit the picture."""
     height, width = shape[:2]
-    x, y, radius = circle.x_px, circle.y_px, max(circle.radius_px, LEAST_RADIUS_PX)
-    a_side = int(min(MOST_SPOKES_A_SIDE, max(3, SPOKES_A_PIXEL * radius)))
+    x, y, radius = circle.x_px, circle.y_px, max(circle.radius_px, MIN_RADIUS_PX)
+    a_side = int(min(MAX_SPOKES_A_SIDE, max(3, SPOKES_A_PIXEL * radius)))
     rose = _rose(a_side)
     start = np.rint(np.array((radius, inside, x, y, 1.0)).dot(rose.start)).reshape(3, -1)
     index, offsets = _offsets(a_side, width, inside + outside + 1)
@@ -263,10 +263,10 @@ def _steepest(codes: Image, colours: BallColours | None) -> tuple[Indices, Flags
     if colours is None:
         change = np.subtract(codes[:, 2:], codes[:, :-2], dtype=np.float32)
         change *= change
-        squared, noise = change.reshape(-1, 3).dot(CHANNELS), LEAST_CHANGE
+        squared, noise = change.reshape(-1, 3).dot(CHANNELS), MIN_CHANGE
     else:
         drop = likely_drop(codes, colours)
-        squared, noise = np.square(drop).ravel(), LEAST_DROP
+        squared, noise = np.square(drop).ravel(), MIN_DROP
     length = codes.shape[1] - 2
     steepest = squared.reshape(-1, length).argmax(axis=1)
     most = squared.take(steepest + _first_of_each(len(steepest), length))
@@ -280,7 +280,7 @@ def _first_of_each(rows: int, length: int) -> Indices:
     return np.arange(0, rows * length, length)
 
 
-def _sharp_steps(codes: Image, steepest: Indices, light: Light) -> _Steps:
+def _sharp_steps(codes: Image, steepest: Indices, light: Light) -> _LimbSteps:
     """Measure steps no wider than a sharp picture has them, from a few pixels about the steepest places."""
     spokes, length = codes.shape[:2]
     near = _near(length).take(steepest, axis=1)
@@ -291,7 +291,7 @@ def _sharp_steps(codes: Image, steepest: Indices, light: Light) -> _Steps:
     if near_codes.max() >= CLIPPED:
         way = way * (np.maximum.reduce(near_codes, axis=0) < CLIPPED).ravel()
     products = (levels * way).reshape(-1, 3).dot(CHANNELS).reshape(-1, spokes)
-    rise, before, here, after = products[1:] / np.maximum(products[0], LEAST_LIGHT)
+    rise, before, here, after = products[1:] / np.maximum(products[0], MIN_LIGHT)
     # From here on light is a share of the step: 1 inside, 0 outside. At the limb a ball is darker than where the inner
     # level is read, so half way is lowered by half of that shade.
     width = 2 / np.maximum(before - after, 0.02)
@@ -299,7 +299,7 @@ def _sharp_steps(codes: Image, steepest: Indices, light: Light) -> _Steps:
     above = here - half
     drop = np.where(above > 0, here - after, before - here)
     at = steepest + above / np.maximum(drop, 1e-3)
-    return _Steps(at, width, (before > half) & (after <= half), way)
+    return _LimbSteps(at, width, (before > half) & (after <= half), way)
 
 
 @lru_cache(maxsize=64)
@@ -311,10 +311,10 @@ def _near(length: int) -> Indices:
 def _shade(rise: Profiles, width: Profiles) -> float:
     """Return by how much the level inside is brighter where it is read than at the limb, as a share of the step."""
     sharp = rise.compress(width < SHARP_PX)
-    return min(max(quantile(sharp), 0.0), MOST_SHADE) if len(sharp) else 0.0
+    return min(max(quantile(sharp), 0.0), MAX_SHADE) if len(sharp) else 0.0
 
 
-def _blurred_steps(codes: Image, steepest: Indices, light: Light) -> _Steps:
+def _blurred_steps(codes: Image, steepest: Indices, light: Light) -> _LimbSteps:
     """Measure steps of any width: levels are read beyond their foot, found in a few rounds."""
     spoke, last = np.arange(len(codes)), codes.shape[1] - 1
     lit = _lit(codes, light)
@@ -322,23 +322,23 @@ def _blurred_steps(codes: Image, steepest: Indices, light: Light) -> _Steps:
     if codes.max() >= CLIPPED:
         # Turned so that each place of all spokes lies in a row, numpy is twenty times as fast.
         way *= np.maximum.reduce(np.ascontiguousarray(codes.swapaxes(0, 1)), axis=0) < CLIPPED
-    squared = np.maximum((way * way).sum(axis=1), LEAST_LIGHT)
+    squared = np.maximum((way * way).sum(axis=1), MIN_LIGHT)
     share = np.matmul(lit, (way / squared[:, None])[:, :, None])[:, :, 0]
     fall = np.maximum((share[spoke, steepest - 1] - share[spoke, steepest + 1]) / 2, 1e-3)
     middle, width = steepest, np.full(len(share), SHARP_PX, np.float32)
     # How wide a step is and where its levels are read follow from each other: a few rounds settle both.
-    for rounds in range(MOST_ROUNDS):
-        gap = np.rint(GAP_PX + GAP_OF_WIDTH * width).clip(1, MOST_GAP_PX).astype(np.intp)
+    for rounds in range(MAX_ROUNDS):
+        gap = np.rint(GAP_PX + GAP_OF_WIDTH * width).clip(1, MAX_GAP_PX).astype(np.intp)
         inner, outer = np.maximum(middle - gap, 1), np.minimum(middle + gap, last - 1)
         high = (share[spoke, inner] + share[spoke, inner - 1]) / 2
         low = (share[spoke, outer] + share[spoke, outer + 1]) / 2
         width = (high - low) / fall
         # As far again inside as the level was read, a ball that is lit from there is as much brighter again.
         rise, step = share[spoke, np.maximum(middle - 2 * gap, 0)] - high, np.maximum(high - low, 1e-3)
-        shade = np.minimum(np.maximum(rise, LEAST_BLURRED_SHADE * step), MOST_BLURRED_SHADE * step)
+        shade = np.minimum(np.maximum(rise, MIN_BLURRED_SHADE * step), MAX_BLURRED_SHADE * step)
         at, found = _passes(share, spoke, middle, (high + low - (shade if rounds >= UNSHADED_ROUNDS else 0.0)) / 2)
         middle = np.where(found, np.rint(at), middle).astype(np.intp)
-    return _Steps(at, width, found & (high > low), way)
+    return _LimbSteps(at, width, found & (high > low), way)
 
 
 def _passes(share: Profiles, spoke: Indices, middle: Indices, half: Profiles) -> tuple[Profiles, Flags]:

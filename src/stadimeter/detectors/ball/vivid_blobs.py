@@ -16,11 +16,11 @@ SEARCH_WIDTH_PX = 320.0
 HUES_APART, HUE_REACH = 8, 9
 """Blobs are looked for in ranges of hues that overlap: this far apart, and reaching so far to either side."""
 
-LEAST_CHROMA = (20, 40, 70, 110)
+CHROMA_LEVELS = (20, 40, 70, 110)
 """In each range, among pixels whose channels differ by as many levels: vivid things touch paler ones of their hue."""
 
-LARGEST_OF_A_HUE = 6
-AREA_PX2, MOST_OF_PICTURE = 30, 0.3
+MAX_BLOBS_PER_HUE = 6
+AREA_PX2, MAX_PICTURE_SHARE = 30, 0.3
 RING_PX = 4
 """Width of the ring around a blob that its colour is compared with."""
 
@@ -72,13 +72,13 @@ def _blobs(hsv: cv2.typing.MatLike, lab: cv2.typing.MatLike, chroma: cv2.typing.
     hue = hsv[..., 0].astype(np.int16)
     for middle in range(0, 180, HUES_APART):
         is_near = np.abs((hue - middle + 90) % 180 - 90) <= HUE_REACH
-        for least in LEAST_CHROMA:
+        for least in CHROMA_LEVELS:
             mask = np.asarray(is_near & (chroma >= least), np.uint8)
             mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)), np.uint8)
             _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
-            largest = 1 + np.argsort(-stats[1:, cv2.CC_STAT_AREA])[:LARGEST_OF_A_HUE]
+            largest = 1 + np.argsort(-stats[1:, cv2.CC_STAT_AREA])[:MAX_BLOBS_PER_HUE]
             for label in largest.tolist():
-                if AREA_PX2 <= stats[label, cv2.CC_STAT_AREA] <= MOST_OF_PICTURE * mask.size:
+                if AREA_PX2 <= stats[label, cv2.CC_STAT_AREA] <= MAX_PICTURE_SHARE * mask.size:
                     yield _blob(labels == label, stats[label], lab, chroma)
 
 

@@ -23,10 +23,10 @@ from stadimeter.core.detection import Detection, DetectionStatus, Prediction, Re
 from stadimeter.core.drawing import Circle, Drawing
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.disc.choice import (
-    MOST_REJECTED,
+    MAX_REJECTED,
     Disc,
     Judged,
-    Refused,
+    RefusedDisc,
     colour_share,
     colour_trouble,
     doubt,
@@ -49,7 +49,7 @@ from stadimeter.detectors.disc.edges import (
 from stadimeter.detectors.disc.ellipse import Ellipse, Lens
 from stadimeter.detectors.disc.profiles import EdgePicture
 from stadimeter.detectors.disc.search import (
-    LEAST_RANGE,
+    MIN_RANGE,
     Outline,
     View,
     find_outlines,
@@ -61,13 +61,13 @@ from stadimeter.detectors.protocol import check_image
 from stadimeter.detectors.region import Region, touches_border
 from stadimeter.ranging.flat import DiscShape
 
-MOST_MEASURED = 12
+MAX_MEASURED = 12
 """Number of candidates whose outlines are measured: the most promising."""
 
 BORDER_PX = 1.5
 """A disc nearer to the border of the picture than this may be cut off."""
 
-LEAST_SEARCH_PX, LEAST_SEARCH_SHARE = 6.0, 0.75
+MIN_SEARCH_PX, MIN_SEARCH_SHARE = 6.0, 0.75
 """The least size of outlines: in pixels of the reduced picture, and as a share of the least diameter of a disc. Parted
 at another level than half way, a disc is smaller."""
 
@@ -186,11 +186,11 @@ class DiscDetector:
 
     def _judge_all(self, frame: Frame, view: View, lens: Lens) -> Judged:
         """Judge what is elliptical in a view; if none of that is a whole disc, then what is partly hidden too."""
-        least_px = max(LEAST_SEARCH_PX, LEAST_SEARCH_SHARE * self._least_px * view.scale)
+        least_px = max(MIN_SEARCH_PX, MIN_SEARCH_SHARE * self._least_px * view.scale)
         found = find_outlines(view.grey, least_px, bright=self._bright, dark=self._dark)
         judged = Judged(brightness_range=found.brightness_range, outlines=len(found.others))
         refused = self._judge(frame, view, lens, found.ellipses, judged)
-        others = largest(found.others, MOST_REJECTED)
+        others = largest(found.others, MAX_REJECTED)
         if not judged.has_whole:
             height, width = view.grey.shape
             self._judge(frame, view, lens, find_partly_hidden([*refused, *others], (height, width)), judged)
@@ -202,7 +202,7 @@ class DiscDetector:
     ) -> list[Outline]:
         """Measure outlines roughly, and return those that are no discs."""
         refused = []
-        for outline in list(outlines)[:MOST_MEASURED]:
+        for outline in list(outlines)[:MAX_MEASURED]:
             start = lens.straightened(view.in_full(outline.ellipse))
             if start is None:
                 continue
@@ -217,7 +217,7 @@ class DiscDetector:
 
     def _measured(
         self, frame: Frame, lens: Lens, start: Ellipse, reach_px: float, is_bright: bool, effort: Effort
-    ) -> Disc | Refused:
+    ) -> Disc | RefusedDisc:
         edges = measure_ellipse(
             EdgePicture(image=frame.image, light=lens.light, bend=lens.bend),
             start,
@@ -228,12 +228,12 @@ class DiscDetector:
         )
         if edges is None:
             trouble = Trouble(0, f"has no elliptical edge within {reach_px:.1f} px")
-            return Refused(ellipse=start, is_bright=is_bright, trouble=trouble)
+            return RefusedDisc(ellipse=start, is_bright=is_bright, trouble=trouble)
         failed = trouble_with(edges, self._least_px, lens.light)
         if failed is None and self._colour is not None:
             failed = colour_trouble(frame.image, edges.ellipse, lens, self._colour)
         if failed is not None:
-            return Refused(ellipse=start, is_bright=is_bright, trouble=failed)
+            return RefusedDisc(ellipse=start, is_bright=is_bright, trouble=failed)
         rim = lens.bent(edges.ellipse.rim(OUTLINE_POINTS).points_px)
         return Disc(
             edges=edges,
@@ -270,12 +270,12 @@ class DiscDetector:
             target=self._name,
             status=DetectionStatus.NOT_FOUND,
             reason=why,
-            rejected=(fits, *others)[:MOST_REJECTED],
+            rejected=(fits, *others)[:MAX_REJECTED],
         )
 
     def _not_found(self, judged: Judged, lens: Lens) -> Detection:
-        if judged.brightness_range < LEAST_RANGE:
-            reason = f"the picture is even: its levels differ by {judged.brightness_range}, limit {LEAST_RANGE}"
+        if judged.brightness_range < MIN_RANGE:
+            reason = f"the picture is even: its levels differ by {judged.brightness_range}, limit {MIN_RANGE}"
         elif judged.refused:
             reason = max(judged.refused, key=likeness).described
         else:

@@ -17,24 +17,24 @@ from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.frame import Image
 from stadimeter.detectors.disc.edges import INSIDE, EllipseEdges, Trouble, diameters_px
 from stadimeter.detectors.disc.ellipse import Ellipse, Lens
-from stadimeter.detectors.disc.search import LEAST_ASPECT, LEAST_FILL, Outline, View
+from stadimeter.detectors.disc.search import MIN_ASPECT, MIN_FILL, Outline, View
 from stadimeter.detectors.hsv import HsvRange
 
-MOST_REJECTED = 8
+MAX_REJECTED = 8
 
 EVIDENCE_PER_OUTLINE = 5.2
 """Least evidence for a disc for each other outline in the picture. Chosen on rendered clutter of which one shape in
 five is an ellipse: another one is taken in 2 to 3 % of the pictures then."""
 
-MOST_OUTLINES = 100
+MAX_OUTLINES = 100
 """More outlines than this are texture, which is not elliptical, instead of more things."""
 
 RIVAL_SHARE = 0.75
 """Another disc with this share of the evidence may as well be the one."""
 
 COLOUR_STEP = 8
-LEAST_COLOUR_SHARE = 0.02
-LEAST_OF_COLOUR = 0.6
+MIN_PICTURE_COLOUR_SHARE = 0.02
+MIN_DISC_COLOUR_SHARE = 0.6
 """Every eighth pixel tells which share of the picture has the disc's colour; it counts as this at least. So much of the
 disc must have it."""
 
@@ -43,7 +43,7 @@ TESTS = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Refused:
+class RefusedDisc:
     """A candidate that is no disc, as an ellipse in the picture."""
 
     ellipse: Ellipse
@@ -78,7 +78,7 @@ class Judged:
     """All candidates of a picture or of a part of it."""
 
     discs: list[Disc] = field(default_factory=list)
-    refused: list[Refused] = field(default_factory=list)
+    refused: list[RefusedDisc] = field(default_factory=list)
     brightness_range: int = 0
     outlines: int = 0  # how many outlines of another shape there are, at all levels of brightness
 
@@ -98,7 +98,7 @@ def doubt(disc: Disc, judged: Judged, lens: Lens, colour_share: float) -> str:
     advice = "name its colour" if colour_share == 1.0 else "look closer"
     if rival is not None:
         return f"ambiguous: 2 discs fit, {_placed(disc, lens)} and {_placed(rival, lens)}; {advice}"
-    limit = EVIDENCE_PER_OUTLINE * min(judged.outlines, MOST_OUTLINES) * colour_share
+    limit = EVIDENCE_PER_OUTLINE * min(judged.outlines, MAX_OUTLINES) * colour_share
     if disc.evidence < limit:
         return (
             f"ambiguous: {_placed(disc, lens)} may be any ellipse among {judged.outlines} outlines: evidence "
@@ -125,7 +125,7 @@ def colour_share(image: Image, colour: HsvRange | None) -> float:
         return 1.0
     thinned = np.ascontiguousarray(image[::COLOUR_STEP, ::COLOUR_STEP])
     share = int(np.count_nonzero(colour.mask(thinned))) / (thinned.shape[0] * thinned.shape[1])
-    return max(float(share), LEAST_COLOUR_SHARE)
+    return max(float(share), MIN_PICTURE_COLOUR_SHARE)
 
 
 def colour_trouble(image: Image, ellipse: Ellipse, lens: Lens, colour: HsvRange) -> Trouble | None:
@@ -133,24 +133,26 @@ def colour_trouble(image: Image, ellipse: Ellipse, lens: Lens, colour: HsvRange)
     last = np.array((image.shape[1], image.shape[0])) - 1
     x, y = np.clip(np.rint(lens.bent(INSIDE @ ellipse.half_axes_px + ellipse.centre_px)), 0, last).astype(np.intp).T
     share = int(np.count_nonzero(colour.mask(np.ascontiguousarray(image[y, x][None])))) / len(x)
-    if share >= LEAST_OF_COLOUR:
+    if share >= MIN_DISC_COLOUR_SHARE:
         return None
-    return Trouble(TESTS, f"has the disc's colour on {share:.0%} of it, limit {LEAST_OF_COLOUR:.0%}")
+    return Trouble(TESTS, f"has the disc's colour on {share:.0%} of it, limit {MIN_DISC_COLOUR_SHARE:.0%}")
 
 
-def no_ellipse(outline: Outline, view: View) -> Refused:
+def no_ellipse(outline: Outline, view: View) -> RefusedDisc:
     """Return an outline of another shape as a candidate that is no disc."""
     larger, smaller, _ = outline.ellipse.axes()
     if outline.off_px < math.inf:
         why = f"is no ellipse: its outline lies {outline.off_px / view.scale:.1f} px off one"
-    elif outline.fill <= LEAST_FILL:
-        why = f"is no ellipse: it fills {outline.fill:.0%} of one, limit {LEAST_FILL:.0%}"
+    elif outline.fill <= MIN_FILL:
+        why = f"is no ellipse: it fills {outline.fill:.0%} of one, limit {MIN_FILL:.0%}"
     else:
-        why = f"is {smaller / larger:.2f} times as high as wide, limit {LEAST_ASPECT:.2f}"
-    return Refused(ellipse=view.in_full(outline.ellipse), is_bright=outline.shape.is_bright, trouble=Trouble(-1, why))
+        why = f"is {smaller / larger:.2f} times as high as wide, limit {MIN_ASPECT:.2f}"
+    return RefusedDisc(
+        ellipse=view.in_full(outline.ellipse), is_bright=outline.shape.is_bright, trouble=Trouble(-1, why)
+    )
 
 
-def likeness(refused: Refused) -> tuple[int, float]:
+def likeness(refused: RefusedDisc) -> tuple[int, float]:
     """Return what a candidate has more of the more it is like a disc."""
     return refused.trouble.passed, refused.ellipse.axes()[0]
 
@@ -161,7 +163,7 @@ def rejected(judged: Judged, taken: Disc | None, lens: Lens) -> tuple[RejectedCa
     for each in sorted(judged.refused, key=likeness, reverse=True):
         x, y = lens.bent(each.ellipse.centre_px).tolist()
         found.append(RejectedCandidate(centre_px=(x, y), size_px=2 * each.ellipse.axes()[0], reason=each.trouble.text))
-    return tuple(found[:MOST_REJECTED])
+    return tuple(found[:MAX_REJECTED])
 
 
 def _less_evident(disc: Disc, taken: Disc, lens: Lens) -> RejectedCandidate:

@@ -15,16 +15,16 @@ from typing import NamedTuple
 import numpy as np
 
 from stadimeter.detectors.disc.ellipse import Ellipse, Rim, Values, turns
-from stadimeter.detectors.disc.profiles import LEAST_LIGHT, EdgePicture, Mask, Steps, read_steps
+from stadimeter.detectors.disc.profiles import MIN_LIGHT, EdgePicture, Mask, Steps, read_steps
 from stadimeter.detectors.sampling import CODES, Light, quantile
 
-LEAST_LINES = 40
+MIN_LINES = 40
 """Across how many lines the light is read at least; if the effort allows, one for each pixel of the outline."""
 
 FIRST_FITS, NEXT_FITS = 3, 2
 """Number of fits in a look, each with weights that follow from the last."""
 
-LEAST_REACH_PX = 2.2
+MIN_REACH_PX = 2.2
 REACH_SIGMAS = 2.6
 REACH_MORE_PX = 0.8
 """Reach on both sides of the outline: past the blur of the edge, and no further."""
@@ -33,11 +33,11 @@ NEARLY_REACHED = 1.2
 INNER_SHARE = 0.6
 """Light is read no further inside than this share of the smaller half axis."""
 
-LEAST_BAND_PX, BAND_SCATTERS = 0.35, 3.5
+MIN_BAND_PX, BAND_SCATTERS = 0.35, 3.5
 """Edges this far from the ellipse do not count for it: what hides a part of the disc, or lies beside it."""
 
-LEAST_EDGES = 12
-LEAST_HOPE = 0.4
+MIN_EDGES = 12
+MIN_HOPEFUL_SHARE = 0.4
 """Looking ends if the edges on the ellipse are less than this share of the lines, or fewer than that number."""
 
 HOPELESS_PX, HOPELESS_BLURS, HOPELESS_SHARE = 0.6, 0.4, 0.015
@@ -55,14 +55,14 @@ INSIDE = np.concatenate([share * turns(16) for share in (0.15, 0.4, 0.6, 0.75)])
 EVEN_SHARE = 0.7
 """The rest may be hidden, or printed on."""
 
-GREATEST_TILT_RAD = math.radians(75)
+MAX_TILT_RAD = math.radians(75)
 """A disc turned away further from the line of sight is not accepted: it would be seen at a fourth of its height."""
 
-LEAST_CONTRAST = 8.0
+MIN_CONTRAST = 8.0
 """Least contrast of a disc, in levels of 8 bits, on nine tenths of its outline."""
 
-LEAST_SUPPORT = 0.6
-WIDEST_GAP = 0.36
+MIN_SUPPORT = 0.6
+MAX_GAP = 0.36
 """Least share of the outline that is seen, and greatest share hidden in one place, such as by a finger."""
 
 SCATTER_PX, SCATTER_BLURS, SCATTER_SHARE = 0.15, 0.15, 0.004
@@ -75,13 +75,13 @@ BEND_PX, BEND_SHARE = 0.12, 0.003
 EXACT_PX = 0.05
 """The outline of a true disc is this far from an ellipse in a good picture."""
 
-MOST_UNEVEN = 0.12
+MAX_UNEVENNESS = 0.12
 """The light inside may differ from that along the rim by this share of the contrast: that of a ball does by more."""
 
-MOST_BLURRED = 0.18
+MAX_BLUR_SHARE = 0.18
 """Greatest blur of the edge, as a share of the smaller diameter: a glow without an edge is no disc."""
 
-LEAST_HEIGHT = 0.6
+MIN_HEIGHT = 0.6
 """The least smaller diameter, as a share of the least larger one: the end of a bar looks like an ellipse."""
 
 
@@ -119,7 +119,7 @@ ROUGHLY = Effort(most_lines=48, most_looks=4, stays_px=0.4)
 THOROUGHLY = Effort(most_lines=144, most_looks=8, stays_px=0.01)
 
 
-class _Fit(NamedTuple):
+class _EllipseFit(NamedTuple):
     """An ellipse moved to the edges, by how much, and how well they lie on it."""
 
     ellipse: Ellipse
@@ -142,7 +142,7 @@ def measure_ellipse(
     """
     ellipse, widest_px, seen = start, 0.0, None
     outwards_px = edge_bias_px if is_bright else -edge_bias_px
-    lines = int(min(max(start.perimeter_px(), LEAST_LINES), effort.most_lines))
+    lines = int(min(max(start.perimeter_px(), MIN_LINES), effort.most_lines))
     # Gauss-Newton, the light read anew after each step: the ellipse that stays is one whose edges are all half way,
     # wherever the search began. The first look takes the steepest place, since both ends of a line may be anywhere.
     for look in range(effort.most_looks):
@@ -182,7 +182,7 @@ def _drawn_in_px(rim: Rim, steps: Steps) -> Values:
 
 
 def _reach_px(edge_px: float, smaller_px: float) -> float:
-    return min(max(LEAST_REACH_PX, REACH_SIGMAS * edge_px + REACH_MORE_PX), max(LEAST_REACH_PX, smaller_px / 2))
+    return min(max(MIN_REACH_PX, REACH_SIGMAS * edge_px + REACH_MORE_PX), max(MIN_REACH_PX, smaller_px / 2))
 
 
 def _is_near(ellipse: Ellipse, start: Ellipse, reach_px: float) -> bool:
@@ -196,27 +196,27 @@ def _is_near(ellipse: Ellipse, start: Ellipse, reach_px: float) -> bool:
     return smaller > 1.0 and moved_px < most_px and abs(larger - began) < most_px
 
 
-def _is_hopeful(fit: _Fit, steps: Steps) -> bool:
+def _is_hopeful(fit: _EllipseFit, steps: Steps) -> bool:
     """Return whether enough edges are near the ellipse for more of them to be near it after the next look."""
     larger_px = 2 * fit.ellipse.axes()[0]
     if fit.scatter_px > HOPELESS_PX + HOPELESS_BLURS * steps.edge_px + HOPELESS_SHARE * larger_px:
         return False
-    return int(np.count_nonzero(fit.on_ellipse)) >= LEAST_HOPE * int(np.count_nonzero(steps.visible))
+    return int(np.count_nonzero(fit.on_ellipse)) >= MIN_HOPEFUL_SHARE * int(np.count_nonzero(steps.visible))
 
 
-def _moved(ellipse: Ellipse, rim: Rim, off_px: Values, is_edge: Mask, fits: int) -> _Fit | None:
+def _moved(ellipse: Ellipse, rim: Rim, off_px: Values, is_edge: Mask, fits: int) -> _EllipseFit | None:
     """Move an ellipse to the edges: a step of Gauss and Newton, with Tukey's weights against those that do not fit.
 
     A change of c by dc and of M by dM moves the place at t outwards by ``n · (dc + dM (cos t, sin t))``.
     """
-    if np.count_nonzero(is_edge) < LEAST_EDGES:
+    if np.count_nonzero(is_edge) < MIN_EDGES:
         return None
     (x, y), (cosine, sine) = rim.outward.T, rim.turns.T
     parts = np.array((x, y, x * cosine, y * sine, x * sine + y * cosine))
     # Begin from the middle of the edges, so that a start that is too large or too small all around counts as near.
     left = off_px - quantile(off_px[is_edge]) if fits == FIRST_FITS else off_px
     for _ in range(fits):
-        band = max(LEAST_BAND_PX, BAND_SCATTERS * MAD_SIGMAS * quantile(np.abs(left[is_edge])))
+        band = max(MIN_BAND_PX, BAND_SCATTERS * MAD_SIGMAS * quantile(np.abs(left[is_edge])))
         weights = np.where(is_edge, np.maximum(1 - (left / band) ** 2, 0.0) ** 2, 0.0)
         weighted = parts * weights
         normal = weighted @ parts.T
@@ -226,7 +226,7 @@ def _moved(ellipse: Ellipse, rim: Rim, off_px: Values, is_edge: Mask, fits: int)
             return None
         left = off_px - change @ parts
     on_ellipse = is_edge & (np.abs(left) < band)
-    if np.count_nonzero(on_ellipse) < LEAST_EDGES:
+    if np.count_nonzero(on_ellipse) < MIN_EDGES:
         return None
     scatter_px = math.sqrt(float(weights @ left**2 / weights.sum()))
     dx, dy, dxx, dyy, dxy = change
@@ -234,7 +234,7 @@ def _moved(ellipse: Ellipse, rim: Rim, off_px: Values, is_edge: Mask, fits: int)
         centre_px=ellipse.centre_px + np.array((dx, dy)),
         half_axes_px=ellipse.half_axes_px + np.array(((dxx, dxy), (dxy, dyy))),
     )
-    return _Fit(
+    return _EllipseFit(
         ellipse=moved,
         moved_px=float(np.abs(change @ parts).max()),
         left_px=left,
@@ -255,7 +255,7 @@ def _sigma_px(normal: Values, scatter_px: float, ellipse: Ellipse) -> float:
     return 2 * scatter_px * math.sqrt(max(share, 0.0))
 
 
-def _described(picture: EdgePicture, fit: _Fit, steps: Steps) -> EllipseEdges:
+def _described(picture: EdgePicture, fit: _EllipseFit, steps: Steps) -> EllipseEdges:
     seen = fit.on_ellipse
     contrast = steps.contrast[seen]
     usual = quantile(contrast)
@@ -269,7 +269,7 @@ def _described(picture: EdgePicture, fit: _Fit, steps: Steps) -> EllipseEdges:
         weakest=quantile(contrast, 0.1),
         inside=abs(inside),
         outside=abs(inside - usual),
-        unevenness=_unevenness(picture, fit.ellipse, abs(inside)) / max(usual, LEAST_LIGHT),
+        unevenness=_unevenness(picture, fit.ellipse, abs(inside)) / max(usual, MIN_LIGHT),
         scatter_px=fit.scatter_px,
         bend_px=_bend_px(fit.left_px, seen),
         edge_px=steps.edge_px,
@@ -312,13 +312,13 @@ class Trouble(NamedTuple):
 def trouble_with(edges: EllipseEdges, least_px: float, light: Light) -> Trouble | None:
     """Return the first test of a disc that an outline failed; None if it is a disc, as far as a picture tells."""
     larger, smaller = diameters_px(edges)
-    flattest = math.cos(GREATEST_TILT_RAD)
+    flattest = math.cos(MAX_TILT_RAD)
     weakest = levels_out(edges, light) * edges.weakest / max(abs(edges.contrast), 1e-9)
     scatter_px, bend_px = most_scatter_px(edges), BEND_PX + BEND_SHARE * larger
     tests = (
         (
-            edges.support >= LEAST_SUPPORT,
-            f"has an edge on {edges.support:.0%} of its outline, limit {LEAST_SUPPORT:.0%}",
+            edges.support >= MIN_SUPPORT,
+            f"has an edge on {edges.support:.0%} of its outline, limit {MIN_SUPPORT:.0%}",
         ),
         (
             edges.scatter_px <= scatter_px,
@@ -329,22 +329,22 @@ def trouble_with(edges: EllipseEdges, least_px: float, light: Light) -> Trouble 
             f"is no ellipse: its outline differs from one by {edges.bend_px:.2f} px, limit {bend_px:.2f} px",
         ),
         (
-            edges.widest_gap <= WIDEST_GAP,
-            f"lacks {edges.widest_gap:.0%} of its outline in one piece, limit {WIDEST_GAP:.0%}",
+            edges.widest_gap <= MAX_GAP,
+            f"lacks {edges.widest_gap:.0%} of its outline in one piece, limit {MAX_GAP:.0%}",
         ),
         (smaller >= flattest * larger, f"is {smaller / larger:.2f} times as high as wide, limit {flattest:.2f}"),
-        (weakest >= LEAST_CONTRAST, f"stands out by {weakest:.0f} levels, limit {LEAST_CONTRAST:.0f}"),
+        (weakest >= MIN_CONTRAST, f"stands out by {weakest:.0f} levels, limit {MIN_CONTRAST:.0f}"),
         (
-            edges.edge_px <= MOST_BLURRED * smaller,
-            f"has an edge blurred over {edges.edge_px:.1f} px, limit {MOST_BLURRED * smaller:.1f} px",
+            edges.edge_px <= MAX_BLUR_SHARE * smaller,
+            f"has an edge blurred over {edges.edge_px:.1f} px, limit {MAX_BLUR_SHARE * smaller:.1f} px",
         ),
         (
-            edges.unevenness <= MOST_UNEVEN,
-            f"is unevenly bright: by {edges.unevenness:.0%} of its contrast, limit {MOST_UNEVEN:.0%}",
+            edges.unevenness <= MAX_UNEVENNESS,
+            f"is unevenly bright: by {edges.unevenness:.0%} of its contrast, limit {MAX_UNEVENNESS:.0%}",
         ),
         (
-            smaller >= LEAST_HEIGHT * least_px,
-            f"is too thin: {smaller:.1f} px, limit {LEAST_HEIGHT * least_px:.1f} px",
+            smaller >= MIN_HEIGHT * least_px,
+            f"is too thin: {smaller:.1f} px, limit {MIN_HEIGHT * least_px:.1f} px",
         ),
         (larger >= least_px, f"is too small: {larger:.1f} px, limit {least_px:g} px"),
     )
@@ -370,7 +370,7 @@ def levels_out(edges: EllipseEdges, light: Light) -> float:
 
 def quality(edges: EllipseEdges) -> float:
     """Return how much an outline looks like that of a disc: from 0 to 1."""
-    return edges.support * (1 - edges.unevenness / MOST_UNEVEN) * (1 - edges.scatter_px / most_scatter_px(edges) / 2)
+    return edges.support * (1 - edges.unevenness / MAX_UNEVENNESS) * (1 - edges.scatter_px / most_scatter_px(edges) / 2)
 
 
 def evidence(edges: EllipseEdges, light: Light) -> float:

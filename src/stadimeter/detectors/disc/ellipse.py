@@ -23,7 +23,7 @@ Bend = Callable[[Points], Points]
 RIM_POINTS = 32
 """An ellipse is taken through the lens by this many points around it."""
 
-SMALLEST_PX = 0.5
+MIN_HALF_AXIS_PX = 0.5
 """Half axes shorter than this are no ellipse in a picture."""
 
 
@@ -99,7 +99,7 @@ def ellipse_from_moments(
     xx, xy, yy = (4 * each / area for each in spread)
     # The root of a symmetric 2x2 matrix A is (A + sqrt(det A) 1) / sqrt(trace A + 2 sqrt(det A)).
     squared = xx * yy - xy * xy
-    if not squared > SMALLEST_PX**4:
+    if not squared > MIN_HALF_AXIS_PX**4:
         return None
     root = math.sqrt(squared)
     half_axes = np.array(((xx + root, xy), (xy, yy + root))) / math.sqrt(xx + yy + 2 * root)
@@ -117,7 +117,7 @@ def ellipse_through(points_px: Points) -> Ellipse | None:
         return None
     shares, directions = np.linalg.eigh(conic[:2, :2] / value)
     half_axes = np.asarray(1 / np.sqrt(shares), np.float64)
-    if not half_axes.min() > SMALLEST_PX:
+    if not half_axes.min() > MIN_HALF_AXIS_PX:
         return None
     return Ellipse(centre_px=np.asarray(centre), half_axes_px=(directions * half_axes) @ directions.T)
 

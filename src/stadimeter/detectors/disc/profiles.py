@@ -22,10 +22,10 @@ LUMINANCE = np.array((0.0722, 0.7152, 0.2126), np.float32)
 luma of a pixel that is half white and half blue stands for too much of it."""
 
 STEP_PX = 0.5
-MOST_STEPS = 8
+MAX_STEPS = 8
 """Spacing of the samples on a line; on long lines more, so that there are no more than 17 of them."""
 
-WIDEST_SHARE = 0.85
+WIDE_BLUR_QUANTILE = 0.85
 """The blur that the reach follows from: that many edges are sharper. What moves is blurred on two sides only."""
 
 SHARP_SPREAD_PX, WIDE_SPREAD_PX = 0.75, 1.75
@@ -36,13 +36,13 @@ sharp lens, 1.18 out of focus, 1.15 for a straight motion."""
 SIGMA_OF_STEEPNESS = 1 / math.sqrt(2 * math.pi)
 """The standard deviation of a normal distribution, times its greatest value."""
 
-MOST_BLURS = 3.0
+MAX_BLUR_FACTOR = 3.0
 """An edge that seems more times as blurred as usual has something beside it."""
 
-LEAST_RISE = 0.02
+MIN_RISE = 0.02
 """Least change of the light from one sample to the next at the edge, as a share of that from inside to outside."""
 
-LEAST_LIGHT = 1e-4
+MIN_LIGHT = 1e-4
 LEVEL_LINES = 9
 """Lines over which the median of the light inside is taken."""
 
@@ -91,7 +91,7 @@ def read_steps(picture: EdgePicture, rim: Rim, reach_px: float, *, is_bright: bo
     At the first look the steepest place is taken, since both ends of the line may be anywhere, instead of that half way
     from inside to outside.
     """
-    half = min(MOST_STEPS, math.ceil(reach_px / STEP_PX))
+    half = min(MAX_STEPS, math.ceil(reach_px / STEP_PX))
     along: Values = np.arange(-half, half + 1, dtype=np.float64) * (reach_px / half)
     light, is_inside = picture.read(rim.points_px[:, None, :] + along[None, :, None] * rim.outward[:, None, :])
     visible: Mask = np.asarray(is_inside.all(axis=1), np.bool_)
@@ -105,7 +105,7 @@ def _steepest(bright: Profiles, visible: Mask, along: Values) -> Steps:
     height = fall[np.arange(len(fall)), best]
     contrast = bright.max(axis=1) - bright.min(axis=1)
     usual = quantile(height[visible]) if visible.any() else 0.0
-    is_edge = visible & (height > max(LEAST_LIGHT, usual / 4))
+    is_edge = visible & (height > max(MIN_LIGHT, usual / 4))
     steps_wide = quantile(contrast[is_edge] / height[is_edge]) if is_edge.any() else 0.0
     return Steps(
         off_px=along[best + 1],
@@ -124,13 +124,13 @@ def _half_way(bright: Profiles, visible: Mask, along: Values) -> Steps:
     inside = _smoothed((bright[:, 0] + bright[:, 1]) / 2)
     outside = (bright[:, -1] + bright[:, -2]) / 2
     contrast = inside - outside
-    safe = np.where(contrast > LEAST_LIGHT, contrast, np.inf)
+    safe = np.where(contrast > MIN_LIGHT, contrast, np.inf)
     share = (bright - ((inside + outside) / 2)[:, None]) / safe[:, None]
     before, after = share[:, :-1], share[:, 1:]
     fall = (before - after) * ((before > 0) & (after <= 0))
     best = np.argmax(fall, axis=1)
     height = fall[lines, best]
-    is_edge = visible & (height > LEAST_RISE)
+    is_edge = visible & (height > MIN_RISE)
     step_px = along[1] - along[0]
     off = along[best] + step_px * before[lines, best] / np.where(is_edge, height, 1.0)
     # The mean distance of the light from an ideal step is the mean absolute deviation of the blur, whatever its shape.
@@ -144,9 +144,9 @@ def _half_way(bright: Profiles, visible: Mask, along: Values) -> Steps:
         visible=visible,
         contrast=contrast,
         inside=inside,
-        blur_px=np.clip(blur, 0.0, MOST_BLURS * usual_px),
+        blur_px=np.clip(blur, 0.0, MAX_BLUR_FACTOR * usual_px),
         edge_px=usual_px,
-        widest_px=max(quantile(seen, WIDEST_SHARE), 0.0),
+        widest_px=max(quantile(seen, WIDE_BLUR_QUANTILE), 0.0),
     )
 
 

@@ -34,7 +34,7 @@ SEARCH_LONG_SIDE_PX = 800
 LEVELS = 10
 """A disc is found if one of these levels lies between it and all that is around it."""
 
-LEAST_RANGE = 6
+MIN_RANGE = 6
 """A picture whose brightest and darkest values differ by less holds nothing."""
 
 SMOOTH = 3
@@ -43,10 +43,10 @@ SMOOTH = 3
 COMPACT = 0.5
 """The least area of an outline that is measured, as a share of that of a circle with its length."""
 
-LEAST_FILL = 0.93
+MIN_FILL = 0.93
 """The least area of an outline, as a share of that of the ellipse with its moments: a square has 0.955."""
 
-LEAST_ASPECT = 0.2
+MIN_ASPECT = 0.2
 """Flatter outlines are not looked at; the limit for a disc is applied to its measured outline."""
 
 OFF_PX, OFF_SHARE = 0.8, 0.025
@@ -56,7 +56,7 @@ axis."""
 SAME_PLACE, SAME_SIZE = 0.2, 0.15
 """Outlines are one if their centres are nearer than this share of the size, and their sizes differ by less."""
 
-MOST_LOOKED_AT = 40
+MAX_LOOKED_AT = 40
 """Of outlines that are no ellipses, only the largest are looked at."""
 
 
@@ -112,7 +112,7 @@ class Outline(NamedTuple):
         return self.off_px < most_off_px(self.ellipse)
 
 
-class Outlines(NamedTuple):
+class FoundOutlines(NamedTuple):
     """Outlines that were found in a picture."""
 
     ellipses: Sequence[Outline]  # what is elliptical, each of them once, the most promising first
@@ -120,12 +120,12 @@ class Outlines(NamedTuple):
     brightness_range: int  # by how much the brightest and the darkest value differ
 
 
-def find_outlines(grey: Plane, least_px: float, *, bright: bool, dark: bool) -> Outlines:
+def find_outlines(grey: Plane, least_px: float, *, bright: bool, dark: bool) -> FoundOutlines:
     """Find what may be a disc with a larger diameter of `least_px` at least."""
     smooth = np.asarray(cv2.blur(grey, (SMOOTH, SMOOTH)), np.uint8)
     darkest, brightest = (int(each) for each in cv2.minMaxLoc(smooth)[:2])
-    if brightest - darkest < LEAST_RANGE:
-        return Outlines((), (), brightest - darkest)
+    if brightest - darkest < MIN_RANGE:
+        return FoundOutlines((), (), brightest - darkest)
     ellipses: list[Outline] = []
     others: list[Shape] = []
     # A disc shows as a compact shape at every level between its own brightness and that of what is around it, so the
@@ -141,12 +141,12 @@ def find_outlines(grey: Plane, least_px: float, *, bright: bool, dark: bool) -> 
             else:
                 others.append(shape)
     promising = sorted(distinct(ellipses), key=lambda each: -each.promise)
-    return Outlines(ellipses=promising, others=others, brightness_range=brightest - darkest)
+    return FoundOutlines(ellipses=promising, others=others, brightness_range=brightest - darkest)
 
 
 def largest(shapes: Iterable[Shape], count: int) -> list[Outline]:
     """Return the largest of shapes that are no ellipses, what was seen at several levels once."""
-    looked_at = sorted(shapes, key=lambda each: -each.area)[:MOST_LOOKED_AT]
+    looked_at = sorted(shapes, key=lambda each: -each.area)[:MAX_LOOKED_AT]
     outlines = (_outline(each) for each in looked_at)
     return distinct([each for each in outlines if each is not None])[:count]
 
@@ -170,7 +170,7 @@ def _shapes(smooth: Plane, level: float, least_px: float) -> Iterator[Shape]:
     """
     parted = cv2.threshold(smooth, level, 255, cv2.THRESH_BINARY)[1]
     contours, _ = cv2.findContours(parted, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-    least_area = LEAST_ASPECT * math.pi / 4 * least_px**2
+    least_area = MIN_ASPECT * math.pi / 4 * least_px**2
     for contour in contours:
         if len(contour) > 2 * least_px:
             area = cv2.contourArea(contour, oriented=True)
@@ -192,7 +192,7 @@ def _outline(shape: Shape) -> Outline | None:
         return None
     larger, smaller, _ = ellipse.axes()
     fill, off_px = area / (math.pi * larger * smaller), math.inf
-    if fill > LEAST_FILL and smaller > LEAST_ASPECT * larger:
+    if fill > MIN_FILL and smaller > MIN_ASPECT * larger:
         off_px = root_mean_square(ellipse.distances_px(shape.contour[:, 0].astype(np.float64)))
     return Outline(shape, ellipse, 2 * larger, fill, off_px)
 
@@ -217,10 +217,10 @@ def distinct(outlines: Sequence[Outline]) -> list[Outline]:
     return sorted(kept, key=lambda each: -each.size_px)
 
 
-LEAST_SIZE_PX = 16.0
+MIN_SIZE_PX = 16.0
 """The pieces of smaller outlines are too short to tell an ellipse from."""
 
-LEAST_LEFT = 0.55
+MIN_SHARE_LEFT = 0.55
 """Least share of an outline that must be left."""
 
 POINTS = 96
@@ -250,7 +250,7 @@ def find_partly_hidden(outlines: Iterable[Outline], shape: tuple[int, int]) -> l
         outlines: What is not elliptical as a whole.
         shape: Height and width of the picture.
     """
-    found = (_most_of(each, shape) for each in outlines if each.size_px > LEAST_SIZE_PX)
+    found = (_most_of(each, shape) for each in outlines if each.size_px > MIN_SIZE_PX)
     return distinct([each for each in found if each is not None])
 
 
@@ -268,8 +268,8 @@ def _most_of(outline: Outline, shape: tuple[int, int]) -> Outline | None:
     on_it = inner & _is_on(ellipse, points)
     # Steps from pixel to pixel are longer across a diagonal: there are 0.9 pixels on each pixel of length.
     length_px = np.count_nonzero(on_it) * len(contour) / POINTS
-    is_left = length_px > 0.9 * LEAST_LEFT * ellipse.perimeter_px()
-    if not (is_left and LEAST_SIZE_PX < 2 * larger < 2 * max(shape) and smaller > LEAST_ASPECT * larger):
+    is_left = length_px > 0.9 * MIN_SHARE_LEFT * ellipse.perimeter_px()
+    if not (is_left and MIN_SIZE_PX < 2 * larger < 2 * max(shape) and smaller > MIN_ASPECT * larger):
         return None
     return outline._replace(
         ellipse=ellipse, size_px=2 * larger, off_px=root_mean_square(ellipse.distances_px(points[on_it]))

@@ -88,7 +88,7 @@ def _tracks(
             sensor=sensors[target],
             nuisances=Nuisances(
                 noise=given.noise,
-                correlation=configuration.plan.tracking.correlation,
+                correlation=configuration.plan.tracking.autocorrelation,
                 dropouts=given.dropouts,
                 outliers=given.outliers,
                 lost=motions.get(target, nowhere).lost,
