@@ -23,9 +23,9 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.config.plugins import ACTUATORS, BUTTONS, DriverChoice, load_plugin
 from stadimeter.config.toml_source import parse_toml
 from stadimeter.core.frame import Frame
-from stadimeter.workbench.drawing.files import write_drawings
-from stadimeter.workbench.wiring.outputs import parts_of
-from stadimeter.workbench.wiring.picture import circuit_picture, wiring_picture
+from stadimeter.workbench.drawing import write_drawings
+from stadimeter.workbench.wiring.circuits import parts_of
+from stadimeter.workbench.wiring.drawings import circuit_picture, wiring_picture
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]

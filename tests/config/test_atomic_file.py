@@ -177,13 +177,13 @@ LOOKS = {
     "web/passwords.py": "a folder of the installation",
     "web/run_process.py": "why there is no run",
     "workbench/board_figures.py": "which version of the kernel's interface there is",
-    "workbench/colour_places.py": "how a name is split; reading fails by itself",
+    "workbench/colour_aids.py": "how a name is split; reading fails by itself",
     "workbench/doctor/computer.py": "a finding",
     "workbench/doctor/examined.py": "a finding",
     "workbench/run_camera.py": "why there is no picture",
     "workbench/saving.py": "under the lock of every saver, or a list of what is kept",
     "workbench/server/setup_desk.py": "the answers are replaced, never removed",
-    "workbench/setup/writing.py": "a word about a version that was just kept",
+    "workbench/setup/answers.py": "a word about a version that was just kept",
 }
 """Where a file is looked up, and why nothing depends on it being the same a moment later."""
 

@@ -12,8 +12,8 @@ import make_pictures
 import pytest
 
 from stadimeter.config.loader import load_configuration
-from stadimeter.workbench.drawing.svg import svg_of
-from stadimeter.workbench.wiring.picture import wiring_picture
+from stadimeter.workbench.drawing import svg_of
+from stadimeter.workbench.wiring.drawings import wiring_picture
 
 ROOT = Path(__file__).resolve().parents[2]
 

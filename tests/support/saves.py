@@ -34,8 +34,7 @@ from stadimeter.core.rule import AlarmRule
 from stadimeter.errors import JournalError
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.replay.opening import read_recording
-from stadimeter.workbench.setup.answers import ANSWERS, load_answers, save_answers
-from stadimeter.workbench.setup.writing import write_files
+from stadimeter.workbench.setup.answers import ANSWERS, load_answers, save_answers, write_files
 from support.observing import Rehearsal
 
 LENS = CameraModel.with_focal_length(600.0, 640, 480)

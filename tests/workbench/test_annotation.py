@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
 from stadimeter.errors import PictureError
-from stadimeter.workbench import annotation, text_panel
+from stadimeter.workbench import annotation, labels
 from stadimeter.workbench.annotation import GREEN, GREY, ORANGE, RED, YELLOW, Mark, annotate, write_picture
-from stadimeter.workbench.label_placement import Box
+from stadimeter.workbench.labels import Box
 
 pytestmark = pytest.mark.vision
 
@@ -212,10 +212,10 @@ def test_what_is_not_found_is_told_however_full_the_picture_is() -> None:
 
 @pytest.mark.parametrize("text", ["Größe", "ball…", "90° × 2", "猫", "a\tb"])
 def test_letters_that_the_fonts_lack_become_others(text: str) -> None:
-    shown = text_panel._drawable(text)
+    shown = labels._drawable(text)
     assert shown.isascii()
     assert len(shown) >= 1
-    assert text_panel._drawable("35.0 in ± 0.4") == "35.0 in ± 0.4"
+    assert labels._drawable("35.0 in ± 0.4") == "35.0 in ± 0.4"
 
 
 def test_edge_points_are_drawn_one_by_one_over_the_outline() -> None:

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from stadimeter.ranging.board_calibration import BoardView, calibrate_board
-from stadimeter.workbench.calibration.board_session import Chessboard
-from stadimeter.workbench.calibration.corner_refinement import scatter_px
+from stadimeter.workbench.calibration.board_session import Chessboard, scatter_px
 
 pytestmark = pytest.mark.vision
 

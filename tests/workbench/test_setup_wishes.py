@@ -14,7 +14,7 @@ from stadimeter.core.frame import Frame
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.rule_tests.running import RuleTests
 from stadimeter.workbench.setup.files import written_files
-from stadimeter.workbench.setup.known import Known
+from stadimeter.workbench.setup.question import Known
 from stadimeter.workbench.setup.wish_steps import BlankStep, seen_up_to_m
 from stadimeter.workbench.setup.wishes import WISHES, Wish, ready_answers
 

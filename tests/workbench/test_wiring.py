@@ -15,10 +15,9 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.config.plugins import ACTUATORS, DriverChoice, Options, Plugin, load_plugin
 from stadimeter.config.units import Pin
 from stadimeter.core.drawing import Text
-from stadimeter.workbench.drawing.svg import svg_of
-from stadimeter.workbench.wiring.outputs import wired_outputs
-from stadimeter.workbench.wiring.picture import wiring_picture
-from stadimeter.workbench.wiring.text import wiring_text
+from stadimeter.workbench.drawing import svg_of
+from stadimeter.workbench.wiring.circuits import wired_outputs
+from stadimeter.workbench.wiring.drawings import wiring_picture, wiring_text
 
 CONFIGURATIONS = Path(__file__).parents[2] / "config"
 

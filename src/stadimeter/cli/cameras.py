@@ -18,7 +18,7 @@ from stadimeter.config.plugins import DriverChoice
 from stadimeter.errors import ConfigError, Problem, reason_of
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.attached_cameras import NONE_FOUND, attached_cameras, choice_of, first_picture
-from stadimeter.workbench.snapshot import Snapshot
+from stadimeter.workbench.frame_source import Snapshot
 
 
 def register(app: typer.Typer) -> None:

@@ -18,10 +18,10 @@ from stadimeter.core.detection import DetectionStatus
 from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.annotation import write_picture
-from stadimeter.workbench.colour_picture import colour_picture
-from stadimeter.workbench.colour_places import (
+from stadimeter.workbench.colour_aids import (
     NOTHING_STANDS_OUT,
     ONLY_BACKGROUND,
+    colour_picture,
     colour_sample,
     is_where_pointed,
     split_places,

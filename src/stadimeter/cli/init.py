@@ -27,15 +27,13 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.errors import ConfigError, StadimeterError
 from stadimeter.workbench.measuring import Measuring
 from stadimeter.workbench.saving import VERSIONS
-from stadimeter.workbench.setup.answers import ANSWERS, load_answers
+from stadimeter.workbench.setup.answers import ANSWERS, load_answers, was_left, write_files
+from stadimeter.workbench.setup.answers import example as load_example
 from stadimeter.workbench.setup.files import rule_names, written_files
 from stadimeter.workbench.setup.interview import Interview, all_answered, check_keys
-from stadimeter.workbench.setup.known import CONFIGURATION, PICTURES, Known
-from stadimeter.workbench.setup.question import Accepted, Question
+from stadimeter.workbench.setup.question import CONFIGURATION, PICTURES, Accepted, Known, Question
 from stadimeter.workbench.setup.target import chosen_target
-from stadimeter.workbench.setup.writing import example as load_example
-from stadimeter.workbench.setup.writing import was_left, write_files
-from stadimeter.workbench.wiring.outputs import parts_of, wired_outputs
+from stadimeter.workbench.wiring.circuits import parts_of, wired_outputs
 
 BACK = "back"
 WIRING = f"{PICTURES}/wiring.svg"

@@ -25,7 +25,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import MeasurementStatus
 from stadimeter.errors import ConfigError, PictureError, Problem, StadimeterError
 from stadimeter.workbench.annotation import annotate, write_picture
-from stadimeter.workbench.colour_notes import colour_notes
+from stadimeter.workbench.colour_aids import colour_notes
 from stadimeter.workbench.colour_profile import profile_notes
 from stadimeter.workbench.measuring import Measuring, PictureResult, failed, is_video_file, measure_picture
 from stadimeter.workbench.remedies import remedy_notes

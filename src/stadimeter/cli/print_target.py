@@ -21,9 +21,8 @@ from stadimeter.cli.target_options import wanted_targets
 from stadimeter.config.units import split_quantities
 from stadimeter.core.drawing import Drawing
 from stadimeter.errors import ConfigError
-from stadimeter.workbench.drawing.files import write_drawings
-from stadimeter.workbench.printing.boards import board_drawing
-from stadimeter.workbench.printing.pages import PAPERS, Item, print_pages
+from stadimeter.workbench.drawing import write_drawings
+from stadimeter.workbench.printing import PAPERS, Item, board_drawing, print_pages
 
 CHECK = "Print at 100 % (actual size), then measure the ruler: 10 cm and 4 in."
 MOST_TAGS = 200

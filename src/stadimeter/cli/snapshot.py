@@ -15,7 +15,7 @@ from stadimeter.cli.live_camera import LiveOption, camera_choice
 from stadimeter.config.units import parse_duration
 from stadimeter.errors import ConfigError, Problem
 from stadimeter.workbench.annotation import write_picture
-from stadimeter.workbench.snapshot import OTHER_PROGRAMS, Snapshot, snapshots
+from stadimeter.workbench.frame_source import OTHER_PROGRAMS, Snapshot, snapshots
 
 
 def register(app: typer.Typer) -> None:

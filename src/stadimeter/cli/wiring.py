@@ -14,10 +14,9 @@ from stadimeter.cli.exits import plain_errors
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.errors import ConfigError
-from stadimeter.workbench.drawing.files import write_drawings
-from stadimeter.workbench.wiring.outputs import parts_of, wired_outputs
-from stadimeter.workbench.wiring.picture import wiring_picture
-from stadimeter.workbench.wiring.text import wiring_text
+from stadimeter.workbench.drawing import write_drawings
+from stadimeter.workbench.wiring.circuits import parts_of, wired_outputs
+from stadimeter.workbench.wiring.drawings import wiring_picture, wiring_text
 
 
 def register(app: typer.Typer) -> None:

@@ -15,8 +15,7 @@ from stadimeter.config.picture_optics import with_optics
 from stadimeter.core.detection import Detection, DetectionStatus, Points, RejectedCandidate, no_points
 from stadimeter.core.frame import Image, Optics
 from stadimeter.errors import PictureError, reason_of
-from stadimeter.workbench.label_placement import USEFUL, Box, LabelRoom
-from stadimeter.workbench.text_panel import DARK, Colour, Panel
+from stadimeter.workbench.labels import DARK, USEFUL, Box, Colour, LabelRoom, Panel
 
 GREEN: Colour = (110, 230, 60)
 ORANGE: Colour = (40, 160, 255)

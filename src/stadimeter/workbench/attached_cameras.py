@@ -9,7 +9,7 @@ from stadimeter.cameras.protocol import AttachedCamera
 from stadimeter.config.guides import guide
 from stadimeter.config.plugins import CAMERAS, DriverChoice, driver_names, load_plugin
 from stadimeter.errors import DriverError, DriverUnavailableError, PictureError
-from stadimeter.workbench.snapshot import Snapshot, snapshots
+from stadimeter.workbench.frame_source import Snapshot, snapshots
 
 NONE_FOUND = (
     "no camera is found. Is its cable plugged in, and does `ls /dev/video*` list it? A ribbon camera of a Raspberry Pi"

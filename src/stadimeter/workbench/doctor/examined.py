@@ -76,7 +76,7 @@ class Examined:
         """The GPIOs of its outputs and buttons."""
         if self.configuration is None:
             return frozenset()
-        from stadimeter.workbench.wiring.outputs import parts_of, wired_outputs  # noqa: PLC0415 - loads numpy
+        from stadimeter.workbench.wiring.circuits import parts_of, wired_outputs  # noqa: PLC0415 - loads numpy
 
         return frozenset(output.gpio for output in wired_outputs(parts_of(self.configuration)))
 

@@ -13,8 +13,8 @@ from stadimeter.workbench.calibration.board_session import Board, BoardSession, 
 from stadimeter.workbench.server.arguments import number, text
 from stadimeter.workbench.server.operations import Desk, Operation, Reply
 from stadimeter.workbench.server.setup_operations import lens_as_json, setup_of
-from stadimeter.workbench.setup.known import BOARD_FILE
 from stadimeter.workbench.setup.lens import today
+from stadimeter.workbench.setup.question import BOARD_FILE
 
 FEWEST, MOST = 3, 60
 """Corners or squares along a side of a board."""

@@ -18,14 +18,11 @@ from stadimeter.workbench.frame_source import SETTLING_WAIT_S
 from stadimeter.workbench.measuring import open_picture
 from stadimeter.workbench.run_camera import source_beside_run
 from stadimeter.workbench.saving import check_is_not_ours
-from stadimeter.workbench.setup.answers import ANSWERS, load_answers
-from stadimeter.workbench.setup.camera_step import CameraStep, picture_names, table_of
-from stadimeter.workbench.setup.colour_trial import ColourTrial
-from stadimeter.workbench.setup.held_camera import HeldCamera
+from stadimeter.workbench.setup.answers import ANSWERS, load_answers, was_left
+from stadimeter.workbench.setup.camera_step import CameraStep, HeldCamera, picture_names, table_of
+from stadimeter.workbench.setup.colour_step import ColourTrial
 from stadimeter.workbench.setup.interview import Interview
-from stadimeter.workbench.setup.known import Known
-from stadimeter.workbench.setup.question import Accepted, Question
-from stadimeter.workbench.setup.writing import was_left
+from stadimeter.workbench.setup.question import Accepted, Known, Question
 
 HISTORY_FRAMES = 2000
 """The last minute of what was measured, at 30 pictures a second."""

@@ -14,15 +14,14 @@ from typing import Any
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.errors import ConfigError
-from stadimeter.workbench.colour_picture import colour_picture
-from stadimeter.workbench.colour_places import NOTHING_STANDS_OUT
+from stadimeter.workbench.colour_aids import NOTHING_STANDS_OUT, colour_picture
 from stadimeter.workbench.picture_quality import better_exposure_s
 from stadimeter.workbench.server.arguments import number, places, text, texts, truth
 from stadimeter.workbench.server.operations import Desk, Operation, Reply
 from stadimeter.workbench.server.setup_desk import SetupDesk
-from stadimeter.workbench.setup import colour_trial
+from stadimeter.workbench.setup import colour_step
 from stadimeter.workbench.setup.camera_step import PLAYED_KEYS, table_of, with_exposure, with_playing, with_resolution
-from stadimeter.workbench.setup.preview import DRAWINGS, drawn, jpeg_of, looked_at, target_so_far, values_of
+from stadimeter.workbench.setup.trying import DRAWINGS, drawn, jpeg_of, looked_at, target_so_far, values_of
 
 
 def setup_of(desk: Desk) -> SetupDesk:
@@ -87,8 +86,8 @@ def picture(desk: Desk, args: Mapping[str, Any]) -> Reply:
     name, width_px = text(args, "file", ""), int(number(args, "width_px", 0))
     frame = setup.picture(name) if name else setup.newest()
     if draw == "mask" and setup.trial.colour:
-        seen = colour_trial.view(frame, setup.trial.colour)
-        values = {**values_of(frame, seen.detection, None), "words": colour_trial.in_words(seen)}
+        seen = colour_step.view(frame, setup.trial.colour)
+        values = {**values_of(frame, seen.detection, None), "words": colour_step.in_words(seen)}
         image = colour_picture(frame.image, seen, setup.trial.colour)
         return Reply(data=values, attached=jpeg_of(image, width_px))
     target = None if draw == "plain" else target_so_far(setup.known, setup.trial.colour)
@@ -157,17 +156,17 @@ def colour(desk: Desk, args: Mapping[str, Any]) -> Reply:
         trial.widen(int(number(args, "widen")))
     if not trial.colour:
         return Reply(
-            data={"range": "", "found": False, "words": colour_trial.CLICK, "others": [], "pictures": 0, "clicks": []}
+            data={"range": "", "found": False, "words": colour_step.CLICK, "others": [], "pictures": 0, "clicks": []}
         )
-    seen = colour_trial.view((trial.seen_in if clicks else None) or frame, trial.colour)
+    seen = colour_step.view((trial.seen_in if clicks else None) or frame, trial.colour)
     is_found = is_pointed_at and seen.detection.status is not DetectionStatus.NOT_FOUND
     return Reply(
         data={
             "range": trial.colour,
             "widen": trial.steps,
-            "widen_max": colour_trial.MOST_STEPS,
+            "widen_max": colour_step.MOST_STEPS,
             "found": is_found,
-            "words": colour_trial.in_words(seen, is_pointed_at=is_pointed_at),
+            "words": colour_step.in_words(seen, is_pointed_at=is_pointed_at),
             "centre_px": list(seen.detection.centre_px) if is_found else None,
             "width_px": seen.detection.width_px if is_found else None,
             "others": [{"centre_px": list(each.centre_px), "size_px": each.size_px} for each in seen.others],

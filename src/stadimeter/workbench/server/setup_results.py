@@ -10,20 +10,18 @@ from stadimeter.config.gpio_header import HEADER, TAKEN
 from stadimeter.config.loader import Configuration
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.errors import ConfigError
-from stadimeter.workbench.drawing.svg import svg_of
-from stadimeter.workbench.rule_tests.lanes import lanes_of
+from stadimeter.workbench.drawing import svg_of
+from stadimeter.workbench.rule_tests.running import lanes_of
 from stadimeter.workbench.server import editing
 from stadimeter.workbench.server.arguments import text, texts
 from stadimeter.workbench.server.operations import Desk, Operation, Reply
 from stadimeter.workbench.server.setup_operations import setup_of
 from stadimeter.workbench.setup.files import written_files
-from stadimeter.workbench.setup.known import CONFIGURATION, Known
-from stadimeter.workbench.setup.outlook import outlook
-from stadimeter.workbench.setup.trying import complete_answers, made_up, seen_lately
+from stadimeter.workbench.setup.question import CONFIGURATION, Known
+from stadimeter.workbench.setup.trying import complete_answers, made_up, outlook, seen_lately
 from stadimeter.workbench.setup.wish_steps import NOTHING, SCREEN, actuator_table
-from stadimeter.workbench.wiring.circuits import CIRCUITS
-from stadimeter.workbench.wiring.outputs import header_labels, parts_of, pin_name, wired_outputs
-from stadimeter.workbench.wiring.picture import circuits_picture, wiring_picture
+from stadimeter.workbench.wiring.circuits import CIRCUITS, header_labels, parts_of, pin_name, wired_outputs
+from stadimeter.workbench.wiring.drawings import circuits_picture, wiring_picture
 
 
 def show_outlook(desk: Desk, _args: Mapping[str, Any]) -> Reply:

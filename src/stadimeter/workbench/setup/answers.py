@@ -1,22 +1,24 @@
-"""Answers in a file: saved after each of them, so that nothing is lost, and read from a file that a script gives."""
+"""What the setup writes: the answers, saved after each one, and the files made from them, with older files kept."""
 
 from __future__ import annotations
 
 import glob
 import os
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+import stadimeter
 from stadimeter.config.atomic_file import write_atomically
 from stadimeter.config.toml_source import as_toml, read_toml
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES
 from stadimeter.errors import ConfigError, Problem, reason_of
+from stadimeter.workbench.saving import save_files
 
 ANSWERS = "init-answers.toml"
 """The file in the folder in which answers are kept."""
 
-_TITLE = "# Answers to the questions of `stadimeter init`. `stadimeter init --answers FILE` gives them again.\n"
+_ANSWERS_TITLE = "# Answers to the questions of `stadimeter init`. `stadimeter init --answers FILE` gives them again.\n"
 
 
 def save_answers(path: Path, answers: Mapping[str, str]) -> None:
@@ -27,7 +29,7 @@ def save_answers(path: Path, answers: Mapping[str, str]) -> None:
     """
     lines = "".join(f"{key} = {as_toml(answer)}\n" for key, answer in answers.items())
     try:
-        write_atomically(path, (_TITLE + lines).encode())
+        write_atomically(path, (_ANSWERS_TITLE + lines).encode())
     except OSError as error:
         raise ConfigError([Problem(f"the answers cannot be written: {reason_of(error)}", str(path))]) from error
 
@@ -88,3 +90,46 @@ def _seen_from(folder: Path, word: str) -> str:
     if not is_here_only:
         return word
     return os.path.relpath(name, folder) + at + rest
+
+
+def write_files(folder: Path, files: Mapping[str, str]) -> Iterator[str]:
+    """Write files; yield a sentence for each. One that would stay the same is left alone.
+
+    Raises:
+        ConfigError: A file cannot be written there; then none is.
+    """
+    written, kept = save_files(folder, files)
+    for name in files:
+        path = folder / name
+        if name not in written:
+            path.touch()  # newer than the answers, as `was_left` wants it
+            yield f"{path} is as it was"
+        else:
+            was_there = kept is not None and (kept / name).exists()
+            yield f"wrote {path}{f'; the one that was there is {kept / name} now' if kept and was_there else ''}"
+
+
+def was_left(answers: Path, configuration: Path) -> bool:
+    """Return whether an interview was left before its end: its answers are newer than what came of the last one."""
+    answered_ns = _modified_ns(answers)
+    return answered_ns is not None and answered_ns > (_modified_ns(configuration) or 0)
+
+
+def _modified_ns(path: Path) -> int | None:
+    try:
+        return path.stat().st_mtime_ns
+    except FileNotFoundError:
+        return None
+
+
+def example(name: str) -> str:
+    """Return an example configuration that comes with the program.
+
+    Raises:
+        ConfigError: There is none of that name; it lists them.
+    """
+    folder = Path(stadimeter.__file__).parent / "configurations"
+    texts = {path.stem: path for path in sorted(folder.glob("*.toml"))}
+    if name not in texts:
+        raise ConfigError([Problem(f"there is no example {name!r}, only {', '.join(texts)}", key="--example")])
+    return texts[name].read_text(encoding="utf-8")

@@ -17,7 +17,6 @@ from stadimeter.ranging.calibration import DISTANCE_RELATIVE_SIGMA
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.calibration.live_distance import APART_MIN, LiveDistance
 from stadimeter.workbench.setup.answers import words_of
-from stadimeter.workbench.setup.known import BOARD_FILE, CAMERA_FILE, PICTURES, Known
 from stadimeter.workbench.setup.lens import (
     contradiction,
     guessed_lens,
@@ -28,7 +27,16 @@ from stadimeter.workbench.setup.lens import (
     picture_at,
     today,
 )
-from stadimeter.workbench.setup.question import Accepted, Option, Question, Step
+from stadimeter.workbench.setup.question import (
+    BOARD_FILE,
+    CAMERA_FILE,
+    PICTURES,
+    Accepted,
+    Known,
+    Option,
+    Question,
+    Step,
+)
 from stadimeter.workbench.setup.target import chosen_target, look, why_not_measured
 
 GUESS = "60 deg"

@@ -1,10 +1,11 @@
-"""The first question: which camera, and a look through it."""
+"""The first question: which camera, and a look through it, at a camera that stays open between looks."""
 
 from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,16 +15,15 @@ from stadimeter.config.plugins import CAMERAS, DriverChoice, driver_names
 from stadimeter.config.toml_source import camera_table
 from stadimeter.core.camera_model import check_one_aspect
 from stadimeter.core.frame import Frame
-from stadimeter.errors import ConfigError, PictureError, StadimeterError
+from stadimeter.errors import ConfigError, DriverError, PictureError, StadimeterError
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.attached_cameras import NONE_FOUND, attached_cameras
-from stadimeter.workbench.frame_source import SETTLING_WAIT_S, Source, files_shown, settled_frame
+from stadimeter.workbench.frame_source import SETTLING_WAIT_S, Source, files_shown, open_source, settled_frame
 from stadimeter.workbench.measuring import is_video_file
 from stadimeter.workbench.picture_quality import picture_remarks
 from stadimeter.workbench.setup.answers import words_of
-from stadimeter.workbench.setup.known import PICTURES, Known
-from stadimeter.workbench.setup.question import Accepted, Option, Question, Step
-from stadimeter.workbench.simulated_room import BALL
+from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Option, Question, Step
+from stadimeter.workbench.simulated_room import BALL, SimulatedRoom
 
 SHOWN = f"{PICTURES}/camera.png"
 """The picture in which places are meant that answers name."""
@@ -233,3 +233,52 @@ def _pictures_in(folder: Path) -> str:
         if next(folder.glob(f"*.{suffix}"), None):
             return f"*.{suffix}"
     return ""
+
+
+class HeldCamera:
+    """Opens a camera when it is first looked through, and holds it until another one is wanted, or `close`.
+
+    Args:
+        build: Builds a camera; touches no hardware.
+    """
+
+    def __init__(self, build: Callable[[DriverChoice], Source] = open_source) -> None:
+        self._build = build
+        self._choice: DriverChoice | None = None
+        self._source: Source | None = None
+
+    @property
+    def room(self) -> SimulatedRoom | None:
+        """The room that is simulated before the camera; None before a real one, or none."""
+        return self._source.room if self._source is not None else None
+
+    @contextmanager
+    def opened(self, choice: DriverChoice) -> Iterator[Source]:
+        """Give a camera that is open and has settled. A recording is read from its beginning, and not held.
+
+        A camera that fails is let go: the next look opens it anew, or another way.
+
+        Raises:
+            DriverError: It cannot be opened, or no frame comes.
+        """
+        source = self._source if choice == self._choice else None
+        try:
+            if source is None:
+                self.close()
+                source = self._build(choice)
+                source.settle()
+                if source.is_live:
+                    self._choice, self._source = choice, source
+            yield source
+        except DriverError:
+            self.close()
+            raise
+        finally:
+            if source is not None and self._source is not source:
+                source.capture.close()
+
+    def close(self) -> None:
+        """Let the camera go; it is opened again for the next look."""
+        source, self._source = self._source, None
+        if source is not None:
+            source.capture.close()

@@ -1,19 +1,23 @@
-"""The question for the colour of a ball, with a proposal from the camera's pictures."""
+"""The question for the colour of a ball: a proposal from pictures, and trying a range before it is the answer."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from stadimeter.config.plugins import DETECTORS, load_plugin
 from stadimeter.core.detection import DetectionStatus
-from stadimeter.detectors.protocol import ColourProposal, ColourSample
+from stadimeter.core.frame import Frame
+from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.annotation import write_picture
-from stadimeter.workbench.colour_picture import colour_picture
-from stadimeter.workbench.colour_places import (
+from stadimeter.workbench.colour_aids import (
     NOTHING_STANDS_OUT,
     ONLY_BACKGROUND,
+    Place,
+    colour_picture,
     colour_sample,
     is_where_pointed,
     split_places,
@@ -21,10 +25,173 @@ from stadimeter.workbench.colour_places import (
 from stadimeter.workbench.measuring import open_picture
 from stadimeter.workbench.setup.answers import words_of
 from stadimeter.workbench.setup.camera_step import SHOWN
-from stadimeter.workbench.setup.known import PICTURES, Known
-from stadimeter.workbench.setup.question import Accepted, Question, Step
-from stadimeter.workbench.setup.target import chosen_target, look
-from stadimeter.workbench.setup.target_steps import is_doubtful
+from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Question, Step
+from stadimeter.workbench.setup.target import chosen_target, is_doubtful, look
+
+MOST_PICTURES = 6
+"""Pictures that are kept with their clicks; the oldest makes room for another."""
+
+MOST_STEPS = 12
+"""By how many steps a range can be widened or narrowed."""
+
+NOT_THERE = "No ball is seen where you point: click on another part of it, or bring it nearer."
+MISSED = "No ball is seen with this range."
+CLICK = "Click on the ball."
+OTHERS = "Something else has this colour, at {places}: take it away, narrow the range, or click on the ball once more."
+
+
+@dataclass(slots=True)
+class ColourTrial:
+    """Clicks on pictures of a ball, and the range that follows from them.
+
+    Attributes:
+        samples: The pictures that were clicked on, each with its clicks.
+        fitted: The range that follows from the clicks, or that was given; empty for none yet.
+        steps: By how much it is widened, or narrowed if below zero.
+        seen_in: The picture of the last click; None before the first.
+    """
+
+    samples: list[ColourSample] = field(default_factory=list)
+    fitted: str = ""
+    steps: int = 0
+    seen_in: Frame | None = None
+    _missed: list[ColourSample] = field(default_factory=list)
+
+    @property
+    def colour(self) -> str:
+        """The range as it is tried."""
+        widen = load_plugin(DETECTORS, "ball").widen_colour
+        return widen(self.fitted, self.steps) if widen and self.fitted and self.steps else self.fitted
+
+    def point(self, frame: Frame, places: Sequence[Place], *, same_picture: bool) -> bool:
+        """Fit the range to further clicks on the ball, and return whether a ball is seen where they are.
+
+        Clicks in several lights, and on several colours of a ball, count together. A click beside the ball would spoil
+        the others, so one where no ball was seen counts only where nothing shows a ball without it.
+
+        Args:
+            same_picture: Whether the clicks belong to the picture of the clicks before.
+
+        Raises:
+            ConfigError: A click is outside the picture, or on the background; nothing has changed.
+        """
+        _check(frame, places)
+        kept, newest = self.samples, ColourSample(frame, tuple(places))
+        if same_picture and kept:
+            _check(kept[-1].frame, places)
+            kept, newest = kept[:-1], ColourSample(kept[-1].frame, (*kept[-1].places_px, *places))
+        tries = ([*kept, newest], [newest], [*kept, *self._missed, newest])
+        fits = [fit for fit in map(_fit, dict.fromkeys(map(tuple, tries))) if fit is not None]
+        if not fits:
+            raise ConfigError(ONLY_BACKGROUND)
+        best = max(fits, key=lambda fit: (fit.is_seen, not fit.others))
+        if best.is_seen or not self.fitted:
+            self.fitted, self.steps = best.colour, 0
+        if best.is_seen:
+            self.samples, self._missed = list(best.samples)[-MOST_PICTURES:], []
+        else:
+            self._missed = [newest]
+        self.seen_in = newest.frame
+        return best.is_seen
+
+    def look(self, frame: Frame) -> bool:
+        """Try the range of what stands out in a picture by itself, and return whether anything does; takes seconds."""
+        fit = _fit((ColourSample(frame),))
+        if fit is None or not fit.is_seen:
+            return False
+        self.fitted, self.steps = fit.colour, 0
+        return True
+
+    def take(self, colour: str, frame: Frame) -> None:
+        """Try a range that a person gives; a `ConfigError` if it is none."""
+        view(frame, colour)
+        self.fitted, self.steps = colour, 0
+
+    def widen(self, steps: int) -> None:
+        """Widen the range by so many steps, or narrow it by negative ones, counted from how it was fitted."""
+        self.steps = max(-MOST_STEPS, min(MOST_STEPS, steps))
+
+    @property
+    def places(self) -> list[Place]:
+        """The clicks that count, oldest first."""
+        return [place for sample in self.samples for place in sample.places_px]
+
+    def forget_click(self, number: int) -> None:
+        """Take a click back, by its number in `places`, and fit the range to the others.
+
+        Raises:
+            ConfigError: There is no such click, or the others give no range; nothing has changed.
+        """
+        if not 0 <= number < len(self.places):
+            raise ConfigError("that click is not there any more")
+        left = []
+        for sample in self.samples:
+            places = tuple(place for at, place in enumerate(sample.places_px) if at != number)
+            number -= len(sample.places_px)
+            left += [sample._replace(places_px=places)] if places else []
+        if not left:
+            self.forget()
+            return
+        fit = _fit(tuple(left))
+        if fit is None:
+            raise ConfigError(ONLY_BACKGROUND)
+        self.samples, self.fitted, self.steps = left, fit.colour, 0
+
+    def forget(self) -> None:
+        """Begin again."""
+        self.samples, self.fitted, self.steps, self.seen_in, self._missed = [], "", 0, None, []
+
+
+def view(frame: Frame, colour: str) -> ColourView:
+    """Return what a range shows in a frame; a `ConfigError` if it is none."""
+    shown = load_plugin(DETECTORS, "ball").view_colour
+    if shown is None:
+        raise ConfigError("the detector for balls goes by no colour")
+    try:
+        seen: ColourView = shown(frame, colour)
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
+    return seen
+
+
+def in_words(seen: ColourView, *, is_pointed_at: bool = True) -> str:
+    """Say what a range shows in a picture, and what else has the colour."""
+    if seen.detection.status is DetectionStatus.NOT_FOUND or not is_pointed_at:
+        return MISSED if is_pointed_at else NOT_THERE
+    x_px, y_px = seen.detection.centre_px
+    ball = f"A ball at {x_px:.0f},{y_px:.0f}, {seen.detection.width_px:.0f} px across."
+    if not seen.others:
+        return ball
+    places = " and ".join(f"{each.centre_px[0]:.0f},{each.centre_px[1]:.0f}" for each in seen.others[:3])
+    return f"{ball} {OTHERS.format(places=places)}"
+
+
+class _Fit(NamedTuple):
+    """The range that follows from clicks."""
+
+    samples: tuple[ColourSample, ...]
+    colour: str
+    is_seen: bool  # whether a ball is seen with it at the last click
+    others: int  # how many other things have the colour there
+
+
+def _fit(samples: tuple[ColourSample, ...]) -> _Fit | None:
+    propose = load_plugin(DETECTORS, "ball").propose_colour
+    proposal: ColourProposal | None = propose(samples) if propose else None
+    if proposal is None:
+        return None
+    newest = proposal.views[-1]
+    return _Fit(samples, proposal.colour, is_where_pointed(samples[-1], newest), len(newest.others))
+
+
+def _check(frame: Frame, places: Sequence[Place]) -> None:
+    if not places:
+        raise ConfigError("there is no click; click on the ball")
+    for x_px, y_px in places:
+        if not (0 <= x_px < frame.width_px and 0 <= y_px < frame.height_px):
+            size = f"{frame.width_px} × {frame.height_px} pixels"
+            raise ConfigError(f"{x_px:g},{y_px:g} is outside the picture, which has {size}")
+
 
 COLOURED = f"{PICTURES}/colour.png"
 

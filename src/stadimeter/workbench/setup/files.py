@@ -11,7 +11,7 @@ from stadimeter.config.toml_source import as_toml
 from stadimeter.config.units import parse_length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.workbench.setup.camera_step import SIMULATED, table_of
-from stadimeter.workbench.setup.known import CAMERA_FILE, CONFIGURATION
+from stadimeter.workbench.setup.question import CAMERA_FILE, CONFIGURATION
 from stadimeter.workbench.setup.target import size_and_tolerance, target_table
 from stadimeter.workbench.setup.wish_steps import (
     NOTHING,

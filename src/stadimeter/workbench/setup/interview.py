@@ -12,9 +12,8 @@ from stadimeter.workbench.setup.answers import ANSWERS, save_answers, seen_from
 from stadimeter.workbench.setup.calibration_steps import CalibrationStep, ProofStep
 from stadimeter.workbench.setup.camera_step import CameraStep
 from stadimeter.workbench.setup.colour_step import ColourStep
-from stadimeter.workbench.setup.known import Known
-from stadimeter.workbench.setup.question import Accepted, Question, Step
-from stadimeter.workbench.setup.target_steps import SizeStep, TagStep, TargetStep
+from stadimeter.workbench.setup.question import Accepted, Known, Question, Step
+from stadimeter.workbench.setup.target import SizeStep, TagStep, TargetStep
 from stadimeter.workbench.setup.wish_steps import (
     BaseStep,
     BrokerStep,

@@ -1,18 +1,33 @@
-"""Trying what shall happen before everything is answered: on what the camera saw, and on a target that is made up."""
+"""Trying the rules before the setup is complete: on the camera's picture, and on a simulated target."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
+import cv2
+import numpy as np
+
+from stadimeter.app.detectors import build_detectors
 from stadimeter.config.loader import Configuration
+from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.rule_test_tables import InputTable
 from stadimeter.config.units import DURATIONS_S, parse_quantity
+from stadimeter.core.detection import Detection, DetectionStatus
+from stadimeter.core.frame import Frame, Image
 from stadimeter.core.measurement import Measurement
 from stadimeter.core.observation import FrameStamp, Observation
-from stadimeter.errors import ConfigError
+from stadimeter.core.words import metres
+from stadimeter.errors import ConfigError, PictureError, StadimeterError
+from stadimeter.ranging.feasibility import expect, farthest_m
+from stadimeter.workbench.annotation import Mark, annotate
+from stadimeter.workbench.measuring import Measuring
+from stadimeter.workbench.picture_quality import picture_remarks
 from stadimeter.workbench.rule_tests.running import WAIT_S, observations
 from stadimeter.workbench.rule_tests.synthetic_track import sensor_models
-from stadimeter.workbench.setup.known import Known
+from stadimeter.workbench.setup.question import Known
+from stadimeter.workbench.setup.target import chosen_target, found_in_words
 from stadimeter.workbench.setup.wish_steps import SCREEN, seen_up_to_m, wanted
 from stadimeter.workbench.setup.wishes import figure_si, ready_answers
 
@@ -111,3 +126,132 @@ def _figures(answers: Mapping[str, str]) -> tuple[list[float], list[float]]:
             except ValueError:
                 continue  # a speed, or what the question refuses
     return lengths_m, times_s
+
+
+WHOLE_SHARE = 0.9
+"""Nearer than where a target fills this share of the picture's shorter side, it is cut off sooner or later."""
+
+STEPS = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0)
+"""Distances that people think in, for each power of ten."""
+
+ROWS_MAX = 9
+
+
+def outlook(known: Known) -> dict[str, Any]:
+    """Return a table of distances with what to expect there, as JSON has it.
+
+    Raises:
+        ConfigError: The camera is not calibrated yet.
+    """
+    if known.camera_model is None:
+        raise ConfigError("the camera is not calibrated yet")
+    (named,) = build_detectors([chosen_target(known)], None)
+    shape, lens = named.detector.target_shape, known.camera_model.for_frame(known.frame)
+    nearest_m = farthest_m(shape, lens, WHOLE_SHARE * min(lens.width_px, lens.height_px))
+    reaches_m = farthest_m(shape, lens)
+    rows = [expect(shape, lens, each) for each in (nearest_m, *_between(nearest_m, reaches_m), reaches_m)]
+    return {
+        "nearest_m": nearest_m,
+        "farthest_m": reaches_m,
+        "focal_sigma_share": lens.focal_relative_sigma,
+        "rows": [
+            {
+                "distance_m": each.distance_m,
+                "sigma_m": each.sigma_m,
+                "noise_m": each.noise_m,
+                "width_px": each.size_px,
+            }
+            for each in rows
+        ],
+    }
+
+
+def _between(low_m: float, high_m: float) -> list[float]:
+    """Return distances that people think in between two, not too many."""
+    first, last = math.floor(math.log10(low_m)), math.ceil(math.log10(high_m))
+    every = sorted({step * 10.0**power for power in range(first, last + 1) for step in STEPS})
+    within = [each for each in every if 1.1 * low_m < each < high_m / 1.1]
+    return within[:: 1 + len(within) // ROWS_MAX]
+
+
+JPEG_QUALITY = 80
+
+DRAWINGS = ("plain", "target", "mask", "candidates")
+
+
+def target_so_far(known: Known, colour: str = "") -> DriverChoice | None:
+    """Return the target as far as the answers tell it; None before it can be looked for.
+
+    Args:
+        colour: A range that is tried for a ball; empty for that of the answers.
+    """
+    answers = known.answers
+    if "target" not in answers or "size" not in answers:
+        return None
+    if answers["target"] == "ball" and not (colour or "colour" in answers):
+        return None
+    try:
+        return chosen_target(known, **({"colour": colour} if colour else {}))
+    except StadimeterError:
+        return None
+
+
+def looked_at(known: Known, frame: Frame, target: DriverChoice) -> tuple[Detection, Measurement | None]:
+    """Look for the target in a frame, and measure it if the lens is known already."""
+    (named,) = build_detectors([target], known.camera_model)
+    if known.camera_model is None:
+        return named.detector.detect(frame), None
+    result = Measuring([named], known.camera_model).measure(frame, "").targets[0]
+    return result.detection or Detection(target=target.name, status=DetectionStatus.NOT_FOUND), result.measurement
+
+
+def values_of(frame: Frame, seen: Detection | None, measured: Measurement | None) -> Mapping[str, Any]:
+    """Return what is known of a picture, as JSON has it; places are in the camera's own pixels."""
+    remarks = [f"{each[0].upper()}{each[1:]}." for each in picture_remarks(frame.image, frame.exposure_s)]
+    is_found = seen is not None and seen.status is DetectionStatus.FOUND
+    return {
+        "width_px": frame.width_px,
+        "height_px": frame.height_px,
+        "exposure_s": frame.exposure_s,
+        "remarks": remarks,
+        "words": found_in_words(seen.target, seen) if seen else "",
+        "status": seen.status.value if seen else None,
+        "found": is_found,
+        "distance_m": measured.distance_m if measured else None,
+        "sigma_m": measured.sigma_m if measured else None,
+        "centre_px": [round(each, 1) for each in seen.centre_px] if seen is not None and is_found else None,
+        "size_px": [round(seen.width_px, 1), round(seen.height_px, 1)] if seen is not None and is_found else None,
+        "rejected": [
+            {"centre_px": list(each.centre_px), "size_px": each.size_px, "reason": each.reason}
+            for each in (seen.rejected if seen else ())
+        ],
+    }
+
+
+def drawn(frame: Frame, seen: Detection, measured: Measurement | None, *, with_candidates: bool) -> Image:
+    """Return the picture with the target's outline, and the numbered candidates that were refused."""
+    (*_, headline) = (seen.target, *_distance(measured))
+    mark = Mark(
+        detection=seen,
+        has_corners=len(seen.outline_px) == 4,
+        headline=headline,
+        rejected=tuple(enumerate(seen.rejected, start=1)) if with_candidates else (),
+    )
+    return annotate(frame.image, [mark])
+
+
+def _distance(measured: Measurement | None) -> tuple[str, ...]:
+    if measured is None or measured.distance_m is None:
+        return ()
+    return (f"{measured.target}: {metres(measured.distance_m, measured.sigma_m or 0.0)}",)
+
+
+def jpeg_of(image: Image, width_px: int = 0) -> bytes:
+    """Return a picture as JPEG, no wider than asked for; 0 for as it is."""
+    if 0 < width_px < image.shape[1]:
+        height_px = max(1, round(image.shape[0] * width_px / image.shape[1]))
+        image = np.asarray(cv2.resize(image, (width_px, height_px), interpolation=cv2.INTER_AREA), np.uint8)
+    done, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    if not done:
+        raise PictureError("the picture cannot be encoded")
+    return data.tobytes()

@@ -14,8 +14,7 @@ from stadimeter.config.units import parse_length, split_quantities
 from stadimeter.errors import ConfigError
 from stadimeter.ranging.feasibility import farthest_m
 from stadimeter.workbench.setup.answers import words_of
-from stadimeter.workbench.setup.known import Known
-from stadimeter.workbench.setup.question import Accepted, Option, Question, Step
+from stadimeter.workbench.setup.question import Accepted, Known, Option, Question, Step
 from stadimeter.workbench.setup.target import chosen_target
 from stadimeter.workbench.setup.wishes import WISHES, Blank, Wish, figure_si, ready_answers
 

@@ -1,11 +1,15 @@
-"""Drawings as PDF (ISO 32000-1), one page each: filled shapes, lines, and text in the fonts that every reader has."""
+"""Drawings as files at true scale: PDF (ISO 32000-1) in the fonts that every reader has, and SVG."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import groupby
+from pathlib import Path
+from xml.sax.saxutils import escape
 
-from stadimeter.core.drawing import Circle, Drawing, Line, Rectangle, Shape, Text
+from stadimeter.config.atomic_file import write_atomically
+from stadimeter.core.drawing import WHITE, Circle, Drawing, Line, Rectangle, Shape, Text
+from stadimeter.errors import ConfigError, reason_of
 
 POINTS_PER_M = 72 / 0.0254
 
@@ -130,3 +134,59 @@ def _points(length_m: float) -> str:
 
 def _number(value: float) -> str:
     return f"{value:.4f}".rstrip("0").rstrip(".")
+
+
+PER_M = 1000.0
+"""A unit of the picture is a millimetre."""
+
+_HEAD = '<svg xmlns="http://www.w3.org/2000/svg" width="{0}mm" height="{1}mm" viewBox="0 0 {0} {1}">'
+
+
+def svg_of(drawing: Drawing) -> str:
+    """Return a drawing as an SVG picture of its true size on a white ground."""
+    head = _HEAD.format(_mm(drawing.width_m), _mm(drawing.height_m))
+    ground = Rectangle(0.0, 0.0, drawing.width_m, drawing.height_m, WHITE)
+    return "\n".join([head, *(_element(shape) for shape in (ground, *drawing.shapes)), "</svg>", ""])
+
+
+def _element(shape: Shape) -> str:
+    match shape:
+        case Rectangle():
+            ink = (
+                f'fill="none" stroke="{shape.colour}" stroke-width="{_mm(shape.outline_m)}"'
+                if shape.outline_m
+                else f'fill="{shape.colour}" shape-rendering="crispEdges"'
+            )
+            sides = f'width="{_mm(shape.width_m)}" height="{_mm(shape.height_m)}"'
+            return f'<rect x="{_mm(shape.x_m)}" y="{_mm(shape.y_m)}" {sides} {ink}/>'
+        case Circle():
+            place = f'cx="{_mm(shape.x_m)}" cy="{_mm(shape.y_m)}"'
+            return f'<circle {place} r="{_mm(shape.radius_m)}" fill="{shape.colour}"/>'
+        case Line():
+            ends = f'x1="{_mm(shape.x1_m)}" y1="{_mm(shape.y1_m)}" x2="{_mm(shape.x2_m)}" y2="{_mm(shape.y2_m)}"'
+            return f'<line {ends} stroke="{shape.colour}" stroke-width="{_mm(shape.width_m)}" stroke-linecap="square"/>'
+    family = "Courier, monospace" if shape.is_fixed_width else "Helvetica, Arial, sans-serif"
+    look = f'font-size="{_mm(shape.size_m)}" font-family="{family}" text-anchor="{shape.anchor}" fill="{shape.colour}"'
+    return f'<text x="{_mm(shape.x_m)}" y="{_mm(shape.y_m)}" {look}>{escape(shape.text)}</text>'
+
+
+def _mm(length_m: float) -> str:
+    return f"{length_m * PER_M:.4f}".rstrip("0").rstrip(".")
+
+
+def write_drawings(path: Path, pages: Sequence[Drawing]) -> None:
+    """Write drawings to one file, whose ending says the kind: ``.pdf``, or ``.svg`` for a single one.
+
+    Raises:
+        ConfigError: The ending is another, there are too many drawings for it, or the file cannot be written.
+    """
+    kind = path.suffix.lower()
+    if kind not in {".pdf", ".svg"}:
+        raise ConfigError(f"{path}: drawings are written as .pdf or .svg; give the file one of these endings")
+    if kind == ".svg" and len(pages) != 1:
+        raise ConfigError(f"{path}: an SVG picture holds one page and there are {len(pages)}; write a .pdf file")
+    data = pdf_of(pages) if kind == ".pdf" else svg_of(pages[0]).encode()
+    try:
+        write_atomically(path, data)
+    except OSError as error:
+        raise ConfigError(f"{path} cannot be written: {reason_of(error)}") from error

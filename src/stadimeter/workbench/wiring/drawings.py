@@ -1,4 +1,4 @@
-"""Wiring drawings as pictures: the header, and the same circuits as in text with their lines drawn."""
+"""Wiring drawings: the header and the circuit of each part, in text for a terminal, and as a picture."""
 
 from __future__ import annotations
 
@@ -9,9 +9,76 @@ from collections.abc import Iterator, Sequence
 from stadimeter.config.gpio_header import GROUND, HEADER, POWER_3V3, POWER_5V
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.core.drawing import BLACK, WHITE, Circle, Drawing, Line, Rectangle, Shape, Text
-from stadimeter.workbench.wiring.circuits import CIRCUITS, Output
-from stadimeter.workbench.wiring.outputs import header_labels, pin_name, wired_outputs
-from stadimeter.workbench.wiring.text import ORIENTATION
+from stadimeter.workbench.wiring.circuits import CIRCUITS, Output, header_labels, pin_name, wired_outputs
+
+ORIENTATION = "The header as you see it with the USB sockets at the bottom: pin 2 is in the corner of the board."
+_BOX = str.maketrans("─│┌┐└┘├┤┬┴┼●○", "-|+++++++++*o")
+
+
+def wiring_text(parts: Sequence[DriverChoice], *, width: int = 80, ascii_only: bool = False) -> str:
+    """Return a drawing of the header and of the circuit of every part on a pin.
+
+    Args:
+        parts: Of a configuration, such as its actuators.
+        width: Columns of the terminal. Circuits that do not fit are lists of connections instead.
+        ascii_only: Whether the terminal knows only ASCII.
+    """
+    outputs = wired_outputs(parts)
+    if not outputs:
+        return "no part is on a pin of the header"
+    text = "\n".join([*_wrapped(ORIENTATION, width), "", *_header(outputs, width), *_circuits(outputs, width)])
+    return text.translate(_BOX) if ascii_only else text
+
+
+def _header(outputs: Sequence[Output], width: int) -> Iterator[str]:
+    labels = header_labels(outputs)
+    side = (width - len(" 11 ● ● 12 ")) // 2
+    left = max(len(_label(pin, labels, side)) for pin in range(1, 41, 2))
+    for pin in range(1, 41, 2):
+        yield (
+            f"{_label(pin, labels, side):>{left}} {pin:>2} {_dot(pin, labels)} {_dot(pin + 1, labels)} {pin + 1:<2} "
+            f"{_label(pin + 1, labels, side)}"
+        ).rstrip()
+
+
+def _label(pin: int, labels: dict[int, tuple[str, ...]], room: int) -> str:
+    """Return what a pin is and what hangs on it, cut where it is too long; on the left side the pin comes last."""
+    if pin not in labels:
+        return pin_name(pin)
+    names = ", ".join(labels[pin])
+    left = max(4, room - len(pin_name(pin)) - 2)
+    names = names if len(names) <= left else names[: left - 2] + ".."
+    return f"{names}: {pin_name(pin)}" if pin % 2 else f"{pin_name(pin)}: {names}"
+
+
+def _dot(pin: int, labels: dict[int, tuple[str, ...]]) -> str:
+    return "●" if pin in labels else "○"
+
+
+def _circuits(outputs: Sequence[Output], width: int) -> Iterator[str]:
+    said: set[str] = set()
+    for output in outputs:
+        circuit = CIRCUITS[output.circuit]
+        yield ""
+        yield from _wrapped(f"{output.name}: {circuit.title}", width)
+        yield ""
+        lines = circuit.draw(output)
+        if max(map(len, lines)) <= width:
+            yield from lines
+        else:
+            for wire in circuit.wires(output):
+                yield from _wrapped(f"- {' '.join(wire.split())}", width, "  ")
+        new = [note for note in circuit.notes_on(output) if note not in said]
+        said.update(new)
+        if new:
+            yield ""
+        for note in new:
+            yield from _wrapped(note, width)
+
+
+def _wrapped(text: str, width: int, indent: str = "") -> list[str]:
+    return textwrap.wrap(text, width, subsequent_indent=indent)
+
 
 COLUMN_M, ROW_M = 0.0019, 0.0042
 """The cell of a character."""
@@ -45,7 +112,7 @@ _RUN = re.compile(r"\[[^]]*\]|[^\s─│┌┐└┘├┤┬┴┼\[]+(?: [^\s�
 def wiring_picture(parts: Sequence[DriverChoice]) -> Drawing:
     """Return a drawing of the header and of the circuit of every part on a pin."""
     outputs = wired_outputs(parts)
-    shapes: list[Shape] = [*_header(outputs)]
+    shapes: list[Shape] = [*_drawn_header(outputs)]
     top_m = HEADER_TOP_M + 20 * PITCH_M + ROW_M
     for output in outputs:
         shapes += _circuit(output, top_m)
@@ -69,7 +136,7 @@ def circuits_picture(outputs: Sequence[Output]) -> Drawing:
     return Drawing(columns * COLUMN_M + 2 * MARGIN_M, top_m, tuple(shapes))
 
 
-def _header(outputs: Sequence[Output]) -> Iterator[Shape]:
+def _drawn_header(outputs: Sequence[Output]) -> Iterator[Shape]:
     for row, line in enumerate(textwrap.wrap(ORIENTATION, NOTE_COLUMNS)):
         yield Text(MARGIN_M, MARGIN_M + row * ROW_M, line, SIZE_M, colour=GREY)
     labels = header_labels(outputs)

@@ -1,1 +1,0 @@
-"""Drawings as files at true scale: PDF and SVG."""

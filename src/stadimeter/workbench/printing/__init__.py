@@ -1,1 +1,0 @@
-"""Targets and boards to print at true scale."""
