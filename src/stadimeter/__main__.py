@@ -17,7 +17,7 @@ def main() -> None:
     """Run the command line and leave the process with its exit code.
 
     Loading libraries makes a hundred thousand objects that stay, and little garbage. The collector would walk through
-    all of them again and again, so it rests until the work of a command begins: see `stadimeter.cli.lazy_group`.
+    all of them again and again, so it rests until the work of a command begins: see `stadimeter.cli.main`.
     """
     gc.disable()
     if os.environ.get("STADIMETER_PROGRESS") != "off":  # see `stadimeter.cli.progress`, which takes long to load

@@ -29,7 +29,7 @@ from stadimeter.core.rule import AlarmRule
 from stadimeter.errors import DriverUnavailableError, JournalError
 from stadimeter.ranging.ball import BallShape
 from stadimeter.workbench.replay.opening import read_recording
-from stadimeter.workbench.replay.recording_reader import decoded_frame, read_mcap
+from stadimeter.workbench.replay.recording_reader import read_mcap
 from support.observing import Rehearsal
 from support.recordings import records_of
 from support.replaying import replay
@@ -106,7 +106,7 @@ def test_the_same_rules_over_a_recording_decide_the_same(tmp_path):
 def test_every_picture_comes_back_with_its_cycle(tmp_path):
     recorded(tmp_path / "run.mcap", 5, 4, 3)
     pairs = list(read_mcap(tmp_path / "run.mcap").cycles_and_images())
-    frames = [decoded_frame(image, cycle) for cycle, image in pairs if image is not None]
+    frames = [image.frame_of(cycle) for cycle, image in pairs if image is not None]
     assert [frame.sequence for frame in frames] == [0, 1, 2]
     assert [int(frame.image.mean()) for frame in frames] == [10, 11, 12]
     assert [frame.captured_at_s for frame in frames] == [0.1, 0.2, 0.3]

@@ -15,8 +15,7 @@ from stadimeter.cli import doctor
 from stadimeter.cli.glyphs import ASCII, UNICODE
 from stadimeter.cli.main import app
 from stadimeter.config.guides import guide
-from stadimeter.workbench.doctor.computer import Computer
-from stadimeter.workbench.doctor.diagnosis import Severity, wrong
+from stadimeter.workbench.doctor.computer import Computer, Severity, wrong
 from support.broker import free_port
 from support.captured_computers import PC, PI_4, ZERO_2, Captured
 

@@ -166,7 +166,7 @@ LOOKS = {
     "cameras/picamera2_package.py": "what is installed",
     "cli/calibrate_board.py": "the word 'replaced' or 'wrote'",
     "cli/calibrate_distance.py": "an early refusal; the word 'replaced' or 'wrote'",
-    "cli/config_argument.py": "whether one is taken without a name; reading fails by itself",
+    "cli/exits.py": "whether one is taken without a name; reading fails by itself",
     "cli/doctor.py": "why it cannot be read",
     "cli/init.py": "a question to the user; the answers are replaced, never removed",
     "cli/tune.py": "an early refusal",

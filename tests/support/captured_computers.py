@@ -13,8 +13,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from stadimeter.workbench.doctor.computer import Answer, Computer
-from stadimeter.workbench.doctor.diagnosis import Diagnosis
+from stadimeter.workbench.doctor.computer import Answer, Computer, Diagnosis
 from stadimeter.workbench.doctor.examination import CHECKS
 from stadimeter.workbench.doctor.examined import Examined
 

@@ -9,7 +9,7 @@ from stadimeter.cameras.protocol import AttachedCamera
 from stadimeter.config.plugins import CAMERAS, load_plugin
 from stadimeter.errors import DriverUnavailableError
 from stadimeter.workbench import attached_cameras as module
-from stadimeter.workbench.attached_cameras import attached_cameras
+from stadimeter.workbench.run_camera import attached_cameras
 
 
 def _camera(driver: str) -> AttachedCamera:

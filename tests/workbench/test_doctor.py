@@ -11,10 +11,8 @@ from pathlib import Path
 import pytest
 
 from stadimeter.app.board_health import is_under_voltage, temperature_c, throttling
-from stadimeter.workbench.doctor.computer import Computer, run_command
-from stadimeter.workbench.doctor.diagnosis import Diagnosis, Severity
+from stadimeter.workbench.doctor.computer import PROBE, Computer, Diagnosis, Severity, run_command
 from stadimeter.workbench.doctor.examined import INSTALLED, Examined
-from stadimeter.workbench.doctor.software import PROBE
 from support.captured_computers import (
     APT,
     LOADED,

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from stadimeter.workbench.doctor.computer import Severity
 from stadimeter.workbench.doctor.devices import IN_USE
-from stadimeter.workbench.doctor.diagnosis import Severity
 from support.captured_computers import (
     GROUP,
     IMX219,

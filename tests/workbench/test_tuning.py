@@ -12,10 +12,9 @@ from stadimeter.errors import ConfigError, JournalError
 from stadimeter.workbench.replay.opening import read_recording
 from stadimeter.workbench.tuning import candidates as tuning_candidates
 from stadimeter.workbench.tuning import proposing as tuning
-from stadimeter.workbench.tuning.candidates import Settings, beginnings, tuned_rule
+from stadimeter.workbench.tuning.candidates import Rate, Settings, beginnings, tuned_rule
 from stadimeter.workbench.tuning.noise import noise_of, series_of, stretches_of
 from stadimeter.workbench.tuning.proposing import Beginning, Ending, chosen_beginning, chosen_ending, tune
-from stadimeter.workbench.tuning.rates import Rate
 from stadimeter.workbench.tuning.trials import (
     Transition,
     clearance_of,

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from stadimeter.workbench.tuning.rates import Count, at_most, rate_at, slope_of
+from stadimeter.workbench.tuning.candidates import Count, at_most, rate_at, slope_of
 
 HOUR_S = 3600.0
 

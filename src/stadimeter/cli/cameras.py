@@ -17,8 +17,8 @@ from stadimeter.cli.live_camera import camera_choice
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.errors import ConfigError, Problem, reason_of
 from stadimeter.workbench.annotation import write_picture
-from stadimeter.workbench.attached_cameras import NONE_FOUND, attached_cameras, choice_of, first_picture
 from stadimeter.workbench.frame_source import Snapshot
+from stadimeter.workbench.run_camera import NONE_FOUND, attached_cameras, choice_of, first_picture
 
 
 def register(app: typer.Typer) -> None:

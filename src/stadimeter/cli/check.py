@@ -16,8 +16,7 @@ from rich.text import Text
 from stadimeter.app.feasibility import feasibility_warnings
 from stadimeter.app.service_user import SERVICE_USER, become_service_user
 from stadimeter.app.this_computer import warnings_here
-from stadimeter.cli.config_argument import ConfigArgument, configuration_path
-from stadimeter.cli.exits import MOST_SHOWN, WRONG, plain_errors
+from stadimeter.cli.exits import MOST_SHOWN, WRONG, ConfigArgument, configuration_path, plain_errors
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text

@@ -21,8 +21,7 @@ from stadimeter.cli.glyphs import ASCII, UNICODE, Glyphs
 from stadimeter.cli.progress import working
 from stadimeter.config.guides import guide
 from stadimeter.errors import ConfigError
-from stadimeter.workbench.doctor.computer import Computer
-from stadimeter.workbench.doctor.diagnosis import Diagnosis, Severity
+from stadimeter.workbench.doctor.computer import Computer, Diagnosis, Severity
 from stadimeter.workbench.doctor.examination import CHECKS, Check
 from stadimeter.workbench.doctor.examined import Examined
 

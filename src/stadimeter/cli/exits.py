@@ -8,6 +8,8 @@ import select
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Annotated
 
 import typer
 
@@ -84,3 +86,29 @@ def _is_out_of_memory(error: BaseException) -> bool:
         return True
     is_cv = getattr(error, "code", None) == CV_NO_MEMORY
     return isinstance(error, MemoryError) or is_cv or str(error) == "can't start new thread"
+
+
+USUAL = Path("stadimeter.toml")
+"""The configuration that `stadimeter init` writes."""
+
+ConfigArgument = Annotated[
+    Path | None,
+    typer.Argument(metavar="[CONFIG]", help=f"The configuration, a TOML file; without it, {USUAL} in this folder."),
+]
+
+
+def configuration_path(named: Path | None) -> Path:
+    """Return the configuration that is meant, and say on standard error which one that is if it was not named.
+
+    Raises:
+        ConfigError: None was named, and there is none in this folder.
+    """
+    if named is not None:
+        return named
+    if not USUAL.is_file():
+        raise ConfigError(
+            f"name a configuration: there is no {USUAL} in this folder. `stadimeter init` writes one, and "
+            "`stadimeter demo` needs none"
+        )
+    typer.echo(f"using {USUAL}", err=True)
+    return USUAL

@@ -12,7 +12,9 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Self
 
+from stadimeter.app.live.snapshot import Snapshot
 from stadimeter.app.loop import Loop
+from stadimeter.cli.formatting import METRE, LengthUnit
 
 LOOK_EVERY_S = 0.2
 """While a run is paused, its view is drawn this often, for a window that changes its size."""
@@ -168,3 +170,21 @@ class RunKeys:
 
     def _pause(self) -> None:
         self.is_paused = not self.is_paused
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shown:
+    """A snapshot, and how the terminal shows it.
+
+    Attributes:
+        keys: The keys that do something; None if the view is no more than looked at.
+        is_paused: Whether a key holds the run up.
+        is_explained: Whether the screen is explained instead of shown.
+    """
+
+    snapshot: Snapshot
+    title: str
+    unit: LengthUnit = METRE
+    keys: Sequence[Key] | None = None
+    is_paused: bool = False
+    is_explained: bool = False

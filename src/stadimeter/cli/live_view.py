@@ -19,7 +19,7 @@ from stadimeter.app.cycle_record import CycleRecord
 from stadimeter.app.live.feed import LiveFeed
 from stadimeter.cli.formatting import length_unit
 from stadimeter.cli.glyphs import ASCII, UNICODE, Glyphs, heading
-from stadimeter.cli.keyboard import RunKeys
+from stadimeter.cli.keyboard import RunKeys, Shown
 from stadimeter.cli.run_panels import (
     Block,
     event_block,
@@ -32,7 +32,6 @@ from stadimeter.cli.run_panels import (
     output_blocks,
     rule_blocks,
 )
-from stadimeter.cli.shown import Shown
 from stadimeter.cli.strip_chart import WINDOW_S
 from stadimeter.cli.target_panel import figure_rows, target_lines
 

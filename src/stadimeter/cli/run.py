@@ -16,8 +16,7 @@ from stadimeter.app.bootstrap import build
 from stadimeter.app.ending import end_with, stopping_on_signals
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.restarts import HAS_PAGE, begin_anew
-from stadimeter.cli.config_argument import ConfigArgument, configuration_path
-from stadimeter.cli.exits import DONE, plain_errors
+from stadimeter.cli.exits import DONE, ConfigArgument, configuration_path, plain_errors
 from stadimeter.cli.keyboard import RunKeys
 from stadimeter.cli.run_options import (
     Frames,

@@ -21,8 +21,7 @@ from stadimeter.cli.formatting import (
     in_unit,
 )
 from stadimeter.cli.glyphs import Glyphs
-from stadimeter.cli.keyboard import Key
-from stadimeter.cli.shown import Shown
+from stadimeter.cli.keyboard import Key, Shown
 from stadimeter.core.command import Command, LevelCommand, TwistCommand
 from stadimeter.core.decision import Event, OutputTrace, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.message import Message

@@ -21,7 +21,7 @@ from stadimeter.cli.formatting import (
     format_time,
 )
 from stadimeter.cli.glyphs import Glyphs, heading
-from stadimeter.cli.shown import Shown
+from stadimeter.cli.keyboard import Shown
 from stadimeter.cli.strip_chart import StripChart
 from stadimeter.core.track import Track, TrackStatus
 

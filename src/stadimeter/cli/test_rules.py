@@ -13,8 +13,7 @@ from rich.console import Console
 from rich.text import Text
 
 from stadimeter.cli.check import prose_console
-from stadimeter.cli.config_argument import ConfigArgument, configuration_path
-from stadimeter.cli.exits import NOT_FOUND, WRONG, plain_errors
+from stadimeter.cli.exits import NOT_FOUND, WRONG, ConfigArgument, configuration_path, plain_errors
 from stadimeter.cli.progress import working
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.rule_test_tables import RuleTest

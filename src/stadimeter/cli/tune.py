@@ -20,11 +20,10 @@ from stadimeter.config.units import parse_duration, parse_speed
 from stadimeter.core.rule import OnDelay
 from stadimeter.core.words import rounded_duration
 from stadimeter.workbench.replay.opening import read_recording
-from stadimeter.workbench.tuning.candidates import Settings, Tuned, tuned_rule
+from stadimeter.workbench.tuning.candidates import DAY_S, Settings, Tuned, tuned_rule
 from stadimeter.workbench.tuning.noise import Series, series_of
 from stadimeter.workbench.tuning.plot import draw_plot, on_delay_in_words, require_matplotlib
 from stadimeter.workbench.tuning.proposing import FLAPS_A_MINUTE, Beginning, Ending, Proposal, tune
-from stadimeter.workbench.tuning.rates import DAY_S
 
 AT_THRESHOLD_TOLD = 0.05
 """A target that was at its threshold for this share of the time is reported: raises there look like false alarms."""

@@ -9,8 +9,7 @@ from typing import Annotated
 
 import typer
 
-from stadimeter.cli.config_argument import ConfigArgument, configuration_path
-from stadimeter.cli.exits import plain_errors
+from stadimeter.cli.exits import ConfigArgument, configuration_path, plain_errors
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.errors import ConfigError

@@ -11,8 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from stadimeter.app.board_health import HOT_C, THROTTLED_C, is_under_voltage, temperature_c, throttling
-from stadimeter.workbench.doctor.computer import Computer
-from stadimeter.workbench.doctor.diagnosis import Diagnosis, fine, unknown, warning, wrong
+from stadimeter.workbench.doctor.computer import Computer, Diagnosis, fine, unknown, warning, wrong
 from stadimeter.workbench.doctor.examined import Examined
 
 SUPPLY = (

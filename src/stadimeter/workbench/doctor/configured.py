@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from stadimeter.config.extras import PACKAGED
 from stadimeter.config.guides import guide
-from stadimeter.workbench.doctor.diagnosis import Diagnosis, fine, unknown, warning, wrong
+from stadimeter.workbench.doctor.computer import Diagnosis, fine, unknown, warning, wrong
 from stadimeter.workbench.doctor.examined import INSTALLED, Examined
 
 ELSEWHERE = frozenset({"driver-lacks", "will-not-run"})

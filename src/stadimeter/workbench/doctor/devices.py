@@ -14,10 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from stadimeter.config.extras import LIBRARIES, PACKAGED, PICAMERA2, PICAMERA2_UNSEEN, SEE_SYSTEM, install_line
-from stadimeter.workbench.doctor.computer import Computer
-from stadimeter.workbench.doctor.diagnosis import Diagnosis, fine, unknown, warning, wrong
+from stadimeter.workbench.doctor.computer import Computer, Diagnosis, fine, python_command, unknown, warning, wrong
 from stadimeter.workbench.doctor.examined import UNIT, Examined
-from stadimeter.workbench.doctor.software import python_command
 
 GROUPS = {"video": "cameras", "dialout": "serial ports", "gpio": "pins"}
 LIST_S = 20.0

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from stadimeter.workbench.doctor import board, configured, devices, service
-from stadimeter.workbench.doctor.diagnosis import Diagnosis
+from stadimeter.workbench.doctor.computer import Diagnosis
 from stadimeter.workbench.doctor.examined import Examined
 
 

@@ -9,12 +9,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stadimeter.errors import ConfigError, StadimeterError
-from stadimeter.workbench.doctor.computer import Computer
-from stadimeter.workbench.doctor.diagnosis import Diagnosis, Severity, unknown, wrong
-from stadimeter.workbench.doctor.software import Imports, import_libraries, libraries
+from stadimeter.workbench.doctor.computer import (
+    Computer,
+    Diagnosis,
+    Imports,
+    Severity,
+    import_libraries,
+    libraries,
+    unknown,
+    wrong,
+)
 
-if TYPE_CHECKING:  # reading a configuration loads the libraries that may be broken
+if TYPE_CHECKING:
     from stadimeter.config.loader import Configuration
+
 
 INSTALLED = "/etc/stadimeter/appliance.toml"
 """The configuration of the service, which is looked at if no other is named."""

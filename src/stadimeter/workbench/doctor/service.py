@@ -10,8 +10,7 @@ import tempfile
 from collections.abc import Iterator
 
 from stadimeter.config.extras import PACKAGE_AGAIN, PACKAGED
-from stadimeter.workbench.doctor.computer import COMMAND_S, Computer
-from stadimeter.workbench.doctor.diagnosis import Diagnosis, fine, unknown, warning, wrong
+from stadimeter.workbench.doctor.computer import COMMAND_S, Computer, Diagnosis, fine, unknown, warning, wrong
 from stadimeter.workbench.doctor.examined import SUDO, UNIT, Examined
 
 STATE = ("LoadState", "ActiveState", "SubState", "Result", "NRestarts", "UnitFileState", "StatusText")

@@ -26,7 +26,6 @@ from stadimeter.workbench.replay.recording_reader import (
     RECORD_HEAD,
     McapRecording,
     RecordedImage,
-    decoded_frame,
     messages_in,
     read_mcap,
 )
@@ -110,7 +109,7 @@ class RecordingIndex:
             now = self._first(entries)
         found_s = (now.at_ns - begin_ns) / 1e9
         shown = self._newest_with_image(number, max(at_ns, now.at_ns))
-        frame = decoded_frame(shown.image, shown.cycle) if shown is not None and shown.image is not None else None
+        frame = shown.image.frame_of(shown.cycle) if shown is not None and shown.image is not None else None
         if shown is None or frame is None:
             return Moment(found_s, now.cycle)
         return Moment(found_s, now.cycle, frame, shown.cycle, shown.annotations)

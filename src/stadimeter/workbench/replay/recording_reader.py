@@ -6,10 +6,11 @@ import struct
 from base64 import b64decode
 from binascii import Error as Base64Error
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from zlib import crc32
 
 import cv2
@@ -33,8 +34,11 @@ from stadimeter.config.untrusted_file import CHUNK_MAX_BYTES, JSON_MAX_BYTES, ch
 from stadimeter.core.frame import Frame, Image
 from stadimeter.errors import JournalError, PictureError
 
-if TYPE_CHECKING:
-    from mcap.records import Chunk, Message
+with suppress(ImportError):  # an extra; without it `read_mcap` raises
+    from mcap.data_stream import ReadDataStream
+    from mcap.records import Attachment, Channel, Chunk, Message, Metadata
+    from mcap.stream_reader import breakup_chunk
+    from zstandard import ZstdDecompressor  # mcap depends on it
 
 RECORD_HEAD = struct.Struct("<BQ")
 CHUNK, MESSAGE_INDEX, _ATTACHMENT, _METADATA, DATA_END = 0x06, 0x07, 0x09, 0x0C, 0x0F
@@ -70,6 +74,17 @@ class RecordedImage:
         if image is None:
             raise JournalError(f"{self.place}: a damaged picture")
         return np.asarray(image, np.uint8)
+
+    def frame_of(self, cycle: RecordedCycle) -> Frame | None:
+        """Return the frame that was new in a cycle, with this picture; None if the picture is of another one.
+
+        Raises:
+            JournalError: The picture or the cycle is damaged.
+        """
+        stamp = cycle.observation().frame
+        if stamp is None or stamp.sequence % 2**32 != self.sequence:
+            return None
+        return Frame(self.decode(), stamp.captured_at_s, stamp.sequence, self.place)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -147,23 +162,8 @@ def read_mcap(path: Path) -> McapRecording:
     return McapRecording(path=path, header=header)
 
 
-def decoded_frame(image: RecordedImage, cycle: RecordedCycle) -> Frame | None:
-    """Return the frame that was new in a cycle, with its recorded picture; None if the picture is of another one.
-
-    Raises:
-        JournalError: The picture or the cycle is damaged.
-    """
-    stamp = cycle.observation().frame
-    if stamp is None or stamp.sequence % 2**32 != image.sequence:
-        return None
-    return Frame(image.decode(), stamp.captured_at_s, stamp.sequence, image.place)
-
-
 def _about(path: Path) -> tuple[dict[str, str], dict[str, str]]:
     """Return the metadata of a recording and the files attached to it; they stand before its first chunk."""
-    from mcap.data_stream import ReadDataStream  # noqa: PLC0415 - it is an extra
-    from mcap.records import Attachment, Metadata  # noqa: PLC0415 - likewise
-
     about: dict[str, str] = {}
     files: dict[str, str] = {}
     length = 0
@@ -204,9 +204,6 @@ def messages_in(place: str, chunk: bytes, channels: dict[int, str]) -> Iterator[
     Args:
         channels: The topics by the numbers that messages have for them. Those that the chunk introduces are added.
     """
-    from mcap.records import Channel, Message  # noqa: PLC0415 - it is an extra
-    from mcap.stream_reader import breakup_chunk  # noqa: PLC0415 - likewise
-
     for record in _read(place, breakup_chunk, _decompressed_chunk(place, chunk)):
         if isinstance(record, Channel):
             channels[record.id] = record.topic
@@ -243,9 +240,6 @@ def _records(path: Path) -> Iterator[tuple[str, int, bytes]]:
 
 def _decompressed_chunk(place: str, data: bytes) -> Chunk:
     """Return a chunk that is not compressed any more, and holds what was written."""
-    from mcap.data_stream import ReadDataStream  # noqa: PLC0415 - it is an extra
-    from mcap.records import Chunk  # noqa: PLC0415 - likewise
-
     chunk: Chunk = _read(place, Chunk.read, ReadDataStream(BytesIO(data)))
     if chunk.uncompressed_size > CHUNK_MAX_BYTES:
         raise JournalError(f"{place}: the recording is damaged: a chunk of {chunk.uncompressed_size} bytes")
@@ -260,8 +254,6 @@ def _decompressed(chunk: Chunk) -> bytes:
 
     The library would decompress whatever comes out, and compressions that recordings never have, too.
     """
-    from zstandard import ZstdDecompressor  # noqa: PLC0415 - mcap brings it
-
     if chunk.compression == "":
         return chunk.data
     if chunk.compression != "zstd":

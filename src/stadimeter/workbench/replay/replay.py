@@ -5,11 +5,12 @@ from __future__ import annotations
 import gc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.detectors import NamedDetector, build_detectors
 from stadimeter.app.persistence.resumption import read_resumption
 from stadimeter.app.recordings.cycle_json import RecordedCycle
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, load_recorded, to_be_recorded
@@ -19,12 +20,12 @@ from stadimeter.core.decision import Decision
 from stadimeter.core.observation import Observation
 from stadimeter.core.plan import Plan
 from stadimeter.core.reload import reload
-from stadimeter.errors import JournalError, StateError
+from stadimeter.errors import ConfigError, DriverError, JournalError, Problem, StateError
+from stadimeter.perception.perceiver import Perceiver
 from stadimeter.workbench.replay.opening import Recording
 
 if TYPE_CHECKING:
-    from stadimeter.workbench.replay.recording_reader import McapRecording
-    from stadimeter.workbench.replay.redetection import Redetection
+    from stadimeter.workbench.replay.recording_reader import RecordedImage
 
 BATCH_CYCLES = 32
 
@@ -32,6 +33,62 @@ Replayed = tuple[RecordedCycle, Observation, Decision]
 
 OnReload = Callable[[State, RecordedConfiguration], State]
 """Returns the state with which to go on by another configuration, as a run does at a reload."""
+
+
+@runtime_checkable
+class HasPictures(Recording, Protocol):
+    """A recording that may hold pictures."""
+
+    def cycles_and_images(self) -> Iterator[tuple[RecordedCycle, RecordedImage | None]]:
+        """Yield every cycle with its new picture, if it was recorded; raises JournalError for damage."""
+        ...
+
+    def has_images(self) -> bool:
+        """Return whether there is a picture at all; raises JournalError if the file is damaged."""
+        ...
+
+
+def _detectors(configuration: Configuration) -> tuple[NamedDetector, ...]:
+    try:
+        return build_detectors(configuration.targets, configuration.camera_model)
+    except (ConfigError, DriverError) as error:
+        message = f"a target cannot be measured in recorded pictures: {error}"
+        hint = "name a configuration whose detectors look at pictures with --config"
+        raise ConfigError([Problem(message, str(configuration.path), hint=hint)]) from error
+
+
+class Redetection:
+    """Measures the targets of a configuration in recorded pictures.
+
+    Raises:
+        ConfigError: It has no camera model, or a detector cannot be built, such as one that asks the simulated world
+            instead of the picture.
+    """
+
+    def __init__(self, configuration: Configuration) -> None:
+        if configuration.camera_model is None:
+            raise ConfigError([Problem("there is no camera model to measure with", str(configuration.path))])
+        named = _detectors(configuration)
+        self._perceiver = Perceiver({each.name: each.detector for each in named}, configuration.camera_model)
+
+    def observe(self, cycle: RecordedCycle, image: RecordedImage | None, state: State) -> Observation:
+        """Return what was observed in a cycle, with what is measured in its picture now.
+
+        Args:
+            state: The core's state before the cycle: its tracks say where targets are expected.
+
+        Raises:
+            CalibrationError: The picture has another aspect than the camera model.
+            JournalError: The picture or the cycle is damaged.
+        """
+        observation = cycle.observation()
+        frame = image.frame_of(cycle) if image is not None else None
+        if frame is None:
+            reason = observation.camera_fault or ("its picture is not recorded" if observation.frame else "")
+            return replace(observation, frame=None, measurements=(), camera_fault=reason)
+        tracks = {tracked.track.target: tracked.track for tracked in state.tracks}
+        _, measurements = self._perceiver.look(frame, tracks)
+        return replace(observation, measurements=measurements)
 
 
 def first_state(recording: Recording, plan: Plan) -> State:
@@ -89,7 +146,7 @@ def _batches(recording: Recording) -> Iterator[list[tuple[RecordedCycle, Observa
 
 
 def _redetected(
-    recording: McapRecording, redetection: Redetection, plan: Plan, on_reload: OnReload | None
+    recording: HasPictures, redetection: Redetection, plan: Plan, on_reload: OnReload | None
 ) -> Iterator[Replayed]:
     """Measure again in the pictures of a recording, and decide on that."""
     state = first_state(recording, plan)
@@ -137,10 +194,7 @@ class ReplayRun:
         on_reload = self._reloaded if self.is_recorded else None
         if not self.from_images:
             return decisions(self.recording, self.configuration.plan, on_reload)
-        from stadimeter.workbench.replay.recording_reader import McapRecording  # noqa: PLC0415 - it needs OpenCV
-        from stadimeter.workbench.replay.redetection import Redetection  # noqa: PLC0415 - likewise
-
-        if not isinstance(self.recording, McapRecording):
+        if not isinstance(self.recording, HasPictures):
             how = "record one with `stadimeter run CONFIG --record FILE.mcap`"
             raise JournalError(f"{self.recording.path} is a journal, and has no pictures to measure in; {how}")
         if not self.recording.has_images():

@@ -19,9 +19,19 @@ import numpy as np
 
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule
-from stadimeter.workbench.tuning.candidates import Settings, Tuned, beginnings, endings
+from stadimeter.workbench.tuning.candidates import (
+    DAY_S,
+    Count,
+    Rate,
+    Settings,
+    Tuned,
+    at_most,
+    beginnings,
+    endings,
+    rate_at,
+    slope_of,
+)
 from stadimeter.workbench.tuning.noise import Noise, Series, noise_of
-from stadimeter.workbench.tuning.rates import DAY_S, Count, Rate, at_most, rate_at, slope_of
 from stadimeter.workbench.tuning.trials import (
     AFTER_S,
     OperatingPoints,
