@@ -165,7 +165,7 @@ LOOKS = {
     "cameras/opencv_device.py": "why it was not opened, or a finding of `check`",
     "cameras/picamera2_package.py": "what is installed",
     "cli/calibrate_board.py": "the word 'replaced' or 'wrote'",
-    "cli/calibrate_distance.py": "an early refusal; the word 'replaced' or 'wrote'",
+    "cli/calibrate.py": "an early refusal; the word 'replaced' or 'wrote'",
     "cli/exits.py": "whether one is taken without a name; reading fails by itself",
     "cli/doctor.py": "why it cannot be read",
     "cli/init.py": "a question to the user; the answers are replaced, never removed",
