@@ -8,7 +8,7 @@ import pytest
 from stadimeter.cameras.protocol import AttachedCamera
 from stadimeter.config.plugins import CAMERAS, load_plugin
 from stadimeter.errors import DriverUnavailableError
-from stadimeter.workbench import attached_cameras as module
+from stadimeter.workbench import run_camera as module
 from stadimeter.workbench.run_camera import attached_cameras
 
 
