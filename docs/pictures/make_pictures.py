@@ -14,7 +14,7 @@ from live_view_svg import save_svg
 from web_pages import make_pages
 
 from stadimeter.app.bootstrap import build, demo_configuration
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.loop import Loop
 from stadimeter.cli.demonstration import fault_keys
 from stadimeter.cli.keyboard import Keyboard, RunKeys

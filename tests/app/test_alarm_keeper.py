@@ -311,5 +311,5 @@ def test_what_a_run_takes_over_is_text_that_gives_the_same_again(path):
     resumption = keeper.begin(7.0)
     keeper.end(Rehearsal(plan_of(NEAR)).state)
     assert read_resumption(resumption.text()) == resumption
-    with pytest.raises(StateError, match="not what a run restores"):
+    with pytest.raises(StateError, match="not the state of a run"):
         read_resumption('{"alarms": 7}')

@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.app.persistence.alarm_store import AlarmStore, moved_on
-from stadimeter.app.persistence.resumption import Memory, Moment, Resumption, read_resumption
+from stadimeter.app.persistence.resumption import ClockReading, Memory
 from stadimeter.app.persistence.state_file import Kind, kind_of
 from stadimeter.core.alarms.machine import AlarmState, Phase
 from stadimeter.core.alarms.state import Inhibits, Leg, Resumed, Timers
@@ -42,7 +42,7 @@ ACTIVE = AlarmState(
 )
 NEAR = AlarmSnapshot(rule="near", meaning="a" * 64, state=ACTIVE, is_first_out=True)
 FAR = AlarmSnapshot(rule="far", meaning="b" * 64, state=AlarmState())
-NOON = Moment(clock="boot one", at_s=12.5, unix_s=1.7e9, is_synchronised=True)
+NOON = ClockReading(clock="boot one", at_s=12.5, unix_s=1.7e9, is_synchronised=True)
 
 
 LEFT = (
@@ -110,17 +110,6 @@ def test_who_stopped_the_outputs_is_read_again_until_they_are_released(path):
         store = AlarmStore(path)
         assert store.open().stopped == stopped
     store.close()
-
-
-def test_a_file_of_the_format_before_is_read_and_goes_on_in_this_one(path):
-    written(path, NEAR)
-    with sqlite3.connect(path) as database:
-        database.execute("DROP TABLE stopped")
-        database.execute("PRAGMA user_version = 2")
-    database.close()
-    memory, warning = read(path)
-    assert (memory, warning) == (remembered(NEAR), "")
-    assert read(path)[1] == ""
 
 
 def test_of_what_was_not_delivered_only_what_came_and_what_went_is_written(path):
@@ -500,17 +489,3 @@ def test_a_file_is_known_as_ours_from_its_first_write_on(path):
     store.write(remembered(NEAR))
     assert kind_of(path) is Kind.OURS  # though all of it is still in the log
     store.close()
-
-
-def test_what_an_earlier_version_has_written_is_read_with_the_names_of_today():
-    memory = Resumption(
-        alarms=(
-            AlarmSnapshot(rule="near", meaning="a", state=AlarmState(inhibits=Inhibits(shelved_by='the "gates": man'))),
-        ),
-        shift_s=0.0,
-        from_s=0.0,
-        now_s=0.0,
-    )
-    written = memory.text().replace('"inhibits":', '"gates":').replace('"phase":"normal"', '"phase":"inactive"')
-    assert "inactive" in written
-    assert read_resumption(written) == memory

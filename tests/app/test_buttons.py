@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from stadimeter.app.bootstrap import build
-from stadimeter.app.buttons import OPEN_AGAIN_S, PERIOD_S, STUCK_S, UNSEEN_S, Presses, PushButton
 from stadimeter.app.loop import Limits, Loop
+from stadimeter.app.panel import OPEN_AGAIN_S, PERIOD_S, STUCK_S, UNSEEN_S, Presses, PushButton
 from stadimeter.app.recordings.journal import JournalWriter, read_journal
 from stadimeter.app.recordings.recorded_configuration import to_be_recorded
 from stadimeter.config.loader import load_configuration

@@ -8,7 +8,7 @@ from stadimeter.app.control import requests
 from stadimeter.app.control.messages import Reply, parse_request
 from stadimeter.app.control.requests import REMEMBERED_S, Control
 from stadimeter.app.control.socket_server import Asked
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.decision import SafetyMode
 from stadimeter.core.observation import FrameStamp, Observation

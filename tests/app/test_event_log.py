@@ -13,7 +13,7 @@ import pytest
 
 from stadimeter.app import event_log
 from stadimeter.app.event_log import BATCH_EVERY_S, FILE_BYTES_MAX, FILES_MAX, URGENT_EVERY_S, EventLog, log_files
-from stadimeter.app.services import Recording
+from stadimeter.app.loop import RecordingSink
 from stadimeter.core.decision import Event, EventKind, SafetyMode, Severity
 from stadimeter.testing.manual_clock import ManualClock
 
@@ -231,7 +231,7 @@ def test_a_disk_that_hangs_holds_up_neither_the_loop_nor_the_end(rig: Rig) -> No
 
 
 def test_the_loop_tells_it_of_reloads(rig: Rig) -> None:
-    assert isinstance(rig.log, Recording)
+    assert isinstance(rig.log, RecordingSink)
     rig.log.reloaded(0.0, None)  # type: ignore[arg-type]
     rig.log.close()
     assert rig.lines()[0].endswith("configuration reloaded")

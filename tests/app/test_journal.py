@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.recordings.cycle_json import CycleEncoder
 from stadimeter.app.recordings.journal import JournalWriter, read_journal
 from stadimeter.core.condition import DistanceCondition
@@ -316,7 +316,7 @@ FILL_THE_DISK = """
 import resource, signal, sys
 from pathlib import Path
 
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.recordings.cycle_json import CycleEncoder
 from stadimeter.app.recordings.journal import JournalWriter
 from stadimeter.core.decision import RuleStatus, RuleTrace

@@ -11,11 +11,10 @@ import pytest
 
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.clock import MonotonicClock, SteppedClock
-from stadimeter.app.live.feed import LiveFeed
 from stadimeter.app.live.health import Board, BoardState, LiveHealth
-from stadimeter.app.live.history import Sample, Samples, Seen
+from stadimeter.app.live.history import DistanceSample, Samples, Seen
 from stadimeter.app.live.pictures import SHOWN_MAX_PX, Pictures, drawn
-from stadimeter.app.live.snapshot import why
+from stadimeter.app.live.snapshot import LiveFeed, why
 from stadimeter.app.live.snapshot_json import REASONS_AT_ONCE, ReasonsInTurn, outline_of, samples_json, shared_json
 from stadimeter.app.live.watching import live_feed
 from stadimeter.app.loop import Limits, Loop
@@ -144,7 +143,7 @@ def test_the_outline_of_a_sheet_is_its_corners_in_order_and_that_of_a_ball_goes_
 def test_distances_are_a_list_of_time_distance_and_deviation_with_null_for_a_gap():
     samples = Samples()
     for number in range(250):
-        samples.append(Sample(at_s=number / 10, distance_m=None if number == 3 else 2.0, sigma_m=0.01))
+        samples.append(DistanceSample(at_s=number / 10, distance_m=None if number == 3 else 2.0, sigma_m=0.01))
     told = json.loads(samples_json({"ball": samples, "none": Samples()}))
     assert len(told["ball"]) == 250
     assert told["ball"][2:4] == [[0.2, 2.0, 0.01], [0.3, None, 0.01]]
@@ -157,7 +156,7 @@ def test_distances_are_whole_whenever_another_thread_looks():
     def add():
         number = 0
         while not ended.is_set():
-            samples.append(Sample(at_s=float(number), distance_m=float(number), sigma_m=0.0))
+            samples.append(DistanceSample(at_s=float(number), distance_m=float(number), sigma_m=0.0))
             samples.forget_before(number - 50.0)
             number += 1
 

@@ -2,13 +2,13 @@
 
 import pytest
 
-from stadimeter.app.persistence.resumption import STEPPED, Moment, clock_name, elapsed_s, moment
+from stadimeter.app.persistence.resumption import STEPPED, ClockReading, clock_name, elapsed_s, moment
 
 HOURS_3 = 3 * 3600.0
 
 
 def at(at_s, unix_s=1e9, clock="boot 1", is_synchronised=True):
-    return Moment(clock=clock, at_s=at_s, unix_s=unix_s, is_synchronised=is_synchronised)
+    return ClockReading(clock=clock, at_s=at_s, unix_s=unix_s, is_synchronised=is_synchronised)
 
 
 @pytest.mark.parametrize("step_s", [0.0, HOURS_3, -HOURS_3])

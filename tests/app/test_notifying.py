@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from stadimeter.app.bootstrap import build
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
+from stadimeter.app.deliveries import NOTHING, Notifying
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.app.notifying import NOTHING, Notifying
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.decision import Decision, Event, EventKind, Notice, SafetyMode, Severity

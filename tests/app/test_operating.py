@@ -12,8 +12,8 @@ from stadimeter.app.control import recording
 from stadimeter.app.control.messages import Reply, parse_request
 from stadimeter.app.control.recording import Bounds, RecordingOnRequest, recordings_folder
 from stadimeter.app.control.socket_server import Asked
+from stadimeter.app.live.watching import operated
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.app.operating import operated
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.errors import DriverError
@@ -277,8 +277,7 @@ class TestRecording:
 
 class TestContinuing:
     def test_any_moment_of_a_run_goes_on_to_the_same_decisions(self, room):
-        from stadimeter.app.persistence.continuation import continuation_text
-        from stadimeter.app.persistence.resumption import read_resumption
+        from stadimeter.app.persistence.resumption import continuation_text, read_resumption
 
         states = []
         room.loop.listeners.append(lambda *_: states.append(room.loop.state))

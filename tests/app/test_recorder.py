@@ -6,7 +6,7 @@ import threading
 import numpy as np
 import pytest
 
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.ending import Deadline
 from stadimeter.app.recordings import recorder as recorder_module
 from stadimeter.app.recordings.recorder import Recorder

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.recordings import recording as recording_module
 from stadimeter.app.recordings.cycle_json import cycle_schema
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration

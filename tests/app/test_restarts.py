@@ -15,8 +15,8 @@ import pytest
 from stadimeter.app.control.client import ask
 from stadimeter.app.control.messages import NoArgs
 from stadimeter.app.control.restarting import Restarter, built
+from stadimeter.app.loop import Services
 from stadimeter.app.page_process import PageProcess
-from stadimeter.app.services import Services
 from stadimeter.errors import ControlError
 from stadimeter.testing.eventually import eventually
 from support.processes import children, is_running

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from stadimeter.app.bootstrap import build
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.service import (
     LONGEST_PATIENCE_S,

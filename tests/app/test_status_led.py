@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from stadimeter.app.bootstrap import build
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.guard import Guard
 from stadimeter.app.leased_output import REST_S
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.app.status_led import LEASE_S, Status, StatusLed, status_of
+from stadimeter.app.panel import LEASE_S, Status, StatusLed, status_of
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.plugins import ACTUATORS, DriverContext, load_plugin
 from stadimeter.core.decision import Decision, RuleStatus, RuleTrace, SafetyMode

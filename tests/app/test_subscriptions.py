@@ -11,8 +11,8 @@ import pytest
 
 from stadimeter.app.clock import MonotonicClock
 from stadimeter.app.control.socket_server import CONNECTIONS_MAX, ControlSocket
-from stadimeter.app.live.feed import LiveFeed
 from stadimeter.app.live.history import EVENTS_MAX
+from stadimeter.app.live.snapshot import LiveFeed
 from stadimeter.app.live.subscriptions import SUBSCRIPTIONS_MAX, Subscriptions
 from stadimeter.app.loop import Limits
 from stadimeter.core.decision import Event, EventKind, Severity

@@ -16,7 +16,7 @@ import numpy as np
 from part import Part, table
 
 from stadimeter.app.bootstrap import build
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.loop import Loop
 from stadimeter.config.loader import load_configuration
 from support.simulated_run import LENS

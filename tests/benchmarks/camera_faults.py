@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from stadimeter.app.clock import MonotonicClock
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.loop import Limits
 from stadimeter.cameras.picamera2_camera import Picamera2Camera
 from stadimeter.cameras.picamera2_settings import Picamera2Options

@@ -26,7 +26,7 @@ from time import perf_counter
 import numpy as np
 
 from stadimeter.app.bootstrap import build
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.recordings.journal import JournalWriter
 from stadimeter.app.recordings.recorder import Recorder

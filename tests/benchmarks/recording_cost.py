@@ -20,7 +20,7 @@ from pathlib import Path
 from time import thread_time
 
 from stadimeter.app.bootstrap import build, demo_configuration
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.recordings.journal import JournalWriter
 from stadimeter.app.recordings.recorded_configuration import to_be_recorded

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.core.track import Track
 from support.cycle_records import cycle_record, tracked
 

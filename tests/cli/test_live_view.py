@@ -13,7 +13,7 @@ import pytest
 from rich.console import Console
 
 from stadimeter.app.bootstrap import build, demo_configuration
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.live.health import Board
 from stadimeter.app.loop import Loop
 from stadimeter.cli.keyboard import Keyboard, RunKeys

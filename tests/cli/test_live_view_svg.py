@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 import pytest
 from live_view_svg import save_svg
 
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.cli.target_panel import big_digits
 from support.cycle_records import live_view
 

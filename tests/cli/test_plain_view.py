@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.cli.viewing import PlainView
 from stadimeter.core.command import LevelCommand
 from stadimeter.core.decision import Event, EventKind, RuleStatus, SafetyMode, Severity

@@ -9,20 +9,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.app.live.history import Sample
+from stadimeter.app.live.history import DistanceSample
 from stadimeter.cli.formatting import FOOT
 from stadimeter.cli.glyphs import ASCII, UNICODE
 from stadimeter.cli.strip_chart import LIMIT, LINE, StripChart, chart_scale
 
 
-def samples(distances_m: list[float | None], period_s: float = 0.1, sigma_m: float = 0.0) -> list[Sample]:
+def samples(distances_m: list[float | None], period_s: float = 0.1, sigma_m: float = 0.0) -> list[DistanceSample]:
     return [
-        Sample(at_s=number * period_s, distance_m=distance_m, sigma_m=sigma_m)
+        DistanceSample(at_s=number * period_s, distance_m=distance_m, sigma_m=sigma_m)
         for number, distance_m in enumerate(distances_m)
     ]
 
 
-def plot(chart: StripChart, taken: list[Sample], now_s: float) -> list[str]:
+def plot(chart: StripChart, taken: list[DistanceSample], now_s: float) -> list[str]:
     """Return the rows right of the axis, without the axis of time."""
     rows = [line.plain for line in chart.render(taken, now_s)]
     axis = rows[-1].index(chart.glyphs.corner)

@@ -7,7 +7,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.recordings.journal import JournalWriter
 from stadimeter.cli import tune
 from stadimeter.core.decide import decide, initial_state

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import zstandard
 
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.recordings.journal import JournalWriter
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, load_recorded
 from stadimeter.app.recordings.recording import Recorded, RecordingWriter

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from stadimeter.app.bootstrap import build
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.config.loader import load_configuration
 from support.simulated_run import SIMULATED_BALL

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from stadimeter.app.bootstrap import build
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.loop import Loop
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from stadimeter.app.bootstrap import build, demo_configuration
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.simulation.narration import AFTER, AFTER_S, BY_HAND, DURING, OUT_OF_SIGHT, Narrator, StoryLine
 from stadimeter.simulation.world import FaultKind

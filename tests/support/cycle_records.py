@@ -7,10 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from stadimeter.app.clock import SteppedClock
-from stadimeter.app.cycle_record import CycleRecord
-from stadimeter.app.live.feed import LiveFeed
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.live.health import Board
-from stadimeter.app.live.snapshot import Surroundings
+from stadimeter.app.live.snapshot import LiveFeed, Surroundings
 from stadimeter.cli.live_view import LiveView
 from stadimeter.core.command import Command, LevelCommand, TwistCommand
 from stadimeter.core.decision import Decision, Event, OutputTrace, RuleStatus, RuleTrace, SafetyMode

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.recordings.journal import JournalWriter
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.observation import FrameStamp, Observation

@@ -11,10 +11,10 @@ import cv2
 import mcap.writer  # noqa: F401 - before the processes that save are forked
 import numpy as np
 
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.event_log import FILE_BYTES_MAX, EventLog, log_files
 from stadimeter.app.persistence.alarm_store import AlarmStore
-from stadimeter.app.persistence.resumption import Memory, Moment
+from stadimeter.app.persistence.resumption import ClockReading, Memory
 from stadimeter.app.recordings.journal import JournalWriter
 from stadimeter.app.recordings.record_file import MAGIC
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
@@ -162,7 +162,7 @@ def read_picture(folder: Path) -> object:
 def memory(*rules: str, messages: int = 0) -> Memory:
     """Return what some alarms remember, and some messages that wait."""
     return Memory(
-        moment=Moment(clock="boot", at_s=1.0 + messages, unix_s=1.7e9, is_synchronised=True),
+        moment=ClockReading(clock="boot", at_s=1.0 + messages, unix_s=1.7e9, is_synchronised=True),
         alarms=tuple(AlarmSnapshot(rule=rule, meaning="a" * 64, state=AlarmState()) for rule in rules),
         undelivered=tuple(("", Message(topic="event/alarm", payload=f"{n} {'x' * 2000}")) for n in range(messages)),
     )

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.persistence.resumption import Resumption
 from stadimeter.app.recordings.cycle_json import CycleEncoder, RecordedCycle
 from stadimeter.app.recordings.journal import JournalWriter, read_journal
@@ -172,5 +172,5 @@ def test_what_was_taken_over_and_is_damaged_is_one_clear_error(tmp_path):
     writer.resumed("[]")
     writer.write(next(records_of(journal_of(tmp_path / "other.jsonl", 2.0))))
     writer.close()
-    with pytest.raises(JournalError, match=r"run\.jsonl: not what a run restores from another"):
+    with pytest.raises(JournalError, match=r"run\.jsonl: not the state of a run"):
         replay(read_journal(tmp_path / "run.jsonl"), plan())

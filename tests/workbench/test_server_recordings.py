@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.recordings.journal import JournalWriter
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 from stadimeter.app.recordings.recording import ImageOptions, Recorded, RecordingWriter

@@ -21,7 +21,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.service_folders import state_directory
 from stadimeter.app.wall_time import local_now
 from stadimeter.core.decision import Decision, Event, EventKind, SafetyMode
@@ -133,7 +133,7 @@ class EventLog:
         self._add(words, is_urgent=True)
 
     def resumed(self, text: str) -> None:
-        """Take in that the run goes on from an earlier one; see `stadimeter.app.services.Recording`."""
+        """Take in that the run goes on from an earlier one; see `stadimeter.app.loop.RecordingSink`."""
 
     def reloaded(self, now_s: float, configuration: RecordedConfiguration) -> None:  # noqa: ARG002
         """Take in that another configuration was loaded."""

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 
 LATEST = 10_000
 """Percentiles are over this many of the newest cycles: a run of weeks needs no more memory than one of minutes."""

@@ -9,34 +9,40 @@ from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from stadimeter.app.bootstrap import Parts
-from stadimeter.app.cycle_record import CycleRecord
-from stadimeter.app.deliveries import Deliveries
+from stadimeter.app.bootstrap import EndedWhileOpening, OpenParts, Parts
+from stadimeter.app.cycle import CycleRecord
+from stadimeter.app.deliveries import Deliveries, Notifying
 from stadimeter.app.ending import Deadline, Steps, close_side_by_side
 from stadimeter.app.guard import Guard, make_all_safe, retire_all
 from stadimeter.app.health import Health
-from stadimeter.app.notifying import Notifying
-from stadimeter.app.open_parts import EndedWhileOpening, OpenParts
 from stadimeter.app.reporting import Reporter
 from stadimeter.app.restarts import RESTARTING
-from stadimeter.app.services import Recording, Services
-from stadimeter.core.decide import State
+from stadimeter.app.wall_time import TimeOfDay, goes_by_the_clock
+from stadimeter.core.decide import State, initial_state
 from stadimeter.core.frame import Frame
 from stadimeter.core.message import Message
+from stadimeter.core.plan import Plan
 from stadimeter.errors import EndOfFramesError
 from stadimeter.messaging.protocol import Retaining
 
-if TYPE_CHECKING:  # few runs are reloaded, and what that needs takes long to load
+if TYPE_CHECKING:  # few runs have these, and what they need takes long to load
+    from stadimeter.app.control.alarm_list import AlarmList
+    from stadimeter.app.control.recording import RecordingOnRequest
     from stadimeter.app.control.reloading import Change
+    from stadimeter.app.control.requests import Control
+    from stadimeter.app.control.restarting import Restarter
+    from stadimeter.app.persistence.state_writer import StateWriter
+    from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+    from stadimeter.app.service import Service
 
 
 Listener = Callable[[CycleRecord, Frame | None], None]
 
 
 PUBLISHED_MAX = 50
-"""This many messages are kept for whoever watches the run."""
+"""Number of published messages that are kept, for the views."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,6 +51,85 @@ class Limits:
 
     frames: int | None = None
     seconds: float | None = None
+
+
+@runtime_checkable
+class RecordingSink(Protocol):
+    """A listener that records a run for replay, and so needs more than its cycles."""
+
+    def resumed(self, text: str) -> None:
+        """Take in what the run restores from an earlier one, before the first cycle."""
+        ...
+
+    def reloaded(self, now_s: float, configuration: RecordedConfiguration) -> None:
+        """Take in a configuration that was reloaded, before its first cycle."""
+        ...
+
+    def trouble(self) -> str:
+        """Return in words what is wrong with it; empty if nothing is."""
+        ...
+
+
+@dataclass(slots=True)
+class Services:
+    """Optional services of a run: operator commands, alarm store, wall clock, systemd and so on.
+
+    `tell` takes a line for people, such as what became of a damaged state file.
+    """
+
+    control: Control | None = None
+    memory: StateWriter | None = None
+    time_of_day: TimeOfDay | None = None
+    service: Service | None = None
+    alarms: AlarmList | None = None
+    recording: RecordingOnRequest | None = None
+    restarter: Restarter | None = None
+    tell: Callable[[str], None] = lambda _words: None
+
+    def begin(self, plan: Plan, now_s: float, recordings: Iterable[RecordingSink]) -> State:
+        """Return the state in which a run begins: alarms restore theirs from the alarm store."""
+        state = initial_state(plan)
+        if self.memory is None:
+            return state
+        resumption = self.memory.begin(now_s)
+        if self.memory.warning:
+            self.tell(f"warning: {self.memory.warning}")
+        if resumption is None:
+            return state
+        for recording in recordings:
+            recording.resumed(resumption.text())
+        return resumption.of(state)
+
+    def reload(self) -> bool:
+        """Read the configuration again before the next cycle; return whether this run can. Never waits."""
+        if self.control is None:
+            return False
+        self.control.reload(self.tell)
+        return True
+
+    def cycle(self, before: State, after: State, record: CycleRecord) -> None:
+        """Take in a cycle after its messages were sent. Waits 10 ms at most, and only for an alarm to be stored."""
+        if self.memory is not None:
+            self.memory.cycle(before, after, record.decision.events)
+        if self.alarms is not None:
+            self.alarms.cycle(after, record)
+        if self.control is not None:
+            self.control.heard(record)
+
+    @property
+    def is_restart_due(self) -> bool:
+        """Whether a restart of the program was requested and is possible."""
+        return self.restarter is not None and self.restarter.is_due
+
+    def cancel_restart(self) -> None:
+        """Let the run end for good, although a restart was requested."""
+        if self.restarter is not None:
+            self.restarter.cancel()
+
+    def announce_end(self) -> None:
+        """Tell systemd that the run ends or restarts, after its outputs were stopped."""
+        if self.service is not None:
+            (self.service.restarting if self.is_restart_due else self.service.stopping)()
 
 
 @dataclass(slots=True)
@@ -61,7 +146,7 @@ class Loop:
         notifying: Fills in what rules send.
         deadline: Until when the run must have ended.
         published: The newest messages with the time of each on the run's clock, newest first.
-        services: What the run has beside its cycles.
+        services: The optional services of the run.
         deliveries: What other programs and people have not got yet, and what was given up.
         configured_at_s: Since when the run goes by its configuration, for people: on this computer's monotonic clock.
     """
@@ -77,7 +162,8 @@ class Loop:
     deadline: Deadline = field(default_factory=Deadline)
     configured_at_s: float = field(default_factory=time.monotonic)
     _state: State | None = None
-    _recordings: list[Recording] = field(default_factory=list)
+    _recordings: list[RecordingSink] = field(default_factory=list)
+    _needs_wall_time: bool = False
     _open_parts: OpenParts = field(init=False)
     notifying: Notifying = field(init=False)
     deliveries: Deliveries = field(init=False)
@@ -110,9 +196,9 @@ class Loop:
                 self.ending = self.ending or str(end)
             finally:
                 self.troubles += retire_all(self.parts.driven)
-                self.services.stopping()
-                if self._state is not None:
-                    self.services.keep(self._state)
+                self.services.announce_end()
+                if self._state is not None and self.services.memory is not None:
+                    self.services.memory.keep(self._state)
                 self.deliveries.closing()
             self._publish(self.parts.clock.now_s(), self.reporter.last_messages(_wall_clock()))
 
@@ -161,7 +247,8 @@ class Loop:
         panel = [button.trouble() for button in self.parts.buttons.values()]
         if (light := self.parts.status_led) is not None and light.fault:
             panel.append(f"{light.name}: {light.fault}")
-        others = (messenger.trouble() if messenger else "", *notifiers, *recordings, self.services.trouble())
+        memory = self.services.memory
+        others = (messenger.trouble() if messenger else "", *notifiers, *recordings, memory.trouble() if memory else "")
         troubles = (capture.trouble(), *capture.remarks(), *others, *panel)
         return "; ".join(trouble for trouble in troubles if trouble)
 
@@ -169,7 +256,8 @@ class Loop:
         parts = self.parts
         began_s = parts.clock.now_s()
         everybody: list[object] = [*self.listeners]
-        self._recordings = [each for each in everybody if isinstance(each, Recording)]
+        self._recordings = [each for each in everybody if isinstance(each, RecordingSink)]
+        self._needs_wall_time = goes_by_the_clock(parts.configuration.plan)
         self._state = self.services.begin(parts.configuration.plan, began_s, self._recordings)
         while not self.ending:
             self._state, record, frame = self._cycle(self._state)
@@ -181,34 +269,47 @@ class Loop:
             self.ending = self.ending or self._limit_reached(limits, record.observation.now_s - began_s)
 
     def _cycle(self, state: State) -> tuple[State, CycleRecord, Frame | None]:
-        """Attend to what people ask, run one cycle, report it, and remember."""
-        pressed = [command for button in self.parts.buttons.values() for command in button.commands()]
-        commands = (*self.services.operator_commands(), *pressed)
-        if self.services.is_restart_due and not self.ending:
+        """Take in operator commands and a changed configuration, run one cycle, report it, and store the state."""
+        services, parts = self.services, self.parts
+        control, time_of_day = services.control, services.time_of_day
+        asked = control.operator_commands() if control is not None else ()
+        pressed = [command for button in parts.buttons.values() for command in button.commands()]
+        if services.is_restart_due and not self.ending:
             self.stop(RESTARTING)
-        change = self.services.change()
-        before = self._reloaded(state, change) if change is not None else state
-        after, record, frame = self.parts.cycle.run(before, commands, self.services.wall(self.parts.clock.now_s()))
+        change = control.change() if control is not None else None
+        before = self._reload(state, change) if change is not None else state
+        wall = time_of_day.at(parts.clock.now_s()) if time_of_day is not None and self._needs_wall_time else None
+        after, record, frame = parts.cycle.run(before, (*asked, *pressed), wall)
         self._report(record)
-        self.services.cycle(before, after, record)  # what has just been sent is kept with what it is about
-        if self.parts.status_led is not None:
-            self.parts.status_led.show(record)
+        services.cycle(before, after, record)  # what has just been sent is kept with what it is about
+        if parts.status_led is not None:
+            parts.status_led.show(record)
         return after, record, frame
 
-    def _reloaded(self, state: State, change: Change) -> State:
-        """Let every part that goes by the configuration go by another one."""
-        parts, configuration = self.parts, change.configuration
-        taken = self.services.reloaded(state, change)
-        parts.configuration = configuration
+    def _reload(self, state: State, change: Change) -> State:
+        """Apply another configuration to every part; return the state with which the run goes on."""
+        from stadimeter.core.reload import reload  # noqa: PLC0415 - few runs are reloaded
+
+        parts, services, plan = self.parts, self.services, change.configuration.plan
+        if services.service is not None:
+            services.service.reloading()
+        taken = reload(state, plan)
+        if services.memory is not None:
+            services.memory.keep(taken.state)
+        self._needs_wall_time = goes_by_the_clock(plan)
+        parts.configuration = change.configuration
         self.configured_at_s = time.monotonic()
-        parts.cycle.max_frame_age_s = configuration.plan.safety.max_frame_age_s
-        self.notifying.take(configuration.plan.rules)
+        parts.cycle.max_frame_age_s = plan.safety.max_frame_age_s
+        self.notifying.take(plan.rules)
         now_s = parts.clock.now_s()
         for recording in self._recordings:
             recording.reloaded(now_s, change.recorded)
-        self._publish(now_s, self.reporter.reloaded(configuration.plan.rules))
+        self._publish(now_s, self.reporter.reloaded(plan.rules))
         self._retain_only(self.reporter.retained)
-        self.services.answer_reload(change, taken)
+        if services.service is not None:
+            services.service.reloaded()
+        if services.control is not None:
+            services.control.changed(change, taken)
         return taken.state
 
     def _limit_reached(self, limits: Limits, seconds: float) -> str:
@@ -257,12 +358,13 @@ class Loop:
         self.troubles += self._open_parts.close_shared(self.deadline)
 
     def _remember(self) -> None:
-        """Keep what is remembered and what could not be delivered, and say what is lost."""
+        """Store the state of the alarms and what was not delivered, and note what is lost."""
         if self._state is None:
             return
-        trouble = self.services.end(self._state)
-        self.troubles += [trouble] if trouble else []
-        self.troubles += self.deliveries.last_words(self.services.kept())
+        memory = self.services.memory
+        if memory is not None and (trouble := memory.end(self._state)):
+            self.troubles.append(trouble)
+        self.troubles += self.deliveries.last_words(memory.kept if memory is not None else ())
 
 
 def _wall_clock() -> str:

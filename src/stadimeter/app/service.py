@@ -23,7 +23,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.restarts import was_restarted
 from stadimeter.app.service_folders import runtime_directory
 from stadimeter.core.decision import Decision, SafetyMode

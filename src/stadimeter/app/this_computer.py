@@ -1,16 +1,25 @@
-"""What would keep a configuration from running on this computer, though it may be right on another one."""
+"""What keeps a valid configuration from running on this computer, as the user of the service sees it.
+
+Root may read every file and open every device, the user of the service may not.
+"""
 
 from __future__ import annotations
 
+import grp
 import os
+import pwd
+import re
+import sys
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from glob import has_magic, iglob
 from pathlib import Path
 
 from pydantic import BaseModel
 
 from stadimeter.app.bootstrap import build
+from stadimeter.config.extras import PACKAGED
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.loader import Configuration
 from stadimeter.config.toml_lines import KeyPath
@@ -74,3 +83,54 @@ def _why_not_built(configuration: Configuration) -> tuple[Problem, ...]:
         words = f"`stadimeter run` refuses this: {error}"
         return (Problem(words, file=str(configuration.path), code="will-not-run"),)
     return ()
+
+
+SERVICE_USER = "stadimeter"
+CONFIGURATIONS = Path("/etc/stadimeter")
+UNITS = ("usr/lib/systemd/system", "etc/systemd/system")
+
+
+def become_service_user(configuration: Path) -> bool:
+    """Go on as the user of the service, for good, if root looks at a configuration of the packaged service.
+
+    Returns:
+        Whether the user has changed.
+    """
+    if os.geteuid() != 0 or not sys.prefix.startswith(PACKAGED):
+        return False
+    if not configuration.resolve().is_relative_to(CONFIGURATIONS):
+        return False
+    try:
+        become(SERVICE_USER, groups_of_service())
+    except KeyError:  # there is no such user
+        return False
+    return True
+
+
+def become(user: str, groups: Iterable[str]) -> None:
+    """Go on as a user with these groups besides its own, for good. Only root may.
+
+    Raises:
+        KeyError: There is no such user.
+    """
+    entry = pwd.getpwnam(user)
+    ids = {entry.pw_gid, *os.getgrouplist(user, entry.pw_gid)}
+    for group in groups:
+        with suppress(KeyError):  # the service does not start then, which systemd says
+            ids.add(grp.getgrnam(group).gr_gid)
+    os.setgroups(sorted(ids))
+    os.setgid(entry.pw_gid)
+    os.setuid(entry.pw_uid)
+
+
+def groups_of_service(root: Path = Path("/")) -> tuple[str, ...]:
+    """Return the supplementary groups of the unit and its drop-ins, which decide which devices it may open."""
+    units = [root / folder / "stadimeter.service" for folder in UNITS]
+    files = [unit for unit in units if unit.exists()][-1:]  # that of the administrator stands for that of the package
+    files += [path for folder in UNITS for path in sorted((root / folder / "stadimeter.service.d").glob("*.conf"))]
+    found: list[str] = []
+    for file in files:
+        with suppress(OSError):
+            for line in re.findall(r"^SupplementaryGroups=(.*)$", file.read_text("utf-8", "replace"), re.MULTILINE):
+                found = [*found, *line.split()] if line.strip() else []
+    return tuple(dict.fromkeys(found))

@@ -14,8 +14,7 @@ from rich.console import Console
 from rich.text import Text
 
 from stadimeter.app.feasibility import feasibility_warnings
-from stadimeter.app.service_user import SERVICE_USER, become_service_user
-from stadimeter.app.this_computer import warnings_here
+from stadimeter.app.this_computer import SERVICE_USER, become_service_user, warnings_here
 from stadimeter.cli.exits import MOST_SHOWN, WRONG, ConfigArgument, configuration_path, plain_errors
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import Configuration, load_configuration

@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Self
 
-from stadimeter.app.live.snapshot import Snapshot
+from stadimeter.app.live.snapshot import RunSnapshot
 from stadimeter.app.loop import Loop
 from stadimeter.cli.formatting import METRE, LengthUnit
 
@@ -182,7 +182,7 @@ class Shown:
         is_explained: Whether the screen is explained instead of shown.
     """
 
-    snapshot: Snapshot
+    snapshot: RunSnapshot
     title: str
     unit: LengthUnit = METRE
     keys: Sequence[Key] | None = None

@@ -15,8 +15,8 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.live import Live
 from rich.text import Text
 
-from stadimeter.app.cycle_record import CycleRecord
-from stadimeter.app.live.feed import LiveFeed
+from stadimeter.app.cycle import CycleRecord
+from stadimeter.app.live.snapshot import LiveFeed
 from stadimeter.cli.formatting import length_unit
 from stadimeter.cli.glyphs import ASCII, UNICODE, Glyphs, heading
 from stadimeter.cli.keyboard import RunKeys, Shown

@@ -322,8 +322,11 @@ def _listen(loop: Loop, serving: Serving, closing: ExitStack) -> None:
     from stadimeter.app.control.places import runtime_folder, socket_path, usable_folder  # noqa: PLC0415 - likewise
     from stadimeter.app.control.socket_server import ControlSocket  # noqa: PLC0415 - likewise
     from stadimeter.app.live.subscriptions import Subscriptions  # noqa: PLC0415 - likewise
-    from stadimeter.app.live.watching import introduction, live_feed  # noqa: PLC0415 - likewise
-    from stadimeter.app.operating import operated  # noqa: PLC0415 - it takes long, and short runs have none
+    from stadimeter.app.live.watching import (  # noqa: PLC0415 - likewise
+        introduction,
+        live_feed,
+        operated,
+    )
 
     configuration = loop.parts.configuration
     try:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from rich.text import Text
 
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.live.health import LiveHealth, Note
 from stadimeter.app.live.snapshot import why
 from stadimeter.cli.formatting import (

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 from rich.text import Text
 
-from stadimeter.app.live.history import Sample
+from stadimeter.app.live.history import DistanceSample
 from stadimeter.cli.formatting import METRE, LengthUnit
 from stadimeter.cli.glyphs import UNICODE, Glyphs
 
@@ -52,7 +52,7 @@ class StripChart:
     window_s: float = WINDOW_S
     glyphs: Glyphs = UNICODE
 
-    def render(self, samples: Sequence[Sample], now_s: float) -> list[Text]:
+    def render(self, samples: Sequence[DistanceSample], now_s: float) -> list[Text]:
         """Draw the chart up to a time on the samples' clock; fewer rows, or none, where there is no room."""
         rows = self.height - 1
         if rows < 2:
@@ -69,7 +69,7 @@ class StripChart:
         plot = [self._with_axis(label, margin - 2, row) for label, row in zip(labels, canvas.rows(), strict=True)]
         return [*plot, self._time_axis(margin, self.width - margin)]
 
-    def _scale(self, samples: Iterable[Sample], rows: int) -> ChartScale:
+    def _scale(self, samples: Iterable[DistanceSample], rows: int) -> ChartScale:
         points = [point for sample in samples if (point := known_point(sample))]
         edges_m = [edge_m for point in points for edge_m in (point.low_m, point.high_m)]
         values = (edge_m / self.unit.size_m for edge_m in (*edges_m, *self.limits_m))
@@ -276,7 +276,7 @@ class Bin:
         self.band_high_m = max(self.band_high_m, point.high_m)
 
 
-def binned(samples: Iterable[Sample], bin_s: float) -> dict[int, Bin]:
+def binned(samples: Iterable[DistanceSample], bin_s: float) -> dict[int, Bin]:
     """Sort distances, oldest first, into columns of time, by the number of `bin_s` since time 0.
 
     Columns are fixed in time, so what was drawn once moves to the left but never changes its shape. A sample without a
@@ -294,7 +294,7 @@ def binned(samples: Iterable[Sample], bin_s: float) -> dict[int, Bin]:
     return bins
 
 
-def _runs(samples: Iterable[Sample]) -> Iterator[list[Point]]:
+def _runs(samples: Iterable[DistanceSample]) -> Iterator[list[Point]]:
     """Split distances where there is a gap."""
     run: list[Point] = []
     for sample in samples:
@@ -308,7 +308,7 @@ def _runs(samples: Iterable[Sample]) -> Iterator[list[Point]]:
         yield run
 
 
-def known_point(sample: Sample) -> Point | None:
+def known_point(sample: DistanceSample) -> Point | None:
     """Return a sample as a point to draw; None if it holds no distance that can be drawn.
 
     Its standard deviation is at most the distance, so that the band never reaches below zero, nor far above all else.

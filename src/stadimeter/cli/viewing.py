@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, TextIO
 
 import typer
 
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.health import Health, peak_memory_mb, percentile
 from stadimeter.app.live.snapshot import looked_at
 from stadimeter.app.loop import Loop

@@ -15,7 +15,7 @@ import cv2
 
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.clock import SteppedClock
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.health import percentile
 from stadimeter.app.loop import Loop
 from stadimeter.config.plugins import (

@@ -11,7 +11,7 @@ from typing import Any
 
 from stadimeter.app.control.messages import NoArgs, Reply
 from stadimeter.app.control.socket_server import Answer
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.core.alarms.alarm import AlarmStep
 from stadimeter.core.alarms.state import Acknowledgement
 from stadimeter.core.decide import State

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from stadimeter.app.control.messages import RecordArgs, Reply
 from stadimeter.app.control.socket_server import Answer
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, to_be_recorded
 from stadimeter.app.service_folders import state_directory
 from stadimeter.config.loader import is_demonstration
@@ -209,7 +209,7 @@ class RecordingOnRequest:
 
     def _join(self, ready: _Begun, now_s: float) -> None:
         """Record from the next cycle on."""
-        from stadimeter.app.persistence.continuation import continuation_text  # noqa: PLC0415 - loaded by `_begin`
+        from stadimeter.app.persistence.resumption import continuation_text  # noqa: PLC0415 - loaded by `_begin`
 
         state = self._state()
         if state is None:

@@ -20,7 +20,7 @@ from stadimeter.app.control.messages import (
 )
 from stadimeter.app.control.reloading import Change, Reloader
 from stadimeter.app.control.socket_server import Answer, Asked
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.config.findings import did_you_mean_or_list
 from stadimeter.core.decision import Decision, SafetyMode
 from stadimeter.core.operator import AnyCommand

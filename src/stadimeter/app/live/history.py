@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.core.decision import Event
 from stadimeter.core.frame import Frame
 from stadimeter.core.track import Track
@@ -34,7 +34,7 @@ _FIELDS = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Sample:
+class DistanceSample:
     """A distance at a moment.
 
     Attributes:
@@ -47,7 +47,7 @@ class Sample:
     sigma_m: float = 0.0
 
 
-class Samples(Sequence[Sample]):
+class Samples(Sequence[DistanceSample]):
     """Distances over time, oldest first, in 24 bytes each.
 
     One thread adds, any thread may take a copy with `after`: each step is a single operation on one array, which the
@@ -62,12 +62,12 @@ class Samples(Sequence[Sample]):
     def __len__(self) -> int:
         return len(self._numbers) // _FIELDS
 
-    def __getitem__(self, index: int) -> Sample:  # type: ignore[override] # for slices there is `after`
+    def __getitem__(self, index: int) -> DistanceSample:  # type: ignore[override] # for slices there is `after`
         first = range(0, len(self._numbers), _FIELDS)[index]
         at_s, distance_m, sigma_m = self._numbers[first : first + _FIELDS]
-        return Sample(at_s=at_s, distance_m=None if math.isnan(distance_m) else distance_m, sigma_m=sigma_m)
+        return DistanceSample(at_s=at_s, distance_m=None if math.isnan(distance_m) else distance_m, sigma_m=sigma_m)
 
-    def __iter__(self) -> Iterator[Sample]:
+    def __iter__(self) -> Iterator[DistanceSample]:
         return (self[index] for index in range(len(self)))
 
     def rows(self) -> Iterator[tuple[float, float, float]]:
@@ -75,7 +75,7 @@ class Samples(Sequence[Sample]):
         each = iter(self._numbers)
         return zip(each, each, each, strict=True)
 
-    def append(self, sample: Sample) -> None:
+    def append(self, sample: DistanceSample) -> None:
         """Add the newest one."""
         distance_m = math.nan if sample.distance_m is None else sample.distance_m
         self._numbers.extend((sample.at_s, distance_m, sample.sigma_m))
@@ -184,5 +184,5 @@ class RunHistory:
         last = samples[-1] if samples else None
         is_change = last is None or (last.distance_m is None) != (distance_m is None)
         if last is None or is_change or now_s - last.at_s >= SAMPLE_PERIOD_S - 1e-9:
-            samples.append(Sample(at_s=now_s, distance_m=distance_m, sigma_m=track.sigma_m or 0.0))
+            samples.append(DistanceSample(at_s=now_s, distance_m=distance_m, sigma_m=track.sigma_m or 0.0))
             samples.forget_before(now_s - WINDOW_S)

@@ -11,7 +11,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.live.history import Seen
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.detection import Detection, DetectionStatus

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from stadimeter.app.live.history import Samples, Seen
-from stadimeter.app.live.snapshot import Snapshot, why
+from stadimeter.app.live.snapshot import RunSnapshot, why
 from stadimeter.core.command import Command, LevelCommand
 from stadimeter.core.decision import Decision, Event, OutputTrace, RuleTrace
 from stadimeter.core.detection import Detection, RejectedCandidate
@@ -58,7 +58,7 @@ class ReasonsInTurn:
         return {name: words for name, (_, words) in self._known.items()}
 
 
-def shared_json(snapshot: Snapshot, number: int, now_s: float, unix_offset_s: float, reasons: ReasonsInTurn) -> str:
+def shared_json(snapshot: RunSnapshot, number: int, now_s: float, unix_offset_s: float, reasons: ReasonsInTurn) -> str:
     """Return what all who watch get of a snapshot, as a JSON object without the brace that closes it.
 
     Args:
@@ -132,7 +132,7 @@ def _listed(samples: Samples) -> Iterator[str]:
             time.sleep(GIVE_WAY_S)
 
 
-def _target(snapshot: Snapshot, track: Track) -> dict[str, Any]:
+def _target(snapshot: RunSnapshot, track: Track) -> dict[str, Any]:
     found = next((each for each in _detections(snapshot) if each.target == track.target), None)
     has_corners = snapshot.has_corners.get(track.target, False)
     return {
@@ -153,7 +153,7 @@ def _target(snapshot: Snapshot, track: Track) -> dict[str, Any]:
     }
 
 
-def _detections(snapshot: Snapshot) -> tuple[Detection, ...]:
+def _detections(snapshot: RunSnapshot) -> tuple[Detection, ...]:
     return snapshot.seen.record.detections if snapshot.seen is not None else ()
 
 
@@ -203,7 +203,7 @@ def _rules(plan: Plan | None, decision: Decision, reasons: ReasonsInTurn) -> Ite
         }
 
 
-def _outputs(snapshot: Snapshot) -> Iterator[dict[str, Any]]:
+def _outputs(snapshot: RunSnapshot) -> Iterator[dict[str, Any]]:
     record = snapshot.record
     if record is None:
         return
@@ -253,7 +253,7 @@ def _safety(decision: Decision | None) -> dict[str, Any]:
     return {"mode": decision.safety.value, "reason": decision.safety_reason}
 
 
-def _health(snapshot: Snapshot) -> dict[str, Any]:
+def _health(snapshot: RunSnapshot) -> dict[str, Any]:
     health = snapshot.health
     median_s, p95_s = health.cycle_s
     return {

@@ -23,10 +23,9 @@ from typing import Any
 import numpy as np
 
 from stadimeter.app.control.messages import FrameArgs, Reply, SubscribeArgs
-from stadimeter.app.live.feed import LiveFeed
 from stadimeter.app.live.history import Seen
 from stadimeter.app.live.pictures import Pictures, drawn
-from stadimeter.app.live.snapshot import Snapshot
+from stadimeter.app.live.snapshot import LiveFeed, RunSnapshot
 from stadimeter.app.live.snapshot_json import ReasonsInTurn, events_json, frame_data, samples_json, shared_json
 from stadimeter.core.frame import Frame
 from stadimeter.errors import ControlError
@@ -59,7 +58,7 @@ class _Moment:
     """A snapshot, and what is the same of it for all who watch."""
 
     number: int
-    snapshot: Snapshot
+    snapshot: RunSnapshot
     shared: str
     unix_offset_s: float
 

@@ -1,17 +1,24 @@
-"""How a run is watched: the one feed of its snapshots, for the terminal and for other processes."""
+"""What a run offers beside its cycles: one feed of snapshots for terminal and page, and the requests of operators."""
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING
 
 import stadimeter
-from stadimeter.app.control.recording import recordings_folder
-from stadimeter.app.live.feed import LiveFeed
+from stadimeter.app.control.alarm_list import AlarmList
+from stadimeter.app.control.recording import RecordingOnRequest, recordings_folder
+from stadimeter.app.control.reloading import Reloader
+from stadimeter.app.control.requests import Act, Control, Requests
+from stadimeter.app.control.restarting import Restarter, built
+from stadimeter.app.control.staging import Stage
 from stadimeter.app.live.health import CONNECTED, Board
-from stadimeter.app.live.snapshot import Surroundings
+from stadimeter.app.live.snapshot import LiveFeed, Surroundings
+from stadimeter.app.live.snapshot_json import events_json
 from stadimeter.app.recordings.recorded_configuration import sha256_of
 from stadimeter.app.service import is_service
 
@@ -80,3 +87,29 @@ def _surroundings(loop: Loop) -> Surroundings:
         run=run,
         has_corners={name: detector.target_shape.has_corners for name, detector in detectors.items()},
     )
+
+
+@contextmanager
+def operated(loop: Loop, requests: Requests) -> Iterator[None]:
+    """Let a run that has not begun attend to requests while in the context."""
+    services, configuration = loop.services, loop.parts.configuration
+    history = live_feed(loop).history
+    alarms = AlarmList(lambda: tuple(history.events), events_json)
+    restarter = Restarter(partial(built, configuration.path))
+    recording = RecordingOnRequest(loop.parts, lambda: loop.state, services.tell, loop.deadline)
+    acts: dict[str, Act] = {"alarms": alarms.act, "restart": restarter.act, "record": recording.act}
+    if loop.parts.world is not None:
+        acts["world"] = Stage(loop.parts.world, configuration.plan.targets).act
+    loop.listeners.append(recording)
+    services.alarms, services.restarter, services.recording = alarms, restarter, recording
+    services.control = Control(
+        requests,
+        Reloader(configuration),
+        deliveries=loop.deliveries.figures,
+        acts=acts,
+        is_kept=lambda: services.memory.is_kept() if services.memory is not None else None,
+    )
+    try:
+        yield
+    finally:
+        recording.close()

@@ -27,7 +27,7 @@ from pathlib import Path
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from stadimeter.app.persistence.resumption import Memory, Moment, upgraded
+from stadimeter.app.persistence.resumption import ClockReading, Memory
 from stadimeter.app.persistence.state_file import APPLICATION_ID, Kind, kind_of, put_aside, too_large
 from stadimeter.core.message import Message
 from stadimeter.core.notification import Notification
@@ -35,15 +35,14 @@ from stadimeter.core.persistence import Absence, AlarmSnapshot
 from stadimeter.errors import StateError
 
 FORMAT = 3
-OLDER = (1, 2)
-"""Formats that are read as well."""
+
 LOG_PAGES_MAX = 64
 """After so many pages of 4 KiB the log is taken over into the file; it needs little room, and that is seldom."""
 
 VALUE_BYTES_MAX = 2 * 2**20
 """No value in the file is longer."""
 
-_MOMENT = TypeAdapter(Moment)
+_MOMENT = TypeAdapter(ClockReading)
 _ITEM: TypeAdapter[Message | Notification] = TypeAdapter(Message | Notification)
 _ABSENT = TypeAdapter(tuple[Absence, ...])
 _ROW: TypeAdapter[tuple[AlarmSnapshot]] = TypeAdapter(
@@ -232,7 +231,7 @@ class AlarmStore:
         version, application = _pragma(database, "user_version"), _pragma(database, "application_id")
         if version > FORMAT and application == APPLICATION_ID:
             raise _LaterVersionError(f"written by a later version of stadimeter (format {version}, not {FORMAT})")
-        if version not in {0, *OLDER, FORMAT} or application != APPLICATION_ID:
+        if version not in {0, FORMAT} or application != APPLICATION_ID:
             raise _DamagedError("it is no state file")
         _make_tables(database)
         database.execute("DELETE FROM saved WHERE one <> 1")  # changes nothing, and fails if nothing can be changed
@@ -254,7 +253,7 @@ class AlarmStore:
         if len(saved) != 1 or saved[0][2] != _sha256((*saved[0][:2], *stopped), rows.items(), queue.values()):
             raise _DamagedError("its checksum is wrong")
         try:
-            alarms = tuple(_ROW.validate_json(upgraded(memory))[0] for memory in rows.values())
+            alarms = tuple(_ROW.validate_json(memory)[0] for memory in rows.values())
             undelivered = tuple((name, _ITEM.validate_json(item)) for name, item in queue.values())
             moment, absent = _MOMENT.validate_json(saved[0][0]), _ABSENT.validate_json(saved[0][1])
         except ValidationError as error:
@@ -278,7 +277,7 @@ def _make_tables(database: sqlite3.Connection) -> None:
     missing = [table for table in _TABLES if table not in found]
     for table in missing:
         database.execute(table)
-    if missing or _pragma(database, "user_version") in OLDER:
+    if missing:
         database.execute(f"PRAGMA user_version = {FORMAT}")
 
 

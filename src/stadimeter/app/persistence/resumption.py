@@ -8,7 +8,7 @@ passed: a timer may then end late, and never early. A wall clock that is set whi
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
@@ -17,8 +17,19 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from stadimeter.app.deliveries import Undelivered
 from stadimeter.app.wall_time import is_synchronised
+from stadimeter.core.alarms.alarm import AlarmStep
 from stadimeter.core.decide import State
-from stadimeter.core.persistence import Absence, AlarmSnapshot, restored
+from stadimeter.core.decision import Event
+from stadimeter.core.holding import Hold
+from stadimeter.core.observation import OutputFault
+from stadimeter.core.outputs import OutputStep
+from stadimeter.core.persistence import Absence, AlarmSnapshot, meaning_of, restored
+from stadimeter.core.rule import AnyRule
+from stadimeter.core.rules.follow import FollowStep
+from stadimeter.core.rules.ramp import RampStep
+from stadimeter.core.rules.scheduler import RuleStep, with_steps
+from stadimeter.core.safety import SafetyState
+from stadimeter.core.tracking.life_cycle import TrackState
 from stadimeter.errors import StateError
 
 STEPPED = "stepped"
@@ -28,7 +39,7 @@ BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Moment:
+class ClockReading:
     """A moment on the run's clock and on the wall clock.
 
     Attributes:
@@ -58,12 +69,12 @@ def moment(
     *,
     unix_s: Callable[[], float] = time.time,
     is_right: Callable[[], bool] = is_synchronised,
-) -> Moment:
+) -> ClockReading:
     """Return this moment, by the name of the run's clock."""
-    return Moment(clock=clock, at_s=at_s, unix_s=unix_s(), is_synchronised=is_right())
+    return ClockReading(clock=clock, at_s=at_s, unix_s=unix_s(), is_synchronised=is_right())
 
 
-def elapsed_s(before: Moment, now: Moment) -> float:
+def elapsed_s(before: ClockReading, now: ClockReading) -> float:
     """Return the time between two moments, never below 0; 0 if it cannot be known."""
     if before.clock == now.clock:
         return max(0.0, now.at_s - before.at_s)
@@ -82,16 +93,11 @@ class Memory:
         stopped: Who had stopped every output, and why, in words; empty if nobody had.
     """
 
-    moment: Moment
+    moment: ClockReading
     alarms: tuple[AlarmSnapshot, ...]
     absent: tuple[Absence, ...] = ()
     undelivered: tuple[Undelivered, ...] = ()
     stopped: str = ""
-
-
-def upgraded(memory: str) -> str:
-    """Return what an alarm remembered, as JSON, with the keys of this version. `Phase` knows its old values itself."""
-    return memory.replace('"gates":', '"inhibits":')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,14 +127,16 @@ class Resumption:
 
     def text(self) -> str:
         """Return it as text, for a recording."""
-        return _ONE.dump_json((self,)).decode()
+        return _RESUMPTION.dump_json((self,)).decode()
 
 
-_ONE: TypeAdapter[tuple[Resumption]] = TypeAdapter(tuple[Resumption], config=ConfigDict(ser_json_inf_nan="constants"))
-"""A configuration can be given for a tuple, and not for a dataclass."""
+_CONFIG = ConfigDict(ser_json_inf_nan="constants", defer_build=True)
+"""pydantic takes a configuration for a tuple, and not for a dataclass: each adapter is of a tuple with one element."""
+
+_RESUMPTION: TypeAdapter[tuple[Resumption]] = TypeAdapter(tuple[Resumption], config=_CONFIG)
 
 
-def resumption_at(now: Moment, memory: Memory) -> Resumption:
+def resumption_at(now: ClockReading, memory: Memory) -> Resumption:
     """Return what a run restores that begins now, as if the alarms had gone on in between."""
     from_s = now.at_s - elapsed_s(memory.moment, now)
     shift_s = from_s - memory.moment.at_s
@@ -150,13 +158,117 @@ class Restored(Protocol):
         ...
 
 
-def read_resumption(text: str) -> Restored:
-    """Read what was restored; `StateError` if the text is something else."""
-    from stadimeter.app.persistence.continuation import BEGINS, read_continuation  # noqa: PLC0415 - no run needs it
+CONTINUATION_BEGINS = '[{"continued":'
+"""How the JSON of a `Continuation` begins, and that of a `Resumption` does not."""
 
-    if text.startswith(BEGINS):
-        return read_continuation(text)
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _RuleMemory:
+    """What a rule remembers. By `meaning` it is known whether a rule of that name is still the same."""
+
+    rule: str
+    meaning: str
+    alarm: AlarmStep | None = None
+    ramp: RampStep | None = None
+    follow: FollowStep | None = None
+
+    @classmethod
+    def of(cls, rule: AnyRule, step: RuleStep) -> _RuleMemory:
+        """Return what a rule remembers."""
+        memory = cls(rule=rule.name, meaning=meaning_of(rule))
+        match step:
+            case AlarmStep():
+                return replace(memory, alarm=step)
+            case RampStep():
+                return replace(memory, ramp=step)
+            case _:
+                return replace(memory, follow=step)
+
+    def step(self, rule: AnyRule) -> RuleStep | None:
+        """Return it for a rule that means the same; None for any other."""
+        return (self.alarm or self.ramp or self.follow) if self.meaning == meaning_of(rule) else None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _RunState:
+    """All that is remembered from one cycle to the next, without the plan."""
+
+    now_s: float | None
+    usual_step_s: float
+    tracks: tuple[TrackState, ...]
+    rules: tuple[_RuleMemory, ...]
+    first_out: Mapping[str, str]
+    safety: SafetyState
+    outputs: tuple[OutputStep, ...]
+    faults: tuple[OutputFault, ...]
+    events: int
+    due: tuple[Event, ...]
+    holds: tuple[Hold, ...]
+    stopped: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Continuation:
+    """What a recording restores that was begun in mid-course."""
+
+    continued: _RunState
+
+    def of(self, state: State) -> State:
+        """Return the state with which to go on. What the plan has otherwise by now begins anew."""
+        was, plan = self.continued, state.plan
+        known = {memory.rule: memory for memory in was.rules}
+        steps = tuple(
+            (known[rule.name].step(rule) or new) if rule.name in known else new
+            for rule, new in zip(plan.rules, state.rules.steps, strict=True)
+        )
+        tracks = {tracked.track.target: tracked for tracked in was.tracks}
+        outputs = {step.command.output: step for step in was.outputs}
+        names = {rule.name for rule in plan.rules}
+        return replace(
+            state,
+            now_s=was.now_s,
+            usual_step_s=was.usual_step_s,
+            tracks=tuple(tracks.get(new.track.target, new) for new in state.tracks),
+            rules=with_steps(plan, steps, {group: name for group, name in was.first_out.items() if name in names}),
+            safety=was.safety,
+            outputs=tuple(_like(outputs.get(new.command.output), new) for new in state.outputs),
+            faults=was.faults,
+            events=was.events,
+            due=was.due,
+            holds=was.holds,
+            stopped=was.stopped,
+        )
+
+
+def _like(was: OutputStep | None, new: OutputStep) -> OutputStep:
+    return was if was is not None and type(was.command) is type(new.command) else new
+
+
+_CONTINUATION: TypeAdapter[tuple[Continuation]] = TypeAdapter(tuple[Continuation], config=_CONFIG)
+
+
+def continuation_text(state: State) -> str:
+    """Return the state of a run as text, for a recording."""
+    run = _RunState(
+        now_s=state.now_s,
+        usual_step_s=state.usual_step_s,
+        tracks=state.tracks,
+        rules=tuple(_RuleMemory.of(rule, step) for rule, step in zip(state.plan.rules, state.rules.steps, strict=True)),
+        first_out=state.rules.first_out,
+        safety=state.safety,
+        outputs=state.outputs,
+        faults=state.faults,
+        events=state.events,
+        due=state.due,
+        holds=state.holds,
+        stopped=state.stopped,
+    )
+    return _CONTINUATION.dump_json((Continuation(continued=run),)).decode()
+
+
+def read_resumption(text: str) -> Restored:
+    """Read what a recording restores; `StateError` if the text is something else."""
     try:
-        return _ONE.validate_json(upgraded(text))[0]
+        return (_CONTINUATION if text.startswith(CONTINUATION_BEGINS) else _RESUMPTION).validate_json(text)[0]
     except ValidationError as error:
-        raise StateError(f"not what a run restores from another: {error.errors()[0]['msg']}") from error
+        raise StateError(f"not the state of a run: {error.errors()[0]['msg']}") from error

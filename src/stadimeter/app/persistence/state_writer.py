@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable
 
 from stadimeter.app.deliveries import Deliveries, Undelivered
 from stadimeter.app.persistence.alarm_store import AlarmStore
-from stadimeter.app.persistence.resumption import Memory, Moment, Resumption, resumption_at
+from stadimeter.app.persistence.resumption import ClockReading, Memory, Resumption, resumption_at
 from stadimeter.app.reporting import SYSTEM_EVENTS
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Event
@@ -46,7 +46,7 @@ UNDELIVERED_MAX = 1000
 END_WAIT_S = 1.0
 """At the end of a run the disk is waited for this long; it has had the time of closing everything before."""
 
-MomentOf = Callable[[float], Moment]
+ReadClocks = Callable[[float], ClockReading]
 """Returns this moment, given what the run's clock shows."""
 
 
@@ -59,7 +59,7 @@ class StateWriter:
         kept: What the file holds of what nobody got.
     """
 
-    def __init__(self, store: AlarmStore, moment_of: MomentOf, deliveries: Deliveries | None = None) -> None:
+    def __init__(self, store: AlarmStore, moment_of: ReadClocks, deliveries: Deliveries | None = None) -> None:
         self.writes = 0
         self.warning = ""
         self.kept: tuple[Undelivered, ...] = ()

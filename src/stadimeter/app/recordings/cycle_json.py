@@ -15,7 +15,7 @@ from typing import Any
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 from stadimeter.core.bounds import MAX_TIME_S, is_time
 from stadimeter.core.decision import Decision, Event, RuleTrace
@@ -42,7 +42,7 @@ _RULES_KEY = b',"rules":'
 
 
 @dataclass(frozen=True, slots=True)
-class _Reload:
+class _RecordedReload:
     """A configuration that was reloaded while running, and when on the run's monotonic clock."""
 
     at_s: float
@@ -51,7 +51,7 @@ class _Reload:
 
 @dataclass(frozen=True, slots=True)
 class _Reloaded:
-    reloaded: _Reload
+    reloaded: _RecordedReload
 
 
 _DECIDED: TypeAdapter[tuple[Decision]] = TypeAdapter(tuple[Decision], config=ConfigDict(ser_json_inf_nan="strings"))
@@ -64,7 +64,7 @@ _RELOADED_BEGINS = b'{"reloaded":'
 
 def reload_json(at_s: float, configuration: RecordedConfiguration) -> bytes:
     """Write that another configuration was reloaded, on one line before the first cycle that it decided."""
-    return _RELOADED.dump_json(_Reloaded(_Reload(at_s, configuration)))
+    return _RELOADED.dump_json(_Reloaded(_RecordedReload(at_s, configuration)))
 
 
 def reload_of(line: bytes, place: str) -> RecordedConfiguration | None:

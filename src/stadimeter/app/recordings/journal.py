@@ -23,7 +23,7 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic_core import from_json
 
 import stadimeter
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.recordings.cycle_json import CycleEncoder, RecordedCycle, first_detail, reload_json, reload_of
 from stadimeter.app.recordings.record_file import RecordFile
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, sha256_of

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.ending import Deadline
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 from stadimeter.core.frame import Frame

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import stadimeter
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.recordings import recording_messages as messages
 from stadimeter.app.recordings.cycle_json import CycleEncoder, cycle_schema, reload_json
 from stadimeter.app.recordings.record_file import LIBRARY, RecordFile, is_ours

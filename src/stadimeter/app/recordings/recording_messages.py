@@ -18,7 +18,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.decision import Event, Severity
 from stadimeter.core.detection import Detection, DetectionStatus

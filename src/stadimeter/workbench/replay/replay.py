@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.detectors import NamedDetector, build_detectors
 from stadimeter.app.persistence.resumption import read_resumption
 from stadimeter.app.recordings.cycle_json import RecordedCycle

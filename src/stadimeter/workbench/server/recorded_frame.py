@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from stadimeter.app.cycle_record import CycleRecord
+from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.live.history import Seen
 from stadimeter.app.live.pictures import Pictures
-from stadimeter.app.live.snapshot import Snapshot, limits_m
+from stadimeter.app.live.snapshot import RunSnapshot, limits_m
 from stadimeter.app.live.snapshot_json import ReasonsInTurn, shared_json
 from stadimeter.app.recordings.recorded_configuration import load_recorded
 from stadimeter.core.detection import Detection, DetectionStatus, Points
@@ -58,7 +58,7 @@ def _values(desk: Desk, index: RecordingIndex, moment: Moment, seen: Seen | None
     unix_s = began_unix_s(index.recording.header, 0.0) + moment.at_s
     plan = _plan(desk, index)
     limits = limits_m(plan) if plan is not None else {}
-    snapshot = Snapshot(record=record, seen=seen, started_s=now_s - moment.at_s, plan=plan, limits_m=limits)
+    snapshot = RunSnapshot(record=record, seen=seen, started_s=now_s - moment.at_s, plan=plan, limits_m=limits)
     told = json.loads(shared_json(snapshot, 0, now_s, unix_s - now_s, ReasonsInTurn()) + "}")
     for target in told["targets"]:
         target["detection"], target["rejected"] = None, []
