@@ -387,7 +387,7 @@ def test_every_code_of_a_family_is_looked_up_as_the_product_of_matrices_finds_it
 
 def test_so_many_wrong_cells_are_accepted_as_leave_no_doubt_whatever_the_version_of_opencv() -> None:
     """Six tenths of what a family could correct: half of the least distance that its authors state, rounded down."""
-    accepted = {name: tag_family(name).most_errors for name in ("apriltag-16h5", "apriltag-36h11", "aruco-mip-36h12")}
+    accepted = {name: tag_family(name).max_errors for name in ("apriltag-16h5", "apriltag-36h11", "aruco-mip-36h12")}
     assert accepted == {"apriltag-16h5": 1, "apriltag-36h11": 3, "aruco-mip-36h12": 3}
 
 

@@ -16,24 +16,26 @@ from stadimeter.core.frame import Image
 
 Mask = NDArray[np.uint8]
 
+# The channels as OpenCV has them, each with its highest value.
 CHANNELS = (("hue", 179), ("saturation", 255), ("value", 255))
-LEAST_CHROMA = 8
-"""Where the channels of a pixel differ by fewer levels, their noise decides its hue: black shows every hue."""
 
+# Where the channels of a pixel differ by fewer levels, their noise decides its hue: black shows every hue.
+MIN_CHROMA = 8
+
+# Where the least saturation of a range reaches that difference at this value or less, all darker pixels are left out,
+# those that are more saturated too: that needs no look at the saturation of each. Not so for ranges of dark colours,
+# nor where nothing else is found.
 DARK_VALUE = 32
-"""Where the least saturation of a range reaches that difference at this value or less, all darker pixels are left out,
-those that are more saturated too: that needs no look at the saturation of each. Not so for ranges of dark colours, nor
-where nothing else is found."""
 
-MORE_OF_DARK, LEAST_OF_DARK = 1.1, 4
-"""Pixels that are dark are looked at if there are as many more of them with the colour: by this factor, and number."""
+# Pixels that are dark are looked at if there are as many more of them with the colour: by this factor, and number.
+MORE_OF_DARK, MIN_OF_DARK = 1.1, 4
 
-LEAST_TOLD_APART = 64
-"""Among fewer pixels there is nothing to tell apart."""
+# Among fewer pixels there is nothing to tell apart.
+MIN_TOLD_APART = 64
 
+# Up to this many are converted as one row, which saves OpenCV what it spends on each: two thirds at 80 by 60. More may
+# be spread over several threads, by rows.
 FEW_PIXELS = 1 << 16
-"""So many are converted as one row, which saves OpenCV what it spends on each: two thirds at 80 by 60. More may be
-spread over several threads, by rows."""
 
 EXAMPLE = "29,86,6:64,255,255"
 
@@ -59,22 +61,22 @@ class HsvRange:
         hsv = _hsv(image)
         if (self.lower[0], self.upper[0]) == (0, 179):
             return _between(hsv, self.lower, self.upper)
-        least_value = math.ceil(LEAST_CHROMA * 255 / max(self.lower[1], 1))
-        if self.keeps_dark or least_value > DARK_VALUE or self.upper[2] < 2 * DARK_VALUE:
+        min_value = math.ceil(MIN_CHROMA * 255 / max(self.lower[1], 1))
+        if self.keeps_dark or min_value > DARK_VALUE or self.upper[2] < 2 * DARK_VALUE:
             return np.asarray(cv2.bitwise_and(self._between_hues(hsv, self.lower[2]), _has_hue(hsv)), np.uint8)
-        return self._between_hues(hsv, max(self.lower[2], least_value))
+        return self._between_hues(hsv, max(self.lower[2], min_value))
 
     def covers(self, hsv: Image) -> Mask:
         """Return which pixels of a picture in hue, saturation and value are between the limits, grey ones included."""
         return self._between_hues(hsv, self.lower[2])
 
-    def _between_hues(self, hsv: cv2.typing.MatLike, least_value: int) -> Mask:
+    def _between_hues(self, hsv: cv2.typing.MatLike, min_value: int) -> Mask:
         """Return which pixels are between the limits, with another lower limit of the value."""
         (low_hue, saturation, _), (high_hue, *most) = self.lower, self.upper
         if low_hue <= high_hue:
-            return _between(hsv, (low_hue, saturation, least_value), self.upper)
-        below_red = _between(hsv, (low_hue, saturation, least_value), (179, *most))
-        above_red = _between(hsv, (0, saturation, least_value), self.upper)
+            return _between(hsv, (low_hue, saturation, min_value), self.upper)
+        below_red = _between(hsv, (low_hue, saturation, min_value), (179, *most))
+        above_red = _between(hsv, (0, saturation, min_value), self.upper)
         return np.asarray(cv2.bitwise_or(below_red, above_red), np.uint8)
 
     def __str__(self) -> str:
@@ -101,7 +103,7 @@ def parse_hsv_range(text: object) -> HsvRange:
     for (name, _), low, high in zip(CHANNELS[1:], lower[1:], upper[1:], strict=True):
         if low > high:
             raise ValueError(f"{text!r}: the lower {name} {low} is above the upper one {high}, so no colour fits")
-    if (lower[0], upper[0]) != (0, 179) and round(upper[1] * upper[2] / 255) < LEAST_CHROMA:
+    if (lower[0], upper[0]) != (0, 179) and round(upper[1] * upper[2] / 255) < MIN_CHROMA:
         raise ValueError(
             f"{text!r}: all that is at most so saturated and bright is grey, which has no hue, so no colour fits; "
             f"raise the upper saturation {upper[1]} or the upper value {upper[2]}, or let every hue count, 0 to 179"
@@ -134,9 +136,9 @@ def _hsv(image: Image) -> cv2.typing.MatLike:
 
 
 def _has_hue(hsv: cv2.typing.MatLike) -> cv2.typing.MatLike:
-    """Return where the channels differ by `LEAST_CHROMA` levels: saturation is their difference as a share of value."""
+    """Return where the channels differ by `MIN_CHROMA` levels: saturation is their difference as a share of value."""
     chroma = cv2.multiply(cv2.extractChannel(hsv, 1), cv2.extractChannel(hsv, 2), scale=1 / 255)
-    return cv2.threshold(chroma, LEAST_CHROMA - 1, 255, cv2.THRESH_BINARY)[1]
+    return cv2.threshold(chroma, MIN_CHROMA - 1, 255, cv2.THRESH_BINARY)[1]
 
 
 def _between(hsv: cv2.typing.MatLike, lower: tuple[int, ...], upper: tuple[int, ...]) -> Mask:
@@ -153,10 +155,10 @@ def other_ranges(image: Image, colour: HsvRange) -> Iterator[HsvRange]:
     that holds the ball may hold the floor or a hand as well, but hardly anything is exactly as vivid.
     """
     mask, with_dark = colour.mask(image), replace(colour, keeps_dark=True)
-    if cv2.countNonZero(with_dark.mask(image)) > MORE_OF_DARK * cv2.countNonZero(mask) + LEAST_OF_DARK:
+    if cv2.countNonZero(with_dark.mask(image)) > MORE_OF_DARK * cv2.countNonZero(mask) + MIN_OF_DARK:
         yield with_dark
     pixels = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)[mask > 0]
-    if len(pixels) < LEAST_TOLD_APART:
+    if len(pixels) < MIN_TOLD_APART:
         return
     for channel in (1, 2):
         least, _ = cv2.threshold(pixels[None, :, channel].copy(), 0, 255, cv2.THRESH_OTSU)

@@ -101,7 +101,7 @@ class ColourSample(NamedTuple):
     """A picture of a target whose colour is wanted.
 
     Attributes:
-        places_px: Where a person has pointed at the target, each x and y; empty if nobody has.
+        places_px: Where a person has pointed at the target, each x and y; empty if no one has.
     """
 
     frame: Frame

@@ -1,13 +1,20 @@
-"""Shared by the edge engines of sheet and tag: the shape of outlines of four corners, and limits for their sides.
+"""Outlines of four corners: their shapes, their sides as lines, and what the edge engines of sheet and tag share.
 
-The engines themselves stay apart. The sheet's works on many candidates at once, in arrays; the tag's on one, with
-numbers in plain Python, which for so few is several times as fast: merged, tags took 6 to 7 times as long.
+There are three engines. `stadimeter.detectors.sheet.edges` measures many candidates at once, in arrays;
+`stadimeter.detectors.sheet.one_outline` and `stadimeter.detectors.tag.sides` measure one, with plain numbers for what
+is one number a side: merged with the first, tags took 6 to 7 times as long.
+
+Pixel coordinates have (0, 0) at the centre of the top left pixel, x to the right and y down. Corners come clockwise on
+the screen, and side i leads from corner i to corner i + 1.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,17 +23,101 @@ from stadimeter.core.detection import Points
 
 Values = NDArray[np.float64]
 
+# Share of a side left out at each end, where the other side blurs in and corners are bent, torn or rounded.
 CORNER_SHARE = 0.08
-"""Share of a side left out at each end, where the other side blurs in and corners are bent, torn or rounded."""
 
+# Standard deviation of a normal distribution in units of its median absolute deviation.
 MAD_TO_SIGMA = 1.4826
-"""Standard deviation of a normal distribution in units of its median absolute deviation."""
 
+# Steps further from the line of a side than three standard deviations are outliers; least and greatest such limit.
 LIMITS_PX = (0.35, 1.5)
-"""Steps further from the line of a side than three standard deviations are outliers; least and greatest such limit."""
 
-LEAST_SINE = 0.1
-"""Neighbouring sides that meet at a smaller angle are not those of a sheet or tag."""
+# Neighbouring sides that meet at a smaller angle are not those of a sheet or tag.
+MIN_SINE = 0.1
+
+
+class SideLine(NamedTuple):
+    """The straight line from one corner to the next: across = at_zero + slope * along, in pixels.
+
+    Along is x for a side that is more horizontal and y for one that is more vertical; across is the other coordinate.
+    """
+
+    # With the longer coordinate as along, |slope| <= 1: steps are read along whole pixels and nothing is interpolated.
+    flat: bool  # whether it is more horizontal
+    start: float  # along, of its first corner
+    forward: float  # how far it leads along, below zero for backwards
+    slope: float
+    at_zero: float
+    cosine: float  # turns a difference across into a distance from the side
+    length_px: float
+    outward: int  # which way across leads out of the outline, 1 or -1
+
+    def strides(self, width_px: int) -> tuple[int, int]:
+        """Return how many places the next pixel along and the next one across are away, counted row by row."""
+        return (1, width_px) if self.flat else (width_px, 1)
+
+
+class SideColumns(NamedTuple):
+    """Sides as arrays, shape ``(4, 1)`` each; see `SideLine`."""
+
+    start: Values
+    forward: Values
+    slope: Values
+    at_zero: Values
+    cosine: Values
+    outward: Values
+    next_along: Values  # how many places the next pixel along is away, counted row by row
+    next_across: Values
+
+
+def side_lines(corners: list[list[float]]) -> list[SideLine]:
+    """Return the lines between neighbouring corners, x and y each."""
+    return [_side_line(corners[number], corners[number - 3]) for number in range(4)]
+
+
+def _side_line(start: list[float], end: list[float]) -> SideLine:
+    x, y = end[0] - start[0], end[1] - start[1]
+    flat = abs(x) >= abs(y)
+    forward, sideways = (x, y) if flat else (y, x)
+    first, level = start if flat else (start[1], start[0])
+    length_px = math.hypot(x, y)
+    slope = sideways / forward if forward else 0.0
+    cosine = abs(forward) / length_px if length_px else 1.0
+    # Clockwise on the screen, the top side leads to the right and has its outside above it, at smaller y; the right
+    # side leads down and has its outside at larger x.
+    outward = -1 if (forward > 0) == flat else 1
+    return SideLine(flat, first, forward, slope, level - slope * first, cosine, length_px, outward)
+
+
+def side_columns(sides: list[SideLine], width_px: int) -> SideColumns:
+    """Return sides in a picture of this width as arrays."""
+    rows = [(s.start, s.forward, s.slope, s.at_zero, s.cosine, s.outward, *s.strides(width_px)) for s in sides]
+    return SideColumns(*np.array(rows).T[:, :, None])
+
+
+@cache
+def step_shares(steps: int) -> Values:
+    """Return where along a side its steps are looked for, as shares of its length."""
+    return np.linspace(CORNER_SHARE, 1 - CORNER_SHARE, steps)
+
+
+@cache
+def pixels_across(reach: int) -> NDArray[np.intp]:
+    """Return how many pixels outwards each row of a profile across a side is, shape ``(2 * reach + 1, 1, 1)``."""
+    return np.arange(-reach, reach + 1)[:, None, None]
+
+
+def corners_between(lines: Sequence[tuple[float, float, float]]) -> Points | None:
+    """Return where neighbouring lines a x + b y = c meet, shape ``(4, 2)``; None where two are all but parallel."""
+    met = []
+    for number in range(4):
+        (a, b, c), (d, e, f) = lines[number - 1], lines[number]
+        # The determinant is the sine of their angle times the lengths of both normals.
+        determinant = a * e - b * d
+        if not abs(determinant) > MIN_SINE * math.hypot(a, b) * math.hypot(d, e):
+            return None
+        met.append(((c * e - b * f) / determinant, (a * f - c * d) / determinant))
+    return np.array(met)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -68,6 +159,12 @@ def areas(corners: Points) -> Values:
     """Return the area of each outline, shape ``(c,)``: half the cross product of its diagonals."""
     first, second = corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]
     return np.asarray(np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / 2)
+
+
+def quad_area(corners: Sequence[Sequence[float]]) -> float:
+    """Return the area between four corners: half the cross product of the diagonals."""
+    (ax, ay), (bx, by), (cx, cy), (dx, dy) = corners
+    return abs((cx - ax) * (dy - by) - (cy - ay) * (dx - bx)) / 2
 
 
 def polygon_area(corners: Points) -> float:

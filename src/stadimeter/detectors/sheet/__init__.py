@@ -20,7 +20,7 @@ from stadimeter.detectors.hsv import HsvRange, HsvRangeText
 from stadimeter.detectors.protocol import Remedy, check_image
 from stadimeter.detectors.region import Region
 from stadimeter.detectors.sampling import light_table
-from stadimeter.detectors.sheet.candidates import Candidate, Findings
+from stadimeter.detectors.sheet.candidates import Findings, SheetCandidate
 from stadimeter.detectors.sheet.one_outline import edge_points
 from stadimeter.detectors.sheet.other_paper import mistaken_for, other_paper
 from stadimeter.detectors.sheet.search import SheetSearch
@@ -28,17 +28,17 @@ from stadimeter.detectors.sheet.tracked import follow
 from stadimeter.detectors.sides import diagonals_meet, grown, width_and_height
 from stadimeter.ranging.flat import KnownSide, SheetShape
 
+# Reach of the search around a prediction, to each side: in longer sides, standard deviations and pixels.
 REGION_SIDES = 0.8
 REGION_SIGMAS = 4.0
 REGION_MARGIN_PX = 12.0
-"""Reach of the search around a prediction, to each side: in longer sides, standard deviations and pixels."""
 
+# Tolerances to try for a sheet whose corners are too far off, as shares of its size: 1, 2 and 3 mm for A4. At more it
+# may be another paper.
 TOLERANCE_SHARES = (0.004, 0.008, 0.012)
-"""Tolerances to try for a sheet whose corners are too far off, as shares of its size: 1, 2 and 3 mm for A4. At more it
-may be another paper."""
 
-MOST_BIAS_SHARE = 0.5
-"""Of a sheet's shorter side, the camera's edge bias may make up this share at most."""
+# Of a sheet's shorter side, the camera's edge bias may make up this share at most.
+MAX_BIAS_SHARE = 0.5
 
 
 def _or_by_name(schema: dict[str, Any]) -> None:
@@ -157,9 +157,9 @@ class SheetDetector:
             sides = {"size": name, "width": width_m, "height": height_m}
             yield Remedy(key="size", value=name, options=self._options.model_copy(update=sides))
 
-    def _found(self, best: Candidate, findings: Findings, lens: CameraModel | None) -> Detection:
+    def _found(self, best: SheetCandidate, findings: Findings, lens: CameraModel | None) -> Detection:
         bias_px = 0.0 if lens is None else lens.edge_bias_px
-        if 2 * abs(bias_px) > MOST_BIAS_SHARE * min(width_and_height(best.corners_px)):
+        if 2 * abs(bias_px) > MAX_BIAS_SHARE * min(width_and_height(best.corners_px)):
             return self._too_small(best, findings, bias_px)
         corners = _without_bias(best, bias_px)
         remarks = ("" if lens is not None else other_paper(corners, self._size, None), _others_text(findings))
@@ -177,12 +177,12 @@ class SheetDetector:
             rejected=findings.rejected(),
         )
 
-    def _too_small(self, best: Candidate, findings: Findings, bias_px: float) -> Detection:
-        least_px = min(width_and_height(best.corners_px))
+    def _too_small(self, best: SheetCandidate, findings: Findings, bias_px: float) -> Detection:
+        min_px = min(width_and_height(best.corners_px))
         return Detection(
             target=self._name,
             status=DetectionStatus.NOT_FOUND,
-            reason=f"a sheet {least_px:.0f} px wide; the camera's edge bias of {bias_px:.1f} px leaves too little: "
+            reason=f"a sheet {min_px:.0f} px wide; the camera's edge bias of {bias_px:.1f} px leaves too little: "
             "come nearer, or calibrate the camera again",
             rejected=findings.rejected(),
         )
@@ -221,7 +221,7 @@ def _around(prediction: Prediction, image: Image) -> Region | None:
     return Region.around(prediction.centre_px, reach_px, image, outwards=True)
 
 
-def _without_bias(best: Candidate, bias_px: float) -> Points:
+def _without_bias(best: SheetCandidate, bias_px: float) -> Points:
     """Return the corners with the camera's edge bias taken off: a bright sheet appears too large by it."""
     if not bias_px:
         return best.corners_px

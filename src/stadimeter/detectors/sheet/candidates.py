@@ -19,27 +19,31 @@ from stadimeter.ranging.plane_pose import rectangle_fit
 
 Which = NDArray[np.bool_]
 
-MOST_REFUSED = 8
+# Rejected candidates that are reported, and those that each test notes.
+MAX_REJECTED = 8
 REFUSED_OF_A_KIND = 3
+
+# The stage of what passed all tests: later than the last of them, so that it is reported first.
 KEPT_STAGE = 16
 
-LEAST_EVIDENCE = 1.5
+# Least evidence of what is taken for the sheet, and that beyond which no other one is looked for.
+MIN_EVIDENCE = 1.5
 SURE_EVIDENCE = 2.5
-"""Least evidence of what is taken for the sheet, and that beyond which no other one is looked for."""
 
+# A candidate with less evidence than another by RIVAL_EVIDENCE is not the sheet, unless it is beyond doubt itself. Two
+# that may be it contradict each other if the logarithms of their sizes differ by more than RIVAL_LOG_SIZE, plus
+# RIVAL_LOG_SIZE_A_LENGTH for each length of the sheet that they are apart, up to MAX_LENGTHS: of two strips of tape
+# beside each other on a wall that is turned away, one is nearer, and both are right.
 RIVAL_EVIDENCE = 1.5
 RIVAL_LOG_SIZE = 0.05
-RIVAL_LOG_SIZE_A_LENGTH, MOST_LENGTHS = 0.05, 3.0
-"""What has so much less evidence than another candidate is not the sheet, unless it is beyond doubt itself. Two that
-may be it contradict each other if the logarithms of their sizes differ by more than this, and by so much more for each
-length of the sheet that they are apart, up to so many: of two strips of tape beside each other on a wall that is
-turned away, one is nearer, and both are right."""
+RIVAL_LOG_SIZE_A_LENGTH, MAX_LENGTHS = 0.05, 3.0
 
+# Candidates whose corners are all nearer to each other are one.
 SAME_PX = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Candidate:
+class SheetCandidate:
     """An outline that looks like the sheet."""
 
     corners_px: Points  # its corners, clockwise on the screen, shape ``(4, 2)``
@@ -70,7 +74,7 @@ class Candidate:
         return x_px, y_px
 
 
-class Refused(NamedTuple):
+class RefusedCandidate(NamedTuple):
     """A candidate that failed a test; what is said of it is put into words when it is asked for."""
 
     rank: float  # the more like the sheet, the more
@@ -91,18 +95,18 @@ class Findings:
     """Result of a search."""
 
     # What passed every test but, perhaps, that of the evidence.
-    kept: list[Candidate] = field(default_factory=list)
+    kept: list[SheetCandidate] = field(default_factory=list)
     # The largest outline that could be one and is cut off by the border, if there is no whole one.
-    cut_off: Candidate | None = None
-    refused: list[Refused] = field(default_factory=list)
+    cut_off: SheetCandidate | None = None
+    refused: list[RefusedCandidate] = field(default_factory=list)
 
     @property
-    def best(self) -> Candidate | None:
+    def best(self) -> SheetCandidate | None:
         """The outline that looks most like the sheet; None if none is one."""
-        return max((each for each in self._likely if each.evidence >= LEAST_EVIDENCE), key=_score, default=None)
+        return max((each for each in self._likely if each.evidence >= MIN_EVIDENCE), key=_score, default=None)
 
     @property
-    def rival(self) -> Candidate | None:
+    def rival(self) -> SheetCandidate | None:
         """Another one that may be the sheet and contradicts; None if there is none."""
         best = self.best
         if best is None:
@@ -110,7 +114,7 @@ class Findings:
         return max((each for each in self._likely if _contradict(each, best)), key=_score, default=None)
 
     @property
-    def twin(self) -> Candidate | None:
+    def twin(self) -> SheetCandidate | None:
         """Another one that may be the sheet and is about as far away; None if there is none."""
         best = self.best
         if best is None:
@@ -119,7 +123,8 @@ class Findings:
         return max(twins, key=_score, default=None)
 
     @property
-    def _likely(self) -> list[Candidate]:
+    def _likely(self) -> list[SheetCandidate]:
+        # Evidence is a logarithm: RIVAL_EVIDENCE below the best means less than a quarter of its odds.
         most = max((each.evidence for each in self.kept), default=0.0)
         return [each for each in self.kept if each.evidence >= min(most - RIVAL_EVIDENCE, SURE_EVIDENCE)]
 
@@ -131,7 +136,7 @@ class Findings:
             return None
         return f"two outlines fit, one {best.where}, one {rival.where}; name its colour, or take the other one away"
 
-    def keep(self, candidate: Candidate) -> None:
+    def keep(self, candidate: SheetCandidate) -> None:
         """Keep what passed all tests, if it is not there already."""
         same = (np.abs(each.corners_px - candidate.corners_px).max() < SAME_PX for each in self.kept)
         if not any(same):
@@ -144,6 +149,7 @@ class Findings:
 
         The later the test, the more like the sheet they are; how likely each is, about -10 to 10, counts like tests.
         """
+        # The rank joins both: whole numbers are the stage. The logarithm of the size over ten stays below one test.
         numbers = np.nonzero(failing)[0]
         if not len(numbers):
             return
@@ -153,9 +159,11 @@ class Findings:
             number = int(numbers[which])
             x_px, y_px = corners[number].mean(axis=0).tolist()
             rank, size_px = stage + float(ranks[which]), float(sizes[which])
-            self.refused.append(Refused(rank, stage, (x_px, y_px), size_px, corners[number], partial(why, number)))
+            self.refused.append(
+                RefusedCandidate(rank, stage, (x_px, y_px), size_px, corners[number], partial(why, number))
+            )
 
-    def most_like_px(self, stage: int) -> float:
+    def largest_refused_px(self, stage: int) -> float:
         """Return the size of the largest candidate that was refused at a stage or later; 0 if none was."""
         return max((each.size_px for each in self.refused if each.stage >= stage), default=0.0)
 
@@ -164,50 +172,50 @@ class Findings:
         best = self.best
         taken = None if self.doubt else best
         others = [each for each in self.kept if each is not taken]
-        every = [_refused(each) for each in others] + self.refused
+        every = [_as_refused(each) for each in others] + self.refused
         kept: list[RejectedCandidate] = []
         places = [] if taken is None else [taken.centre_px]
         for each in sorted(every, key=lambda item: (-item.rank, -item.size_px)):
             if all(math.dist(each.centre_px, place) > 0.1 * each.size_px + 2 for place in places):
                 kept.append(each.rejected())
                 places.append(each.centre_px)
-            if len(kept) == MOST_REFUSED:
+            if len(kept) == MAX_REJECTED:
                 break
         return tuple(kept)
 
 
-def _score(candidate: Candidate) -> float:
+def _score(candidate: SheetCandidate) -> float:
     return candidate.score
 
 
-def _contradict(one: Candidate, other: Candidate) -> bool:
+def _contradict(one: SheetCandidate, other: SheetCandidate) -> bool:
     """Return whether two candidates would be sheets at different distances."""
-    allowed = RIVAL_LOG_SIZE + RIVAL_LOG_SIZE_A_LENGTH * min(_apart(one, other), MOST_LENGTHS)
+    allowed = RIVAL_LOG_SIZE + RIVAL_LOG_SIZE_A_LENGTH * min(_apart(one, other), MAX_LENGTHS)
     return abs(math.log(one.longest_px / other.longest_px)) > allowed
 
 
-def _apart(one: Candidate, other: Candidate) -> float:
+def _apart(one: SheetCandidate, other: SheetCandidate) -> float:
     """Return how many of their lengths lie between their centres."""
     return math.dist(one.centre_px, other.centre_px) / max(one.longest_px, other.longest_px)
 
 
-def _refused(candidate: Candidate) -> Refused:
+def _as_refused(candidate: SheetCandidate) -> RefusedCandidate:
     reason = "fits too, but less well or smaller"
-    if candidate.evidence < LEAST_EVIDENCE:
-        reason = f"too little speaks for it: evidence {candidate.evidence:.1f}, limit {LEAST_EVIDENCE:.1f}"
+    if candidate.evidence < MIN_EVIDENCE:
+        reason = f"too little speaks for it: evidence {candidate.evidence:.1f}, limit {MIN_EVIDENCE:.1f}"
     rank = KEPT_STAGE + candidate.evidence
     size_px, corners_px = candidate.longest_px, candidate.corners_px
-    return Refused(rank, KEPT_STAGE, candidate.centre_px, size_px, corners_px, lambda: reason)
+    return RefusedCandidate(rank, KEPT_STAGE, candidate.centre_px, size_px, corners_px, lambda: reason)
 
 
 Values = NDArray[np.float64]
 
+# Focal lengths tried while the lens is not known, in lengths of the picture's longer side, from wide-angle to
+# telephoto: so close to each other that one beside the true one changes no verdict.
 FOCAL_LENGTHS = tuple(0.5 * 1.085**step for step in range(25))
-"""Focal lengths tried while the lens is not known, in lengths of the picture's longer side, from wide-angle to
-telephoto: so close to each other that one beside the true one changes no verdict."""
 
+# Lengths tried for the side that is not named, as multiples of the one in the options.
 UNKNOWN_SIDES = (0.5, 0.65, 0.8, 1.0, 1.25, 1.55, 2.0)
-"""Lengths tried for the side that is not named, as multiples of the one in the options."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -215,8 +223,8 @@ class SheetFit:
     """Misfit of outlines to the sheet."""
 
     misfit_px: Values  # how far their corners are from where a sheet would have them, root mean square, shape ``(c,)``
-    # What the square of a misfit in pixels is multiplied by to give the share of any outlines that fit as well,
-    # shape ``(c,)``; 0 where it is not known, with only one side known.
+    # What the square of a misfit in pixels is multiplied by to give the share of any outlines that fit as well, shape
+    # ``(c,)``; 0 where it is not known, with only one side known.
     chance_per_square: Values
 
 
@@ -233,6 +241,7 @@ class SheetOutlines:
             if lens is None
             else (lens,)
         )
+        # With one side known any rectangle fits, so a fit says nothing against chance.
         self._tells_chance = not one_side
 
     def misfit_px(self, corners_px: Points) -> Values:
@@ -244,6 +253,7 @@ class SheetOutlines:
         return [self._through(lens, corners_px) for lens in self._lenses]
 
     def _through(self, lens: CameraModel, corners_px: Points) -> SheetFit:
+        # Fits are in directions, x and y per unit of depth; times the focal length they are pixels again.
         focal_px = math.sqrt(lens.fx_px * lens.fy_px)
         directions = lens.directions(corners_px.reshape(-1, 2)).reshape(-1, 4, 2)
         fits = [rectangle_fit(directions, aspect) for aspect in self._aspects]

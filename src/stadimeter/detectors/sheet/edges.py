@@ -34,43 +34,46 @@ from stadimeter.detectors.sides import CORNER_SHARE
 
 Profiles = NDArray[np.float32]
 
+# Steps along each side: at the first look, the second, and at most and at least while lines settle.
 FIRST_STEPS = 16
 NEXT_STEPS = 24
-MOST_STEPS = 64
-LEAST_STEPS = 8
+MAX_STEPS = 64
+MIN_STEPS = 8
 
+# Distance in pixels beyond an edge at which both sides have their own level: of a step that is spread by a Gaussian of
+# 0.7 px, as in the rendered scenes, 0.8 % is left there.
 PLATEAU_PX = 1.7
-"""Distance beyond an edge at which both sides have their own level."""
 
+# Least and greatest reach across a side that is roughly known.
 REACHES_PX = (3.0, 16.0)
-"""Least and greatest reach across a side that is roughly known."""
 
-LEAST_DROP = 0.06
-"""Least difference of the two pixels of a step, as a share of that between inside and outside."""
+# Least difference of the two pixels of a step, as a share of that between inside and outside.
+MIN_DROP = 0.06
 
+# Further from an edge than this a profile should be level, to this share of the way from inside to outside; a step is
+# worth less the further it is from that, unless all along the side are.
 CLEAR_PX = 1.5
 SMOOTH = 0.04
-"""Further from an edge than this a profile should be level, to this share of the way from inside to outside; a step is
-worth less the further it is from that, unless all along the side are."""
 
-LEAST_LEVELS = 5.0
-"""A step whose two sides differ by less, in levels of 8 bits, is none."""
+# A step whose two sides differ by less, in levels of 8 bits, is none.
+MIN_LEVELS = 5.0
 
+# Lines that moved by less stay where they are.
 SETTLED_PX = 0.01
-"""Lines that moved by less stay where they are."""
 
+# Looks while lines settle, at most.
 LOOKS = 6
 
+# The standard deviation of a corner's coordinates is `hypot(2 s / sqrt(n), 0.012, 0.02 (e - 2.5))` pixels, for sides of
+# n steps that scatter by s and take e pixels from inside to outside. A line through n points is twice as unsure at its
+# ends as in its middle. The last term is for what is beside a blurred edge and mixes into it.
 SIGMA_FACTOR = 2.0
 SIGMA_FLOOR_PX = 0.012
 SIGMA_BLUR = 0.02
 SHARP_EDGE_PX = 2.5
-"""The standard deviation of a corner's coordinates is ``hypot(2 s / sqrt(n), 0.012, 0.02 (e - 2.5))`` pixels, for sides
-of n steps that scatter by s and take e pixels from inside to outside. A line through n points is twice as unsure at its
-ends as in its middle. The last term is for what is beside a blurred edge and mixes into it."""
 
+# Candidates whose corners are all nearer to each other are one.
 SAME_PX = 1.0
-"""Candidates whose corners are all nearer to each other are one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -103,6 +106,7 @@ class QuadEdges:
 
 def corner_sigmas_px(scatter_px: Values, steps: NDArray[np.int64], edge_px: Values) -> Values:
     """Return the standard deviation of the coordinates of corners between four sides; the last axis is of the sides."""
+    # Variances in px^2: of the lines through the steps, and of blur, both as a mean over the four sides; and the floor.
     of_steps = SIGMA_FACTOR**2 * scatter_px**2 / np.maximum(steps, 1)
     of_blur = (SIGMA_BLUR * np.maximum(edge_px - SHARP_EDGE_PX, 0.0)) ** 2
     return np.asarray(np.sqrt(np.add.reduce(of_steps + of_blur, axis=-1) / 4 + SIGMA_FLOOR_PX**2))
@@ -152,7 +156,7 @@ def settle_edges(
         before = edges.corners_px[moving]
         again = edges[moving]
         some_free = None if free is None else free[moving]
-        again = _fit(image, _narrow_frame(image, again, MOST_STEPS, lens), light, some_free)
+        again = _fit(image, _narrow_frame(image, again, MAX_STEPS, lens), light, some_free)
         edges = again if len(moving) == len(edges) else _replaced(edges, moving, again)
         moved = np.abs(again.corners_px - before).max(axis=(1, 2))
         moving = moving[moved > SETTLED_PX]
@@ -174,14 +178,16 @@ def distinct_edges(edges: QuadEdges) -> QuadEdges:
         edges = edges[np.isfinite(edges.corners_px).all(axis=(1, 2))]
     if len(edges) < 2:
         return edges
+    # A table of all with all, of which the lower triangle compares each with those before it.
     apart = np.abs(edges.corners_px[:, None] - edges.corners_px).max(axis=(2, 3), initial=0.0)
     return edges[~np.tril(apart < SAME_PX, -1).any(axis=1)]
 
 
-def _narrow_frame(image: Image, edges: QuadEdges, most_steps: int, lens: CameraModel | None) -> QuadFrame:
+def _narrow_frame(image: Image, edges: QuadEdges, max_steps: int, lens: CameraModel | None) -> QuadFrame:
     corners = np.nan_to_num(edges.corners_px)
+    # One step a pixel along the longest side of all candidates; shorter sides then read some pixels twice.
     longest = np.abs(corners[:, [1, 2, 3, 0]] - corners).max(initial=0.0)
-    steps = int(min(max((1 - 2 * CORNER_SHARE) * longest, LEAST_STEPS), most_steps))
+    steps = int(min(max((1 - 2 * CORNER_SHARE) * longest, MIN_STEPS), max_steps))
     reaches = np.clip(edges.edge_px / 2 + PLATEAU_PX, *REACHES_PX)
     return quad_frame(corners, steps, reaches, image.shape, lens)
 
@@ -192,18 +198,23 @@ def _fit(image: Image, frame: QuadFrame, light: Light, free: NDArray[np.bool_] |
     # contrast and from how level the profile is on both sides.
     codes = _profiles(image, frame)
     reach = int(frame.reach.max(initial=0))
+    # Two pixels at either end, as far as each outline itself reaches: rows of the profiles, which all have the widest
+    # reach.
     ends = reach + np.concatenate((-frame.reach, 1 - frame.reach, frame.reach - 1, frame.reach), axis=2)
     levels = np.take_along_axis(codes, ends[:, :, None, :, None], axis=3)
     inside_codes, outside_codes = _means(levels.astype(np.float32))
     difference = inside_codes - outside_codes
+    # How far colours differ is the largest of the three channels, in levels: red paper on green may be as bright.
     most = np.abs(difference).max(axis=3)
     usual = median(most)
     across, drop, rough = _steps(in_light(codes, light), *_means(in_light(levels, light)), frame, reach)
     worth = np.minimum(most / np.maximum(usual, 1.0), 1.0) / (1 + (rough / np.maximum(median(rough), SMOOTH)) ** 2)
-    worth = worth * ((drop > LEAST_DROP) & (most > LEAST_LEVELS))
+    worth = worth * ((drop > MIN_DROP) & (most > MIN_LEVELS))
     lines = fit_lines(frame, across, worth.astype(np.float64))
+    # Where the border cuts there is no edge to fit; the line stays where the side was expected.
     if free is not None:
         lines.offset[free], lines.slope[free] = 0.0, 0.0
+    # A step supports the outline only if it is brighter, or darker, as most steps of all four sides are.
     brighter = difference.sum(axis=3)
     sign = np.where(median(brighter.reshape(len(brighter), -1)) >= 0, 1.0, -1.0)[:, :, None]
     inside = np.moveaxis(median(np.moveaxis(inside_codes, 3, 2)), 2, 3)
@@ -214,7 +225,7 @@ def _fit(image: Image, frame: QuadFrame, light: Light, free: NDArray[np.bool_] |
         support=(lines.used & (brighter * sign > 0)).sum(axis=2) / brighter.shape[2],
         scatter_px=lines.scatter_px,
         steps=lines.steps,
-        edge_px=1 / median(np.maximum(drop, LEAST_DROP))[..., 0],
+        edge_px=1 / median(np.maximum(drop, MIN_DROP))[..., 0],
         inside=inside[:, :, 0].astype(np.float64),
         unevenness=median(np.abs(inside_codes - inside).max(axis=3))[..., 0].astype(np.float64),
     )
@@ -230,6 +241,8 @@ def _profiles(image: Image, frame: QuadFrame) -> NDArray[np.uint8]:
     """Return the code values across each side, from the inside to the outside, shape ``(c, 4, n, 2 reach + 1, 3)``."""
     reach = int(frame.reach.max(initial=0))
     width = image.shape[1]
+    # Pixels counted row by row: one further across is a row further for flat sides, a column for the others. Offsets
+    # beyond an outline's own reach repeat its last pixel, so that all profiles have one shape.
     apart = np.where(frame.flat, width, 1)
     middle = (frame.pixel * apart + frame.along * (width + 1 - apart)).astype(np.int64)
     offsets = np.minimum(np.maximum(np.arange(-reach, reach + 1), -frame.reach), frame.reach)
@@ -245,6 +258,8 @@ def _steps(
     The last is how far beside its edge a profile is from what it should be there, as a share of the way: where another
     edge runs beside that of the sheet, half way is not where it seems.
     """
+    # Projection on the line from the outside's colour o to the inside's i: share = (p - o) . (i - o) / |i - o|^2 - 1/2,
+    # which is 0.5 inside, -0.5 outside and 0 where a pixel mixes both half and half.
     difference = inside - outside
     scale = np.einsum("cskx,cskx->csk", difference, difference)
     towards = difference / np.maximum(scale, 1e-9)[..., None]
@@ -252,10 +267,12 @@ def _steps(
     share -= (np.einsum("cskx,cskx->csk", outside, towards) + 0.5)[..., None]
     before, after = share[..., :-1], share[..., 1:]
     drop = (before - after) * ((before >= 0) & (after < 0))
+    # Of several crossings in one profile the steepest is the edge; within it light falls in a straight line.
     best = np.argmax(drop, axis=3)[..., None]
     height = np.take_along_axis(drop, best, 3)[..., 0].astype(np.float64)
     start = np.take_along_axis(before, best, 3)[..., 0]
-    beyond = best[..., 0] + start / np.maximum(height, LEAST_DROP)
+    beyond = best[..., 0] + start / np.maximum(height, MIN_DROP)
+    # The largest distance from +-0.5 further than CLEAR_PX from the crossing.
     apart = np.arange(share.shape[3]) - beyond[..., None]
     off_level = np.abs(np.abs(share) - 0.5) * ((apart > CLEAR_PX) | (apart < -CLEAR_PX))
     return frame.pixel + frame.outward * (beyond - reach), height, off_level.max(axis=3)

@@ -39,63 +39,64 @@ from stadimeter.ranging.plane_pose import COORDINATES
 
 Which = NDArray[np.bool_]
 
+# Standard deviation of the corners of a sheet from those of an exact rectangle: a share of its size because nothing is
+# quite flat, and this multiple of the tolerance of its sides.
 FLATNESS_SHARE = 0.00125
 TOLERANCE_FACTOR = 0.4
-"""Standard deviation of the corners of a sheet from those of an exact rectangle: a share of its size because nothing is
-quite flat, and this multiple of the tolerance of its sides."""
 
+# What scissors, tape or a knife in a careful hand add to it, and what rough edges do in a picture; the share of sheets
+# that are so and not printed; and that of those which are bent, torn or half in shadow, whose shape tells nothing.
 CUT_M = 0.0006
 CUT_PX = 0.15
 CUT_BY_HAND, DAMAGED = 0.3, 0.1
-"""What scissors, tape or a knife in a careful hand add to it, and what rough edges do in a picture; the share of sheets
-that are so and not printed; and that of those which are bent, torn or half in shadow, whose shape tells nothing."""
 
+# The share of other outlines that are rectangles too.
 RECTANGLES = 0.05
-"""The share of other outlines that are rectangles too."""
 
+# Degrees of freedom of Student's distribution of the misfit: some sheets are worse than their tolerance.
 HEAVY_TAIL = 4.0
-"""Degrees of freedom of Student's distribution of the misfit: some sheets are worse than their tolerance."""
 
-LEAST_RATIO = 1e-6
+# Likelihood ratios and shares are held above this, so that one wrong part cannot outweigh all others by itself.
+MIN_RATIO = 1e-6
 
+# Levels of 8 bits within which brightness does not differ.
 ALIKE = 6
-"""Levels of 8 bits within which brightness does not differ."""
 
+# Of how many sheets the darkest channel is brighter than nearly all of the picture, of how many only the brightest one,
+# how many are darker than nearly all of it, and how many look anyhow. "Nearly" is exponential with this mean.
 FEW_SHARE = 0.08
-BRIGHT_MOST, BRIGHT_LEAST, DARK_MOST, ANY_LOOKS = 0.51, 0.14, 0.1, 0.25
-"""Of how many sheets the darkest channel is brighter than nearly all of the picture, of how many only the brightest
-one, how many are darker than nearly all of it, and how many look anyhow. "Nearly" is exponential with this mean."""
+BRIGHT_THROUGHOUT, BRIGHT_IN_ONE, DARK_THROUGHOUT, ANY_LOOKS = 0.51, 0.14, 0.1, 0.25
 
+# The share of sheets that have the colour named for them; least share of the picture that is taken to have it.
 OF_THE_COLOUR = 0.95
-LEAST_COLOUR_SHARE = 0.02
-"""The share of sheets that have the colour named for them; least share of the picture that is taken to have it."""
+MIN_COLOUR_SHARE = 0.02
 
+# The mean share of the sides that is seen counts with this power: half of them seen divides the odds by 64.
 SUPPORT_POWER = 6.0
 
+# Contrast, in levels, that sheets have as often as other outlines, with more in proportion; and the least that counts.
 USUAL_CONTRAST = 50.0
-LEAST_CONTRAST = 4.0
-"""Contrast, in levels, that sheets have as often as other outlines, with more in proportion; and the least that
-counts."""
+MIN_CONTRAST = 4.0
 
+# What differs from its surroundings by this share of a candidate's contrast, on the mean of its sides, is its rival. A
+# picture that shows many of them is of a place that holds many more, hence a power of their number above 1; but more
+# than this are parts of one thing, such as the panels of a door, and count no further.
 RIVAL_SHARE = 0.35
-MOST_RIVALS = 8
+MAX_RIVALS = 8
 RIVAL_POWER = 1.5
-"""What differs from its surroundings by this share of a candidate's contrast, on the mean of its sides, is its rival.
-A picture that shows many of them is of a place that holds many more, hence a power of their number above 1; but more
-than this are parts of one thing, such as the panels of a door, and count no further."""
 
+# Where colours beside a side are read: at these shares of its length.
 ALONG = np.array((0.25, 0.5, 0.75))
-"""Where colours beside a side are read: at these shares of its length."""
 
+# A sheet of which one side is known must face the camera: standard deviations of its angles from right ones, and of the
+# logarithm of the ratio of opposite sides. This share of all outlines face it just as well.
 FACING_RAD = 0.06
 FACING_LOG_RATIO = 0.05
 FACING_OF_ANY = 0.8
-"""A sheet of which one side is known must face the camera: standard deviations of its angles from right ones, and of
-the logarithm of the ratio of opposite sides. This share of all outlines face it just as well."""
 
+# One that the border cuts may be turned away; the same for the two angles of it that are seen.
 CUT_OFF_RAD = 0.3
 CUT_OFF_OF_ANY = 0.7
-"""One that the border cuts may be turned away; the same for the two angles of it that are seen."""
 
 
 def slack_share(size: SheetShape, *, by_hand: bool = True) -> float:
@@ -114,15 +115,21 @@ def shape_evidence(fit: SheetFit, sigmas_px: Values, longest_px: Values, size: S
         size: The sheet.
     """
     printed, by_hand = (slack_share(size, by_hand=each) * longest_px for each in (False, True))
+    # A mixture of three kinds of sheets: printed, cut by hand, and damaged ones, whose shape is as likely as any
+    # outline's.
     exact = _shape_ratio(fit, np.hypot(sigmas_px, printed))
     rough = _shape_ratio(fit, np.hypot(np.hypot(sigmas_px, CUT_PX), by_hand))
     ratio = (1 - CUT_BY_HAND - DAMAGED) * exact + CUT_BY_HAND * rough + DAMAGED
-    return np.asarray(np.log(np.maximum(ratio, LEAST_RATIO)))
+    return np.asarray(np.log(np.maximum(ratio, MIN_RATIO)))
 
 
 def _shape_ratio(fit: SheetFit, sigmas_px: Values) -> Values:
+    # The misfit is a root mean square over eight coordinates, of which two remain beyond the pose: their sum of squares
+    # in standard deviations has two degrees of freedom, and its density is Student's, relative to the best fit.
     squares = COORDINATES * (fit.misfit_px / sigmas_px) ** 2
-    spread = np.clip(fit.chance_per_square * sigmas_px**2 / (COORDINATES / 2), LEAST_RATIO, 1.0)
+    spread = np.clip(fit.chance_per_square * sigmas_px**2 / (COORDINATES / 2), MIN_RATIO, 1.0)
+    # Other outlines fit as well as that with the probability `spread`, an area in the plane of both conditions; those
+    # that are rectangles too fulfil one condition and need only fit in the other, so with its square root.
     spread = (1 - RECTANGLES) * spread + RECTANGLES * np.sqrt(spread)
     return np.asarray((1 + squares / HEAVY_TAIL) ** -(HEAVY_TAIL / 2 + 1) / spread)
 
@@ -132,6 +139,8 @@ def facing_evidence(corners_px: Points, sigmas_px: Values) -> Values:
 
     The standard deviation of their corners' coordinates is that of the measurement and of the sheet's own shape.
     """
+    # Four angles and two ratios, normally distributed about a rectangle seen face on; an error of s px in both ends of
+    # a side of l px turns it by up to 2 s / l.
     cosines, lengths = _cosines(corners_px)
     noise = (2 * sigmas_px / lengths.min(axis=1))[:, None]
     squares = (cosines / np.hypot(FACING_RAD, noise)) ** 2
@@ -141,6 +150,7 @@ def facing_evidence(corners_px: Points, sigmas_px: Values) -> Values:
 
 def cut_off_evidence(corners_px: Points, free: Which) -> Values:
     """Return how much outlines that the border cuts look like a rectangle; `free` are the sides that are not seen."""
+    # A corner is seen where neither of the two sides that meet there is the border.
     cosines, _ = _cosines(corners_px)
     seen = ~(free | free[:, [3, 0, 1, 2]])
     return np.asarray(-math.log(CUT_OFF_OF_ANY) - ((cosines / CUT_OFF_RAD) ** 2 * seen).sum(axis=1) / 2)
@@ -199,12 +209,15 @@ class Looks:
             inside: Their colours inside each side, shape ``(c, 4, 3)``.
             free: Which sides are none but where the border cuts, shape ``(c, 4)``.
         """
+        # All figures are in levels of 8 bits of the reduced picture. A candidate is its own rival, hence at least one.
         steps = self._steps(corners_px)
         rivals = (self._others >= RIVAL_SHARE * _mean_contrast(steps)[:, None]).sum(axis=1)
-        contrast = np.maximum(_least_contrast(steps, free), LEAST_CONTRAST) / USUAL_CONTRAST
+        contrast = np.maximum(_least_contrast(steps, free), MIN_CONTRAST) / USUAL_CONTRAST
+        # The colour of an outline is the median of its four sides, so that a finger on one of them does not count.
         usual = np.median(inside, axis=1)
         looks = self._brightness(usual) if self._colour is None else self._of_colour(usual, self._colour)
-        evidence = np.asarray(looks + np.log(contrast) - RIVAL_POWER * np.log(np.clip(rivals, 1, MOST_RIVALS)))
+        evidence = np.asarray(looks + np.log(contrast) - RIVAL_POWER * np.log(np.clip(rivals, 1, MAX_RIVALS)))
+        # What the border cuts has fewer than eight ends and four corners, so these say nothing of it.
         if free is not None:
             return evidence
         evidence += ends_evidence(self._picture, self._reduced(corners_px), steps)
@@ -221,20 +234,23 @@ class Looks:
         return np.asarray((corners_px - self._left_top_px + 0.5) * self._scale - 0.5)
 
     def _brightness(self, usual: Values) -> Values:
+        # A density relative to that of any other outline: of a share s of the picture that is as bright or brighter, an
+        # exponential with the mean FEW_SHARE over the even distribution that any outline has.
         in_darkest, in_brightest = self._below
         darkest, brightest = usual.min(axis=1), usual.max(axis=1)
         density = (
             ANY_LOOKS
-            + BRIGHT_MOST * _few(1 - _looked_up(in_darkest, darkest + ALIKE))
-            + BRIGHT_LEAST * _few(1 - _looked_up(in_brightest, brightest + ALIKE))
-            + DARK_MOST * _few(_looked_up(in_brightest, brightest - ALIKE))
+            + BRIGHT_THROUGHOUT * _few(1 - _looked_up(in_darkest, darkest + ALIKE))
+            + BRIGHT_IN_ONE * _few(1 - _looked_up(in_brightest, brightest + ALIKE))
+            + DARK_THROUGHOUT * _few(_looked_up(in_brightest, brightest - ALIKE))
         )
         return np.asarray(np.log(density))
 
     def _of_colour(self, usual: Values, colour: HsvRange) -> Values:
+        # Bayes: sheets have the colour with OF_THE_COLOUR, other outlines as often as pixels of the picture have it.
         pixels = np.clip(np.rint(usual), 0, 255).astype(np.uint8)[:, None]
         has_it = colour.mask(np.ascontiguousarray(pixels))[:, 0] > 0
-        share = min(max(self._share, LEAST_COLOUR_SHARE), 1 - LEAST_COLOUR_SHARE)
+        share = min(max(self._share, MIN_COLOUR_SHARE), 1 - MIN_COLOUR_SHARE)
         # A range for white holds a pale wall too; then the brightest of what has the colour is most like the sheet.
         of_it = math.log(OF_THE_COLOUR / share) + self._brightness(usual)
         return np.where(has_it, of_it, math.log((1 - OF_THE_COLOUR) / (1 - share)))

@@ -13,17 +13,18 @@ from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
-from stadimeter.detectors.sides import CORNER_SHARE, LEAST_SINE, LIMITS_PX, MAD_TO_SIGMA, areas
+from stadimeter.detectors.sides import CORNER_SHARE, LIMITS_PX, MAD_TO_SIGMA, MIN_SINE, areas
 
 Values = NDArray[np.float64]
 
+# Greatest reach across a side, as a share of the distance to the opposite one: looks of opposite sides must not meet.
 REACH_SHARE = 0.3
-"""Greatest reach across a side, as a share of the distance to the opposite one."""
 
-LEAST_REACH_PX = 2
+# Least reach, in pixels: an edge of one pixel, and one beside it.
+MIN_REACH_PX = 2
 
+# Points between two corners at which the bend of a side by the lens is computed.
 CURVE_POINTS = 33
-"""Points between two corners at which the bend of a side by the lens is computed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -34,7 +35,7 @@ class QuadFrame:
     outward: NDArray[np.int64]  # which way across leads out of the outline, 1 or -1
     along: Values  # where the steps are looked for: whole pixels, with n steps
     across: Values  # where the side is expected there, with n steps; bent as the lens bends it
-    pixel: Values  # the pixel there, or the nearest one around which so far can be looked, with n steps
+    pixel: Values  # the pixel there, or the nearest one with room for the reach around it, with n steps
     slope: Values  # how the straight line between the corners rises across
     at_zero: Values  # where it crosses along = 0
     cosine: Values  # what turns a difference across into a distance from the side
@@ -46,8 +47,7 @@ def quad_frame(
     corners_px: Points, steps: int, reach_px: Values, shape: tuple[int, ...], lens: CameraModel | None = None
 ) -> QuadFrame:
     """Return where the sides between corners, ``(c, 4, 2)``, are; small outlines are looked across less far."""
-    # Side i is across = at_zero + slope * along. Choosing the longer coordinate as along keeps |slope| <= 1, so every
-    # step is read along whole pixels and nothing is interpolated.
+    # The arrays of `stadimeter.detectors.sides.SideLine`, for many outlines at once.
     vector = corners_px[:, [1, 2, 3, 0]] - corners_px
     size = np.abs(vector)
     flat = size[..., 0] >= size[..., 1]
@@ -61,12 +61,15 @@ def quad_frame(
     height, width = shape[:2]
     last_along, last_across = (np.where(flat, *ends)[..., None] - 1 for ends in ((width, height), (height, width)))
     shares = np.linspace(CORNER_SHARE, 1 - CORNER_SHARE, steps)
+    # Whole pixels along, kept inside the picture: a side that the border cuts runs along it.
     along = np.minimum(np.maximum(np.rint(start[..., None] + shares * forward[..., None]), 0), last_along)
     across = at_zero[..., None] + slope[..., None] * along
     if lens is not None and lens.distortion:
         across = across + bend(corners_px, flat, along, lens)
+    # The area over the length of a side is how far the opposite one lies from it; the cosine turns that into pixels
+    # across.
     most = REACH_SHARE * (areas(corners_px)[:, None] / length_px) / cosine
-    reach = np.maximum(np.minimum(np.ceil(reach_px), most), LEAST_REACH_PX).astype(np.int64)
+    reach = np.maximum(np.minimum(np.ceil(reach_px), most), MIN_REACH_PX).astype(np.int64)
     reach = np.minimum(reach, max((min(height, width) - 1) // 2, 0))
     widest = reach[..., None]
     return QuadFrame(
@@ -90,6 +93,8 @@ def _along_first(pairs: Points, flat: NDArray[np.bool_]) -> tuple[Values, Values
 
 def bend(corners: Points, flat: NDArray[np.bool_], along: Values, lens: CameraModel) -> Values:
     """Return how far off the straight line between its corners each side appears: it is straight before the lens."""
+    # A straight side is straight in directions (x and y per unit of depth, distortion undone), so points on it are
+    # found there and projected back: CURVE_POINTS of them, and between them the bend is interpolated.
     count = len(corners)
     ends = lens.directions(corners.reshape(-1, 2)).reshape(count, 4, 1, 2)
     shares = np.linspace(0, 1, CURVE_POINTS)[:, None]
@@ -98,6 +103,8 @@ def bend(corners: Points, flat: NDArray[np.bool_], along: Values, lens: CameraMo
     seen_along, seen_across = _along_first(seen, flat[..., None])
     first, last = seen_across[..., :1], seen_across[..., -1:]
     run = seen_along[..., -1:] - seen_along[..., :1]
+    # `part` and `wanted` count along from 0 at the first corner to 1 at the next, on which the interpolation runs
+    # upwards.
     part = (seen_along - seen_along[..., :1]) / run
     off = np.nan_to_num(seen_across - first - (last - first) * part)
     wanted = (along - seen_along[..., :1]) / run
@@ -105,9 +112,10 @@ def bend(corners: Points, flat: NDArray[np.bool_], along: Values, lens: CameraMo
     return np.array(bent).reshape(along.shape)
 
 
+# The side of a real sheet is bent: steps may be this far from its line, as a share of its length.
 BEND_SHARE = 0.004
-"""The side of a real sheet is bent: steps may be so far from its line, as a share of its length."""
 
+# Rounds of Tukey's weights, from the line of the vote.
 ROUNDS = 3
 
 
@@ -137,9 +145,13 @@ def fit_lines(frame: QuadFrame, across: Values, worth: Values) -> QuadLines:
     widest = np.maximum(LIMITS_PX[1], BEND_SHARE * frame.length_px)
     # Steps of a finger or of what lies behind are no noise but another edge. Least squares would settle between both,
     # so the start is a vote (as in RANSAC, but over fixed pairs: the same picture gives the same line).
-    offset, slope = most_agreed(along, off, worth > 0, widest / frame.cosine)
+    offset, slope = line_by_vote(along, off, worth > 0, widest / frame.cosine)
+    # Distances are square to the side, not across. The limit starts as wide as it may be, and shrinks with the scatter
+    # from round to round.
     limit = widest
     distance = (off - offset - slope * along) * frame.cosine
+    # Of each step 1, x, x^2, y and x y: the weighted sums of these are all that a line's normal equations need, and a
+    # matrix product adds them up for all sides at once.
     terms = np.stack((np.ones_like(along), along, along * along, off, along * off), axis=3)
     for _ in range(ROUNDS):
         limit = _limit(distance, (worth > 0) & (np.abs(distance) < limit), widest)
@@ -161,14 +173,17 @@ def intersections(frame: QuadFrame, lines: QuadLines) -> Points:
     before = [3, 0, 1, 2]
     determinant = a[:, before] * b - b[:, before] * a
     length = np.hypot(a, b)
-    safe = np.where(np.abs(determinant) > LEAST_SINE * length * length[:, before], determinant, np.nan)
+    # Cramer's rule. Lines that meet at a smaller angle than MIN_SINE give NaN, which later tests refuse.
+    safe = np.where(np.abs(determinant) > MIN_SINE * length * length[:, before], determinant, np.nan)
     x = (level[:, before] * b - b[:, before] * level) / safe
     y = (a[:, before] * level - level[:, before] * a) / safe
     return np.stack((x, y), axis=2)
 
 
-def most_agreed(along: Values, off: Values, found: NDArray[np.bool_], limit: Values) -> tuple[Values, Values]:
+def line_by_vote(along: Values, off: Values, found: NDArray[np.bool_], limit: Values) -> tuple[Values, Values]:
     """Return the line through two steps to which most steps are near; of lines through pairs far from each other."""
+    # Pairs of steps half a side apart, and a third apart: a line through near ones would be unsure, and with only one
+    # distance an occluder of half a side would spoil every pair.
     count = along.shape[2]
     half, third = count // 2, (count + 2) // 3
     first = np.concatenate((np.arange(count - half), np.arange(0, count - third, 2)))
@@ -176,15 +191,19 @@ def most_agreed(along: Values, off: Values, found: NDArray[np.bool_], limit: Val
     apart = along[..., second] - along[..., first]
     slopes = (off[..., second] - off[..., first]) / np.where(apart == 0, np.inf, apart)
     offsets = off[..., first] - slopes * along[..., first]
+    # Differences of slope above 1 would turn a side from flat to steep: such a pair stands for another edge. Each step
+    # then votes for each line with 1 - (distance / limit)^2, so near ones count most.
     slopes = slopes * (np.abs(slopes) < 1)
     near = np.abs(off[..., None, :] - offsets[..., None] - slopes[..., None] * along[..., None, :]) / limit[..., None]
     votes = (np.maximum(1 - near * near, 0) @ found[..., None].astype(np.float64))[..., 0]
+    # A line counts only if both of the steps that it leads through were found.
     best = np.argmax(votes * found[..., first] * found[..., second], axis=2)[..., None]
     return np.take_along_axis(offsets, best, 2), np.take_along_axis(slopes, best, 2)
 
 
 def _limit(distance: Values, used: NDArray[np.bool_], widest: Values) -> Values:
     """Return how far from its line a step may be: three times the usual distance of those near it."""
+    # The median of the used ones only: the others are sorted to the end as infinity.
     ordered = np.sort(np.where(used, np.abs(distance), np.inf), axis=2)
     half = np.maximum(used.sum(axis=2, keepdims=True) // 2, 0)
     usual = np.take_along_axis(ordered, np.minimum(half, ordered.shape[2] - 1), 2)

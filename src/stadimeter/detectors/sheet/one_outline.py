@@ -1,9 +1,9 @@
 """The four sides of one outline that is known to a few pixels, quickly.
 
 The edges are those of `stadimeter.detectors.sheet.edges`, measured in the same way: half way, in light, between the
-colours on both sides of each step. What differs is the way there. One look far across, in few places, finds each side
-by a vote; a second, narrow one, in many places, measures it. For a single outline the sides are described by plain
-numbers, and only what is read of the picture is in arrays: the pixels across first, then the sides, then the steps.
+colours on both sides of each step. What differs is the way there: one look far across finds each side as the line
+through medians; a second, narrow one measures it. For a single outline the sides are described by plain numbers, and
+only what is read of the picture is in arrays: the pixels across first, then the sides, then the steps.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from stadimeter.core.frame import Image
 from stadimeter.detectors.sampling import Light, in_light, median
 from stadimeter.detectors.sheet.edges import (
     CLEAR_PX,
-    LEAST_DROP,
-    MOST_STEPS,
+    MAX_STEPS,
+    MIN_DROP,
     PLATEAU_PX,
     REACHES_PX,
     SMOOTH,
@@ -33,42 +33,57 @@ from stadimeter.detectors.sheet.edges import (
     settle_edges,
 )
 from stadimeter.detectors.sheet.lines import BEND_SHARE, REACH_SHARE, bend
-from stadimeter.detectors.sides import CORNER_SHARE, LEAST_SINE, LIMITS_PX, MAD_TO_SIGMA, points_beside
+from stadimeter.detectors.sides import (
+    CORNER_SHARE,
+    LIMITS_PX,
+    MAD_TO_SIGMA,
+    SideLine,
+    corners_between,
+    pixels_across,
+    points_beside,
+    quad_area,
+    side_columns,
+    side_lines,
+    step_shares,
+)
 
 Values = NDArray[np.float64]
 Profiles = NDArray[np.float32]
 OfSides = list[float]
 
-LEAST_STEPS = 12
+# Steps along each side, at least.
+MIN_STEPS = 12
 
-LEAST_LIGHT = 1e-3
-"""Two sides whose light differs by less, times the levels of their codes, are one."""
+# Inside and outside are one where their difference in light (0 to 1), projected on their difference in levels (0 to
+# 255), is less. In the dark part of sRGB one level in all three channels comes to 0.9e-3.
+MIN_LIGHT = 1e-3
 
-SHORTEST_PX = 4.0
-"""Along a shorter side steps would be in the same pixels."""
+# Along a shorter side steps would be in the same pixels.
+MIN_EXTENT_PX = 4.0
 
-LEAST_REACH_PX = 3
-"""Less than this across leaves no room for both levels beside an edge."""
+# Less than this across leaves no room for both levels beside an edge.
+MIN_REACH_PX = 3
 
+# Width in pixels from inside to outside that an edge is taken to have before it is measured.
 USUAL_EDGE_PX = 2.6
-"""Width of an edge before it is measured."""
 
+# How far from where they were measured closely sides may be, a standard deviation.
 SETTLED_OFF_PX = 0.5
-"""How far from where they were measured closely sides may be, a standard deviation."""
 
+# Sides are looked for within one standard deviation first, and within this many of them only if they are not there: the
+# further across a look reaches, the more of what is beside the sheet it takes for its level.
 FAR_SIGMAS = 3.0
-"""Sides are looked for within one standard deviation first, and within this many of them only if they are not there."""
 
+# Sides are there where this share of each lies on its line.
 SUPPORTED = 0.7
-"""Sides are there where this share of each lies on its line."""
 
+# A look is enough where it reaches the level beside the edge, but for this; otherwise it is repeated this many times.
 NARROW_LOOKS = 3
 SLACK_PX = 0.4
-"""A look is enough where it reaches the level beside the edge, but for this."""
 
+# Beside the edge a profile is level to this share of the contrast; less calm sides are looked at once more, narrowly,
+# so that what is beside them does not count.
 CALM = 0.12
-"""Beside the edge a profile is level to this share of the contrast; less calm sides are looked at once more, narrowly,
-so that what is beside them does not count."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -109,26 +124,16 @@ class OutlineSides:
         )
 
 
-class _Side(NamedTuple):
-    """A side as expected: across = at_zero + slope * along."""
-
-    flat: bool
-    slope: float
-    at_zero: float
-    cosine: float
-    length_px: float
-
-
 class _Frame(NamedTuple):
     """Where the sides are looked for. Arrays are of shape ``(4, n)`` or ``(4, 1)``."""
 
-    sides: list[_Side]
+    sides: list[SideLine]
     middle: OfSides  # along each side
     from_middle: Values
     off_pixel: Values  # how far across from the pixel the side is expected
     outward: Values  # which way across leads out, 1 or -1
     cosine: Values
-    widest_px: Values  # how far from its line a step may be at most
+    max_off_px: Values  # how far from its line a step may be at most
     reach: int
     place: NDArray[np.intp]  # which pixel, counted row by row, the side is expected in, or the nearest one
     codes: NDArray[np.uint8]  # the pixels across, from the inside to the outside, ``(2 reach + 1, 4, n, 3)``
@@ -146,6 +151,7 @@ def measure_outline(
     """
     sides = None
     for off_px in (sigma_px, FAR_SIGMAS * sigma_px):
+        # The reach holds the error of the start, half the edge, and a plateau to read the level on.
         sides = _look(image, corners_px, off_px + USUAL_EDGE_PX / 2 + PLATEAU_PX, light, lens)
         if sides is not None and sides.support.min() >= SUPPORTED:
             break
@@ -153,6 +159,9 @@ def measure_outline(
         return None
     expected_px = corners_px
     for _ in range(NARROW_LOOKS):
+        # The reach needed is that of the widest of the four edges now measured. The last look was enough if it saw the
+        # plateau on both sides although it was off by `off_px`, and what is beside the edges is level, or it was narrow
+        # already. Otherwise the next look starts from the lines just found.
         needed_px = min(max(float(sides.edge_px.max()) / 2 + PLATEAU_PX, REACHES_PX[0]), REACHES_PX[1])
         off_px = float(np.abs(sides.corners_px - expected_px).max())
         if sides.reach_px >= off_px + needed_px - SLACK_PX and (sides.rough <= CALM or sides.reach_px < needed_px + 1):
@@ -174,6 +183,7 @@ def measure_each(
 
 def settle_each(image: Image, edges: QuadEdges, light: Light, lens: CameraModel | None = None) -> QuadEdges:
     """Measure the sides of candidates that were measured closely, until they stay."""
+    # What this engine does not see whole, such as a sheet that is partly hidden, goes to that for many candidates.
     each = measure_each(image, edges.corners_px, SETTLED_OFF_PX, light, lens)
     missing = [number for number, sides in enumerate(each) if sides is None]
     if missing:
@@ -194,69 +204,52 @@ def _frame(image: Image, corners_px: Points, reach_px: float, lens: CameraModel 
     """Read the picture across the sides; None for no outline, or one that leaves no room across, or to the border."""
     height, width = image.shape[:2]
     corners = corners_px.tolist()
-    sides, rows, middle, extents = [], [], [], []
-    for (x, y), (next_x, next_y) in zip(corners, (*corners[1:], corners[0]), strict=True):
-        right, down = next_x - x, next_y - y
-        flat = abs(right) >= abs(down)
-        start, level, forward, sideways = (x, y, right, down) if flat else (y, x, down, right)
-        if not abs(forward) > SHORTEST_PX:
-            return None
-        slope, length_px = sideways / forward, math.hypot(right, down)
-        sides.append(_Side(flat, slope, level - slope * start, abs(forward) / length_px, length_px))
-        outward = -1 if (forward > 0) == flat else 1
-        apart, beside = (width, 1) if flat else (1, width)
-        widest_px = max(LIMITS_PX[1], BEND_SHARE * length_px)
-        rows.append((start, forward, slope, sides[-1].at_zero, sides[-1].cosine, widest_px, apart, beside, outward))
-        first, last = round(start + CORNER_SHARE * forward), round(start + (1 - CORNER_SHARE) * forward)
-        middle.append((first + last) / 2)
-        extents.append(abs(forward))
-    reach = _reach(corners, extents, reach_px, height, width)
-    if reach < LEAST_REACH_PX:
+    sides = side_lines(corners)
+    extents = [abs(side.forward) for side in sides]
+    if not all(extent > MIN_EXTENT_PX for extent in extents):  # NaN is no outline either
         return None
-    steps = int(min(max((1 - 2 * CORNER_SHARE) * max(extents), LEAST_STEPS), MOST_STEPS))
-    start, forward, slope, at_zero, cosine, widest, apart, beside, outward = np.array(rows).T[:, :, None]
-    along = np.rint(start + _shares(steps) * forward)
-    across = along * slope + at_zero
+    reach = _reach(corners, extents, reach_px, height, width)
+    if reach < MIN_REACH_PX:
+        return None
+    # One step a pixel along the longest side; more would read the same pixels twice.
+    steps = int(min(max((1 - 2 * CORNER_SHARE) * max(extents), MIN_STEPS), MAX_STEPS))
+    lines = side_columns(sides, width)
+    along = np.rint(lines.start + step_shares(steps) * lines.forward)
+    across = along * lines.slope + lines.at_zero
     if lens is not None and lens.distortion:
         flat = np.array([[side.flat for side in sides]])
         across += bend(corners_px[None], flat, along[None], lens)[0]
     pixel = np.rint(across)
-    place = (pixel * apart + along * beside).astype(np.intp)
-    places = place + (apart * outward).astype(np.intp) * _beside(reach)
+    place = (pixel * lines.next_across + along * lines.next_along).astype(np.intp)
+    places = place + (lines.next_across * lines.outward).astype(np.intp) * pixels_across(reach)
+    middle = (along[:, :1] + along[:, -1:]) / 2
     return _Frame(
         sides=sides,
-        middle=middle,
-        from_middle=along - np.array(middle)[:, None],
+        middle=middle[:, 0].tolist(),
+        from_middle=along - middle,
         off_pixel=across - pixel,
-        outward=outward,
-        cosine=cosine,
-        widest_px=widest,
+        outward=lines.outward,
+        cosine=lines.cosine,
+        max_off_px=np.array([[max(LIMITS_PX[1], BEND_SHARE * side.length_px)] for side in sides]),
         reach=reach,
         place=place,
+        # The picture as one row of pixels, so that a place is one index.
         codes=image.reshape(-1, image.shape[2]).take(places, axis=0),
     )
 
 
 def _reach(corners: list[list[float]], extents: OfSides, reach_px: float, height: int, width: int) -> int:
     """Return how far across can be looked: not beyond the border, and not near the opposite side."""
-    (ax, ay), (bx, by), (cx, cy), (dx, dy) = corners
-    area = abs((cx - ax) * (dy - by) - (cy - ay) * (dx - bx)) / 2
-    x_room = min(ax, bx, cx, dx, width - 1 - max(ax, bx, cx, dx))
-    y_room = min(ay, by, cy, dy, height - 1 - max(ay, by, cy, dy))
-    room_px = min(x_room, y_room) - 1
+    x, y = zip(*corners, strict=True)
+    room_px = min(*x, *y, width - 1 - max(x), height - 1 - max(y)) - 1
     if not room_px > 0:
         return 0
-    return int(min(math.ceil(reach_px), REACH_SHARE * area / max(extents), room_px))
+    return int(min(math.ceil(reach_px), REACH_SHARE * quad_area(corners) / max(extents), room_px))
 
 
 @cache
-def _shares(steps: int) -> Values:
-    return np.linspace(CORNER_SHARE, 1 - CORNER_SHARE, steps)
-
-
-@cache
-def _beside(reach: int) -> NDArray[np.intp]:
-    return np.arange(-reach, reach + 1)[:, None, None]
+def _rows(reach: int) -> Profiles:
+    return np.arange(2 * reach + 1, dtype=np.float32)[:, None, None]
 
 
 @cache
@@ -267,12 +260,15 @@ def _columns(sides: int, steps: int) -> NDArray[np.intp]:
 def _crossing(share: Profiles) -> tuple[Profiles, Profiles]:
     """Return how much profiles drop where they pass half way from the inside to the outside, and where that is."""
     is_in = share >= 0
+    # Only where the sign changes from inside to outside; of several such places, that where it drops most.
     drops = share[:-1] - share[1:]
     drops *= is_in[:-1] > is_in[1:]
     best = drops.argmax(axis=0)
+    # `take` wants flat indices: row times row length plus column. Between the two pixels the light falls in a straight
+    # line, so the crossing is at share / drop from the first.
     place = best * best.size + _columns(*best.shape)
     drop = drops.take(place)
-    return drop, best.astype(np.float32) + share.take(place) / np.maximum(drop, LEAST_DROP)
+    return drop, best.astype(np.float32) + share.take(place) / np.maximum(drop, MIN_DROP)
 
 
 def _measured(frame: _Frame, light: Light) -> OutlineSides | None:
@@ -289,7 +285,8 @@ def _measured(frame: _Frame, light: Light) -> OutlineSides | None:
         support=line.steps / frame.codes.shape[2],
         scatter_px=line.scatter_px,
         steps=line.steps,
-        edge_px=1 / np.maximum(median(drop), LEAST_DROP)[:, 0].astype(np.float64),
+        # The share falls from 0.5 to -0.5 across an edge; at its steepest by `drop` a pixel, so it is 1 / drop wide.
+        edge_px=1 / np.maximum(median(drop), MIN_DROP)[:, 0].astype(np.float64),
         codes_inside=frame.codes[:2],
         reach_px=frame.reach,
         rough=rough,
@@ -313,14 +310,19 @@ def _steps(frame: _Frame, light: Light) -> tuple[Profiles, Values, Profiles, Pro
     in which they differ: here the one in which both sides of a side of the outline differ on the whole.
     """
     codes = frame.codes
+    # The outermost pixels tell how the colours differ on the whole, in levels: a mean over the steps of each side.
     difference = np.subtract(codes[0], codes[-1], dtype=np.float32)
     contrasts = np.add.reduce(difference, axis=1) / np.float32(codes.shape[2])
+    # Light of three channels becomes one number a pixel: its projection on the direction from outside to inside.
     lights = (in_light(codes, light) @ contrasts[:, :, None])[..., 0]
     inside, outside = lights[0] + lights[1], lights[-2] + lights[-1]
     contrast = inside - outside
+    # `inside` and `outside` are sums of two pixels each. The share is 0.5 inside, -0.5 outside, 0 half way.
     share = lights - (inside + outside) / 4
-    share *= 2 / np.where(np.abs(contrast) > LEAST_LIGHT, contrast, np.inf).astype(np.float32)
+    share *= 2 / np.where(np.abs(contrast) > MIN_LIGHT, contrast, np.inf).astype(np.float32)
     drop, beyond = _crossing(share)
+    # Roughness: further than CLEAR_PX from the crossing the share should be 0.5 or -0.5; the largest difference counts.
+    # In place, since these arrays are the largest.
     apart = np.abs(_rows(frame.reach) - beyond)
     np.abs(share, out=share)
     share -= np.float32(0.5)
@@ -329,14 +331,11 @@ def _steps(frame: _Frame, light: Light) -> tuple[Profiles, Values, Profiles, Pro
     rough = share.max(axis=0)
     usual = median(rough)
     rough /= np.maximum(usual, SMOOTH)
-    worth = np.minimum(contrast / np.maximum(median(contrast), LEAST_LIGHT), 1) / (1 + rough * rough)
-    worth *= (drop > LEAST_DROP) & (contrast > 0)
+    # A step is worth less where its contrast is below the usual one of its side, or its profile rougher than usual
+    # (Cauchy's weight). Along a side that is rough throughout, roughness tells nothing, hence the division by `usual`.
+    worth = np.minimum(contrast / np.maximum(median(contrast), MIN_LIGHT), 1) / (1 + rough * rough)
+    worth *= (drop > MIN_DROP) & (contrast > 0)
     return contrasts, frame.outward * (beyond - frame.reach) - frame.off_pixel, worth, drop, float(usual.max())
-
-
-@cache
-def _rows(reach: int) -> Profiles:
-    return np.arange(2 * reach + 1, dtype=np.float32)[:, None, None]
 
 
 class _Lines(NamedTuple):
@@ -357,8 +356,10 @@ def _fit_lines(frame: _Frame, off: Values, worth: Profiles) -> _Lines:
     slope = median((off[:, -half:] - off[:, :half]) / (along[:, -half:] - along[:, :half]))
     rest = off - slope * along
     distance = np.abs(rest - median(rest)) * cosine
-    limit = np.minimum(np.maximum(3 * MAD_TO_SIGMA * median(distance), LIMITS_PX[0]), frame.widest_px)
+    limit = np.minimum(np.maximum(3 * MAD_TO_SIGMA * median(distance), LIMITS_PX[0]), frame.max_off_px)
     distance /= limit
+    # One round of Tukey's biweight, (1 - (d / limit)^2)^2. The rows of `terms` are w, w x, w x^2, w y, w x y: their
+    # sums are all that the normal equations of a line y = offset + slope * x need.
     terms = np.empty((5, *off.shape))
     weight = np.maximum(1 - distance * distance, 0, out=terms[0])
     weight *= weight
@@ -378,6 +379,7 @@ def _fit_lines(frame: _Frame, off: Values, worth: Profiles) -> _Lines:
 
 
 def _line(sums: OfSides) -> tuple[float, float]:
+    # The normal equations solved by hand. A side without a step has total 0, and 1e-9 makes its line the expected one.
     total, first, second, height, together = sums
     total = max(total, 1e-9)
     slope = (together - first * height / total) / max(second - first * first / total, 1e-9)
@@ -386,15 +388,9 @@ def _line(sums: OfSides) -> tuple[float, float]:
 
 def _intersections(frame: _Frame, offset: OfSides, slope: OfSides) -> Points | None:
     """Return the corners between neighbouring lines, ``(4, 2)``; None where two of them are all but parallel."""
+    # A side across = slope * along + level as a x + b y = c, where along is x for the flat ones.
     lines = []
     for side, off, steeper, middle in zip(frame.sides, offset, slope, frame.middle, strict=True):
         steep, level = side.slope + steeper, side.at_zero + off - steeper * middle
         lines.append((-steep, 1.0, level) if side.flat else (1.0, -steep, level))
-    met = []
-    for number in range(4):
-        (a, b, c), (d, e, f) = lines[number - 1], lines[number]
-        determinant = a * e - b * d
-        if not abs(determinant) > LEAST_SINE * math.hypot(a, b) * math.hypot(d, e):
-            return None
-        met.append(((c * e - b * f) / determinant, (a * f - c * d) / determinant))
-    return np.array(met)
+    return corners_between(lines)

@@ -12,21 +12,21 @@ from stadimeter.detectors.sides import quad_shapes
 from stadimeter.ranging.flat import SheetShape
 from stadimeter.ranging.plane_pose import seen_sides
 
+# Two ratios of sides are different, or the same, that differ by more, or less, than this share.
 OTHER_SHAPE = 0.04
 SAME_SHAPE = 0.02
-"""Two ratios of sides are different, or the same, that differ by more, or less, than this share."""
 
+# Papers whose areas differ by more than this factor, as a logarithm, are not mistaken for each other.
 LIKE_IN_SIZE = math.log(1.5)
-"""Nobody takes one paper for another whose area is more than 1.5 times as large: the logarithm of that."""
 
+# Greatest cosine of a corner in space that is a right one.
 RIGHT_ANGLE = 0.05
-"""Greatest cosine of a corner in space that is a right one."""
 
+# Opposite sides of a sheet that faces the camera differ by this factor at most.
 FACING_RATIO = 1.03
-"""Opposite sides of a sheet that faces the camera differ by this factor at most."""
 
+# A sheet has a name if both its sides are those of the paper, to this share.
 NAMED = 0.005
-"""A sheet has a name if both its sides are those of the paper, to this share."""
 
 _SIDES_M = {name: tuple(sorted(map(parse_length, each))) for name, each in PAPER.items()}
 

@@ -23,48 +23,50 @@ Mask = NDArray[np.uint8]
 Values = NDArray[np.float64]
 Polygon = NDArray[np.generic]
 
+# Levels at which a channel is split where one does not do, spread evenly between these percentiles of it.
 LEVELS = 10
-"""Levels at which a channel is split where one does not do."""
-
 LEVEL_RANGE = (1.0, 99.5)
-"""Between these percentiles of it."""
 
+# Under uneven light, pixels are compared with the mean of a square around them: its side as a share of the picture, and
+# the least difference in levels.
 AROUND_SHARE = 0.2
-LEAST_APART = 8
-"""Under uneven light, pixels are compared with the mean of a square around them: its side as a share of the picture,
-and the least difference in levels."""
+MIN_APART = 8
 
+# Where brightness changes by less than this from pixel to pixel, in quarter levels, a picture is even.
 FLAT_LIMITS = (5, 8, 13, 20)
-"""Where brightness changes by less than this from pixel to pixel, in quarter levels, a picture is even."""
 
+# An even area ends this far before the edge of the sheet, in pixels of the reduced picture.
 FLAT_SHRINKS_PX = 1.4
-"""By so much what is even ends before the edge of the sheet."""
 
+# Tolerance of the polygon that stands for an outline (Douglas and Peucker).
 TOLERANCE_PX = 1.5
-"""Tolerance of the polygon that stands for an outline (Douglas and Peucker)."""
 
-MOST_CONTOURS = 3000
-"""A picture of more outlines than this is noise; looking through them takes long and finds nothing."""
+# A picture of more outlines than this is noise; looking through them takes long and finds nothing.
+MAX_CONTOURS = 3000
 
-LONGEST_PIECES = 6
-MOST_PIECES = 24
+# The longest pieces of an outline that are combined, and how many it may have. One of more than RAGGED_PIECES may be
+# ragged by writing, so its convex hull is tried too.
+PIECES_KEPT = 6
+MAX_PIECES = 24
 RAGGED_PIECES = 8
-"""An outline of more pieces than this may be ragged by writing, so what is straight around it is tried too."""
 
-LEAST_COVER = 0.45
-"""The share of each side of a candidate that pieces of the outline must make up."""
+# The share of each side of a candidate that pieces of the outline must make up.
+MIN_COVER = 0.45
 
+# Pieces that lead the same way, to 14 degrees, may be parts of one side.
 ALIKE_COSINE = 0.97
-LEAST_SINE = 0.2
-"""Neighbouring sides meet at a larger angle than that of this sine: 12 degrees."""
 
-LEAST_SIDE = 0.7
-"""Candidates are roughly known, so their sides may be shorter than the smallest, by this factor."""
+# Neighbouring sides meet at a larger angle than that of this sine: 12 degrees.
+MIN_SINE = 0.2
 
+# Candidates are roughly known, so their sides may be shorter than the smallest, by this factor.
+MIN_SIDE = 0.7
+
+# Outlines are one if their corners round to the same cells of this size, in pixels of the reduced picture.
 SAME_PX = 3.0
 
+# Corners and sides in order, from the next one and from the one before.
 AFTER, BEFORE = [1, 2, 3, 0], [3, 0, 1, 2]
-"""Corners and sides in order, from the next one and from the one before."""
 
 
 def quick_masks(image: Image) -> Iterator[tuple[Mask, float]]:
@@ -90,12 +92,15 @@ def more_bright_masks(image: Image) -> Iterator[tuple[Mask, float]]:
 def thorough_masks(image: Image) -> Iterator[tuple[Mask, float]]:
     """Yield black and white versions of a picture that show a dark sheet, and one of any kind under uneven light."""
     darkest, brightest = _extremes(image)
+    # Uneven light: what is brighter than the mean around it (of the darkest channel), or darker (of the brightest). The
+    # square is odd, so that it has a middle.
     around_px = max(round(AROUND_SHARE * max(darkest.shape)), 1) | 1
     for plane, sign in ((darkest, 1), (brightest, -1)):
         mean = cv2.boxFilter(plane, -1, (around_px, around_px))
         apart = cv2.subtract(plane, mean) if sign > 0 else cv2.subtract(mean, plane)
-        yield np.asarray(cv2.threshold(apart, LEAST_APART, 255, cv2.THRESH_BINARY)[1], np.uint8), 0.0
+        yield np.asarray(cv2.threshold(apart, MIN_APART, 255, cv2.THRESH_BINARY)[1], np.uint8), 0.0
     yield from _levels(brightest, slice(None))
+    # A sheet of any brightness is even inside; it ends where brightness changes, a pixel or so before its edge.
     change = _change(image)
     for limit in FLAT_LIMITS:
         yield np.asarray(cv2.threshold(change, limit, 255, cv2.THRESH_BINARY_INV)[1], np.uint8), FLAT_SHRINKS_PX
@@ -124,6 +129,7 @@ def find_quadrilaterals(masks: Iterable[tuple[Mask, float]], smallest_side_px: f
 
 
 def _levels(plane: Mask, which: slice) -> Iterator[tuple[Mask, float]]:
+    # Percentiles from the counts of every second pixel in both directions.
     some = plane[::2, ::2]
     shares = np.cumsum(np.bincount(some.ravel(), minlength=256)) * (100 / some.size)
     low, high = np.searchsorted(shares, LEVEL_RANGE).tolist()
@@ -150,19 +156,20 @@ def _change(image: Image) -> Mask:
 
 def _polygons(mask: Mask, smallest_side_px: float) -> list[Polygon]:
     """Return polygons that stand for the outlines in a mask that are large enough, each ``(n, 1, 2)``."""
+    # Enclosed areas and boxes are cheap and leave out most contours before a polygon is fitted.
     contours, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
-    least_px, least_px2 = LEAST_SIDE * smallest_side_px, smallest_side_px**2
+    min_px, min_px2 = MIN_SIDE * smallest_side_px, smallest_side_px**2
     polygons: list[Polygon] = []
-    if len(contours) > MOST_CONTOURS:
+    if len(contours) > MAX_CONTOURS:
         return polygons
     for contour in contours:
-        if len(contour) < 4 or cv2.contourArea(contour) < least_px2:
+        if len(contour) < 4 or cv2.contourArea(contour) < min_px2:
             continue
         _, _, width, height = cv2.boundingRect(contour)
-        if width < least_px or height < least_px:
+        if width < min_px or height < min_px:
             continue
         polygon = cv2.approxPolyDP(contour, TOLERANCE_PX, closed=True)
-        if 4 <= len(polygon) <= MOST_PIECES:
+        if 4 <= len(polygon) <= MAX_PIECES:
             polygons.append(polygon)
         if len(polygon) > RAGGED_PIECES:
             around = cv2.approxPolyDP(cv2.convexHull(contour), TOLERANCE_PX, closed=True)
@@ -177,17 +184,18 @@ def _whole(polygons: list[Polygon], rows: NDArray[np.intp], smallest_side_px: fl
     vectors = corners[:, AFTER] - corners
     length = np.hypot(vectors[..., 0], vectors[..., 1])
     sine = _cross(vectors, vectors[:, AFTER]) / np.maximum(length * length[:, AFTER], 1e-9)
-    good = _turns_one_way(sine) & (length > LEAST_SIDE * smallest_side_px).all(axis=1)
+    good = _turns_one_way(sine) & (length > MIN_SIDE * smallest_side_px).all(axis=1)
     return rows[good], corners[good]
 
 
 def _turns_one_way(sine: Values) -> NDArray[np.bool_]:
     """Return what is convex: the sides turn the same way at all four corners, and by more than the least angle."""
-    return np.asarray((sine > LEAST_SINE).all(axis=-1) | (sine < -LEAST_SINE).all(axis=-1))
+    return np.asarray((sine > MIN_SINE).all(axis=-1) | (sine < -MIN_SINE).all(axis=-1))
 
 
 def _longest(polygons: list[Polygon]) -> tuple[Points, Points]:
     """Return where the longest straight pieces of polygons start, and how they lead on, both ``(m, 6, 2)``."""
+    # All polygons in one list of corners, each ending with the way back to its first one.
     counts = np.array([len(polygon) for polygon in polygons])
     starts = np.concatenate(polygons)[:, 0].astype(np.float64)
     firsts = np.cumsum(counts) - counts
@@ -196,9 +204,9 @@ def _longest(polygons: list[Polygon]) -> tuple[Points, Points]:
     vectors = starts[after] - starts
     # A row for each polygon; what is no piece is shorter than any and comes last.
     row = np.repeat(np.arange(len(polygons)), counts)
-    squares = np.full((len(polygons), max(int(counts.max()), LONGEST_PIECES)), -1.0)
+    squares = np.full((len(polygons), max(int(counts.max()), PIECES_KEPT)), -1.0)
     squares[row, np.arange(len(starts)) - firsts[row]] = (vectors * vectors).sum(axis=1)
-    longest = np.sort(np.argsort(-squares, axis=1, kind="stable")[:, :LONGEST_PIECES], axis=1)
+    longest = np.sort(np.argsort(-squares, axis=1, kind="stable")[:, :PIECES_KEPT], axis=1)
     is_piece = (longest < counts[:, None])[..., None]
     places = np.minimum(firsts[:, None] + longest, len(starts) - 1)
     return starts[places] * is_piece, vectors[places] * is_piece
@@ -208,6 +216,8 @@ def _of_pieces(
     polygons: list[Polygon], rows: NDArray[np.intp], smallest_side_px: float
 ) -> tuple[NDArray[np.intp], Points]:
     """Return the quadrilaterals that any four pieces of a polygon form: whose they are, and corners ``(c, 4, 2)``."""
+    # Every choice of four of the six longest pieces, in order: 15 for each polygon. `sine` is that of the angle between
+    # neighbouring pieces; where all four turn one way, their lines are met in order around a quadrilateral.
     starts, vectors = _longest([polygons[row] for row in rows.tolist()])
     length = np.hypot(vectors[..., 0], vectors[..., 1])
     along = vectors / np.maximum(length, 1e-9)[..., None]
@@ -217,18 +227,20 @@ def _of_pieces(
     row, four = np.nonzero(_turns_one_way(sine) & (length[:, chosen] > 0).all(axis=2))
     pieces = chosen[four]
     start, ahead, sine = starts[row[:, None], pieces], ahead[row, four], sine[row, four]
+    # Where the line of a piece meets that of the next: from its start, by (next start - start) x next / sine along it.
     met = start + (_cross(start[:, AFTER] - start, ahead[:, AFTER]) / sine)[..., None] * ahead
     corners = met[:, BEFORE]
     # Each side must be made up of enough outline: three sides of a box and a stray piece meet in four corners too.
     reached = ((met - corners) * ahead).sum(axis=2)
-    good = np.nonzero((reached > LEAST_SIDE * smallest_side_px).all(axis=1))[0]
+    good = np.nonzero((reached > MIN_SIDE * smallest_side_px).all(axis=1))[0]
     cover = _in_line(starts, vectors, along, length)
-    good = good[(cover[row[good, None], pieces[good]] > LEAST_COVER * reached[good]).all(axis=1)]
+    good = good[(cover[row[good, None], pieces[good]] > MIN_COVER * reached[good]).all(axis=1)]
     return rows[row[good]], corners[good]
 
 
 def _in_line(starts: Points, vectors: Points, along: Points, length: Values) -> Values:
     """Return how long all pieces are together that lie on the line of each, shape ``(m, 6)``."""
+    # A piece lies on the line of another if both its ends are near that, and it leads the same way.
     to_start = starts[:, None] - starts[:, :, None]
     to_end = to_start + vectors[:, None]
     here = along[:, :, None]
@@ -239,7 +251,7 @@ def _in_line(starts: Points, vectors: Points, along: Points, length: Values) -> 
 
 @cache
 def _fours() -> NDArray[np.int64]:
-    return np.array(list(combinations(range(LONGEST_PIECES), 4)))
+    return np.array(list(combinations(range(PIECES_KEPT), 4)))
 
 
 def _cross(first: Points, second: Points) -> Values:
@@ -248,6 +260,7 @@ def _cross(first: Points, second: Points) -> Values:
 
 def _in_standard_order(corners: Points) -> Points:
     """Return the corners clockwise on the screen, starting with the one that is nearest to the top left."""
+    # With y downwards, the cross product of the diagonals is above zero for corners that come clockwise on the screen.
     counter = _cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]) < 0
     clockwise = np.where(counter[:, None, None], corners[:, ::-1], corners)
     first = np.argmin(clockwise.sum(axis=2), axis=1)

@@ -20,8 +20,8 @@ from stadimeter.detectors.region import Region, corners_on_border, sides_on_bord
 from stadimeter.detectors.sampling import light_table, reduced, to_full_scale
 from stadimeter.detectors.sheet.candidates import (
     SURE_EVIDENCE,
-    Candidate,
     Findings,
+    SheetCandidate,
     SheetFit,
     SheetOutlines,
 )
@@ -51,8 +51,8 @@ from stadimeter.detectors.sheet.quadrilaterals import (
     thorough_masks,
 )
 from stadimeter.detectors.sheet.side_tests import (
-    LEAST_CONTRAST,
-    LEAST_CUT_SUPPORT,
+    MIN_CONTRAST,
+    MIN_CUT_SUPPORT,
     even_limits,
     side_tests,
     small_text,
@@ -64,62 +64,66 @@ from stadimeter.ranging.flat import SheetShape
 Values = NDArray[np.float64]
 Which = NDArray[np.bool_]
 
+# Candidates are looked for at half the resolution; least and most pixels of the long side of what is searched.
 SEARCH_SCALE = 0.5
 SEARCH_LONG_SIDES_PX = (320, 800)
-"""Candidates are looked for at half the resolution; least and most pixels of the long side of what is searched."""
 
-LEAST_SEARCHED_PX = 5.0
+# Outlines with a shorter side in the reduced picture have no straight pieces to speak of.
+MIN_SEARCHED_PX = 5.0
 
+# After the quick one, one after the other, until the sheet is found beyond doubt.
 LATER_SEARCHES = (bright_masks, more_bright_masks, thorough_masks)
-"""After the quick one, one after the other, until the sheet is found beyond doubt."""
 
-GREATEST_TILT_RAD = math.radians(70)
-"""A sheet turned away further from the line of sight is not looked for: it appears at a third of its length."""
+# A sheet turned away further from the line of sight is not looked for: it appears at a third of its length.
+MAX_TILT_RAD = math.radians(70)
 
-GREATEST_SIDE_RATIO = 4.0
-"""Opposite sides may differ this much: a sheet tilted by 60 degrees as far away as it is wide (1.43 to 0.57)."""
+# Opposite sides may differ this much: a sheet tilted by 60 degrees as far away as it is wide (1.43 to 0.57).
+MAX_SIDE_RATIO = 4.0
 
-SMALLEST_ANGLE_RAD = math.radians(12)
-"""The sharpest corner: perspective makes a right angle sharper, but not a spike."""
+# The sharpest corner: perspective makes a right angle sharper, but not a spike.
+MIN_ANGLE_RAD = math.radians(12)
 
+# Misfit of a sheet to its own shape while its corners are only roughly known: as found in the reduced picture, in its
+# pixels, and as measured at the first two looks.
 START_OFF_PX = 1.0
 FIRST_LOOK_OFF_PX = 1.0
 SECOND_LOOK_OFF_PX = 0.4
-"""Misfit of a sheet to its own shape while its corners are only roughly known: as found in the reduced picture, in its
-pixels, and as measured at the first two looks."""
 
+# Candidates that passed this many tests had their sides measured to the end.
 SERIOUS_STAGE = 4
-"""Candidates that passed this many tests had their sides measured to the end."""
 
+# Up to this many candidates are measured one by one, which is quicker.
 FEW = 3
-"""So few candidates are measured one by one, which is quicker."""
 
-MOST_LOOKED_AT = 64
-MOST_SETTLED = 12
+# Candidates of a mask whose sides are looked at, the clearest first; and those that are measured to the end. With six
+# of the latter, a sheet before something nearly as pale was dropped, since six other outlines stood out more.
+MAX_LOOKED_AT = 64
+MAX_SETTLED = 12
 
+# Share of each side that must be a straight edge already at the first, rough look.
 FIRST_SUPPORT = 0.15
 
+# Greatest misfit of the corners to those of the sheet, in standard deviations of the measurement and of its shape:
+# noise has no bound, but what is cut worse than this is another thing.
 MISFIT_SIGMAS = 4.0
 SLACK_SIGMAS = 2.0
-"""Greatest misfit of the corners to those of the sheet, in standard deviations of the measurement and of its shape:
-noise has no bound, but what is cut worse than this is another thing."""
 
+# Standard deviation of the shape, as a share of the size, while one side is one of a few that are tried.
 UNKNOWN_SIDE_SHARE = 0.005
-"""The same while one side is one of a few that are tried."""
 
+# Where a sheet is expected, only one of about the expected size, between these factors, counts. This much more speaks
+# for it, less half the square of the logarithm of its size by that expected, in these standard deviations.
 EXPECTED_EVIDENCE = 2.0
 EXPECTED_SIZES = (0.4, 1.4)
 EXPECTED_LOG_SIZE = 0.2
-"""Where a sheet is expected, only one of about the expected size, between these factors, counts. This much more speaks
-for it, less half the square of the logarithm of its size by that expected, in these standard deviations."""
 
-LEAST_QUALITY = 0.5
-"""While one side is not known, what fits badly is not taken for the sheet."""
+# While one side is not known, what fits badly is not taken for the sheet.
+MIN_QUALITY = 0.5
 
+# The stated standard deviation adds this multiple of the misfit: two of the eight coordinates are known beforehand, and
+# where these are wrong the others are too. All of these were fitted on rendered sheets, on plain walls and on clutter,
+# with noise, JPEG, motion blur and too little light.
 MISFIT_FACTOR = 1.5
-"""The stated standard deviation adds this multiple of the misfit: two of the eight coordinates are known beforehand,
-and where these are wrong the others are too. All of these were fitted on rendered sheets, on plain walls and on
-clutter, with noise, JPEG, motion blur and too little light."""
 
 
 class SheetSearch:
@@ -157,12 +161,15 @@ class SheetSearch:
         outlines = np.empty((0, 4, 2))
         seen: set[tuple[float, ...]] = set()
         for masks in (self._first_masks, *LATER_SEARCHES):
-            smallest_px = max(self._min_side_px * scale / 2, LEAST_SEARCHED_PX)
+            # A side may be half as long as the smallest: the outline of a tilted sheet is ragged in the reduced
+            # picture.
+            smallest_px = max(self._min_side_px * scale / 2, MIN_SEARCHED_PX)
             outlines = find_quadrilaterals(masks(small), smallest_px)
             outlines = to_full_scale(outlines, scale) + region.left_top_px
             if masks == self._first_masks:
                 looks.note_others(outlines)
             on_border = sides_on_border(outlines, self._image.shape, _margin_px(scale))
+            # The same outline shows in many masks; it is judged in the first.
             unseen = not_seen_before(outlines * scale, seen)
             self._judge(findings, outlines[unseen & ~on_border.any(axis=1)], scale, expected, looks)
             if findings.best is not None and findings.best.evidence >= SURE_EVIDENCE:
@@ -184,7 +191,7 @@ class SheetSearch:
         # A single outline is measured before it is compared with the sheet: it will be compared again once it is.
         edges = self._at_once(shaped, scale) if len(shaped) == 1 else None
         if edges is None:
-            fitting = looks.clearest_first(self._fitting(findings, shaped, START_OFF_PX / scale))[:MOST_LOOKED_AT]
+            fitting = looks.clearest_first(self._fitting(findings, shaped, START_OFF_PX / scale))[:MAX_LOOKED_AT]
             if not len(fitting):
                 return
             edges = self._at_once(fitting, scale) if len(shaped) > 1 and len(fitting) <= FEW else None
@@ -204,26 +211,26 @@ class SheetSearch:
         edges = self._still_fitting(findings, edges, FIRST_LOOK_OFF_PX)
         if len(edges):
             edges = measure_edges_closer(self._image, edges, self._light, self._bent)
-            edges = self._still_fitting(findings, distinct_edges(edges), SECOND_LOOK_OFF_PX)[:MOST_SETTLED]
+            edges = self._still_fitting(findings, distinct_edges(edges), SECOND_LOOK_OFF_PX)[:MAX_SETTLED]
         return distinct_edges(settle_each(self._image, edges, self._light, self._bent)) if len(edges) else edges
 
     def _of_the_shape(self, findings: Findings, outlines: Points) -> Points:
         """Return the outlines that the sheet may have, whatever their sides look like."""
         shapes = quad_shapes(outlines)
-        longest = self._aspect / math.cos(GREATEST_TILT_RAD)
+        longest = self._aspect / math.cos(MAX_TILT_RAD)
         tests: tuple[tuple[Values, float, Callable[[int], str]], ...] = (
             (-shapes.shorter_px, -0.8 * self._min_side_px, lambda i: small_text(shapes, i, self._min_side_px)),
             (
                 shapes.side_ratio,
-                GREATEST_SIDE_RATIO,
-                lambda i: f"opposite sides of {shapes.side_ratio[i]:.1f} to 1, limit {GREATEST_SIDE_RATIO:.1f} to 1",
+                MAX_SIDE_RATIO,
+                lambda i: f"opposite sides of {shapes.side_ratio[i]:.1f} to 1, limit {MAX_SIDE_RATIO:.1f} to 1",
             ),
             (
                 -shapes.sharpest_rad,
-                -SMALLEST_ANGLE_RAD,
+                -MIN_ANGLE_RAD,
                 lambda i: (
                     f"a corner of {math.degrees(shapes.sharpest_rad[i]):.0f} degrees, "
-                    f"limit {math.degrees(SMALLEST_ANGLE_RAD):.0f}"
+                    f"limit {math.degrees(MIN_ANGLE_RAD):.0f}"
                 ),
             ),
             (
@@ -241,6 +248,7 @@ class SheetSearch:
 
     def _fitting(self, findings: Findings, outlines: Points, off_px: float) -> Points:
         """Return the outlines that fit the sheet about as well as they were found."""
+        # An error of `off_px` square to two sides that meet at an angle moves their corner by up to off_px / sine.
         misfit_px = self._shape.misfit_px(outlines)
         slack_px = SLACK_SIGMAS * self._slack * longest_sides_px(outlines)
         limits = off_px / np.sin(quad_shapes(outlines).sharpest_rad) + slack_px
@@ -290,10 +298,11 @@ class SheetSearch:
         self, findings: Findings, edges: QuadEdges, scale: float, expected: Prediction | None, looks: Looks
     ) -> None:
         """Put the candidates through the last tests, and keep those that may be the sheet."""
+        # Quality goes from 0 to 1: the share of the sides that is seen, halved where the shape only just passes.
         fits, sigmas, limits = self._shape.fits(edges.corners_px), edges.corner_sigmas_px, self._misfit_limits(edges)
         misfit_px: Values = np.min([each.misfit_px for each in fits], axis=0)
         quality = edges.support.mean(axis=1) * (1 - np.minimum(misfit_px / limits, 1.0) / 2)
-        least_quality = 0.0 if self._is_strict else LEAST_QUALITY
+        min_quality = 0.0 if self._is_strict else MIN_QUALITY
         evidence = self._evidence(edges, fits, expected, looks)
         good = ~corners_on_border(edges.corners_px, self._image.shape, _margin_px(scale))
         tests = (
@@ -304,19 +313,21 @@ class SheetSearch:
                 lambda i: self._misfit_text(misfit_px[i], limits[i], edges.corners_px[i]),
             ),
             (
-                quality >= least_quality,
-                lambda i: f"looks little like the sheet: quality {quality[i]:.2f}, limit {least_quality:.2f}",
+                quality >= min_quality,
+                lambda i: f"looks little like the sheet: quality {quality[i]:.2f}, limit {min_quality:.2f}",
             ),
         )
+        # In order: the first test that a candidate fails is the reason that is given for it.
         for stage, (passed, why) in enumerate(tests, SERIOUS_STAGE):
             findings.refuse(stage, edges.corners_px, good & ~passed, why, evidence / 2)
             good &= passed
         for number in np.nonzero(good)[0].tolist():
             off_px = MISFIT_FACTOR * misfit_px[number] * self._is_strict
             findings.keep(
-                Candidate(
+                SheetCandidate(
                     corners_px=edges.corners_px[number],
                     corner_sigma_px=math.hypot(sigmas[number], off_px),
+                    # The mean of the two middle contrasts: two sides may lie before something of another brightness.
                     is_brighter=sum(sorted(edges.contrast[number].tolist())[1:3]) >= 0,
                     quality=float(quality[number]),
                     evidence=float(evidence[number]),
@@ -335,6 +346,7 @@ class SheetSearch:
         evidence = shape + looks.evidence(edges.corners_px, edges.inside) + sides_evidence(edges)
         if expected is None:
             return np.asarray(evidence)
+        # A normal distribution of the logarithm of the size about the expected one, against an even one elsewhere.
         off = np.log(longest_px / expected.size_px) / EXPECTED_LOG_SIZE
         return np.asarray(evidence + EXPECTED_EVIDENCE - off**2 / 2)
 
@@ -345,21 +357,21 @@ class SheetSearch:
         shapes = quad_shapes(outlines)
         cuts = on_border.sum(axis=1)
         may_be = (cuts > 0) & (cuts <= 2) & (shapes.shorter_px >= self._min_side_px)
-        outlines, free = outlines[may_be][:MOST_LOOKED_AT], on_border[may_be][:MOST_LOOKED_AT]
+        outlines, free = outlines[may_be][:MAX_LOOKED_AT], on_border[may_be][:MAX_LOOKED_AT]
         if not len(outlines):
             return
         edges = measure_edges(self._image, outlines, 2.0 + 2.0 / scale, self._light, self._bent, free)
         evidence = cut_off_evidence(edges.corners_px, free) + looks.evidence(edges.corners_px, edges.inside, free)
         evidence = np.nan_to_num(evidence, nan=-np.inf)
-        straight = np.where(free, 1.0, edges.support).min(axis=1) >= LEAST_CUT_SUPPORT
-        clear = np.where(free, np.inf, edges.colour_contrast).min(axis=1) >= LEAST_CONTRAST
+        straight = np.where(free, 1.0, edges.support).min(axis=1) >= MIN_CUT_SUPPORT
+        clear = np.where(free, np.inf, edges.colour_contrast).min(axis=1) >= MIN_CONTRAST
         even = np.where(free, 0.0, edges.unevenness).max(axis=1) <= even_limits(edges)
-        larger = longest_sides_px(outlines) > findings.most_like_px(SERIOUS_STAGE)
+        larger = longest_sides_px(outlines) > findings.largest_refused_px(SERIOUS_STAGE)
         # Of its shape two angles are seen, so what is left must leave no doubt.
         good = straight & clear & even & larger & (evidence >= SURE_EVIDENCE)
         if good.any():
             first = int(np.argmax(good))
-            findings.cut_off = Candidate(
+            findings.cut_off = SheetCandidate(
                 corners_px=edges.corners_px[first],
                 corner_sigma_px=float(edges.corner_sigmas_px[first]),
                 is_brighter=bool(np.median(edges.contrast[first]) >= 0),

@@ -13,42 +13,42 @@ from stadimeter.detectors.sides import QuadShapes, quad_shapes
 Values = NDArray[np.float64]
 Which = NDArray[np.bool_]
 
-LEAST_SUPPORT = 0.25
-LEAST_MEAN_SUPPORT = 0.7
-LEAST_CUT_SUPPORT = 0.85
-"""The share of any side, and of all sides, that must be seen as a straight edge; and of the others where the border
-cuts one. The rest may be hidden by fingers, or lie before something that looks like the sheet."""
+# The share of any side, and of all sides, that must be seen as a straight edge; and of the others where the border cuts
+# one. The rest may be hidden by fingers, or lie before something that looks like the sheet.
+MIN_SUPPORT = 0.25
+MIN_MEAN_SUPPORT = 0.7
+MIN_CUT_SUPPORT = 0.85
 
-LEAST_CONTRAST = 6.0
-"""Least contrast of each side with what is behind it, in levels of 8 bits of the channel that differs most."""
+# Least contrast of each side with what is behind it, in levels of 8 bits of the channel that differs most.
+MIN_CONTRAST = 6.0
 
-GREATEST_BEND_PX = 0.6
-GREATEST_BEND_SHARE = 0.003
-"""Greatest scatter of the edge about a straight line, in pixels or as a share of the side, whatever is more."""
+# Greatest scatter of the edge about a straight line, in pixels or as a share of the side, whatever is more.
+MAX_BEND_PX = 0.6
+MAX_BEND_SHARE = 0.003
 
+# Greatest difference of the inside along its border, in levels or as a share of the contrast, whatever is more: light
+# may fall off across a sheet, but it is one thing.
 UNEVEN_LEVELS = 20.0
 UNEVEN_SHARE = 0.35
-"""Greatest difference of the inside along its border, in levels or as a share of the contrast, whatever is more: light
-may fall off across a sheet, but it is one thing."""
 
 
 def side_tests(edges: QuadEdges, min_side_px: float) -> tuple[tuple[Which, Callable[[int], str]], ...]:
     """Return tests of the sides: which candidates pass, and what to say of one that does not."""
     shapes = quad_shapes(edges.corners_px)
     contrast, support = edges.colour_contrast.min(axis=1), edges.support
-    bends = edges.scatter_px / np.maximum(GREATEST_BEND_PX, GREATEST_BEND_SHARE * shapes.sides_px)
+    bends = edges.scatter_px / np.maximum(MAX_BEND_PX, MAX_BEND_SHARE * shapes.sides_px)
     uneven = np.maximum(edges.unevenness.max(axis=1), _imbalance(edges))
     even_limit = even_limits(edges)
     return (
         (shapes.shorter_px >= min_side_px, lambda i: small_text(shapes, i, min_side_px)),
         (
-            contrast >= LEAST_CONTRAST,
-            lambda i: f"stands out on its weakest side by {contrast[i]:.0f} levels, limit {LEAST_CONTRAST:.0f}",
+            contrast >= MIN_CONTRAST,
+            lambda i: f"stands out on its weakest side by {contrast[i]:.0f} levels, limit {MIN_CONTRAST:.0f}",
         ),
-        (support.min(axis=1) >= LEAST_SUPPORT, lambda i: straight_text(edges, i, LEAST_SUPPORT)),
+        (support.min(axis=1) >= MIN_SUPPORT, lambda i: straight_text(edges, i, MIN_SUPPORT)),
         (
-            support.mean(axis=1) >= LEAST_MEAN_SUPPORT,
-            lambda i: f"{support[i].mean():.0%} of its sides are straight edges, limit {LEAST_MEAN_SUPPORT:.0%}",
+            support.mean(axis=1) >= MIN_MEAN_SUPPORT,
+            lambda i: f"{support[i].mean():.0%} of its sides are straight edges, limit {MIN_MEAN_SUPPORT:.0%}",
         ),
         (
             bends.max(axis=1) <= 1,

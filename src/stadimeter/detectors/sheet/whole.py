@@ -16,29 +16,30 @@ from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
 from stadimeter.detectors.sheet.lines import Values
 
+# How far in and out of a side colours are read, in pixels of the reduced picture.
 BESIDE_PX = 1.5
-"""How far in and out of a side colours are read, in pixels of the reduced picture."""
 
+# A side leads on if there is a step across its line at all these shares of its length beyond the corner, at least
+# MIN_BEYOND_PX of the reduced picture: at least LEADS_ON_SHARE of the step across the side itself, and MIN_LEVELS.
 BEYOND = np.array((0.15, 0.25, 0.35))
-LEAST_BEYOND_PX = np.array((2.0, 3.0, 4.0))
+MIN_BEYOND_PX = np.array((2.0, 3.0, 4.0))
 LEADS_ON_SHARE = 0.3
-LEAST_LEVELS = 4.0
-"""A side leads on if there is a step across its line at all these shares of its length beyond the corner, at least so
-many pixels of the reduced picture: at least this share of the step across the side itself, and so many levels."""
+MIN_LEVELS = 4.0
 
+# How many of the eight ends of its sides lead on, of a sheet and of other outlines.
 OF_SHEETS, OF_OTHERS = 0.1, 0.24
-"""How many of the eight ends of its sides lead on, of a sheet and of other outlines."""
 
+# Places inside, as shares of the sides. What looks much like that which is around is a hole; what is written on a sheet
+# does not.
 GRID = np.linspace(0.15, 0.85, 6)
-"""Places inside, as shares of the sides. What looks much like that which is around is a hole; what is written on a
-sheet does not."""
 
-FILLED_POWER, LEAST_FILLED = 4.0, 0.05
+# The share of those places that differ from what is around counts with this power, and as no less than that.
+FILLED_POWER, MIN_FILLED = 4.0, 0.05
 
-INTO_CORNER, LEAST_INTO_CORNER_PX = 0.045, 1.4
-CORNER_EVIDENCE, MOST_CORNERS = 1.2, 3
-"""How far from both sides the corners are looked at, as a share of the longest, and in pixels at least; and what each
-that is not there takes from the evidence, up to so many: paper curls at a corner, but not at all of them."""
+# How far from both sides the corners are looked at, as a share of the longest, and in pixels at least; and what each
+# that is missing takes from the evidence, for MAX_CORNERS at most: paper curls at a corner, but not at all of them.
+INTO_CORNER, MIN_INTO_CORNER_PX = 0.045, 1.4
+CORNER_EVIDENCE, MAX_CORNERS = 1.2, 3
 
 AFTER, BEFORE = [1, 2, 3, 0], [3, 0, 1, 2]
 
@@ -67,13 +68,16 @@ def ends_evidence(picture: Image, corners: Points, steps: Values) -> Values:
         corners: Their corners in it, shape ``(c, 4, 2)``.
         steps: By how many levels the inside of each side is brighter, in each channel, shape ``(c, 4, 3)``.
     """
+    # Three places on the line of each side beyond both its ends, in pixels of the reduced picture; shape (c, 4, 6, 2).
     vector = corners[:, AFTER] - corners
     length = np.hypot(vector[..., 0], vector[..., 1])[..., None]
-    ahead = (vector / np.maximum(length, 1e-9))[:, :, None] * np.maximum(BEYOND * length, LEAST_BEYOND_PX)[..., None]
+    ahead = (vector / np.maximum(length, 1e-9))[:, :, None] * np.maximum(BEYOND * length, MIN_BEYOND_PX)[..., None]
     beyond = np.concatenate((corners[:, :, None] - ahead, corners[:, AFTER, None] + ahead), axis=2)
+    # A side leads on only if all three places show a step: one alone may be something that happens to lie there.
     across = np.abs(steps_across(picture, beyond, vector)).max(axis=3).reshape(*length.shape[:2], 2, len(BEYOND))
-    least = LEADS_ON_SHARE * np.maximum(np.abs(steps).max(axis=2), LEAST_LEVELS)
+    least = LEADS_ON_SHARE * np.maximum(np.abs(steps).max(axis=2), MIN_LEVELS)
     lead_on = (across.min(axis=3) >= least[..., None]).sum(axis=(1, 2))
+    # Each of the eight ends is an independent observation: the logarithms of the two likelihood ratios add up.
     ends = 8 - lead_on
     return np.asarray(lead_on * math.log(OF_SHEETS / OF_OTHERS) + ends * math.log((1 - OF_SHEETS) / (1 - OF_OTHERS)))
 
@@ -87,14 +91,16 @@ def filling_evidence(image: Image, corners_px: Points, inside: Values, steps: Va
         inside: Their colours inside each side, in levels, shape ``(c, 4, 3)``.
         steps: By how many levels the inside of each side is brighter, in each channel, shape ``(c, 4, 3)``.
     """
+    # The colours around follow from those inside and the steps. A place inside is hollow if it differs from what is
+    # around by less than half of what the sides do.
     around = inside - steps
     off = np.abs(_at(image, _inner(corners_px)) - around.mean(axis=1, keepdims=True)).max(axis=2)
     hollow = (off < np.abs(steps.mean(axis=1)).max(axis=1, keepdims=True) / 2).mean(axis=1)
-    filled = np.log(np.maximum(1 - hollow, LEAST_FILLED))
+    filled = np.log(np.maximum(1 - hollow, MIN_FILLED))
     # Light falls off across a sheet, so a corner is compared with the two sides that meet there.
     at_corners = ((each + each[:, BEFORE]) / 2 for each in (around, inside))
     missing = _is_nearer(_at(image, _into_corners(corners_px)), *at_corners).sum(axis=1)
-    return np.asarray(FILLED_POWER * filled - CORNER_EVIDENCE * np.minimum(missing, MOST_CORNERS))
+    return np.asarray(FILLED_POWER * filled - CORNER_EVIDENCE * np.minimum(missing, MAX_CORNERS))
 
 
 def _is_nearer(colours: Values, one: Values, other: Values) -> NDArray[np.bool_]:
@@ -104,6 +110,7 @@ def _is_nearer(colours: Values, one: Values, other: Values) -> NDArray[np.bool_]
 
 def _inner(corners_px: Points) -> Points:
     """Return places all over the inside of outlines, shape ``(c, n, 2)``."""
+    # Bilinear weights of the four corners: near enough to perspective to stay inside.
     across, down = (each.ravel() for each in np.meshgrid(GRID, GRID))
     weights = np.stack(((1 - across) * (1 - down), across * (1 - down), across * down, (1 - across) * down))
     return np.asarray(np.swapaxes(weights, 0, 1) @ corners_px)
@@ -114,7 +121,8 @@ def _into_corners(corners_px: Points) -> Points:
     vector = corners_px[:, AFTER] - corners_px
     length = np.hypot(vector[..., 0], vector[..., 1])
     ahead = vector / np.maximum(length, 1e-9)[..., None]
-    inset_px = np.maximum(INTO_CORNER * length.max(axis=1), LEAST_INTO_CORNER_PX)[:, None, None]
+    inset_px = np.maximum(INTO_CORNER * length.max(axis=1), MIN_INTO_CORNER_PX)[:, None, None]
+    # Inwards from a corner is along the next side and back along the one before.
     return np.asarray(corners_px + inset_px * (ahead - ahead[:, BEFORE]))
 
 

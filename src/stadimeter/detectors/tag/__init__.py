@@ -31,40 +31,39 @@ from stadimeter.detectors.sampling import grey_of, light_table
 from stadimeter.detectors.sides import diagonals_meet, grown, side_lengths, width_and_height
 from stadimeter.detectors.tag.codes import SMALL_TAG_FAMILIES, SeenTag, TagFamilyName, tag_family
 from stadimeter.detectors.tag.frame import BentSides
-from stadimeter.detectors.tag.outlines import MOST_OUTLINES
-from stadimeter.detectors.tag.search import ApriltagFinder, Sighting, SmallTagFinder, TagSearch, candidate
+from stadimeter.detectors.tag.outlines import MAX_OUTLINES
+from stadimeter.detectors.tag.search import ApriltagFinder, LookResult, SmallTagFinder, TagSearch, candidate
 from stadimeter.detectors.tag.sides import TagSides, edge_points, measure_sides
 from stadimeter.errors import DriverUnavailableError
 from stadimeter.ranging.flat import TagShape
 
-MOST_REJECTED = 8
-"""Number of reported candidates that are not the tag."""
+# Number of reported candidates that are not the tag.
+MAX_REJECTED = 8
 
+# A tag with a corner nearer to the border of the picture than this may be cut off.
 BORDER_PX = 2.0
-"""A tag with a corner nearer to the border of the picture than this may be cut off."""
 
-LEAST_SUPPORT = 0.5
-"""The share of each side that must be seen as a straight edge."""
+# The share of each side that must be seen as a straight edge.
+MIN_SUPPORT = 0.5
 
-LEAST_CONTRAST = 0.02
-"""Least difference in light between the white around a tag and its black: a share of the most that a picture holds."""
+# Least difference in light between the white around a tag and its black: a share of the most that a picture holds.
+MIN_CONTRAST = 0.02
 
+# The standard deviation of a side is `hypot(2.4 s / sqrt(n), 0.007, 0.32 (e / c)^3.5, q, 1.3 b)` pixels, for n steps
+# that scatter by s, an edge that takes e pixels from black to white, cells of c pixels, and sides that are bent by b,
+# as those of a tag in a hand; q is 0.02 where colour is stored at a lower resolution, as in JPEG and MJPEG, whose
+# blocks move whole sides.
+#
+# Steps beside each other err together, hence the factor. The third term is for blurred edges that run into each other
+# across a cell; e counts as 1.8 at least, since in the smallest cells it cannot be seen. Fitted on rendered tags of 16
+# to 200 px, clean, with noise, JPEG and motion blur, and with a side bent by 0.5 to 3 %. A camera whose tone curve
+# differs from what its model says errs by more, in all frames alike, see `CameraModel.edge_bias_sigma_px`.
 SIGMA_FACTOR = 2.4
 SIGMA_FLOOR_PX = 0.007
 SIGMA_CROWDING_PX, CROWDING_POWER = 0.32, 3.5
 SIGMA_COMPRESSED_PX = 0.02
 SIGMA_BEND = 1.3
-SHARPEST_PX = 1.8
-"""The standard deviation of a side is ``hypot(2.4 s / sqrt(n), 0.007, 0.32 (e / c)^3.5, q, 1.3 b)`` pixels, for n
-steps that scatter by s, an edge that takes e pixels from black to white, cells of c pixels, and sides that are bent by
-b, as those of a tag in a hand; q is 0.02 where colour is stored at a lower resolution, as in JPEG and MJPEG, whose
-blocks move whole sides.
-
-Steps beside each other err together, hence the factor. The third term is for blurred edges that run into each other
-across a cell; e counts as 1.8 at least, since in the smallest cells it cannot be seen. Fitted on rendered tags of 16 to
-200 px, clean, with noise, JPEG and motion blur, and with a side bent by 0.5 to 3 %. A camera whose tone
-curve differs from what its model says errs by more, in all frames alike, see `CameraModel.edge_bias_sigma_px`.
-"""
+MIN_EDGE_PX = 1.8
 
 
 class TagOptions(Options):
@@ -147,11 +146,11 @@ class TagDetector:
         """Look for every tag of the family, in the order of their numbers; only the one that was named, if one was."""
         check_image(frame)
         found: dict[int, Detection] = {}
-        sightings = () if self._number is not None else self._search(lens).quickly(grey_of(frame.image))
-        for sighting in sightings:
-            for tag in sighting.tags:
+        looks = () if self._number is not None else self._search(lens).quickly(grey_of(frame.image))
+        for seen in looks:
+            for tag in seen.tags:
                 if tag.number not in found:
-                    each = self._measured(frame, lens, sighting, tag)
+                    each = self._measured(frame, lens, seen, tag)
                     if each.status is DetectionStatus.FOUND:
                         found[tag.number] = replace(each, reason="")
         if len(found) < 2:
@@ -168,61 +167,61 @@ class TagDetector:
         return self._searches["srgb" if lens is None else lens.tone_curve]
 
     def _near(self, frame: Frame, lens: CameraModel | None, prediction: Prediction) -> Detection | None:
-        sighting = self._search(lens).around(frame.image, prediction)
-        wanted = self._wanted(sighting)
-        if sighting is None or not wanted:
+        seen = self._search(lens).around(frame.image, prediction)
+        wanted = self._wanted(seen)
+        if seen is None or not wanted:
             return None
-        found = self._measured(frame, lens, sighting, _nearest(wanted, prediction.centre_px - sighting.left_top_px))
-        return self._explained(found, sighting) if found.status is DetectionStatus.FOUND else None
+        found = self._measured(frame, lens, seen, _nearest(wanted, prediction.centre_px - seen.left_top_px))
+        return self._explained(found, seen) if found.status is DetectionStatus.FOUND else None
 
     def _anywhere(self, frame: Frame, lens: CameraModel | None) -> Detection:
         answer = None
-        sighting = None
+        seen = None
         refused: list[RejectedCandidate] = []
-        for sighting in self._search(lens).everywhere(frame.image):
+        for seen in self._search(lens).everywhere(frame.image):
             refused.clear()
-            for tag in self._wanted(sighting):
-                answer = self._measured(frame, lens, sighting, tag)
+            for tag in self._wanted(seen):
+                answer = self._measured(frame, lens, seen, tag)
                 if answer.status is not DetectionStatus.NOT_FOUND:
-                    return self._explained(answer, sighting, refused)
-                refused.append(candidate(tag.corners_px + sighting.left_top_px, answer.reason))
-        answer = answer or self._not_found(self._missing(sighting))
-        return answer if sighting is None else self._explained(answer, sighting, refused)
+                    return self._explained(answer, seen, refused)
+                refused.append(candidate(tag.corners_px + seen.left_top_px, answer.reason))
+        answer = answer or self._not_found(self._missing(seen))
+        return answer if seen is None else self._explained(answer, seen, refused)
 
-    def _explained(self, answer: Detection, sighting: Sighting, refused: Sequence[RejectedCandidate] = ()) -> Detection:
+    def _explained(self, answer: Detection, seen: LookResult, refused: Sequence[RejectedCandidate] = ()) -> Detection:
         """Add what else was looked at: tags that could not be measured, other tags, outlines without a tag."""
-        if not (refused or sighting.unread or len(sighting.tags) > 1 or answer.status is DetectionStatus.NOT_FOUND):
+        if not (refused or seen.unread or len(seen.tags) > 1 or answer.status is DetectionStatus.NOT_FOUND):
             return answer
         others = [
-            candidate(tag.corners_px + sighting.left_top_px, f"is tag {tag.number}, not {self._number}")
-            for tag in sighting.tags
+            candidate(tag.corners_px + seen.left_top_px, f"is tag {tag.number}, not {self._number}")
+            for tag in seen.tags
             if self._number is not None and tag.number != self._number
         ]
-        rejected = [*refused, *others, *sighting.rejected(MOST_REJECTED)]
-        return replace(answer, rejected=tuple([each for each in rejected if not _is_at(each, answer)][:MOST_REJECTED]))
+        rejected = [*refused, *others, *seen.rejected(MAX_REJECTED)]
+        return replace(answer, rejected=tuple([each for each in rejected if not _is_at(each, answer)][:MAX_REJECTED]))
 
-    def _wanted(self, sighting: Sighting | None) -> list[SeenTag]:
-        tags = () if sighting is None else sighting.tags
+    def _wanted(self, seen: LookResult | None) -> list[SeenTag]:
+        tags = () if seen is None else seen.tags
         return [tag for tag in tags if self._number is None or tag.number == self._number]
 
-    def _missing(self, sighting: Sighting | None) -> str:
+    def _missing(self, seen: LookResult | None) -> str:
         """Return what was seen instead of the tag, in words."""
-        if sighting is not None and sighting.tags:
-            others = ", ".join(str(number) for number in sorted({tag.number for tag in sighting.tags}))
+        if seen is not None and seen.tags:
+            others = ", ".join(str(number) for number in sorted({tag.number for tag in seen.tags}))
             return f"no tag {self._number} of {self._family.name}, only {others}"
-        outlines = 0 if sighting is None else sighting.outlines
+        outlines = 0 if seen is None else seen.outlines
         of_which = f" among {outlines} four-cornered outlines" if outlines else ""
-        least_px = max(self._min_side_px, 0.0 if sighting is None else sighting.left_out_px / 4)
-        missing = f"no tag of {self._family.name} of at least {least_px:.3g} px{of_which}"
-        if least_px == self._min_side_px:
+        min_px = max(self._min_side_px, 0.0 if seen is None else seen.left_out_px / 4)
+        missing = f"no tag of {self._family.name} of at least {min_px:.3g} px{of_which}"
+        if min_px == self._min_side_px:
             return missing
-        return f"{missing}; smaller ones were not looked for: more than {MOST_OUTLINES} outlines"
+        return f"{missing}; smaller ones were not looked for: more than {MAX_OUTLINES} outlines"
 
-    def _measured(self, frame: Frame, lens: CameraModel | None, sighting: Sighting, tag: SeenTag) -> Detection:
+    def _measured(self, frame: Frame, lens: CameraModel | None, seen: LookResult, tag: SeenTag) -> Detection:
         """Measure a tag's sides, in the part of the picture in which it was seen."""
-        bent = BentSides(camera=lens, left_top_px=sighting.left_top_px) if lens and lens.distortion else None
-        sides = measure_sides(sighting.grey, tag.corners_px, self._family.cells, self._search(lens).light, bent)
-        corners = (tag.corners_px if sides is None else sides.corners_px) + sighting.left_top_px
+        bent = BentSides(camera=lens, left_top_px=seen.left_top_px) if lens and lens.distortion else None
+        sides = measure_sides(seen.grey, tag.corners_px, self._family.cells, self._search(lens).light, bent)
+        corners = (tag.corners_px if sides is None else sides.corners_px) + seen.left_top_px
         if touches_border(corners, frame.width_px, frame.height_px, BORDER_PX):
             return self._unmeasured(tag, DetectionStatus.TRUNCATED, "is cut off by the border", corners)
         if sides is None:
@@ -234,7 +233,7 @@ class TagDetector:
             corners = _without_bias(corners, sides, lens.edge_bias_px)
         compressed = (frame.chroma_pitch_px if lens is None else lens.chroma_pitch_px) != (1, 1)
         sigma_px = _size_sigma_px(sides, min(width_and_height(corners)) / self._family.cells, compressed=compressed)
-        return self._found(tag, sides, corners, sigma_px, sighting.tags)
+        return self._found(tag, sides, corners, sigma_px, seen.tags)
 
     def _trouble(self, sides: TagSides) -> str:
         """Return why the sides are not those of a tag; an empty string if they are."""
@@ -242,11 +241,11 @@ class TagDetector:
         if longest < self._min_side_px:
             return f"is too small: {longest:.1f} px, limit {self._min_side_px:g} px"
         weakest = min(abs(each) for each in sides.contrast)
-        if weakest < LEAST_CONTRAST or not all((each > 0) == (sides.contrast[0] > 0) for each in sides.contrast):
-            return f"does not stand out on all four sides: {weakest:.1%} of full light, limit {LEAST_CONTRAST:.0%}"
+        if weakest < MIN_CONTRAST or not all((each > 0) == (sides.contrast[0] > 0) for each in sides.contrast):
+            return f"does not stand out on all four sides: {weakest:.1%} of full light, limit {MIN_CONTRAST:.0%}"
         straight = min(sides.support)
-        if straight < LEAST_SUPPORT:
-            return f"has a side of which {straight:.0%} is straight, limit {LEAST_SUPPORT:.0%}"
+        if straight < MIN_SUPPORT:
+            return f"has a side of which {straight:.0%} is straight, limit {MIN_SUPPORT:.0%}"
         return ""
 
     def _found(
@@ -263,7 +262,7 @@ class TagDetector:
             width_px=width_px,
             height_px=height_px,
             size_sigma_px=sigma_px,
-            quality=min(sides.support) * (1 - tag.errors / (2 * self._family.most_errors + 1)),
+            quality=min(sides.support) * (1 - tag.errors / (2 * self._family.max_errors + 1)),
         )
 
     def _choice(self, tag: SeenTag, tags: Sequence[SeenTag]) -> str:
@@ -306,7 +305,7 @@ def _size_sigma_px(sides: TagSides, cell_px: float, *, compressed: bool) -> floa
     """Return the standard deviation of a side's length."""
     variances_px2 = [scatter**2 / max(steps, 1) for scatter, steps in zip(sides.scatter_px, sides.steps, strict=True)]
     of_steps = SIGMA_FACTOR * math.sqrt(sum(variances_px2) / len(variances_px2))
-    of_crowding = SIGMA_CROWDING_PX * (max(*sides.edge_px, SHARPEST_PX) / cell_px) ** CROWDING_POWER
+    of_crowding = SIGMA_CROWDING_PX * (max(*sides.edge_px, MIN_EDGE_PX) / cell_px) ** CROWDING_POWER
     of_bends = SIGMA_BEND * sides.bend_px
     return math.hypot(of_steps, SIGMA_FLOOR_PX, of_crowding, SIGMA_COMPRESSED_PX * compressed, of_bends)
 

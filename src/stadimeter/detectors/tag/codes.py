@@ -22,20 +22,20 @@ from stadimeter.core.detection import Points
 Plane = NDArray[np.uint8]
 Points32 = NDArray[np.float32]
 
+# Samples along a cell; the outermost are left out, since neighbouring cells blur into them.
 SAMPLES = 4
-"""Samples along a cell; the outermost are left out, since neighbouring cells blur into them."""
 
+# The order of the corners from each of them on.
 FROM = np.array([[(first + i) % 4 for i in range(4)] for first in range(4)])
-"""The order of the corners from each of them on."""
 
-LEAST_CONTRAST = 12.0
-"""Least difference between white and black cells, in levels of 8 bits."""
+# Least difference between white and black cells, in levels of 8 bits.
+MIN_CONTRAST = 12.0
 
-MOST_BORDER_ERRORS = 0.12
-"""The share of the border's cells that may look white: three of 28."""
+# The share of the border's cells that may look white: three of 28.
+MAX_BORDER_ERRORS = 0.12
 
-MOST_BORDER_DOUBTS = 0.4
-"""Share of white in the border above which better corners would not help."""
+# Share of white in the border above which better corners would not help.
+MAX_BORDER_DOUBTS = 0.4
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -61,7 +61,7 @@ class Unread(NamedTuple):
     @property
     def may_be_tag(self) -> bool:
         """Whether it may still be a tag, if its corners were known better: most of the border is black."""
-        return self.white_border < MOST_BORDER_DOUBTS
+        return self.white_border < MAX_BORDER_DOUBTS
 
 
 def read_tag(grey: Plane, corners_px: Points, family: TagFamily, *, inverted: bool = False) -> SeenTag | Unread:
@@ -75,13 +75,13 @@ def read_tag(grey: Plane, corners_px: Points, family: TagFamily, *, inverted: bo
     white = np.asarray(cv2.threshold(cells, 0, 1, cv2.THRESH_BINARY | cv2.THRESH_OTSU)[1], np.uint8)
     has_both = 0 < cv2.countNonZero(white) < white.size
     contrast = cv2.mean(cells, white)[0] - cv2.mean(cells, 1 - white)[0] if has_both else 0.0
-    if contrast < LEAST_CONTRAST:
-        return Unread(f"white cells are brighter by {contrast:.0f} levels, limit {LEAST_CONTRAST:.0f}", 1.0)
+    if contrast < MIN_CONTRAST:
+        return Unread(f"white cells are brighter by {contrast:.0f} levels, limit {MIN_CONTRAST:.0f}", 1.0)
     border = _white_border(white)
     if inverted and border > 0.5:
         white, border = 1 - white, 1 - border
-    if border > MOST_BORDER_ERRORS:
-        return Unread(f"{border:.0%} of the border is not black, limit {MOST_BORDER_ERRORS:.0%}", border)
+    if border > MAX_BORDER_ERRORS:
+        return Unread(f"{border:.0%} of the border is not black, limit {MAX_BORDER_ERRORS:.0%}", border)
     return _closest(white[1:-1, 1:-1], corners_px, family, border)
 
 
@@ -124,8 +124,8 @@ def _closest(inner: Plane, corners: Points, family: TagFamily, border: float) ->
         agreement = family.codes @ (inner.reshape(-1).astype(np.float32) * 2 - 1)
         row = int(np.argmax(agreement))
         errors = round((inner.size - float(agreement[row])) / 2)
-    if errors > family.most_errors:
-        return Unread(f"its code differs from every tag in {errors} cells or more, limit {family.most_errors}", border)
+    if errors > family.max_errors:
+        return Unread(f"its code differs from every tag in {errors} cells or more, limit {family.max_errors}", border)
     quarter, number = divmod(row, family.members)
     # Turned clockwise by n quarters, its own top left corner is n corners further on.
     return SeenTag(number=number, errors=errors, corners_px=corners[FROM[quarter]])
@@ -133,6 +133,7 @@ def _closest(inner: Plane, corners: Points, family: TagFamily, border: float) ->
 
 APRILTAG, ARUCO = "apriltag-", "aruco-"
 
+# The families by the name that people write, each with OpenCV's name for it.
 DICTIONARIES = {
     f"{ARUCO}{size}x{size}-{count}": f"DICT_{size}X{size}_{count}"
     for size in (4, 5, 6, 7)
@@ -145,14 +146,13 @@ DICTIONARIES = {
     f"{APRILTAG}36h10": "DICT_APRILTAG_36h10",
     f"{APRILTAG}36h11": "DICT_APRILTAG_36h11",
 }
-"""The families by the name that people write, each with OpenCV's name for it."""
 
+# The families that the AprilTag library knows as well, each with its name there.
 SMALL_TAG_FAMILIES = {f"{APRILTAG}{name}": f"tag{name}" for name in ("16h5", "25h9", "36h11")}
-"""The families that the AprilTag library knows as well, each with its name there."""
 
+# The share of the errors that a family could correct which is accepted, as `cv2.aruco` does: correcting all of them
+# takes clutter for a tag.
 CORRECTED_SHARE = 0.6
-"""The share of the errors that a family could correct which is accepted, as `cv2.aruco` does: correcting all of them
-takes clutter for a tag."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -162,11 +162,11 @@ class TagFamily:
     name: str  # such as ``apriltag-36h11``
     cells: int  # how many cells a side of the black square is long, its border of one cell included
     members: int  # how many tags there are; they are numbered from 0
-    # The cells inside the border, row by row, of each member: 1 for white, -1 for black. First all members
-    # upright, then all turned clockwise by one, two and three quarters, shape ``(4 * members, (cells - 2)²)``.
+    # The cells inside the border, row by row, of each member: 1 for white, -1 for black. First all members upright,
+    # then all turned clockwise by one, two and three quarters, shape ``(4 * members, (cells - 2)²)``.
     codes: NDArray[np.float32]
     rows: dict[bytes, int]  # where in `codes` a code is, by its cells as bytes, 1 for white and 0 for black
-    most_errors: int  # how many wrong cells are accepted
+    max_errors: int  # how many wrong cells are accepted
 
     def cells_of(self, number: int) -> NDArray[np.bool_]:
         """Return which cells inside the border of a member are black, upright, shape ``(cells - 2, cells - 2)``."""
@@ -196,7 +196,7 @@ def tag_family(name: str) -> TagFamily:
         members=len(rows),
         codes=codes,
         rows=_rows(codes),
-        most_errors=int(_correctable(codes, len(rows)) * CORRECTED_SHARE),
+        max_errors=int(_correctable(codes, len(rows)) * CORRECTED_SHARE),
     )
 
 

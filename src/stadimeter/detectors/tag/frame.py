@@ -9,33 +9,38 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
-from stadimeter.detectors.sides import CORNER_SHARE
+from stadimeter.detectors.sides import (
+    CORNER_SHARE,
+    SideColumns,
+    SideLine,
+    quad_area,
+    side_columns,
+    side_lines,
+    step_shares,
+)
 
 Values = NDArray[np.float64]
 OfSides = tuple[float, ...]
 
-LEAST_STEPS = 8
+MIN_STEPS = 8
 
+# Least and greatest reach across a side, to both sides of where it is expected.
 REACH_PX = (2, 12)
-"""Least and greatest reach across a side, to both sides of where it is expected."""
 
-LEAST_SHAPE_PX = 2 * REACH_PX[1] + 1
-"""A picture must be larger than this."""
+# A picture must be larger than this.
+MIN_SHAPE_PX = 2 * REACH_PX[1] + 1
 
+# Width of an edge from black to white before it has been measured: two or three, and the start may be off by as many.
 START_PX = 4.5
-"""Width of an edge from black to white before it has been measured: two or three, and the start
-may be off by as many."""
 
+# Reach beyond the end of an edge.
 PLATEAU_PX = 1.5
-"""Reach beyond the end of an edge."""
 
 START: OfSides = (START_PX,) * 4
 
@@ -46,7 +51,7 @@ class Look:
 
     # How far across a side is looked, in cells: the border of a tag is one wide, and so is its margin.
     reach_cells: float
-    most_steps: int  # how many steps along a side are looked at, at most
+    max_steps: int  # how many steps along a side are looked at, at most
     refit: bool  # whether the line through the medians is fitted again without what lies far from it
 
 
@@ -63,32 +68,15 @@ class BentSides:
         return self.camera.project((directions + directions[[1, 2, 3, 0]]) / 2) - self.left_top_px
 
 
-class Side(NamedTuple):
-    """The straight line from one corner to the next."""
-
-    flat: bool  # whether it is more horizontal
-    length_px: float
-    start: float  # where it starts along
-    forward: float  # how far it leads along, below zero for backwards
-    slope: float  # how it rises across
-    at_zero: float  # where it crosses along = 0
-    cosine: float  # what turns a difference across into a distance from the side
-    outward: int  # which way across leads out of the tag, 1 or -1
-
-    def strides(self, width_px: int) -> tuple[int, int]:
-        """Return how many places further on the next pixel along and the next one across is, row by row."""
-        return (1, width_px) if self.flat else (width_px, 1)
-
-
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SideFrame:
     """The expected sides."""
 
-    sides: list[Side]  # the straight lines between the corners
+    sides: list[SideLine]  # the straight lines between the corners
     middle: Values  # where along is the middle of the steps of each side, shape ``(4, 1)``
     from_middle: Values  # where the steps are looked for, whole pixels along less the middle, shape ``(4, n)``
-    # Which pixel of the picture, counted row by row, the side is expected in there, or the nearest one around
-    # which so far can be looked, shape ``(4, n)``.
+    # Which pixel of the picture, counted row by row, the side is expected in there, or the nearest one around which so
+    # far can be looked, shape ``(4, n)``.
     place: NDArray[np.intp]
     # How much further across than the middle of this pixel, shape ``(4, n)``; bent as the lens bends it.
     off_pixel: Values
@@ -96,11 +84,11 @@ class SideFrame:
     outward: Values  # which way across leads out of the tag, 1 or -1, shape ``(4, 1)``
     cosine: Values  # what turns a difference across into a distance from the side, shape ``(4, 1)``
     reach: tuple[int, ...]  # how many pixels are looked at in each direction
-    most_reach: tuple[int, ...]  # how many could be, as far as cells allow it
+    max_reach: tuple[int, ...]  # how many could be, as far as cells allow it
 
     def sees_enough(self, edges_px: OfSides) -> bool:
         """Return whether edges of these widths were looked at as far as they and the cells ask for."""
-        sides = zip(edges_px, self.most_reach, self.reach, strict=True)
+        sides = zip(edges_px, self.max_reach, self.reach, strict=True)
         return all(min(edge_px + PLATEAU_PX, most) <= reach + 0.5 for edge_px, most, reach in sides)
 
     def left_px(self, edges_px: OfSides) -> float:
@@ -128,21 +116,20 @@ def side_frame(
         edges_px: How many pixels each side takes from black to white.
     """
     points = corners_px.tolist()
-    sides = [_side(points[i], points[i - 3]) for i in range(4)]
+    sides = side_lines(points)
     shortest_px = min([side.length_px for side in sides])
     inside_px = _inside_px(points, shape)
     # Steps start some way from the corners, so these may be a little outside.
-    if not (shortest_px > cells / 2 and inside_px > -CORNER_SHARE / 2 * shortest_px and min(shape) > LEAST_SHAPE_PX):
+    if not (shortest_px > cells / 2 and inside_px > -CORNER_SHARE / 2 * shortest_px and min(shape) > MIN_SHAPE_PX):
         return None
-    most_reach = _reaches(sides, quad_area(points) / cells, look)
-    reach = tuple([min(math.ceil(e + PLATEAU_PX), most) for e, most in zip(edges_px, most_reach, strict=True)])
-    steps = int(min(max(shortest_px * (1 - 2 * CORNER_SHARE), LEAST_STEPS), look.most_steps))
-    rows = [(s.start, s.forward, s.slope, s.at_zero, s.cosine, s.outward, *s.strides(shape[1])) for s in sides]
-    start, forward, slope, at_zero, cosine, outward, next_along, next_across = np.array(rows).T[:, :, None]
-    along = np.rint(start + _shares(steps) * forward)
-    across = at_zero + slope * along
+    max_reach = _reaches(sides, quad_area(points) / cells, look)
+    reach = tuple([min(math.ceil(e + PLATEAU_PX), most) for e, most in zip(edges_px, max_reach, strict=True)])
+    steps = int(min(max(shortest_px * (1 - 2 * CORNER_SHARE), MIN_STEPS), look.max_steps))
+    lines = side_columns(sides, shape[1])
+    along = np.rint(lines.start + step_shares(steps) * lines.forward)
+    across = lines.at_zero + lines.slope * along
     if bent is not None:
-        across += _bend(bent.middles(corners_px), sides, slope, at_zero, (along - start) / forward)
+        across += _bend(bent.middles(corners_px), sides, lines, along)
     pixel = np.rint(across)
     if bent is not None or inside_px < max(reach):
         pixel = _with_room(pixel, sides, max(reach), shape)
@@ -151,32 +138,14 @@ def side_frame(
         sides=sides,
         middle=middle,
         from_middle=along - middle,
-        place=(pixel * next_across + along * next_along).astype(np.intp),
+        place=(pixel * lines.next_across + along * lines.next_along).astype(np.intp),
         off_pixel=across - pixel,
-        stride=(next_across * outward).astype(np.intp),
-        outward=outward,
-        cosine=cosine,
+        stride=(lines.next_across * lines.outward).astype(np.intp),
+        outward=lines.outward,
+        cosine=lines.cosine,
         reach=reach,
-        most_reach=most_reach,
+        max_reach=max_reach,
     )
-
-
-def quad_area(points: list[list[float]]) -> float:
-    """Return the area between four corners: half the cross product of the diagonals."""
-    (ax, ay), (bx, by), (cx, cy), (dx, dy) = points
-    return abs((cx - ax) * (dy - by) - (cy - ay) * (dx - bx)) / 2
-
-
-def _side(start: list[float], end: list[float]) -> Side:
-    x, y = end[0] - start[0], end[1] - start[1]
-    flat = abs(x) >= abs(y)
-    forward, sideways = (x, y) if flat else (y, x)
-    first, level = start if flat else (start[1], start[0])
-    length_px = math.hypot(x, y)
-    slope = sideways / forward if forward else 0.0
-    cosine = abs(forward) / length_px if length_px else 1.0
-    outward = -1 if (forward > 0) == flat else 1
-    return Side(flat, length_px, first, forward, slope, level - slope * first, cosine, outward)
 
 
 def _inside_px(points: list[list[float]], shape: tuple[int, ...]) -> float:
@@ -185,25 +154,22 @@ def _inside_px(points: list[list[float]], shape: tuple[int, ...]) -> float:
     return float(min(*x, *y, shape[1] - 1 - max(x), shape[0] - 1 - max(y)))
 
 
-def _reaches(sides: list[Side], area_of_cells_px2: float, look: Look) -> tuple[int, ...]:
+def _reaches(sides: list[SideLine], area_of_cells_px2: float, look: Look) -> tuple[int, ...]:
     """Return how far can be looked across: the area over a side is how far away the opposite one lies."""
     cells_px = [area_of_cells_px2 / (side.length_px * side.cosine) for side in sides]
     return tuple([min(max(round(look.reach_cells * cell_px), REACH_PX[0]), REACH_PX[1]) for cell_px in cells_px])
 
 
-def _with_room(pixel: Values, sides: list[Side], reach: int, shape: tuple[int, ...]) -> Values:
+def _with_room(pixel: Values, sides: list[SideLine], reach: int, shape: tuple[int, ...]) -> Values:
     """Return the nearest pixels to these around which so far can be looked without leaving the picture."""
     last = np.array([[shape[0] if side.flat else shape[1]] for side in sides]) - 1
     return np.asarray(np.minimum(np.maximum(pixel, reach), last - reach))
 
 
-@cache
-def _shares(steps: int) -> Values:
-    return np.linspace(CORNER_SHARE, 1 - CORNER_SHARE, steps)
-
-
-def _bend(middles: Points, sides: list[Side], slope: Values, at_zero: Values, share: Values) -> Values:
+def _bend(middles: Points, sides: list[SideLine], lines: SideColumns, along: Values) -> Values:
     """Return how far off its straight line each side is bent, as a parabola through its ends and its middle."""
     flat = np.array([side.flat for side in sides])
-    along, across = np.where(flat, middles.T, middles.T[::-1])[:, :, None]
-    return np.asarray((across - at_zero - slope * along) * 4 * share * (1 - share))
+    middle_along, middle_across = np.where(flat, middles.T, middles.T[::-1])[:, :, None]
+    share = (along - lines.start) / lines.forward
+    # 4 s (1 - s) is 1 in the middle of a side and 0 at its ends.
+    return np.asarray((middle_across - lines.at_zero - lines.slope * middle_along) * 4 * share * (1 - share))

@@ -18,65 +18,65 @@ from stadimeter.detectors.sampling import reduced, to_full_scale
 
 Plane = NDArray[np.uint8]
 
+# Pixels are compared with the mean of a square around them; one size is enough for most tags.
 ONE_WINDOW = (13, 13)
-"""Pixels are compared with the mean of a square around them; one size is enough for most tags."""
 
+# OpenCV's own choice: squares of 3, 13 and 23 pixels.
 THREE_WINDOWS = (3, 23)
-"""OpenCV's own choice: squares of 3, 13 and 23 pixels."""
 
-LEAST_PICTURE_PX = 8
-"""No tag fits into a smaller picture."""
+# No tag fits into a smaller picture.
+MIN_PICTURE_PX = 8
 
+# Outlines whose corners are all nearer to each other are one.
 SAME_PX = 1.5
-"""Outlines whose corners are all nearer to each other are one."""
 
+# A direction, and how far apart along it the centres of two outlines that are one may be.
 OBLIQUE = np.array((0.8, 0.6))
 NEAR_PX = SAME_PX * (0.8 + 0.6)
-"""A direction, and how far apart along it the centres of two outlines that are one may be."""
 
+# Distance of OpenCV's outline inside the edge of a black tag: through the middles of the outermost dark pixels.
 INSET_PX = 0.85
-"""Distance of OpenCV's outline inside the edge of a black tag: through the middles of the outermost dark pixels."""
 
+# The corner after each corner.
 ROUND = np.array((1, 2, 3, 0))
-"""The corner after each corner."""
 
-MOST_OUTLINES = 250
-"""Number of outlines that a look may show: rooms show ten, shelves and keyboards a hundred."""
+# Number of outlines that a look may show: rooms show ten, shelves and keyboards a hundred.
+MAX_OUTLINES = 250
 
+# Pictures with a shorter long side than this have no room for so many outlines that it would take long.
 COUNTED_FROM_PX = 400
-"""Pictures with a shorter long side than this have no room for so many outlines that it would take long."""
 
+# Outlines are counted at a half of the size that they are looked for at, which takes a twentieth of the time.
 COUNTING_SCALE = 2
-"""Outlines are counted at a half of the size that they are looked for at, which takes a twentieth of the time."""
 
+# At full size an outline is at most so many times as long as at half, and a pixel a side: a floor's are all alike.
 COUNTING_ERROR = 1.1
-"""At full size an outline is at most so many times as long as at half, and a pixel a side: a floor's are all alike."""
 
+# Outlines with less than this share of the area of a square of their length are no tags, and do not count.
 HOLLOW = 0.25
-"""Outlines with less than this share of the area of a square of their length are no tags, and do not count."""
 
 
-class Outlines(NamedTuple):
+class FoundOutlines(NamedTuple):
     """What a look found."""
 
     corners_px: Points  # clockwise, the largest first, shape ``(k, 4, 2)``
     left_out_px: float = 0.0  # outlines of a shorter perimeter than this were left out since there are too many
 
 
-def find_outlines(grey: Plane, smallest_perimeter_px: float, long_side_px: int, *, thorough: bool) -> Outlines:
+def find_outlines(grey: Plane, smallest_perimeter_px: float, long_side_px: int, *, thorough: bool) -> FoundOutlines:
     """Return outlines of four corners that differ from what is around.
 
     What costs time is what is found, so small ones are left out early: OpenCV's limit is a share of the picture's long
     side and its default, 0.03, means nothing in a small part of a picture.
 
     Args:
-        smallest_perimeter_px: Outlines that are shorter than this around are left out.
+        smallest_perimeter_px: FoundOutlines that are shorter than this around are left out.
         long_side_px: The picture is searched with its long side reduced to this.
         thorough: Whether three window sizes are tried instead of one.
     """
     nothing = np.zeros((0, 4, 2))
-    if min(grey.shape) < LEAST_PICTURE_PX:
-        return Outlines(nothing)
+    if min(grey.shape) < MIN_PICTURE_PX:
+        return FoundOutlines(nothing)
     small, scale = reduced(grey, long_side_px, cv2.INTER_LINEAR)
     crowded_px = _crowded_px(small, smallest_perimeter_px * scale)
     rate = max(smallest_perimeter_px * scale, crowded_px) / max(small.shape)
@@ -84,11 +84,11 @@ def find_outlines(grey: Plane, smallest_perimeter_px: float, long_side_px: int, 
     named, _, others = cv2.aruco.ArucoDetector(_no_dictionary(), parameters).detectMarkers(small)
     found = (*named, *others)
     outlines = distinct(_around_dark(np.concatenate(found), scale)) if found else nothing
-    return Outlines(outlines[:MOST_OUTLINES], crowded_px / scale)
+    return FoundOutlines(outlines[:MAX_OUTLINES], crowded_px / scale)
 
 
 def _crowded_px(grey: Plane, smallest_perimeter_px: float) -> float:
-    """Return which perimeter no more than `MOST_OUTLINES` outlines exceed; 0 if no more have the smallest one."""
+    """Return which perimeter no more than `MAX_OUTLINES` outlines exceed; 0 if no more have the smallest one."""
     if max(grey.shape) < COUNTED_FROM_PX:
         return 0.0
     half, scale = reduced(grey, max(grey.shape) // COUNTING_SCALE, cv2.INTER_LINEAR)
@@ -96,12 +96,12 @@ def _crowded_px(grey: Plane, smallest_perimeter_px: float) -> float:
     dark = cv2.adaptiveThreshold(half, 1, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, window, below)
     contours, _ = cv2.findContours(dark, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     long = [each for each in contours if len(each) > scale * smallest_perimeter_px]
-    if len(long) <= MOST_OUTLINES:
+    if len(long) <= MAX_OUTLINES:
         return 0.0
     full = [len(each) for each in long if cv2.contourArea(each) > HOLLOW * (len(each) / 4) ** 2]
-    if len(full) <= MOST_OUTLINES:
+    if len(full) <= MAX_OUTLINES:
         return 0.0
-    return COUNTING_ERROR * (sorted(full, reverse=True)[MOST_OUTLINES] + 4) / scale
+    return COUNTING_ERROR * (sorted(full, reverse=True)[MAX_OUTLINES] + 4) / scale
 
 
 def _around_dark(corners: NDArray[np.float32], scale: float) -> Points:

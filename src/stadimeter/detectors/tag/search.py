@@ -21,38 +21,38 @@ from stadimeter.detectors.region import Region
 from stadimeter.detectors.sampling import Light, grey_of
 from stadimeter.detectors.sides import side_lengths
 from stadimeter.detectors.tag.codes import SMALL_TAG_FAMILIES, SeenTag, TagFamily, Unread, read_tag
-from stadimeter.detectors.tag.outlines import LEAST_PICTURE_PX, Outlines, find_outlines
+from stadimeter.detectors.tag.outlines import MIN_PICTURE_PX, FoundOutlines, find_outlines
 from stadimeter.detectors.tag.sides import measure_sides
 
 Plane = NDArray[np.uint8]
 
-LEAST_MARGIN = 20.0
-"""Least difference of the cells from the threshold between black and white, in levels: noise reaches about 10."""
+# Least difference of the cells from the threshold between black and white, in levels: noise reaches about 10.
+MIN_MARGIN = 20.0
 
+# The first look is at the picture halved until its long side is no longer than this.
 FIRST_LONG_SIDE_PX = 480
-"""The first look is at the picture halved until its long side is no longer than this."""
 
-LEAST_FOUND_PX = 16.0
-"""A picture is never reduced less than what makes the smallest wanted tag this long."""
+# A picture is never reduced less than what makes the smallest wanted tag this long.
+MIN_FOUND_PX = 16.0
 
-LEAST_READ_PX = 10.0
-"""Tags with a shorter side are not looked for in a reduced picture: their cells run into each other."""
+# Tags with a shorter side are not looked for in a reduced picture: their cells run into each other.
+MIN_READ_PX = 10.0
 
+# Share of its perimeter that a tag keeps when it is turned by 70 degrees; turned further it cannot be read.
 TURNED_SHARE = 0.65
-"""Share of its perimeter that a tag keeps when it is turned by 70 degrees; turned further it cannot be read."""
 
+# Length of a tag's side in the reduced picture that is searched around a prediction.
 TRACKED_PX = 40.0
-"""Length of a tag's side in the reduced picture that is searched around a prediction."""
 
+# Around a prediction the picture is cut out so that a tag standing on its corner fits in, with some of its paper.
 HALF_DIAGONAL, MARGIN_PX = math.sqrt(0.5), 8
-"""Around a prediction the picture is cut out so that a tag standing on its corner fits in, with some of its paper."""
 
+# Greatest error of a prediction, in its standard deviations.
 SIGMAS = 3.0
-"""Greatest error of a prediction, in its standard deviations."""
 
+# Corners of an outline are good to a pixel or two. Where cells are smaller than this, the sides are measured before the
+# code is given up.
 SMALL_CELL_PX = 5.0
-"""Corners of an outline are good to a pixel or two. Where cells are smaller than this, the sides are measured before
-the code is given up."""
 
 
 class ApriltagFinder:
@@ -68,12 +68,12 @@ class ApriltagFinder:
 
     def find(self, grey: Plane) -> list[SeenTag]:
         """Return the tags of the family in a picture."""
-        if min(grey.shape) < LEAST_PICTURE_PX:
+        if min(grey.shape) < MIN_PICTURE_PX:
             return []
         return [
             SeenTag(number=int(tag.tag_id), errors=int(tag.hamming), corners_px=_clockwise(tag.corners))
             for tag in self._detector.detect(grey)
-            if tag.decision_margin >= LEAST_MARGIN
+            if tag.decision_margin >= MIN_MARGIN
         ]
 
 
@@ -102,7 +102,7 @@ class SmallTagFinder(Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Sighting:
+class LookResult:
     """Tags and outlines seen in one look at a picture or a part of it."""
 
     grey: Plane  # what was looked at, shape ``(height, width)``
@@ -129,38 +129,38 @@ class TagSearch:
     inverted: bool = False
     small_tags: SmallTagFinder | None = None  # finds what is too small for the rest; None to do without
 
-    def around(self, image: Image, prediction: Prediction) -> Sighting | None:
+    def around(self, image: Image, prediction: Prediction) -> LookResult | None:
         """Look where a tag is expected, for whole ones only; None if the place is not in the picture."""
         longest_px = prediction.size_px + SIGMAS * prediction.sigma_px
-        least_px = max((prediction.size_px - SIGMAS * prediction.sigma_px) / 2, self.min_side_px)
+        min_px = max((prediction.size_px - SIGMAS * prediction.sigma_px) / 2, self.min_side_px)
         half_px = HALF_DIAGONAL * prediction.size_px + SIGMAS * prediction.sigma_px + MARGIN_PX
         region = Region.around(prediction.centre_px, half_px, image, outwards=True)
         if region is None:
             return None
         left_top, grey = region.left_top_px, grey_of(region.of(image))
         reduced_px = max(1, round(max(grey.shape) * min(1.0, TRACKED_PX / longest_px)))
-        sighting = self._whole(grey, left_top, least_px, reduced_px)
+        seen = self._whole(grey, left_top, min_px, reduced_px)
         # A tag that is turned far is much narrower than it is long.
-        return sighting if sighting.tags else self._whole(grey, left_top, least_px, max(grey.shape))
+        return seen if seen.tags else self._whole(grey, left_top, min_px, max(grey.shape))
 
-    def _whole(self, grey: Plane, left_top: Points, least_px: float, long_side_px: int) -> Sighting:
-        outlines = find_outlines(grey, 4 * TURNED_SHARE * least_px, long_side_px, thorough=False)
+    def _whole(self, grey: Plane, left_top: Points, min_px: float, long_side_px: int) -> LookResult:
+        outlines = find_outlines(grey, 4 * TURNED_SHARE * min_px, long_side_px, thorough=False)
         height, width = grey.shape
         last = (width - 1 - MARGIN_PX / 2, height - 1 - MARGIN_PX / 2)
         corners = outlines.corners_px
         whole = corners[((corners > MARGIN_PX / 2) & (corners < last)).reshape(-1, 8).all(axis=1)]
-        return self._sighting(grey, left_top, outlines._replace(corners_px=whole), len(corners))
+        return self._read_all(grey, left_top, outlines._replace(corners_px=whole), len(corners))
 
-    def everywhere(self, image: Image) -> Iterator[Sighting]:
+    def everywhere(self, image: Image) -> Iterator[LookResult]:
         """Yield what the whole picture shows, each time looking harder and longer: the caller may stop early."""
         grey = grey_of(image)
         yield from self.quickly(grey)
         yield self._look(grey, self._long_sides(max(grey.shape))[-1], thorough=True)
         if self.small_tags is not None:
             tags = sorted(self.small_tags.find(grey), key=lambda tag: tag.side_px, reverse=True)
-            yield Sighting(grey=grey, left_top_px=np.zeros(2), tags=tuple(tags), outlines=len(tags))
+            yield LookResult(grey=grey, left_top_px=np.zeros(2), tags=tuple(tags), outlines=len(tags))
 
-    def quickly(self, grey: Plane) -> Iterator[Sighting]:
+    def quickly(self, grey: Plane) -> Iterator[LookResult]:
         """Yield what the whole picture shows at each scale, the smallest first; enough for tags that are well seen."""
         for long_side_px in self._long_sides(max(grey.shape)):
             yield self._look(grey, long_side_px, thorough=False)
@@ -168,16 +168,16 @@ class TagSearch:
     def _long_sides(self, full_px: int) -> list[int]:
         """Return the sizes of the picture that are searched: each time twice as large."""
         coarsest = max(0, math.ceil(math.log2(full_px / FIRST_LONG_SIDE_PX)))
-        finest = max(0, math.floor(math.log2(self.min_side_px / LEAST_FOUND_PX)))
+        finest = max(0, math.floor(math.log2(self.min_side_px / MIN_FOUND_PX)))
         return [max(1, full_px >> halvings) for halvings in range(max(coarsest, finest), finest - 1, -1)]
 
-    def _look(self, grey: Plane, long_side_px: int, *, thorough: bool) -> Sighting:
+    def _look(self, grey: Plane, long_side_px: int, *, thorough: bool) -> LookResult:
         scale = long_side_px / max(grey.shape)
-        least_px = max(self.min_side_px, LEAST_READ_PX / scale)
-        outlines = find_outlines(grey, 4 * TURNED_SHARE * least_px, long_side_px, thorough=thorough)
-        return self._sighting(grey, np.zeros(2), outlines, len(outlines.corners_px))
+        min_px = max(self.min_side_px, MIN_READ_PX / scale)
+        outlines = find_outlines(grey, 4 * TURNED_SHARE * min_px, long_side_px, thorough=thorough)
+        return self._read_all(grey, np.zeros(2), outlines, len(outlines.corners_px))
 
-    def _sighting(self, grey: Plane, left_top: Points, outlines: Outlines, count: int) -> Sighting:
+    def _read_all(self, grey: Plane, left_top: Points, outlines: FoundOutlines, count: int) -> LookResult:
         """Read the code in outlines; each tag of the picture counts once."""
         tags: list[SeenTag] = []
         unread: list[tuple[Points, Unread]] = []
@@ -187,7 +187,7 @@ class TagSearch:
                 unread.append((corners, tag))
             elif not any(_same(tag, other) for other in tags):
                 tags.append(tag)
-        return Sighting(
+        return LookResult(
             grey=grey,
             left_top_px=left_top,
             tags=tuple(tags),

@@ -20,41 +20,41 @@ from numpy.typing import NDArray
 
 from stadimeter.core.detection import Points
 from stadimeter.detectors.sampling import Light, median
-from stadimeter.detectors.sides import LEAST_SINE, LIMITS_PX, MAD_TO_SIGMA, points_beside
-from stadimeter.detectors.tag.frame import START, BentSides, Look, OfSides, SideFrame, quad_area, side_frame
+from stadimeter.detectors.sides import LIMITS_PX, MAD_TO_SIGMA, corners_between, pixels_across, points_beside, quad_area
+from stadimeter.detectors.tag.frame import START, BentSides, Look, OfSides, SideFrame, side_frame
 
 Plane = NDArray[np.uint8]
 Values = NDArray[np.float64]
 Profiles = NDArray[np.float32]
 
-FIRST_LOOK = Look(reach_cells=1.1, most_steps=16, refit=False)
+# A wide and quick one first where cells are smaller than this, since the start may be off by two pixels.
+FIRST_LOOK = Look(reach_cells=1.1, max_steps=16, refit=False)
 LARGE_CELL_PX = 4.0
-"""A wide and quick one first where cells are smaller than this, since the start may be off by two pixels."""
 
-NEXT_LOOK = Look(reach_cells=0.6, most_steps=48, refit=True)
-"""A narrow one, which sees less of the tag's own cells and of what is beside it."""
+# A narrow one, which sees less of the tag's own cells and of what is beside it.
+NEXT_LOOK = Look(reach_cells=0.6, max_steps=48, refit=True)
 
-MOST_NEXT_LOOKS = 4
+MAX_NEXT_LOOKS = 4
 
-LEAST_MOVE_PX = 0.2
-"""A fit that moved a side further than this, and further than by what the reach has left beside the edge, has taken
-black or white from the edge itself, so it is repeated."""
+# A fit that moved a side further than this, and further than by what the reach has left beside the edge, has taken
+# black or white from the edge itself, so it is repeated.
+MIN_MOVE_PX = 0.2
 
-MOST_MOVED_PX = 8.0
-"""Lines that end further from the start belong to something else."""
+# Lines that end further from the start belong to something else.
+MAX_MOVED_PX = 8.0
 
-LEAST_LIGHT = 1e-4
-"""A side whose two levels differ by less is no side: a third of a level of 8 bits in the dark."""
+# A side whose two levels differ by less is no side: a third of a level of 8 bits in the dark.
+MIN_LIGHT = 1e-4
 
-MOST_RISING = 0.03
-"""An edge goes on where the light at the end of the look differs by more than this share of the contrast from that of
-the last two pixels together."""
+# An edge goes on where the light at the end of the look differs by more than this share of the contrast from that of
+# the last two pixels together.
+MAX_RISING = 0.03
 
+# The variance of a bend that noise feigns is that of a line's offset times five; twice that is left out.
 PARABOLA_VARIANCE, TIMES_NOISE = 5.0, 2.0
-"""The variance of a bend that noise feigns is that of a line's offset times five; twice that is left out."""
 
-LEAST_RISE = 0.04
-"""Least difference of the two pixels of a step, as a share of that between black and white."""
+# Least difference of the two pixels of a step, as a share of that between black and white.
+MIN_RISE = 0.04
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -62,8 +62,8 @@ class TagSides:
     """Measured sides of a tag. Side i leads from corner i to corner i + 1."""
 
     corners_px: Points  # where the lines meet, shape ``(4, 2)``
-    # How much more light comes from outside each side than from inside, as a share of the brightest that a
-    # picture can hold; negative for a white border on black.
+    # How much more light comes from outside each side than from inside, as a share of the brightest that a picture can
+    # hold; negative for a white border on black.
     contrast: OfSides
     support: OfSides  # the share of the steps along each side that lie on its line
     scatter_px: OfSides  # standard deviation of the steps about each line
@@ -72,7 +72,7 @@ class TagSides:
     bend_px: float  # by how much the sides are bent, as by a curled corner, all together
 
 
-class _Steps(NamedTuple):
+class _SideSteps(NamedTuple):
     """Offsets of the steps across from where they are expected, their heights, contrast and width of the edges."""
 
     off: Values
@@ -90,7 +90,7 @@ def measure_sides(
         corners_px: About where the corners are, clockwise on the screen, shape ``(4, 2)``.
         cells: How many cells a side is long.
     """
-    looks = (NEXT_LOOK,) * MOST_NEXT_LOOKS
+    looks = (NEXT_LOOK,) * MAX_NEXT_LOOKS
     if quad_area(corners_px.tolist()) < (LARGE_CELL_PX * cells) ** 2:
         looks = (FIRST_LOOK, *looks)
     sides, corners, edges_px = None, corners_px, START
@@ -99,11 +99,11 @@ def measure_sides(
     for look in looks:
         frame = side_frame(corners, cells, look, grey.shape, edges_px, bent)
         sides = None if frame is None else _fit(grey, frame, look, light)
-        if frame is None or sides is None or not np.abs(sides.corners_px - corners_px).max() < MOST_MOVED_PX:
+        if frame is None or sides is None or not np.abs(sides.corners_px - corners_px).max() < MAX_MOVED_PX:
             return None
         moved_px = float(np.abs(sides.corners_px - corners).max())
         seen = frame.sees_enough(sides.edge_px)
-        if seen and look is NEXT_LOOK and moved_px < max(frame.left_px(sides.edge_px), LEAST_MOVE_PX):
+        if seen and look is NEXT_LOOK and moved_px < max(frame.left_px(sides.edge_px), MIN_MOVE_PX):
             break
         # An edge that fills what is looked at goes on beyond it, to an unknown distance.
         corners, edges_px = sides.corners_px, sides.edge_px if seen else tuple([2 * each for each in sides.edge_px])
@@ -112,7 +112,7 @@ def measure_sides(
 
 def _fit(grey: Plane, frame: SideFrame, look: Look, light: Light) -> TagSides | None:
     steps = _steps(_profiles(grey, frame, light), frame)
-    lines = fit_lines(frame, steps.off, steps.height > LEAST_RISE, refit=look.refit)
+    lines = fit_lines(frame, steps.off, steps.height > MIN_RISE, refit=look.refit)
     met = intersections(frame, lines)
     if met is None:
         return None
@@ -134,21 +134,21 @@ def edge_points(grey: Plane, corners_px: Points, cells: int, light: Light, bent:
         return np.empty((0, 2))
     steps = _steps(_profiles(grey, frame, light), frame)
     flat = [side.flat for side in frame.sides]
-    return points_beside(frame.place, steps.off + frame.off_pixel, flat, grey.shape[1])[steps.height > LEAST_RISE]
+    return points_beside(frame.place, steps.off + frame.off_pixel, flat, grey.shape[1])[steps.height > MIN_RISE]
 
 
 def _profiles(grey: Plane, frame: SideFrame, light: Light) -> Profiles:
     """Return the light across each side, from the inside to the outside, shape ``(2 * reach + 1, 4, n)``."""
-    places = frame.place + frame.stride * _beside(max(frame.reach))
+    places = frame.place + frame.stride * pixels_across(max(frame.reach))
     return light.take(grey.reshape(-1).take(places))
 
 
-def _steps(profiles: Profiles, frame: SideFrame) -> _Steps:
-    """Find where each profile passes half way from black to white; where it does not, the height is `LEAST_RISE`."""
+def _steps(profiles: Profiles, frame: SideFrame) -> _SideSteps:
+    """Find where each profile passes half way from black to white; where it does not, the height is `MIN_RISE`."""
     inside, outside, cut_off = _levels(profiles, frame)
     contrast = tuple([white - black for black, white in zip(inside, outside, strict=True)])
     half_way = [(black + white) / 2 for black, white in zip(inside, outside, strict=True)]
-    no_side = [rise if abs(rise) > LEAST_LIGHT else math.inf for rise in contrast]
+    no_side = [rise if abs(rise) > MIN_LIGHT else math.inf for rise in contrast]
     middle, whole = np.array((half_way, no_side), np.float32)[:, :, None]
     # Light as a share of the step, -0.5 for black and 0.5 for white; the edge is where it changes its sign, at the
     # place where it rises most.
@@ -158,10 +158,10 @@ def _steps(profiles: Profiles, frame: SideFrame) -> _Steps:
     rises *= is_outside[1:] > is_outside[:-1]
     best = rises.argmax(axis=0)
     place = best * best.size + np.arange(best.size).reshape(best.shape)
-    height = np.maximum(rises.take(place), LEAST_RISE)
+    height = np.maximum(rises.take(place), MIN_RISE)
     beyond = best - max(frame.reach) - share.take(place) / height
     edge_px = [1 / each for each in median(height)[:, 0].tolist()]
-    return _Steps(
+    return _SideSteps(
         off=frame.outward * beyond - frame.off_pixel,
         height=height,
         contrast=contrast,
@@ -177,20 +177,14 @@ def _levels(profiles: Profiles, frame: SideFrame) -> tuple[list[float], list[flo
     ends = profiles[_ends(frame.reach)]
     level = median(ends.reshape(8, -1))[:, 0].tolist()
     inside, outside = level[:4], level[4:]
-    if frame.reach == frame.most_reach:
+    if frame.reach == frame.max_reach:
         return inside, outside, [False] * 4
     at_end = median(ends[:, 0])[:, 0].tolist()
     cut_off = []
-    for i, (reach, most) in enumerate(zip(frame.reach, frame.most_reach, strict=True)):
+    for i, (reach, most) in enumerate(zip(frame.reach, frame.max_reach, strict=True)):
         rising = max(abs(at_end[i] - inside[i]), abs(at_end[i + 4] - outside[i]))
-        cut_off.append(reach < most and rising > MOST_RISING * abs(outside[i] - inside[i]))
+        cut_off.append(reach < most and rising > MAX_RISING * abs(outside[i] - inside[i]))
     return inside, outside, cut_off
-
-
-@cache
-def _beside(reach: int) -> NDArray[np.intp]:
-    """Return how many pixels outwards each row of the profiles is, shape ``(2 * reach + 1, 1, 1)``."""
-    return np.arange(-reach, reach + 1)[:, None, None]
 
 
 @lru_cache(maxsize=256)
@@ -279,14 +273,7 @@ def intersections(frame: SideFrame, lines: TagLines) -> Points | None:
     for side, (steeper, higher) in zip(frame.sides, changes, strict=True):
         slope, at_zero = side.slope + steeper, side.at_zero + higher
         sides.append((-slope, 1.0, at_zero) if side.flat else (1.0, -slope, at_zero))
-    met = []
-    for number in range(4):
-        (a, b, c), (d, e, f) = sides[number - 1], sides[number]
-        determinant = a * e - b * d
-        if not abs(determinant) > LEAST_SINE:
-            return None
-        met.append(((c * e - b * f) / determinant, (a * f - c * d) / determinant))
-    return np.array(met)
+    return corners_between(sides)
 
 
 def _limit(distance: Values) -> Values:
