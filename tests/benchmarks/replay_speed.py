@@ -22,11 +22,12 @@ from machinery import configuration, yardstick_times_s
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.cli.run_options import Keeping, kept
+from stadimeter.cli.run_options import RecordingOptions
+from stadimeter.cli.run_services import open_recordings
 from stadimeter.config.loader import load_configuration
 from stadimeter.workbench.replay.comparison import Comparison
 from stadimeter.workbench.replay.opening import read_recording
-from stadimeter.workbench.replay.replay import replay_run, uncollected
+from stadimeter.workbench.replay.replay import replay_run, without_collector
 
 RULES = (3, 10)
 HOUR_FRAMES = 30 * 3600
@@ -48,11 +49,11 @@ class Row:
     yardsticks: float
 
 
-def record(config: Path, keeping: Keeping, frames: int) -> None:
+def record(config: Path, keeping: RecordingOptions, frames: int) -> None:
     """Record a simulated run, as fast as the computer can."""
     loop = Loop(build(load_configuration(config), speed=None))
     with ExitStack() as closing:
-        closing.enter_context(kept(loop, keeping))
+        closing.enter_context(open_recordings(loop, keeping))
         loop.run(Limits(frames=frames))
 
 
@@ -60,7 +61,7 @@ def replay_times_s(path: Path) -> tuple[float, float]:
     """Replay a recording with its own configuration; return the time of the processor and of the clock."""
     began_s, began_cpu_s = perf_counter(), process_time()
     comparison = Comparison()
-    with uncollected():
+    with without_collector():
         for cycle, observation, decision in replay_run(read_recording(path), None):
             comparison.add(cycle, observation, decision)
     if comparison.result.identical != comparison.result.cycles:
@@ -90,7 +91,7 @@ def measure_all(
             tell(f"recording {frames} frames with {count} rules")
             journal, mcap = folder / f"{count}.jsonl", folder / f"{count}.mcap"
             config = configuration(count, folder)
-            record(config, Keeping(journal=journal, record=mcap, images="none"), frames)
+            record(config, RecordingOptions(journal=journal, record=mcap, images="none"), frames)
             for what, path in (("journal", journal), ("MCAP without pictures", mcap)):
                 cpu_s, wall_s = min(replay_times_s(path) for _ in range(rounds))
                 yardstick_s = sum(sorted(yardstick_times_s())[:1000]) / 1000

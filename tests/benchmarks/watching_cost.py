@@ -36,7 +36,8 @@ from stadimeter.app.clock import MonotonicClock
 from stadimeter.app.cycle import Cycle
 from stadimeter.app.leased_output import LeasedOutput
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.cli.run_options import Serving, served
+from stadimeter.cli.run_options import ServiceOptions
+from stadimeter.cli.run_services import open_services
 from stadimeter.core.command import LevelCommand, TwistCommand
 from stadimeter.core.frame import Frame, Image
 from stadimeter.core.outputs import safe_command
@@ -121,7 +122,7 @@ def run_live(path: Path, seconds: float, cycles_file: Path, *, is_first: bool) -
     loop = live_loop(drawn_beforehand(PICTURES))
     clock, rows = loop.parts.clock, np.zeros((int(seconds * RATE_HZ * 1.2) + 100, 4))
     count = 0
-    with served(loop, Serving(socket=path, no_state=True, is_quiet=True)):
+    with open_services(loop, ServiceOptions(socket=path, no_state=True, is_quiet=True)):
         first, after = loop.listeners[:], time.perf_counter
         began = [0.0]
 

@@ -14,7 +14,7 @@ from typer.testing import CliRunner, Result
 
 from stadimeter.app.detectors import build_detectors
 from stadimeter.cli.main import app
-from stadimeter.cli.target_options import wanted_targets
+from stadimeter.cli.target_options import targets_from_options
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
@@ -67,7 +67,7 @@ def _seen(target: str, image: Image, *, with_camera: bool) -> Detection:
     options = {f"--{name}": value for name, value in TARGETS[target].items()}
     height, width = image.shape[:2]
     camera = CameraModel.with_focal_length(float(max(height, width)), width, height) if with_camera else None
-    (named,) = build_detectors(wanted_targets(options).choices, camera)
+    (named,) = build_detectors(targets_from_options(options).choices, camera)
     before = image.copy()
     detection = named.detector.detect(Frame(image=image, captured_at_s=0.0, sequence=0), lens=camera)
     assert np.array_equal(image, before)

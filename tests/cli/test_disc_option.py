@@ -13,7 +13,7 @@ from typer.testing import CliRunner, Result
 
 from stadimeter.cli.formatting import CENTIMETRE
 from stadimeter.cli.main import app
-from stadimeter.cli.target_options import wanted_targets
+from stadimeter.cli.target_options import targets_from_options
 from stadimeter.config.camera_file import load_camera_model, save_camera_model
 from stadimeter.errors import ConfigError
 from support.scenes.backdrop import PlainBackdrop
@@ -44,7 +44,7 @@ def picture(tmp_path: Path):
 
 
 def test_the_option_makes_a_target() -> None:
-    wanted = wanted_targets({"--disc": "12 cm"})
+    wanted = targets_from_options({"--disc": "12 cm"})
     (choice,) = wanted.choices
     assert (choice.name, choice.driver) == ("disc", "disc")
     assert choice.options.diameter == pytest.approx(0.12)
@@ -62,7 +62,7 @@ def test_the_option_makes_a_target() -> None:
 )
 def test_what_is_wrong_is_said(given: dict[str, str], said: str) -> None:
     with pytest.raises(ConfigError, match=re.escape(said)):
-        wanted_targets({f"--{name}": value for name, value in given.items()})
+        targets_from_options({f"--{name}": value for name, value in given.items()})
 
 
 def test_a_disc_is_measured_though_it_is_tilted(picture, tmp_path: Path) -> None:

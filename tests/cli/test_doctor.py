@@ -15,7 +15,7 @@ from stadimeter.cli import doctor
 from stadimeter.cli.glyphs import ASCII, UNICODE
 from stadimeter.cli.main import app
 from stadimeter.config.guides import guide
-from stadimeter.workbench.doctor.computer import Computer, Severity, wrong
+from stadimeter.workbench.doctor.computer import Computer, DiagnosisSeverity, wrong
 from support.broker import free_port
 from support.captured_computers import PC, PI_4, ZERO_2, Captured
 
@@ -112,6 +112,6 @@ def test_this_computer_is_examined_as_it_is() -> None:
     result = CliRunner().invoke(app, ["doctor", "--json"])
     record = json.loads(result.stdout)
     assert result.exit_code == (1 if record["wrong"] else 0)
-    assert {each["severity"] for each in record["checks"]} <= set(Severity)
+    assert {each["severity"] for each in record["checks"]} <= set(DiagnosisSeverity)
     assert found(result, "libraries")[0]["severity"] == "fine"
     assert Computer().root == Path("/")

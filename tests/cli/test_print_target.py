@@ -15,7 +15,7 @@ import pytest
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
-from stadimeter.cli.calibrate_board import wanted_board
+from stadimeter.cli.calibrate_board import board_from_options
 from stadimeter.cli.main import app
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.config.plugins import DETECTORS, load_plugin
@@ -135,7 +135,7 @@ def test_a_printed_board_has_its_corners_where_calibrate_board_takes_them_to_be(
     given = [word for name, value in zip(names, options, strict=True) if value for word in (name, value)]
     pdf = tmp_path / "board.pdf"
     assert run("board", *given, "-o", pdf)[0] == 0
-    view = wanted_board(*options).find("page", rasterised(pdf))
+    view = board_from_options(*options).find("page", rasterised(pdf))
     assert isinstance(view, BoardView), view
     on_paper_m = view.corners_px / PX_PER_M
     apart_m = np.linalg.norm(view.board_m[:, np.newaxis, :2] - view.board_m[np.newaxis, :, :2], axis=2)

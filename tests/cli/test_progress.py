@@ -53,7 +53,7 @@ def test_in_a_terminal_a_moving_line_says_so(monkeypatch: pytest.MonkeyPatch, en
 
 
 def test_what_is_done_at_once_is_not_announced(capsys: pytest.CaptureFixture[str]) -> None:
-    assert list(progress.counted("abc", "counting", 3)) == ["a", "b", "c"]
+    assert list(progress.count_items("abc", "counting", 3)) == ["a", "b", "c"]
     assert capsys.readouterr() == ("", "")
 
 

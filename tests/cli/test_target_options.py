@@ -9,7 +9,7 @@ import pytest
 
 from stadimeter.app.detectors import build_detectors
 from stadimeter.cli.formatting import CENTIMETRE, FOOT, INCH, METRE
-from stadimeter.cli.target_options import wanted_targets
+from stadimeter.cli.target_options import targets_from_options
 from stadimeter.errors import ConfigError
 
 HSV = "29,86,6:64,255,255"
@@ -17,7 +17,7 @@ HSV = "29,86,6:64,255,255"
 
 def _wanted(config: Path | None = None, **given: object):
     flags = {"tag_id": "--id", "known_side": "--known-side", "min_side": "--min-side"}
-    return wanted_targets({flags.get(name, f"--{name}"): value for name, value in given.items()}, config)
+    return targets_from_options({flags.get(name, f"--{name}"): value for name, value in given.items()}, config)
 
 
 def test_a_sheet_of_letter_paper() -> None:

@@ -19,7 +19,7 @@ from stadimeter.config.plugins import DETECTORS, DriverChoice, load_plugin
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame, Image
-from stadimeter.workbench.calibration.distance_fit import DistanceFit, fit_distances, known_distance, known_remedy
+from stadimeter.workbench.calibration.distance_fit import DistanceFit, fit_distances, look_at_distance, remedy_words
 from stadimeter.workbench.remedies import remedies_for
 from support.scenes import hard_flats
 from support.scenes.draw import CAMERA, empty_scene
@@ -49,7 +49,7 @@ def calibrated(choice: DriverChoice, image: Image, depth_m: float) -> DistanceFi
     """Calibrate from one picture; None where the sheet is not found in it before the lens is known."""
     frame = Frame(image, 0.0, 0)
     (target,) = build_detectors([choice], None)
-    known = known_distance("picture", frame, depth_m, target)
+    known = look_at_distance("picture", frame, depth_m, target)
     fit = partial(fit_distances, date="", distance_relative_sigma=0.01, tone_curve="srgb")
     return fit([known], lambda _: frame, [choice]) if known.detection.status is FOUND else None
 
@@ -165,7 +165,7 @@ def test_what_is_said_of_a_sheet_that_does_not_calibrate_makes_it_calibrate(draw
     image, choice = curled(draw), sheet(size="A4")
     frame = Frame(image, 0.0, 0)
     (target,) = build_detectors([choice], None)
-    said = known_remedy(known_distance("picture", frame, 1.62, target), frame, choice)
+    said = remedy_words(look_at_distance("picture", frame, 1.62, target), frame, choice)
     assert said.startswith('; it is found with tolerance = "')
     tolerance = said.split('"')[1]
     fit = calibrated(sheet(size="A4", tolerance=tolerance), image, 1.62)

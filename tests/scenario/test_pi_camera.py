@@ -16,7 +16,7 @@ from stadimeter.config.plugins import CAMERAS, DETECTORS, DriverChoice, load_plu
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
 from stadimeter.workbench.calibration.live_distance import LiveDistance
-from stadimeter.workbench.frame_source import opened
+from stadimeter.workbench.frame_source import open_camera
 from support.picamera2_double import Sensor, install
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
@@ -66,7 +66,7 @@ def sensor(monkeypatch: pytest.MonkeyPatch) -> Sensor:
 @pytest.fixture
 def configuration(sensor: Sensor, tmp_path: Path) -> Path:
     """Calibrate before the camera, and return a configuration with the camera file."""
-    camera = opened(choice(CAMERAS, "picamera2", CAMERA))
+    camera = open_camera(choice(CAMERAS, "picamera2", CAMERA))
     with LiveDistance(camera, choice(DETECTORS, "ball", BALL), date="2026-01-01") as session:
         session.take(1.0, frames=3)
         save_camera_model(tmp_path / "camera.toml", session.camera_model())

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from stadimeter.workbench.doctor.computer import Answer, Computer, Diagnosis
+from stadimeter.workbench.doctor.computer import CommandResult, Computer, Diagnosis
 from stadimeter.workbench.doctor.examination import CHECKS
 from stadimeter.workbench.doctor.examined import Examined
 
@@ -109,17 +109,17 @@ class Captured:
             free_bytes=lambda _path: int(self.free_bytes),
         )
 
-    def _run(self, words: Sequence[str], limit_s: float) -> Answer | None:
+    def _run(self, words: Sequence[str], limit_s: float) -> CommandResult | None:
         if "-c" in words:
-            return Answer(self.imports_code, "".join(f"{json.dumps(line)}\n" for line in self.imports))
+            return CommandResult(self.imports_code, "".join(f"{json.dumps(line)}\n" for line in self.imports))
         if "cameras" in words:
-            return Answer(-11, "") if self.cameras is None else Answer(0, json.dumps(self.cameras))
+            return CommandResult(-11, "") if self.cameras is None else CommandResult(0, json.dumps(self.cameras))
         if "--check" in words and words[2] != "/etc/stadimeter/safe-outputs.conf":  # a file that is made for it
             words = words[:2]
         output = self.commands.get(" ".join(words))
         if output is not None and "--check" in words and output.startswith("safe-outputs: "):
-            return Answer(0, "", output)
-        return None if output is None else Answer(0, output)
+            return CommandResult(0, "", output)
+        return None if output is None else CommandResult(0, output)
 
 
 PLACES = {

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from stadimeter.app.board_health import is_under_voltage, temperature_c, throttling
-from stadimeter.workbench.doctor.computer import PROBE, Computer, Diagnosis, Severity, run_command
+from stadimeter.workbench.doctor.computer import PROBE, Computer, Diagnosis, DiagnosisSeverity, run_command
 from stadimeter.workbench.doctor.examined import INSTALLED, Examined
 from support.captured_computers import (
     APT,
@@ -31,11 +31,11 @@ from support.captured_computers import (
 )
 
 CONFIG = Path(__file__).parents[2] / "config"
-FINE, WARNING, WRONG, UNKNOWN = Severity
+FINE, WARNING, WRONG, UNKNOWN = DiagnosisSeverity
 
 
-def worst(found: list[Diagnosis]) -> dict[Severity, list[str]]:
-    return {severity: [each.seen for each in found if each.severity is severity] for severity in Severity}
+def worst(found: list[Diagnosis]) -> dict[DiagnosisSeverity, list[str]]:
+    return {severity: [each.seen for each in found if each.severity is severity] for severity in DiagnosisSeverity}
 
 
 @pytest.mark.parametrize("captured", [PI_4, PI_5, PC])
@@ -83,14 +83,16 @@ class TestSupply:
         ],
     )
     def test_each_bit_of_the_firmware_has_its_words(
-        self, tmp_path: Path, bits: str, severity: Severity, seen: str
+        self, tmp_path: Path, bits: str, severity: DiagnosisSeverity, seen: str
     ) -> None:
         found = only(PI_4.printing("vcgencmd get_throttled", f"throttled={bits}\n"), tmp_path, "supply")
         assert found.severity is severity
         assert found.seen.startswith(seen)
 
     @pytest.mark.parametrize(("alarm", "severity"), [("1", WRONG), ("0", FINE)])
-    def test_without_vcgencmd_the_kernel_is_asked(self, tmp_path: Path, alarm: str, severity: Severity) -> None:
+    def test_without_vcgencmd_the_kernel_is_asked(
+        self, tmp_path: Path, alarm: str, severity: DiagnosisSeverity
+    ) -> None:
         plain = replace(PI_4, commands={}).with_files(hwmon_name="rpi_volt\n", hwmon_alarm=f"{alarm}\n")
         assert only(plain, tmp_path, "supply").severity is severity
 
@@ -107,12 +109,14 @@ def test_the_readers_of_a_run_say_none_where_there_is_nothing(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(("milli", "severity"), [("69000", FINE), ("70000", WARNING), ("80000", WRONG), ("?", UNKNOWN)])
-def test_heat_is_judged_by_where_the_processor_is_slowed(tmp_path: Path, milli: str, severity: Severity) -> None:
+def test_heat_is_judged_by_where_the_processor_is_slowed(
+    tmp_path: Path, milli: str, severity: DiagnosisSeverity
+) -> None:
     assert only(PI_4.with_files(temp=milli), tmp_path, "temperature").severity is severity
 
 
 @pytest.mark.parametrize(("free", "severity"), [(50e6, WRONG), (300e6, WARNING), (600e6, FINE)])
-def test_a_disk_that_is_almost_full_is_found(tmp_path: Path, free: float, severity: Severity) -> None:
+def test_a_disk_that_is_almost_full_is_found(tmp_path: Path, free: float, severity: DiagnosisSeverity) -> None:
     assert only(replace(PC, free_bytes=free), tmp_path, "disk").severity is severity
 
 
@@ -239,7 +243,9 @@ class TestService:
             ({"LoadState": "not-found"}, FINE, "stadimeter is not installed as a service on this computer"),
         ],
     )
-    def test_each_state_is_judged(self, tmp_path: Path, changed: dict[str, str], severity: Severity, seen: str) -> None:
+    def test_each_state_is_judged(
+        self, tmp_path: Path, changed: dict[str, str], severity: DiagnosisSeverity, seen: str
+    ) -> None:
         state = dict(line.split("=") for line in PI_4.commands[self.SHOW].splitlines()) | changed
         shown = "".join(f"{key}={value}\n" for key, value in state.items())
         found = only(PI_4.printing(self.SHOW, shown), tmp_path, "service")
@@ -256,7 +262,7 @@ class TestService:
         ("lines", "severity"), [("pin 17 low\n", FINE), ("pin 17 high\n", WRONG), ("pin 18 low\n", WRONG), ("", WRONG)]
     )
     def test_the_safe_outputs_are_those_of_the_configuration(
-        self, tmp_path: Path, lines: str, severity: Severity
+        self, tmp_path: Path, lines: str, severity: DiagnosisSeverity
     ) -> None:
         captured = self.installed(PI_4).with_files(safe_conf=lines)
         found = only(captured, tmp_path, "safe-outputs")
@@ -277,7 +283,7 @@ class TestService:
         ],
     )
     def test_that_pins_can_be_switched_off_is_tried_and_not_assumed(
-        self, tmp_path: Path, way: str | None, user: int, severity: Severity, seen: str
+        self, tmp_path: Path, way: str | None, user: int, severity: DiagnosisSeverity, seen: str
     ) -> None:
         captured = self.installed(PI_4).with_files(
             safe_conf="pin 17 low\n", status=STATUS.format(uid=user, groups="986")
@@ -307,7 +313,7 @@ class TestService:
         ],
     )
     def test_the_service_of_the_page_is_judged(
-        self, tmp_path: Path, changed: dict[str, str], severity: Severity, seen: str
+        self, tmp_path: Path, changed: dict[str, str], severity: DiagnosisSeverity, seen: str
     ) -> None:
         state = dict(line.split("=") for line in PI_4.commands[self.SHOW].splitlines()) | changed
         shown = "".join(f"{key}={value}\n" for key, value in state.items())
@@ -372,7 +378,7 @@ class TestConfiguration:
         ],
     )
     def test_root_is_told_what_the_service_may_read_and_open(
-        self, tmp_path: Path, said: object, severity: Severity, seen: str
+        self, tmp_path: Path, said: object, severity: DiagnosisSeverity, seen: str
     ) -> None:
         root = TestService.installed(PI_4).with_files(status=STATUS.format(uid=0, groups="0"), program="")
         if said is not None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.workbench.doctor.computer import Severity
+from stadimeter.workbench.doctor.computer import DiagnosisSeverity
 from stadimeter.workbench.doctor.devices import IN_USE
 from support.captured_computers import (
     GROUP,
@@ -27,7 +27,7 @@ from support.captured_computers import (
 
 NOT_FREE = f"{IN_USE}: motion (412); close that one"
 CONFIG = Path(__file__).parents[2] / "config"
-FINE, WARNING, WRONG, UNKNOWN = Severity
+FINE, WARNING, WRONG, UNKNOWN = DiagnosisSeverity
 
 
 class TestGroups:
@@ -134,7 +134,7 @@ class TestPins:
         assert only(PI_5, tmp_path / "5", "pins").seen.endswith("by /dev/gpiochip4")
 
     @pytest.mark.parametrize(("factory", "severity"), [("lgpio", FINE), ("mock", WARNING), ("rpigpio", WRONG)])
-    def test_another_factory_is_found(self, tmp_path: Path, factory: str, severity: Severity) -> None:
+    def test_another_factory_is_found(self, tmp_path: Path, factory: str, severity: DiagnosisSeverity) -> None:
         captured = replace(PI_4, environment={"GPIOZERO_PIN_FACTORY": factory})
         assert only(captured, tmp_path, "pins").severity is severity
 

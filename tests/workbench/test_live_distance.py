@@ -15,7 +15,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
 from stadimeter.errors import CalibrationError, DeviceOpenError
 from stadimeter.workbench.calibration.live_distance import LiveDistance
-from stadimeter.workbench.frame_source import opened
+from stadimeter.workbench.frame_source import open_camera
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
 from support.scenes.plane import Pose, SheetTarget
@@ -61,7 +61,7 @@ def _session(device: V4l2Double, target: DriverChoice = BALL, **options: object)
     plugin = load_plugin(CAMERAS, "opencv")
     table = {"device": str(device.node)}
     camera = DriverChoice(name="camera", driver="opencv", plugin=plugin, options=plugin.options.model_validate(table))
-    return LiveDistance(opened(camera), target, date="2026-01-01", **options)
+    return LiveDistance(open_camera(camera), target, date="2026-01-01", **options)
 
 
 def test_a_ball_is_measured_to_its_near_side_and_gives_the_focal_length(device: V4l2Double) -> None:

@@ -16,7 +16,7 @@ from stadimeter.core.frame import Image
 from stadimeter.errors import CalibrationError, ConfigError, DeviceOpenError
 from stadimeter.workbench.setup.answers import load_answers, save_answers
 from stadimeter.workbench.setup.camera_step import table_of
-from stadimeter.workbench.setup.files import written_files
+from stadimeter.workbench.setup.files import configuration_files
 from stadimeter.workbench.setup.interview import Interview, all_answered
 from stadimeter.workbench.setup.target import target_table
 from stadimeter.workbench.setup.wish_steps import base_table
@@ -71,7 +71,7 @@ def test_a_ball_before_a_camera_takes_nine_answers(interview: Interview, device:
     assert len(known.answers) == 9
     assert known.camera_model is not None
     assert known.camera_model.fx_px == pytest.approx(600.0, rel=0.01)
-    for name, text in written_files(known.answers, known.camera_model).items():
+    for name, text in configuration_files(known.answers, known.camera_model).items():
         (known.folder / name).write_text(text, encoding="utf-8")
     assert load_configuration(known.file).camera.options.device == str(device.node)
 

@@ -13,7 +13,7 @@ from stadimeter.cli.main import app
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.frame import Image
 from stadimeter.errors import CalibrationError
-from stadimeter.workbench.setup.files import written_files
+from stadimeter.workbench.setup.files import configuration_files
 from stadimeter.workbench.setup.interview import Interview
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
@@ -54,7 +54,9 @@ def test_the_size_of_a_sheet_that_is_not_flat_is_asked_again_with_a_tolerance(at
     at_sheet.answer("wall.png@1.62m")
     known = at_sheet.known
     assert known.camera_model is not None
-    for name, text in written_files({**known.answers, "wish": "near", "near_near": "1 m"}, known.camera_model).items():
+    for name, text in configuration_files(
+        {**known.answers, "wish": "near", "near_near": "1 m"}, known.camera_model
+    ).items():
         (known.folder / name).write_text(text, encoding="utf-8")
     (target,) = load_configuration(known.file).targets
     assert target.options.tolerance == pytest.approx(0.002)

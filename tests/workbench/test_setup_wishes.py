@@ -13,7 +13,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.rule_tests.running import RuleTests
-from stadimeter.workbench.setup.files import written_files
+from stadimeter.workbench.setup.files import configuration_files
 from stadimeter.workbench.setup.question import Known
 from stadimeter.workbench.setup.wish_steps import BlankStep, seen_up_to_m
 from stadimeter.workbench.setup.wishes import WISHES, Wish, ready_answers
@@ -42,7 +42,7 @@ def answers(kind: str, *wishes: Wish, output: str = "") -> dict[str, str]:
 
 
 def loaded(folder: Path, given: dict[str, str]) -> Configuration:
-    for name, text in written_files(given, LENS).items():
+    for name, text in configuration_files(given, LENS).items():
         (folder / name).write_text(text, encoding="utf-8")
     return load_configuration(folder / "stadimeter.toml")
 

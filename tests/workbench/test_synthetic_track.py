@@ -20,7 +20,7 @@ from stadimeter.workbench.rule_tests.synthetic_track import (
     Nuisances,
     SensorModel,
     SyntheticTrack,
-    where,
+    position_at,
 )
 
 CAMERA = CameraModel(
@@ -72,14 +72,14 @@ def test_noise_never_makes_a_distance_near_and_sure() -> None:
 
 def test_a_target_that_approaches_waits_then_goes_evenly_then_stays() -> None:
     path = path_of(approach={"from": "4 m", "to": "1 m", "speed": "2 m/s", "stay": "2 s"})
-    assert [where(path, at_s).distance_m for at_s in (0, 1, 1.5, 2.5, 3, 9)] == [4, 4, 3, 1, 1, 1]
+    assert [position_at(path, at_s).distance_m for at_s in (0, 1, 1.5, 2.5, 3, 9)] == [4, 4, 3, 1, 1, 1]
     assert path[-1].at_s == 4.5
 
 
 def test_a_target_that_skips_is_there_from_one_moment_to_the_next() -> None:
     path = path_of(skip={"from": "3 m", "to": "40 cm"})
-    assert where(path, 0.9999).distance_m == 3
-    assert where(path, 1.0).distance_m == 0.4
+    assert position_at(path, 0.9999).distance_m == 3
+    assert position_at(path, 1.0).distance_m == 0.4
 
 
 def test_points_have_directions_and_those_of_the_motion_where_they_have_none() -> None:
@@ -87,7 +87,7 @@ def test_points_have_directions_and_those_of_the_motion_where_they_have_none() -
         {"at": "0 s", "distance": "3 m"},
         {"at": "2 s", "distance": "1 m", "bearing": "-10 deg"},
     ]
-    middle = where(path_of(points=points, bearing="20 deg", elevation="5 deg"), 1.0)
+    middle = position_at(path_of(points=points, bearing="20 deg", elevation="5 deg"), 1.0)
     assert middle.distance_m == 2
     assert math.degrees(middle.bearing_rad) == pytest.approx(5)
     assert math.degrees(middle.elevation_rad) == pytest.approx(5)

@@ -12,16 +12,16 @@ from stadimeter.errors import ConfigError, JournalError
 from stadimeter.workbench.replay.opening import read_recording
 from stadimeter.workbench.tuning import candidates as tuning_candidates
 from stadimeter.workbench.tuning import proposing as tuning
-from stadimeter.workbench.tuning.candidates import Rate, Settings, beginnings, tuned_rule
+from stadimeter.workbench.tuning.candidates import Rate, Settings, beginnings, rule_to_tune
 from stadimeter.workbench.tuning.noise import noise_of, series_of, stretches_of
-from stadimeter.workbench.tuning.proposing import Beginning, Ending, chosen_beginning, chosen_ending, tune
+from stadimeter.workbench.tuning.proposing import Beginning, Ending, choose_beginning, choose_ending, tune
 from stadimeter.workbench.tuning.trials import (
     Transition,
     clearance_of,
     distance_at,
-    ended_s,
-    late_s,
+    end_latency_s,
     quiet_frames,
+    raise_latency_s,
     raises_apart,
     truth_of,
 )
@@ -154,15 +154,15 @@ def test_a_pause_in_a_recording_is_no_stretch(tmp_path):
 def test_places_and_clearances_are_the_same_thing_on_both_sides_of_a_limit(tmp_path, configuration):
     noise = noise_of([seen(tmp_path, lambda _: 3.0, seconds=60)])
     for name in ("near", "far"):
-        tuned = tuned_rule(configuration, name)
+        tuned = rule_to_tune(configuration, name)
         for clearance in (-1.5, 0.0, 0.5, 3.0):
             at_m = distance_at(tuned, noise, clearance)
             assert clearance_of(tuned, noise, at_m) == pytest.approx(clearance)
-    assert distance_at(tuned_rule(configuration, "near"), noise, 1000.0) is None
+    assert distance_at(rule_to_tune(configuration, "near"), noise, 1000.0) is None
 
 
 def test_a_target_that_truly_comes_is_no_quiet_time_nor_is_a_marked_event(tmp_path, configuration):
-    tuned = tuned_rule(configuration, "near")
+    tuned = rule_to_tune(configuration, "near")
     series = seen(tmp_path, lambda at_s: 1.5 if 60 < at_s < 70 else 2.5, seconds=120)
     noise = noise_of([series])
     quiet = quiet_frames(series, tuned, noise, [])
@@ -182,7 +182,7 @@ def test_where_a_target_was_is_not_known_when_it_was_not_seen_at_all(tmp_path):
 
 @pytest.mark.long
 def test_a_target_that_stands_close_gets_stricter_settings_than_one_far_away(tmp_path, configuration, quick):
-    tuned = tuned_rule(configuration, "near")
+    tuned = rule_to_tune(configuration, "near")
     close, away = (
         tune(
             tuned,
@@ -203,7 +203,7 @@ def test_a_target_that_stands_close_gets_stricter_settings_than_one_far_away(tmp
 
 def test_what_ten_minutes_support_is_never_called_once_a_day(tmp_path, configuration, quick):
     proposal = tune(
-        tuned_rule(configuration, "near"),
+        rule_to_tune(configuration, "near"),
         configuration.plan,
         [seen(tmp_path, lambda _: 3.0, seconds=120)],
         wanted_a_day=1,
@@ -217,7 +217,7 @@ def test_what_ten_minutes_support_is_never_called_once_a_day(tmp_path, configura
 @pytest.mark.long
 def test_the_same_seed_gives_the_same_proposal(tmp_path, configuration, quick):
     series = seen(tmp_path, lambda _: 2.15, seconds=60)
-    tuned = tuned_rule(configuration, "near")
+    tuned = rule_to_tune(configuration, "near")
     first, again = (tune(tuned, configuration.plan, [series], wanted_a_day=10, speed_mps=2, seed=3) for _ in range(2))
     assert first.beginnings == again.beginnings
     assert first.endings == again.endings
@@ -225,7 +225,7 @@ def test_the_same_seed_gives_the_same_proposal(tmp_path, configuration, quick):
 
 def test_an_alarm_on_a_target_that_goes_away_is_tuned_too(tmp_path, configuration, quick):
     proposal = tune(
-        tuned_rule(configuration, "far"),
+        rule_to_tune(configuration, "far"),
         configuration.plan,
         [seen(tmp_path, lambda _: 3.0, seconds=60)],
         wanted_a_day=1,
@@ -238,7 +238,7 @@ def test_an_alarm_on_a_target_that_goes_away_is_tuned_too(tmp_path, configuratio
 def test_a_target_that_stands_where_the_alarm_is_right_cannot_tell_of_false_alarms(tmp_path, configuration, quick):
     with pytest.raises(JournalError, match=r"nearer than 2\.00 m, where an alarm of 'near' is a true one"):
         tune(
-            tuned_rule(configuration, "near"),
+            rule_to_tune(configuration, "near"),
             configuration.plan,
             [seen(tmp_path, lambda _: 1.0, seconds=40)],
             wanted_a_day=1,
@@ -253,7 +253,7 @@ def test_raises_that_happened_in_the_recording_count_against_a_setting(tmp_path,
 
     noise = KnownNoise(per_m2=0.012, stated_per_m2=0.002)
     proposal = tune(
-        tuned_rule(configuration, "near"),
+        rule_to_tune(configuration, "near"),
         configuration.plan,
         [seen(tmp_path, where_m, noise, seconds=200)],
         wanted_a_day=1,
@@ -264,26 +264,26 @@ def test_raises_that_happened_in_the_recording_count_against_a_setting(tmp_path,
 
 
 def test_of_two_limits_the_one_nearer_to_the_target_is_tuned(configuration):
-    assert (tuned_rule(configuration, "there", 0.8).threshold_m, tuned_rule(configuration, "there", 0.8).side) == (
+    assert (rule_to_tune(configuration, "there", 0.8).threshold_m, rule_to_tune(configuration, "there", 0.8).side) == (
         1.0,
         -1,
     )
-    assert (tuned_rule(configuration, "there", 6.0).threshold_m, tuned_rule(configuration, "there", 6.0).side) == (
+    assert (rule_to_tune(configuration, "there", 6.0).threshold_m, rule_to_tune(configuration, "there", 6.0).side) == (
         5.0,
         1,
     )
 
 
 def test_a_safety_alarm_is_never_told_to_wait(configuration):
-    tried = beginnings(tuned_rule(configuration, "danger"))
+    tried = beginnings(rule_to_tune(configuration, "danger"))
     assert {settings.on_delay for settings in tried} == {OnDelay()}
 
 
 def test_a_rule_that_is_not_there_or_not_on_a_distance_is_refused(configuration):
     with pytest.raises(ConfigError, match=r"no rule 'neer'.*did you mean 'near'"):
-        tuned_rule(configuration, "neer")
+        rule_to_tune(configuration, "neer")
     with pytest.raises(ConfigError, match=r"'gone' is none that a distance alone raises"):
-        tuned_rule(configuration, "gone")
+        rule_to_tune(configuration, "gone")
 
 
 SETTINGS = Settings(probability=0.8, on_delay=OnDelay(), deadband_sigmas=3.0, off_delay_s=1.0)
@@ -296,14 +296,14 @@ def beginning(a_day, late, recorded=0):
 
 def test_the_earliest_that_is_seldom_enough_raised_is_chosen():
     tried = [beginning(50, 0.03), beginning(0.9, 0.05), beginning(0.01, 0.2)]
-    assert chosen_beginning(tried, 1.0, 600) is tried[1]
-    assert chosen_beginning(tried, 100, 600) is tried[0]
-    assert chosen_beginning(tried, 0.001, 600) is tried[2]
+    assert choose_beginning(tried, 1.0, 600) is tried[1]
+    assert choose_beginning(tried, 100, 600) is tried[0]
+    assert choose_beginning(tried, 0.001, 600) is tried[2]
 
 
 def test_what_was_raised_in_the_recording_is_not_chosen_whatever_is_expected_of_it():
     tried = [beginning(0.1, 0.03, recorded=2), beginning(0.9, 0.05)]
-    assert chosen_beginning(tried, 1.0, 600) is tried[1]
+    assert choose_beginning(tried, 1.0, 600) is tried[1]
 
 
 def test_the_earliest_ending_that_does_not_flap_is_chosen():
@@ -311,8 +311,8 @@ def test_the_earliest_ending_that_does_not_flap_is_chosen():
         Ending(settings=SETTINGS, flaps_a_minute=flaps, ends_after_s=after_s)
         for flaps, after_s in ((3.0, 0.1), (0.0, 0.5), (0.0, 2.0))
     ]
-    assert chosen_ending(tried) is tried[1]
-    assert chosen_ending(tried[:1]) is tried[0]
+    assert choose_ending(tried) is tried[1]
+    assert choose_ending(tried[:1]) is tried[0]
 
 
 def transitions(*changes):
@@ -320,17 +320,17 @@ def transitions(*changes):
 
 
 def test_lateness_counts_from_the_crossing_and_early_is_not_late():
-    assert late_s(transitions((0.2, True))) == 0.2
-    assert late_s(transitions((-0.2, True))) == 0.0
-    assert late_s(transitions((-0.2, True), (-0.1, False), (0.3, True))) == 0.3
-    assert late_s(transitions((-0.2, True), (0.1, False))) == 0.0
-    assert late_s([]) == float("inf")
+    assert raise_latency_s(transitions((0.2, True))) == 0.2
+    assert raise_latency_s(transitions((-0.2, True))) == 0.0
+    assert raise_latency_s(transitions((-0.2, True), (-0.1, False), (0.3, True))) == 0.3
+    assert raise_latency_s(transitions((-0.2, True), (0.1, False))) == 0.0
+    assert raise_latency_s([]) == float("inf")
 
 
 def test_an_alarm_is_over_when_it_is_over_for_good():
-    assert ended_s(transitions((-2, True), (0.4, False))) == 0.4
-    assert ended_s(transitions((-2, True), (-1, False))) == 0.0
-    assert ended_s(transitions((-2, True))) == float("inf")
+    assert end_latency_s(transitions((-2, True), (0.4, False))) == 0.4
+    assert end_latency_s(transitions((-2, True), (-1, False))) == 0.0
+    assert end_latency_s(transitions((-2, True))) == float("inf")
 
 
 def test_raises_in_quick_succession_are_one():

@@ -13,7 +13,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from stadimeter.cli import calibrate_board
-from stadimeter.cli.calibrate_live import AtOption, LiveSettings, calibrated_live
+from stadimeter.cli.calibrate_live import AtOption, LiveSettings, calibrate_live
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
 from stadimeter.cli.formatting import LengthUnit, format_distance
 from stadimeter.cli.known_pictures import (
@@ -25,13 +25,13 @@ from stadimeter.cli.known_pictures import (
     today,
 )
 from stadimeter.cli.live_camera import LiveOption
-from stadimeter.cli.target_options import GivenTarget, WantedTargets, takes_target, wanted_targets
+from stadimeter.cli.target_options import GivenTarget, WantedTargets, takes_target, targets_from_options
 from stadimeter.config.camera_file import load_camera_model, save_camera_model
 from stadimeter.core.camera_model import ToneCurve
 from stadimeter.errors import ConfigError, Problem
 from stadimeter.ranging.calibration import Calibration, FocalLength
 from stadimeter.ranging.calibration_check import CalibrationCheck, check_calibration
-from stadimeter.workbench.calibration.distance_fit import fit_distances, known_remedy
+from stadimeter.workbench.calibration.distance_fit import fit_distances, remedy_words
 from stadimeter.workbench.measuring import open_picture
 
 _calibrate_app = typer.Typer(
@@ -104,12 +104,12 @@ def distance(
             raise ConfigError("give pictures at known distances, or --live for a camera, one of the two")
         if at and not live:
             raise ConfigError("--at says where to put the target before a camera; give --live with it")
-        wanted = wanted_targets(target)
+        wanted = targets_from_options(target)
         if live:
             if not output.parent.is_dir():  # known before the person walks to and fro, not after it
                 raise ConfigError([Problem(f"there is no folder {output.parent} for {output.name}", key="-o")])
             settings = LiveSettings(distance_relative_sigma=distance_error / 100, tone_curve=tone_curve)
-            made, all_found = calibrated_live(live, at or [], wanted, settings), True
+            made, all_found = calibrate_live(live, at or [], wanted, settings), True
         else:
             made, all_found = _from_pictures(pictures or [], wanted, distance_error / 100, tone_curve)
         replaced = output.exists()
@@ -135,7 +135,7 @@ def _from_pictures(
         tone_curve=tone_curve,
     )
     for each in fit.left_out:
-        remedy = known_remedy(each, open_picture(Path(each.picture)), wanted.choices[0])
+        remedy = remedy_words(each, open_picture(Path(each.picture)), wanted.choices[0])
         reason = f"through the camera file it is not found: {each.detection.reason}{remedy}"
         typer.echo(f"left out: {each.picture}: {reason}", err=True)
     for each in fit.elsewhere:
@@ -239,7 +239,7 @@ def check(
     an option, a file or a picture is wrong.
     """
     with plain_errors():
-        wanted = wanted_targets(target)
+        wanted = targets_from_options(target)
         model = load_camera_model(camera)
         known = look_at(pictures, wanted, model)
         if not known.usable:

@@ -15,7 +15,7 @@ import typer
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
 from stadimeter.cli.known_pictures import ToneCurveOption, today
 from stadimeter.cli.live_camera import camera_choice
-from stadimeter.cli.progress import counted, working
+from stadimeter.cli.progress import count_items, working
 from stadimeter.cli.target_options import parse_known_length
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.frame import Frame
@@ -104,7 +104,7 @@ def board(
     nothing was written.
     """
     with plain_errors():
-        wanted = wanted_board(chessboard, charuco, square, marker, dictionary)
+        wanted = board_from_options(chessboard, charuco, square, marker, dictionary)
         if bool(pictures) == bool(live):
             raise ConfigError("give pictures of the board, or --live for a camera, one of the two")
         made, all_used = _from_camera(live, wanted) if live else _from_pictures(pictures or [], wanted)
@@ -119,7 +119,9 @@ def _from_pictures(pictures: Sequence[Path], wanted: Board) -> tuple[BoardCalibr
     """Return what pictures give, and whether all of them were used."""
     for note in check_lens_settings(pictures):
         typer.echo(f"note: {note}", err=True)
-    found = find_boards(pictures, wanted, lambda paths: counted(paths, "looking for the board in pictures", len(paths)))
+    found = find_boards(
+        pictures, wanted, lambda paths: count_items(paths, "looking for the board in pictures", len(paths))
+    )
     for picture, reason in found.missed:
         typer.echo(f"left out: {picture}: {reason}", err=True)
     if not found.views:
@@ -150,7 +152,7 @@ def _never_found(what: str) -> NoReturn:
     raise typer.Exit(NOT_FOUND)
 
 
-def wanted_board(
+def board_from_options(
     chessboard: str | None, charuco: str | None, square: str, marker: str | None, dictionary: str | None
 ) -> Board:
     """Return the board that the options describe; `ConfigError` if they contradict each other."""

@@ -17,7 +17,7 @@ from stadimeter.core.camera_model import ToneCurve
 from stadimeter.errors import CalibrationError, ConfigError
 from stadimeter.ranging.calibration import Calibration
 from stadimeter.workbench.calibration.live_distance import APART_MIN, LiveDistance, Take
-from stadimeter.workbench.frame_source import opened
+from stadimeter.workbench.frame_source import open_camera
 
 AtOption = Annotated[
     list[str] | None,
@@ -37,7 +37,7 @@ class LiveSettings:
     tone_curve: ToneCurve
 
 
-def calibrated_live(live: str, at: Sequence[str], wanted: WantedTargets, settings: LiveSettings) -> Calibration:
+def calibrate_live(live: str, at: Sequence[str], wanted: WantedTargets, settings: LiveSettings) -> Calibration:
     """Ask for the target at each distance, and return the calibration from all of them.
 
     Raises:
@@ -47,7 +47,7 @@ def calibrated_live(live: str, at: Sequence[str], wanted: WantedTargets, setting
     _check(at)
     typer.echo("opening the camera …", err=True)
     session = LiveDistance(
-        opened(camera_choice(live)),
+        open_camera(camera_choice(live)),
         wanted.choices[0],
         date=today(),
         distance_relative_sigma=settings.distance_relative_sigma,
@@ -59,16 +59,16 @@ def calibrated_live(live: str, at: Sequence[str], wanted: WantedTargets, setting
             typer.echo(f"Measure with a tape, from the lens to {session.measured_to}.")
             typer.echo("Keep it in the middle of the picture, and the camera still.")
             for number in range(max(2, len(at))):
-                asked = at[number] if at else _advised(session, wanted.unit)
-                _say(_taken(session, asked), wanted.unit)
+                asked = at[number] if at else _advise_distance(session, wanted.unit)
+                _say(_take(session, asked), wanted.unit)
             if session.to_centre_m:
                 more = format_distance(session.to_centre_m, None, wanted.unit)
                 typer.echo(f"The distances below are to the centre, which is {more} farther.")
-            return _proved(session)
+            return _prove(session)
     except CalibrationError as error:
         raise CalibrationError(f"{error}\nnothing was written") from error
     except KeyboardInterrupt:
-        _stopped("stopped")
+        _stop("stopped")
 
 
 def _check(at: Sequence[str]) -> None:
@@ -78,21 +78,21 @@ def _check(at: Sequence[str]) -> None:
         parse_known_length(text, "--at")
 
 
-def _advised(session: LiveDistance, unit: LengthUnit) -> str:
+def _advise_distance(session: LiveDistance, unit: LengthUnit) -> str:
     """Return a first distance that suits most rooms, or the one that proves it best."""
     shown, first = (FOOT, 3.0) if unit in {FOOT, INCH} else (METRE, 1.0)
     following_m = session.next_distance_m
     return f"{first if following_m is None else following_m / shown.size_m:.3g} {shown.symbol}"
 
 
-def _taken(session: LiveDistance, asked: str) -> Take:
+def _take(session: LiveDistance, asked: str) -> Take:
     """Ask for the target at a distance until it is found there."""
     while True:
         typer.echo(f"{'Now put' if session.takes else 'Put'} it at {asked}.")
         try:
             answer = input("Press Enter when it is there, or type the distance that it has: ").strip()
         except EOFError:
-            _stopped("there is no answer")
+            _stop("there is no answer")
         try:
             distance_m = parse_known_length(answer or asked, "the distance")
             asked = answer or asked
@@ -101,14 +101,14 @@ def _taken(session: LiveDistance, asked: str) -> Take:
             typer.echo(f"error: {error}", err=True)
 
 
-def _proved(session: LiveDistance) -> Calibration:
+def _prove(session: LiveDistance) -> Calibration:
     if not session.is_proved:
         raise CalibrationError(f"one distance does not prove the other: take one {APART_MIN:g} times as far at least")
     typer.echo("calculating …", err=True)
     return session.calibration()
 
 
-def _stopped(why: str) -> NoReturn:
+def _stop(why: str) -> NoReturn:
     typer.echo(f"\nerror: {why}, so nothing was written", err=True)
     raise typer.Exit(NOT_FOUND)
 

@@ -17,7 +17,7 @@ from stadimeter.cli.live_camera import camera_choice
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.errors import ConfigError, Problem, reason_of
 from stadimeter.workbench.annotation import write_picture
-from stadimeter.workbench.frame_source import Snapshot
+from stadimeter.workbench.frame_source import CameraShot
 from stadimeter.workbench.run_camera import NONE_FOUND, attached_cameras, choice_of, first_picture
 
 
@@ -64,7 +64,7 @@ def cameras(
             if not as_json:
                 _list(number, camera)
             picture = folder / f"camera-{number}.png" if folder is not None else None
-            seen.append(_looked_at(camera, like, picture, is_tried=is_tried or folder is not None))
+            seen.append(_check_camera(camera, like, picture, is_tried=is_tried or folder is not None))
             if not as_json:
                 _tell(seen[-1])
         if as_json:
@@ -75,12 +75,12 @@ def cameras(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Seen:
+class _CheckedCamera:
     """A camera, and what became of it: a picture, why there is none, or neither if it was not opened."""
 
     camera: AttachedCamera
     trouble: str
-    shot: Snapshot | None = None
+    shot: CameraShot | None = None
     picture: Path | None = None
 
     def record(self) -> dict[str, Any]:
@@ -111,16 +111,18 @@ def _make(folder: Path | None) -> None:
         ) from error
 
 
-def _looked_at(camera: AttachedCamera, like: DriverChoice | None, picture: Path | None, *, is_tried: bool) -> _Seen:
+def _check_camera(
+    camera: AttachedCamera, like: DriverChoice | None, picture: Path | None, *, is_tried: bool
+) -> _CheckedCamera:
     if camera.trouble or not is_tried:
-        return _Seen(camera=camera, trouble=camera.trouble)
+        return _CheckedCamera(camera=camera, trouble=camera.trouble)
     typer.echo(f"opening {camera.name} …", err=True)
     shot = first_picture(choice_of(camera, like))
     if isinstance(shot, str):
-        return _Seen(camera=camera, trouble=shot)
+        return _CheckedCamera(camera=camera, trouble=shot)
     if picture is not None:
         write_picture(picture, shot.frame.image, shot.frame.optics)
-    return _Seen(camera=camera, trouble="", shot=shot, picture=picture)
+    return _CheckedCamera(camera=camera, trouble="", shot=shot, picture=picture)
 
 
 def _list(number: int, camera: AttachedCamera) -> None:
@@ -140,7 +142,7 @@ def _modes(modes: Sequence[CameraMode]) -> Iterator[str]:
         yield f"{fourcc.strip()}: {', '.join(sizes)}"
 
 
-def _tell(seen: _Seen) -> None:
+def _tell(seen: _CheckedCamera) -> None:
     if seen.trouble:
         typer.echo(f"   cannot be used: {seen.trouble}")
     if seen.shot is None:

@@ -15,7 +15,7 @@ from rich.text import Text
 
 from stadimeter.app.feasibility import feasibility_warnings
 from stadimeter.app.this_computer import SERVICE_USER, become_service_user, warnings_here
-from stadimeter.cli.exits import MOST_SHOWN, WRONG, ConfigArgument, configuration_path, plain_errors
+from stadimeter.cli.exits import MAX_SHOWN, WRONG, ConfigArgument, configuration_path, plain_errors
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text
@@ -26,7 +26,7 @@ Kind = Literal["error", "warning"]
 WARNED = 1
 """The exit code where a warning counts, with ``--strict``."""
 
-_LONGEST_LINE = 240
+_MAX_LINE = 240
 _COLOURS = {"error": "red", "warning": "yellow"}
 
 _ADDRESS = re.compile(r"""(?<=://)[^\s"']+""")
@@ -89,8 +89,8 @@ def _report_errors(config: Path, error: ConfigError, *, as_json: bool) -> None:
     sources: dict[str, list[str]] = {}
     print_problems(console, error.problems, "error", sources)
     print_problems(console, error.warnings, "warning", sources)
-    count = _counted(len(error.problems), "error")
-    also = f", {_counted(len(error.warnings), 'warning')}" if error.warnings else ""
+    count = _count_of(len(error.problems), "error")
+    also = f", {_count_of(len(error.warnings), 'warning')}" if error.warnings else ""
     console.print(Text(f"{count}{also}: {config} cannot be used", "bold red"))
 
 
@@ -107,13 +107,13 @@ def _report_success(
         text = Text(sentence)
         text.highlight_regex("`[^`]+`", "cyan")
         console.print(text)
-    count = f", with {_counted(len(warnings), 'warning')}" if warnings else ""
+    count = f", with {_count_of(len(warnings), 'warning')}" if warnings else ""
     here = ", but not on this computer, which lacks what is named above" if is_lacking else ""
     words = f"{configuration.path} can be used{user}{count}{here}"
     console.print(Text(words, "bold yellow" if is_lacking else "bold green"))
 
 
-def _counted(count: int, word: str) -> str:
+def _count_of(count: int, word: str) -> str:
     return f"{count} {word}{'' if count == 1 else 's'}"
 
 
@@ -140,7 +140,7 @@ def print_problems(
     """Print each problem with its line, underlined, and what to do about it. Files that are read are added."""
     sources = {} if sources is None else sources
     every = list(problems)
-    for problem in every[:MOST_SHOWN]:
+    for problem in every[:MAX_SHOWN]:
         if problem.file not in sources:
             sources[problem.file] = _lines(problem.file)
         console.print(_title(problem, kind))
@@ -149,8 +149,8 @@ def print_problems(
             console.print(line)
         if problem.hint:
             console.print(Text.assemble(f"{margin}   ", (problem.hint, "green")))
-    if len(every) > MOST_SHOWN:
-        console.print(f"and {len(every) - MOST_SHOWN} more of this kind")
+    if len(every) > MAX_SHOWN:
+        console.print(f"and {len(every) - MAX_SHOWN} more of this kind")
 
 
 def _title(problem: Problem, kind: Kind) -> Text:
@@ -168,25 +168,25 @@ def _fragment(problem: Problem, lines: list[str], kind: Kind) -> list[Text]:
         return []
     line = _ADDRESS.sub(lambda match: "…" * len(match[0]), lines[problem.line - 1].replace("\t", " "))
     number = f"  {problem.line}"
-    line, begin, end = _cropped(line, *_underlined(problem, line))
+    line, begin, end = _crop(line, *_columns_to_underline(problem, line))
     return [
         Text.assemble((f"{number} | ", "dim"), line),
         Text.assemble((f"{' ' * len(number)} | ", "dim"), " " * begin, ("^" * max(1, end - begin), _COLOURS[kind])),
     ]
 
 
-def _cropped(line: str, begin: int, end: int) -> tuple[str, int, int]:
+def _crop(line: str, begin: int, end: int) -> tuple[str, int, int]:
     """Return a line, and what is underlined in it; of one that fills the screen only what is around that."""
-    if len(line) <= _LONGEST_LINE:
+    if len(line) <= _MAX_LINE:
         return line, begin, end
-    start = max(0, begin - _LONGEST_LINE // 4)
-    shown = line[start : start + _LONGEST_LINE]
+    start = max(0, begin - _MAX_LINE // 4)
+    shown = line[start : start + _MAX_LINE]
     before, after = "…" * (start > 0), "…" * (start + len(shown) < len(line))
     shift = len(before) - start
     return f"{before}{shown}{after}", begin + shift, min(end + shift, len(before) + len(shown))
 
 
-def _underlined(problem: Problem, line: str) -> tuple[int, int]:
+def _columns_to_underline(problem: Problem, line: str) -> tuple[int, int]:
     """Return the columns to underline: those of the key, or else the whole line without its margin and comment."""
     if problem.end_column:
         return problem.column, problem.end_column

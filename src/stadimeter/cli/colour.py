@@ -27,7 +27,7 @@ from stadimeter.workbench.colour_aids import (
     split_places,
 )
 from stadimeter.workbench.colour_profile import profile_notes
-from stadimeter.workbench.frame_source import settled_frame
+from stadimeter.workbench.frame_source import take_frame
 from stadimeter.workbench.measuring import open_picture
 from stadimeter.workbench.picture_quality import picture_remarks
 
@@ -84,7 +84,7 @@ def colour(
     """
     with plain_errors():
         with working("looking for a ball of one colour"):
-            names, samples = _given(pictures or [], at or [], live)
+            names, samples = _samples_from_options(pictures or [], at or [], live)
             found = load_plugin(DETECTORS, "ball").propose_colour
             proposal: ColourProposal | None = found(samples) if found else None
         if proposal is None:
@@ -102,14 +102,16 @@ def colour(
     raise typer.Exit(DONE if is_found else NOT_FOUND)
 
 
-def _given(pictures: Sequence[str], at: Sequence[str], live: str | None) -> tuple[list[Path], list[ColourSample]]:
+def _samples_from_options(
+    pictures: Sequence[str], at: Sequence[str], live: str | None
+) -> tuple[list[Path], list[ColourSample]]:
     """Return the pictures by name, each with the places in it."""
     if bool(pictures) == bool(live):
         raise ConfigError("give pictures of the ball, or --live for a camera, one of the two")
     if at and len(pictures) > 1:
         raise ConfigError("--at is a place in one picture; for several write such as noon.jpg@312,240 dusk.jpg@290,255")
     if live:
-        frame = settled_frame(camera_choice(live))
+        frame = take_frame(camera_choice(live))
         for words in picture_remarks(frame.image):
             typer.echo(f"note: {words}", err=True)
         return [Path("live.png")], [colour_sample(frame, "the camera's picture", at, "--at")]

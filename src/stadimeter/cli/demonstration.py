@@ -12,7 +12,7 @@ from stadimeter.app.loop import Limits, Loop
 from stadimeter.cli.exits import plain_errors
 from stadimeter.cli.keyboard import Key, RunKeys
 from stadimeter.cli.run import run_loop
-from stadimeter.cli.run_options import Keeping, Serving
+from stadimeter.cli.run_options import RecordingOptions, ServiceOptions
 from stadimeter.cli.viewing import Showing, live_or_plain
 from stadimeter.config.extras import missing
 from stadimeter.config.models import WebTable
@@ -51,12 +51,12 @@ def demonstrate(
     with plain_errors():
         loop = Loop(build(demo_configuration(), speed=speed or None))
         view = "plain" if wants_lines else live_or_plain()
-        keeping = Keeping(journal=journal, record=record, is_quiet=view == "live")
+        recording = RecordingOptions(journal=journal, record=record, is_quiet=view == "live")
         web = page_on_loopback() if speed > 0 else None
-        serving = Serving(is_unhurried=speed > 0, is_quiet=view == "live", web=web)
+        services = ServiceOptions(is_unhurried=speed > 0, is_quiet=view == "live", web=web)
         keys = RunKeys(loop, fault_keys(loop), can_pause=True)
         title = f"demo, also on http://{web.host}:{web.port}/" if web is not None else "demo"
-        run_loop(loop, Limits(seconds=seconds), keeping, serving, Showing(view, title, unit, keys, last=NEXT))
+        run_loop(loop, Limits(seconds=seconds), recording, services, Showing(view, title, unit, keys, last=NEXT))
 
 
 def page_on_loopback() -> WebTable | None:

@@ -21,17 +21,21 @@ from stadimeter.cli.glyphs import ASCII, UNICODE, Glyphs
 from stadimeter.cli.progress import working
 from stadimeter.config.guides import guide
 from stadimeter.errors import ConfigError
-from stadimeter.workbench.doctor.computer import Computer, Diagnosis, Severity
+from stadimeter.workbench.doctor.computer import Computer, Diagnosis, DiagnosisSeverity
 from stadimeter.workbench.doctor.examination import CHECKS, Check
 from stadimeter.workbench.doctor.examined import Examined
 
 MARKS = {
-    Severity.FINE: ("✓", "green"),
-    Severity.WARNING: ("!", "yellow"),
-    Severity.WRONG: ("✗", "bold red"),
-    Severity.UNKNOWN: ("?", "cyan"),
+    DiagnosisSeverity.FINE: ("✓", "green"),
+    DiagnosisSeverity.WARNING: ("!", "yellow"),
+    DiagnosisSeverity.WRONG: ("✗", "bold red"),
+    DiagnosisSeverity.UNKNOWN: ("?", "cyan"),
 }
-COUNTED = {Severity.WRONG: "wrong", Severity.WARNING: "to look at", Severity.UNKNOWN: "not known"}
+COUNTED = {
+    DiagnosisSeverity.WRONG: "wrong",
+    DiagnosisSeverity.WARNING: "to look at",
+    DiagnosisSeverity.UNKNOWN: "not known",
+}
 
 
 def register(app: typer.Typer) -> None:
@@ -72,7 +76,7 @@ def doctor(
         if config is not None and not os.path.lexists(config) and os.access(config.parent, os.X_OK):
             raise ConfigError(f"there is no configuration {config}")
         found = _print_json(examined) if as_json else _print_lines(examined)
-    raise typer.Exit(NOT_FOUND if any(each.severity is Severity.WRONG for each in found) else DONE)
+    raise typer.Exit(NOT_FOUND if any(each.severity is DiagnosisSeverity.WRONG for each in found) else DONE)
 
 
 def _find(check: Check, examined: Examined) -> tuple[Diagnosis, ...]:
@@ -116,7 +120,9 @@ def _summary(every: list[Diagnosis]) -> Text:
     parts = [f"{counts[severity]} {words}" for severity, words in COUNTED.items() if counts[severity]]
     if not parts:
         return Text("nothing is wrong", "bold green")
-    return Text(f"{', '.join(parts)}; {guide('doctor.md')} says more", "bold red" if counts[Severity.WRONG] else "bold")
+    return Text(
+        f"{', '.join(parts)}; {guide('doctor.md')} says more", "bold red" if counts[DiagnosisSeverity.WRONG] else "bold"
+    )
 
 
 def _print_json(examined: Examined) -> list[Diagnosis]:
@@ -124,7 +130,7 @@ def _print_json(examined: Examined) -> list[Diagnosis]:
     private = _private(examined)
     record: dict[str, Any] = {
         "version": stadimeter.__version__,
-        "wrong": sum(diagnosis.severity is Severity.WRONG for _check, diagnosis in found),
+        "wrong": sum(diagnosis.severity is DiagnosisSeverity.WRONG for _check, diagnosis in found),
         "checks": [
             {
                 "group": check.group,

@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from stadimeter.app.event_log import ENDING, log_files
 from stadimeter.cli.exits import plain_errors
 from stadimeter.errors import JournalError
 
@@ -45,8 +46,6 @@ def events(
 
     **Exit code**: 0 done; 2 there is no log, or it cannot be read.
     """
-    from stadimeter.app.event_log import log_files  # noqa: PLC0415 - the command line loads it with every command
-
     with plain_errors():
         path = log or _of_service()
         newest = [line for file in reversed(log_files(path)) for line in reversed(_lines(file))]
@@ -66,8 +65,6 @@ def _record(line: str) -> dict[str, object]:
 
 def _of_service() -> Path:
     """Return the log of the service, the one that was written last if it had several configurations."""
-    from stadimeter.app.event_log import ENDING  # noqa: PLC0415 - likewise
-
     try:
         found = sorted(SERVICE_STATE.glob(f"*{ENDING}"), key=lambda path: path.stat().st_mtime)
     except OSError as error:

@@ -25,7 +25,7 @@ WRITING_FAILS = frozenset({errno.EPIPE, errno.EIO})
 CV_NO_MEMORY = -4
 """OpenCV's ``StsNoMem``, the code of its error."""
 
-MOST_SHOWN = 100
+MAX_SHOWN = 100
 """More lines than this are not read, and a file that is no configuration may have ten thousand errors."""
 
 
@@ -38,23 +38,23 @@ def plain_errors() -> Iterator[None]:
     try:
         yield
     except ConfigError as error:
-        for problem in error.problems[:MOST_SHOWN]:
+        for problem in error.problems[:MAX_SHOWN]:
             typer.echo(f"error: {problem}", err=True)
-        if len(error.problems) > MOST_SHOWN:
-            typer.echo(f"error: and {len(error.problems) - MOST_SHOWN} more", err=True)
+        if len(error.problems) > MAX_SHOWN:
+            typer.echo(f"error: and {len(error.problems) - MAX_SHOWN} more", err=True)
         raise typer.Exit(WRONG) from error
     except StadimeterError as error:
         for line in str(error).splitlines():
             typer.echo(f"error: {line}", err=True)
         raise typer.Exit(WRONG) from error
     except (Exception, SystemExit) as error:
-        instead = _instead_of(error)
+        instead = _replace_error(error)
         if instead is None:
             raise
         raise instead from error
 
 
-def _instead_of(error: BaseException) -> Exception | None:
+def _replace_error(error: BaseException) -> Exception | None:
     """Return what ends the command instead of an error that nobody has caught; None if that error does."""
     if isinstance(error, SystemExit):  # nothing of ours ends that way, and the program would end without a word
         return RuntimeError(f"a driver or library asked for the end of the program: {error!r}")

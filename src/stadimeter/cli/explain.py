@@ -14,6 +14,7 @@ import typer
 from stadimeter.app.control.messages import as_data
 from stadimeter.cli.control_options import JsonOption, SocketOption, asked_of, print_answer
 from stadimeter.cli.exits import plain_errors
+from stadimeter.config.findings import did_you_mean_or_list
 from stadimeter.config.units import parse_duration
 from stadimeter.core.decision import Decision
 from stadimeter.core.rules.explaining import Explanation, explain
@@ -112,22 +113,20 @@ def explain_recording(run: ReplayRun, rule: str, at: str | None) -> tuple[Explan
     for _, observation, decided in run:
         began_s = observation.now_s if began_s is None else began_s
         if until_s is not None and observation.now_s - began_s > until_s + ROUNDING_S:
-            return _explained(decision or decided, rule), last_s
+            return _explain_decision(decision or decided, rule), last_s
         decision, last_s = decided, observation.now_s - began_s
     if decision is None:
         raise ConfigError([Problem(f"{run.recording.path} holds no cycle, so there is nothing to explain")])
     if until_s is not None and until_s > last_s + 1.0:
         message = f"'{at}' is {until_s:.1f} s after the beginning, and the recording ends after {last_s:.1f} s"
         raise ConfigError([Problem(message, key="--at")])
-    return _explained(decision, rule), last_s
+    return _explain_decision(decision, rule), last_s
 
 
-def _explained(decision: Decision, name: str) -> Explanation:
+def _explain_decision(decision: Decision, name: str) -> Explanation:
     """Explain a rule of that moment: a reload before or after it may have changed which rules there are."""
     names = [trace.rule for trace in decision.rules]
     if name not in names:
-        from stadimeter.config.findings import did_you_mean_or_list  # noqa: PLC0415 - needed in this case only
-
         raise ConfigError([Problem(f"there is no rule '{name}'", hint=did_you_mean_or_list(name, names))])
     return explain(decision, name)
 

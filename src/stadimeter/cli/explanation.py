@@ -32,8 +32,8 @@ def explanation(result: TargetResult) -> list[str]:
     if found is None:
         return []
     is_there = found.status is not DetectionStatus.NOT_FOUND
-    seen = _found(found, result.measurement, result.parts) if is_there else []
-    return [f"{'':<{INDENT}}{label:<{LABEL_WIDTH}}{words}" for label, words in (*seen, *_rejected(result, found))]
+    seen = _found_lines(found, result.measurement, result.parts) if is_there else []
+    return [f"{'':<{INDENT}}{label:<{LABEL_WIDTH}}{words}" for label, words in (*seen, *_rejected_lines(result, found))]
 
 
 def explanation_record(result: TargetResult) -> dict[str, object]:
@@ -69,14 +69,14 @@ def _number(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def _found(found: Detection, measured: Measurement, parts: SigmaParts | None) -> list[tuple[str, str]]:
+def _found_lines(found: Detection, measured: Measurement, parts: SigmaParts | None) -> list[tuple[str, str]]:
     lines = []
     if found.width_px > 0:
         size = f"{found.width_px:.2f} x {found.height_px:.2f} px ± {found.size_sigma_px:.2f}"
         x, y = found.centre_px
         lines.append(("seen", f"{size} at {x:.1f}, {y:.1f}, quality {found.quality:.2f}"))
     if measured.tilt_rad is not None:
-        lines.append(("tilt", f"{format_tilt(measured.tilt_rad)}{_mirrored(measured)}"))
+        lines.append(("tilt", f"{format_tilt(measured.tilt_rad)}{_mirrored_words(measured)}"))
     if parts is not None:
         lines.append(("sigma", _sigma_in_words(measured, parts)))
         if found.reason:
@@ -84,7 +84,7 @@ def _found(found: Detection, measured: Measurement, parts: SigmaParts | None) ->
     return lines
 
 
-def _mirrored(measured: Measurement) -> str:
+def _mirrored_words(measured: Measurement) -> str:
     if measured.ambiguity is None:
         return ""
     figure = f"{measured.ambiguity:.2f}"
@@ -109,7 +109,7 @@ def _share(share: float) -> str:
     return f"{100 * share:.3f} %" if share < 0.001 else f"{100 * share:.2f} %"
 
 
-def _rejected(result: TargetResult, found: Detection) -> list[tuple[str, str]]:
+def _rejected_lines(result: TargetResult, found: Detection) -> list[tuple[str, str]]:
     if not found.rejected:
         return [("rejected", "nothing else was looked at" if len(found.outline_px) else "nothing was looked at")]
     number_width = len(str(result.rejected[-1][0]))
@@ -124,7 +124,7 @@ def _rejected(result: TargetResult, found: Detection) -> list[tuple[str, str]]:
 KEPT_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
 """A copy is of the same kind as the picture where that is one of these, else a PNG."""
 
-LONGEST_NAME, WRAPPED_AT = 24, 64
+MAX_NAME, WRAPPED_AT = 24, 64
 """Characters of a target's name beside it in an annotated copy, and of a line of its reason."""
 
 _WORDS = {
@@ -175,7 +175,7 @@ def marks_of(result: PictureResult, unit: LengthUnit, *, explain: bool = False) 
 def _mark(result: TargetResult, unit: LengthUnit) -> Mark:
     measured = result.measurement
     detection = result.detection or Detection(target=measured.target, status=DetectionStatus.NOT_FOUND)
-    name = result.label if len(result.label) <= LONGEST_NAME else f"{result.label[: LONGEST_NAME - 2]}.."
+    name = result.label if len(result.label) <= MAX_NAME else f"{result.label[: MAX_NAME - 2]}.."
     if measured.status is not MeasurementStatus.MEASURED:
         words = _WORDS[measured.status]
         return Mark(

@@ -198,10 +198,10 @@ def in_unit(words: str, unit: LengthUnit) -> str:
 
     Reasons are put into words in metres, once, so that recordings of a run are the same for everyone.
     """
-    return words if unit is METRE else _LENGTH_IN_WORDS.sub(lambda found: _converted(found, unit), words)
+    return words if unit is METRE else _LENGTH_IN_WORDS.sub(lambda found: _convert(found, unit), words)
 
 
-def _converted(found: re.Match[str], unit: LengthUnit) -> str:
+def _convert(found: re.Match[str], unit: LengthUnit) -> str:
     value, step = float(found["value"]) / unit.size_m, 10.0 ** -len(found["decimals"] or "") / unit.size_m
     decimals = min(unit.decimals_max, max(0, math.floor(-math.log10(step) + 0.5)))
     plus_minus = f" ± {_fixed(float(found['sigma']) / unit.size_m, decimals)}" if found["sigma"] else ""

@@ -102,10 +102,9 @@ class Glyphs:
 
     def hang(self, label: Text, words: Text, width: int) -> list[Text]:
         """Return a label and the words beside it, on as many lines as they take; each begins below the first."""
-        from rich.text import Text  # noqa: PLC0415 - the plain view starts sooner without rich
-
-        first, *more = words.wrap(_console(), max(1, width - label.cell_len)) or [Text()]
-        return [Text.assemble(label, first), *(Text(" " * label.cell_len).append_text(line) for line in more)]
+        console, text = _rich()
+        first, *more = words.wrap(console, max(1, width - label.cell_len)) or [text()]
+        return [text.assemble(label, first), *(text(" " * label.cell_len).append_text(line) for line in more)]
 
     def fit(self, text: Text, width: int) -> Text:
         """Return a line cut or filled to a width in columns."""
@@ -114,11 +113,11 @@ class Glyphs:
 
 
 @cache
-def _console() -> Console:
-    """Return what rich wants for wrapping, and does not look at."""
-    from rich.console import Console  # noqa: PLC0415 - the plain view starts sooner without rich
+def _rich() -> tuple[Console, type[Text]]:
+    """Return a console, which rich wants for wrapping and does not look at, and the class of its texts."""
+    from rich import console, text  # noqa: PLC0415 - the plain view starts sooner without rich
 
-    return Console(file=io.StringIO(), width=80)
+    return console.Console(file=io.StringIO(), width=80), text.Text
 
 
 UNICODE = Glyphs()
@@ -131,9 +130,8 @@ ASCII = Glyphs(
 
 def heading(name: str, width: int, glyphs: Glyphs, *details: tuple[str, str]) -> Text:
     """Return a line across the screen with a name in it, and details behind it, each with its style."""
-    from rich.text import Text  # noqa: PLC0415 - the plain view starts sooner without rich
-
-    line = Text.assemble((f"{glyphs.line} ", "dim"), (glyphs.words(name), "bold"), " ")
+    _, text = _rich()
+    line = text.assemble((f"{glyphs.line} ", "dim"), (glyphs.words(name), "bold"), " ")
     for words, style in details:
         line.append(glyphs.words(words), style).append(" ")
     line.append(glyphs.line * max(0, width - line.cell_len), "dim")

@@ -29,7 +29,7 @@ from stadimeter.workbench.measuring import Measuring
 from stadimeter.workbench.saving import VERSIONS
 from stadimeter.workbench.setup.answers import ANSWERS, load_answers, was_left, write_files
 from stadimeter.workbench.setup.answers import example as load_example
-from stadimeter.workbench.setup.files import rule_names, written_files
+from stadimeter.workbench.setup.files import configuration_files, rule_names
 from stadimeter.workbench.setup.interview import Interview, all_answered, check_keys
 from stadimeter.workbench.setup.question import CONFIGURATION, PICTURES, Accepted, Known, Question
 from stadimeter.workbench.setup.target import chosen_target
@@ -99,9 +99,9 @@ def init(
                 "init asks questions, and there is no terminal here; give the answers with --answers FILE, such as "
                 'camera = "ball.jpg" (docs/getting-started.md lists the keys)'
             )
-        known = _scripted(console, folder, answers) if answers else _asked(console, folder)
+        known = _answer_from_file(console, folder, answers) if answers else _answer_by_person(console, folder)
         _write(console, known)
-        raise typer.Exit(_shown(console, known))
+        raise typer.Exit(_check_and_show(console, known))
 
 
 def _is_terminal() -> bool:
@@ -114,7 +114,7 @@ def _write_example(folder: Path, name: str) -> None:
         typer.echo(words)
 
 
-def _scripted(console: Console, folder: Path, file: Path) -> Known:
+def _answer_from_file(console: Console, folder: Path, file: Path) -> Known:
     given = load_answers(file)
     check_keys(given, str(file))
     interview = Interview(folder)
@@ -127,10 +127,10 @@ def _scripted(console: Console, folder: Path, file: Path) -> Known:
     return interview.known
 
 
-def _asked(console: Console, folder: Path) -> Known:
+def _answer_by_person(console: Console, folder: Path) -> Known:
     try:
         _may_replace(console, folder / CONFIGURATION)
-        return _interviewed(console, folder)
+        return _interview(console, folder)
     except (KeyboardInterrupt, EOFError):
         again = "stadimeter init" if folder == Path() else f"stadimeter init {folder}"
         console.print(f"\nLeft. Every answer is saved; run `{again}` again to go on.", markup=False)
@@ -141,12 +141,12 @@ def _may_replace(console: Console, file: Path) -> None:
     if not file.exists():
         return
     console.print(f"{file} is there already. At the end it is kept in {file.parent / VERSIONS}.", markup=False)
-    if _typed(console, "Make a new one? (yes or no)", "yes").lower() not in {"y", "yes"}:
+    if _prompt(console, "Make a new one? (yes or no)", "yes").lower() not in {"y", "yes"}:
         console.print("Nothing was changed.")
         raise typer.Exit(NOT_FOUND)
 
 
-def _interviewed(console: Console, folder: Path) -> Known:
+def _interview(console: Console, folder: Path) -> Known:
     file = folder / ANSWERS
     saved = load_answers(file) if file.exists() else {}
     if was_left(file, folder / CONFIGURATION):
@@ -170,11 +170,11 @@ def _ask(console: Console, interview: Interview) -> None:
         return
     _tell_question(console, question, len(interview.known.answers) + 1)
     while True:
-        text = _typed(console, "", question.ready)
+        text = _prompt(console, "", question.ready)
         if text == BACK:
             interview.back()
             return
-        accepted = _accepted(console, interview, _option(question, text))
+        accepted = _accept(console, interview, _option(question, text))
         if accepted is not None and not accepted.doubt:
             return
         if accepted is not None:  # the answer is the ready one now
@@ -199,7 +199,7 @@ def _option(question: Question, text: str) -> str:
     return question.options[int(text) - 1].answer if is_number else text
 
 
-def _accepted(console: Console, interview: Interview, text: str) -> Accepted | None:
+def _accept(console: Console, interview: Interview, text: str) -> Accepted | None:
     try:
         with _busy(console):
             accepted = interview.answer(text)
@@ -214,7 +214,7 @@ def _tell_question(console: Console, question: Question, number: int) -> None:
     console.print()
     console.print(Text(f"{number}. {question.text}", "bold"))
     for found in question.found:
-        _indented(console, found, "green")
+        _print_indented(console, found, "green")
     form = f"{question.form[0].upper()}{question.form[1:]}." if question.form else ""
     if question.options:
         table = Table.grid(padding=(0, 2))
@@ -226,17 +226,17 @@ def _tell_question(console: Console, question: Question, number: int) -> None:
         console.print(Padding(table, (0, 0, 0, 3)))
         form = f"Or {question.form}." if question.form else ""
     if form:
-        _indented(console, form, "dim")
+        _print_indented(console, form, "dim")
 
 
 def _tell_notes(console: Console, accepted: Accepted) -> None:
     for note in accepted.notes:
-        _indented(console, note, "yellow" if accepted.doubt else "green")
+        _print_indented(console, note, "yellow" if accepted.doubt else "green")
     if accepted.doubt:
-        _indented(console, "Enter keeps this answer; or type another one, or back.", "dim")
+        _print_indented(console, "Enter keeps this answer; or type another one, or back.", "dim")
 
 
-def _typed(console: Console, text: str, ready: str) -> str:
+def _prompt(console: Console, text: str, ready: str) -> str:
     """Return what the person types, or the ready answer; asks again for an empty line where there is none."""
     prompt = Text.assemble(f"{text} " if text else "", (f"[{ready}]" if ready else "", "cyan"), "> ")
     while True:
@@ -250,15 +250,15 @@ def _tell_accepted(console: Console, key: str, accepted: Accepted) -> None:
     shown = address_for_people(accepted.answer) if "://" in accepted.answer else accepted.answer
     console.print(Text.assemble((f"{key}", "bold"), " = ", (shown, "cyan")))
     for note in accepted.notes:
-        _indented(console, note, "green")
+        _print_indented(console, note, "green")
 
 
 def _tell_error(console: Console, error: StadimeterError) -> None:
     for line in str(error).splitlines():
-        _indented(console, line, "red")
+        _print_indented(console, line, "red")
 
 
-def _indented(console: Console, words: str, style: str) -> None:
+def _print_indented(console: Console, words: str, style: str) -> None:
     console.print(Padding(Text(words, style), (0, 0, 0, 3), expand=False))
 
 
@@ -273,11 +273,11 @@ def _write(console: Console, known: Known) -> None:
     if known.camera_model is None:
         raise ConfigError("there is no camera model; answer the question for the calibration")
     console.print()
-    for words in write_files(known.folder, written_files(known.answers, known.camera_model, known.model_file)):
+    for words in write_files(known.folder, configuration_files(known.answers, known.camera_model, known.model_file)):
         console.print(words, markup=False, soft_wrap=True)
 
 
-def _shown(console: Console, known: Known) -> int:
+def _check_and_show(console: Console, known: Known) -> int:
     """Check what was written, measure, run its tests, name the next commands, and return the exit code."""
     console.print()
     check(known.file)

@@ -17,7 +17,7 @@ from stadimeter.core.detection import DetectionStatus
 from stadimeter.errors import ConfigError
 from stadimeter.ranging.calibration import KnownDistance
 from stadimeter.workbench.calibration.calibrating import check_lens_settings
-from stadimeter.workbench.calibration.distance_fit import known_distance, known_remedy
+from stadimeter.workbench.calibration.distance_fit import look_at_distance, remedy_words
 from stadimeter.workbench.colour_profile import profile_notes
 from stadimeter.workbench.measuring import open_picture
 
@@ -65,11 +65,11 @@ def look_at(pictures: Sequence[str], wanted: WantedTargets, camera_model: Camera
     for note in (*check_lens_settings(paths), *profile_notes(paths)):
         typer.echo(f"note: {note}", err=True)
     (target,) = build_detectors(wanted.choices, camera_model)
-    known = [known_distance(str(path), open_picture(path), depth_m, target, camera_model) for path, depth_m in taken]
+    known = [look_at_distance(str(path), open_picture(path), depth_m, target, camera_model) for path, depth_m in taken]
     usable = tuple(each for each in known if each.detection.status is DetectionStatus.FOUND)
     for each in known:
         if each.detection.status is not DetectionStatus.FOUND:
-            remedy = known_remedy(each, open_picture(Path(each.picture)), wanted.choices[0], camera_model)
+            remedy = remedy_words(each, open_picture(Path(each.picture)), wanted.choices[0], camera_model)
             typer.echo(f"left out: {each.picture}: {each.detection.reason}{remedy}", err=True)
         elif each.detection.reason:
             typer.echo(f"note: {each.picture}: {each.detection.reason}", err=True)

@@ -17,6 +17,8 @@ from rich.text import Text
 
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.live.snapshot import LiveFeed
+from stadimeter.app.live.watching import live_feed
+from stadimeter.app.loop import Loop
 from stadimeter.cli.formatting import length_unit
 from stadimeter.cli.glyphs import ASCII, UNICODE, Glyphs, heading
 from stadimeter.cli.keyboard import RunKeys, Shown
@@ -76,6 +78,11 @@ class LiveView:
         self._real_time_s = real_time_s
         self._live: Live | None = None
         self._draw_at_s = 0.0
+
+    @classmethod
+    def of(cls, loop: Loop, title: str, *, unit: str, keys: RunKeys | None) -> Self:
+        """Return the view of a run."""
+        return cls(title, live_feed(loop), unit=unit, keys=keys)
 
     def __enter__(self) -> Self:
         """Take the terminal."""

@@ -17,8 +17,8 @@ from stadimeter.cli.explanation import copy_paths, marks_of
 from stadimeter.cli.formatting import LengthUnit
 from stadimeter.cli.live_camera import LiveOption, camera_choice
 from stadimeter.cli.measure_output import Printer, printer_of
-from stadimeter.cli.progress import counted, goes_to_file
-from stadimeter.cli.target_options import ConfigOption, GivenTarget, WantedTargets, takes_target, wanted_targets
+from stadimeter.cli.progress import count_items, goes_to_file
+from stadimeter.cli.target_options import ConfigOption, GivenTarget, WantedTargets, takes_target, targets_from_options
 from stadimeter.config.camera_file import load_camera_model
 from stadimeter.config.plugins import CAMERAS, DriverChoice, load_plugin
 from stadimeter.core.camera_model import CameraModel
@@ -27,7 +27,7 @@ from stadimeter.errors import ConfigError, PictureError, Problem, StadimeterErro
 from stadimeter.workbench.annotation import annotate, write_picture
 from stadimeter.workbench.colour_aids import colour_notes
 from stadimeter.workbench.colour_profile import profile_notes
-from stadimeter.workbench.measuring import Measuring, PictureResult, failed, is_video_file, measure_picture
+from stadimeter.workbench.measuring import Measuring, PictureResult, failed_results, is_video_file, measure_picture
 from stadimeter.workbench.remedies import remedy_notes
 
 MANY_PICTURES = 5
@@ -125,7 +125,7 @@ def measure(
     found, or cut off; 2 an option, a file or a picture is wrong. A bad picture does not stop the others.
     """
     with plain_errors():
-        names, wanted, camera_model = _checked(
+        names, wanted, camera_model = _check_options(
             target, config, camera, between, is_one_source=bool(images) != bool(live)
         )
         targets = build_detectors(wanted.choices, camera_model)
@@ -142,19 +142,19 @@ def measure(
     raise typer.Exit(code)
 
 
-def _checked(
+def _check_options(
     given: GivenTarget, config: Path | None, camera: Path | None, between: str | None, *, is_one_source: bool
 ) -> tuple[tuple[str, str] | None, WantedTargets, CameraModel]:
     """Return the two targets of ``--between``, what to look for, and the lens; all that is wrong or missing at once."""
     problems: list[Problem] = []
     names = wanted = camera_model = None
-    with _collected(problems):
+    with _collect(problems):
         if not is_one_source:
             raise ConfigError("give pictures or videos, or --live for a camera, one of the two")
-    with _collected(problems):
-        names = _named_pair(between, given)
-        wanted = _wanted(given, config, names)
-    with _collected(problems):
+    with _collect(problems):
+        names = _pair_from_option(between, given)
+        wanted = _targets_from_options(given, config, names)
+    with _collect(problems):
         camera_model = _camera_model(camera, wanted, is_configured=config is not None)
     if wanted is None or camera_model is None or problems:
         raise ConfigError(problems)
@@ -162,7 +162,7 @@ def _checked(
 
 
 @contextmanager
-def _collected(problems: list[Problem]) -> Iterator[None]:
+def _collect(problems: list[Problem]) -> Iterator[None]:
     try:
         yield
     except ConfigError as error:
@@ -175,7 +175,7 @@ def _video(path: Path) -> DriverChoice:
     return DriverChoice(name="video", driver="video", plugin=plugin, options=options)
 
 
-def _named_pair(between: str | None, given: GivenTarget) -> tuple[str, str] | None:
+def _pair_from_option(between: str | None, given: GivenTarget) -> tuple[str, str] | None:
     """Return the names of the two targets of ``--between``."""
     if between is None:
         return None
@@ -191,12 +191,12 @@ def _named_pair(between: str | None, given: GivenTarget) -> tuple[str, str] | No
     return f"tag {int(one)}", f"tag {int(other)}"
 
 
-def _wanted(given: GivenTarget, config: Path | None, names: tuple[str, str] | None) -> WantedTargets:
+def _targets_from_options(given: GivenTarget, config: Path | None, names: tuple[str, str] | None) -> WantedTargets:
     """Return the targets; of two tags, one for each of them."""
     if names is None or given.get("--tag") is None:
-        wanted = wanted_targets(given, config)
+        wanted = targets_from_options(given, config)
     else:
-        both = [(name, wanted_targets({**given, "--id": int(name.split()[1])}, config)) for name in names]
+        both = [(name, targets_from_options({**given, "--id": int(name.split()[1])}, config)) for name in names]
         choices = tuple(replace(each.choices[0], name=name) for name, each in both)
         wanted = replace(both[0][1], choices=choices)
     known = [choice.name for choice in wanted.choices]
@@ -244,7 +244,7 @@ class _Work:
             self.frames(_video(each), str(each))
             if is_video_file(each)
             else self.picture(each, _Copy.of(paths.get(each), self.wanted.unit, explain=explain))
-            for each in _shown(files)
+            for each in _with_progress(files)
         )
 
     def picture(self, image: Path, copy: _Copy | None) -> int:
@@ -273,7 +273,7 @@ class _Work:
         except KeyboardInterrupt:
             typer.echo(f"stopped after {seen} frames", err=True)
         except StadimeterError as error:
-            for each in failed(name, self.targets, error):
+            for each in failed_results(name, self.targets, error):
                 self.printer.result(each)
             return WRONG
         finally:
@@ -316,11 +316,11 @@ def _write_copy(result: PictureResult, copy: _Copy) -> int:
     return DONE
 
 
-def _shown(images: Sequence[Path]) -> Iterable[Path]:
+def _with_progress(images: Sequence[Path]) -> Iterable[Path]:
     """Return the pictures; it is shown how many are done, if there are many and the results go to a file.
 
     On a terminal the results show it themselves, and what shares the terminal with them, by a pipe too, would be glued
     to them.
     """
     is_worth_it = len(images) > MANY_PICTURES and goes_to_file(sys.stdout)
-    return counted(images, "measuring", len(images)) if is_worth_it else images
+    return count_items(images, "measuring", len(images)) if is_worth_it else images

@@ -14,10 +14,10 @@ from stadimeter.cli.calibrate_board import (
     ChessboardOption,
     DictionaryOption,
     MarkerOption,
-    wanted_board,
+    board_from_options,
 )
 from stadimeter.cli.exits import plain_errors
-from stadimeter.cli.target_options import wanted_targets
+from stadimeter.cli.target_options import targets_from_options
 from stadimeter.config.units import split_quantities
 from stadimeter.core.drawing import Drawing
 from stadimeter.errors import ConfigError
@@ -25,7 +25,7 @@ from stadimeter.workbench.drawing import write_drawings
 from stadimeter.workbench.printing import PAPERS, Item, board_drawing, print_pages
 
 CHECK = "Print at 100 % (actual size), then measure the ruler: 10 cm and 4 in."
-MOST_TAGS = 200
+MAX_TAGS = 200
 
 _print_app = typer.Typer(name="print", no_args_is_help=True)
 
@@ -76,7 +76,7 @@ def tag(
     """
     with plain_errors():
         wanted = _numbers(numbers or ["0"])
-        drawn = [(number, _drawn({"--tag": size, "--family": family, "--id": number})) for number in wanted]
+        drawn = [(number, _draw_target({"--tag": size, "--family": family, "--id": number})) for number in wanted]
         full, side_m = (drawn[0][1][1][key] for key in ("family", "side"))
         items = [Item(drawing, "the side", side_m, f"{full}  id {number}") for number, (drawing, _) in drawn]
         words = f"{full}, id {_in_words(wanted)}: the side of the black square is {size}."
@@ -103,7 +103,7 @@ def disc(
     be written.
     """
     with plain_errors():
-        drawing, options = _drawn({"--disc": size})
+        drawing, options = _draw_target({"--disc": size})
         item = Item(drawing, "the diameter", options["diameter"])
         words = f"A disc of {size} across. Leave the white around it."
         _write(output, [item], paper, (words, CHECK, f"stadimeter measure … --disc {size}"))
@@ -129,7 +129,7 @@ def sheet(
     be written.
     """
     with plain_errors():
-        drawing, _ = _drawn({"--sheet": size})
+        drawing, _ = _draw_target({"--sheet": size})
         sides = f"{1000 * drawing.width_m:.1f} × {1000 * drawing.height_m:.1f} mm"
         words = f"A sheet of {sides}: cut along the outer edge of the line."
         _write(
@@ -170,7 +170,7 @@ def board(
     """
     with plain_errors():
         chessboard = chessboard or ("9x6" if charuco is None else None)
-        wanted = wanted_board(chessboard, charuco, square, marker, dictionary)
+        wanted = board_from_options(chessboard, charuco, square, marker, dictionary)
         which = f"--board {chessboard}" if chessboard else f"--charuco {charuco}"
         of_charuco = f" --marker {marker} --dictionary {dictionary}" if charuco else ""
         options = f"{which} --square {square}{of_charuco}"
@@ -179,9 +179,9 @@ def board(
         typer.echo(f"then: stadimeter calibrate board --live opencv,device=0 {options} -o camera.toml")
 
 
-def _drawn(given: Mapping[str, Any]) -> tuple[Drawing, dict[str, Any]]:
+def _draw_target(given: Mapping[str, Any]) -> tuple[Drawing, dict[str, Any]]:
     """Return the drawing of a target that the options of `measure` describe, and its options."""
-    choice = wanted_targets(given).choices[0]
+    choice = targets_from_options(given).choices[0]
     if choice.plugin.draw is None:
         raise ConfigError(f"the detector {choice.driver!r} draws no target to print")
     return choice.plugin.draw(choice.options), choice.options.model_dump()
@@ -199,8 +199,8 @@ def _numbers(texts: Sequence[str]) -> list[int]:
             raise ConfigError(f"--id: {text!r} is no number of a tag; write it such as 3, or 0-3 for several")
         first, last = int(match[1]), int(match[2] or match[1])
         numbers |= dict.fromkeys(range(first, last + 1))
-    if not 0 < len(numbers) <= MOST_TAGS:
-        raise ConfigError(f"--id: that is {len(numbers)} tags, and {MOST_TAGS} at most are made at a time")
+    if not 0 < len(numbers) <= MAX_TAGS:
+        raise ConfigError(f"--id: that is {len(numbers)} tags, and {MAX_TAGS} at most are made at a time")
     return list(numbers)
 
 

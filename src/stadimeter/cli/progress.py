@@ -9,12 +9,9 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, TextIO, TypeVar
+from typing import Any, TextIO, TypeVar
 
 import typer
-
-if TYPE_CHECKING:
-    from rich.console import Console
 
 FIRST_AFTER_S = 0.5
 """What is done sooner is not announced."""
@@ -52,7 +49,7 @@ def working(doing: str) -> Iterator[Say]:
         shown.join()
 
 
-def counted(items: Iterable[_T], doing: str, total: int) -> Iterator[_T]:
+def count_items(items: Iterable[_T], doing: str, total: int) -> Iterator[_T]:
     """Go through items while `working` shows how many are done."""
     with working(doing) as say:
         for number, item in enumerate(items, start=1):
@@ -80,30 +77,26 @@ def _show(now: list[str], is_over: threading.Event) -> None:
 
 
 def _show_moving(now: list[str], is_over: threading.Event, began_s: float) -> None:
-    from rich.console import Console  # noqa: PLC0415 - what is done at once needs none
-    from rich.live import Live  # noqa: PLC0415
-    from rich.spinner import Spinner  # noqa: PLC0415
+    from rich import console, file_proxy, live, spinner  # noqa: PLC0415 - not needed for what is done at once
 
-    console, spinner = Console(stderr=True), Spinner("dots", now[0])
-    line = Live(spinner, console=console, transient=True, redirect_stdout=False, redirect_stderr=False)
-    with _written_above(console), line:
-        while not is_over.wait(0.25):
-            spinner.update(text=_words(now[0], began_s))
-
-
-@contextmanager
-def _written_above(console: Console) -> Iterator[None]:
-    """Put above the moving line what is written on the terminal meanwhile. What goes elsewhere still goes there."""
-    from rich.file_proxy import FileProxy  # noqa: PLC0415 - likewise
-
-    class Above(FileProxy):
+    class Above(file_proxy.FileProxy):
         encoding = "utf-8"  # a FileProxy names none, and typer then writes past it: glued to the moving line
         errors = "replace"
 
+    terminal, dots = console.Console(stderr=True), spinner.Spinner("dots", now[0])
+    line = live.Live(dots, console=terminal, transient=True, redirect_stdout=False, redirect_stderr=False)
+    with _write_above(lambda stream: Above(terminal, stream)), line:
+        while not is_over.wait(0.25):
+            dots.update(text=_words(now[0], began_s))
+
+
+@contextmanager
+def _write_above(above: Callable[[TextIO], Any]) -> Iterator[None]:
+    """Put above the moving line what is written on the terminal meanwhile. What goes elsewhere still goes there."""
     before = sys.stdout, sys.stderr
     if sys.stdout.isatty():
-        sys.stdout = Above(console, sys.stdout)
-    sys.stderr = Above(console, sys.stderr)
+        sys.stdout = above(sys.stdout)
+    sys.stderr = above(sys.stderr)
     try:
         yield
     finally:

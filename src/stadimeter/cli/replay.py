@@ -26,8 +26,8 @@ from stadimeter.workbench.replay.comparison import (
     RuleChange,
     compare,
 )
-from stadimeter.workbench.replay.opening import Recording, read_recording
-from stadimeter.workbench.replay.replay import Replayed, ReplayRun, replay_run, replayed_record, uncollected
+from stadimeter.workbench.replay.opening import AnyRecording, read_recording
+from stadimeter.workbench.replay.replay import Replayed, ReplayRun, journal_record, replay_run, without_collector
 from stadimeter.workbench.replay.replay_figures import RuleFigures, Tally
 
 
@@ -79,8 +79,8 @@ def replay_command(
         source = read_recording(recording)
         new = replay_run(source, config, from_images=from_images)
         old = replay_run(source, diff, from_images=from_images) if diff is not None else None
-        with uncollected(), working("replaying"):
-            outcome = _replayed(new, old, journal)
+        with without_collector(), working("replaying"):
+            outcome = _replay(new, old, journal)
         if not outcome.result.cycles:
             raise JournalError(f"{recording} holds no whole cycle, so there is nothing to replay")
     result = outcome.result
@@ -106,10 +106,10 @@ class _Outcome:
     again: tuple[MeasuredAgain, ...]
 
 
-def _replayed(new: ReplayRun, old: ReplayRun | None, journal: Path | None) -> _Outcome:
-    before = _tallied(old) if old is not None else None
+def _replay(new: ReplayRun, old: ReplayRun | None, journal: Path | None) -> _Outcome:
+    before = _tally(old) if old is not None else None
     comparison, after, again = Comparison(), Tally(new.configuration.plan), AgainTally()
-    with _written(new, journal) as replayed:
+    with _open_journal(new, journal) as replayed:
         for cycle, observation, decision in replayed:
             comparison.add(cycle, observation, decision)
             if before is not None:
@@ -120,7 +120,7 @@ def _replayed(new: ReplayRun, old: ReplayRun | None, journal: Path | None) -> _O
     return _Outcome(comparison.result, diff, again.targets())
 
 
-def _tallied(run: ReplayRun) -> Tally:
+def _tally(run: ReplayRun) -> Tally:
     tally = Tally(run.configuration.plan)
     for _, observation, decision in run:
         tally.add(observation, decision)
@@ -128,7 +128,7 @@ def _tallied(run: ReplayRun) -> Tally:
 
 
 @contextmanager
-def _written(run: ReplayRun, journal: Path | None) -> Iterator[Iterator[Replayed]]:
+def _open_journal(run: ReplayRun, journal: Path | None) -> Iterator[Iterator[Replayed]]:
     """Go through a replay, and write what is decided to a journal if there is to be one."""
     if journal is None:
         yield iter(run)
@@ -151,11 +151,11 @@ def _writing(run: ReplayRun, writer: JournalWriter) -> Iterator[Replayed]:
         cycle, observation, _ = replayed
         if run.is_recorded and cycle.reloaded is not None:
             writer.reloaded(observation.now_s, cycle.reloaded)
-        writer.write(replayed_record(replayed))
+        writer.write(journal_record(replayed))
         yield replayed
 
 
-def _warnings(source: Recording, run: ReplayRun, result: ReplayResult) -> Iterator[str]:
+def _warnings(source: AnyRecording, run: ReplayRun, result: ReplayResult) -> Iterator[str]:
     if source.is_cut_off():
         end = "the last line is cut off" if isinstance(source, Journal) else "its end is missing"
         yield f"{source.path}: {end}; the {result.cycles} whole cycles are used"

@@ -23,21 +23,19 @@ from stadimeter.cli.run_options import (
     ImageQuality,
     ImageRate,
     JournalFile,
-    Keeping,
     NoState,
     RecordFile,
     RecordImages,
+    RecordingOptions,
     Seconds,
-    Serving,
+    ServiceOptions,
     SocketFile,
     Speed,
     StateFile,
     TrustClock,
     Unit,
-    begun_service,
-    kept,
-    served,
 )
+from stadimeter.cli.run_services import open_recordings, open_services, start_service
 from stadimeter.cli.viewing import Showing, View, in_words, live_or_plain, show, summarise
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.track import TrackStatus
@@ -94,9 +92,9 @@ def run(
     view: View = "json" if as_json else live_or_plain() if watch else "plain"
     with plain_errors():
         path = configuration_path(config)
-        service = begun_service(path)
+        service = start_service(path)
         loop = Loop(build(load_configuration(path, with_tests=False), speed=speed or None))
-        keeping = Keeping(
+        recording = RecordingOptions(
             journal=journal,
             record=record,
             images=record_images,
@@ -104,7 +102,7 @@ def run(
             image_quality_percent=image_quality,
             is_quiet=view != "plain",
         )
-        serving = Serving(
+        services = ServiceOptions(
             state=state,
             no_state=no_state,
             socket=socket,
@@ -114,10 +112,12 @@ def run(
             service=service,
         )
         showing = Showing(view, path.name, unit, RunKeys(loop))
-        run_loop(loop, Limits(frames=frames, seconds=seconds), keeping, serving, showing)
+        run_loop(loop, Limits(frames=frames, seconds=seconds), recording, services, showing)
 
 
-def run_loop(loop: Loop, limits: Limits, keeping: Keeping, serving: Serving, showing: Showing) -> None:
+def run_loop(
+    loop: Loop, limits: Limits, recording: RecordingOptions, services: ServiceOptions, showing: Showing
+) -> None:
     """Run, and raise `typer.Exit`; or leave the process at once, if a signal has asked for the end and all is done.
 
     To take down the interpreter takes a small computer half a second, and for ever if a thread of a library hangs.
@@ -134,7 +134,7 @@ def run_loop(loop: Loop, limits: Limits, keeping: Keeping, serving: Serving, sho
         end_with(os.environ.get(HAS_PAGE, ""))
         try:
             with plain_errors():
-                _run_to_the_end(loop, limits, keeping, serving, showing)
+                _run_to_the_end(loop, limits, recording, services, showing)
                 _say_end(loop, showing)
             code = DONE
         except typer.Exit as left:
@@ -166,8 +166,10 @@ def _telling_of_threads(loop: Loop) -> Iterator[None]:
         threading.excepthook = before
 
 
-def _run_to_the_end(loop: Loop, limits: Limits, keeping: Keeping, serving: Serving, showing: Showing) -> None:
-    with served(loop, serving), kept(loop, keeping), show(loop, showing):
+def _run_to_the_end(
+    loop: Loop, limits: Limits, recording: RecordingOptions, services: ServiceOptions, showing: Showing
+) -> None:
+    with open_services(loop, services), open_recordings(loop, recording), show(loop, showing):
         if loop.parts.recording_drives:
             loop.listeners.append(_RealOutputsWarning(loop.parts.recording_drives))
         gc.freeze()  # else all threads stand still now and then, while the collector walks through every library

@@ -15,7 +15,7 @@ from stadimeter.cli.live_camera import LiveOption, camera_choice
 from stadimeter.config.units import parse_duration
 from stadimeter.errors import ConfigError, Problem
 from stadimeter.workbench.annotation import write_picture
-from stadimeter.workbench.frame_source import OTHER_PROGRAMS, Snapshot, snapshots
+from stadimeter.workbench.frame_source import OTHER_PROGRAMS, CameraShot, snapshots
 
 
 def register(app: typer.Typer) -> None:
@@ -75,7 +75,7 @@ def snapshot(
     raise typer.Exit(DONE if is_good else NOT_FOUND)
 
 
-def _say(path: Path, taken: Snapshot, *, is_first: bool, as_json: bool) -> None:
+def _say(path: Path, taken: CameraShot, *, is_first: bool, as_json: bool) -> None:
     size = {"width_px": taken.frame.width_px, "height_px": taken.frame.height_px}
     if as_json:
         record = {"file": str(path), **size, "settings": taken.settings, "faults": taken.faults}

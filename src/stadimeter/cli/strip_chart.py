@@ -65,12 +65,14 @@ class StripChart:
         canvas = DotCanvas(self.width - margin, rows, (BAND, LIMIT, LINE), ascii_only=self.glyphs.ascii_only)
         self._draw_limits(canvas, scale)
         bin_s = self.window_s / canvas.width_dots
-        self._draw_samples(canvas, scale, binned(samples, bin_s), canvas.width_dots - 1 - math.floor(now_s / bin_s))
+        self._draw_samples(
+            canvas, scale, bin_samples(samples, bin_s), canvas.width_dots - 1 - math.floor(now_s / bin_s)
+        )
         plot = [self._with_axis(label, margin - 2, row) for label, row in zip(labels, canvas.rows(), strict=True)]
         return [*plot, self._time_axis(margin, self.width - margin)]
 
     def _scale(self, samples: Iterable[DistanceSample], rows: int) -> ChartScale:
-        points = [point for sample in samples if (point := known_point(sample))]
+        points = [point for sample in samples if (point := point_of(sample))]
         edges_m = [edge_m for point in points for edge_m in (point.low_m, point.high_m)]
         values = (edge_m / self.unit.size_m for edge_m in (*edges_m, *self.limits_m))
         return chart_scale(values, SPAN_MIN_M / self.unit.size_m, rows)
@@ -236,7 +238,7 @@ def _round_steps(least: float, factors: tuple[int, ...]) -> Iterator[float]:
 JOIN_S = 1.0
 """Distances further apart than this are not joined: the loop stood still, and nothing is known of the time between."""
 
-FARTHEST_M = 1e5
+MAX_DISTANCE_M = 1e5
 """No camera measures further than this; such a figure would only squeeze all others together."""
 
 
@@ -276,7 +278,7 @@ class Bin:
         self.band_high_m = max(self.band_high_m, point.high_m)
 
 
-def binned(samples: Iterable[DistanceSample], bin_s: float) -> dict[int, Bin]:
+def bin_samples(samples: Iterable[DistanceSample], bin_s: float) -> dict[int, Bin]:
     """Sort distances, oldest first, into columns of time, by the number of `bin_s` since time 0.
 
     Columns are fixed in time, so what was drawn once moves to the left but never changes its shape. A sample without a
@@ -285,7 +287,7 @@ def binned(samples: Iterable[DistanceSample], bin_s: float) -> dict[int, Bin]:
     bins: dict[int, Bin] = {}
     for run in _runs(samples):
         before: Point | None = None
-        for point in _dense(run, bin_s):
+        for point in _densify(run, bin_s):
             index = math.floor(point.at_s / bin_s)
             if before is not None and index not in bins:
                 bins.setdefault(index, Bin()).add(before)  # so that a step is drawn as a line, not as two dots
@@ -298,7 +300,7 @@ def _runs(samples: Iterable[DistanceSample]) -> Iterator[list[Point]]:
     """Split distances where there is a gap."""
     run: list[Point] = []
     for sample in samples:
-        point = known_point(sample)
+        point = point_of(sample)
         if run and (point is None or point.at_s - run[-1].at_s > JOIN_S):
             yield run
             run = []
@@ -308,28 +310,28 @@ def _runs(samples: Iterable[DistanceSample]) -> Iterator[list[Point]]:
         yield run
 
 
-def known_point(sample: DistanceSample) -> Point | None:
+def point_of(sample: DistanceSample) -> Point | None:
     """Return a sample as a point to draw; None if it holds no distance that can be drawn.
 
     Its standard deviation is at most the distance, so that the band never reaches below zero, nor far above all else.
     """
     distance_m, sigma_m = sample.distance_m, sample.sigma_m
-    if distance_m is None or not 0 <= distance_m <= FARTHEST_M:
+    if distance_m is None or not 0 <= distance_m <= MAX_DISTANCE_M:
         return None
     return Point(at_s=sample.at_s, distance_m=distance_m, sigma_m=min(sigma_m, distance_m) if sigma_m > 0 else 0.0)
 
 
-def _dense(run: Sequence[Point], bin_s: float) -> Iterator[Point]:
+def _densify(run: Sequence[Point], bin_s: float) -> Iterator[Point]:
     """Fill up with points on the straight line between two, so that no column of a run stays empty."""
     yield run[0]
     for one, other in pairwise(run):
         steps = max(1, math.ceil((other.at_s - one.at_s) / bin_s))
         for step in range(1, steps):
-            yield _mixed(one, other, step / steps)
+            yield _interpolate(one, other, step / steps)
         yield other
 
 
-def _mixed(one: Point, other: Point, share: float) -> Point:
+def _interpolate(one: Point, other: Point, share: float) -> Point:
     return Point(
         at_s=one.at_s + share * (other.at_s - one.at_s),
         distance_m=one.distance_m + share * (other.distance_m - one.distance_m),

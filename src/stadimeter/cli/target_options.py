@@ -168,7 +168,7 @@ class WantedTargets:
 def takes_target(command: Callable[..., None]) -> Callable[..., None]:
     """Give a command the options that describe a target, in place of its argument ``target``.
 
-    The argument holds the values by option, for `wanted_targets`.
+    The argument holds the values by option, for `targets_from_options`.
     """
     own = list(inspect.signature(command, eval_str=True).parameters.values())
     place = next(index for index, each in enumerate(own) if each.name == "target")
@@ -196,7 +196,7 @@ def _parameter(flag: str) -> str:
     return f"target_{flag.removeprefix('--').replace('-', '_')}"
 
 
-def wanted_targets(given: GivenTarget, config: Path | None = None) -> WantedTargets:
+def targets_from_options(given: GivenTarget, config: Path | None = None) -> WantedTargets:
     """Return what the options describe, or the targets of ``--config``; `ConfigError` if they contradict each other."""
     said = {flag: value for flag, value in given.items() if value is not None and value != _OPTIONS[flag].default}
     describing = [flag for flag in (*SHORTHANDS, "--target") if flag in said]
@@ -209,7 +209,7 @@ def wanted_targets(given: GivenTarget, config: Path | None = None) -> WantedTarg
         )
     _check_companions(said, names[0])
     if config is None:
-        described = _named(said["--target"]) if names == ["--target"] else _short(names[0], said)
+        described = _target_by_name(said["--target"]) if names == ["--target"] else _target_by_shorthand(names[0], said)
         return described.wanted(said.get("--tolerance"))
     if "--tolerance" in said:
         raise ConfigError("--tolerance says how well a size is known; with --config it stands in the target's table")
@@ -246,7 +246,7 @@ class _Described:
         return WantedTargets(choices=(_choice(self.kind, table, options),), unit=next(units, METRE))
 
 
-def _short(flag: str, said: Mapping[str, Any]) -> _Described:
+def _target_by_shorthand(flag: str, said: Mapping[str, Any]) -> _Described:
     short = SHORTHANDS[flag]
     sizes = _sides(flag, said[flag]) if len(short.keys) > 1 else [said[flag]]
     table = dict(zip(short.keys, sizes, strict=True))
@@ -271,7 +271,7 @@ def _sides(flag: str, text: str) -> list[str]:
         raise ConfigError([Problem(f"{error}; or write it such as 11in,8.5in", key=flag)]) from error
 
 
-def _named(text: str) -> _Described:
+def _target_by_name(text: str) -> _Described:
     """Return the target of ``--target 'KIND KEY=VALUE …'``."""
     try:
         kind, *pairs = shlex.split(text)

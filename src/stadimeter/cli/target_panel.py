@@ -118,9 +118,7 @@ class _Figures:
             return []
         best = format_best(self._track.reason, self._snapshot.looked_at.get(self._track.target, ()))
         reasons = ((self._track.reason, "italic yellow"), (best, "dim"))
-        lines = [
-            Text(f" {line}", style) for words, style in reasons for line in _wrapped(self._words(words), width - 2)
-        ]
+        lines = [Text(f" {line}", style) for words, style in reasons for line in _wrap(self._words(words), width - 2)]
         return lines[:rows]
 
     def _distance(self) -> Text:
@@ -153,7 +151,7 @@ class _Figures:
         return self._glyphs.words(text)
 
 
-def _wrapped(words: str, width: int) -> list[str]:
+def _wrap(words: str, width: int) -> list[str]:
     """Return words on two lines at most."""
     lines = textwrap.wrap(words, max(1, width)) if words else []
     return [*lines[:1], " ".join(lines[1:])] if len(lines) > 1 else lines

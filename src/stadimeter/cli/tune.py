@@ -20,7 +20,7 @@ from stadimeter.config.units import parse_duration, parse_speed
 from stadimeter.core.rule import OnDelay
 from stadimeter.core.words import rounded_duration
 from stadimeter.workbench.replay.opening import read_recording
-from stadimeter.workbench.tuning.candidates import DAY_S, Settings, Tuned, tuned_rule
+from stadimeter.workbench.tuning.candidates import DAY_S, Settings, Tuned, rule_to_tune
 from stadimeter.workbench.tuning.noise import Series, series_of
 from stadimeter.workbench.tuning.plot import draw_plot, on_delay_in_words, require_matplotlib
 from stadimeter.workbench.tuning.proposing import FLAPS_A_MINUTE, Beginning, Ending, Proposal, tune
@@ -83,7 +83,7 @@ def tune_command(
     with plain_errors():
         _check_plot(plot)
         speed_mps = _speed(closing_speed)
-        configuration = load_configuration(config) if config is not None else _recorded(recordings[0])
+        configuration = load_configuration(config) if config is not None else _recorded_configuration(recordings[0])
         with working("reading the recording") as say:
             tuned, series = _read(configuration, rule, recordings)
             say(f"trying settings of '{rule}'")
@@ -111,7 +111,7 @@ def _show(proposal: Proposal, configuration: Configuration, plot: Path | None, *
         typer.echo(f"{plot} shows the trade-off.", err=True)
 
 
-def _recorded(path: Path) -> Configuration:
+def _recorded_configuration(path: Path) -> Configuration:
     """Return the configuration inside a recording."""
     return load_recorded(read_recording(path).header.recorded_configuration, path)
 
@@ -154,10 +154,10 @@ def _event_s(text: str, series: Series) -> float:
 
 
 def _read(configuration: Configuration, name: str, paths: Sequence[Path]) -> tuple[Tuned, list[Series]]:
-    tuned = tuned_rule(configuration, name)
+    tuned = rule_to_tune(configuration, name)
     condition = tuned.condition
     series = [series_of(read_recording(path), condition.target, condition.quantity) for path in paths]
-    return tuned_rule(configuration, name, _typical_m(series)), series
+    return rule_to_tune(configuration, name, _typical_m(series)), series
 
 
 def _typical_m(series: Sequence[Series]) -> float | None:

@@ -184,7 +184,7 @@ def show(loop: Loop, showing: Showing) -> Iterator[None]:
     """Show a run until the context ends."""
     if showing.view == "live":
         live = live_view_of(loop, showing.title, showing.unit, showing.keys)
-        with showing.keys.keyboard, _fed(loop, live.update, live):
+        with showing.keys.keyboard, _feed(loop, live.update, live):
             yield
         return
     if showing.view == "plain":
@@ -196,7 +196,7 @@ def show(loop: Loop, showing: Showing) -> Iterator[None]:
             narration=narration_of(loop),
             ascii_only=not _is_unicode(sys.stdout),
         )
-        with _fed(loop, plain.update):
+        with _feed(loop, plain.update):
             yield
         return
     loop.listeners.append(_TroubleLines(loop))
@@ -204,7 +204,7 @@ def show(loop: Loop, showing: Showing) -> Iterator[None]:
 
 
 @contextmanager
-def _fed(
+def _feed(
     loop: Loop, update: Callable[[CycleRecord], None], screen: AbstractContextManager[object] = _NO_SCREEN
 ) -> Iterator[None]:
     """Feed a view with every cycle: from a thread if the loop must not wait, directly if it runs on a stepped clock."""
@@ -231,15 +231,9 @@ def narration_of(loop: Loop) -> Callable[[], str]:
 
 def live_view_of(loop: Loop, title: str, unit: str, keys: RunKeys | None = None) -> LiveView:
     """Return the live view of a run, not shown yet; `unit` is that of distances."""
-    from stadimeter.app.live.watching import live_feed  # noqa: PLC0415 - likewise
     from stadimeter.cli.live_view import LiveView  # noqa: PLC0415 - it takes long, and few runs show it
 
-    return LiveView(
-        title,
-        live_feed(loop),
-        unit=unit,
-        keys=keys,
-    )
+    return LiveView.of(loop, title, unit=unit, keys=keys)
 
 
 def _is_unicode(stream: TextIO) -> bool:
@@ -333,9 +327,9 @@ def in_words(summary: dict[str, Any]) -> str:
     """Return the figures of a run as a few lines."""
     lines = [f"Ended: {summary['ended'] or 'unknown'}. {summary['frames']} frames in {summary['cycles']} cycles."]
     for target, counts in summary["tracks"].items():
-        lines.append(f"{target}: {_listed(counts)}.")
+        lines.append(f"{target}: {_list_counts(counts)}.")
     if summary["events"]:
-        lines.append(f"Events: {_listed(summary['events'])}.")
+        lines.append(f"Events: {_list_counts(summary['events'])}.")
     if summary["cycle_ms"]["p50"] is not None:
         lines.append(
             f"Cycle time: median {summary['cycle_ms']['p50']:.1f} ms, p95 {summary['cycle_ms']['p95']:.1f} ms."
@@ -343,7 +337,7 @@ def in_words(summary: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _listed(counts: dict[str, int]) -> str:
+def _list_counts(counts: dict[str, int]) -> str:
     return ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in counts.items())
 
 

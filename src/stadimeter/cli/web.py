@@ -16,6 +16,7 @@ from stadimeter.cli.exits import plain_errors
 from stadimeter.config.extras import install_line
 from stadimeter.errors import PageError
 from stadimeter.web import python
+from stadimeter.web.passwords import PasswordFile, place_of_passwords
 
 ConfigFile = Annotated[
     Path | None,
@@ -88,8 +89,6 @@ def web(
     """
     with plain_errors():
         _check_extra()
-        from stadimeter.web.passwords import place_of_passwords  # noqa: PLC0415 - only with the extra
-
         if config is not None and config.is_dir():
             words = f"{config} is a folder; name the configuration in it, such as {config / 'stadimeter.toml'}"
             raise PageError(400, "no-configuration", words)
@@ -116,8 +115,6 @@ def _check_extra() -> None:
 
 
 def _set_password(path: Path, right: str) -> None:
-    from stadimeter.web.passwords import PasswordFile  # noqa: PLC0415 - only with the extra
-
     words = {"operate": "Password for operating", "read": "Password for watching"}[right]
     file = PasswordFile(path)
     is_first = file.passwords() is None

@@ -26,7 +26,7 @@ GREY: Colour = (215, 190, 170)
 REFERENCE_PX = 900.0
 """The long side of a picture in which a line is two pixels thick; in others everything grows and shrinks with it."""
 
-SMALLEST_LONG_SIDE_PX = 600
+MIN_LONG_SIDE_PX = 600
 """Smaller pictures are enlarged: letters need pixels, and those of many labels twice as many."""
 
 FEW_MARKS = 4
@@ -38,7 +38,7 @@ LABEL_SIZES = (1.0, 0.75, 0.55, 0.45)
 """Sizes of the letters of labels that are tried, until all labels find room."""
 
 LEGEND_SIZE = 0.7
-GAP, LEADER_FROM, FARTHEST = 12.0, 2.0, 0.08
+GAP, LEADER_FROM, MAX_LABEL_SHARE = 12.0, 2.0, 0.08
 """Between a target and its label, in units of the picture's scale; from this many gaps on a line joins them. Where
 one is further away than this share of the picture's longer side, all are written smaller."""
 
@@ -68,9 +68,9 @@ class Mark:
 
 def annotate(image: Image, marks: Sequence[Mark]) -> Image:
     """Draw what was measured into a copy of a picture, which is enlarged by a whole factor if it is small."""
-    least_px = SMALLEST_LONG_SIDE_PX * (1 if len(marks) <= FEW_MARKS else 2)
+    least_px = MIN_LONG_SIDE_PX * (1 if len(marks) <= FEW_MARKS else 2)
     factor = math.ceil(least_px / max(image.shape[:2]))
-    canvas = image.copy() if factor == 1 else _enlarged(image, factor)
+    canvas = image.copy() if factor == 1 else _enlarge(image, factor)
     scale = max(canvas.shape[:2]) / REFERENCE_PX
     for mark in marks:
         for _, candidate in mark.rejected:
@@ -103,7 +103,7 @@ def write_picture(path: Path, image: Image, optics: Optics | None = None) -> Non
         raise PictureError(f"the picture {path} cannot be written: {reason_of(error)}") from error
 
 
-def _enlarged(image: Image, factor: int) -> Image:
+def _enlarge(image: Image, factor: int) -> Image:
     return np.asarray(cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC), np.uint8)
 
 
@@ -234,7 +234,7 @@ def _labels(
             near = _box_around(_on_canvas(mark.detection.outline_px, factor))
             place = left.place(panel.width, panel.height, near, GAP * scale)
             left.take_box(place.box, 2 * scale)
-            is_good = is_good and place.is_free and _is_beside(near, place.box, FARTHEST * max(canvas.shape[:2]))
+            is_good = is_good and place.is_free and _is_beside(near, place.box, MAX_LABEL_SHARE * max(canvas.shape[:2]))
             placed.append((mark, panel, place.box))
         if is_good:
             break

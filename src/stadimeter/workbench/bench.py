@@ -148,7 +148,7 @@ def _detector_speed(
 ) -> DetectorSpeed:
     found = [detector.detect(frame, lens=lens) for frame in frames]  # which warms everything up as well
     seen = [
-        (frame, _expected(each, detector.target_shape))
+        (frame, _prediction(each, detector.target_shape))
         for frame, each in zip(frames, found, strict=True)
         if each.status is DetectionStatus.FOUND
     ]
@@ -162,7 +162,7 @@ def _detector_speed(
     )
 
 
-def _expected(found: Detection, shape: TargetShape) -> Prediction:
+def _prediction(found: Detection, shape: TargetShape) -> Prediction:
     size_px = max(found.width_px, found.height_px)
     return Prediction(
         centre_px=found.centre_px,
@@ -243,12 +243,12 @@ def with_patch(frames: Sequence[Frame], patch: Image) -> list[Frame]:
         patch: The target, as it looks in a picture 480 px high.
     """
     return [
-        Frame(_pasted(frame.image, patch, (number + 1) / (len(frames) + 1)), frame.captured_at_s, frame.sequence)
+        Frame(_paste(frame.image, patch, (number + 1) / (len(frames) + 1)), frame.captured_at_s, frame.sequence)
         for number, frame in enumerate(frames)
     ]
 
 
-def _pasted(image: Image, patch: Image, share: float) -> Image:
+def _paste(image: Image, patch: Image, share: float) -> Image:
     scale = image.shape[0] / 480
     scaled = cv2.resize(
         patch, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR

@@ -39,7 +39,7 @@ _CHECKED = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Computer:
+class Platform:
     """Computer and versions that were measured.
 
     Attributes:
@@ -157,7 +157,7 @@ class Figures:
 
     schema_version: Literal[2]
     note: Words
-    computer: Computer
+    computer: Platform
     before: Heat
     after: Heat
     run: OwnRun
@@ -192,9 +192,9 @@ def read_figures(path: Path) -> Figures:
         ) from error
 
 
-def this_computer(cgroups: Path = CGROUPS) -> Computer:
+def this_computer(cgroups: Path = CGROUPS) -> Platform:
     """Return what this program runs on."""
-    return Computer(
+    return Platform(
         board=_board(),
         machine=platform.machine(),
         cores=len(os.sched_getaffinity(0)),
@@ -210,10 +210,10 @@ def this_computer(cgroups: Path = CGROUPS) -> Computer:
 
 def heat() -> Heat:
     """Return how warm this computer is, and whether it was slowed for heat or for its supply."""
-    return Heat(temperature_c=temperature_c(), throttled=_throttled())
+    return Heat(temperature_c=temperature_c(), throttled=_throttle_flags())
 
 
-def _throttled() -> str | None:
+def _throttle_flags() -> str | None:
     program = shutil.which("vcgencmd")
     if program is None:
         return None

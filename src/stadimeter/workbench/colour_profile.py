@@ -68,7 +68,7 @@ def _profile_in(head: bytes) -> bytes:
         parts = [body[len(_ICC) :] for code, body in _jpeg_segments(head) if code == 0xE2 and body.startswith(_ICC)]
         return b"".join(part[2:] for part in sorted(parts, key=lambda part: part[:1]))
     if head.startswith(b"\x89PNG"):
-        return next((_inflated(body) for kind, body in _chunks(head, 8, ">", 12) if kind == b"iCCP"), b"")
+        return next((_inflate(body) for kind, body in _chunks(head, 8, ">", 12) if kind == b"iCCP"), b"")
     if head.startswith(b"RIFF") and head[8:12] == b"WEBP":
         return next((body for kind, body in _chunks(head, 12, "<", 8) if kind == b"ICCP"), b"")
     return b""
@@ -94,7 +94,7 @@ def _chunks(head: bytes, at: int, order: str, frame_bytes: int) -> Iterator[tupl
         at += frame_bytes + length + (0 if is_png else length % 2)
 
 
-def _inflated(chunk: bytes) -> bytes:
+def _inflate(chunk: bytes) -> bytes:
     """Return the profile of a PNG: behind its name, a null and the number of the method."""
     _, _, rest = chunk.partition(b"\0")
     return zlib.decompressobj().decompress(rest[1:], _PROFILE_MAX_BYTES)

@@ -107,7 +107,7 @@ def files_shown(choice: DriverChoice) -> tuple[Path, ...]:
 
 
 @contextmanager
-def opened(choice: DriverChoice) -> Iterator[Source]:
+def open_camera(choice: DriverChoice) -> Iterator[Source]:
     """Give a camera that is open and has settled; close it afterwards.
 
     Raises:
@@ -122,10 +122,10 @@ def opened(choice: DriverChoice) -> Iterator[Source]:
 
 
 Opening = Callable[[DriverChoice], AbstractContextManager[Source]]
-"""Gives a camera that is open and has settled: `opened`, or something that keeps it open."""
+"""Gives a camera that is open and has settled: `open_camera`, or something that keeps it open."""
 
 
-def settled_frame(choice: DriverChoice, opening: Opening = opened) -> Frame:
+def take_frame(choice: DriverChoice, opening: Opening = open_camera) -> Frame:
     """Return one frame of a camera, as its settings make it: of a live one not the first ones.
 
     Raises:
@@ -143,7 +143,7 @@ OTHER_PROGRAMS = (
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Snapshot:
+class CameraShot:
     """A picture of a camera.
 
     Attributes:
@@ -156,7 +156,7 @@ class Snapshot:
     faults: tuple[str, ...]
 
 
-def snapshots(choice: DriverChoice, *, apart_s: float = 0.0) -> Generator[Snapshot, None, None]:
+def snapshots(choice: DriverChoice, *, apart_s: float = 0.0) -> Generator[CameraShot, None, None]:
     """Yield pictures of a camera without an end, or until a recording ends. Close the iterator to close the camera.
 
     Args:
@@ -166,7 +166,7 @@ def snapshots(choice: DriverChoice, *, apart_s: float = 0.0) -> Generator[Snapsh
         DriverError: The camera cannot be opened, or no frame comes.
         PictureError: A recording cannot be read.
     """
-    with opened(choice) as source:
+    with open_camera(choice) as source:
         next_s = float("-inf")
         while True:
             try:
@@ -175,7 +175,7 @@ def snapshots(choice: DriverChoice, *, apart_s: float = 0.0) -> Generator[Snapsh
                 return
             if frame.captured_at_s >= next_s:
                 next_s = frame.captured_at_s + apart_s
-                yield Snapshot(
+                yield CameraShot(
                     frame=frame,
                     settings=source.capture.remarks(),
                     faults=picture_remarks(frame.image, frame.exposure_s),

@@ -26,7 +26,7 @@ BACKING = 0.72
 """How much of what is behind a text is darkened."""
 
 FONT = cv2.FONT_HERSHEY_SIMPLEX
-SMALLEST_FONT = 0.05
+MIN_FONT = 0.05
 
 _PLAIN = {"°": " deg", "×": "x", "…": "..", "–": "-", "—": "-", "−": "-", "→": "->", "ß": "ss"}
 
@@ -40,7 +40,7 @@ class Panel:
         self._canvas = canvas
         room = canvas.shape[1] - 2 * round(16 * scale)
         self._set_in(size * scale)
-        while self.width > room and self._font > SMALLEST_FONT:
+        while self.width > room and self._font > MIN_FONT:
             self._set_in(self._font * min(0.98, room / self.width))
 
     def _set_in(self, font: float) -> None:
@@ -99,7 +99,7 @@ def _text_width(text: str, font: float, thickness: int) -> int:
     return int(sum(widths) + plus * (len(parts) - 1))
 
 
-MOST_CELLS = 320
+MAX_CELLS = 320
 """Along the longer side of a picture."""
 
 TAKEN, USEFUL = 1.0, 3e-5
@@ -121,7 +121,7 @@ class Box(NamedTuple):
     bottom: int
 
 
-class Place(NamedTuple):
+class LabelPlace(NamedTuple):
     """Where a label goes, and whether nothing that matters is under it."""
 
     box: Box
@@ -133,7 +133,7 @@ class LabelRoom:
 
     def __init__(self, width_px: int, height_px: int) -> None:
         self._width_px, self._height_px = width_px, height_px
-        self._cell_px = max(1, math.ceil(max(width_px, height_px) / MOST_CELLS))
+        self._cell_px = max(1, math.ceil(max(width_px, height_px) / MAX_CELLS))
         self._cost = np.zeros((math.ceil(height_px / self._cell_px), math.ceil(width_px / self._cell_px)), np.float32)
 
     def copy(self) -> LabelRoom:
@@ -146,7 +146,7 @@ class LabelRoom:
         """Keep the inside of an outline free, and a margin around it."""
         if not len(points) or not np.isfinite(points).all():
             return
-        cells = np.clip((points + 0.5) / self._cell_px - 0.5, -4 * MOST_CELLS, 4 * MOST_CELLS)
+        cells = np.clip((points + 0.5) / self._cell_px - 0.5, -4 * MAX_CELLS, 4 * MAX_CELLS)
         hull = np.round(cv2.convexHull(cells.astype(np.float32)) * 2**_BITS).astype(np.int32)
         mask = np.zeros(self._cost.shape, np.uint8)
         cv2.fillConvexPoly(mask, hull, 1, cv2.LINE_8, _BITS)
@@ -161,7 +161,7 @@ class LabelRoom:
         part = self._cost[top:bottom, left:right]
         np.maximum(part, cost, out=part)
 
-    def place(self, width_px: int, height_px: int, near: Box, gap_px: float) -> Place:
+    def place(self, width_px: int, height_px: int, near: Box, gap_px: float) -> LabelPlace:
         """Return the best place for a label of this size; a label that is larger than the picture goes to its corner.
 
         Args:
@@ -179,7 +179,7 @@ class LabelRoom:
         left = max(0, min(int(column) * self._cell_px, self._width_px - width_px))
         top = max(0, min(int(row) * self._cell_px, self._height_px - height_px))
         box = Box(left, top, left + width_px, top + height_px)
-        return Place(box, bool(covered[row, column] < TAKEN / 2))
+        return LabelPlace(box, bool(covered[row, column] < TAKEN / 2))
 
     def is_free(self, box: Box) -> bool:
         """Return whether nothing that matters is under a rectangle."""

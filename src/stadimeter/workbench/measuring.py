@@ -167,7 +167,7 @@ def measure_picture(path: Path, targets: Sequence[NamedDetector], camera_model: 
         frame = open_picture(path)
         return Measuring(targets, camera_model).measure(frame, str(path))
     except StadimeterError as error:
-        return PictureResult(file=str(path), frame=frame, targets=failed(str(path), targets, error))
+        return PictureResult(file=str(path), frame=frame, targets=failed_results(str(path), targets, error))
 
 
 class Measuring:
@@ -244,7 +244,7 @@ def _result(file: str, detection: Detection, shape: TargetShape, lens: CameraMod
     )
 
 
-def failed(file: str, targets: Sequence[NamedDetector], error: Exception) -> tuple[TargetResult, ...]:
+def failed_results(file: str, targets: Sequence[NamedDetector], error: Exception) -> tuple[TargetResult, ...]:
     """Return results that say why there are none."""
     reason = " ".join(str(error).split())
     return tuple(

@@ -15,7 +15,7 @@ BLACK_LEVEL = 20
 DARK_LEVEL = 70
 """A picture is dark if nearly no pixel has a channel above this: noise then moves edges, and hues are unsure."""
 
-BRIGHTEST_SHARE = 0.02
+MAX_GLARE_SHARE = 0.02
 """Lamps and reflections may be brighter than these levels, if they are no more than this share of the picture."""
 
 CLIPPED_LEVEL = 250
@@ -27,7 +27,7 @@ EDGE_CONTRAST = 40
 
 EDGE_WINDOW_PX = 15
 EDGES_SHARE_MIN = 0.001
-SHARPEST_EDGES = 90
+EDGE_PERCENTILE = 90
 """The percentile of the edges that is judged: what is out of focus in front or behind is no fault."""
 
 BLURRED_SIGMA_PX = 2.0
@@ -41,7 +41,7 @@ ENOUGH_LEVEL = 150
 GAMMA = 2.2
 """A longer exposure is proposed that would bring the brightest parts to this level, with the usual gamma of cameras."""
 
-LONGEST_EXPOSURE_S = 0.033
+MAX_EXPOSURE_S = 0.033
 """Longer exposures halve the frame rate, and blur what moves."""
 
 
@@ -51,11 +51,11 @@ def picture_remarks(image: Image, exposure_s: float | None = None) -> tuple[str,
     Args:
         exposure_s: For how long it was exposed, to propose another; None if that is not known.
     """
-    brightest = float(np.quantile(image.max(axis=2), 1 - BRIGHTEST_SHARE))
+    brightest = float(np.quantile(image.max(axis=2), 1 - MAX_GLARE_SHARE))
     if brightest <= BLACK_LEVEL:
         return ("the picture is black: take the cover off the lens, switch the light on, or set a longer exposure",)
     remarks: list[str] = []
-    proposed = _proposed(exposure_s, better_exposure_s(image, exposure_s))
+    proposed = _exposure_hint(exposure_s, better_exposure_s(image, exposure_s))
     if brightest <= DARK_LEVEL:
         words = f"the picture is dark, hardly a level above {brightest:.0f} of 255: more light, longer exposure"
         remarks.append(f"{words}{proposed}")
@@ -79,14 +79,14 @@ def better_exposure_s(image: Image, exposure_s: float | None) -> float | None:
     """
     if exposure_s is None:
         return None
-    brightest = float(np.quantile(image.max(axis=2), 1 - BRIGHTEST_SHARE))
+    brightest = float(np.quantile(image.max(axis=2), 1 - MAX_GLARE_SHARE))
     if BLACK_LEVEL < brightest <= DARK_LEVEL:
-        return min(exposure_s * float((ENOUGH_LEVEL / brightest) ** GAMMA), LONGEST_EXPOSURE_S)
+        return min(exposure_s * float((ENOUGH_LEVEL / brightest) ** GAMMA), MAX_EXPOSURE_S)
     is_clipped = float(np.mean(image.min(axis=2) >= CLIPPED_LEVEL)) > CLIPPED_SHARE
     return exposure_s / 2 if is_clipped else exposure_s
 
 
-def _proposed(now_s: float | None, wanted_s: float | None) -> str:
+def _exposure_hint(now_s: float | None, wanted_s: float | None) -> str:
     if now_s is None or wanted_s is None or 0.8 < wanted_s / now_s < 1.25:
         return ""
     return f' (try exposure = "{1e3 * wanted_s:.2g} ms" in [camera]; it was {1e3 * now_s:.3g} ms)'
@@ -105,6 +105,6 @@ def blur_sigma_px(image: Image) -> float | None:
     edges = (height > EDGE_CONTRAST) & (slope >= cv2.dilate(slope, window))
     if np.count_nonzero(height > EDGE_CONTRAST) < EDGES_SHARE_MIN * grey.size:
         return None
-    steepness = np.percentile(slope[edges] / height[edges], SHARPEST_EDGES)
+    steepness = np.percentile(slope[edges] / height[edges], EDGE_PERCENTILE)
     variance_px2 = float(1 / (2 * np.pi * steepness**2))
     return math.sqrt(max(0.0, variance_px2 - OWN_VARIANCE_PX2))

@@ -95,7 +95,9 @@ def print_pages(items: Sequence[Item], paper: str, words: Sequence[str]) -> tupl
     grid = _grid(items[0], paper)
     on_one = grid.columns * grid.rows
     parts = [items[first : first + on_one] for first in range(0, len(items), on_one)]
-    return tuple(Drawing(grid.width_m, grid.height_m, (*_placed(each, grid), *_foot(grid, words))) for each in parts)
+    return tuple(
+        Drawing(grid.width_m, grid.height_m, (*_place_items(each, grid), *_foot(grid, words))) for each in parts
+    )
 
 
 def _grid(item: Item, paper: str) -> _Grid:
@@ -103,7 +105,7 @@ def _grid(item: Item, paper: str) -> _Grid:
     name = {each.casefold(): each for each in PAPERS}.get(paper.strip().casefold())
     if name is None:
         raise ConfigError(f"--paper: {paper!r} is no paper to print on; there are {', '.join(PAPERS)}")
-    best = max((_fitted(item, *sides) for sides in _both_ways(name)), key=_count)
+    best = max((_fit_grid(item, *sides) for sides in _both_ways(name)), key=_count)
     if not _count(best):
         raise ConfigError(_too_large(item, name))
     return best
@@ -119,7 +121,7 @@ def _count(grid: _Grid) -> int:
     return grid.columns * grid.rows
 
 
-def _fitted(item: Item, width_m: float, height_m: float) -> _Grid:
+def _fit_grid(item: Item, width_m: float, height_m: float) -> _Grid:
     room_across_m, room_down_m = _room(width_m, height_m)
     columns = _how_many(room_across_m, item.drawing.width_m)
     return _Grid(width_m, height_m, columns, _how_many(room_down_m, item.drawing.height_m + _label_m(item)))
@@ -154,7 +156,7 @@ def _too_large(item: Item, name: str) -> str:
     return f"that takes {size} on the paper and {name} has no room for it: make {item.measure} {fits_mm}mm at most{way}"
 
 
-def _placed(items: Sequence[Item], grid: _Grid) -> Iterator[Shape]:
+def _place_items(items: Sequence[Item], grid: _Grid) -> Iterator[Shape]:
     across_m, down_m = _room(grid.width_m, grid.height_m)
     columns = min(grid.columns, len(items))
     cell_width_m, cell_height_m = across_m / columns, down_m / math.ceil(len(items) / columns)
@@ -172,7 +174,7 @@ def _foot(grid: _Grid, words: Sequence[str]) -> Iterator[Shape]:
     top_m = grid.height_m - MARGIN_M - FOOTER_M
     yield from _ruler(MARGIN_M, top_m + FOOTER_M / 2)
     left_m = MARGIN_M + RULER_IN * INCH_M + 0.008
-    lines = [line for each in words for line in _wrapped(each, grid.width_m - MARGIN_M - left_m)]
+    lines = [line for each in words for line in _wrap(each, grid.width_m - MARGIN_M - left_m)]
     first_m = top_m + (FOOTER_M - len(lines) * LINE_M) / 2 + TEXT_M
     for number, line in enumerate(lines):
         yield Text(left_m, first_m + number * LINE_M, line, TEXT_M)
@@ -197,7 +199,7 @@ def _ruler(x_m: float, y_m: float) -> Iterator[Shape]:
     yield Text(x_m + RULER_M + 0.0015, y_m - 0.0047, "cm", 0.0021)
 
 
-def _wrapped(text: str, room_m: float) -> Iterator[str]:
+def _wrap(text: str, room_m: float) -> Iterator[str]:
     line = ""
     for word in text.split():
         longer = f"{line} {word}".strip()

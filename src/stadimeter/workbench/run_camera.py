@@ -26,7 +26,7 @@ from stadimeter.errors import (
     PictureError,
     ProtocolError,
 )
-from stadimeter.workbench.frame_source import Snapshot, Source, open_source, snapshots
+from stadimeter.workbench.frame_source import CameraShot, Source, open_source, snapshots
 
 ASK_EVERY_S = 0.02
 """While the run has no newer picture, it is asked again this often."""
@@ -171,7 +171,7 @@ def choice_of(camera: AttachedCamera, like: DriverChoice | None = None) -> Drive
     return DriverChoice(name="camera", driver=camera.driver, plugin=plugin, options=options)
 
 
-def first_picture(choice: DriverChoice) -> Snapshot | str:
+def first_picture(choice: DriverChoice) -> CameraShot | str:
     """Open a camera and take a picture; return that, or why there is none."""
     try:
         with closing(snapshots(choice)) as taken:

@@ -21,7 +21,7 @@ BALL = "20 cm"
 
 CAMERA_HEIGHT = "25 cm"
 
-FARTHEST_M = 8.0
+MAX_DISTANCE_M = 8.0
 """Beyond this nothing is put: the ball would be a few pixels."""
 
 _LENS = CameraModel.with_focal_length(600.0, 640, 480)
@@ -45,9 +45,10 @@ class SimulatedRoom:
 
     def place(self, x_m: float, y_m: float) -> None:
         """Put the middle of the ball so far ahead of the camera, and to its left; a `ConfigError` if it cannot be."""
-        if not (math.hypot(x_m, y_m) <= FARTHEST_M and x_m > self._radius_m):
+        if not (math.hypot(x_m, y_m) <= MAX_DISTANCE_M and x_m > self._radius_m):
             raise ConfigError(
-                f"the ball can be {self._radius_m:g} to {FARTHEST_M:g} m before the camera, not at {x_m:g}, {y_m:g} m"
+                f"the ball can be {self._radius_m:g} to {MAX_DISTANCE_M:g} m before the camera, "
+                f"not at {x_m:g}, {y_m:g} m"
             )
         self._world.place_target(x_m, y_m)
         self._place_m = x_m, y_m

@@ -34,7 +34,7 @@ from stadimeter.ranging.board_calibration import (
     in_common,
 )
 
-SEARCH_LONGEST_PX = 2048
+MAX_SEARCH_PX = 2048
 """Larger pictures are searched at a smaller scale; the corners are refined at full scale."""
 
 CHARUCO_CORNERS_MIN = 6
@@ -64,12 +64,12 @@ class Chessboard:
         return BoardView(
             picture=picture,
             board_m=(np.column_stack((across.ravel(), along.ravel())) * self.square_m).astype(np.float64),
-            corners_px=refined(grey, rough, self.columns, self.rows),
+            corners_px=refine_corners(grey, rough, self.columns, self.rows),
         )
 
     def _rough(self, grey: NDArray[Any]) -> NDArray[Any] | None:
         """Return the corners at full scale, roughly placed; the second way finds boards that the first does not."""
-        scale = min(1.0, SEARCH_LONGEST_PX / max(grey.shape))
+        scale = min(1.0, MAX_SEARCH_PX / max(grey.shape))
         smaller = grey if scale == 1.0 else cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
         found, corners = cv2.findChessboardCorners(smaller, (self.columns, self.rows), flags=_CLASSIC)
         if not found:
@@ -103,7 +103,7 @@ class CharucoBoard:
         """Return the corners between the squares that can be seen; or why there are too few."""
         grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         board_m, corners_px = max(
-            (self._found(grey, legacy=old) for old in (False, True)), key=lambda found: len(found[0])
+            (self._find_corners(grey, legacy=old) for old in (False, True)), key=lambda found: len(found[0])
         )
         all_corners = (self.columns - 1) * (self.rows - 1)
         if len(board_m) < min(CHARUCO_CORNERS_MIN, all_corners):
@@ -112,7 +112,7 @@ class CharucoBoard:
             return f"the {len(board_m)} corners of the ChArUco board that can be seen are in one line"
         return BoardView(picture=picture, board_m=board_m, corners_px=corners_px)
 
-    def _found(self, grey: NDArray[Any], *, legacy: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _find_corners(self, grey: NDArray[Any], *, legacy: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return corners on the board and in the picture; boards of OpenCV before 4.6 begin with a white square."""
         board = self.of_opencv()
         board.setLegacyPattern(legacy)
@@ -297,7 +297,7 @@ SECTOR_DOUBT = 3.0
 _REFINED = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-4)
 
 
-def refined(grey: Grey, rough: Grey, columns: int, rows: int) -> Corners:
+def refine_corners(grey: Grey, rough: Grey, columns: int, rows: int) -> Corners:
     """Return the corners that scatter least, shape (rows * columns, 2), from roughly placed ones in order of rows."""
     grid = rough.reshape(rows, columns, 2)
     spacing_px = _smallest_spacing_px(grid)

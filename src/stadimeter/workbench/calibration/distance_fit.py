@@ -43,7 +43,7 @@ class DistanceFit:
     elsewhere: tuple[KnownDistance, ...]
 
 
-def known_distance(
+def look_at_distance(
     name: str, frame: Frame, depth_m: float, target: NamedDetector, camera_model: CameraModel | None = None
 ) -> KnownDistance:
     """Look for the target in a picture of which the distance is known.
@@ -88,8 +88,8 @@ def fit_distances(
     first = calibrate(known, date=date, distance_relative_sigma=distance_relative_sigma)
     optics = frame_of(known[0].picture).optics
     rough = replace(first.camera_model, edge_bias_px=0.0, tone_curve=tone_curve, optics=optics)
-    looked = _looked_at_again(known, frame_of, choices, rough)
-    usable, left_out = _sorted_out(looked, looked)
+    looked = _look_again(known, frame_of, choices, rough)
+    usable, left_out = _split_by_found(looked, looked)
     pairs = zip(known, looked, strict=True)
     elsewhere = tuple(again for before, again in pairs if again in usable and _is_elsewhere(before, again))
     finished: Calibration | None = None
@@ -98,14 +98,14 @@ def fit_distances(
             usable = _with_bias_undone(usable, frame_of, choices, rough)
         made = calibrate(usable, date=date, distance_relative_sigma=distance_relative_sigma)
         made = replace(made, camera_model=replace(made.camera_model, tone_curve=tone_curve, optics=optics))
-        again = _looked_at_again(usable, frame_of, choices, made.camera_model)
-        usable, lost = _sorted_out(usable, again)
+        again = _look_again(usable, frame_of, choices, made.camera_model)
+        usable, lost = _split_by_found(usable, again)
         left_out += lost
         finished = None if lost else with_readings(made, again)
     return DistanceFit(calibration=finished, usable=usable, left_out=left_out, elsewhere=elsewhere)
 
 
-def _sorted_out(
+def _split_by_found(
     known: Sequence[KnownDistance], again: Sequence[KnownDistance]
 ) -> tuple[tuple[KnownDistance, ...], tuple[KnownDistance, ...]]:
     """Return the pictures in which the target is found again, and those looked at again in which it is not."""
@@ -114,7 +114,7 @@ def _sorted_out(
     return found, tuple(each for each, is_good in zip(again, is_found, strict=True) if not is_good)
 
 
-def known_remedy(
+def remedy_words(
     left_out: KnownDistance, frame: Frame, choice: DriverChoice, camera_model: CameraModel | None = None
 ) -> str:
     """Say what to change in the target's options so that it is found in a picture of which the distance is known.
@@ -127,18 +127,18 @@ def known_remedy(
         A clause that follows the reason why it was not found; empty where no change helps.
     """
 
-    def calibrated(changed: DriverChoice) -> Detection | None:
-        return _calibrated(left_out, frame, changed)
+    def calibrate_changed(changed: DriverChoice) -> Detection | None:
+        return _calibrate_one(left_out, frame, changed)
 
     lens = camera_model and camera_model.for_frame(frame)
-    remedies = remedies_for(choice, left_out.detection, frame, lens, None if lens else calibrated)
+    remedies = remedies_for(choice, left_out.detection, frame, lens, None if lens else calibrate_changed)
     return f"; it is found with {' or '.join(map(str, remedies))}" if remedies else ""
 
 
-def _calibrated(left_out: KnownDistance, frame: Frame, choice: DriverChoice) -> Detection | None:
+def _calibrate_one(left_out: KnownDistance, frame: Frame, choice: DriverChoice) -> Detection | None:
     """Calibrate from one picture, and return where the target is in it; None where it does not calibrate."""
     (target,) = build_detectors([choice], None)
-    known = known_distance(left_out.picture, frame, left_out.depth_m, target)
+    known = look_at_distance(left_out.picture, frame, left_out.depth_m, target)
     if known.detection.status is not DetectionStatus.FOUND:
         return None
     try:
@@ -155,12 +155,12 @@ def _calibrated(left_out: KnownDistance, frame: Frame, choice: DriverChoice) -> 
     return fit.usable[0].detection if fit.usable else None
 
 
-def _looked_at_again(
+def _look_again(
     known: Sequence[KnownDistance], frame_of: FrameOf, choices: Sequence[DriverChoice], model: CameraModel
 ) -> tuple[KnownDistance, ...]:
     """Look again through a camera model, as `measure` will: with it a detector knows shapes and edges better."""
     (target,) = build_detectors(choices, model)
-    return tuple(known_distance(each.picture, frame_of(each.picture), each.depth_m, target, model) for each in known)
+    return tuple(look_at_distance(each.picture, frame_of(each.picture), each.depth_m, target, model) for each in known)
 
 
 def _with_bias_undone(
@@ -172,7 +172,7 @@ def _with_bias_undone(
         known: Pictures in which the target was found whole through the rough model.
         rough: A camera model that was made from them, without an edge bias.
     """
-    biased = _looked_at_again(known, frame_of, choices, replace(rough, edge_bias_px=BIAS_STEP_PX))
+    biased = _look_again(known, frame_of, choices, replace(rough, edge_bias_px=BIAS_STEP_PX))
     return tuple(replace(each, less_bias=less.detection) for each, less in zip(known, biased, strict=True))
 
 

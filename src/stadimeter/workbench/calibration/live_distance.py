@@ -24,7 +24,7 @@ from stadimeter.ranging.calibration import (
     calibrate,
     measured_depth_m,
 )
-from stadimeter.workbench.calibration.distance_fit import fit_distances, known_distance, known_remedy
+from stadimeter.workbench.calibration.distance_fit import fit_distances, look_at_distance, remedy_words
 from stadimeter.workbench.frame_source import SETTLING_WAIT_S, Source
 from stadimeter.workbench.picture_quality import picture_remarks
 
@@ -174,7 +174,7 @@ class LiveDistance:
         """
         name = name or f"at {distance_m:g} m"
         depth_m = distance_m + self.to_centre_m
-        seen = [(known_distance(name, frame, depth_m, self._target), frame) for frame in self._frames(frames)]
+        seen = [(look_at_distance(name, frame, depth_m, self._target), frame) for frame in self._frames(frames)]
         found = [pair for pair in seen if pair[0].detection.status is DetectionStatus.FOUND]
         if len(found) < max(1.0, FOUND_SHARE_MIN * len(seen)):
             missed = [pair for pair in seen if pair[0].detection.status is not DetectionStatus.FOUND]
@@ -252,7 +252,7 @@ class LiveDistance:
 
 def _why_not_found(name: str, missed: Sequence[tuple[KnownDistance, Frame]], frames: int, choice: DriverChoice) -> str:
     known, frame = missed[0]
-    why = f"{known.detection.reason}{known_remedy(known, frame, choice)}"
+    why = f"{known.detection.reason}{remedy_words(known, frame, choice)}"
     reasons = "; ".join((why, *picture_remarks(frame.image)))
     return f"{name} the target was found in {frames - len(missed)} of {frames} frames: {reasons}"
 

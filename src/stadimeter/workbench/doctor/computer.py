@@ -23,7 +23,7 @@ from stadimeter.app.wall_time import is_synchronised
 from stadimeter.config.extras import NUMPY_1, PACKAGE_AGAIN, PACKAGED, PICAMERA2, PICAMERA2_TOO_OLD, SEE_SYSTEM
 
 
-class Severity(StrEnum):
+class DiagnosisSeverity(StrEnum):
     """How bad it is. What cannot be found out is `UNKNOWN`, never fine."""
 
     FINE = "fine"
@@ -41,36 +41,36 @@ class Diagnosis:
         remedy: What to do about it; empty where there is nothing to do.
     """
 
-    severity: Severity
+    severity: DiagnosisSeverity
     seen: str
     remedy: str = ""
 
 
 def fine(seen: str) -> Diagnosis:
     """Return that all is well."""
-    return Diagnosis(Severity.FINE, seen)
+    return Diagnosis(DiagnosisSeverity.FINE, seen)
 
 
 def warning(seen: str, remedy: str) -> Diagnosis:
     """Return what may become a problem."""
-    return Diagnosis(Severity.WARNING, seen, remedy)
+    return Diagnosis(DiagnosisSeverity.WARNING, seen, remedy)
 
 
 def wrong(seen: str, remedy: str) -> Diagnosis:
     """Return what is wrong."""
-    return Diagnosis(Severity.WRONG, seen, remedy)
+    return Diagnosis(DiagnosisSeverity.WRONG, seen, remedy)
 
 
 def unknown(seen: str, remedy: str = "") -> Diagnosis:
     """Return what cannot be found out here."""
-    return Diagnosis(Severity.UNKNOWN, seen, remedy)
+    return Diagnosis(DiagnosisSeverity.UNKNOWN, seen, remedy)
 
 
 COMMAND_S = 4.0
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class CommandResult:
     """What a command printed before it ended; `code` is None if it was stopped since it took too long."""
 
     code: int | None
@@ -78,17 +78,17 @@ class Answer:
     error: str = ""
 
 
-def run_command(words: Sequence[str], limit_s: float = COMMAND_S) -> Answer | None:
+def run_command(words: Sequence[str], limit_s: float = COMMAND_S) -> CommandResult | None:
     """Run a command without a shell and without input; None where it is not installed."""
     try:
         done = subprocess.run(  # noqa: S603 - our own words
             words, stdin=subprocess.DEVNULL, capture_output=True, timeout=limit_s, check=False
         )
     except subprocess.TimeoutExpired as late:
-        return Answer(None, _text(late.stdout), _text(late.stderr))
+        return CommandResult(None, _text(late.stdout), _text(late.stderr))
     except OSError:
         return None
-    return Answer(done.returncode, _text(done.stdout), _text(done.stderr))
+    return CommandResult(done.returncode, _text(done.stdout), _text(done.stderr))
 
 
 def _text(printed: bytes | None) -> str:
@@ -111,7 +111,7 @@ class Computer:
     """
 
     root: Path = Path("/")
-    run: Callable[[Sequence[str], float], Answer | None] = run_command
+    run: Callable[[Sequence[str], float], CommandResult | None] = run_command
     environment: Mapping[str, str] = field(default_factory=lambda: os.environ)
     is_clock_right: Callable[[], bool] = is_synchronised
     free_bytes: Callable[[Path], int] = _free_bytes
@@ -259,7 +259,7 @@ def libraries(imports: Imports) -> Iterator[Diagnosis]:
     missing = [each["name"] for each in found if each["missing"] and each["name"] not in OPTIONAL]
     if missing:
         yield wrong(f"{' and '.join(missing)} is not installed", _again(python))
-    if (untried := _stopped_at(lines)) is not None:
+    if (untried := _last_import(lines)) is not None:
         how = "takes too long" if imports.is_late else "crashes Python"
         yield wrong(f"importing {untried} {how}", _again(python))
     if not (missing or untried or any(each["error"] for each in found)):
@@ -268,7 +268,7 @@ def libraries(imports: Imports) -> Iterator[Diagnosis]:
         yield fine(f"Python {python['python']} in {python['prefix']}; {names} load together")
 
 
-def _stopped_at(lines: list[dict[str, Any]]) -> str | None:
+def _last_import(lines: list[dict[str, Any]]) -> str | None:
     return lines[-1].get("trying")
 
 

@@ -1,73 +1,57 @@
-"""The configuration, and the broker that it names."""
+"""What the checks ask of a configuration. Loading this loads numpy, pydantic and the drivers."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
 
-from stadimeter.config.extras import PACKAGED
-from stadimeter.config.guides import guide
-from stadimeter.workbench.doctor.computer import Diagnosis, fine, unknown, warning, wrong
-from stadimeter.workbench.doctor.examined import INSTALLED, Examined
-
-ELSEWHERE = frozenset({"driver-lacks", "will-not-run"})
-"""The findings of ``check`` that keep a configuration from running on this computer."""
-
-PROGRAM = f"{PACKAGED}/bin/stadimeter"
-"""What the service runs; ``check`` of it goes on as the service's user."""
-CHECK_S = 30.0
-
-
-def configuration(examined: Examined) -> Iterator[Diagnosis]:
-    """Tell in a line what ``check`` finds."""
-    if examined.why_none is not None:
-        yield examined.why_none
-        return
-    found = examined.configuration
-    if found is None:
-        yield unknown(f"there is no {INSTALLED}", "name yours: `stadimeter doctor CONFIG`")
-        return
-    if examined.computer.is_root and examined.is_of_service and examined.computer.has(PROGRAM):
-        yield _as_the_service(examined)
-        return
-    from stadimeter.app.feasibility import feasibility_warnings  # noqa: PLC0415 - they load the drivers
-    from stadimeter.app.this_computer import warnings_here  # noqa: PLC0415
-
-    problems = (*warnings_here(found), *found.warnings, *feasibility_warnings(found))
-    yield _judged(str(found.path), [(each.message, each.code) for each in problems])
+from stadimeter.app.feasibility import feasibility_warnings
+from stadimeter.app.safe_outputs import safe_lines
+from stadimeter.app.this_computer import warnings_here
+from stadimeter.app.wall_time import goes_by_the_clock
+from stadimeter.config.loader import Configuration, load_configuration
+from stadimeter.config.plugins import marked_options
+from stadimeter.config.units import PortMark
+from stadimeter.errors import Problem
+from stadimeter.workbench.wiring.circuits import parts_of, wired_outputs
 
 
-def _judged(path: str, problems: list[tuple[str, str]], who: str = "") -> Diagnosis:
-    """Judge what `check` found: the message and the code of each."""
-    if not problems:
-        return fine(f"{path} can be used{who}, and `check` finds nothing")
-    more = f"; and {len(problems) - 1} more" if len(problems) > 1 else ""
-    judged = wrong if any(code in ELSEWHERE for _, code in problems) else warning
-    return judged(f"{path}: {problems[0][0]}{more}", f"`{'sudo ' if who else ''}stadimeter check {path}` shows all")
+@dataclass(frozen=True, slots=True)
+class Configured:
+    """A configuration that was read."""
 
+    configuration: Configuration
 
-def _as_the_service(examined: Examined) -> Diagnosis:
-    """Judge what the service's user may read and open; to root, who asks, everything is open."""
-    answer = examined.computer.run((PROGRAM, "check", "--json", INSTALLED), CHECK_S)
-    try:
-        said = json.loads(answer.output if answer else "")
-        problems, warnings = said["problems"], [(each["message"], each["code"]) for each in said["warnings"]]
-    except (ValueError, KeyError):
-        return unknown(f"whether the service can use {INSTALLED}", f"`sudo stadimeter check {INSTALLED}` says why")
-    if problems:
-        more = f", and {len(problems) - 1} more" if len(problems) > 1 else ""
-        seen = f"the service cannot use {INSTALLED}: {' '.join(problems[0]['message'].split())}{more}"
-        return wrong(seen, f"`sudo stadimeter check {INSTALLED}` shows all")
-    return _judged(INSTALLED, warnings, " by the service")
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """Read a configuration; raises `StadimeterError` if it cannot be used."""
+        return cls(load_configuration(path))
 
+    @property
+    def is_scheduled(self) -> bool:
+        """Whether any rule asks for the time of day."""
+        return goes_by_the_clock(self.configuration.plan)
 
-def broker(examined: Examined) -> Iterator[Diagnosis]:
-    """Tell whether the broker that the configuration names takes its login."""
-    messenger = examined.configuration.messenger if examined.configuration else None
-    if messenger is None or messenger.plugin.reach is None:
-        return
-    trouble = messenger.plugin.reach(messenger.options)
-    if trouble:
-        yield wrong(trouble, f'{guide("troubleshooting.md")}, section "MQTT and notifications"')
-    else:
-        yield fine("the broker takes the connection with the configuration's login")
+    @property
+    def pins(self) -> frozenset[int]:
+        """The GPIOs of its outputs and buttons."""
+        return frozenset(output.gpio for output in wired_outputs(parts_of(self.configuration)))
+
+    @property
+    def ports(self) -> tuple[str, ...]:
+        """The serial ports that its base names."""
+        base = self.configuration.base
+        found = marked_options(base.options, PortMark) if base is not None else ()
+        return tuple(str(port) for _key, port in found if str(port).startswith("/"))
+
+    @property
+    def safe_lines(self) -> list[str]:
+        """The lines of the list of safe outputs; none for simulated outputs."""
+        driven = self.configuration.driven
+        return [line for each in driven if not each.plugin.is_simulated(each.options) for line in safe_lines(each)]
+
+    def warnings(self) -> tuple[Problem, ...]:
+        """Return what `check` finds, what this computer lacks first."""
+        found = self.configuration
+        return (*warnings_here(found), *found.warnings, *feasibility_warnings(found))

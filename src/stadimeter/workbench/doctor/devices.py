@@ -60,7 +60,7 @@ def _lacking(
     if number in of_process:
         return
     if user not in members:
-        judged = wrong if name in _needed(examined) else warning
+        judged = wrong if name in _groups_needed(examined) else warning
         yield judged(
             f"the user {user} is not in the group {name}, which may use {what}",
             f"`sudo usermod -aG {name} {user}`, then log out and in again",
@@ -72,7 +72,7 @@ def _lacking(
         )
 
 
-def _needed(examined: Examined) -> set[str]:
+def _groups_needed(examined: Examined) -> set[str]:
     configuration = examined.configuration
     if configuration is None or examined.is_of_service:  # the service has the groups of its unit
         return set()
@@ -93,7 +93,7 @@ def _name(computer: Computer, number: str) -> str:
 
 def cameras(examined: Examined) -> Iterator[Diagnosis]:
     """Tell which cameras are there, by which stack, and what keeps one from being used."""
-    found = _listed(examined.computer)
+    found = _list_cameras(examined.computer)
     if found is None:
         yield unknown("the cameras could not be listed", "`stadimeter cameras` says why")
         return
@@ -109,7 +109,7 @@ def cameras(examined: Examined) -> Iterator[Diagnosis]:
     yield from _ribbon(examined, has_any=bool(found), has_ribbon=any(each["driver"] == "picamera2" for each in found))
 
 
-def _listed(computer: Computer) -> list[dict[str, Any]] | None:
+def _list_cameras(computer: Computer) -> list[dict[str, Any]] | None:
     answer = computer.run((*python_command(), "-m", "stadimeter", "cameras", "--no-try", "--json"), LIST_S)
     try:
         found: list[dict[str, Any]] = json.loads(answer.output if answer is not None else "")
@@ -130,7 +130,7 @@ def _ribbon(examined: Examined, *, has_any: bool, has_ribbon: bool) -> Iterator[
             )
             return
         if _has_sensor(computer):
-            yield _unseen(examined)
+            yield _why_unseen(examined)
             return
         if _names(examined, "picamera2") or (examined.configuration is None and not has_any):
             yield _no_sensor(computer, config, has_any=has_any)
@@ -160,7 +160,7 @@ def _has_sensor(computer: Computer) -> bool:
     return any(name.startswith(("unicam", "rp1-cfe")) for name in names)
 
 
-def _unseen(examined: Examined) -> Diagnosis:
+def _why_unseen(examined: Examined) -> Diagnosis:
     if not examined.imports.lacks("picamera2"):
         return unknown(
             "the kernel knows a ribbon camera, and libcamera does not list it",

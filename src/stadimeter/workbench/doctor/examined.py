@@ -12,16 +12,17 @@ from stadimeter.errors import ConfigError, StadimeterError
 from stadimeter.workbench.doctor.computer import (
     Computer,
     Diagnosis,
+    DiagnosisSeverity,
     Imports,
-    Severity,
     import_libraries,
     libraries,
     unknown,
     wrong,
 )
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # reading a configuration loads the libraries that may be broken
     from stadimeter.config.loader import Configuration
+    from stadimeter.workbench.doctor.configured import Configured
 
 
 INSTALLED = "/etc/stadimeter/appliance.toml"
@@ -53,9 +54,14 @@ class Examined:
         return tuple(libraries(self.imports))
 
     @property
+    def configured(self) -> Configured | None:
+        """The configuration that was read; None where there is none that can be used."""
+        return self._read[0]
+
+    @property
     def configuration(self) -> Configuration | None:
         """The configuration; None where there is none that can be used."""
-        return self._read[0]
+        return self.configured.configuration if self.configured else None
 
     @property
     def why_none(self) -> Diagnosis | None:
@@ -72,35 +78,23 @@ class Examined:
         """Where the configuration is, or would be."""
         return self.path or self.computer.root / INSTALLED.lstrip("/")
 
-    @cached_property
+    @property
     def goes_by_the_clock(self) -> bool:
         """Whether any rule asks for the time of day."""
-        from stadimeter.app.wall_time import goes_by_the_clock  # noqa: PLC0415
-
-        return self.configuration is not None and goes_by_the_clock(self.configuration.plan)
+        return self.configured is not None and self.configured.is_scheduled
 
     @cached_property
     def pins(self) -> frozenset[int]:
         """The GPIOs of its outputs and buttons."""
-        if self.configuration is None:
-            return frozenset()
-        from stadimeter.workbench.wiring.circuits import parts_of, wired_outputs  # noqa: PLC0415 - loads numpy
+        return self.configured.pins if self.configured else frozenset()
 
-        return frozenset(output.gpio for output in wired_outputs(parts_of(self.configuration)))
-
-    @cached_property
+    @property
     def ports(self) -> tuple[str, ...]:
         """The serial ports that it names."""
-        if self.configuration is None or self.configuration.base is None:
-            return ()
-        from stadimeter.config.plugins import marked_options  # noqa: PLC0415 - loads pydantic
-        from stadimeter.config.units import PortMark  # noqa: PLC0415
-
-        found = marked_options(self.configuration.base.options, PortMark)
-        return tuple(str(port) for _key, port in found if str(port).startswith("/"))
+        return self.configured.ports if self.configured else ()
 
     @cached_property
-    def _read(self) -> tuple[Configuration | None, Diagnosis | None]:
+    def _read(self) -> tuple[Configured | None, Diagnosis | None]:
         path = self.place
         try:
             path.stat()
@@ -110,12 +104,12 @@ class Examined:
             return None, None
         if not os.access(path, os.R_OK):
             return None, _not_yours(path)
-        if any(each.severity is Severity.WRONG for each in self.libraries):
+        if any(each.severity is DiagnosisSeverity.WRONG for each in self.libraries):
             return None, unknown(f"{path} was not read, since libraries do not load", "mend those first")
-        from stadimeter.config.loader import load_configuration  # noqa: PLC0415 - loads numpy and the drivers
+        from stadimeter.workbench.doctor.configured import Configured  # noqa: PLC0415 - loads the libraries
 
         try:
-            return load_configuration(path), None
+            return Configured.read(path), None
         except StadimeterError as error:
             return None, wrong(f"{path} cannot be used: {_first(error)}", f"`stadimeter check {path}` shows all")
 

@@ -34,15 +34,15 @@ def service(examined: Examined) -> Iterator[Diagnosis]:
     elif state.get("LoadState") not in {"loaded", "masked"}:
         yield fine("stadimeter is not installed as a service on this computer")
     else:
-        yield _judged(state)
+        yield _judge_service(state)
 
 
-def _judged(state: dict[str, str]) -> Diagnosis:
+def _judge_service(state: dict[str, str]) -> Diagnosis:
     if failure := _failure("the service", UNIT, state):
         return failure
     active, restarts, says = state.get("ActiveState", ""), _restarts(state), _says(state)
     if state.get("LoadState") == "masked":
-        return _masked(active)
+        return _judge_masked(active)
     if active != "active":
         return _not_active(active, f"{restarts} restarts{says}")
     if restarts > RESTARTS_MANY:
@@ -52,7 +52,7 @@ def _judged(state: dict[str, str]) -> Diagnosis:
     return fine(f"the service runs, {restarts} restarts{says}")
 
 
-def _masked(active: str) -> Diagnosis:
+def _judge_masked(active: str) -> Diagnosis:
     """Judge a masked unit: systemd knows none of its settings any more, what it runs after its end among them."""
     unmask = "`sudo systemctl unmask stadimeter`"
     if active == "active":
@@ -121,16 +121,11 @@ def safe_outputs(examined: Examined) -> Iterator[Diagnosis]:
     if not examined.is_of_service or not examined.computer.has(SWITCHES_OFF):
         return
     yield from _of_hand(examined.computer)
-    if examined.configuration is None:
-        return
-    from stadimeter.app.safe_outputs import safe_lines  # noqa: PLC0415 - loads the configuration's drivers
-
-    driven = examined.configuration.driven
-    wanted = [line for each in driven if not each.plugin.is_simulated(each.options) for line in safe_lines(each)]
+    wanted = examined.configured.safe_lines if examined.configured else []
     if wanted:
         way = _way(examined.computer, wanted)
         has_no_way = way in {"", "nothing"} and examined.computer.is_pi  # elsewhere pins are wrong already
-        yield _no_way(examined.computer, way) if has_no_way else _listed(examined.computer, wanted, way)
+        yield _no_way(examined.computer, way) if has_no_way else _judge_list(examined.computer, wanted, way)
 
 
 def _no_way(computer: Computer, way: str) -> Diagnosis:
@@ -142,7 +137,7 @@ def _no_way(computer: Computer, way: str) -> Diagnosis:
     )
 
 
-def _listed(computer: Computer, wanted: list[str], way: str) -> Diagnosis:
+def _judge_list(computer: Computer, wanted: list[str], way: str) -> Diagnosis:
     if not computer.has(SAFE_OUTPUTS):
         return unknown("which outputs are switched off after the service: it lists them when it starts")
     if not computer.is_readable(SAFE_OUTPUTS):

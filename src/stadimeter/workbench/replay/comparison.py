@@ -132,10 +132,10 @@ class AgainTally:
 
     def targets(self) -> tuple[MeasuredAgain, ...]:
         """Return how each target compares."""
-        return tuple(_compared(target, pairs) for target, pairs in self._pairs.items())
+        return tuple(_compare_target(target, pairs) for target, pairs in self._pairs.items())
 
 
-def _compared(target: str, pairs: list[tuple[float | None, float | None]]) -> MeasuredAgain:
+def _compare_target(target: str, pairs: list[tuple[float | None, float | None]]) -> MeasuredAgain:
     apart_m = [abs(again_m - before_m) for before_m, again_m in pairs if before_m is not None and again_m is not None]
     return MeasuredAgain(
         target=target,
@@ -207,7 +207,7 @@ def compare(old: Tally, new: Tally) -> ReplayDiff:
     same = 0
     old_events, new_events = _by_subject(old.events), _by_subject(new.events)
     for subject in {**old_events, **new_events}:
-        for before, after in _paired(old_events[subject], new_events[subject]):
+        for before, after in _pair_events(old_events[subject], new_events[subject]):
             change = _change(before, after)
             changes += [change] if change else []
             same += change is None
@@ -231,7 +231,7 @@ def _by_subject(events: Sequence[Event]) -> defaultdict[tuple[str, str], list[Ev
     return found
 
 
-def _paired(old: Sequence[Event], new: Sequence[Event]) -> list[tuple[Event | None, Event | None]]:
+def _pair_events(old: Sequence[Event], new: Sequence[Event]) -> list[tuple[Event | None, Event | None]]:
     """Pair events of one kind and source, in order of time: each with the nearest that is left for it."""
     # Both lists are sorted by time, so one pass does: the earlier of the two heads is paired, or is alone for good.
     pairs: list[tuple[Event | None, Event | None]] = []

@@ -17,7 +17,7 @@ from stadimeter.core.decision import Decision
 from stadimeter.core.observation import Observation
 from stadimeter.errors import JournalError
 from stadimeter.workbench.replay.comparison import ReplayDiff, compare
-from stadimeter.workbench.replay.replay import ReplayRun, uncollected
+from stadimeter.workbench.replay.replay import ReplayRun, without_collector
 from stadimeter.workbench.replay.replay_figures import Tally
 
 POINTS_MAX = 1500
@@ -63,7 +63,7 @@ class Lane:
 
 
 @dataclass(slots=True)
-class Side:
+class ReplaySide:
     """What one configuration does."""
 
     tally: Tally
@@ -101,19 +101,19 @@ class SideBySide:
     damage: str = ""
     targets: set[str] = field(default_factory=set)
     samples: dict[str, list[Point]] = field(default_factory=dict)
-    old: Side = field(init=False)
-    new: Side = field(init=False)
+    old: ReplaySide = field(init=False)
+    new: ReplaySide = field(init=False)
     _cycles: Iterator[None] = field(init=False)
 
     def __post_init__(self) -> None:
-        self.old = Side(Tally(self.before.configuration.plan))
-        self.new = Side(Tally(self.after.configuration.plan))
+        self.old = ReplaySide(Tally(self.before.configuration.plan))
+        self.new = ReplaySide(Tally(self.after.configuration.plan))
         self._cycles = self._through()
 
     def go_on(self, for_s: float, clock: Callable[[], float] = time.monotonic) -> None:
         """Go on for this long, or to the end. Damage is an end, too."""
         until_s = clock() + for_s
-        with uncollected():
+        with without_collector():
             while clock() < until_s and not self.is_done:
                 try:
                     self.is_done = next(self._cycles, self) is self

@@ -11,7 +11,7 @@ from stadimeter.app.recordings.journal import JournalHeader, read_journal, reada
 from stadimeter.app.recordings.record_file import MAGIC
 
 
-class Recording(Protocol):
+class AnyRecording(Protocol):
     """A journal, or a recording with pictures."""
 
     @property
@@ -33,7 +33,7 @@ class Recording(Protocol):
         ...
 
 
-def read_recording(path: Path) -> Recording:
+def read_recording(path: Path) -> AnyRecording:
     """Open a journal or a recording, of which only the beginning is read.
 
     Raises:

@@ -59,7 +59,7 @@ class _Entry:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Moment:
+class RecordedMoment:
     """What a recording holds of one moment.
 
     Attributes:
@@ -91,7 +91,7 @@ class RecordingIndex:
         """How long it is."""
         return (self._chunks[-1].to_ns - self._chunks[0].from_ns) / 1e9
 
-    def moment(self, at_s: float) -> Moment:
+    def moment(self, at_s: float) -> RecordedMoment:
         """Return what it holds of a moment, which may be before the first or after the last.
 
         Args:
@@ -111,8 +111,8 @@ class RecordingIndex:
         shown = self._newest_with_image(number, max(at_ns, now.at_ns))
         frame = shown.image.frame_of(shown.cycle) if shown is not None and shown.image is not None else None
         if shown is None or frame is None:
-            return Moment(found_s, now.cycle)
-        return Moment(found_s, now.cycle, frame, shown.cycle, shown.annotations)
+            return RecordedMoment(found_s, now.cycle)
+        return RecordedMoment(found_s, now.cycle, frame, shown.cycle, shown.annotations)
 
     def _first(self, entries: list[_Entry]) -> _Entry:
         if not entries:
@@ -158,7 +158,7 @@ def read_index(path: Path) -> RecordingIndex:
         DriverUnavailableError: The library ``mcap`` is not installed.
     """
     recording = read_mcap(path)
-    chunks, introduced = _scanned(path)
+    chunks, introduced = _scan_chunks(path)
     if not chunks:
         raise JournalError(f"{path}: the recording ends before its first cycle")
     topics: dict[int, str] = {}
@@ -168,7 +168,7 @@ def read_index(path: Path) -> RecordingIndex:
     return RecordingIndex(recording=recording, _chunks=chunks, _topics=topics)
 
 
-def _scanned(path: Path) -> tuple[list[_Chunk], list[_Chunk]]:
+def _scan_chunks(path: Path) -> tuple[list[_Chunk], list[_Chunk]]:
     """Return the whole chunks, and those in which a topic comes up for the first time, which introduce it."""
     chunks: list[_Chunk] = []
     first: dict[int, _Chunk] = {}

@@ -175,10 +175,10 @@ def _about(path: Path) -> tuple[dict[str, str], dict[str, str]]:
             raise JournalError(f"{place}: the recording is damaged: it says more about its run than there is to say")
         stream = ReadDataStream(BytesIO(data))
         if opcode == _METADATA:
-            metadata = _read(place, Metadata.read, stream)
+            metadata = _call_reader(place, Metadata.read, stream)
             about |= metadata.metadata if metadata.name == METADATA else {}
         elif opcode == _ATTACHMENT:
-            attachment = _read(place, Attachment.read, stream)
+            attachment = _call_reader(place, Attachment.read, stream)
             files[attachment.name] = attachment.data.decode(errors="replace")
     if not about:
         raise JournalError(f"{path}: the recording ends before its first cycle")
@@ -204,7 +204,7 @@ def messages_in(place: str, chunk: bytes, channels: dict[int, str]) -> Iterator[
     Args:
         channels: The topics by the numbers that messages have for them. Those that the chunk introduces are added.
     """
-    for record in _read(place, breakup_chunk, _decompressed_chunk(place, chunk)):
+    for record in _call_reader(place, breakup_chunk, _decompress_chunk(place, chunk)):
         if isinstance(record, Channel):
             channels[record.id] = record.topic
         elif isinstance(record, Message):
@@ -238,18 +238,18 @@ def _records(path: Path) -> Iterator[tuple[str, int, bytes]]:
             at += RECORD_HEAD.size + length
 
 
-def _decompressed_chunk(place: str, data: bytes) -> Chunk:
+def _decompress_chunk(place: str, data: bytes) -> Chunk:
     """Return a chunk that is not compressed any more, and holds what was written."""
-    chunk: Chunk = _read(place, Chunk.read, ReadDataStream(BytesIO(data)))
+    chunk: Chunk = _call_reader(place, Chunk.read, ReadDataStream(BytesIO(data)))
     if chunk.uncompressed_size > CHUNK_MAX_BYTES:
         raise JournalError(f"{place}: the recording is damaged: a chunk of {chunk.uncompressed_size} bytes")
-    content: bytes = _read(place, _decompressed, chunk)
+    content: bytes = _call_reader(place, _decompress, chunk)
     if len(content) != chunk.uncompressed_size or chunk.uncompressed_crc not in {0, crc32(content)}:
         raise JournalError(f"{place}: the recording is damaged: a chunk holds something else than was written")
     return replace(chunk, compression="", data=content)
 
 
-def _decompressed(chunk: Chunk) -> bytes:
+def _decompress(chunk: Chunk) -> bytes:
     """Return what is in a chunk, and no more than it says of itself: compressed data may say something else.
 
     The library would decompress whatever comes out, and compressions that recordings never have, too.
@@ -262,7 +262,7 @@ def _decompressed(chunk: Chunk) -> bytes:
     return stream.read(chunk.uncompressed_size + 1)
 
 
-def _read(place: str, read: Callable[[Any], Any], what: Any) -> Any:
+def _call_reader(place: str, read: Callable[[Any], Any], what: Any) -> Any:
     """Call a reader of the library; whatever it makes of damaged bytes is one kind of error."""
     try:
         return read(what)

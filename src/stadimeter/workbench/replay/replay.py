@@ -22,7 +22,7 @@ from stadimeter.core.plan import Plan
 from stadimeter.core.reload import reload
 from stadimeter.errors import ConfigError, DriverError, JournalError, Problem, StateError
 from stadimeter.perception.perceiver import Perceiver
-from stadimeter.workbench.replay.opening import Recording
+from stadimeter.workbench.replay.opening import AnyRecording
 
 if TYPE_CHECKING:
     from stadimeter.workbench.replay.recording_reader import RecordedImage
@@ -36,7 +36,7 @@ OnReload = Callable[[State, RecordedConfiguration], State]
 
 
 @runtime_checkable
-class HasPictures(Recording, Protocol):
+class HasPictures(AnyRecording, Protocol):
     """A recording that may hold pictures."""
 
     def cycles_and_images(self) -> Iterator[tuple[RecordedCycle, RecordedImage | None]]:
@@ -91,7 +91,7 @@ class Redetection:
         return replace(observation, measurements=measurements)
 
 
-def first_state(recording: Recording, plan: Plan) -> State:
+def first_state(recording: AnyRecording, plan: Plan) -> State:
     """Return the state with which a replay begins: the snapshot that the run restored, if any.
 
     Raises:
@@ -106,7 +106,7 @@ def first_state(recording: Recording, plan: Plan) -> State:
         raise JournalError(f"{recording.path}: {error}") from error
 
 
-def decisions(recording: Recording, plan: Plan, on_reload: OnReload | None = None) -> Iterator[Replayed]:
+def decisions(recording: AnyRecording, plan: Plan, on_reload: OnReload | None = None) -> Iterator[Replayed]:
     """Decide again on everything that was observed, by rules that need not be those of the recording.
 
     Args:
@@ -126,7 +126,7 @@ def decisions(recording: Recording, plan: Plan, on_reload: OnReload | None = Non
         yield from decided
 
 
-def _batches(recording: Recording) -> Iterator[list[tuple[RecordedCycle, Observation]]]:
+def _batches(recording: AnyRecording) -> Iterator[list[tuple[RecordedCycle, Observation]]]:
     """Yield the cycles and what was observed in them, some at a time.
 
     Reading, deciding and comparing by turns of this length keep the processor's caches warm: a replay takes an eighth
@@ -145,7 +145,7 @@ def _batches(recording: Recording) -> Iterator[list[tuple[RecordedCycle, Observa
     yield batch
 
 
-def _redetected(
+def _decide_on_pictures(
     recording: HasPictures, redetection: Redetection, plan: Plan, on_reload: OnReload | None
 ) -> Iterator[Replayed]:
     """Measure again in the pictures of a recording, and decide on that."""
@@ -158,7 +158,7 @@ def _redetected(
         yield cycle, observation, decision
 
 
-def replayed_record(cycle: Replayed) -> CycleRecord:
+def journal_record(cycle: Replayed) -> CycleRecord:
     """Return a cycle of a replay for a journal: nothing was applied, and nothing is timed, so it is always the same."""
     _, observation, decision = cycle
     return CycleRecord(observation=observation, decision=decision, applied=(), timings_s={})
@@ -172,7 +172,7 @@ class ReplayRun:
         is_recorded: Whether that is the recording's own: then recorded reloads are followed.
     """
 
-    recording: Recording
+    recording: AnyRecording
     configuration: Configuration
     is_recorded: bool = False
     from_images: bool = False
@@ -191,7 +191,7 @@ class ReplayRun:
             JournalError: The recording is damaged, or has no pictures to measure in.
             StadimeterError: The configuration cannot measure in its pictures.
         """
-        on_reload = self._reloaded if self.is_recorded else None
+        on_reload = self._reload if self.is_recorded else None
         if not self.from_images:
             return decisions(self.recording, self.configuration.plan, on_reload)
         if not isinstance(self.recording, HasPictures):
@@ -201,14 +201,14 @@ class ReplayRun:
             how = "it was made with `--record-images none`, or ends before the first"
             raise JournalError(f"{self.recording.path} has no pictures to measure in: {how}")
         redetection = Redetection(self.configuration)
-        return _redetected(self.recording, redetection, self.configuration.plan, on_reload)
+        return _decide_on_pictures(self.recording, redetection, self.configuration.plan, on_reload)
 
-    def _reloaded(self, state: State, recorded: RecordedConfiguration) -> State:
+    def _reload(self, state: State, recorded: RecordedConfiguration) -> State:
         return reload(state, load_recorded(recorded, self.recording.path).plan).state
 
 
 @contextmanager
-def uncollected() -> Iterator[None]:
+def without_collector() -> Iterator[None]:
     """Switch the garbage collector off: a replay leaves no circular references, and the search takes 5 % of it."""
     was_on = gc.isenabled()
     gc.disable()
@@ -219,7 +219,7 @@ def uncollected() -> Iterator[None]:
             gc.enable()
 
 
-def replay_run(recording: Recording, config: Path | None, *, from_images: bool = False) -> ReplayRun:
+def replay_run(recording: AnyRecording, config: Path | None, *, from_images: bool = False) -> ReplayRun:
     """Prepare a replay by a configuration, or by that of the recording.
 
     Raises:

@@ -54,11 +54,11 @@ def stays(at_s: Sequence[float], distances_m: Sequence[float], condition: Distan
     found: list[Stay] = []
     for part in np.split(np.arange(len(times)), np.flatnonzero(np.diff(times) > GAP_S) + 1):
         if len(part) > 1:
-            found += _merged(_stays(times[part], _smoothed(times[part], measured[part]), condition))
+            found += _merge(_stays(times[part], _smooth(times[part], measured[part]), condition))
     return [stay for stay in found if stay.to_s - stay.from_s >= BRIEF_S]
 
 
-def _smoothed(at_s: Values, distances_m: Values) -> Values:
+def _smooth(at_s: Values, distances_m: Values) -> Values:
     """Return the mean around each moment; the window is as long before as after, so it shrinks at the ends."""
     half_s = np.minimum(HALF_WINDOW_S, np.minimum(at_s - at_s[0], at_s[-1] - at_s))
     begin = np.searchsorted(at_s, at_s - half_s - 1e-9, "left")
@@ -90,7 +90,7 @@ def _stays(at_s: Values, distances_m: Values, condition: DistanceCondition) -> l
     ]
 
 
-def _merged(found: Sequence[Stay]) -> list[Stay]:
+def _merge(found: Sequence[Stay]) -> list[Stay]:
     """Join stays with hardly any time between them."""
     joined: list[Stay] = []
     for stay in found:
@@ -180,7 +180,7 @@ class Tally:
     def _figures(self, rule: AlarmRule) -> RuleFigures:
         raised_s = self._times_s(rule.name, {EventKind.RAISED})
         cleared_s = self._times_s(rule.name, {EventKind.CLEARED})
-        where = _watched(rule)
+        where = _watched_distance(rule)
         late_s: list[float] = []
         missed = unfounded = None
         if where is not None and where.target in self._measured:
@@ -205,7 +205,7 @@ class Tally:
         return [event.at_s for event in self.events if event.source == rule and event.kind in kinds]
 
 
-def _watched(rule: AlarmRule) -> DistanceCondition | None:
+def _watched_distance(rule: AlarmRule) -> DistanceCondition | None:
     """Return the distance that an alarm watches; None if it watches something else, or more."""
     return rule.condition if isinstance(rule.condition, DistanceCondition) else None
 

@@ -21,7 +21,7 @@ from stadimeter.workbench.replay.lanes import Lane, Point, thinned
 from stadimeter.workbench.replay.opening import read_recording
 from stadimeter.workbench.rule_tests.expecting import watches
 from stadimeter.workbench.rule_tests.synthetic_track import Nuisances, SensorModel, SyntheticTrack, sensor_models
-from stadimeter.workbench.rule_tests.watching import Cycle, Failure, Watch
+from stadimeter.workbench.rule_tests.watching import DecidedCycle, Failure, Watcher
 
 RATE_HZ = 30.0
 """The frame rate where neither the test nor the camera names one."""
@@ -46,7 +46,7 @@ def observations(
         JournalError: The recording cannot be read, or holds none of the targets.
     """
     if given.journal is not None:
-        yield from _recorded(given.journal, configuration.plan.targets)
+        yield from _recorded_observations(given.journal, configuration.plan.targets)
         return
     tracks = _tracks(given, configuration, sensors)
     orders = sorted(given.operator, key=lambda order: order.at)
@@ -68,7 +68,7 @@ def frame_rate_hz(given: InputTable, configuration: Configuration) -> float:
     return given.rate or getattr(configuration.camera.options, "rate", None) or RATE_HZ
 
 
-def _recorded(journal: Path, targets: tuple[str, ...]) -> Iterator[Observation]:
+def _recorded_observations(journal: Path, targets: tuple[str, ...]) -> Iterator[Observation]:
     seen: set[str] = set()
     for cycle in read_recording(journal).cycles():
         observation = cycle.observation()
@@ -190,7 +190,7 @@ class RuleTests:
         for observation in observations(test.input, self._configuration, self._known_sensors(test)):
             state, decision = decide(state, observation)
             start_s = observation.now_s if start_s is None else start_s
-            cycle = Cycle(at_s=observation.now_s - start_s, start_s=start_s, decision=decision)
+            cycle = DecidedCycle(at_s=observation.now_s - start_s, start_s=start_s, decision=decision)
             events += [(event.at_s - start_s, event) for event in decision.events]
             for watch in watching:
                 watch.see(cycle)
@@ -212,7 +212,7 @@ class RuleTests:
         return self._sensors
 
 
-def _watches(test: RuleTest, plan: Plan) -> Sequence[Watch]:
+def _watches(test: RuleTest, plan: Plan) -> Sequence[Watcher]:
     paths = _paths(test, plan)
     targets = {rule.name: rule.target for rule in plan.rules}
     return [

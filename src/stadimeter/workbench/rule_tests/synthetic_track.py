@@ -26,7 +26,7 @@ from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import ConfigError, Problem, StadimeterError
 from stadimeter.ranging.feasibility import expect
 
-SMALLEST_PX = 3.0
+MIN_SIZE_PX = 3.0
 """Nothing smaller is found, however good the picture."""
 
 
@@ -49,7 +49,7 @@ class SensorModel:
 
     def is_found(self, distance_m: float) -> bool:
         """Return whether the target appears large enough at a distance for any detector to find it."""
-        return expect(self._size, self._exact, distance_m).size_px >= SMALLEST_PX
+        return expect(self._size, self._exact, distance_m).size_px >= MIN_SIZE_PX
 
 
 def sensor_models(configuration: Configuration) -> Mapping[str, SensorModel]:
@@ -64,7 +64,7 @@ def sensor_models(configuration: Configuration) -> Mapping[str, SensorModel]:
     shared = Shared()
     try:
         if configuration.world is not None:
-            _built(configuration.world, camera, shared)
+            _build(configuration.world, camera, shared)
         return {choice.name: _model(configuration, choice, camera, shared) for choice in configuration.targets}
     finally:
         for close in reversed(shared.closers):
@@ -73,14 +73,14 @@ def sensor_models(configuration: Configuration) -> Mapping[str, SensorModel]:
 
 def _model(configuration: Configuration, choice: DriverChoice, camera: CameraModel, shared: Shared) -> SensorModel:
     try:
-        detector: Detector = _built(choice, camera, shared)
+        detector: Detector = _build(choice, camera, shared)
     except StadimeterError as error:
         message = f"how large the target is cannot be known: {error}"
         raise ConfigError([_problem(configuration, f"targets.{choice.name}", message)]) from error
     return SensorModel(size=detector.target_shape, camera=camera)
 
 
-def _built(choice: DriverChoice, camera: CameraModel, shared: Shared) -> Any:
+def _build(choice: DriverChoice, camera: CameraModel, shared: Shared) -> Any:
     context = DriverContext(name=choice.name, clock=SteppedClock(), camera_model=camera, shared=shared)
     return choice.plugin.build(choice.options, context)
 
@@ -97,7 +97,7 @@ DROWNED_SHARE = 0.2
 _NORMAL = NormalDist()
 
 
-def where(path: Sequence[PathPoint], at_s: float) -> PathPoint:
+def position_at(path: Sequence[PathPoint], at_s: float) -> PathPoint:
     """Return where a target truly is.
 
     Args:
@@ -172,7 +172,7 @@ class SyntheticTrack:
             return self._missed(at_s, "out of sight")
         if is_dropped:
             return self._missed(at_s, "not found in this frame")
-        true = where(self._path, at_s)
+        true = position_at(self._path, at_s)
         if not self._sensor.is_found(true.distance_m):
             return self._missed(at_s, "too small in the picture")
         _, noise_m = self._sensor.sigmas_m(true.distance_m)

@@ -19,7 +19,7 @@ _ROUNDING_S = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Cycle:
+class DecidedCycle:
     """One cycle of a test.
 
     Attributes:
@@ -49,10 +49,10 @@ class Failure:
     why: str = ""
 
 
-class Watch(Protocol):
+class Watcher(Protocol):
     """Watches one expectation."""
 
-    def see(self, cycle: Cycle) -> None:
+    def see(self, cycle: DecidedCycle) -> None:
         """Take in the next cycle."""
         ...
 
@@ -62,7 +62,7 @@ class Watch(Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Subject:
+class WatchedItem:
     """What an expectation is about.
 
     Attributes:
@@ -71,9 +71,9 @@ class Subject:
 
     name: str
     key: str
-    doing: Callable[[Cycle], str]
+    doing: Callable[[DecidedCycle], str]
 
-    def failure(self, expected: str, got: str, cycle: Cycle | None = None) -> Failure:
+    def failure(self, expected: str, got: str, cycle: DecidedCycle | None = None) -> Failure:
         """Return a failure of it, at a cycle if there is one."""
         at_s, why = (None, "") if cycle is None else (cycle.at_s, self.doing(cycle))
         return Failure(subject=self.name, key=self.key, expected=expected, got=got, at_s=at_s, why=why)
@@ -87,14 +87,14 @@ class MomentWatch:
     """
 
     def __init__(
-        self, subject: Subject, moments: Iterable[tuple[float | SpanTable, str, Callable[[Cycle], bool]]]
+        self, subject: WatchedItem, moments: Iterable[tuple[float | SpanTable, str, Callable[[DecidedCycle], bool]]]
     ) -> None:
         self._subject = subject
         self._open = list(moments)
-        self._before: Cycle | None = None
+        self._before: DecidedCycle | None = None
         self._failures: list[Failure] = []
 
-    def see(self, cycle: Cycle) -> None:
+    def see(self, cycle: DecidedCycle) -> None:
         """Take in the next cycle: it ends the one before, whose moments can be judged now."""
         self._judge(cycle.at_s)
         self._before = cycle
@@ -115,7 +115,12 @@ class MomentWatch:
             self._open = [each for each in self._open if self._is_open(self._before, next_s, *each)]
 
     def _is_open(
-        self, cycle: Cycle, next_s: float, moment: float | SpanTable, expected: str, is_met: Callable[[Cycle], bool]
+        self,
+        cycle: DecidedCycle,
+        next_s: float,
+        moment: float | SpanTable,
+        expected: str,
+        is_met: Callable[[DecidedCycle], bool],
     ) -> bool:
         """Judge a moment in the cycle that is current then; return whether it must be looked at again."""
         start_s, end_s = (moment.start, moment.end_s) if isinstance(moment, SpanTable) else (moment, moment)
@@ -132,19 +137,23 @@ class _Expectation:
     """What is expected of a cycle, and what is said of the cycle in which it was not met."""
 
     def __init__(
-        self, subject: Subject, expected: str, is_met: Callable[[Cycle], bool], got: Callable[[Cycle], str]
+        self,
+        subject: WatchedItem,
+        expected: str,
+        is_met: Callable[[DecidedCycle], bool],
+        got: Callable[[DecidedCycle], str],
     ) -> None:
         self._subject = subject
         self._expected = expected
         self._is_met = is_met
         self._got = got
-        self._cycle: Cycle | None = None
+        self._cycle: DecidedCycle | None = None
 
 
 class AlwaysWatch(_Expectation):
     """Expects something in every cycle."""
 
-    def see(self, cycle: Cycle) -> None:
+    def see(self, cycle: DecidedCycle) -> None:
         """Take in the next cycle."""
         if self._cycle is None and not self._is_met(cycle):
             self._cycle = cycle
@@ -159,14 +168,16 @@ class AlwaysWatch(_Expectation):
 class PeakWatch:
     """Expects a figure to be reached at some time."""
 
-    def __init__(self, subject: Subject, least: float, figure: Callable[[Cycle], float], unit: str = "") -> None:
+    def __init__(
+        self, subject: WatchedItem, least: float, figure: Callable[[DecidedCycle], float], unit: str = ""
+    ) -> None:
         self._subject = subject
         self._least = least
         self._figure = figure
         self._unit = unit
-        self._peak: tuple[float, Cycle] | None = None
+        self._peak: tuple[float, DecidedCycle] | None = None
 
-    def see(self, cycle: Cycle) -> None:
+    def see(self, cycle: DecidedCycle) -> None:
         """Take in the next cycle."""
         figure = self._figure(cycle)
         if self._peak is None or figure > self._peak[0]:
@@ -183,7 +194,7 @@ class PeakWatch:
 class EndWatch(_Expectation):
     """Expects something in the last cycle."""
 
-    def see(self, cycle: Cycle) -> None:
+    def see(self, cycle: DecidedCycle) -> None:
         """Take in the next cycle."""
         self._cycle = cycle
 
@@ -204,11 +215,11 @@ class CountWatch:
 
     def __init__(
         self,
-        subject: Subject,
-        counted: Callable[[Cycle], Iterable[Event]],
+        subject: WatchedItem,
+        counted: Callable[[DecidedCycle], Iterable[Event]],
         limits: Callable[[float], tuple[float, float]],
         noun: tuple[str, str],
-        is_near: Callable[[Cycle], bool],
+        is_near: Callable[[DecidedCycle], bool],
     ) -> None:
         self._subject = subject
         self._counted = counted
@@ -217,10 +228,10 @@ class CountWatch:
         self._is_near = is_near
         self._count = 0
         self._shown: list[tuple[float, str]] = []
-        self._near: Cycle | None = None
-        self._cycle: Cycle | None = None
+        self._near: DecidedCycle | None = None
+        self._cycle: DecidedCycle | None = None
 
-    def see(self, cycle: Cycle) -> None:
+    def see(self, cycle: DecidedCycle) -> None:
         """Take in the next cycle."""
         if self._is_near(cycle):
             self._near = cycle
@@ -264,8 +275,8 @@ class FirstWatch:
 
     def __init__(
         self,
-        subject: Subject,
-        counted: Callable[[Cycle], Iterable[Event]],
+        subject: WatchedItem,
+        counted: Callable[[DecidedCycle], Iterable[Event]],
         verb: str,
         stretch_s: tuple[float, float],
         expected: str,
@@ -275,10 +286,10 @@ class FirstWatch:
         self._verb = verb
         self._not_before_s, self._by_s = stretch_s
         self._expected = expected
-        self._first: tuple[float, Cycle] | None = None
-        self._at_limit: Cycle | None = None
+        self._first: tuple[float, DecidedCycle] | None = None
+        self._at_limit: DecidedCycle | None = None
 
-    def see(self, cycle: Cycle) -> None:
+    def see(self, cycle: DecidedCycle) -> None:
         """Take in the next cycle."""
         if self._first is None:
             event = next(iter(self._counted(cycle)), None)
@@ -309,11 +320,11 @@ class WithinWatch(FirstWatch):
 
     def __init__(
         self,
-        subject: Subject,
-        counted: Callable[[Cycle], Iterable[Event]],
+        subject: WatchedItem,
+        counted: Callable[[DecidedCycle], Iterable[Event]],
         verb: str,
         within_s: float,
-        is_met: Callable[[Cycle], bool],
+        is_met: Callable[[DecidedCycle], bool],
         words: str,
     ) -> None:
         super().__init__(subject, counted, verb, (0.0, math.inf), "")
@@ -322,7 +333,7 @@ class WithinWatch(FirstWatch):
         self._words = words
         self._met_at_s: float | None = None
 
-    def see(self, cycle: Cycle) -> None:
+    def see(self, cycle: DecidedCycle) -> None:
         """Take in the next cycle."""
         if self._met_at_s is None and self._is_met(cycle):
             self._met_at_s = cycle.at_s

@@ -19,7 +19,7 @@ from stadimeter.app.recordings.recorded_configuration import load_recorded
 from stadimeter.core.detection import Detection, DetectionStatus, Points
 from stadimeter.core.plan import Plan
 from stadimeter.errors import ConfigError, JournalError
-from stadimeter.workbench.replay.recording_index import Moment, RecordingIndex
+from stadimeter.workbench.replay.recording_index import RecordedMoment, RecordingIndex
 from stadimeter.workbench.server.arguments import number
 from stadimeter.workbench.server.operations import Desk, Operation, Reply
 from stadimeter.workbench.server.recordings import began_unix_s, index_of, path_of
@@ -51,7 +51,7 @@ def recording_frame(desk: Desk, args: Mapping[str, Any]) -> Reply:
 OPERATIONS: dict[str, Operation] = {"recording-frame": recording_frame}
 
 
-def _values(desk: Desk, index: RecordingIndex, moment: Moment, seen: Seen | None) -> dict[str, Any]:
+def _values(desk: Desk, index: RecordingIndex, moment: RecordedMoment, seen: Seen | None) -> dict[str, Any]:
     """Return what there is to see then, by the names of a live snapshot; outlines are in the picture already."""
     record = moment.cycle.record()
     now_s = record.observation.now_s
@@ -78,14 +78,14 @@ def _plan(desk: Desk, index: RecordingIndex) -> Plan | None:
     return found
 
 
-def _with_detections(moment: Moment) -> CycleRecord:
+def _with_detections(moment: RecordedMoment) -> CycleRecord:
     """Return the cycle of a picture with where its targets are in it, which stands in the recording's annotations."""
     if moment.seen is None:
         raise JournalError("there is no picture")
     return replace(moment.seen.record(), detections=tuple(_detections(moment)))
 
 
-def _detections(moment: Moment) -> Iterator[Detection]:
+def _detections(moment: RecordedMoment) -> Iterator[Detection]:
     """Yield the outlines; of recordings that have none, the circles around what was measured."""
     try:
         found = json.loads(moment.annotations or b"{}")

@@ -21,7 +21,14 @@ from stadimeter.workbench.server.operations import Desk, Operation, Reply
 from stadimeter.workbench.server.setup_desk import SetupDesk
 from stadimeter.workbench.setup import colour_step
 from stadimeter.workbench.setup.camera_step import PLAYED_KEYS, table_of, with_exposure, with_playing, with_resolution
-from stadimeter.workbench.setup.trying import DRAWINGS, drawn, jpeg_of, looked_at, target_so_far, values_of
+from stadimeter.workbench.setup.trying import (
+    DRAWINGS,
+    draw_findings,
+    jpeg_of,
+    look_for_target,
+    target_so_far,
+    values_of,
+)
 
 
 def setup_of(desk: Desk) -> SetupDesk:
@@ -93,10 +100,10 @@ def picture(desk: Desk, args: Mapping[str, Any]) -> Reply:
     target = None if draw == "plain" else target_so_far(setup.known, setup.trial.colour)
     if target is None:
         return Reply(data=values_of(frame, None, None), attached=jpeg_of(frame.image, width_px))
-    found, measured = looked_at(setup.known, frame, target)
+    found, measured = look_for_target(setup.known, frame, target)
     if measured is not None and not name:
         setup.remember(replace(measured, captured_at_s=frame.captured_at_s))
-    image = drawn(frame, found, measured, with_candidates=draw == "candidates")
+    image = draw_findings(frame, found, measured, with_candidates=draw == "candidates")
     return Reply(data=values_of(frame, found, measured), attached=jpeg_of(image, width_px))
 
 
@@ -164,7 +171,7 @@ def colour(desk: Desk, args: Mapping[str, Any]) -> Reply:
         data={
             "range": trial.colour,
             "widen": trial.steps,
-            "widen_max": colour_step.MOST_STEPS,
+            "widen_max": colour_step.MAX_STEPS,
             "found": is_found,
             "words": colour_step.in_words(seen, is_pointed_at=is_pointed_at),
             "centre_px": list(seen.detection.centre_px) if is_found else None,

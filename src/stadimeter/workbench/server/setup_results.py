@@ -16,9 +16,9 @@ from stadimeter.workbench.server import editing
 from stadimeter.workbench.server.arguments import text, texts
 from stadimeter.workbench.server.operations import Desk, Operation, Reply
 from stadimeter.workbench.server.setup_operations import setup_of
-from stadimeter.workbench.setup.files import written_files
+from stadimeter.workbench.setup.files import configuration_files
 from stadimeter.workbench.setup.question import CONFIGURATION, Known
-from stadimeter.workbench.setup.trying import complete_answers, made_up, outlook, seen_lately
+from stadimeter.workbench.setup.trying import complete_answers, outlook, recent_observations, simulate_approach
 from stadimeter.workbench.setup.wish_steps import NOTHING, SCREEN, actuator_table
 from stadimeter.workbench.wiring.circuits import CIRCUITS, header_labels, parts_of, pin_name, wired_outputs
 from stadimeter.workbench.wiring.drawings import circuits_picture, wiring_picture
@@ -37,7 +37,7 @@ def try_wishes(desk: Desk, args: Mapping[str, Any]) -> Reply:
     setup = setup_of(desk)
     answers = complete_answers(setup.known, texts(args, "answers"))
     configuration = _loaded(desk, setup.known, answers)
-    seen = lanes_of(configuration.plan, seen_lately(setup.history))
+    seen = lanes_of(configuration.plan, recent_observations(setup.history))
     checked = editing.check(desk, _as_text(setup.known, answers, with_tests=True)).data
     return Reply(
         data={
@@ -45,7 +45,7 @@ def try_wishes(desk: Desk, args: Mapping[str, Any]) -> Reply:
             "problems": checked["problems"],
             "tests": checked["tests"],
             "seen": seen.as_json() if seen.took_s else None,
-            "made_up": lanes_of(configuration.plan, made_up(configuration, answers)).as_json(),
+            "made_up": lanes_of(configuration.plan, simulate_approach(configuration, answers)).as_json(),
         }
     )
 
@@ -108,7 +108,7 @@ def _as_text(known: Known, answers: Mapping[str, str], *, with_tests: bool) -> d
     """Return what answers come to, as the arguments of ``check`` and ``save`` have it."""
     if known.camera_model is None:
         raise ConfigError("the camera is not calibrated yet")
-    made = written_files(answers, known.camera_model, known.model_file)
+    made = configuration_files(answers, known.camera_model, known.model_file)
     return {"text": made.pop(CONFIGURATION), "files": made, "tests": with_tests}
 
 

@@ -71,7 +71,7 @@ def words_of(text: str) -> list[str]:
         raise ConfigError(f"{text!r} lacks a quotation mark") from error
 
 
-def seen_from(folder: Path, text: str) -> str:
+def relative_to_setup(folder: Path, text: str) -> str:
     """Return an answer in which files of the current folder are named as the folder of the setup sees them.
 
     Files are looked for in the folder of the setup first. What is no file in either stays as it is.
@@ -80,11 +80,11 @@ def seen_from(folder: Path, text: str) -> str:
         ConfigError: A quotation mark is missing.
     """
     words = words_of(text)
-    moved = [_seen_from(folder, word) for word in words]
+    moved = [_relative_word(folder, word) for word in words]
     return text if moved == words else shlex.join(moved)
 
 
-def _seen_from(folder: Path, word: str) -> str:
+def _relative_word(folder: Path, word: str) -> str:
     name, at, rest = word.partition("@")  # what follows is a place or a distance
     is_here_only = bool(glob.glob(name)) and not glob.glob(str(folder / name))  # noqa: PTH207 - Path's are relative
     if not is_here_only:

@@ -19,7 +19,7 @@ from stadimeter.workbench.calibration.live_distance import APART_MIN, LiveDistan
 from stadimeter.workbench.setup.answers import words_of
 from stadimeter.workbench.setup.lens import (
     contradiction,
-    guessed_lens,
+    guess_lens,
     is_unusual,
     lens_from,
     lens_in_words,
@@ -35,7 +35,7 @@ from stadimeter.workbench.setup.question import (
     Known,
     Option,
     Question,
-    Step,
+    SetupStep,
 )
 from stadimeter.workbench.setup.target import chosen_target, look, why_not_measured
 
@@ -45,7 +45,7 @@ GUESS = "60 deg"
 SKIP = "skip"
 
 
-class CalibrationStep(Step):
+class CalibrationStep(SetupStep):
     """How far away things are that look so large."""
 
     key = "calibration"
@@ -77,14 +77,14 @@ class CalibrationStep(Step):
             return _from_file(known, text)
         if re.fullmatch(r"[\d.,]+\s*(deg|°)", text):
             rough = ("This is rough: distances may be wrong by a tenth of themselves.",)
-            return _taken(known, guessed_lens(known.frame, _angle(text)), text, rough)
+            return _accept_lens(known, guess_lens(known.frame, _angle(text)), text, rough)
         pictures, seen = (_pictures(known, text), ()) if "@" in text else _picture_now(known, text)
         is_one_word = len(pictures) == 1 and " " not in pictures[0]
         answer = pictures[0] if is_one_word else shlex.join(pictures)
         return _from_pictures(known, pictures, answer, seen)
 
 
-class ProofStep(Step):
+class ProofStep(SetupStep):
     """A second distance, which the first must agree with."""
 
     key = "proof"
@@ -227,17 +227,19 @@ def _named_pictures(known: Known) -> list[Option]:
 def _from_file(known: Known, text: str) -> Accepted:
     model = load_camera_model(known.path(text))
     model.for_frame(known.frame)  # refuses another aspect
-    return _taken(known, model, text, (), model_file="" if text == BOARD_FILE else text)
+    return _accept_lens(known, model, text, (), model_file="" if text == BOARD_FILE else text)
 
 
 def _from_pictures(known: Known, pictures: list[str], answer: str, seen: tuple[str, ...]) -> Accepted:
     taken = [picture_at(known.folder, each) for each in pictures]
     model, notes = lens_from(taken, chosen_target(known))
     model.for_frame(known.frame)  # refuses pictures of another aspect than the camera's
-    return _taken(known, model, answer, (*seen, *notes))
+    return _accept_lens(known, model, answer, (*seen, *notes))
 
 
-def _taken(known: Known, model: CameraModel, answer: str, notes: tuple[str, ...], model_file: str = "") -> Accepted:
+def _accept_lens(
+    known: Known, model: CameraModel, answer: str, notes: tuple[str, ...], model_file: str = ""
+) -> Accepted:
     known.camera_model, known.model_file = model, model_file
     words = (*notes, lens_in_words(model))
     why_not = why_not_measured(known, model)
@@ -253,7 +255,7 @@ def _picture_now(known: Known, text: str) -> tuple[list[str], tuple[str, ...]]:
         It as ``PICTURE@DEPTH``, and what was seen.
     """
     distance_m, relative_sigma = _distance(text)
-    frame, seen = _taken_live(known, distance_m) if known.is_live else _shown(known)
+    frame, seen = _take_live(known, distance_m) if known.is_live else _take_shown(known)
     picture = f"{PICTURES}/at-{distance_m:g}m.png"
     write_picture(known.path(picture), frame.image, frame.optics)
     depth_m = distance_m + _limb_radius_m(known)
@@ -261,7 +263,7 @@ def _picture_now(known: Known, text: str) -> tuple[list[str], tuple[str, ...]]:
     return [f"{picture}@{depth_m:.5g}m{known_to}"], (seen,)
 
 
-def _taken_live(known: Known, distance_m: float) -> tuple[Frame, str]:
+def _take_live(known: Known, distance_m: float) -> tuple[Frame, str]:
     if known.camera is None:
         raise ConfigError("there is no camera")
     with LiveDistance(known.opening(known.camera), chosen_target(known), date=today()) as session:
@@ -272,7 +274,7 @@ def _taken_live(known: Known, distance_m: float) -> tuple[Frame, str]:
     return frame, f"Found in {take.found} of {take.frames} frames, {take.size_px:.0f} px, {spread}."
 
 
-def _shown(known: Known) -> tuple[Frame, str]:
+def _take_shown(known: Known) -> tuple[Frame, str]:
     found, words = look(known, chosen_target(known))
     if found.status is not DetectionStatus.FOUND:
         raise ConfigError(words)

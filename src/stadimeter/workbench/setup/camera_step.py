@@ -17,12 +17,12 @@ from stadimeter.core.camera_model import check_one_aspect
 from stadimeter.core.frame import Frame
 from stadimeter.errors import ConfigError, DriverError, PictureError, StadimeterError
 from stadimeter.workbench.annotation import write_picture
-from stadimeter.workbench.frame_source import SETTLING_WAIT_S, Source, files_shown, open_source, settled_frame
+from stadimeter.workbench.frame_source import SETTLING_WAIT_S, Source, files_shown, open_source, take_frame
 from stadimeter.workbench.measuring import is_video_file
 from stadimeter.workbench.picture_quality import picture_remarks
 from stadimeter.workbench.run_camera import NONE_FOUND, attached_cameras
 from stadimeter.workbench.setup.answers import words_of
-from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Option, Question, Step
+from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Option, Question, SetupStep
 from stadimeter.workbench.simulated_room import BALL, SimulatedRoom
 
 SHOWN = f"{PICTURES}/camera.png"
@@ -40,10 +40,10 @@ PICTURES_MAX = 60
 SIMULATED = "simulated"
 """The camera in a room that is not there."""
 
-MOST_FRAMES = 4
+MAX_FRAMES = 4
 """So many pictures of a recording are kept, from all over it."""
 
-LONGEST_RECORDING = 2000
+MAX_RECORDED_FRAMES = 2000
 """Frames behind these are not looked at."""
 
 _DRIVER = re.compile(r"[a-z][\w-]*")
@@ -51,7 +51,7 @@ _PLAIN = re.compile(r"[\w@%+=:,./*?\[\]~-]+")
 """A file or a pattern that needs no quotation marks."""
 
 
-class CameraStep(Step):
+class CameraStep(SetupStep):
     """Which camera: one that is there, a stream, or a recording of one."""
 
     key = "camera"
@@ -141,10 +141,10 @@ def with_playing(text: str, played: Mapping[str, str]) -> str:
     if _names_driver(text):
         return _with_options(text, **wanted)
     files = [word for word in words_of(text) if not _is_option(word)]
-    return " ".join([*map(_quoted, files), *(f"{key}={value}" for key, value in wanted.items())])
+    return " ".join([*map(_quote, files), *(f"{key}={value}" for key, value in wanted.items())])
 
 
-def _quoted(file: str) -> str:
+def _quote(file: str) -> str:
     return file if _PLAIN.fullmatch(file) else shlex.quote(file)
 
 
@@ -185,16 +185,16 @@ def _frames(known: Known, choice: DriverChoice) -> tuple[tuple[Frame, ...], bool
     with known.opening(choice) as source:
         if source.is_live:
             return (source.capture.latest(SETTLING_WAIT_S),), True
-        frames = _spread(_recorded(source))
+        frames = _spread(_recorded_frames(source))
     if not frames:
         raise PictureError(f"the camera {choice.driver} gives no picture")
     return frames, False
 
 
-def _recorded(source: Source) -> Iterator[Frame]:
+def _recorded_frames(source: Source) -> Iterator[Frame]:
     """Yield frames; a `CalibrationError` names the first that no lens fits which fits the others."""
     first: Frame | None = None
-    for frame, _ in zip(source.frames(lambda _: None), range(LONGEST_RECORDING), strict=False):
+    for frame, _ in zip(source.frames(lambda _: None), range(MAX_RECORDED_FRAMES), strict=False):
         first = first or frame
         check_one_aspect(
             (first.source, first.width_px, first.height_px), (frame.source, frame.width_px, frame.height_px)
@@ -209,7 +209,7 @@ def _spread(frames: Iterator[Frame]) -> tuple[Frame, ...]:
     for number, frame in enumerate(frames):
         if number % step == 0:
             kept.append(frame)
-        if len(kept) == 2 * MOST_FRAMES:
+        if len(kept) == 2 * MAX_FRAMES:
             kept, step = kept[::2], 2 * step
     return tuple(kept)
 
@@ -220,7 +220,7 @@ def _try(known: Known, camera: AttachedCamera, number: int) -> str:
         return camera.trouble or camera.node
     name = f"{PICTURES}/camera-{number}.png"
     try:
-        frame = settled_frame(known.chosen(CAMERA, ("camera",), camera_table(camera.choice)), known.opening)
+        frame = take_frame(known.chosen(CAMERA, ("camera",), camera_table(camera.choice)), known.opening)
     except StadimeterError as error:
         return str(error)
     write_picture(known.path(name), frame.image, frame.optics)

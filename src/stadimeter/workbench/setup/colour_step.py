@@ -25,13 +25,13 @@ from stadimeter.workbench.colour_aids import (
 from stadimeter.workbench.measuring import open_picture
 from stadimeter.workbench.setup.answers import words_of
 from stadimeter.workbench.setup.camera_step import SHOWN
-from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Question, Step
+from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Question, SetupStep
 from stadimeter.workbench.setup.target import chosen_target, is_doubtful, look
 
-MOST_PICTURES = 6
+MAX_PICTURES = 6
 """Pictures that are kept with their clicks; the oldest makes room for another."""
 
-MOST_STEPS = 12
+MAX_STEPS = 12
 """By how many steps a range can be widened or narrowed."""
 
 NOT_THERE = "No ball is seen where you point: click on another part of it, or bring it nearer."
@@ -81,14 +81,14 @@ class ColourTrial:
             _check(kept[-1].frame, places)
             kept, newest = kept[:-1], ColourSample(kept[-1].frame, (*kept[-1].places_px, *places))
         tries = ([*kept, newest], [newest], [*kept, *self._missed, newest])
-        fits = [fit for fit in map(_fit, dict.fromkeys(map(tuple, tries))) if fit is not None]
+        fits = [fit for fit in map(_fit_colour, dict.fromkeys(map(tuple, tries))) if fit is not None]
         if not fits:
             raise ConfigError(ONLY_BACKGROUND)
         best = max(fits, key=lambda fit: (fit.is_seen, not fit.others))
         if best.is_seen or not self.fitted:
             self.fitted, self.steps = best.colour, 0
         if best.is_seen:
-            self.samples, self._missed = list(best.samples)[-MOST_PICTURES:], []
+            self.samples, self._missed = list(best.samples)[-MAX_PICTURES:], []
         else:
             self._missed = [newest]
         self.seen_in = newest.frame
@@ -96,7 +96,7 @@ class ColourTrial:
 
     def look(self, frame: Frame) -> bool:
         """Try the range of what stands out in a picture by itself, and return whether anything does; takes seconds."""
-        fit = _fit((ColourSample(frame),))
+        fit = _fit_colour((ColourSample(frame),))
         if fit is None or not fit.is_seen:
             return False
         self.fitted, self.steps = fit.colour, 0
@@ -109,7 +109,7 @@ class ColourTrial:
 
     def widen(self, steps: int) -> None:
         """Widen the range by so many steps, or narrow it by negative ones, counted from how it was fitted."""
-        self.steps = max(-MOST_STEPS, min(MOST_STEPS, steps))
+        self.steps = max(-MAX_STEPS, min(MAX_STEPS, steps))
 
     @property
     def places(self) -> list[Place]:
@@ -132,7 +132,7 @@ class ColourTrial:
         if not left:
             self.forget()
             return
-        fit = _fit(tuple(left))
+        fit = _fit_colour(tuple(left))
         if fit is None:
             raise ConfigError(ONLY_BACKGROUND)
         self.samples, self.fitted, self.steps = left, fit.colour, 0
@@ -166,7 +166,7 @@ def in_words(seen: ColourView, *, is_pointed_at: bool = True) -> str:
     return f"{ball} {OTHERS.format(places=places)}"
 
 
-class _Fit(NamedTuple):
+class _ColourFit(NamedTuple):
     """The range that follows from clicks."""
 
     samples: tuple[ColourSample, ...]
@@ -175,13 +175,13 @@ class _Fit(NamedTuple):
     others: int  # how many other things have the colour there
 
 
-def _fit(samples: tuple[ColourSample, ...]) -> _Fit | None:
+def _fit_colour(samples: tuple[ColourSample, ...]) -> _ColourFit | None:
     propose = load_plugin(DETECTORS, "ball").propose_colour
     proposal: ColourProposal | None = propose(samples) if propose else None
     if proposal is None:
         return None
     newest = proposal.views[-1]
-    return _Fit(samples, proposal.colour, is_where_pointed(samples[-1], newest), len(newest.others))
+    return _ColourFit(samples, proposal.colour, is_where_pointed(samples[-1], newest), len(newest.others))
 
 
 def _check(frame: Frame, places: Sequence[Place]) -> None:
@@ -198,7 +198,7 @@ COLOURED = f"{PICTURES}/colour.png"
 _PLACE = re.compile(r"\d+(\.\d+)?,\d+(\.\d+)?")
 
 
-class ColourStep(Step):
+class ColourStep(SetupStep):
     """The range of colours of a ball."""
 
     key = "colour"
@@ -238,7 +238,7 @@ class ColourStep(Step):
         proposal = _propose(samples)
         if proposal is None:
             raise ConfigError(ONLY_BACKGROUND if any(each.places_px for each in samples) else NOTHING_STANDS_OUT)
-        notes = _told(known, samples, proposal)
+        notes = _notes_on(known, samples, proposal)
         self._proposed = proposal.colour, notes
         return Accepted(answer=proposal.colour, notes=notes, doubt=True)
 
@@ -249,7 +249,7 @@ class ColourStep(Step):
             if proposal is not None and proposal.views[0].detection.status is DetectionStatus.FOUND:
                 known.frames = (frame, *(each for each in known.frames if each is not frame))
                 write_picture(known.path(SHOWN), frame.image)
-                self._proposed = proposal.colour, _told(known, samples, proposal)
+                self._proposed = proposal.colour, _notes_on(known, samples, proposal)
                 return self._proposed
         words = f"{NOTHING_STANDS_OUT[0].upper()}{NOTHING_STANDS_OUT[1:]}: point at it in {SHOWN}."
         return "", (words,)
@@ -272,7 +272,7 @@ def _samples(known: Known, text: str) -> list[ColourSample]:
     return samples
 
 
-def _told(known: Known, samples: Sequence[ColourSample], proposal: ColourProposal) -> tuple[str, ...]:
+def _notes_on(known: Known, samples: Sequence[ColourSample], proposal: ColourProposal) -> tuple[str, ...]:
     """Say what a range shows, and draw it."""
     view = proposal.views[0]
     write_picture(known.path(COLOURED), colour_picture(samples[0].frame.image, view, proposal.colour))

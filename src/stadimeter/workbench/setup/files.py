@@ -18,10 +18,10 @@ from stadimeter.workbench.setup.wish_steps import (
     SCREEN,
     actuator_table,
     base_table,
+    chosen_wishes,
     messenger_table,
-    wanted,
 )
-from stadimeter.workbench.setup.wishes import Wish, filled
+from stadimeter.workbench.setup.wishes import Wish, fill_blanks
 
 _TITLE = """\
 # Written by `stadimeter init`. Change what you like:
@@ -35,7 +35,7 @@ _TITLE = """\
 _SCREEN_NAMES = {"vibration-motor": "motor", "led": "light", "relay": "light"}
 
 
-def written_files(answers: Mapping[str, str], camera_model: CameraModel, model_file: str = "") -> dict[str, str]:
+def configuration_files(answers: Mapping[str, str], camera_model: CameraModel, model_file: str = "") -> dict[str, str]:
     """Return the text of each file by its name: the configuration, and the camera file unless there is one.
 
     Args:
@@ -47,7 +47,9 @@ def written_files(answers: Mapping[str, str], camera_model: CameraModel, model_f
 
 def rule_names(answers: Mapping[str, str]) -> tuple[str, ...]:
     """Return the names of the rules that the answers lead to."""
-    return tuple(re.findall(r"^\[rules\.([\w-]+)\]$", "".join(wish.rules for wish in wanted(answers)), re.MULTILINE))
+    return tuple(
+        re.findall(r"^\[rules\.([\w-]+)\]$", "".join(wish.rules for wish in chosen_wishes(answers)), re.MULTILINE)
+    )
 
 
 def _configuration(answers: Mapping[str, str], model_file: str) -> str:
@@ -63,7 +65,7 @@ def _configuration(answers: Mapping[str, str], model_file: str) -> str:
     written: dict[str, str] = {}
     for name, table in tables:
         written[name] = f"[{name}]\n" + "".join(f"{key} = {as_toml(value)}\n" for key, value in table.items())
-    rules = [_rules(wish, answers, outputs.get(wish.key, ("", ""))[0]) for wish in wanted(answers)]
+    rules = [_rules(wish, answers, outputs.get(wish.key, ("", ""))[0]) for wish in chosen_wishes(answers)]
     return _TITLE + "\n".join([*written.values(), *rules])
 
 
@@ -89,7 +91,7 @@ def _outputs(answers: Mapping[str, str]) -> dict[str, tuple[str, str]]:
     """Return for each wish that drives an actuator its name and the answer; wishes with one answer share it."""
     named: dict[str, str] = {}
     outputs = {}
-    for wish in wanted(answers):
+    for wish in chosen_wishes(answers):
         answer = answers.get(f"{wish.key}_output", NOTHING)
         if answer == NOTHING:
             continue
@@ -112,4 +114,4 @@ def _rules(wish: Wish, answers: Mapping[str, str], output: str) -> str:
     drives = f'actuator = "{output}"\n' if output else ""
     if wish.key != "apart":
         drives += f'target = "{target}"\n'
-    return filled(wish.rules.replace("{drives}", drives), {**figures, "target": target, "output": output})
+    return fill_blanks(wish.rules.replace("{drives}", drives), {**figures, "target": target, "output": output})

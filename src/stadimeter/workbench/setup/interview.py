@@ -8,18 +8,18 @@ from pathlib import Path
 
 from stadimeter.config.findings import did_you_mean_or_list
 from stadimeter.errors import ConfigError, Problem, StadimeterError
-from stadimeter.workbench.setup.answers import ANSWERS, save_answers, seen_from
+from stadimeter.workbench.setup.answers import ANSWERS, relative_to_setup, save_answers
 from stadimeter.workbench.setup.calibration_steps import CalibrationStep, ProofStep
 from stadimeter.workbench.setup.camera_step import CameraStep
 from stadimeter.workbench.setup.colour_step import ColourStep
-from stadimeter.workbench.setup.question import Accepted, Known, Question, Step
+from stadimeter.workbench.setup.question import Accepted, Known, Question, SetupStep
 from stadimeter.workbench.setup.target import SizeStep, TagStep, TargetStep
 from stadimeter.workbench.setup.wish_steps import (
     BaseStep,
     BrokerStep,
-    OutputStep,
     SecondTargetStep,
     WheelsStep,
+    WishOutputStep,
     WishStep,
     wish_steps,
 )
@@ -45,7 +45,7 @@ class Interview:
         self.known = known or Known(folder=folder)
         self.known.make_folder()
         self._earlier = dict(earlier or {})
-        self._first: tuple[Step, ...] = (
+        self._first: tuple[SetupStep, ...] = (
             CameraStep(), TargetStep(), SizeStep(), TagStep(), ColourStep(), CalibrationStep(), ProofStep(), WishStep(),
         )  # fmt: skip
         self._doubted: dict[str, str] = {}
@@ -99,7 +99,7 @@ class Interview:
         given = text.strip()
         if not given:
             raise ConfigError("nothing is chosen yet: choose an answer, or write one")
-        accepted = step.accept(self.known, seen_from(self.known.folder, given) if step.names_files else given)
+        accepted = step.accept(self.known, relative_to_setup(self.known.folder, given) if step.names_files else given)
         if confirm and accepted.doubt and self._doubted.get(step.key) != accepted.answer:
             self._doubted[step.key] = accepted.answer
             return accepted
@@ -130,7 +130,7 @@ class Interview:
         save_answers(self.path, self.known.answers)
         return True
 
-    def _next(self) -> Step | None:
+    def _next(self) -> SetupStep | None:
         steps = (*self._first, *wish_steps(self.known.answers))
         return next((each for each in steps if each.key not in self.known.answers and each.is_asked(self.known)), None)
 
@@ -140,7 +140,7 @@ def answer_keys() -> tuple[str, ...]:
     others = (CameraStep, TargetStep, SizeStep, TagStep, ColourStep, CalibrationStep, ProofStep, WishStep)
     more = (SecondTargetStep, BaseStep, WheelsStep, BrokerStep)
     blanks = (f"{wish.key}_{blank.key}" for wish in WISHES for blank in wish.blanks)
-    outputs = (OutputStep(wish).key for wish in WISHES if wish.output not in {"base", "mqtt"})
+    outputs = (WishOutputStep(wish).key for wish in WISHES if wish.output not in {"base", "mqtt"})
     return (*(step.key for step in (*others, *more)), *blanks, *outputs)
 
 

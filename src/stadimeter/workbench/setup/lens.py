@@ -18,7 +18,7 @@ from stadimeter.errors import CalibrationError, ConfigError
 from stadimeter.ranging.agreement import disagreement
 from stadimeter.ranging.calibration import DISTANCE_RELATIVE_SIGMA, KnownDistance
 from stadimeter.workbench.calibration.calibrating import check_lens_settings
-from stadimeter.workbench.calibration.distance_fit import fit_distances, known_distance, known_remedy
+from stadimeter.workbench.calibration.distance_fit import fit_distances, look_at_distance, remedy_words
 from stadimeter.workbench.measuring import open_picture
 from stadimeter.workbench.setup.target import PLUS_OR_MINUS
 
@@ -113,7 +113,7 @@ def _relative_sigma(pictures: Sequence[PictureAt]) -> float:
     return max(each.relative_sigma for each in pictures)
 
 
-def guessed_lens(frame: Frame, view_rad: float) -> CameraModel:
+def guess_lens(frame: Frame, view_rad: float) -> CameraModel:
     """Return the lens of a camera that sees an angle across its picture; a `ConfigError` if no camera does."""
     if not 0 < view_rad < math.radians(170):
         raise ConfigError(f"no camera sees {math.degrees(view_rad):g}° across; write it such as 60 deg")
@@ -150,7 +150,7 @@ def today() -> str:
 
 def _known(pictures: Sequence[PictureAt], choice: DriverChoice) -> tuple[KnownDistance, ...]:
     (target,) = build_detectors([choice], None)
-    known = tuple(known_distance(str(each.path), open_picture(each.path), each.depth_m, target) for each in pictures)
+    known = tuple(look_at_distance(str(each.path), open_picture(each.path), each.depth_m, target) for each in pictures)
     _check_found(known, choice)
     return known
 
@@ -158,7 +158,7 @@ def _known(pictures: Sequence[PictureAt], choice: DriverChoice) -> tuple[KnownDi
 def _check_found(known: Sequence[KnownDistance], choice: DriverChoice) -> None:
     for each in known:
         if each.detection.status is not DetectionStatus.FOUND:
-            remedy = known_remedy(each, _frame_of(each.picture), choice)
+            remedy = remedy_words(each, _frame_of(each.picture), choice)
             raise CalibrationError(f"{each.picture}: the target is not found whole: {each.detection.reason}{remedy}")
 
 

@@ -14,7 +14,7 @@ from stadimeter.config.units import validation_context
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame
 from stadimeter.errors import ConfigError, Problem, reason_of
-from stadimeter.workbench.frame_source import Opening, opened
+from stadimeter.workbench.frame_source import Opening, open_camera
 
 CONFIGURATION = "stadimeter.toml"
 CAMERA_FILE = "camera.toml"
@@ -48,7 +48,7 @@ class Known:
     frames: tuple[Frame, ...] = ()
     camera_model: CameraModel | None = None
     model_file: str = ""
-    opening: Opening = opened
+    opening: Opening = open_camera
     looks_ahead: bool = True
 
     @property
@@ -142,7 +142,7 @@ class Accepted:
     doubt: bool = False
 
 
-class Step(ABC):
+class SetupStep(ABC):
     """One question, which depends on earlier answers.
 
     Attributes:

@@ -17,10 +17,10 @@ from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.errors import ConfigError, StadimeterError
 from stadimeter.workbench.annotation import Mark, annotate, write_picture
-from stadimeter.workbench.frame_source import settled_frame
+from stadimeter.workbench.frame_source import take_frame
 from stadimeter.workbench.remedies import remedies_for
 from stadimeter.workbench.setup.camera_step import SIMULATED
-from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Option, Question, Step
+from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Option, Question, SetupStep
 from stadimeter.workbench.simulated_room import BALL
 
 FOUND = f"{PICTURES}/found.png"
@@ -93,7 +93,7 @@ def look(known: Known, choice: DriverChoice, size: str = "") -> tuple[Detection,
         Where it is in that picture, and a sentence about it.
     """
     if known.is_live and known.camera is not None:
-        known.frames = (settled_frame(known.camera, known.opening),)
+        known.frames = (take_frame(known.camera, known.opening),)
     (named,) = build_detectors([choice], known.camera_model)
     seen: list[tuple[Frame, Detection]] = []
     for frame in known.frames:
@@ -196,7 +196,7 @@ _SIZES = {
 _NAMES = {"ball": tuple(BALLS), "sheet": tuple(PAPER)}
 
 
-class TargetStep(Step):
+class TargetStep(SetupStep):
     """What to measure."""
 
     key = "target"
@@ -213,7 +213,7 @@ class TargetStep(Step):
         return Accepted(answer=text.lower())
 
 
-class SizeStep(Step):
+class SizeStep(SetupStep):
     """How large the target is."""
 
     key = "size"
@@ -241,7 +241,7 @@ class SizeStep(Step):
         return Accepted(answer=text, notes=(*named, words), doubt=is_doubtful(found))
 
 
-class TagStep(Step):
+class TagStep(SetupStep):
     """Which tag it is."""
 
     key = "tag"

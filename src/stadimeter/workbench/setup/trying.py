@@ -28,7 +28,7 @@ from stadimeter.workbench.rule_tests.running import WAIT_S, observations
 from stadimeter.workbench.rule_tests.synthetic_track import sensor_models
 from stadimeter.workbench.setup.question import Known
 from stadimeter.workbench.setup.target import chosen_target, found_in_words
-from stadimeter.workbench.setup.wish_steps import SCREEN, seen_up_to_m, wanted
+from stadimeter.workbench.setup.wish_steps import SCREEN, chosen_wishes, seen_up_to_m
 from stadimeter.workbench.setup.wishes import figure_si, ready_answers
 
 LAST_S = 60.0
@@ -40,7 +40,7 @@ ENOUGH_S = 2.0
 WALK_S, STAND_S, GONE_S = 6.0, 2.0, 3.0
 """How long the target that is made up takes to come and to go, stands at both ends, and is out of sight at last."""
 
-LONGEST_S = 700.0
+MAX_DURATION_S = 700.0
 
 GAP_S = 1.0
 """Where nothing was seen for longer, time went on without frames."""
@@ -57,7 +57,7 @@ def complete_answers(known: Known, changed: Mapping[str, str]) -> dict[str, str]
     if known.camera_model is None or "wish" not in known.answers:
         raise ConfigError("first choose what shall happen")
     answers = {**known.answers, **changed}
-    for wish in wanted(answers):
+    for wish in chosen_wishes(answers):
         for key, ready in ready_answers(wish, seen_up_to_m(known)).items():
             answers.setdefault(f"{wish.key}_{key}", ready)
         match wish.output:
@@ -72,7 +72,7 @@ def complete_answers(known: Known, changed: Mapping[str, str]) -> dict[str, str]
     return answers
 
 
-def seen_lately(history: Sequence[Measurement]) -> Iterator[Observation]:
+def recent_observations(history: Sequence[Measurement]) -> Iterator[Observation]:
     """Yield what the camera has seen in the last minute, as a run would have had it; nothing if that is too little."""
     since_s = history[-1].captured_at_s - LAST_S if history else 0.0
     lately = [each for each in history if each.captured_at_s >= since_s]
@@ -89,14 +89,14 @@ def seen_lately(history: Sequence[Measurement]) -> Iterator[Observation]:
         before_s = now_s
 
 
-def made_up(configuration: Configuration, answers: Mapping[str, str]) -> Iterator[Observation]:
+def simulate_approach(configuration: Configuration, answers: Mapping[str, str]) -> Iterator[Observation]:
     """Yield what would be seen of a target that comes from beyond every distance of the wishes, goes back, and is gone.
 
     A second target stands still half way.
     """
     lengths_m, times_s = _figures(answers)
     far_m, near_m = 1.5 * max(lengths_m, default=2.0), 0.6 * min(lengths_m, default=1.0)
-    gone_s = min(LONGEST_S, max(GONE_S, *(1.2 * each for each in times_s), 0.0))
+    gone_s = min(MAX_DURATION_S, max(GONE_S, *(1.2 * each for each in times_s), 0.0))
     points, at_s = [], 0.0
     for distance_m, stays_s in ((far_m, STAND_S), (near_m, max(STAND_S, WALK_S / 2)), (far_m, STAND_S + gone_s)):
         points += [(at_s, distance_m), (at_s + stays_s, distance_m)]
@@ -115,7 +115,7 @@ def made_up(configuration: Configuration, answers: Mapping[str, str]) -> Iterato
 def _figures(answers: Mapping[str, str]) -> tuple[list[float], list[float]]:
     """Return the distances of the wishes in metres, and their times in seconds."""
     lengths_m, times_s = [], []
-    for wish in wanted(answers):
+    for wish in chosen_wishes(answers):
         for blank in wish.blanks:
             text = answers[f"{wish.key}_{blank.key}"]
             try:
@@ -196,7 +196,7 @@ def target_so_far(known: Known, colour: str = "") -> DriverChoice | None:
         return None
 
 
-def looked_at(known: Known, frame: Frame, target: DriverChoice) -> tuple[Detection, Measurement | None]:
+def look_for_target(known: Known, frame: Frame, target: DriverChoice) -> tuple[Detection, Measurement | None]:
     """Look for the target in a frame, and measure it if the lens is known already."""
     (named,) = build_detectors([target], known.camera_model)
     if known.camera_model is None:
@@ -228,7 +228,7 @@ def values_of(frame: Frame, seen: Detection | None, measured: Measurement | None
     }
 
 
-def drawn(frame: Frame, seen: Detection, measured: Measurement | None, *, with_candidates: bool) -> Image:
+def draw_findings(frame: Frame, seen: Detection, measured: Measurement | None, *, with_candidates: bool) -> Image:
     """Return the picture with the target's outline, and the numbered candidates that were refused."""
     (*_, headline) = (seen.target, *_distance(measured))
     mark = Mark(

@@ -14,7 +14,7 @@ from stadimeter.config.units import parse_length, split_quantities
 from stadimeter.errors import ConfigError
 from stadimeter.ranging.feasibility import farthest_m
 from stadimeter.workbench.setup.answers import words_of
-from stadimeter.workbench.setup.question import Accepted, Known, Option, Question, Step
+from stadimeter.workbench.setup.question import Accepted, Known, Option, Question, SetupStep
 from stadimeter.workbench.setup.target import chosen_target
 from stadimeter.workbench.setup.wishes import WISHES, Blank, Wish, figure_si, ready_answers
 
@@ -27,7 +27,7 @@ NOTHING = "nothing"
 _BY_KEY = {wish.key: wish for wish in WISHES}
 
 
-class WishStep(Step):
+class WishStep(SetupStep):
     """What shall happen."""
 
     key = "wish"
@@ -57,18 +57,18 @@ def _possible(known: Known) -> list[Wish]:
     return [wish for wish in WISHES if not wish.targets or known.answers["target"] in wish.targets]
 
 
-def wanted(answers: Mapping[str, str]) -> tuple[Wish, ...]:
+def chosen_wishes(answers: Mapping[str, str]) -> tuple[Wish, ...]:
     """Return the wishes of the answers."""
     return tuple(_BY_KEY[key] for key in answers.get("wish", "").split())
 
 
-def wish_steps(answers: Mapping[str, str]) -> Iterator[Step]:
+def wish_steps(answers: Mapping[str, str]) -> Iterator[SetupStep]:
     """Yield what the chosen wishes leave open."""
-    for wish in wanted(answers):
+    for wish in chosen_wishes(answers):
         yield from (BlankStep(wish, blank) for blank in wish.blanks)
         if wish.key == "apart":
             yield SecondTargetStep()
-        yield BaseStep() if wish.output == "base" else BrokerStep() if wish.output == "mqtt" else OutputStep(wish)
+        yield BaseStep() if wish.output == "base" else BrokerStep() if wish.output == "mqtt" else WishOutputStep(wish)
         if wish.output == "base" and answers.get("base", SCREEN) != SCREEN:
             yield WheelsStep()
 
@@ -82,7 +82,7 @@ def seen_up_to_m(known: Known) -> float:
 
 
 @dataclass
-class BlankStep(Step):
+class BlankStep(SetupStep):
     """A figure that a wish leaves open."""
 
     wish: Wish
@@ -134,7 +134,7 @@ class BlankStep(Step):
 
 
 @dataclass
-class OutputStep(Step):
+class WishOutputStep(SetupStep):
     """What a wish drives."""
 
     wish: Wish
@@ -180,7 +180,7 @@ class OutputStep(Step):
         return f"{usual.split(maxsplit=1)[0]} 24" if clash else ""
 
 
-class SecondTargetStep(Step):
+class SecondTargetStep(SetupStep):
     """The other of two targets."""
 
     key = "apart_second"
@@ -208,7 +208,7 @@ class SecondTargetStep(Step):
         return Accepted(answer=text)
 
 
-class BaseStep(Step):
+class BaseStep(SetupStep):
     """What moves the robot."""
 
     key = "base"
@@ -234,7 +234,7 @@ class BaseStep(Step):
         return Accepted(answer=text)
 
 
-class WheelsStep(Step):
+class WheelsStep(SetupStep):
     """The robot's wheels."""
 
     key = "wheels"
@@ -262,7 +262,7 @@ class WheelsStep(Step):
         return Accepted(answer=text)
 
 
-class BrokerStep(Step):
+class BrokerStep(SetupStep):
     """The MQTT broker."""
 
     key = "broker"

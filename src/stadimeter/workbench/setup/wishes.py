@@ -63,7 +63,7 @@ _FILE = Path(__file__).with_name("wishes.toml")
 WISHES = tuple(_wish(key, table) for key, table in tomllib.loads(_FILE.read_text(encoding="utf-8")).items())
 
 
-def filled(template: str, answers: Mapping[str, str]) -> str:
+def fill_blanks(template: str, answers: Mapping[str, str]) -> str:
     """Return a template with an answer in place of each blank."""
 
     def answer(blank: re.Match[str]) -> str:

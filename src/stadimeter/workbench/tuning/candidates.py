@@ -121,7 +121,7 @@ def _with_first(first: Settings, others: Sequence[Settings]) -> list[Settings]:
     return [first, *(each for each in others if each != first)]
 
 
-def tuned_rule(configuration: Configuration, name: str, typical_m: float | None = None) -> Tuned:
+def rule_to_tune(configuration: Configuration, name: str, typical_m: float | None = None) -> Tuned:
     """Return the alarm to tune.
 
     Args:

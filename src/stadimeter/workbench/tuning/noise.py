@@ -21,7 +21,7 @@ from stadimeter.core.condition import Quantity
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.tracking.filter import NOISE_FLOOR_M
 from stadimeter.errors import JournalError
-from stadimeter.workbench.replay.opening import Recording
+from stadimeter.workbench.replay.opening import AnyRecording
 
 STRETCH_S = 5.0
 """Length of a stretch: many times as long as noise lasts, and short enough for a target that never stands for long."""
@@ -39,7 +39,7 @@ the stated standard deviation if that is larger. Noise that keeps 0.9 of itself 
 MOVES_CORRELATION = 0.9
 """Errors that are clearly larger than stated and keep more than this from frame to frame are a movement as well, or are
 like one: nothing tells the two apart."""
-CALM_LEAST_S = 20.0
+MIN_CALM_S = 20.0
 """With less than this, nothing can be said of noise."""
 GROSS_SIGMAS = 6.0
 """Further than this from the line, in standard deviations of the noise as it truly is, is grossly wrong."""
@@ -94,7 +94,7 @@ class Stretch:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Noise:
+class RecordedNoise:
     """The noise of recordings.
 
     Attributes:
@@ -137,7 +137,7 @@ class Noise:
         return self.ratio * self.stated_m(distance_m)
 
 
-def series_of(recording: Recording, target: str, quantity: Quantity) -> Series:
+def series_of(recording: AnyRecording, target: str, quantity: Quantity) -> Series:
     """Read the measurements of a target from a recording, in the order of the frames.
 
     Raises:
@@ -152,7 +152,7 @@ def series_of(recording: Recording, target: str, quantity: Quantity) -> Series:
         known.update(seen.target for seen in observation.measurements)
         rows += [_row(seen, quantity) for seen in observation.measurements if seen.target == target]
     if not rows:
-        raise JournalError(_nothing_of(recording, target, frames, known))
+        raise JournalError(_why_nothing(recording, target, frames, known))
     _, first = np.unique([row[0] for row in rows], return_index=True)  # a frame that came twice counts once
     table = np.array(rows)[first]
     shares = table[:, 3][np.isfinite(table[:, 3])]
@@ -177,14 +177,14 @@ def _row(seen: Measurement, quantity: Quantity) -> tuple[float, float, float, fl
     return seen.captured_at_s, figure_m, noise_m, math.sqrt(max(0.0, sigma_m**2 - noise_m**2)) / figure_m
 
 
-def _nothing_of(recording: Recording, target: str, frames: int, known: set[str]) -> str:
+def _why_nothing(recording: AnyRecording, target: str, frames: int, known: set[str]) -> str:
     if not frames:
         return f"{recording.path}: no frame was recorded; record a run in which the camera works"
     has = f"its targets are: {', '.join(sorted(known))}" if known else "no target was looked for"
     return f"{recording.path}: the rule watches '{target}', which this recording does not have; {has}"
 
 
-def noise_of(recordings: Sequence[Series]) -> Noise:
+def noise_of(recordings: Sequence[Series]) -> RecordedNoise:
     """Separate the noise of recordings from the target's movement.
 
     Raises:
@@ -193,19 +193,19 @@ def noise_of(recordings: Sequence[Series]) -> Noise:
     stretches = [stretch for series in recordings for stretch in stretches_of(series)]
     calm = _calm(stretches)
     calm_s = sum(stretch.duration_s for stretch in calm)
-    if calm_s < CALM_LEAST_S:
+    if calm_s < MIN_CALM_S:
         raise JournalError(
             f"the target stood still, or moved steadily, for {calm_s:.0f} s of the recordings only; at least "
-            f"{CALM_LEAST_S:.0f} s are needed to tell noise from movement: record it standing where it mostly stands"
+            f"{MIN_CALM_S:.0f} s are needed to tell noise from movement: record it standing where it mostly stands"
         )
-    calm = _made_whole(calm)
+    calm = _restore_variance(calm)
     errors = np.concatenate([stretch.errors for stretch in calm])
     ratio = max(_spread(errors), 1e-3)
     seen = np.isfinite(errors)
     steps_s = np.concatenate([np.diff(series.times_s) for series in recordings])
     figures_m = np.concatenate([series.figures_m for series in recordings])
     noises_m = np.concatenate([series.noises_m for series in recordings])
-    return Noise(
+    return RecordedNoise(
         stretches=tuple(stretches),
         calm=tuple(calm),
         recorded_s=sum(float(series.times_s[-1] - series.times_s[0]) for series in recordings),
@@ -308,7 +308,7 @@ def _calm(stretches: Sequence[Stretch]) -> list[Stretch]:
     return [stretch for stretch in steady if stretch.spread <= CALM_TIMES * usual + 1e-9]
 
 
-def _made_whole(calm: Sequence[Stretch]) -> list[Stretch]:
+def _restore_variance(calm: Sequence[Stretch]) -> list[Stretch]:
     """Return calm stretches whose errors are as large as they were before a line was laid through them.
 
     A line takes two of the independent errors to itself, and errors that last are fewer than the frames.

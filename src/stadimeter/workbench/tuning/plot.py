@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 COLOURS = ("#0b6e4f", "#3d5a80", "#c8553d", "#8a6fa8", "#b08900")
-LEAST_A_DAY, MOST_A_DAY = 1e-4, 1e5
+MIN_A_DAY, MAX_A_DAY = 1e-4, 1e5
 _FADED = 0.35
 
 
@@ -35,11 +35,9 @@ def draw_plot(proposal: Proposal, path: Path) -> None:
         PictureError: The file cannot be written.
     """
     require_matplotlib()
-    from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 - an extra, and slow to load
-    from matplotlib.figure import Figure  # noqa: PLC0415 - as above
+    from matplotlib.figure import Figure  # noqa: PLC0415 - an extra, and slow to load
 
     figure = Figure(figsize=(10, 5.5), dpi=120, layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     _draw_limits(axes, proposal)
     _draw_tried(axes, proposal.beginnings)
@@ -61,7 +59,7 @@ def on_delay_in_words(delay: OnDelay) -> str:
 
 
 def _draw_limits(axes: Axes, proposal: Proposal) -> None:
-    axes.axhspan(LEAST_A_DAY, proposal.wanted_a_day, color="#0b6e4f", alpha=0.10, linewidth=0)
+    axes.axhspan(MIN_A_DAY, proposal.wanted_a_day, color="#0b6e4f", alpha=0.10, linewidth=0)
     wanted = f"asked for: at most {proposal.wanted_a_day:g} a day"
     axes.axhline(proposal.wanted_a_day, color="#0b6e4f", linewidth=1.2, label=wanted)
     supported = f"the recordings alone support: {proposal.supported_a_day:.3g} a day"
@@ -75,8 +73,8 @@ def _draw_tried(axes: Axes, tried: Iterable[Beginning]) -> None:
     for (delay, some), colour in zip(delays.items(), COLOURS * len(delays), strict=False):
         in_order = sorted(some, key=lambda each: each.settings.probability or 0.0)
         late_s = [each.late_s for each in in_order]
-        likely = [_shown(each.rate.a_day) for each in in_order]
-        most = [_shown(each.rate.at_most_a_day) for each in in_order]
+        likely = [_within_axis(each.rate.a_day) for each in in_order]
+        most = [_within_axis(each.rate.at_most_a_day) for each in in_order]
         axes.vlines(late_s, likely, most, color=colour, alpha=_FADED, linewidth=2)
         axes.plot(
             late_s,
@@ -92,12 +90,13 @@ def _draw_tried(axes: Axes, tried: Iterable[Beginning]) -> None:
 def _draw_marks(axes: Axes, proposal: Proposal) -> None:
     now, begin = proposal.beginnings[0], proposal.begin
     axes.plot(
-        now.late_s, _shown(now.rate.a_day), "s", markersize=13, markerfacecolor="none", markeredgecolor="black",
+        now.late_s, _within_axis(now.rate.a_day), "s", markersize=13, markerfacecolor="none", markeredgecolor="black",
         markeredgewidth=1.4, linestyle="none", label=f"as it is: P {_probability(now)}",
     )  # fmt: skip
     axes.plot(
-        begin.late_s, _shown(begin.rate.a_day), "*", markersize=20, markerfacecolor="#ffc145", markeredgecolor="black",
-        markeredgewidth=1.2, linestyle="none", zorder=5, label=f"proposed: P {_probability(begin)}",
+        begin.late_s, _within_axis(begin.rate.a_day), "*", markersize=20, markerfacecolor="#ffc145",
+        markeredgecolor="black", markeredgewidth=1.2, linestyle="none", zorder=5,
+        label=f"proposed: P {_probability(begin)}",
     )  # fmt: skip
 
 
@@ -111,7 +110,7 @@ def _probability(each: Beginning) -> str:
 def _label(axes: Axes, proposal: Proposal) -> None:
     tuned = proposal.tuned
     axes.set_yscale("log")
-    axes.set_ylim(LEAST_A_DAY, MOST_A_DAY)
+    axes.set_ylim(MIN_A_DAY, MAX_A_DAY)
     axes.set_xlim(left=0)
     axes.set_xlabel(f"mean latency for a target at {proposal.speed_mps:g} m/s, in seconds")
     axes.set_ylabel("false alarms a day\n(dot: estimate; line: up to the 95 % limit)")
@@ -124,5 +123,5 @@ def _label(axes: Axes, proposal: Proposal) -> None:
     axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, labelspacing=0.9)
 
 
-def _shown(a_day: float) -> float:
-    return min(max(a_day, LEAST_A_DAY * 1.3), MOST_A_DAY / 1.3)
+def _within_axis(a_day: float) -> float:
+    return min(max(a_day, MIN_A_DAY * 1.3), MAX_A_DAY / 1.3)

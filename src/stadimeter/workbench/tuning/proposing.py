@@ -31,7 +31,7 @@ from stadimeter.workbench.tuning.candidates import (
     rate_at,
     slope_of,
 )
-from stadimeter.workbench.tuning.noise import Noise, Series, noise_of
+from stadimeter.workbench.tuning.noise import RecordedNoise, Series, noise_of
 from stadimeter.workbench.tuning.trials import (
     AFTER_S,
     OperatingPoints,
@@ -39,11 +39,11 @@ from stadimeter.workbench.tuning.trials import (
     Trials,
     Truths,
     distance_at,
-    ended_s,
-    judged,
-    late_s,
+    end_latency_s,
+    evaluate_alarms,
     operating_points_of,
     quiet_frames,
+    raise_latency_s,
     raises_apart,
 )
 
@@ -109,7 +109,7 @@ class Proposal:
     """
 
     tuned: Tuned
-    noise: Noise
+    noise: RecordedNoise
     wanted_a_day: float
     speed_mps: float
     beginnings: tuple[Beginning, ...]
@@ -166,7 +166,7 @@ def tune(  # noqa: PLR0913 - what is asked for
     search = _Search(tuned, plan, noise, speed_mps, np.random.default_rng(seed))
     recorded = partial(search.recorded_raises, recordings, quiet)
     begins = search.beginnings(points, recorded)
-    begin = chosen_beginning(begins, wanted_a_day, points.quiet_s)
+    begin = choose_beginning(begins, wanted_a_day, points.quiet_s)
     ends = search.endings(begin.settings)
     return Proposal(
         tuned=tuned,
@@ -176,12 +176,12 @@ def tune(  # noqa: PLR0913 - what is asked for
         beginnings=tuple(begins),
         begin=begin,
         endings=tuple(ends),
-        end=chosen_ending(ends),
+        end=choose_ending(ends),
         points=points,
     )
 
 
-def chosen_beginning(tried: Sequence[Beginning], wanted_a_day: float, quiet_s: float) -> Beginning:
+def choose_beginning(tried: Sequence[Beginning], wanted_a_day: float, quiet_s: float) -> Beginning:
     """Return the earliest beginning with few enough false alarms; if there is none, the one with the fewest.
 
     Args:
@@ -194,7 +194,7 @@ def chosen_beginning(tried: Sequence[Beginning], wanted_a_day: float, quiet_s: f
     return min(allowed, key=lambda each: (round(each.late_s / AS_LATE_S), each.rate.a_day))
 
 
-def chosen_ending(tried: Sequence[Ending]) -> Ending:
+def choose_ending(tried: Sequence[Ending]) -> Ending:
     """Return the earliest ending that does not chatter; if all do, the one that chatters least."""
     allowed = [each for each in tried if each.flaps_a_minute <= FLAPS_A_MINUTE]
     if not allowed:
@@ -205,7 +205,9 @@ def chosen_ending(tried: Sequence[Ending]) -> Ending:
 class _Search:
     """Tries settings of one alarm."""
 
-    def __init__(self, tuned: Tuned, plan: Plan, noise: Noise, speed_mps: float, random: np.random.Generator) -> None:
+    def __init__(
+        self, tuned: Tuned, plan: Plan, noise: RecordedNoise, speed_mps: float, random: np.random.Generator
+    ) -> None:
         self._tuned = tuned
         self._plan = plan
         self._noise = noise
@@ -214,7 +216,7 @@ class _Search:
         self._trials = Trials(plan, noise, random)
 
     def beginnings(self, points: OperatingPoints, recorded: Callable[[Tried], Mapping[str, int]]) -> list[Beginning]:
-        tried = _named(beginnings(self._tuned))
+        tried = _with_names(beginnings(self._tuned))
         counts, late, raises = self._counts(tried, CLEARANCES), self._late(tried), recorded(tried)
         slope, far = slope_of(counts.values()), self._far(tried, float(np.median(points.clearances)))
         return [
@@ -233,19 +235,21 @@ class _Search:
         counts = dict.fromkeys(tried, 0)
         for series, is_quiet in zip(recordings, quiet, strict=True):
             quiet_s = set(series.times_s[is_quiet].tolist())
-            for name, transitions in judged(self._plan, self._rules(tried), series).items():
+            for name, transitions in evaluate_alarms(self._plan, self._rules(tried), series).items():
                 counts[name] += sum(transition.is_raise and transition.at_s in quiet_s for transition in transitions)
         return counts
 
     def endings(self, begin: Settings) -> list[Ending]:
-        tried = _named(endings(begin))
+        tried = _with_names(endings(begin))
         hovering, duration_s = self._trials.standing(self._rules(tried), self._tuned.threshold_m, HOVER_FRAMES)
         ends = self._crossings(tried, -self._speed_mps, CROSSINGS // 2, ENDS_WITHIN_S)
         return [
             Ending(
                 settings=settings,
                 flaps_a_minute=sum(not transition.is_raise for transition in hovering[name]) / duration_s * 60,
-                ends_after_s=float(np.mean([min(ended_s(transitions), ENDS_WITHIN_S) for transitions in ends[name]])),
+                ends_after_s=float(
+                    np.mean([min(end_latency_s(transitions), ENDS_WITHIN_S) for transitions in ends[name]])
+                ),
             )
             for name, settings in tried.items()
         ]
@@ -275,7 +279,10 @@ class _Search:
 
     def _late(self, tried: Tried) -> dict[str, list[float]]:
         crossings = self._crossings(tried, self._speed_mps, CROSSINGS, AFTER_S)
-        return {name: [min(late_s(transitions), AFTER_S) for transitions in each] for name, each in crossings.items()}
+        return {
+            name: [min(raise_latency_s(transitions), AFTER_S) for transitions in each]
+            for name, each in crossings.items()
+        }
 
     def _crossings(
         self, tried: Tried, speed_mps: float, times: int, after_s: float
@@ -288,5 +295,5 @@ class _Search:
         return found
 
 
-def _named(tried: Sequence[Settings]) -> Tried:
+def _with_names(tried: Sequence[Settings]) -> Tried:
     return {f"candidate-{number}": settings for number, settings in enumerate(tried)}

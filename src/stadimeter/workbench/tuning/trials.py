@@ -23,7 +23,7 @@ from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule
 from stadimeter.errors import JournalError
 from stadimeter.workbench.tuning.candidates import Tuned
-from stadimeter.workbench.tuning.noise import Floats, Noise, Series
+from stadimeter.workbench.tuning.noise import Floats, RecordedNoise, Series
 
 Truths = NDArray[np.bool_]
 
@@ -58,12 +58,12 @@ class OperatingPoints:
         return float(np.mean(self.clearances < _CLEARLY_SIGMAS))
 
 
-def clearance_of(tuned: Tuned, noise: Noise, at_m: float) -> float:
+def clearance_of(tuned: Tuned, noise: RecordedNoise, at_m: float) -> float:
     """Return the distance from the threshold, in standard deviations of the noise at `at_m`; negative beyond it."""
     return tuned.side * (at_m - tuned.threshold_m) / noise.true_m(at_m)
 
 
-def distance_at(tuned: Tuned, noise: Noise, clearance: float) -> float | None:
+def distance_at(tuned: Tuned, noise: RecordedNoise, clearance: float) -> float | None:
     """Return the distance with a clearance, in metres; None if noise grows so fast with distance that there is none."""
     bend = clearance * noise.ratio * noise.stated_per_m2  # the distance d solves side · (d - limit) = bend · d²
     if bend == 0.0:
@@ -74,7 +74,7 @@ def distance_at(tuned: Tuned, noise: Noise, clearance: float) -> float | None:
     return tuned.side * (1 - math.sqrt(root)) / (2 * bend)
 
 
-def quiet_frames(series: Series, tuned: Tuned, noise: Noise, events_s: Sequence[float]) -> Truths:
+def quiet_frames(series: Series, tuned: Tuned, noise: RecordedNoise, events_s: Sequence[float]) -> Truths:
     """Return for each frame whether the target was there and no alarm was right.
 
     Args:
@@ -114,7 +114,7 @@ def truth_of(series: Series, around_s: float = _TRUTH_S) -> Floats:
 
 
 def operating_points_of(
-    recordings: Sequence[Series], quiet: Sequence[Truths], tuned: Tuned, noise: Noise
+    recordings: Sequence[Series], quiet: Sequence[Truths], tuned: Tuned, noise: RecordedNoise
 ) -> OperatingPoints:
     """Return the operating points of recordings.
 
@@ -140,7 +140,7 @@ def operating_points_of(
 
 
 APPROACH_S, AFTER_S = 3.0, 2.0
-NEAREST_SHARE = 0.3
+MIN_DISTANCE_SHARE = 0.3
 """A target comes no nearer than this share of the threshold; one that goes away has stood there."""
 
 
@@ -159,7 +159,7 @@ Transitions = Mapping[str, Sequence[Transition]]
 class Trials:
     """Tries alarms."""
 
-    def __init__(self, plan: Plan, noise: Noise, random: np.random.Generator) -> None:
+    def __init__(self, plan: Plan, noise: RecordedNoise, random: np.random.Generator) -> None:
         self._plan = plan
         self._noise = noise
         self._random = random
@@ -168,7 +168,7 @@ class Trials:
         """Let the target stand, and return the transitions and the seconds that they took."""
         times_s, errors = self._frames(frames)
         seen = self._series(times_s, np.full(frames, distance_m), errors)
-        return judged(self._plan, rules, seen), float(times_s[-1] - times_s[0])
+        return evaluate_alarms(self._plan, rules, seen), float(times_s[-1] - times_s[0])
 
     def crossing(self, rules: Sequence[AlarmRule], threshold_m: float, speed_mps: float, after_s: float) -> Transitions:
         """Let the target come, or go, over a threshold.
@@ -180,12 +180,12 @@ class Trials:
         Returns:
             The transitions. At the time 0 the true distance is the threshold.
         """
-        nearest_m = NEAREST_SHARE * threshold_m
+        nearest_m = MIN_DISTANCE_SHARE * threshold_m
         frames = math.ceil((APPROACH_S + after_s) / self._noise.frame_s)
         times_s, errors = self._frames(frames)
         crossed_s = times_s[0] + APPROACH_S + self._random.random() * self._noise.frame_s
         true_m = np.maximum(threshold_m - speed_mps * (times_s - crossed_s), nearest_m)
-        transitions = judged(self._plan, rules, self._series(times_s, true_m, errors))
+        transitions = evaluate_alarms(self._plan, rules, self._series(times_s, true_m, errors))
         return {
             name: [replace(transition, at_s=transition.at_s - crossed_s) for transition in each]
             for name, each in transitions.items()
@@ -215,7 +215,7 @@ class Trials:
         )
 
 
-def judged(plan: Plan, rules: Sequence[AlarmRule], series: Series) -> Transitions:
+def evaluate_alarms(plan: Plan, rules: Sequence[AlarmRule], series: Series) -> Transitions:
     """Evaluate several alarms on the same measurements."""
     target = rules[0].target
     tried = Plan(targets=(target,), rules=tuple(rules), tracking=plan.tracking, safety=plan.safety)
@@ -253,7 +253,7 @@ def _measurement(target: str, at_s: float, figure_m: float, noise_m: float, scal
     )
 
 
-def late_s(transitions: Sequence[Transition]) -> float:
+def raise_latency_s(transitions: Sequence[Transition]) -> float:
     """Return how long after the time 0 an alarm stood: 0 if it did already, infinite if it was never raised."""
     is_active = False
     for transition in transitions:
@@ -263,7 +263,7 @@ def late_s(transitions: Sequence[Transition]) -> float:
     return 0.0 if is_active else math.inf
 
 
-def ended_s(transitions: Sequence[Transition]) -> float:
+def end_latency_s(transitions: Sequence[Transition]) -> float:
     """Return how long after the time 0 an alarm was over for good: 0 if it was before, infinite if it never was."""
     if not transitions or transitions[-1].is_raise:
         return math.inf if transitions else 0.0

@@ -83,7 +83,7 @@ def _at_boot(output: Output) -> tuple[str, ...]:
     return (f"GPIO {output.gpio} is weakly pulled {way} while the Pi boots, towards on: {better} is better.",)
 
 
-def _switched(part: str, plus: str, minus: str, output: Output) -> tuple[str, ...]:
+def _draw_switched(part: str, plus: str, minus: str, output: Output) -> tuple[str, ...]:
     """Draw a part between plus and a MOSFET that joins it to minus while the pin is high."""
     return (
         f"{plus:─<39}┬─────────┐",
@@ -100,7 +100,7 @@ def _switched(part: str, plus: str, minus: str, output: Output) -> tuple[str, ..
     )
 
 
-def _switched_wires(plus: str, part: str, output: Output) -> tuple[str, ...]:
+def _wire_switched(plus: str, part: str, output: Output) -> tuple[str, ...]:
     return (
         f"{plus} to {part}; {part} to drain",
         f"diode across {part}, stripe to plus",
@@ -111,20 +111,20 @@ def _switched_wires(plus: str, part: str, output: Output) -> tuple[str, ...]:
 
 
 def _draw_motor(output: Output) -> tuple[str, ...]:
-    return _switched("motor", "plus of its own supply ──[switch]──", "┴── minus of that supply", output)
+    return _draw_switched("motor", "plus of its own supply ──[switch]──", "┴── minus of that supply", output)
 
 
 def _wire_motor(output: Output) -> tuple[str, ...]:
     own = ("minus of the motor's own supply to source",)
-    return (*_switched_wires("plus of the motor's own supply", "motor", output), *own)
+    return (*_wire_switched("plus of the motor's own supply", "motor", output), *own)
 
 
 def _draw_buzzer(output: Output) -> tuple[str, ...]:
-    return _switched("buzzer", f"{output.at(POWER_5V)} ", "┘", output)
+    return _draw_switched("buzzer", f"{output.at(POWER_5V)} ", "┘", output)
 
 
 def _wire_buzzer(output: Output) -> tuple[str, ...]:
-    return _switched_wires(output.at(POWER_5V), "buzzer", output)
+    return _wire_switched(output.at(POWER_5V), "buzzer", output)
 
 
 def _led_ends(output: Output) -> tuple[str, str]:

@@ -26,7 +26,7 @@ def wiring_text(parts: Sequence[DriverChoice], *, width: int = 80, ascii_only: b
     outputs = wired_outputs(parts)
     if not outputs:
         return "no part is on a pin of the header"
-    text = "\n".join([*_wrapped(ORIENTATION, width), "", *_header(outputs, width), *_circuits(outputs, width)])
+    text = "\n".join([*_wrap(ORIENTATION, width), "", *_header(outputs, width), *_circuits(outputs, width)])
     return text.translate(_BOX) if ascii_only else text
 
 
@@ -60,23 +60,23 @@ def _circuits(outputs: Sequence[Output], width: int) -> Iterator[str]:
     for output in outputs:
         circuit = CIRCUITS[output.circuit]
         yield ""
-        yield from _wrapped(f"{output.name}: {circuit.title}", width)
+        yield from _wrap(f"{output.name}: {circuit.title}", width)
         yield ""
         lines = circuit.draw(output)
         if max(map(len, lines)) <= width:
             yield from lines
         else:
             for wire in circuit.wires(output):
-                yield from _wrapped(f"- {' '.join(wire.split())}", width, "  ")
+                yield from _wrap(f"- {' '.join(wire.split())}", width, "  ")
         new = [note for note in circuit.notes_on(output) if note not in said]
         said.update(new)
         if new:
             yield ""
         for note in new:
-            yield from _wrapped(note, width)
+            yield from _wrap(note, width)
 
 
-def _wrapped(text: str, width: int, indent: str = "") -> list[str]:
+def _wrap(text: str, width: int, indent: str = "") -> list[str]:
     return textwrap.wrap(text, width, subsequent_indent=indent)
 
 
@@ -112,7 +112,7 @@ _RUN = re.compile(r"\[[^]]*\]|[^\s─│┌┐└┘├┤┬┴┼\[]+(?: [^\s�
 def wiring_picture(parts: Sequence[DriverChoice]) -> Drawing:
     """Return a drawing of the header and of the circuit of every part on a pin."""
     outputs = wired_outputs(parts)
-    shapes: list[Shape] = [*_drawn_header(outputs)]
+    shapes: list[Shape] = [*_draw_header(outputs)]
     top_m = HEADER_TOP_M + 20 * PITCH_M + ROW_M
     for output in outputs:
         shapes += _circuit(output, top_m)
@@ -136,7 +136,7 @@ def circuits_picture(outputs: Sequence[Output]) -> Drawing:
     return Drawing(columns * COLUMN_M + 2 * MARGIN_M, top_m, tuple(shapes))
 
 
-def _drawn_header(outputs: Sequence[Output]) -> Iterator[Shape]:
+def _draw_header(outputs: Sequence[Output]) -> Iterator[Shape]:
     for row, line in enumerate(textwrap.wrap(ORIENTATION, NOTE_COLUMNS)):
         yield Text(MARGIN_M, MARGIN_M + row * ROW_M, line, SIZE_M, colour=GREY)
     labels = header_labels(outputs)
@@ -178,12 +178,12 @@ def _circuit(output: Output, top_m: float, *, has_notes: bool = True) -> Iterato
     yield Text(MARGIN_M, top_m, f"{output.name}: {CIRCUITS[output.circuit].title}", 1.25 * SIZE_M)
     lines, notes = _lines(output), _notes(output) if has_notes else []
     for row, line in enumerate(lines, start=1):
-        yield from _traced(line, top_m + row * ROW_M)
+        yield from _trace(line, top_m + row * ROW_M)
     for row, note in enumerate(notes, start=len(lines) + 1):
         yield Text(MARGIN_M, top_m + (row + 0.4) * ROW_M + 0.8 * SIZE_M, note, SIZE_M, colour=GREY)
 
 
-def _traced(line: str, top_m: float) -> Iterator[Shape]:
+def _trace(line: str, top_m: float) -> Iterator[Shape]:
     """Yield the wires and the words of a line of text; a part in brackets gets a box."""
     middle_m = top_m + ROW_M / 2
     for column, character in enumerate(line):

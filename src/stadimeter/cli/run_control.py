@@ -1,0 +1,74 @@
+"""Services of a run that are dear to load: the alarm store, the control socket with live watching, and the page."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stadimeter.app.control.places import runtime_folder, socket_path, usable_folder
+from stadimeter.app.control.socket_server import ControlSocket
+from stadimeter.app.live.subscriptions import Subscriptions
+from stadimeter.app.live.watching import introduction, live_feed, operated
+from stadimeter.app.page_process import PageProcess, page_command
+from stadimeter.app.persistence.alarm_store import AlarmStore
+from stadimeter.app.persistence.resumption import clock_name, moment
+from stadimeter.app.persistence.state_file import state_file
+from stadimeter.app.persistence.state_writer import StateWriter
+from stadimeter.app.restarts import HAS_PAGE
+from stadimeter.config.extras import missing
+from stadimeter.errors import ControlError
+
+if TYPE_CHECKING:
+    from stadimeter.app.loop import Loop
+    from stadimeter.config.models import WebTable
+
+
+def open_alarm_store(loop: Loop, named: Path | None, is_right: Callable[[], bool]) -> None:
+    """Remember alarms beyond the end of a run, in the file that is named, or the usual one of a live camera."""
+    configuration = loop.parts.configuration
+    usual = state_file(configuration.path) if loop.parts.is_live else None
+    path = named or usual
+    if path is None:
+        return
+    clock = clock_name(is_live=loop.parts.is_live)
+    store = AlarmStore(path, is_named=named is not None)
+    if named is not None:
+        store.check()  # whoever names a wrong file wants to know, and before anything moves
+    loop.services.memory = StateWriter(store, partial(moment, clock, is_right=is_right), loop.deliveries)
+
+
+def open_control_socket(loop: Loop, socket: Path | None, web: WebTable | None, closing: ExitStack) -> None:
+    """Listen for people; a run without a socket runs all the same, unless that was asked for."""
+    configuration = loop.parts.configuration
+    try:
+        path = socket or socket_path(configuration.path, usable_folder(runtime_folder()))
+        listener = ControlSocket(path, partial(introduction, loop), watched=Subscriptions(live_feed(loop)))
+        closing.callback(listener.close)
+        listener.open()
+    except ControlError as error:
+        if socket is not None:
+            raise
+        loop.services.tell(f"warning: {error}; this run takes no operator commands")
+    else:
+        closing.enter_context(operated(loop, listener))
+        if (web := web or configuration.web) is not None and HAS_PAGE not in os.environ:
+            closing.enter_context(_page(loop, path, web))
+
+
+@contextmanager
+def _page(loop: Loop, socket: Path, web: WebTable) -> Iterator[None]:
+    """Have the page as a process beside the run, if its libraries are there."""
+    if trouble := missing("web"):
+        loop.services.tell(f"warning: there is no page: {trouble}")
+        yield
+        return
+    page = PageProcess(page_command(loop.parts.configuration.path, socket, web), loop.services.tell)
+    page.start()
+    try:
+        yield
+    finally:
+        page.hand_on() if loop.services.is_restart_due else page.end()
