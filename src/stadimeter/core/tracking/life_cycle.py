@@ -20,11 +20,10 @@ from typing import cast
 from stadimeter.core.measurement import Measurement
 from stadimeter.core.plan import Tracking
 from stadimeter.core.track import Track, TrackStatus
-from stadimeter.core.tracking import candidate, motion, noise_level
-from stadimeter.core.tracking.candidate import TentativeTrack
+from stadimeter.core.tracking import motion, noise_level
 from stadimeter.core.tracking.motion import Innovation, MotionState
 from stadimeter.core.tracking.noise_level import NoiseEstimate
-from stadimeter.core.tracking.sighting import Sighting, sighting_of
+from stadimeter.core.tracking.sighting import Sighting, TentativeTrack, extend_tentative, sighting_of
 
 MIN_CONSTANT_VELOCITY_SHARE = 0.5
 """A target that keeps its speed has a probability of the constant-velocity model above this."""
@@ -141,7 +140,7 @@ def _miss(state: TrackState, measurement: Measurement, settings: Tracking) -> Tr
 
 def _consider(state: TrackState, sighting: Sighting, settings: Tracking) -> TrackState:
     """The target is seen, but does not count yet."""
-    found = candidate.seen(state.candidate, sighting, _noise_m(state, sighting, settings), settings)
+    found = extend_tentative(state.candidate, sighting, _noise_m(state, sighting, settings), settings)
     if found.frames >= settings.confirm_frames:
         return _begun(state, found, settings)
     reason = f"seen in {found.frames} of the {settings.confirm_frames} frames in a row that it takes"
@@ -174,7 +173,7 @@ def _refuse(
     state: TrackState, moved: MotionState, sighting: Sighting, innovation: Innovation, settings: Tracking
 ) -> TrackState:
     """What is seen contradicts the track. If that goes on, or agrees with itself for some frames, it is the target."""
-    rival = candidate.seen(state.candidate, sighting, _noise_m(state, sighting, settings), settings)
+    rival = extend_tentative(state.candidate, sighting, _noise_m(state, sighting, settings), settings)
     rejected = state.track.rejected + 1
     if rejected > settings.outliers_max or rival.frames >= AGREEING_FRAMES:
         return _begun(state, rival, settings)

@@ -1,13 +1,30 @@
-"""What one frame says of a target, as far as it may be used."""
+"""What one frame says of a target, and a target that does not count yet: what some frames in a row say of it.
+
+A new target is tentative, and so is what contradicts a target that is tracked: if its frames agree, the target is
+there. A first sighting says nothing of speed; the second agrees with it if the target may have moved as targets mostly
+do. Two that contradict each other may be errors, or a fast target: then a third on the line through both decides. This
+is two-point differencing: Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and Navigation", Wiley
+2001, section 5.5.3.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from stadimeter.core.bounds import MAX_FIGURE, MAX_TIME_S
 from stadimeter.core.measurement import Measurement, MeasurementStatus
+from stadimeter.core.plan import Tracking
+from stadimeter.core.tracking import motion
 from stadimeter.core.tracking.filter import NOISE_FLOOR_M
+from stadimeter.core.tracking.motion import MotionState
+
+MAX_SPEED_MPS = 40.0
+"""Two sightings that are further apart than a target of this speed could come are not of one target."""
+
+ON_A_LINE = 3
+"""The frames that agree when a third is on the line through two."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,3 +72,61 @@ def sighting_of(measurement: Measurement) -> Sighting | None:
         bearing_rad=bearing_rad,
         elevation_rad=elevation_rad,
     )
+
+
+class TentativeTrack(NamedTuple):
+    """What was seen, and how it may move.
+
+    Attributes:
+        sighting: The newest sighting.
+        noise_m: The standard deviation of its noise.
+        frames: How many frames in a row agree with each other.
+        motion: How it moves if it moves as targets mostly do.
+        fast: How it moves if it is as fast as its last two sightings say; None if they agree anyway.
+    """
+
+    sighting: Sighting
+    noise_m: float
+    frames: int
+    motion: MotionState
+    fast: MotionState | None = None
+
+
+def extend_tentative(
+    before: TentativeTrack | None, sighting: Sighting, noise_m: float, settings: Tracking
+) -> TentativeTrack:
+    """Return the candidate after another sighting.
+
+    Args:
+        before: What was seen in the frames before; None for nothing.
+        noise_m: Standard deviation of the sighting's noise, above zero.
+        settings: How to track.
+    """
+    at_rest = motion.start(sighting.distance_m, noise_m)
+    if before is None:
+        return TentativeTrack(sighting, noise_m, 1, at_rest)
+    agreeing = _agreeing(before.motion, before, sighting, noise_m, settings)
+    if agreeing:
+        return TentativeTrack(sighting, noise_m, before.frames + 1, agreeing)
+    on_line = before.fast and _agreeing(before.fast, before, sighting, noise_m, settings)
+    if on_line:
+        return TentativeTrack(sighting, noise_m, ON_A_LINE, on_line)
+    return TentativeTrack(sighting, noise_m, 1, at_rest, _fast(before, sighting, noise_m))
+
+
+def _agreeing(
+    state: MotionState, before: TentativeTrack, sighting: Sighting, noise_m: float, settings: Tracking
+) -> MotionState | None:
+    """Return the motion with a sighting taken in; None if the sighting contradicts it."""
+    step_s = sighting.at_s - before.sighting.at_s
+    moved = motion.predict(state, step_s, settings.acceleration_mps2, settings.autocorrelation)
+    innovation = motion.compare(moved, sighting.distance_m, noise_m)
+    return motion.update(moved, noise_m, innovation) if innovation.sigmas <= settings.gate_sigmas else None
+
+
+def _fast(before: TentativeTrack, sighting: Sighting, noise_m: float) -> MotionState | None:
+    step_s = sighting.at_s - before.sighting.at_s
+    rate_mps = (sighting.distance_m - before.sighting.distance_m) / step_s
+    if abs(rate_mps) > MAX_SPEED_MPS:
+        return None
+    return motion.start_moving(sighting.distance_m, noise_m, rate_mps, before.noise_m, step_s)

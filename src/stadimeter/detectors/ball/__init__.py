@@ -22,7 +22,7 @@ from stadimeter.config.ball_sizes import BallDiameter
 from stadimeter.config.plugins import DriverContext, Exercise, Options, Plugin
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction, RejectedCandidate
+from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame, Image, Subsampling
 from stadimeter.detectors.ball.blobs import Blob, find_blobs, search_step, thinned, together
 from stadimeter.detectors.ball.circles import ImageCircle, edge_circle
@@ -31,7 +31,9 @@ from stadimeter.detectors.ball.gates import (
     BallGates,
     FoundBall,
     Refusal,
-    most_score,
+    is_as_expected,
+    max_score,
+    most_alike,
     too_little_colour,
     without_limb,
 )
@@ -58,9 +60,6 @@ MAX_RING_PX = 16.0
 
 REGION_SIGMAS = 4.0
 
-AGREE_SIGMAS, AGREE_PX = 3.0, 1.0
-"""A ball further from its prediction than this, in its place or its size, may be something else."""
-
 WITHIN_REACH, AROUND_REACH = 1.2, 2.0
 """Greatest radius of a ball that the search within and around a blob finds, in half sizes of the blob."""
 
@@ -80,8 +79,6 @@ showed so little."""
 
 MAX_SEARCHED_AROUND = 3
 """Number of blobs around which the circle of edges is looked for, which is slow."""
-
-MAX_REJECTED = 8
 
 LIKELY_FOCAL_SHARE = 0.8
 """The focal length of most cameras, as a share of their pictures' long side."""
@@ -111,10 +108,6 @@ class _Scene(NamedTuple):
     gates: BallGates  # what a ball must pass
     refusals: list[Refusal]  # what was looked at and is no ball, filled while searching
     expected: ImageCircle | None = None  # where the ball is expected, while it is looked for there
-
-
-_Search = Callable[[_Scene, Blob], FoundBall | None]
-"""Returns the ball that a blob leads to."""
 
 
 class BallDetector:
@@ -165,9 +158,13 @@ class BallDetector:
             refusals=[],
         )
         if prediction is not None:
+            # Tracking: only the ring around the predicted limb is read, so its cost does not grow with the picture;
+            # against the tutorial it is 21 to 38 times as fast, the whole search 11 to 14 times
+            # (docs/benchmarks/report.md).
             expected = self._expected(scene, prediction)
             if expected is not None:
                 return self._found(scene, expected)
+            # What was refused near a prediction says nothing of the rest of the picture.
             scene.refusals.clear()
         large = self._large(scene) if self._around_px is None else None
         if large is not None:
@@ -184,6 +181,8 @@ class BallDetector:
         height, width = scene.image.shape[:2]
         if width * height <= COARSE_FROM_PIXELS * self._step**2 or self._step >= COARSE_STEP:
             return None
+        # Every eighth pixel instead of every fourth: a quarter of the reading. What is found is measured in all pixels
+        # all the same, so only a ball of few cells would be less sure, and that goes to the full search.
         blobs = find_blobs(scene.image, self._colour, COARSE_STEP)
         if not blobs or blobs[0].size_px < COARSE_CELLS * COARSE_STEP:
             return None
@@ -198,19 +197,23 @@ class BallDetector:
         (x_px, y_px), radius_px = prediction.centre_px, prediction.size_px / 2
         if not all(map(math.isfinite, (x_px, y_px, radius_px, prediction.sigma_px))):
             return None
+        # The ring: its width follows from the prediction's standard deviation, beyond the 2 px that a still target has
+        # anyway. A ring of more than 16 px either side holds edges of other things.
         start = ImageCircle(x_px=x_px, y_px=y_px, radius_px=max(radius_px, self._gates.min_radius_px))
         scene = scene._replace(expected=start)
         reach_px = FIRST_REACH_PX + REACH_SIGMAS * max(0.0, prediction.sigma_px - CERTAIN_PX)
         if reach_px <= MAX_RING_PX:
             in_ring = self._at(scene, start, reach_px)
-            if in_ring is not None and _is_as_expected(in_ring, prediction):
+            if in_ring is not None and is_as_expected(in_ring, prediction):
                 return in_ring
+        # Half the side of the square that is searched, in pixels: the ball, half as much again for blobs that reach
+        # beyond it, and four standard deviations of the place.
         half_px = 1.5 * start.radius_px + REGION_SIGMAS * prediction.sigma_px + FIRST_REACH_PX
         region = Region.around((x_px, y_px), half_px, scene.image)
         if region is None:
             return None
         ball = self._best(scene, find_blobs(scene.image, self._colour, self._step, region))
-        return ball if ball is not None and _is_as_expected(ball, prediction) else None
+        return ball if ball is not None and is_as_expected(ball, prediction) else None
 
     def _best(self, scene: _Scene, blobs: Sequence[Blob]) -> FoundBall | None:
         """Return the ball that looks most like one around one of the blobs.
@@ -220,21 +223,25 @@ class BallDetector:
         The largest come first, and what could not be better than the best so far is left out.
         """
         large = [blob for blob in blobs if blob.size_px >= 2 * self._gates.min_radius_px - self._step]
+        # `max_score` of the largest circle that a blob may lead to bounds its score: branch and bound over blobs in
+        # falling size.
         best, sure = None, []
         for blob in large:
-            if best is not None and best.score >= most_score(WITHIN_REACH * blob.circle.radius_px):
+            if best is not None and best.score >= max_score(WITHIN_REACH * blob.circle.radius_px):
                 break
             ball = self._within(scene, blob)
             if _explains(ball, blob):
                 sure.append(blob)
             best = _better(best, ball)
         for search, blob in self._other_ways(large, sure):
-            if best is None or best.score < most_score(AROUND_REACH * blob.circle.radius_px):
+            if best is None or best.score < max_score(AROUND_REACH * blob.circle.radius_px):
                 best = _better(best, search(scene, blob))
         return best
 
     def _of_other_ranges(self, scene: _Scene) -> FoundBall | None:
         """Return the ball by more or less of its range of colours; what was refused there is not told."""
+        # A range given by hand may hold the floor or a hand as well, so that the blob is no ball; the more saturated or
+        # brighter part of it may be the ball alone.
         for colour in other_ranges(thinned(scene.image, self._step), self._colour):
             narrowed = scene._replace(gates=replace(scene.gates, colour=colour), refusals=[])
             ball = self._best(narrowed, find_blobs(scene.image, colour, self._step)[:MAX_OTHER_BLOBS])
@@ -242,7 +249,9 @@ class BallDetector:
                 return ball
         return None
 
-    def _other_ways(self, large: Sequence[Blob], sure: Sequence[Blob]) -> Iterator[tuple[_Search, Blob]]:
+    def _other_ways(
+        self, large: Sequence[Blob], sure: Sequence[Blob]
+    ) -> Iterator[tuple[Callable[[_Scene, Blob], FoundBall | None], Blob]]:
         """Yield slower searches around the largest blobs that are no ball beyond doubt."""
         doubtful = [blob for blob in large[:MAX_SEARCHED_AROUND] if blob not in sure]
         if not doubtful:
@@ -300,6 +309,9 @@ class BallDetector:
 
     def _found(self, scene: _Scene, ball: FoundBall) -> Detection:
         circle = ball.limb.circle
+        # The apparent size is the ellipse's smaller axis with the lens's distortion undone: that axis alone gives the
+        # depth, at any place in the picture (see `stadimeter.ranging.ball`). Diameter and its standard deviation are
+        # both twice those of the radius.
         diameter_px = 2 * ball.limb.straight_radius_px
         return Detection(
             target=self._name,
@@ -311,12 +323,12 @@ class BallDetector:
             height_px=diameter_px,
             size_sigma_px=2 * ball.limb.radius_sigma_px,
             quality=ball.quality,
-            rejected=_most_alike(scene),
+            rejected=most_alike(scene.refusals),
             measured_with=scene.lens if scene.is_lens_known else None,
         )
 
     def _not_found(self, scene: _Scene, blobs: Sequence[Blob]) -> Detection:
-        rejected = _most_alike(scene)
+        rejected = most_alike(scene.refusals)
         if not blobs:
             reason = f"no pixel has the ball's colour {self._colour}"
         elif not rejected:
@@ -324,20 +336,6 @@ class BallDetector:
         else:
             reason = f"blob of {rejected[0].size_px:.0f} px {rejected[0].reason}"
         return Detection(target=self._name, status=DetectionStatus.NOT_FOUND, reason=reason, rejected=rejected)
-
-
-def _most_alike(scene: _Scene) -> tuple[RejectedCandidate, ...]:
-    """Return what is no ball, most like one first."""
-    refusals = sorted(scene.refusals, key=lambda each: each.likeness, reverse=True)
-    return tuple(each.candidate for each in refusals[:MAX_REJECTED])
-
-
-def _is_as_expected(ball: FoundBall, prediction: Prediction) -> bool:
-    """Return whether a ball is where it was expected, and as large."""
-    circle = ball.limb.circle
-    most_px = AGREE_SIGMAS * max(prediction.sigma_px, 0.0) + AGREE_PX
-    off_px = math.dist((circle.x_px, circle.y_px), prediction.centre_px)
-    return off_px <= most_px and abs(2 * circle.radius_px - prediction.size_px) <= most_px
 
 
 def _reaches(blob: Blob, place_px: tuple[float, float]) -> bool:
@@ -358,6 +356,8 @@ def _better(one: FoundBall | None, other: FoundBall | None) -> FoundBall | None:
 @lru_cache(maxsize=8)
 def _likely_lens(width_px: int, height_px: int, subsampling: Subsampling) -> CameraModel:
     """Return a camera like those of most phones, webcams and boards: 60 to 70 degrees across the long side."""
+    # 0.8 of the long side is a field of view of 64 degrees. It only serves to know how oblong the outline is away from
+    # the middle; no distance is measured through it.
     focal_px = LIKELY_FOCAL_SHARE * max(width_px, height_px)
     return replace(CameraModel.with_focal_length(focal_px, width_px, height_px), subsampling=subsampling)
 

@@ -66,6 +66,8 @@ class Blob:
         """The largest circle of its pixels: the ball, where other things of its colour touch it."""
         x, y, _, _ = cv2.boundingRect(self.contours[0])
         # The median leaves out single pixels, and what is beyond the box counts as another colour.
+        # Distance transform: for each pixel of the blob how far the nearest pixel of another colour is, in cells. Its
+        # maximum is the centre and the radius of the largest circle within.
         solid = cv2.copyMakeBorder(cv2.medianBlur(self.mask, 3), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
         _, radius, _, (column, row) = cv2.minMaxLoc(cv2.distanceTransform(solid, cv2.DIST_L2, cv2.DIST_MASK_5))
         (left, top), step = self.origin_px, self.step
@@ -94,7 +96,10 @@ def search_step(min_radius_px: float) -> int:
 def find_blobs(image: Image, colour: HsvRange, step: int, region: Region | None = None) -> list[Blob]:
     """Find the largest blobs of a colour, `MAX_BLOBS` at most, the largest first; looks at every step-th pixel."""
     region = region or Region.whole(image)
+    # Nearest-neighbour thinning first, HSV after: at a quarter of 640x480 both take 0.08 ms, HSV of all pixels 0.5 ms
+    # (x86).
     mask = colour.mask(thinned(region.of(image), step))
+    # Contours, not connected components with statistics, which take 26 times as long on such a mask.
     contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     if len(contours) > MAX_BLOBS:
         # Of texture, blobs are wide but thin; that of a ball is solid.
@@ -117,11 +122,14 @@ def together(blobs: Sequence[Blob], most: int) -> list[Blob]:
 def _may_be_one(blob: Blob, other: Blob) -> bool:
     """Return whether a blob and one that is no larger may be patches of the same ball."""
     one, two = blob.circle, other.circle
+    # Gap between two circles along the line of their centres, below zero where they overlap.
     gap_px = math.hypot(one.x_px - two.x_px, one.y_px - two.y_px) - one.radius_px - two.radius_px
     return gap_px < PATCH_GAP * one.radius_px and MIN_PATCH * one.radius_px <= two.radius_px <= one.radius_px
 
 
 def _joined(patches: Sequence[Blob]) -> Blob:
+    # The box around all patches: its longer side is the diameter, since a stripe parts a ball across but seldom both
+    # ways.
     circles = [patch.circle for patch in patches]
     left, right = (min(c.x_px - c.radius_px for c in circles), max(c.x_px + c.radius_px for c in circles))
     top, bottom = (min(c.y_px - c.radius_px for c in circles), max(c.y_px + c.radius_px for c in circles))

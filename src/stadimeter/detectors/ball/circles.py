@@ -79,6 +79,8 @@ class Edges(NamedTuple):
 
 def edge_circle(image: Image, blob_px: Points, area_px2: float) -> ImageCircle | None:
     """Find the circle of edges around a blob's outline, shape ``(n, 2)``; None if none has the blob inside."""
+    # Radials start at 0.35 of the half size, where a blob that is only the lit part of a ball may have its limb, and
+    # end at twice it. Half a pixel is added because points are centres of pixels.
     low, high = blob_px.min(axis=0), blob_px.max(axis=0)
     centre, half_px = (low + high) / 2, float((high - low).max()) / 2 + 0.5
     step_px = max(0.5, half_px / STEPS_A_HALF)
@@ -102,6 +104,8 @@ def find_circle(edges: Edges, around_px: Points, area_px2: float, band: tuple[fl
     circles = _circles_through_triples(points, TRIES)
     if not len(circles):
         return None
+    # A circle much larger than what fills it is chance; the root keeps a ball of which only the lit part has
+    # the colour.
     fill = np.minimum(1.0, area_px2 / (np.pi * circles[:, 2] ** 2))
     worth = _enclosed(around_px, circles) * np.sqrt(fill)
     # What a circle encloses is quickly told; only the best by that are held against all edges.
@@ -120,8 +124,12 @@ def _edges(image: Image, centre: Points, distances_px: Points) -> Edges:
     (x, y), (height, width) = centre.tolist(), image.shape[:2]
     columns = np.rint(x + across * distances_px).clip(0, width - 1)
     rows = np.rint(y + down * distances_px).clip(0, height - 1)
+    # Nearest pixels, not interpolated ones: the circle is only where the fine fit starts.
     nearest = (rows * width + columns).astype(np.intp)
     values = image.reshape(-1, 3).take(nearest, axis=0).astype(np.float32)
+    # Difference of the mean of two samples after and of two before, for each of the channels: less noise than single
+    # differences. The sum over the channels of its square is the squared steepness, in levels per step; divided by 4
+    # (two pairs, two steps between their middles) times the step it is per pixel.
     change = values[:, 3:] + values[:, 2:-1] - values[:, 1:-2] - values[:, :-3]
     step_px = float(distances_px[1] - distances_px[0])
     change *= change
@@ -129,6 +137,8 @@ def _edges(image: Image, centre: Points, distances_px: Points) -> Edges:
     # Beyond the border its pixels are repeated, which shows no edges.
     places, peak = _peaks(steepness)
     found_px = distances_px[places] + 1.5 * step_px
+    # Strength relative to the median of the radials' steepest edges: it depends on the contrast of the scene, not on
+    # its light.
     usual = max(float(np.median(steepness.max(axis=1))), MIN_STEP)
     points = np.stack([x + across * found_px, y + down * found_px], axis=-1)
     return Edges(points, np.minimum(1.0, peak / usual))
@@ -162,6 +172,8 @@ def most_common_circle(points_px: Points, band_px: float = 1.0) -> ImageCircle |
     if not len(circles):
         return None
     across, down = points_px[:, 0] - circles[:, :1], points_px[:, 1] - circles[:, 1:2]
+    # Each point votes with 1 - (d / band)², none beyond the band (RANSAC with a truncated square as its score, MSAC: P.
+    # Torr and A. Zisserman, "MLESAC", 2000).
     apart = (np.sqrt(across * across + down * down) - circles[:, 2:]) / band_px
     score = np.maximum(1 - apart * apart, 0.0).sum(axis=1)
     x, y, radius = (float(value) for value in circles[int(np.argmax(score))])
@@ -173,6 +185,8 @@ def _circles_through_triples(points: Points, tries: int) -> Points:
     all_x, all_y = np.ascontiguousarray(points.T)
     picks = _picks(tries, len(points))
     (x, bx, cx), (y, by, cy) = all_x.take(picks), all_y.take(picks)
+    # Circumcentre of the triangle in coordinates from its first corner. Twice its signed area is the determinant;
+    # nearly zero for three points on a line, which form no circle.
     bx, cx, by, cy = bx - x, cx - x, by - y, cy - y
     twice_area = 2 * (bx * cy - by * cx)
     apart = np.abs(twice_area) > 1e-6
@@ -181,6 +195,7 @@ def _circles_through_triples(points: Points, tries: int) -> Points:
     to_x = (cy * b2 - by * c2) / twice_area
     to_y = (bx * c2 - cx * b2) / twice_area
     radius = np.sqrt(to_x * to_x + to_y * to_y)
+    # Circles wider than the cloud of points are nearly straight lines through a few of them.
     size = max(float(all_x.max() - all_x.min()), float(all_y.max() - all_y.min()))
     circles = np.array([x + to_x, y + to_y, radius])
     return np.ascontiguousarray(circles.compress(apart & (radius > 1.0) & (radius < size), axis=1).T)

@@ -70,6 +70,8 @@ def vivid_ranges_at(hsv: Image, place: Place) -> Iterator[HsvRange]:
     """Yield ranges of the most vivid colour near a place, which itself may be on a pale stripe, a seam or a gloss."""
     rows, columns = _around(hsv, place, VIVID_REACHES * _reach_px(hsv))
     near = _colours(hsv[rows, columns])
+    # Saturation times value is the chroma (the difference between the largest and the smallest channel) times 255: dark
+    # pixels have a high saturation of no meaning.
     chroma = near[:, 1] * near[:, 2]
     row, column = divmod(int(np.argmax(chroma)), columns.stop - columns.start)
     vivid = near[chroma >= np.percentile(chroma, VIVID_PERCENT)]
@@ -80,6 +82,8 @@ def joined(ranges: Sequence[HsvRange]) -> HsvRange:
     """Return the narrowest range that covers several."""
     middles, reaches = zip(*(_hues(each) for each in ranges), strict=True)
     middle = _mean_hue(np.array(middles), np.ones(len(middles)))
+    # Hues are on a circle of 180 (OpenCV's unit of two degrees): they are compared about a common middle, so that reds
+    # on both sides of 0 stay together.
     away = [_hues_apart(each, middle) for each in middles]
     low = min(each - reach for each, reach in zip(away, reaches, strict=True))
     high = max(each + reach for each, reach in zip(away, reaches, strict=True))
@@ -117,25 +121,28 @@ def _growing(hsv: Image, place: Place, seen: Colours) -> Iterator[HsvRange]:
                 break
             tried.add(colour)
             yield colour
+            # The next round takes the colours of the whole patch, which holds more of the light and shade.
             colours = patch
 
 
 def _covering(colours: Colours, margin: int) -> HsvRange:
     """Return the range of these colours with a margin."""
     hues, saturations, values = colours.T
-    (least_saturation, most_saturation), (least_value, most_value) = (
+    (min_saturation, max_saturation), (min_value, max_value) = (
         np.percentile(each, SEEN_PERCENT) for each in (saturations, values)
     )
-    if least_saturation * np.median(values) / 255 < MIN_CHROMA:
+    if min_saturation * np.median(values) / 255 < MIN_CHROMA:
         more = 1 + GREY_VALUE * margin
-        least, most = (0.0, least_value * (2 - more)), (most_saturation + GREY_SATURATION * margin, most_value * more)
+        least, most = (0.0, min_value * (2 - more)), (max_saturation + GREY_SATURATION * margin, max_value * more)
         return _range(0.0, 179.0, least, most)
+    # Hues weighted by chroma: the hue of a grey pixel is noise.
     middle = _mean_hue(
         HUES, np.bincount(hues.astype(np.intp), saturations * values, minlength=len(HUES)).astype(np.float64)
     )
+    # Percentiles, not extremes: 2 % of the pixels on either side may be the rim, a gloss or a scratch.
     low, high = np.percentile(_hues_apart(hues, middle), SEEN_PERCENT)
     further, less = HUE_MARGIN + HUE_OF_MARGIN * margin, 1 - LESS_OF_MARGIN * margin
-    least = (least_saturation * less, least_value * less)
+    least = (min_saturation * less, min_value * less)
     return _range(middle + low - further, middle + high + further, least, (255.0, 255.0))
 
 
@@ -143,8 +150,8 @@ def _range(low: float, high: float, least: tuple[float, ...], most: tuple[float,
     """Return a range of hues from low to high, which may be beyond red on either side."""
     hues = (0, 179) if high - low >= 170 else (round(low) % 180, round(high) % 180)
     saturation, value = (max(0, int(each)) for each in least)
-    most_saturation, most_value = (min(255, math.ceil(each)) for each in most)
-    return HsvRange((hues[0], saturation, value), (hues[1], most_saturation, most_value))
+    max_saturation, max_value = (min(255, math.ceil(each)) for each in most)
+    return HsvRange((hues[0], saturation, value), (hues[1], max_saturation, max_value))
 
 
 def _hues(colour: HsvRange) -> tuple[float, float]:
@@ -173,6 +180,7 @@ def _patch(hsv: Image, colour: HsvRange, place: Place) -> Colours | None:
     mask = colour.covers(hsv)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     rows, columns = _around(hsv, place, _reach_px(hsv))
+    # The component that most pixels around the place belong to: the place itself may be a speck.
     here = labels[rows, columns]
     here = here[here > 0]
     if not here.size:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Points, RejectedCandidate
+from stadimeter.core.detection import Points, Prediction, RejectedCandidate
 from stadimeter.core.frame import Image
 from stadimeter.detectors.ball.circles import ImageCircle
 from stadimeter.detectors.ball.limb import SHARP_PX, Limb
@@ -75,6 +76,11 @@ FULL_QUALITY_MARGIN = 0.6
 SURE_QUALITY = 0.4
 """With this quality, smaller blobs need not be looked at."""
 
+AGREE_SIGMAS, AGREE_PX = 3.0, 1.0
+"""A ball further from its prediction than this, in its place or its size, may be something else."""
+
+MAX_REJECTED = 8
+
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FoundBall:
@@ -93,7 +99,7 @@ class FoundBall:
     @property
     def score(self) -> float:
         """The rounder the better; of equally round ones the larger, since chance makes small ones."""
-        return self.quality * most_score(self.limb.circle.radius_px)
+        return self.quality * max_score(self.limb.circle.radius_px)
 
     @property
     def is_sure(self) -> bool:
@@ -141,12 +147,16 @@ class BallGates:
                 not judged again.
             coloured_px2: The area around there that has the ball's colour; None if it is not known.
         """
+        # Tests in order of cost: size, support, corners, colour, overrun, quality. Each refusal carries how many were
+        # passed, by which the closest one is named to the user.
         radius_px = limb.circle.radius_px
         if not self.min_radius_px <= radius_px <= self.max_radius_px:
             return _refusal(limb.circle, f"lies in a circle of {2 * radius_px:.0f} px, limit {self.limits_text()}", 0.0)
         agrees = expected is not None and _agree(limb.circle, expected)
         needed = _needed_support(limb, is_lens_known=is_lens_known) * (AGREEING_SHARE if agrees else 1.0)
         cut_off = is_cut_off(limb.circle, image)
+        # Support is the share of spokes with a step on the limb. Of a ball at the border only the spokes inside the
+        # picture count, if at least a quarter of the whole limb is seen.
         support = limb.support_inside if cut_off and limb.support >= MIN_CUT_OFF_SUPPORT else limb.support
         if support < needed:
             reason = f"is not round: {support:.0%} of a circle to {limb.scatter_px:.1f} px, limit {needed:.0%}"
@@ -160,6 +170,8 @@ class BallGates:
         fill = 1.0 if is_known else self._fill(image, limb.circle, coloured_px2)
         if fill < MIN_FILL:
             return too_little_colour(limb.circle, fill, tests_passed=2)
+        # Only a barely supported limb is held against the colour outside: an arc of an ellipse or the corner of a thing
+        # of the ball's colour is round too, but the colour goes on where no step is seen.
         if margin < CLEAR_MARGIN:
             margin -= OVERRUN_WEIGHT * self._overrun(image, limb, lens)
         ball = FoundBall(limb=limb, fill=fill, margin=margin, is_cut_off=cut_off)
@@ -177,6 +189,7 @@ class BallGates:
         outline_px = lens.project(limb.cone.outline(OUTLINE_POINTS))
         radius_px, blur_px = limb.circle.radius_px, max(0.0, limb.width_px - SHARP_PX)
         off_px = max(BESIDE_PX, BESIDE_SHARE * radius_px) + BESIDE_OF_BLUR * blur_px
+        # An outline point is unseen if no step lies within r / 12 of it, two thirds of their spacing.
         unseen_px = outline_px[_nearest_px(outline_px, limb.points_px) > 4 * radius_px / OUTLINE_POINTS]
         return colour_share_beside(image, unseen_px, outline_px.mean(0), off_px, self.colour) * (
             len(unseen_px) / OUTLINE_POINTS
@@ -205,6 +218,8 @@ def _is_square(limb: Limb) -> bool:
     """Return whether the steps lie as on a square: nearer in the middle of each side, further away at the corners."""
     if limb.scatter_px < SQUARE_SCATTER * limb.circle.radius_px or len(limb.points_px) < MIN_SQUARE_STEPS:
         return False
+    # Fourier series of the radius over the angle: wave 1 is a shift of the centre, wave 2 an ellipse, wave 4 the
+    # corners of a square. In empty rooms most false balls were square.
     x, y = (limb.points_px - (limb.circle.x_px, limb.circle.y_px)).T
     radii_px, turns = np.hypot(x, y), np.outer((1, 2, 4), np.arctan2(y, x))
     waves = np.vstack([np.ones(len(x)), np.cos(turns), np.sin(turns)])
@@ -232,7 +247,7 @@ def too_little_colour(circle: ImageCircle, fill: float, tests_passed: int = 0) -
     return _refusal(circle, reason, tests_passed + fill / MIN_FILL)
 
 
-def most_score(radius_px: float) -> float:
+def max_score(radius_px: float) -> float:
     """Return the score of the best ball of this size."""
     return math.sqrt(radius_px)
 
@@ -253,6 +268,8 @@ def _nearest_px(points_px: Points, others_px: Points) -> NDArray[np.float64]:
 
 def _needed_support(limb: Limb, *, is_lens_known: bool) -> float:
     """Return how much of a limb must be seen for it to be a ball's, given how much its steps scatter."""
+    # Allowed scatter in pixels: noise, a share of the radius for felt and fingers, and for blurred limbs a share of
+    # what their steps are wider than 2.6 px. The needed support rises in proportion to the scatter.
     share = SCATTER_SHARE + (0.0 if is_lens_known else UNKNOWN_LENS_SHARE)
     blur_px = max(0.0, limb.width_px - SHARP_PX)
     allowance_px = min(SCATTER_PX + share * limb.circle.radius_px, MAX_SCATTER_PX) + SCATTER_OF_BLUR * blur_px
@@ -262,11 +279,13 @@ def _needed_support(limb: Limb, *, is_lens_known: bool) -> float:
 def _refusal(circle: ImageCircle, reason: str, tests_passed: float) -> Refusal:
     centre_px, size_px = (circle.x_px, circle.y_px), 2 * circle.radius_px
     candidate = RejectedCandidate(centre_px=centre_px, size_px=size_px, reason=reason)
-    return Refusal(tests_passed * most_score(circle.radius_px), candidate)
+    return Refusal(tests_passed * max_score(circle.radius_px), candidate)
 
 
 def colour_share(image: Image, circle: ImageCircle, colour: HsvRange) -> float:
     """Return how much of a circle has a colour, 0 to 1, from a grid of the pixels in its inner square."""
+    # The square inscribed in the circle: no pixel of the background is counted. 16 by 16 of its pixels are read,
+    # whatever the size.
     half_px = max(1.0, circle.radius_px * math.sqrt(0.5))
     left, top = max(int(circle.x_px - half_px), 0), max(int(circle.y_px - half_px), 0)
     right, bottom = max(int(circle.x_px + half_px + 1), 0), max(int(circle.y_px + half_px + 1), 0)
@@ -285,3 +304,17 @@ def colour_share_beside(image: Image, points_px: Points, centre_px: Points, off_
     inside = ((places >= 0) & (places < (image.shape[1], image.shape[0]))).all(axis=1)
     x, y = places[inside].astype(np.intp).T
     return cv2.countNonZero(colour.mask(image[None, y, x])) / len(points_px) if len(x) else 0.0
+
+
+def most_alike(refusals: Sequence[Refusal]) -> tuple[RejectedCandidate, ...]:
+    """Return what is no ball, most like one first."""
+    ordered = sorted(refusals, key=lambda each: each.likeness, reverse=True)
+    return tuple(each.candidate for each in ordered[:MAX_REJECTED])
+
+
+def is_as_expected(ball: FoundBall, prediction: Prediction) -> bool:
+    """Return whether a ball is where it was expected, and as large."""
+    circle = ball.limb.circle
+    max_px = AGREE_SIGMAS * max(prediction.sigma_px, 0.0) + AGREE_PX
+    off_px = math.dist((circle.x_px, circle.y_px), prediction.centre_px)
+    return off_px <= max_px and abs(2 * circle.radius_px - prediction.size_px) <= max_px

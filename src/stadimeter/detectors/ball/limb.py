@@ -162,6 +162,9 @@ def _looked_by_colour(image: Image, best: Limb, within_px: float, lens: CameraMo
     """Return the best supported limb of the first one and those found by colour, and how much they differ."""
     limb, looks = best, [best]
     for _ in range(LOOKS_BY_COLOUR):
+        # Colours are learnt anew around each limb that was found: the first one may include a finger or the shadow.
+        # Looks by colour brought the 95th percentile of the error on marked balls from 4.6 to 2.8 %, and cost nothing
+        # where the first limb is beyond doubt.
         colours = ball_colours(image, limb.circle)
         found = None if colours is None else _settled(image, limb.circle, within_px, lens, colours)
         if found is None:
@@ -171,6 +174,8 @@ def _looked_by_colour(image: Image, best: Limb, within_px: float, lens: CameraMo
         best = limb if limb.worth >= best.worth else best
         if not limb.is_doubtful or max(each.support_inside for each in looks) < HOPELESS_SUPPORT:
             break
+    # Looks that are nearly as well supported but disagree: their spread becomes part of σ (0.8 of it, see
+    # `Limb.radius_sigma_px`).
     radii_px = [each.straight_radius_px for each in looks if each.worth >= RIVAL_SHARE * best.worth]
     return replace(best, change_px=max(radii_px) - min(radii_px))
 
@@ -187,6 +192,8 @@ def _settled(
         limb = None if edges is None else _fitted(edges, circle, lens)
         if edges is None or limb is None:
             return None
+        # How far the spokes that were read are now from where they should be, in place and radius together; a pixel to
+        # spare.
         moved_px = math.hypot(limb.circle.x_px - circle.x_px, limb.circle.y_px - circle.y_px) + abs(
             limb.circle.radius_px - circle.radius_px
         )
@@ -216,6 +223,7 @@ def _reach_px(edges: LimbEdges, limb: Limb) -> float:
 
 def _oblong_px(limb: Limb) -> float:
     """Return how far the outline, which is an ellipse away from the optical axis, reaches beyond its circle."""
+    # The ellipse's axes differ by the factor 1 / cos θ to first order, θ off the optical axis; z is cos θ.
     z = limb.cone.axis[2]
     return limb.circle.radius_px * (1 / z - 1) if z > 0 else 0.0
 
@@ -226,29 +234,33 @@ def _fitted(edges: LimbEdges, circle: ImageCircle, lens: CameraModel) -> Limb | 
     if count < MIN_RAYS:
         return None
     frame = _cone_frame(edges, circle, lens)
-    most_px = _most_px(circle, edges)
+    max_px = _max_miss_px(circle, edges)
     # Least squares first: with few outliers, reweighting finds them. Where too many steps miss the cone, least squares
     # may have settled between the limb and another edge; then the fit starts again from the circle of most votes.
-    fit = _robust(frame, frame.fit(), lens, most_px)
+    fit = _robust(frame, frame.fit(), lens, max_px)
     if fit is None or fit.usual_px > DOUBTFUL_PX or fit.steps < DOUBTFUL_SHARE * count:
         points = edges.points_px
         common = most_common_circle(points)
         if common is not None:
+            # Weights of 1 near the circle of most votes and 0 elsewhere; 5 % of the radius allow for the ellipse off
+            # the axis.
             near = np.abs(np.hypot(points[:, 0] - common.x_px, points[:, 1] - common.y_px) - common.radius_px)
-            again = _robust(frame, frame.fit(np.where(near < 0.05 * common.radius_px + 1.0, 1.0, 0.0)), lens, most_px)
+            again = _robust(frame, frame.fit(np.where(near < 0.05 * common.radius_px + 1.0, 1.0, 0.0)), lens, max_px)
             fit = _better(fit, again)
     return None if fit is None else _limb(fit, edges, lens)
 
 
 def _cone_frame(edges: LimbEdges, circle: ImageCircle, lens: CameraModel) -> ConeFrame:
     """Return the rays to the steps, as seen along the one to the middle of the circle."""
+    # Directions are x and y per unit of depth. Without distortion rays are linear in pixels, so the pixels go in as
+    # they are and one small matrix takes them to the frame of the cone; with distortion each has to be undone first.
     towards = lens.direction(circle.x_px, circle.y_px)
     if lens.distortion:
         return ConeFrame(with_ones(lens.directions(edges.points_px)), towards)
     return ConeFrame(edges.places, towards, lens)
 
 
-def _most_px(circle: ImageCircle, edges: LimbEdges) -> float:
+def _max_miss_px(circle: ImageCircle, edges: LimbEdges) -> float:
     """Return how far from the cone its steps may be at most: felt and blur spread them."""
     return OFF_PX + OFF_SHARE * circle.radius_px + OFF_OF_WIDTH * max(0.0, edges.usual_width_px - 3.0)
 
@@ -263,14 +275,15 @@ class _ConeFit(NamedTuple):
     usual_px: float
 
 
-def _robust(frame: ConeFrame, cone: SphereCone | None, lens: CameraModel, most_px: float) -> _ConeFit | None:
+def _robust(frame: ConeFrame, cone: SphereCone | None, lens: CameraModel, max_px: float) -> _ConeFit | None:
     """Fit a cone again with Tukey's weights, until what belongs to it is settled."""
     last_px = math.inf
     for _ in range(ROUNDS):
         if cone is None:
             return None
         misses = frame.misses(cone, _pixels_a_radian(cone, lens))
-        usual, limit, furthest = _limits(misses, most_px)
+        # Iteratively reweighted least squares: the limit follows from the scatter of the last fit.
+        usual, limit, furthest = _limits(misses, max_px)
         if limit > SETTLED_SHARE * last_px or furthest < MIN_OUTLIER_PX:
             break
         last_px = limit
@@ -287,12 +300,14 @@ def _robust(frame: ConeFrame, cone: SphereCone | None, lens: CameraModel, most_p
     return _ConeFit(cone, misses, on_it, int(np.count_nonzero(on_it)), usual)
 
 
-def _limits(misses: Values, most_px: float) -> tuple[float, float, float]:
+def _limits(misses: Values, max_px: float) -> tuple[float, float, float]:
     """Return how far steps usually are from the cone, from where on they do not belong to it, and the furthest."""
+    # Robust scale: the 30th percentile of |miss| in place of the median, so that more than half of the steps may lie
+    # elsewhere; 0.385 makes it a standard deviation for normal errors.
     ordered = np.abs(misses)
     ordered.sort()
     usual = float(ordered[int(RANK * len(ordered))]) / RANK_SIGMAS
-    return usual, min(max(OUTLIER_SIGMAS * usual, MIN_OUTLIER_PX), most_px), float(ordered[-1])
+    return usual, min(max(OUTLIER_SIGMAS * usual, MIN_OUTLIER_PX), max_px), float(ordered[-1])
 
 
 def _better(one: _ConeFit | None, other: _ConeFit | None) -> _ConeFit | None:
@@ -308,6 +323,8 @@ def _better(one: _ConeFit | None, other: _ConeFit | None) -> _ConeFit | None:
 
 def _pixels_a_radian(cone: SphereCone, lens: CameraModel) -> float:
     """Return how many pixels an angle across the cone takes in the picture: away from the optical axis more."""
+    # An angle dα moves a place at θ off the axis by f dα / cos² θ radially and f dα / cos θ across: the geometric mean
+    # is f / cos^1.5 θ. z below 0.1 (84 degrees off) is beyond any lens here.
     return math.sqrt(lens.fx_px * lens.fy_px) / math.pow(max(cone.axis[2], 0.1), 1.5)
 
 
@@ -315,6 +332,7 @@ def _limb(fit: _ConeFit, edges: LimbEdges, lens: CameraModel) -> Limb | None:
     steps, cone = fit.steps, fit.cone
     if steps < MIN_RAYS or not (math.isfinite(cone.half_across) and cone.axis[2] > 0.1):
         return None
+    # Scatter with n - 3 degrees of freedom: the cone has three unknowns. Misses are in pixels, outside positive.
     misses = fit.misses_px.compress(fit.on_it)
     squared = float(misses.dot(misses))
     scatter = math.sqrt(squared / max(1, steps - 3))
@@ -325,10 +343,14 @@ def _limb(fit: _ConeFit, edges: LimbEdges, lens: CameraModel) -> Limb | None:
         circle=circle,
         straight_radius_px=straight_radius_px,
         points_px=edges.places[:2].compress(fit.on_it, axis=1).T,
+        # Spokes beyond the border count in `support`, not in `support_inside`.
         support=steps / edges.spokes,
         support_inside=steps / edges.inside,
         scatter_px=scatter,
         width_px=edges.usual_width_px / SQUARENESS,
+        # σ of the radius: `sine_share` is that of sin α for rays that err by one radian each on its own, so times the
+        # radius (in pixels) and the scatter (in radians: pixels over pixels a radian), times the root of how much
+        # neighbours err together. Residual over root n alone held 3 to 25 % of errors in its 95 % interval.
         sigma_px=cone.sine_share
         * straight_radius_px
         * scatter
@@ -344,6 +366,7 @@ def _correlation(misses: Values, squared: float) -> float:
     A finger, a stripe or the grain of a floor moves neighbouring steps the same way. So the sums over `BLOCKS` pieces
     of the limb vary more than those of independent steps would. Three of them are taken by the fit.
     """
+    # Of B sums of independent steps, the fit of three unknowns takes three: E[Σ sum²] = Σ miss² (B - 3) / B.
     blocks = min(BLOCKS, len(misses) // 2)
     if blocks <= 3 or squared <= 0:
         return 1.0
@@ -366,6 +389,7 @@ def _outline_circle(cone: SphereCone, lens: CameraModel) -> ImageCircle:
             radius_px=cone.half_across * math.sqrt(lens.fx_px * lens.fy_px),
         )
     x_px, y_px = lens.project(np.array([cone.outline_centre]))[0].tolist()
+    # Distorted, the outline is no ellipse: the nearest of 16 points stands for the smaller half axis.
     points = lens.project(cone.outline(OUTLINE_POINTS))
     radius_px = float(np.hypot(points[:, 0] - x_px, points[:, 1] - y_px).min())
     return ImageCircle(x_px=x_px, y_px=y_px, radius_px=radius_px)

@@ -128,7 +128,7 @@ class DiscDetector:
         self._name = name
         sigma_m = options.tolerance or 0.0
         self._size = DiscShape(diameter_m=options.diameter, relative_sigma=sigma_m / options.diameter)
-        self._least_px = options.min_diameter_px
+        self._min_px = options.min_diameter_px
         self._colour = options.hsv
         self._bright, self._dark = options.shade != "dark", options.shade != "bright"
 
@@ -186,8 +186,8 @@ class DiscDetector:
 
     def _judge_all(self, frame: Frame, view: View, lens: Lens) -> Judged:
         """Judge what is elliptical in a view; if none of that is a whole disc, then what is partly hidden too."""
-        least_px = max(MIN_SEARCH_PX, MIN_SEARCH_SHARE * self._least_px * view.scale)
-        found = find_outlines(view.grey, least_px, bright=self._bright, dark=self._dark)
+        min_px = max(MIN_SEARCH_PX, MIN_SEARCH_SHARE * self._min_px * view.scale)
+        found = find_outlines(view.grey, min_px, bright=self._bright, dark=self._dark)
         judged = Judged(brightness_range=found.brightness_range, outlines=len(found.others))
         refused = self._judge(frame, view, lens, found.ellipses, judged)
         others = largest(found.others, MAX_REJECTED)
@@ -229,7 +229,7 @@ class DiscDetector:
         if edges is None:
             trouble = Trouble(0, f"has no elliptical edge within {reach_px:.1f} px")
             return RefusedDisc(ellipse=start, is_bright=is_bright, trouble=trouble)
-        failed = trouble_with(edges, self._least_px, lens.light)
+        failed = trouble_with(edges, self._min_px, lens.light)
         if failed is None and self._colour is not None:
             failed = colour_trouble(frame.image, edges.ellipse, lens, self._colour)
         if failed is not None:
@@ -279,7 +279,7 @@ class DiscDetector:
         elif judged.refused:
             reason = max(judged.refused, key=likeness).described
         else:
-            reason = f"no outline of at least {self._least_px:g} px"
+            reason = f"no outline of at least {self._min_px:g} px"
         return Detection(
             target=self._name,
             status=DetectionStatus.NOT_FOUND,

@@ -110,13 +110,13 @@ class EllipseEdges:
 class Effort(NamedTuple):
     """Effort of a measurement."""
 
-    most_lines: int  # across how many lines the light is read at most
-    most_looks: int  # how often at most
+    max_lines: int  # across how many lines the light is read at most
+    max_looks: int  # how often at most
     stays_px: float  # the ellipse has arrived once a look moves no part of it by more than this
 
 
-ROUGHLY = Effort(most_lines=48, most_looks=4, stays_px=0.4)
-THOROUGHLY = Effort(most_lines=144, most_looks=8, stays_px=0.01)
+ROUGHLY = Effort(max_lines=48, max_looks=4, stays_px=0.4)
+THOROUGHLY = Effort(max_lines=144, max_looks=8, stays_px=0.01)
 
 
 class _EllipseFit(NamedTuple):
@@ -142,10 +142,10 @@ def measure_ellipse(
     """
     ellipse, widest_px, seen = start, 0.0, None
     outwards_px = edge_bias_px if is_bright else -edge_bias_px
-    lines = int(min(max(start.perimeter_px(), MIN_LINES), effort.most_lines))
+    lines = int(min(max(start.perimeter_px(), MIN_LINES), effort.max_lines))
     # Gauss-Newton, the light read anew after each step: the ellipse that stays is one whose edges are all half way,
     # wherever the search began. The first look takes the steepest place, since both ends of a line may be anywhere.
-    for look in range(effort.most_looks):
+    for look in range(effort.max_looks):
         rim, smaller = ellipse.rim(lines), ellipse.axes()[1]
         reach = min(reach_px if look == 0 else _reach_px(widest_px, smaller), INNER_SHARE * smaller)
         steps = read_steps(picture, rim, reach, is_bright=is_bright, is_first=look == 0)
@@ -191,9 +191,9 @@ def _is_near(ellipse: Ellipse, start: Ellipse, reach_px: float) -> bool:
         return False
     larger, smaller, _ = ellipse.axes()
     began, _, _ = start.axes()
-    most_px = 2 * reach_px + 0.25 * began
+    max_px = 2 * reach_px + 0.25 * began
     moved_px = float(np.abs(ellipse.centre_px - start.centre_px).max())
-    return smaller > 1.0 and moved_px < most_px and abs(larger - began) < most_px
+    return smaller > 1.0 and moved_px < max_px and abs(larger - began) < max_px
 
 
 def _is_hopeful(fit: _EllipseFit, steps: Steps) -> bool:
@@ -309,12 +309,12 @@ class Trouble(NamedTuple):
     text: str  # the test that it failed, with the figure and the limit
 
 
-def trouble_with(edges: EllipseEdges, least_px: float, light: Light) -> Trouble | None:
+def trouble_with(edges: EllipseEdges, min_px: float, light: Light) -> Trouble | None:
     """Return the first test of a disc that an outline failed; None if it is a disc, as far as a picture tells."""
     larger, smaller = diameters_px(edges)
     flattest = math.cos(MAX_TILT_RAD)
     weakest = levels_out(edges, light) * edges.weakest / max(abs(edges.contrast), 1e-9)
-    scatter_px, bend_px = most_scatter_px(edges), BEND_PX + BEND_SHARE * larger
+    scatter_px, bend_px = max_scatter_px(edges), BEND_PX + BEND_SHARE * larger
     tests = (
         (
             edges.support >= MIN_SUPPORT,
@@ -343,15 +343,15 @@ def trouble_with(edges: EllipseEdges, least_px: float, light: Light) -> Trouble 
             f"is unevenly bright: by {edges.unevenness:.0%} of its contrast, limit {MAX_UNEVENNESS:.0%}",
         ),
         (
-            smaller >= MIN_HEIGHT * least_px,
-            f"is too thin: {smaller:.1f} px, limit {MIN_HEIGHT * least_px:.1f} px",
+            smaller >= MIN_HEIGHT * min_px,
+            f"is too thin: {smaller:.1f} px, limit {MIN_HEIGHT * min_px:.1f} px",
         ),
-        (larger >= least_px, f"is too small: {larger:.1f} px, limit {least_px:g} px"),
+        (larger >= min_px, f"is too small: {larger:.1f} px, limit {min_px:g} px"),
     )
     return next((Trouble(number, text) for number, (passed, text) in enumerate(tests) if not passed), None)
 
 
-def most_scatter_px(edges: EllipseEdges) -> float:
+def max_scatter_px(edges: EllipseEdges) -> float:
     """Return by how much the edges of a disc may scatter about its ellipse."""
     return SCATTER_PX + SCATTER_BLURS * edges.edge_px + SCATTER_SHARE * diameters_px(edges)[0]
 
@@ -370,7 +370,7 @@ def levels_out(edges: EllipseEdges, light: Light) -> float:
 
 def quality(edges: EllipseEdges) -> float:
     """Return how much an outline looks like that of a disc: from 0 to 1."""
-    return edges.support * (1 - edges.unevenness / MAX_UNEVENNESS) * (1 - edges.scatter_px / most_scatter_px(edges) / 2)
+    return edges.support * (1 - edges.unevenness / MAX_UNEVENNESS) * (1 - edges.scatter_px / max_scatter_px(edges) / 2)
 
 
 def evidence(edges: EllipseEdges, light: Light) -> float:

@@ -109,7 +109,7 @@ class Outline(NamedTuple):
     @property
     def is_elliptical(self) -> bool:
         """Whether nearly all of it lies on the ellipse."""
-        return self.off_px < most_off_px(self.ellipse)
+        return self.off_px < max_off_px(self.ellipse)
 
 
 class FoundOutlines(NamedTuple):
@@ -120,8 +120,8 @@ class FoundOutlines(NamedTuple):
     brightness_range: int  # by how much the brightest and the darkest value differ
 
 
-def find_outlines(grey: Plane, least_px: float, *, bright: bool, dark: bool) -> FoundOutlines:
-    """Find what may be a disc with a larger diameter of `least_px` at least."""
+def find_outlines(grey: Plane, min_px: float, *, bright: bool, dark: bool) -> FoundOutlines:
+    """Find what may be a disc with a larger diameter of `min_px` at least."""
     smooth = np.asarray(cv2.blur(grey, (SMOOTH, SMOOTH)), np.uint8)
     darkest, brightest = (int(each) for each in cv2.minMaxLoc(smooth)[:2])
     if brightest - darkest < MIN_RANGE:
@@ -131,12 +131,12 @@ def find_outlines(grey: Plane, least_px: float, *, bright: bool, dark: bool) -> 
     # A disc shows as a compact shape at every level between its own brightness and that of what is around it, so the
     # number of levels at which it was seen tells its contrast.
     for level in np.linspace(darkest, brightest, LEVELS + 2)[1:-1]:
-        for shape in _shapes(smooth, float(level), least_px):
+        for shape in _shapes(smooth, float(level), min_px):
             if not (bright if shape.is_bright else dark):
                 continue
             outline = _outline(shape) if _is_compact(shape) else None
             if outline is not None and outline.is_elliptical:
-                if outline.size_px > least_px:
+                if outline.size_px > min_px:
                     ellipses.append(outline)
             else:
                 others.append(shape)
@@ -151,7 +151,7 @@ def largest(shapes: Iterable[Shape], count: int) -> list[Outline]:
     return distinct([each for each in outlines if each is not None])[:count]
 
 
-def most_off_px(ellipse: Ellipse) -> float:
+def max_off_px(ellipse: Ellipse) -> float:
     """Return how far the outline of an ellipse may lie from it, root mean square."""
     larger, smaller, _ = ellipse.axes()
     return max(OFF_PX, OFF_SHARE * (larger + smaller) / 2)
@@ -162,7 +162,7 @@ def root_mean_square(values: NDArray[np.float64]) -> float:
     return math.sqrt(float(values @ values) / len(values))
 
 
-def _shapes(smooth: Plane, level: float, least_px: float) -> Iterator[Shape]:
+def _shapes(smooth: Plane, level: float, min_px: float) -> Iterator[Shape]:
     """Yield what is brighter or darker than a level and large enough.
 
     OpenCV goes around what is bright and around its holes in opposite ways, so the sign of the area tells them apart. A
@@ -170,11 +170,11 @@ def _shapes(smooth: Plane, level: float, least_px: float) -> Iterator[Shape]:
     """
     parted = cv2.threshold(smooth, level, 255, cv2.THRESH_BINARY)[1]
     contours, _ = cv2.findContours(parted, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-    least_area = MIN_ASPECT * math.pi / 4 * least_px**2
+    min_area = MIN_ASPECT * math.pi / 4 * min_px**2
     for contour in contours:
-        if len(contour) > 2 * least_px:
+        if len(contour) > 2 * min_px:
             area = cv2.contourArea(contour, oriented=True)
-            if abs(area) > least_area:
+            if abs(area) > min_area:
                 yield Shape(np.asarray(contour, np.int32), abs(area), is_bright=area < 0)
 
 
@@ -309,4 +309,4 @@ def _conics(rows: NDArray[np.float64]) -> Conics:
 
 
 def _is_on(ellipse: Ellipse, points: Points) -> NDArray[np.bool_]:
-    return np.asarray(np.abs(ellipse.distances_px(points)) < TIMES_OFF * most_off_px(ellipse), np.bool_)
+    return np.asarray(np.abs(ellipse.distances_px(points)) < TIMES_OFF * max_off_px(ellipse), np.bool_)

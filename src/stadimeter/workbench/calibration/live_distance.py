@@ -16,7 +16,6 @@ from stadimeter.core.camera_model import CameraModel, ToneCurve
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CalibrationError
-from stadimeter.ranging.agreement import Disagreement, disagreement
 from stadimeter.ranging.calibration import (
     DISTANCE_RELATIVE_SIGMA,
     Calibration,
@@ -24,6 +23,7 @@ from stadimeter.ranging.calibration import (
     calibrate,
     measured_depth_m,
 )
+from stadimeter.ranging.calibration_check import Disagreement, disagreement
 from stadimeter.workbench.calibration.distance_fit import fit_distances, look_at_distance, remedy_words
 from stadimeter.workbench.frame_source import SETTLING_WAIT_S, Source
 from stadimeter.workbench.picture_quality import picture_remarks

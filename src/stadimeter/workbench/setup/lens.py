@@ -15,8 +15,8 @@ from stadimeter.core.camera_model import CameraModel, Provenance
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CalibrationError, ConfigError
-from stadimeter.ranging.agreement import disagreement
 from stadimeter.ranging.calibration import DISTANCE_RELATIVE_SIGMA, KnownDistance
+from stadimeter.ranging.calibration_check import disagreement
 from stadimeter.workbench.calibration.calibrating import check_lens_settings
 from stadimeter.workbench.calibration.distance_fit import fit_distances, look_at_distance, remedy_words
 from stadimeter.workbench.measuring import open_picture
