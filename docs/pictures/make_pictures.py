@@ -20,7 +20,7 @@ from stadimeter.cli.demonstration import fault_keys
 from stadimeter.cli.keyboard import Keyboard, RunKeys
 from stadimeter.cli.viewing import live_view_of
 from stadimeter.config.loader import load_configuration
-from stadimeter.config.plugins import ACTUATORS, BUTTONS, DriverChoice, load_plugin
+from stadimeter.config.plugins import ACTUATORS, BUTTONS, DriverChoice, load_driver
 from stadimeter.config.toml_source import parse_toml
 from stadimeter.core.frame import Frame
 from stadimeter.workbench.drawing import write_drawings
@@ -104,8 +104,8 @@ def wiring_pictures(folder: Path) -> None:
     write_drawings(folder / "wiring-first-beep.svg", [wiring_picture(first_beep())])
     for name, table in CIRCUITS.items():
         options = parse_toml(table, "").table
-        plugin = load_plugin(BUTTONS if name == "button" else ACTUATORS, options.pop("driver"))
-        choice = DriverChoice(name=name, driver=name, plugin=plugin, options=plugin.options.model_validate(options))
+        model = load_driver(BUTTONS if name == "button" else ACTUATORS, options.pop("driver"))
+        choice = DriverChoice(name=name, driver=name, options=model.model_validate(options))
         write_drawings(folder / f"wiring-{name}.svg", [circuit_picture(choice)])
 
 

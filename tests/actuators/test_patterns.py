@@ -9,7 +9,7 @@ from gpiozero.pins.mock import MockFactory
 
 from stadimeter.actuators.buzzer import BuzzerOptions, GpiozeroBuzzer
 from stadimeter.actuators.protocol import Actuator
-from stadimeter.actuators.switch import LedOptions, RelayOptions, build_led, build_relay
+from stadimeter.actuators.switch import LedOptions, RelayOptions
 from stadimeter.actuators.vibration_motor import GpiozeroVibrationMotor, VibrationMotorOptions
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.command import LevelCommand
@@ -40,12 +40,12 @@ def played(
 
 @pytest.fixture
 def lamp(context: DriverContext) -> Actuator:
-    return build_led(LedOptions(pin=PIN), context)
+    return LedOptions(pin=PIN).build(context)
 
 
 @pytest.fixture
 def relay(context: DriverContext) -> Actuator:
-    return build_relay(RelayOptions(pin=PIN, active_high=True), context)
+    return RelayOptions(pin=PIN, active_high=True).build(context)
 
 
 @pytest.fixture

@@ -4,19 +4,19 @@ import pytest
 from gpiozero.pins.mock import MockFactory
 from pydantic import ValidationError
 
-from stadimeter.actuators.switch import GpiozeroSwitch, LedOptions, RelayOptions, build_led, build_relay
+from stadimeter.actuators.switch import GpiozeroSwitch, LedOptions, RelayOptions
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.command import LevelCommand
 
 
 def led(context: DriverContext, **options: object) -> GpiozeroSwitch:
-    lamp = build_led(LedOptions.model_validate({"pin": 24, **options}), context)
+    lamp = LedOptions.model_validate({"pin": 24, **options}).build(context)
     lamp.open()
     return lamp
 
 
 def relay(context: DriverContext, **options: object) -> GpiozeroSwitch:
-    switch = build_relay(RelayOptions.model_validate({"pin": 24, **options}), context)
+    switch = RelayOptions.model_validate({"pin": 24, **options}).build(context)
     switch.open()
     return switch
 

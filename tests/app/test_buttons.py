@@ -14,7 +14,7 @@ from stadimeter.app.recordings.journal import JournalWriter, read_journal
 from stadimeter.app.recordings.recorded_configuration import to_be_recorded
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.models import ButtonTable
-from stadimeter.config.plugins import BUTTONS, DriverContext, load_plugin
+from stadimeter.config.plugins import BUTTONS, DriverContext, load_driver
 from stadimeter.core.decision import EventKind
 from stadimeter.core.operator import OperatorAction
 from stadimeter.errors import DeviceOpenError, DriverError
@@ -34,8 +34,8 @@ class Front:
         self.clock = clock or ManualClock(start_s=50.0)
         context = DriverContext(name="front", clock=self.clock)
         self.pins = WatchedPins(context)
-        plugin = load_plugin(BUTTONS, "gpio")
-        driver = plugin.build(plugin.options(pin=PIN), context)
+        model = load_driver(BUTTONS, "gpio")
+        driver = model(pin=PIN).build(context)
         self.button = PushButton(driver, "front", ButtonTable.model_validate(table), self.clock)
 
     def touch(self, is_down: bool, seconds: float) -> None:
@@ -219,8 +219,8 @@ def test_a_driver_with_a_defect_does_not_end_the_looking(defect: type[BaseExcept
                 raise DriverError("it hangs")
 
     clock = ManualClock()
-    plugin = load_plugin(BUTTONS, "simulated")
-    driver = Broken(plugin.options(), DriverContext(name="it", clock=clock))
+    model = load_driver(BUTTONS, "simulated")
+    driver = Broken(model(), DriverContext(name="it", clock=clock))
     button = PushButton(driver, "it", ButtonTable(), clock)
     button.open()
     driver.is_broken = True

@@ -10,8 +10,7 @@ from stadimeter.app import ending
 from stadimeter.app.ending import stopping_on_signals
 from stadimeter.app.leased_output import RESTING
 from stadimeter.app.loop import Limits
-from stadimeter.cameras.picamera2_camera import Picamera2Camera
-from stadimeter.cameras.picamera2_settings import Picamera2Options
+from stadimeter.cameras.picamera2_camera import Picamera2Camera, Picamera2Options
 from stadimeter.errors import DeviceOpenError, DriverError, DriverUnavailableError
 from support.live_rig import Rig
 from support.picamera2_double import Sensor

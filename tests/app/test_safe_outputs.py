@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from stadimeter.app.safe_outputs import safe_outputs_path, write_safe_outputs
+from stadimeter.bases.ros_arduino_base import RosArduinoOptions
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.plugins import SerialStop
 from support.simulated_run import SIMULATED_BALL
@@ -86,13 +86,14 @@ def test_a_port_that_would_be_another_line_or_no_device_is_left_out_and_said(
     assert file.read_text() == ""
 
 
-def test_a_base_whose_driver_does_not_say_how_it_stops_is_told_of(tmp_path: Path, file: Path) -> None:
+def test_a_base_whose_driver_does_not_say_how_it_stops_is_told_of(
+    tmp_path: Path, file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     found = loaded(tmp_path, BASE.format(port="/dev/robot-base"))
     assert found.base is not None
-    for frame in (None, SerialStop(port="/dev/robot-base", baud=9600, frame=b"")):
-        plugin = replace(found.base.plugin, stop_frame=lambda _options, frame=frame: frame)
-        other = replace(found, base=replace(found.base, plugin=plugin))
-        assert write_safe_outputs(other, file)[0].startswith("base: nothing but itself stops it")
+    for stop in (None, SerialStop(port="/dev/robot-base", baud=9600, frame=b"")):
+        monkeypatch.setattr(RosArduinoOptions, "serial_stop", lambda _options, stop=stop: stop)
+        assert write_safe_outputs(found, file)[0].startswith("base: nothing but itself stops it")
 
 
 def test_a_list_that_cannot_be_written_is_told_of_and_the_run_goes_on(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from stadimeter.app.leased_output import REST_S
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.panel import LEASE_S, Status, StatusLed, status_of
 from stadimeter.config.loader import load_configuration
-from stadimeter.config.plugins import ACTUATORS, DriverContext, load_plugin
+from stadimeter.config.plugins import ACTUATORS, DriverContext, load_driver
 from stadimeter.core.decision import Decision, RuleStatus, RuleTrace, SafetyMode
 from stadimeter.core.observation import Observation, OutputFault
 from stadimeter.core.track import Track, TrackStatus
@@ -105,8 +105,8 @@ class Light:
         self.clock = ManualClock(start_s=20.0)
         context = DriverContext(name="status_led", clock=self.clock)
         self.pins = WatchedPins(context)
-        plugin = load_plugin(ACTUATORS, "led")
-        self.led = StatusLed(plugin.build(plugin.options(pin=PIN), context), "status_led", self.clock)
+        model = load_driver(ACTUATORS, "led")
+        self.led = StatusLed(model(pin=PIN).build(context), "status_led", self.clock)
         self.led.open()
         Guard([self.led], self.clock).start()
 

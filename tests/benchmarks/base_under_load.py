@@ -32,7 +32,7 @@ import numpy as np
 
 from stadimeter.app.clock import MonotonicClock
 from stadimeter.bases.ros_arduino_base import LOST_AFTER_S
-from stadimeter.config.plugins import Options, Plugin
+from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.errors import DeviceClosedError
@@ -121,8 +121,20 @@ class SteadyDetector:
         )
 
 
-CAMERA = Plugin(Options, lambda _options, _context: SteadyCamera())
-DETECTOR = Plugin(Options, lambda _options, _context: SteadyDetector())
+class SteadyCameraOptions(DriverOptions):
+    """No options."""
+
+    def build(self, context: DriverContext) -> SteadyCamera:
+        """Return the camera."""
+        return SteadyCamera()
+
+
+class SteadyDetectorOptions(DriverOptions):
+    """No options."""
+
+    def build(self, context: DriverContext) -> SteadyDetector:
+        """Return the detector."""
+        return SteadyDetector()
 
 
 @dataclass

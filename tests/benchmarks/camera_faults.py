@@ -19,8 +19,7 @@ import numpy as np
 from stadimeter.app.clock import MonotonicClock
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.loop import Limits
-from stadimeter.cameras.picamera2_camera import Picamera2Camera
-from stadimeter.cameras.picamera2_settings import Picamera2Options
+from stadimeter.cameras.picamera2_camera import Picamera2Camera, Picamera2Options
 from support.live_rig import Rig
 from support.picamera2_double import Sensor
 

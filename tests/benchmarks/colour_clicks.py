@@ -26,7 +26,7 @@ import numpy as np
 from part import table
 
 from stadimeter.app.clock import SteppedClock
-from stadimeter.config.plugins import DETECTORS, DriverContext, load_plugin
+from stadimeter.config.plugins import DETECTORS, DriverContext, load_driver
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.errors import ConfigError
@@ -117,9 +117,9 @@ def filmed() -> Iterator[Ball]:
 
 def detected(frame: Frame, colour_range: str) -> Detection:
     """Look for a ball of any size with a range, as a run does before it knows the lens."""
-    plugin = load_plugin(DETECTORS, "ball")
-    options = plugin.options.model_validate({"diameter": "1 m", "hsv": colour_range})
-    found: Detection = plugin.build(options, DriverContext(name="ball", clock=SteppedClock())).detect(frame)
+    model = load_driver(DETECTORS, "ball")
+    options = model.model_validate({"diameter": "1 m", "hsv": colour_range})
+    found: Detection = options.build(DriverContext(name="ball", clock=SteppedClock())).detect(frame)
     return found
 
 

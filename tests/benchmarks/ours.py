@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from stadimeter.cameras.picture_header import subsampling_of
-from stadimeter.config.plugins import DETECTORS, DriverContext, driver_names, load_plugin
+from stadimeter.config.plugins import DETECTORS, DriverContext, driver_names, load_driver
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Prediction
 from stadimeter.core.frame import Frame, Image
@@ -46,9 +46,9 @@ def exists(target: str) -> bool:
 @cache
 def detector(target: str, camera: CameraModel | None, **changes: Any) -> ThroughLens:
     """Return the detector for a target, with the options that the benchmarks use."""
-    plugin = load_plugin(DETECTORS, DRIVERS.get(target, target))
-    options = plugin.options.model_validate(OPTIONS.get(target, {}) | changes)
-    made: Detector = plugin.build(options, DriverContext(name=target, clock=ManualClock(), camera_model=camera))
+    model = load_driver(DETECTORS, DRIVERS.get(target, target))
+    options = model.model_validate(OPTIONS.get(target, {}) | changes)
+    made: Detector = options.build(DriverContext(name=target, clock=ManualClock(), camera_model=camera))
     return ThroughLens(made, camera)
 
 

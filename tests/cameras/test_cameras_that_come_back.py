@@ -15,10 +15,8 @@ import pytest
 from stadimeter.app.capture import CaptureThread
 from stadimeter.app.freeze import FreezeDetector
 from stadimeter.cameras.live_camera import LiveCamera
-from stadimeter.cameras.opencv_device import OpenCvCamera
-from stadimeter.cameras.opencv_settings import OpenCvOptions
-from stadimeter.cameras.picamera2_camera import Picamera2Camera
-from stadimeter.cameras.picamera2_settings import Picamera2Options
+from stadimeter.cameras.opencv_device import OpenCvCamera, OpenCvOptions
+from stadimeter.cameras.picamera2_camera import Picamera2Camera, Picamera2Options
 from stadimeter.core.frame import Frame
 from stadimeter.testing.manual_clock import ManualClock
 from support.picamera2_double import Sensor

@@ -10,9 +10,9 @@ import pytest
 from pydantic import ValidationError
 
 from stadimeter.cameras import image_files
-from stadimeter.cameras.image_files import PLUGIN, ImageFilesCamera, ImageFilesOptions
+from stadimeter.cameras.image_files import ImageFilesCamera, ImageFilesOptions
 from stadimeter.cameras.picture import Picture, load_picture
-from stadimeter.config.plugins import CAMERAS, DriverContext, load_plugin
+from stadimeter.config.plugins import CAMERAS, DriverContext, load_driver
 from stadimeter.core.frame import Frame
 from stadimeter.errors import EndOfFramesError, PictureError
 from stadimeter.testing.manual_clock import ManualClock
@@ -114,9 +114,9 @@ def test_what_is_not_there_is_noticed_when_opening(tmp_path: Path, path: str, ca
 def test_the_driver_is_built_from_its_options(tmp_path: Path) -> None:
     write_grey(tmp_path / "a.png", 1)
     write_grey(tmp_path / "b.png", 2)
-    assert load_plugin(CAMERAS, "images") is PLUGIN
+    assert load_driver(CAMERAS, "images") is ImageFilesOptions
     options = ImageFilesOptions.model_validate({"paths": str(tmp_path), "rate": "2 Hz"})
-    camera = PLUGIN.build(options, DriverContext(name="camera", clock=ManualClock()))
+    camera = options.build(DriverContext(name="camera", clock=ManualClock()))
     assert [frame.captured_at_s for frame in all_frames(camera)] == [0.0, 0.5]
 
 
@@ -134,8 +134,8 @@ def test_options_that_make_no_sense_are_refused(table: dict[str, object]) -> Non
 
 def looping(*paths: Path, **options: object) -> ImageFilesCamera:
     given = {"paths": [str(path) for path in paths], "loop": True, **options}
-    camera: ImageFilesCamera = PLUGIN.build(
-        ImageFilesOptions.model_validate(given), DriverContext(name="camera", clock=ManualClock())
+    camera: ImageFilesCamera = ImageFilesOptions.model_validate(given).build(
+        DriverContext(name="camera", clock=ManualClock())
     )
     camera.open()
     return camera
@@ -198,10 +198,10 @@ def test_pictures_are_looked_at_again_only_when_they_have_changed(
 
     monkeypatch.setattr(image_files, "load_picture", look)
     options = ImageFilesOptions(paths=(tmp_path,))
-    assert [PLUGIN.lacks(options), PLUGIN.lacks(options)] == [(), ()]
+    assert [options.lacks(), options.lacks()] == [(), ()]
     assert looked == ["a.png", "b.png"]
     cv2.imwrite(str(paths[1]), np.full((16, 12, 3), 50, np.uint8))
     os.utime(paths[1], ns=(0, 0))  # whatever the file system's clock counts in
-    (words,) = PLUGIN.lacks(options)
+    (words,) = options.lacks()
     assert "b.png" in words
     assert looked == ["a.png", "b.png", "b.png"]

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 from stadimeter.app.clock import MonotonicClock
-from stadimeter.cameras.opencv_device import OpenCvCamera
-from stadimeter.cameras.opencv_settings import OpenCvOptions
+from stadimeter.cameras.opencv_device import OpenCvCamera, OpenCvOptions
 
 pytestmark = [
     pytest.mark.long,

@@ -16,9 +16,8 @@ import pytest
 from stadimeter.app.clock import MonotonicClock
 from stadimeter.cameras.attached_devices import in_use
 from stadimeter.cameras.capture_time import GOOD_STAMPS_NEEDED
-from stadimeter.cameras.opencv_device import PLUGIN, OpenCvCamera
-from stadimeter.cameras.opencv_settings import OpenCvOptions
-from stadimeter.config.plugins import CAMERAS, DriverContext, load_plugin
+from stadimeter.cameras.opencv_device import OpenCvCamera, OpenCvOptions
+from stadimeter.config.plugins import CAMERAS, DriverContext, load_driver
 from stadimeter.errors import CaptureTimeoutError, DeviceClosedError, DeviceHungError, DeviceOpenError, LinkLostError
 from stadimeter.testing.manual_clock import ManualClock
 
@@ -406,8 +405,8 @@ def test_a_read_that_does_not_end_lets_close_return_and_releases_the_device_itse
 
 
 def test_the_driver_is_built_from_its_options_without_touching_the_device() -> None:
-    assert load_plugin(CAMERAS, "opencv") is PLUGIN
-    camera = PLUGIN.build(OpenCvOptions(device="/dev/nowhere"), DriverContext(name="camera", clock=ManualClock()))
+    assert load_driver(CAMERAS, "opencv") is OpenCvOptions
+    camera = OpenCvOptions(device="/dev/nowhere").build(DriverContext(name="camera", clock=ManualClock()))
     assert camera.is_live
     with pytest.raises(DeviceOpenError, match="there is no camera /dev/nowhere"):
         camera.open()

@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from stadimeter.cameras.opencv_device import OpenCvCamera
+from stadimeter.cameras.opencv_device import OpenCvCamera, OpenCvOptions
 from stadimeter.cameras.opencv_settings import (
     FFMPEG_OPTIONS,
-    OpenCvOptions,
     apply_settings,
-    not_for_motion,
     size_differs,
 )
 from stadimeter.testing.manual_clock import ManualClock
@@ -132,17 +130,17 @@ def test_a_device_is_a_number_a_path_or_an_address(device_option: int | str, is_
 )
 def test_nothing_moves_on_a_stream_of_unknown_age_or_with_losses(table: dict[str, object], missing: list[str]) -> None:
     options = OpenCvOptions.model_validate(table)
-    assert list(not_for_motion(options)) == missing
+    assert list(options.refuse_motion()) == missing
     why = OpenCvCamera(options, ManualClock()).not_for_motion
-    assert why == next(iter(not_for_motion(options).values()), "")
-    assert all(key in sentence for key, sentence in not_for_motion(options).items())
+    assert why == next(iter(options.refuse_motion().values()), "")
+    assert all(key in sentence for key, sentence in options.refuse_motion().items())
 
 
 def test_rtsp_over_udp_loses_packets(monkeypatch: pytest.MonkeyPatch) -> None:
     options = OpenCvOptions.model_validate({"device": "rtsp://cam/live", "latency": "100 ms"})
     assert "rtsp_transport;tcp" in os.environ[FFMPEG_OPTIONS]
     monkeypatch.setenv(FFMPEG_OPTIONS, "rtsp_transport;udp")
-    assert list(not_for_motion(options)) == ["accept_lossy_stream"]
+    assert list(options.refuse_motion()) == ["accept_lossy_stream"]
 
 
 def test_what_is_no_camera_is_refused_without_its_password() -> None:

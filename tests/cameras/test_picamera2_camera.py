@@ -17,10 +17,9 @@ import pytest
 from stadimeter.app.capture import LiveCapture
 from stadimeter.app.clock import MonotonicClock
 from stadimeter.cameras import live_camera, picamera2_camera, picamera2_package
-from stadimeter.cameras.picamera2_camera import BUFFERS, PLUGIN, SETTLING_FRAMES, Picamera2Camera
+from stadimeter.cameras.picamera2_camera import BUFFERS, SETTLING_FRAMES, Picamera2Camera, Picamera2Options
 from stadimeter.cameras.picamera2_package import load_package
-from stadimeter.cameras.picamera2_settings import Picamera2Options
-from stadimeter.config.plugins import CAMERAS, load_plugin
+from stadimeter.config.plugins import CAMERAS, load_driver
 from stadimeter.core.frame import Optics
 from stadimeter.errors import (
     CaptureTimeoutError,
@@ -56,7 +55,7 @@ def age_of_next_s(camera: Picamera2Camera, sensor: Sensor) -> float:
 
 
 def test_the_driver_is_found_by_its_name() -> None:
-    assert load_plugin(CAMERAS, "picamera2") is PLUGIN
+    assert load_driver(CAMERAS, "picamera2") is Picamera2Options
 
 
 def test_padded_rows_become_a_picture_with_blue_first(sensor: Sensor) -> None:
@@ -108,7 +107,7 @@ def test_frames_carry_the_exposure_of_each_of_them(sensor: Sensor) -> None:
 def test_how_old_frames_are_on_arrival_follows_from_rate_and_exposure(sensor: Sensor) -> None:
     camera = camera_on(sensor, exposure="8 ms", rate="30 Hz")
     camera.open()
-    latency_s = PLUGIN.latency(Picamera2Options.model_validate({"exposure": "8 ms", "rate": "30 Hz"}))
+    latency_s = Picamera2Options.model_validate({"exposure": "8 ms", "rate": "30 Hz"}).frame_latency_s()
     assert age_of_next_s(camera, sensor) == pytest.approx(latency_s, abs=0.01)
 
 
@@ -494,7 +493,7 @@ def test_options_that_contradict_each_other_are_refused(table: dict[str, Any], w
 
 def test_an_installed_package_is_loaded_and_lacks_nothing(sensor: Sensor, monkeypatch: pytest.MonkeyPatch) -> None:
     install(sensor, monkeypatch)
-    assert PLUGIN.lacks(Picamera2Options()) == ()
+    assert Picamera2Options().lacks() == ()
     options = Picamera2Options(width_px=66, height_px=48)
     camera = Picamera2Camera(options, sensor.clock, monotonic=sensor.clock.now_s)
     camera.open()
@@ -503,7 +502,7 @@ def test_an_installed_package_is_loaded_and_lacks_nothing(sensor: Sensor, monkey
 
 def test_attached_cameras_are_those_on_ribbon_cables(sensor: Sensor, monkeypatch: pytest.MonkeyPatch) -> None:
     install(sensor, monkeypatch)
-    (found,) = PLUGIN.attached()
+    (found,) = Picamera2Options.attached()
     assert (found.name, found.path, found.options) == ("imx708", sensor.path, {"camera": sensor.path})
     assert found.choice == f"picamera2,camera={sensor.path}"
 
@@ -515,20 +514,17 @@ def test_without_the_package_nothing_is_attached_and_what_is_missing_is_told(
         monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.setattr(picamera2_package, "find_spec", lambda _name: None)
     monkeypatch.setattr(picamera2_package, "SYSTEM_PACKAGES", tmp_path)
-    assert PLUGIN.attached() == ()
-    (lack,) = PLUGIN.lacks(Picamera2Options())
+    assert Picamera2Options.attached() == ()
+    (lack,) = Picamera2Options().lacks()
     assert "not installed: `sudo apt install python3-picamera2`" in lack
     assert "--system-site-packages" in lack
     with pytest.raises(DriverUnavailableError, match="sudo apt install python3-picamera2"):
         Picamera2Camera(Picamera2Options(), clock).open()
     (tmp_path / "picamera2").mkdir()
-    assert "installed, but not seen" in PLUGIN.lacks(Picamera2Options())[0]
+    assert "installed, but not seen" in Picamera2Options().lacks()[0]
     from_pip = ModuleSpec("picamera2", None)
     monkeypatch.setattr(picamera2_package, "find_spec", lambda name: from_pip if name == "picamera2" else None)
-    assert (
-        "picamera2 is there without libcamera, which pip does not have: `sudo apt"
-        in PLUGIN.lacks(Picamera2Options())[0]
-    )
+    assert "picamera2 is there without libcamera, which pip does not have: `sudo apt" in Picamera2Options().lacks()[0]
 
 
 @pytest.mark.parametrize(

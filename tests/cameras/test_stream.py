@@ -16,8 +16,7 @@ import pytest
 
 from stadimeter.app.capture import LiveCapture
 from stadimeter.app.clock import MonotonicClock
-from stadimeter.cameras.opencv_device import OpenCvCamera
-from stadimeter.cameras.opencv_settings import OpenCvOptions
+from stadimeter.cameras.opencv_device import OpenCvCamera, OpenCvOptions
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CaptureTimeoutError, DeviceOpenError
 

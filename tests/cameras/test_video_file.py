@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from stadimeter.cameras.video_file import PLUGIN, VideoFileCamera, VideoFileOptions
-from stadimeter.config.plugins import CAMERAS, DriverContext, load_plugin
+from stadimeter.cameras.video_file import VideoFileCamera, VideoFileOptions
+from stadimeter.config.plugins import CAMERAS, DriverContext, load_driver
 from stadimeter.core.frame import Frame
 from stadimeter.errors import DeviceClosedError, EndOfFramesError, PictureError
 from stadimeter.testing.manual_clock import ManualClock
@@ -154,9 +154,9 @@ def test_a_video_that_ends_long_before_its_header_says_is_damaged(tmp_path: Path
 
 def test_the_driver_is_built_from_its_options(tmp_path: Path) -> None:
     path = write_ramp(tmp_path / "ramp.avi", frames=2)
-    assert load_plugin(CAMERAS, "video") is PLUGIN
+    assert load_driver(CAMERAS, "video") is VideoFileOptions
     options = VideoFileOptions.model_validate({"path": str(path), "rate": "5 Hz"})
-    camera = PLUGIN.build(options, DriverContext(name="camera", clock=ManualClock()))
+    camera = options.build(DriverContext(name="camera", clock=ManualClock()))
     assert [frame.captured_at_s for frame in frames_to_end(camera)] == [0.0, 0.2]
 
 
@@ -179,7 +179,7 @@ def test_the_ball_video_plays_to_its_end(real_pictures: Path) -> None:
 
 def test_a_video_that_loops_begins_again_at_its_end(tmp_path: Path) -> None:
     path = write_ramp(tmp_path / "ramp.avi", frames=3)
-    camera = PLUGIN.build(VideoFileOptions(path=path, loop=True), DriverContext(name="camera", clock=ManualClock()))
+    camera = VideoFileOptions(path=path, loop=True).build(DriverContext(name="camera", clock=ManualClock()))
     camera.open()
     frames = [camera.read() for _ in range(5)]
     assert [round(float(frame.image.mean()), -1) for frame in frames] == [0, 10, 20, 0, 10]

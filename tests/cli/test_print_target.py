@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 from stadimeter.cli.calibrate_board import board_from_options
 from stadimeter.cli.main import app
 from stadimeter.config.camera_file import save_camera_model
-from stadimeter.config.plugins import DETECTORS, load_plugin
+from stadimeter.config.plugins import DETECTORS, load_driver
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.ranging.board_calibration import BoardView
 
@@ -223,7 +223,7 @@ def test_the_largest_that_is_offered_fits(tmp_path: Path) -> None:
 def test_the_lines_to_paste_are_a_target(tmp_path: Path, arguments: tuple[str, ...]) -> None:
     _, shown = run(*arguments, "-o", tmp_path / "x.pdf")
     table = tomllib.loads(shown[shown.index("[targets") :])["targets"][arguments[0]]
-    assert load_plugin(DETECTORS, table.pop("detector")).options.model_validate(table)
+    assert load_driver(DETECTORS, table.pop("detector")).model_validate(table)
 
 
 def test_an_svg_has_its_true_size(tmp_path: Path) -> None:

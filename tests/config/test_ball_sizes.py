@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from stadimeter.config.ball_sizes import BALLS, parse_ball_diameter
-from stadimeter.config.plugins import DETECTORS, load_plugin
+from stadimeter.config.plugins import DETECTORS, load_driver
 from stadimeter.config.units import parse_length
 
 
@@ -15,7 +15,7 @@ from stadimeter.config.units import parse_length
 )
 def test_a_diameter_is_a_length_or_the_name_of_a_ball(written: str, diameter_m: float) -> None:
     assert parse_ball_diameter(written) == pytest.approx(diameter_m)
-    options = load_plugin(DETECTORS, "ball").options.model_validate({"diameter": written, "hsv": "29,86,6:64,255,255"})
+    options = load_driver(DETECTORS, "ball").model_validate({"diameter": written, "hsv": "29,86,6:64,255,255"})
     assert options.diameter == pytest.approx(diameter_m)
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from importlib.metadata import EntryPoint, entry_points
+from typing import ClassVar
 
 import pytest
 
 from stadimeter.config import plugins
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import Configuration
-from stadimeter.config.plugins import Options, Plugin
+from stadimeter.config.plugins import DriverOptions, OptionsTable
 from stadimeter.config.units import Pin, SerialPort
 from stadimeter.errors import Problem
 
@@ -306,29 +307,30 @@ def test_an_alert_is_heard_through_a_messenger(load: Load, sound: str) -> None:
     )
 
 
-class Line(Options):
+class Line(OptionsTable):
     """A table of its own inside a driver's options."""
 
     port: SerialPort
 
 
-class WinchOptions(Options):
+class WinchOptions(DriverOptions):
     """What no driver of ours has: a port in a table of its own, and a pin that may be left out."""
+
+    verb: ClassVar = "winds"
+    is_worn_by_switching: ClassVar = True
 
     line: Line
     brake: Pin | None = None
 
 
-WINCH: Plugin[WinchOptions] = Plugin(
-    WinchOptions, lambda _options, _context: None, verb="winds", is_worn_by_switching=True
-)
-MODEL: Plugin[Options] = Plugin(Options, lambda _options, _context: None, needs_world=True)
+class ModelOptions(DriverOptions):
+    needs_world: ClassVar = True
 
 
 def install_winch(monkeypatch: pytest.MonkeyPatch) -> None:
     entries = [
-        EntryPoint(name="test-winch", value=f"{__name__}:WINCH", group=plugins.ACTUATORS),
-        EntryPoint(name="test-model", value=f"{__name__}:MODEL", group=plugins.ACTUATORS),
+        EntryPoint(name="test-winch", value=f"{__name__}:WinchOptions", group=plugins.ACTUATORS),
+        EntryPoint(name="test-model", value=f"{__name__}:ModelOptions", group=plugins.ACTUATORS),
     ]
 
     def with_winch(group: str) -> list[EntryPoint]:

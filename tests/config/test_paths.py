@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from stadimeter.config.plugins import Options
+from stadimeter.config.plugins import DriverOptions
 from stadimeter.config.units import FilePath, validation_context
 
 
-class Named(Options):
+class Named(DriverOptions):
     file: FilePath
     files: tuple[FilePath, ...] = ()
 

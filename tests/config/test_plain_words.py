@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
 from stadimeter.config.findings import findings_of, known_keys, shown
-from stadimeter.config.plugins import Options
+from stadimeter.config.plugins import DriverOptions
 from stadimeter.config.units import Duration, Length, Pin
 
 
@@ -20,12 +20,12 @@ class Colour(StrEnum):
     GREEN = "green"
 
 
-class Inner(Options):
+class Inner(DriverOptions):
     size: Length
     often: int = Field(default=1, alias="count", ge=1, le=5)
 
 
-class Zoo(Options):
+class Zoo(DriverOptions):
     """One field of each kind that drivers use."""
 
     number: float = 1.0

@@ -15,7 +15,7 @@ import pytest
 
 from stadimeter.config import plugins
 from stadimeter.config.models import SECTIONS
-from stadimeter.config.plugins import Plugin
+from stadimeter.config.plugins import DriverOptions
 from stadimeter.config.schema import configuration_schema
 from stadimeter.errors import DriverUnavailableError
 
@@ -156,14 +156,14 @@ def test_editors_that_know_no_conditions_complete_from_the_alternatives(schema: 
 
 
 def test_a_driver_whose_library_is_missing_may_have_any_keys(monkeypatch: pytest.MonkeyPatch) -> None:
-    load = plugins.load_plugin
+    load = plugins.load_driver
 
-    def without_buzzer(group: str, name: str) -> Plugin[Any]:
+    def without_buzzer(group: str, name: str) -> type[DriverOptions]:
         if name == "buzzer":
             raise DriverUnavailableError("no library")
         return load(group, name)
 
-    monkeypatch.setattr(plugins, "load_plugin", without_buzzer)
+    monkeypatch.setattr(plugins, "load_driver", without_buzzer)
     schema = configuration_schema()
     assert complaints(schema, tomllib.loads(f'{HEAD}[actuators.b]\ndriver = "buzzer"\nwhatever = 1\n')) == []
     assert complaints(schema, tomllib.loads(f'{HEAD}[actuators.b]\ndriver = "led"\nwhatever = 1\n'))

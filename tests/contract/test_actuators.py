@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from stadimeter.config.plugins import ACTUATORS, DriverContext, load_plugin
+from stadimeter.config.plugins import ACTUATORS, DriverContext, load_driver
 from stadimeter.errors import DeviceOpenError
 from stadimeter.simulation.actuator import SimulatedActuator
 from stadimeter.testing.actuator_contract import ABSENT, FAILS, ActuatorContract, ActuatorRig
@@ -21,10 +21,10 @@ PIN = 18
 def gpiozero_rig(driver: str, options: dict[str, object]) -> ActuatorRig:
     context = DriverContext(name="it", clock=ManualClock())
     pins = WatchedPins(context)
-    plugin = load_plugin(ACTUATORS, driver)
-    checked = plugin.options.model_validate({"pin": PIN, **options})
+    model = load_driver(ACTUATORS, driver)
+    checked = model.model_validate({"pin": PIN, **options})
     return ActuatorRig(
-        device=plugin.build(checked, context),
+        device=checked.build(context),
         clock=context.clock,
         output=lambda: pins.state(PIN) if checked.active_high else 1.0 - pins.state(PIN),
         is_held=pins.is_held,
@@ -60,10 +60,8 @@ class TestGpiozeroActuators(ActuatorContract):
 
 def simulated_rig(options: dict[str, object]) -> ActuatorRig:
     clock = ManualClock()
-    plugin = load_plugin(ACTUATORS, "simulated")
-    actuator: SimulatedActuator = plugin.build(
-        plugin.options.model_validate(options), DriverContext(name="it", clock=clock)
-    )
+    model = load_driver(ACTUATORS, "simulated")
+    actuator: SimulatedActuator = model.model_validate(options).build(DriverContext(name="it", clock=clock))
     never = impossible("the simulated actuator has no fault knob")
     return ActuatorRig(
         device=actuator,

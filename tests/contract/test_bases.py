@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from stadimeter.bases.protocol import MobileBase
-from stadimeter.config.plugins import BASES, DriverContext, load_plugin
+from stadimeter.config.plugins import BASES, DriverContext, load_driver
 from stadimeter.errors import DeviceClosedError, LinkLostError
 from stadimeter.simulation.ros_arduino_firmware import emulated_ros_arduino
 from stadimeter.simulation.world import World, WorldOptions
@@ -39,8 +39,8 @@ class TestRosArduinoBase(BaseContract):
 
     @pytest.fixture
     def make_rig(self, context: DriverContext) -> Callable[[], BaseRig]:
-        plugin = load_plugin(BASES, "ros-arduino-bridge")
-        options = plugin.options(
+        model = load_driver(BASES, "ros-arduino-bridge")
+        options = model(
             port="emulated-ros-arduino-bridge",
             wheel_diameter="65 mm",
             ticks_per_turn=1440,
@@ -50,7 +50,7 @@ class TestRosArduinoBase(BaseContract):
         board = emulated_ros_arduino(context)
         path = board.port.path
         return lambda: BaseRig(
-            device=plugin.build(options, context),
+            device=options.build(context),
             clock=context.clock,
             is_held=lambda: is_locked(path),
             motion=lambda: true_motion(context),
@@ -67,10 +67,10 @@ class TestSimulatedBase(BaseContract):
 
     @pytest.fixture
     def make_rig(self, context: DriverContext) -> Callable[[], BaseRig]:
-        plugin = load_plugin(BASES, "simulated")
+        model = load_driver(BASES, "simulated")
 
         def make() -> BaseRig:
-            base = plugin.build(plugin.options(), context)
+            base = model().build(context)
             return BaseRig(
                 device=base,
                 clock=context.clock,

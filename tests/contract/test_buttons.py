@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from stadimeter.config.plugins import BUTTONS, DriverContext, load_plugin
+from stadimeter.config.plugins import BUTTONS, DriverContext, load_driver
 from stadimeter.simulation.button import SimulatedButton
 from stadimeter.testing.button_contract import ABSENT, FAILS, ButtonContract, ButtonRig
 from stadimeter.testing.manual_clock import ManualClock
@@ -19,9 +19,9 @@ PIN = 27
 def gpiozero_rig() -> ButtonRig:
     context = DriverContext(name="front", clock=ManualClock())
     pins = WatchedPins(context)
-    plugin = load_plugin(BUTTONS, "gpio")
+    model = load_driver(BUTTONS, "gpio")
     return ButtonRig(
-        device=plugin.build(plugin.options(pin=PIN), context),
+        device=model(pin=PIN).build(context),
         press=lambda is_down: pins.ground(PIN, begins=is_down),
         is_held=pins.is_held,
         faults={
@@ -42,8 +42,8 @@ class TestGpiozeroButton(ButtonContract):
 
 
 def simulated_rig() -> ButtonRig:
-    plugin = load_plugin(BUTTONS, "simulated")
-    button: SimulatedButton = plugin.build(plugin.options(), DriverContext(name="front", clock=ManualClock()))
+    model = load_driver(BUTTONS, "simulated")
+    button: SimulatedButton = model().build(DriverContext(name="front", clock=ManualClock()))
     never = impossible("the simulated button has no fault knob")
 
     def press(is_down: bool) -> None:
@@ -60,9 +60,9 @@ class TestSimulatedButton(ButtonContract):
 
 def test_a_simulated_button_is_pressed_when_its_table_says() -> None:
     clock = ManualClock(start_s=100.0)
-    plugin = load_plugin(BUTTONS, "simulated")
-    options = plugin.options.model_validate({"presses": [{"at": "1 s", "for": "500 ms"}, {"at": "3 s"}]})
-    button = plugin.build(options, DriverContext(name="front", clock=clock))
+    model = load_driver(BUTTONS, "simulated")
+    options = model.model_validate({"presses": [{"at": "1 s", "for": "500 ms"}, {"at": "3 s"}]})
+    button = options.build(DriverContext(name="front", clock=clock))
     button.open()
     seen = []
     for _ in range(16):

@@ -11,10 +11,8 @@ import pytest
 
 from stadimeter.app.clock import MonotonicClock
 from stadimeter.cameras.image_files import ImageFilesCamera
-from stadimeter.cameras.opencv_device import OpenCvCamera
-from stadimeter.cameras.opencv_settings import OpenCvOptions
-from stadimeter.cameras.picamera2_camera import Picamera2Camera
-from stadimeter.cameras.picamera2_settings import Picamera2Options
+from stadimeter.cameras.opencv_device import OpenCvCamera, OpenCvOptions
+from stadimeter.cameras.picamera2_camera import Picamera2Camera, Picamera2Options
 from stadimeter.cameras.video_file import VideoFileCamera
 from stadimeter.testing.camera_contract import FRAMES, CameraContract, CameraRig
 from stadimeter.testing.manual_clock import ManualClock

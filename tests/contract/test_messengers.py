@@ -8,10 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.config.plugins import MESSENGERS, WORLDS, DriverContext, load_plugin
+from stadimeter.config.plugins import MESSENGERS, WORLDS, DriverContext, load_driver
 from stadimeter.messaging.back_off import Patience
-from stadimeter.messaging.mqtt import PahoMessenger
-from stadimeter.messaging.mqtt_client import MqttOptions
+from stadimeter.messaging.mqtt import MqttOptions, PahoMessenger
 from stadimeter.testing.manual_clock import ManualClock
 from stadimeter.testing.messenger_contract import GONE, SILENT, MessengerContract, MessengerRig
 from stadimeter.testing.rig import impossible
@@ -70,10 +69,10 @@ class TestPahoMessengerWithABrokerOfMqtt311(MessengerContract):
 
 def simulated_rig() -> MessengerRig:
     context = DriverContext(name="it", clock=ManualClock())
-    world_plugin = load_plugin(WORLDS, "simulated")
-    world = world_plugin.build(world_plugin.options(), context)
-    plugin = load_plugin(MESSENGERS, "simulated")
-    messenger = plugin.build(plugin.options(), context)
+    world_model = load_driver(WORLDS, "simulated")
+    world = world_model().build(context)
+    model = load_driver(MESSENGERS, "simulated")
+    messenger = model().build(context)
     return MessengerRig(
         device=messenger,
         delivered=lambda: [(sent.message.topic, sent.message.payload) for sent in messenger.sent],

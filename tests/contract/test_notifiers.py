@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from stadimeter.config.plugins import NOTIFIERS, DriverContext, load_plugin
+from stadimeter.config.plugins import NOTIFIERS, DriverContext, load_driver
 from stadimeter.messaging.apprise_notifier import AppriseNotifier, AppriseOptions
 from stadimeter.messaging.back_off import Patience
 from stadimeter.testing.manual_clock import ManualClock
@@ -35,8 +35,8 @@ class TestAppriseNotifier(NotifierContract):
 
 
 def simulated_rig() -> NotifierRig:
-    plugin = load_plugin(NOTIFIERS, "simulated")
-    notifier = plugin.build(plugin.options(), DriverContext(name="it", clock=ManualClock()))
+    model = load_driver(NOTIFIERS, "simulated")
+    notifier = model().build(DriverContext(name="it", clock=ManualClock()))
     return NotifierRig(
         device=notifier,
         delivered=lambda: [(sent.notification.title, sent.notification.body) for sent in notifier.sent],

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from stadimeter.app.clock import MonotonicClock
-from stadimeter.config.plugins import CAMERAS, WORLDS, DriverContext, load_plugin
+from stadimeter.config.plugins import CAMERAS, WORLDS, DriverContext, load_driver
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.clock import Clock
 from stadimeter.testing.camera_contract import CameraContract, CameraRig
@@ -18,8 +18,8 @@ LENS = CameraModel.with_focal_length(150.0, 160, 120)
 
 def in_a_world(clock: Clock) -> DriverContext:
     context = DriverContext(name="it", clock=clock, camera_model=LENS)
-    plugin = load_plugin(WORLDS, "simulated")
-    plugin.build(plugin.options(), context)
+    model = load_driver(WORLDS, "simulated")
+    model().build(context)
     return context
 
 
@@ -32,8 +32,8 @@ class TestSimulatedCamera(CameraContract):
     @pytest.fixture(params=[True, False], ids=["drawn", "black"])
     def make_rig(self, clock: Clock, request: pytest.FixtureRequest) -> Callable[[], CameraRig]:
         def rig() -> CameraRig:
-            plugin = load_plugin(CAMERAS, "simulated")
-            options = plugin.options.model_validate({"rate": "1 kHz", "render": request.param})
-            return CameraRig(camera=plugin.build(options, in_a_world(clock)), clock=clock)
+            model = load_driver(CAMERAS, "simulated")
+            options = model.model_validate({"rate": "1 kHz", "render": request.param})
+            return CameraRig(camera=options.build(in_a_world(clock)), clock=clock)
 
         return rig

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus, Prediction
 from stadimeter.core.frame import Frame
-from stadimeter.detectors.ball import PLUGIN, BallDetector, BallOptions
+from stadimeter.detectors.ball import BallDetector, BallOptions
 from stadimeter.ranging.ball import BallShape
 from stadimeter.ranging.measure import measure
 
@@ -260,8 +260,8 @@ def test_wrong_options_are_refused(wrong) -> None:
 
 
 def test_the_plugin_names_the_target_after_its_table(driver_context) -> None:
-    options = PLUGIN.options.model_validate({"diameter": "6.4 cm", "hsv": GREEN_HSV})
-    detector = PLUGIN.build(options, driver_context("tennis"))
+    options = BallOptions.model_validate({"diameter": "6.4 cm", "hsv": GREEN_HSV})
+    detector = options.build(driver_context("tennis"))
     assert detector.detect(Frame(np.zeros((20, 20, 3), np.uint8), 0.0, 0)).target == "tennis"
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame
-from stadimeter.detectors.ball import PLUGIN
+from stadimeter.detectors.ball import BallOptions
 from stadimeter.detectors.ball.colour_ranges import joined, ranges_at, smoothed, widened
 from stadimeter.detectors.hsv import HsvRange
 from stadimeter.detectors.protocol import ColourSample
@@ -48,7 +48,7 @@ def test_most_balls_as_they_are_met_are_found_with_the_range_that_is_proposed(
         made = render(ball.scene)
         (x_px, y_px), radius_px = made.truth.outline_px.mean(axis=0).tolist(), ball.radius_px
         places = ((x_px + 0.3 * radius_px, y_px - 0.2 * radius_px),) if is_pointed_at else ()
-        proposal = PLUGIN.propose_colour([ColourSample(Frame(made.image, 0.0, seed), places)])
+        proposal = BallOptions.propose_colour([ColourSample(Frame(made.image, 0.0, seed), places)])
         seen = proposal and proposal.views[0].detection
         found += bool(
             seen
@@ -65,7 +65,7 @@ def test_a_place_on_a_white_stripe_does_not_make_every_hue_the_ball_s() -> None:
     cv2.rectangle(image, (300, 190), (312, 290), (235, 235, 235), cv2.FILLED)
     image = np.clip(image + np.random.default_rng(0).normal(0, 2, image.shape), 0, 255).astype(np.uint8)
     on_ball, on_stripe = (345.0, 240.0), (306.0, 240.0)
-    proposal = PLUGIN.propose_colour([ColourSample(Frame(image, 0.0, 0), (on_ball, on_stripe, (340.0, 220.0)))])
+    proposal = BallOptions.propose_colour([ColourSample(Frame(image, 0.0, 0), (on_ball, on_stripe, (340.0, 220.0)))])
     assert proposal is not None
     low, _ = proposal.colour.split(":")
     assert low.split(",")[0] != "0"
@@ -105,4 +105,4 @@ def test_a_widened_range_covers_what_it_covered(colour: HsvRange, hue: int) -> N
 def test_a_place_anywhere_gives_ranges_that_can_be_written(x: float, y: float, seed: int) -> None:
     image = np.random.default_rng(seed).integers(0, 256, (48, 64, 3), dtype=np.uint8)
     for colour in ranges_at(smoothed(image), (x, y)):
-        assert PLUGIN.options.model_validate({"diameter": "1 m", "hsv": str(colour)})
+        assert BallOptions.model_validate({"diameter": "1 m", "hsv": str(colour)})

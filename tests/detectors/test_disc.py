@@ -14,11 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from stadimeter.config.plugins import DETECTORS, load_plugin
+from stadimeter.config.plugins import DETECTORS, load_driver
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction
 from stadimeter.core.frame import Frame, Image
-from stadimeter.detectors.disc import PLUGIN, DiscDetector, DiscOptions
+from stadimeter.detectors.disc import DiscDetector, DiscOptions
 from stadimeter.detectors.disc.ellipse import Ellipse, ellipse_through
 from stadimeter.ranging.flat import DiscShape
 from support.scenes.draw import CAMERA, disc_scene, empty_scene
@@ -438,4 +438,4 @@ def test_the_picture_is_not_changed_and_the_same_picture_gives_the_same_answer()
 
 
 def test_the_detector_is_an_entry_point() -> None:
-    assert load_plugin(DETECTORS, "disc") is PLUGIN
+    assert load_driver(DETECTORS, "disc") is DiscOptions

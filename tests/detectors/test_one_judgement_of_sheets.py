@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from stadimeter.app.detectors import build_detectors
 from stadimeter.config.camera_file import camera_file_text, load_camera_model
-from stadimeter.config.plugins import DETECTORS, DriverChoice, load_plugin
+from stadimeter.config.plugins import DETECTORS, DriverChoice, load_driver
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame, Image
@@ -36,8 +36,8 @@ FOUND = DetectionStatus.FOUND
 
 
 def sheet(**options: str) -> DriverChoice:
-    plugin = load_plugin(DETECTORS, "sheet")
-    return DriverChoice(name="sheet", driver="sheet", plugin=plugin, options=plugin.options.model_validate(options))
+    model = load_driver(DETECTORS, "sheet")
+    return DriverChoice(name="sheet", driver="sheet", options=model.model_validate(options))
 
 
 def seen(choice: DriverChoice, image: Image, lens: CameraModel | None = None) -> Detection:

@@ -17,7 +17,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus, Prediction
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.sampling import light_table
-from stadimeter.detectors.sheet import PLUGIN, SheetDetector, SheetOptions
+from stadimeter.detectors.sheet import SheetDetector, SheetOptions
 from stadimeter.ranging.calibration import BIAS_STEP_PX, KnownDistance, calibrate
 from stadimeter.ranging.flat import SheetShape
 from support.scenes.backdrop import PlainBackdrop
@@ -200,8 +200,8 @@ def test_wrong_options_are_refused(wrong) -> None:
 
 
 def test_the_plugin_names_the_target_after_its_table(driver_context) -> None:
-    options = PLUGIN.options.model_validate({"width": "11 in", "height": "8.5 in"})
-    detector = PLUGIN.build(options, driver_context("letter"))
+    options = SheetOptions.model_validate({"width": "11 in", "height": "8.5 in"})
+    detector = options.build(driver_context("letter"))
     assert detector.detect(Frame(np.zeros((20, 20, 3), np.uint8), 0.0, 0)).target == "letter"
 
 

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from stadimeter.config.plugins import DETECTORS, load_plugin
+from stadimeter.config.plugins import DETECTORS, load_driver
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.sampling import light_table
-from stadimeter.detectors.tag import PLUGIN, TagDetector, TagOptions
+from stadimeter.detectors.tag import TagDetector, TagOptions
 from stadimeter.detectors.tag.codes import DICTIONARIES, tag_family
 from stadimeter.detectors.tag.sides import measure_sides
 from stadimeter.errors import DriverUnavailableError
@@ -280,8 +280,8 @@ def test_the_target_size_is_the_side() -> None:
 
 
 def test_the_driver_is_found_by_its_name(driver_context) -> None:
-    assert load_plugin(DETECTORS, "tag") is PLUGIN
-    assert isinstance(PLUGIN.build(PLUGIN.options.model_validate({"side": "8 cm"}), driver_context("tag")), TagDetector)
+    assert load_driver(DETECTORS, "tag") is TagOptions
+    assert isinstance(TagOptions.model_validate({"side": "8 cm"}).build(driver_context("tag")), TagDetector)
 
 
 @pytest.mark.parametrize(
@@ -317,7 +317,7 @@ def test_wrong_options_are_refused_with_a_reason(options: dict[str, object], sai
 def test_the_library_for_small_tags_reads_what_is_too_small_for_the_rest(driver_context) -> None:
     pytest.importorskip("pyapriltags")
     options = TagOptions.model_validate({"side": "10 cm", "finder": "pyapriltags", "min_side_px": 12})
-    small = PLUGIN.build(options, driver_context("tag"))._searches["srgb"].small_tags
+    small = options.build(driver_context("tag"))._searches["srgb"].small_tags
     made = render(tag_scene(8, 24, 0.0))
     (tag,) = small.find(cv2.cvtColor(made.image, cv2.COLOR_BGR2GRAY))
     assert tag.number == 8
@@ -332,9 +332,9 @@ def test_the_library_for_small_tags_is_missed_only_where_it_is_asked_for(monkeyp
     monkeypatch.setitem(sys.modules, "pyapriltags", None)
     monkeypatch.delitem(sys.modules, "stadimeter.detectors.tag.search", raising=False)
     options = {"side": "8 cm"}
-    PLUGIN.build(TagOptions.model_validate(options), driver_context("tag"))
+    TagOptions.model_validate(options).build(driver_context("tag"))
     with pytest.raises(DriverUnavailableError, match=r"target door: finder = 'pyapriltags' .*stadimeter\[tags\]"):
-        PLUGIN.build(TagOptions.model_validate({**options, "finder": "pyapriltags"}), driver_context("door"))
+        TagOptions.model_validate({**options, "finder": "pyapriltags"}).build(driver_context("door"))
 
 
 def test_other_tags_and_outlines_without_a_tag_are_told_with_the_test_that_they_failed() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from stadimeter.config.plugins import MESSENGERS, DriverContext, load_plugin
+from stadimeter.config.plugins import MESSENGERS, DriverContext, load_driver
 from stadimeter.messaging.back_off import Patience
 from stadimeter.messaging.mqtt import PahoMessenger
 from stadimeter.testing.manual_clock import ManualClock
@@ -74,9 +74,9 @@ def make_messenger(closing: ExitStack) -> MakeMessenger:
     def make(
         port: int, node: str = "it", answer_s: float = ANSWER_S, goodbye_s: float = 1.0, **options: Any
     ) -> PahoMessenger:
-        plugin = load_plugin(MESSENGERS, "mqtt")
-        checked = plugin.options.model_validate({"port": port, "node": node, **options})
-        assert isinstance(plugin.build(checked, DriverContext(name="it", clock=ManualClock())), PahoMessenger)
+        model = load_driver(MESSENGERS, "mqtt")
+        checked = model.model_validate({"port": port, "node": node, **options})
+        assert isinstance(checked.build(DriverContext(name="it", clock=ManualClock())), PahoMessenger)
         patience = Patience(answer_s=answer_s, first_pause_s=0.05, longest_pause_s=0.2, goodbye_s=goodbye_s)
         messenger = PahoMessenger(checked, patience)
         closing.callback(messenger.close)

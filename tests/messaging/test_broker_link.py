@@ -13,8 +13,7 @@ import pytest
 
 from stadimeter.core.message import Message
 from stadimeter.messaging.back_off import Patience
-from stadimeter.messaging.mqtt import PahoMessenger
-from stadimeter.messaging.mqtt_client import MqttOptions
+from stadimeter.messaging.mqtt import MqttOptions, PahoMessenger
 from stadimeter.testing.eventually import eventually
 from support.broker import HOST
 

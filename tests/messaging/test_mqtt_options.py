@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from stadimeter.messaging.mqtt_client import MqttOptions, default_node
+from stadimeter.messaging.mqtt import MqttOptions
+from stadimeter.messaging.mqtt_client import default_node
 
 
 def options(**table: object) -> MqttOptions:

@@ -6,7 +6,7 @@ import ssl
 import pytest
 
 from stadimeter.messaging import link_events as words
-from stadimeter.messaging.mqtt_client import MqttOptions
+from stadimeter.messaging.mqtt import MqttOptions
 
 OPTIONS = MqttOptions(host="broker.local", node="garage")
 

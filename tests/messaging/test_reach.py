@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from stadimeter.messaging import mqtt
-from stadimeter.messaging.mqtt import PahoMessenger, reach
-from stadimeter.messaging.mqtt_client import MqttOptions
+from stadimeter.messaging.mqtt import MqttOptions, PahoMessenger
 from stadimeter.testing.eventually import eventually
 from support.broker import HOST, LoopbackBroker, free_port, mosquitto_program
 from support.mqtt_listener import MqttListener
@@ -34,7 +33,7 @@ def test_a_running_instance_keeps_its_connection_and_no_one_hears_of_the_questio
     messenger.open()
     eventually(lambda: not messenger.trouble())
     listener.wait_for("stadimeter/it/availability", "online")
-    assert reach(options(broker.port)) == ""
+    assert options(broker.port).reach() == ""
     assert messenger.trouble() == ""
     messenger.close()
     listener.wait_for_payloads("stadimeter/it/availability", ["online", "offline"])
@@ -49,7 +48,7 @@ def test_the_login_of_the_configuration_is_tried(
 ) -> None:
     broker = start_broker(username="pi", password="open sesame")
     (tmp_path / "password").write_text(password)
-    trouble = reach(options(broker.port, username="pi", password_file=str(tmp_path / "password")))
+    trouble = options(broker.port, username="pi", password_file=str(tmp_path / "password")).reach()
     assert words in trouble
     assert bool(trouble) == bool(words)
     assert "sesame" not in trouble
@@ -57,8 +56,8 @@ def test_the_login_of_the_configuration_is_tried(
 
 def test_each_way_not_to_answer_has_its_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mqtt, "ASKED_S", 0.2)
-    assert "is a broker running there?" in reach(options(free_port()))
+    assert "is a broker running there?" in options(free_port()).reach()
     missing = options(free_port(), username="pi", password_file=str(tmp_path / "none"))
-    assert "cannot be read" in reach(missing)
+    assert "cannot be read" in missing.reach()
     with socket.create_server((HOST, 0)) as silent:
-        assert reach(options(silent.getsockname()[1])).endswith("does not answer")
+        assert options(silent.getsockname()[1]).reach().endswith("does not answer")

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.core.message import Message, clearing
-from stadimeter.messaging.mqtt import PahoMessenger
-from stadimeter.messaging.mqtt_client import PACKET_MAX, MqttOptions
+from stadimeter.messaging.mqtt import MqttOptions, PahoMessenger
+from stadimeter.messaging.mqtt_client import PACKET_MAX
 from stadimeter.messaging.retained import RetainedList
 from stadimeter.testing.eventually import eventually
 from support.broker import LoopbackBroker, MosquittoBroker

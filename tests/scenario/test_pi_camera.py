@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from stadimeter.app.clock import MonotonicClock
 from stadimeter.cli.main import app
 from stadimeter.config.camera_file import load_camera_model, save_camera_model
-from stadimeter.config.plugins import CAMERAS, DETECTORS, DriverChoice, load_plugin
+from stadimeter.config.plugins import CAMERAS, DETECTORS, DriverChoice, load_driver
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
 from stadimeter.workbench.calibration.live_distance import LiveDistance
@@ -52,8 +52,8 @@ def ball_at(near_side_m: float) -> Image:
 
 
 def choice(group: str, driver: str, table: dict[str, object]) -> DriverChoice:
-    plugin = load_plugin(group, driver)
-    return DriverChoice(name=driver, driver=driver, plugin=plugin, options=plugin.options.model_validate(table))
+    model = load_driver(group, driver)
+    return DriverChoice(name=driver, driver=driver, options=model.model_validate(table))
 
 
 @pytest.fixture

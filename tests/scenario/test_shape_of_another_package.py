@@ -16,12 +16,13 @@ from typer.testing import CliRunner, Result
 from stadimeter.cli.main import app
 from stadimeter.config import plugins
 from stadimeter.config.camera_file import load_camera_model, save_camera_model
-from stadimeter.config.plugins import DriverContext, Exercise, Options, Plugin
+from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction
 from stadimeter.core.frame import Frame, Image
 from stadimeter.core.target import Reading
+from stadimeter.detectors.protocol import Exercise
 from stadimeter.workbench.annotation import GREEN
 from stadimeter.workbench.bench import measure as measure_this_computer
 
@@ -62,9 +63,16 @@ class Triangle:
         return Reading(position_m=(x * depth_m, y * depth_m, depth_m), noise_share=share)
 
 
-class TriangleOptions(Options):
+class TriangleOptions(DriverOptions):
     side: Length
     least_red: int = 200
+
+    def build(self, context: DriverContext) -> TriangleDetector:
+        return TriangleDetector(self, context.name)
+
+    @staticmethod
+    def exercise() -> Exercise:
+        return Exercise(options={"side": "40 cm"}, patch=drawn(2.0)[100:300, 230:410])
 
 
 class TriangleDetector:
@@ -106,19 +114,10 @@ def drawn(depth_m: float) -> Image:
     return image
 
 
-def build(options: TriangleOptions, context: DriverContext) -> TriangleDetector:
-    return TriangleDetector(options, context.name)
-
-
-PLUGIN = Plugin(
-    TriangleOptions, build, exercise=lambda: Exercise(options={"side": "40 cm"}, patch=drawn(2.0)[100:300, 230:410])
-)
-
-
 @pytest.fixture(autouse=True)
 def _installed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Install the package, as its entry point in `stadimeter.detectors` does."""
-    entry = EntryPoint(name="triangle", value=f"{__name__}:PLUGIN", group=plugins.DETECTORS)
+    entry = EntryPoint(name="triangle", value=f"{__name__}:TriangleOptions", group=plugins.DETECTORS)
 
     def with_triangle(group: str) -> tuple[EntryPoint, ...]:
         return (*entry_points(group=group), *([entry] if group == plugins.DETECTORS else []))

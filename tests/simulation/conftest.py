@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from stadimeter.config.plugins import WORLDS, DriverContext, Shared, load_plugin
+from stadimeter.config.plugins import WORLDS, DriverContext, Shared, load_driver
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.simulation.world import World
 from stadimeter.testing.manual_clock import ManualClock
@@ -26,8 +26,8 @@ class Run:
         return DriverContext(name=name, clock=self.clock, camera_model=self.lens, shared=self.shared)
 
     def build(self, group: str, driver: str = "simulated", /, name: str = "it", **options: Any) -> Any:
-        plugin = load_plugin(group, driver)
-        return plugin.build(plugin.options.model_validate(options), self.context(name))
+        model = load_driver(group, driver)
+        return model.model_validate(options).build(self.context(name))
 
     @property
     def world(self) -> World:

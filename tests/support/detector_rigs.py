@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from stadimeter.config.plugins import DETECTORS, WORLDS, DriverContext, load_plugin
+from stadimeter.config.plugins import DETECTORS, WORLDS, DriverContext, load_driver
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.protocol import Detector
@@ -70,8 +70,8 @@ def detector_rig(driver: str) -> DetectorRig:
 
 def build(driver: str, options: dict[str, Any], context: DriverContext) -> Detector:
     """Build a detector by its entry point."""
-    plugin = load_plugin(DETECTORS, driver)
-    made: Detector = plugin.build(plugin.options.model_validate(options), context)
+    model = load_driver(DETECTORS, driver)
+    made: Detector = model.model_validate(options).build(context)
     return made
 
 
@@ -126,10 +126,9 @@ def ideal_rig() -> DetectorRig:
     """Return the rig of the detector that asks the simulated world: its frames differ in when they were captured."""
     clock = ManualClock()
     context = DriverContext(name="it", clock=clock, camera_model=CAMERA)
-    world = load_plugin(WORLDS, "simulated")
     places = (("0 s", "2 m", "0.3 m"), ("1 s", "2 m", "1.05 m"), ("2 s", "2 m", "2 m"), ("3 s", "2 m", "2 m"))
     path = [{"at": at, "x": x, "y": y} for at, x, y in places]
-    truth = world.build(world.options.model_validate({"path": path, "loop": False}), context)
+    truth = load_driver(WORLDS, "simulated").model_validate({"path": path, "loop": False}).build(context)
     clock.advance_s(3.0)
     black = np.zeros((480, 640, 3), np.uint8)
     x, y, depth_m = truth.target_in_camera(0.0)

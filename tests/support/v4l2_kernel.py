@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -83,4 +83,4 @@ class Kernel:
     def answers(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """Have the driver of Video4Linux cameras ask this double instead of the kernel, until the test ends."""
         listed = partial(attached_devices, self.root, self)
-        monkeypatch.setattr(opencv_device, "PLUGIN", replace(opencv_device.PLUGIN, attached=listed))
+        monkeypatch.setattr(opencv_device, "attached_devices", listed)

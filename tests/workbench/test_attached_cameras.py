@@ -1,12 +1,11 @@
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 
 from stadimeter.cameras.protocol import AttachedCamera
-from stadimeter.config.plugins import CAMERAS, load_plugin
+from stadimeter.config.plugins import CAMERAS, DriverOptions, load_driver
 from stadimeter.errors import DriverUnavailableError
 from stadimeter.workbench import run_camera as module
 from stadimeter.workbench.run_camera import attached_cameras
@@ -16,14 +15,21 @@ def _camera(driver: str) -> AttachedCamera:
     return AttachedCamera(driver=driver, options={"serial": "42"}, path="42", name="Cam", node="42")
 
 
+class Listing(DriverOptions):
+    name: ClassVar[str]
+
+    @classmethod
+    def attached(cls) -> tuple[AttachedCamera, ...]:
+        return (_camera(cls.name),)
+
+
 def test_every_driver_that_can_list_cameras_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     found = {"opencv": "opencv", "video": "another"}
 
     def load(group: str, name: str) -> Any:
-        plugin = load_plugin(group, name)
-        return replace(plugin, attached=lambda: (_camera(found[name]),)) if name in found else plugin
+        return type("Listing", (Listing,), {"name": found[name]}) if name in found else load_driver(group, name)
 
-    monkeypatch.setattr(module, "load_plugin", load)
+    monkeypatch.setattr(module, "load_driver", load)
     assert [camera.choice for camera in attached_cameras()] == ["opencv,serial=42", "another,serial=42"]
 
 
@@ -31,12 +37,12 @@ def test_a_driver_that_lacks_a_library_has_no_cameras(monkeypatch: pytest.Monkey
     def load(group: str, name: str) -> Any:
         if name == "opencv":
             raise DriverUnavailableError("no library")
-        return load_plugin(group, name)
+        return load_driver(group, name)
 
-    monkeypatch.setattr(module, "load_plugin", load)
+    monkeypatch.setattr(module, "load_driver", load)
     assert attached_cameras() == ()
 
 
 def test_the_driver_of_video4linux_lists_its_cameras() -> None:
-    listed = load_plugin(CAMERAS, "opencv").attached()
+    listed = load_driver(CAMERAS, "opencv").attached()
     assert all(camera.choice.startswith("opencv,device=") for camera in listed)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stadimeter.config.plugins import CAMERAS, DriverChoice, load_plugin
+from stadimeter.config.plugins import CAMERAS, DriverChoice, load_driver
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame, Optics
 from stadimeter.errors import CalibrationError
@@ -164,6 +164,6 @@ def test_the_settings_of_the_camera_are_recorded_and_must_stay() -> None:
 def test_pictures_count_each_for_itself_and_a_live_camera_does_not(tmp_path) -> None:
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((48, 64, 3), np.uint8))
     for driver, table, is_live in (("images", {"paths": str(tmp_path)}, False), ("opencv", {"device": 0}, True)):
-        plugin = load_plugin(CAMERAS, driver)
-        choice = DriverChoice(name="camera", driver=driver, plugin=plugin, options=plugin.options.model_validate(table))
+        model = load_driver(CAMERAS, driver)
+        choice = DriverChoice(name="camera", driver=driver, options=model.model_validate(table))
         assert open_source(choice).is_live is is_live

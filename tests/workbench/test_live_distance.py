@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stadimeter.config.plugins import CAMERAS, DETECTORS, DriverChoice, load_plugin
+from stadimeter.config.plugins import CAMERAS, DETECTORS, DriverChoice, load_driver
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
 from stadimeter.errors import CalibrationError, DeviceOpenError
@@ -45,8 +45,8 @@ def sheet_at(distance_m: float) -> Image:
 
 
 def _target(driver: str, **table: object) -> DriverChoice:
-    plugin = load_plugin(DETECTORS, driver)
-    return DriverChoice(name=driver, driver=driver, plugin=plugin, options=plugin.options.model_validate(table))
+    model = load_driver(DETECTORS, driver)
+    return DriverChoice(name=driver, driver=driver, options=model.model_validate(table))
 
 
 BALL = _target("ball", diameter="20 cm", hsv="20,60,40:50,255,255")
@@ -58,9 +58,9 @@ def device(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> V4l2Double:
 
 
 def _session(device: V4l2Double, target: DriverChoice = BALL, **options: object) -> LiveDistance:
-    plugin = load_plugin(CAMERAS, "opencv")
+    model = load_driver(CAMERAS, "opencv")
     table = {"device": str(device.node)}
-    camera = DriverChoice(name="camera", driver="opencv", plugin=plugin, options=plugin.options.model_validate(table))
+    camera = DriverChoice(name="camera", driver="opencv", options=model.model_validate(table))
     return LiveDistance(open_camera(camera), target, date="2026-01-01", **options)
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from stadimeter.app.detectors import NamedDetector, build_detectors
 from stadimeter.config.loader import DriverChoice
-from stadimeter.config.plugins import DETECTORS, load_plugin
+from stadimeter.config.plugins import DETECTORS, load_driver
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import MeasurementStatus
 from stadimeter.errors import PictureError
@@ -21,9 +21,9 @@ CAMERA = CameraModel.with_focal_length(600.0, 640, 480)
 
 @pytest.fixture
 def targets() -> tuple[NamedDetector, ...]:
-    plugin = load_plugin(DETECTORS, "ball")
-    options = plugin.options.model_validate({"diameter": "10 cm", "hsv": "170,100,60:10,255,255"})
-    choices = [DriverChoice(name=name, driver="ball", plugin=plugin, options=options) for name in ("left", "right")]
+    model = load_driver(DETECTORS, "ball")
+    options = model.model_validate({"diameter": "10 cm", "hsv": "170,100,60:10,255,255"})
+    choices = [DriverChoice(name=name, driver="ball", options=options) for name in ("left", "right")]
     return build_detectors(choices, CAMERA)
 
 

@@ -12,7 +12,7 @@ from gpiozero.pins.mock import MockFactory
 
 from stadimeter.config.gpio_header import GROUND, HEADER, POWER_3V3, POWER_5V, header_pin
 from stadimeter.config.loader import load_configuration
-from stadimeter.config.plugins import ACTUATORS, DriverChoice, Options, Plugin, load_plugin
+from stadimeter.config.plugins import ACTUATORS, DriverChoice, DriverOptions, load_driver
 from stadimeter.config.units import Pin
 from stadimeter.core.drawing import Text
 from stadimeter.workbench.drawing import svg_of
@@ -25,8 +25,8 @@ Choose = Callable[..., DriverChoice]
 
 
 def actuator(name: str, driver: str, **table: object) -> DriverChoice:
-    plugin = load_plugin(ACTUATORS, driver)
-    return DriverChoice(name=name, driver=driver, plugin=plugin, options=plugin.options.model_validate(table))
+    model = load_driver(ACTUATORS, driver)
+    return DriverChoice(name=name, driver=driver, options=model.model_validate(table))
 
 
 EVERY_KIND = (
@@ -122,12 +122,11 @@ def test_an_ascii_terminal_gets_ascii() -> None:
 
 
 def test_an_output_of_another_package_is_a_signal_and_its_driver_need_not_say_more() -> None:
-    class Stepper(Options):
+    class Stepper(DriverOptions):
         step: Pin
         direction: Pin
 
-    plugin = Plugin(Stepper, lambda _options, _context: None)
-    choice = DriverChoice(name="lift", driver="stepper", plugin=plugin, options=Stepper(step=20, direction=21))
+    choice = DriverChoice(name="lift", driver="stepper", options=Stepper(step=20, direction=21))
     text = drawn(choice)
     assert "lift step: a signal of 3.3 V" in text
     assert "pin 40  GPIO 21 ── its input" in text

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from gpiozero import InputDevice
 
-from stadimeter.actuators.output_pin import pins_lack, plain_words, shared_pin_factory
-from stadimeter.config.plugins import DriverContext, Options, Plugin
-from stadimeter.config.units import Pin
+from stadimeter.actuators.output_pin import PinOptions, plain_words, shared_pin_factory
+from stadimeter.config.plugins import DriverContext
 from stadimeter.errors import DeviceClosedError, DeviceOpenError
 
 
-class ButtonOptions(Options):
-    """The table of a button in the configuration."""
+class ButtonOptions(PinOptions):
+    """The table of a button in the configuration. It joins its pin to ground; the Pi's own resistor pulls that up."""
 
-    pin: Pin
-    """The BCM number of the pin. The button joins it to ground; the Pi's own resistor pulls it up."""
+    circuit: ClassVar = "button"
+
+    def build(self, context: DriverContext) -> GpiozeroButton:
+        """Return the button."""
+        return GpiozeroButton(self, context)
 
 
 class GpiozeroButton:
@@ -47,4 +51,4 @@ class GpiozeroButton:
                 device.close()
 
 
-PLUGIN = Plugin(options=ButtonOptions, build=GpiozeroButton, lacks=pins_lack, circuit="button")
+PLUGIN = ButtonOptions

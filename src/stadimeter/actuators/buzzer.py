@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Self
+from typing import ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from stadimeter.actuators.output_pin import FULL_PERCENT, OutputPin, pins_lack
-from stadimeter.config.plugins import DriverContext, Options, Plugin
-from stadimeter.config.units import Duration, Pin
+from stadimeter.actuators.output_pin import FULL_PERCENT, OutputPin, PinOptions
+from stadimeter.config.plugins import DriverContext
+from stadimeter.config.units import Duration
 from stadimeter.core.command import LevelCommand
 
 
@@ -58,11 +58,12 @@ class BeepPattern:
         return due_s if now_s - due_s < self._beep_s / 2 else now_s
 
 
-class BuzzerOptions(Options):
+class BuzzerOptions(PinOptions):
     """The table of a buzzer in the configuration."""
 
-    pin: Pin
-    """The BCM number of the pin."""
+    verb: ClassVar = "buzzes"
+    circuit: ClassVar = "buzzer"
+
     slowest: Duration = Field(default=1.0, le=60.0)
     """From one beep to the next at the lowest level above 0."""
     fastest: Duration = 0.1
@@ -82,6 +83,10 @@ class BuzzerOptions(Options):
                 f"no longer than slowest ({self.slowest:g} s), or the beeps run together"
             )
         return self
+
+    def build(self, context: DriverContext) -> GpiozeroBuzzer:
+        """Return the buzzer."""
+        return GpiozeroBuzzer(self, context)
 
 
 class GpiozeroBuzzer:
@@ -128,4 +133,4 @@ class GpiozeroBuzzer:
         self._pin.write(FULL_PERCENT if self._pattern.sounds(self._level, now_s) else 0)
 
 
-PLUGIN = Plugin(options=BuzzerOptions, build=GpiozeroBuzzer, lacks=pins_lack, verb="buzzes", circuit="buzzer")
+PLUGIN = BuzzerOptions

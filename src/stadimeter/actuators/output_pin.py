@@ -26,7 +26,8 @@ from gpiozero.pins.mock import MockFactory
 from gpiozero.pins.pi import PiFactory
 
 from stadimeter.config.extras import missing
-from stadimeter.config.plugins import DriverContext
+from stadimeter.config.plugins import DriverContext, DriverOptions
+from stadimeter.config.units import Pin
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverError, DriverUnavailableError
 
 SHARED_KEY = "pin factory"
@@ -68,18 +69,24 @@ def open_pin_factory() -> PiFactory:
     raise DeviceOpenError(_not_ours(name))
 
 
-def pins_lack(_options: object) -> tuple[str, ...]:
-    """Return what this computer lacks to drive pins, for `Plugin.lacks`. No pin is touched."""
-    name = _asked_for()
-    if name == "mock":
+class PinOptions(DriverOptions):
+    """The options of whatever hangs on one pin."""
+
+    pin: Pin
+    """The BCM number of the pin."""
+
+    def lacks(self) -> tuple[str, ...]:
+        """Return what this computer lacks to drive pins. No pin is touched."""
+        name = _asked_for()
+        if name == "mock":
+            return ()
+        if name != "lgpio":
+            return (_not_ours(name),)
+        if trouble := missing("pi"):
+            return (f"pins are driven through lgpio: {trouble}; {_TRY_WITHOUT}",)
+        if not any(Path("/dev").glob("gpiochip*")):
+            return (f"this computer has no GPIO pins (no /dev/gpiochip0); {_TRY_WITHOUT}",)
         return ()
-    if name != "lgpio":
-        return (_not_ours(name),)
-    if trouble := missing("pi"):
-        return (f"pins are driven through lgpio: {trouble}; {_TRY_WITHOUT}",)
-    if not any(Path("/dev").glob("gpiochip*")):
-        return (f"this computer has no GPIO pins (no /dev/gpiochip0); {_TRY_WITHOUT}",)
-    return ()
 
 
 def _asked_for() -> str:

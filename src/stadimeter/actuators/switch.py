@@ -5,21 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Self
+from typing import ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from stadimeter.actuators.output_pin import FULL_PERCENT, MIN_PULSES_HZ, OutputPin, pins_lack
-from stadimeter.config.plugins import DriverContext, Options, Plugin
-from stadimeter.config.units import Frequency, Pin
+from stadimeter.actuators.output_pin import FULL_PERCENT, MIN_PULSES_HZ, OutputPin, PinOptions
+from stadimeter.config.plugins import DriverContext
+from stadimeter.config.units import Frequency
 from stadimeter.core.command import LevelCommand
 
 
-class LedOptions(Options):
+class LedOptions(PinOptions):
     """The table of a lamp in the configuration."""
 
-    pin: Pin
-    """The BCM number of the pin."""
+    verb: ClassVar = "lights"
+    circuit: ClassVar = "led"
+
     on_at: float = Field(default=0.5, gt=0.0, le=1.0)
     """The level from which it is on."""
     dimmed: bool = False
@@ -36,17 +37,29 @@ class LedOptions(Options):
             raise ValueError(f"{key} has no meaning with dimmed = {str(self.dimmed).lower()}; leave one of them out")
         return self
 
+    def build(self, context: DriverContext) -> GpiozeroSwitch:
+        """Return the lamp."""
+        frequency_hz = self.frequency if self.dimmed else None
+        pin = OutputPin(context, self.pin, active_high=self.active_high, frequency_hz=frequency_hz)
+        return GpiozeroSwitch(pin, _nearest_percent if self.dimmed else _on_from(self.on_at))
 
-class RelayOptions(Options):
+
+class RelayOptions(PinOptions):
     """The table of a relay in the configuration."""
 
-    pin: Pin
-    """The BCM number of the pin."""
+    verb: ClassVar = "switches on"
+    is_worn_by_switching: ClassVar = True
+    circuit: ClassVar = "relay"
+
     on_at: float = Field(default=0.5, gt=0.0, le=1.0)
     """The level from which it is on."""
     active_high: bool = False
     """Whether a high pin means on. Most relay boards switch on when their input is pulled low, so it is not unless you
     say so. Try it without a load first: with the wrong value the relay is on while all is quiet."""
+
+    def build(self, context: DriverContext) -> GpiozeroSwitch:
+        """Return the relay."""
+        return GpiozeroSwitch(OutputPin(context, self.pin, active_high=self.active_high), _on_from(self.on_at))
 
 
 class GpiozeroSwitch:
@@ -82,22 +95,6 @@ class GpiozeroSwitch:
         self._pin.close()
 
 
-def build_led(options: LedOptions, context: DriverContext) -> GpiozeroSwitch:
-    """Make a lamp."""
-    pin = OutputPin(
-        context,
-        options.pin,
-        active_high=options.active_high,
-        frequency_hz=options.frequency if options.dimmed else None,
-    )
-    return GpiozeroSwitch(pin, _nearest_percent if options.dimmed else _on_from(options.on_at))
-
-
-def build_relay(options: RelayOptions, context: DriverContext) -> GpiozeroSwitch:
-    """Make a relay."""
-    return GpiozeroSwitch(OutputPin(context, options.pin, active_high=options.active_high), _on_from(options.on_at))
-
-
 def _nearest_percent(level: float) -> int:
     return math.floor(level * FULL_PERCENT + 0.5)
 
@@ -106,12 +103,4 @@ def _on_from(on_at: float) -> Callable[[float], int]:
     return lambda level: FULL_PERCENT if level >= on_at else 0
 
 
-LED_PLUGIN = Plugin(options=LedOptions, build=build_led, lacks=pins_lack, verb="lights", circuit="led")
-RELAY_PLUGIN = Plugin(
-    options=RelayOptions,
-    build=build_relay,
-    lacks=pins_lack,
-    verb="switches on",
-    is_worn_by_switching=True,
-    circuit="relay",
-)
+LED_PLUGIN, RELAY_PLUGIN = LedOptions, RelayOptions

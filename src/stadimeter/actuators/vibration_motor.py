@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import ClassVar
 
 from pydantic import Field
 
-from stadimeter.actuators.output_pin import FULL_PERCENT, MIN_PULSES_HZ, OutputPin, pins_lack
-from stadimeter.config.plugins import DriverContext, Options, Plugin
-from stadimeter.config.units import Duration, Frequency, Pin
+from stadimeter.actuators.output_pin import FULL_PERCENT, MIN_PULSES_HZ, OutputPin, PinOptions
+from stadimeter.config.plugins import DriverContext
+from stadimeter.config.units import Duration, Frequency
 from stadimeter.core.command import LevelCommand
 
 
-class VibrationMotorOptions(Options):
+class VibrationMotorOptions(PinOptions):
     """The table of a vibration motor in the configuration."""
 
-    pin: Pin
-    """The BCM number of the pin."""
+    verb: ClassVar = "vibrates"
+    circuit: ClassVar = "motor"
+
     frequency: Frequency = Field(default=100.0, ge=MIN_PULSES_HZ, le=10_000.0)
     """Of the pulses. lgpio makes them in software, up to 10 kHz; the higher, the less even they are. A stop waits for
     the end of a pulse: 50 ms at 20 Hz."""
@@ -27,6 +29,10 @@ class VibrationMotorOptions(Options):
     """For how long a motor that stands still gets full power, to break loose."""
     active_high: bool = True
     """Whether a high pin means on, as with an N-channel MOSFET."""
+
+    def build(self, context: DriverContext) -> GpiozeroVibrationMotor:
+        """Return the motor."""
+        return GpiozeroVibrationMotor(self, context)
 
 
 class DutySteps:
@@ -98,6 +104,4 @@ class GpiozeroVibrationMotor:
         self._pin.write(FULL_PERCENT if kicks else self._percent)
 
 
-PLUGIN = Plugin(
-    options=VibrationMotorOptions, build=GpiozeroVibrationMotor, lacks=pins_lack, verb="vibrates", circuit="motor"
-)
+PLUGIN = VibrationMotorOptions

@@ -121,7 +121,7 @@ def build(configuration: Configuration, speed: float | None = 1.0) -> Parts:
 
 def _real_outputs(configuration: Configuration) -> tuple[str, ...]:
     choices = [*configuration.actuators, *([configuration.base] if configuration.base else [])]
-    return tuple(choice.name for choice in choices if not choice.plugin.is_simulated(choice.options))
+    return tuple(choice.name for choice in choices if not choice.is_simulated)
 
 
 class _Builder:
@@ -140,7 +140,7 @@ class _Builder:
             camera_model=self._configuration.camera_model,
             shared=self.shared,
         )
-        return choice.plugin.build(choice.options, context)
+        return choice.options.build(context)
 
     def outputs(self) -> tuple[LeasedOutput, ...]:
         choices = {choice.name: choice for choice in self._configuration.actuators}

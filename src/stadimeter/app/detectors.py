@@ -25,9 +25,7 @@ def build_detectors(choices: Sequence[DriverChoice], camera_model: CameraModel |
     return tuple(
         NamedDetector(
             name=choice.name,
-            detector=choice.plugin.build(
-                choice.options, DriverContext(name=choice.name, clock=clock, camera_model=camera_model)
-            ),
+            detector=choice.options.build(DriverContext(name=choice.name, clock=clock, camera_model=camera_model)),
         )
         for choice in choices
     )

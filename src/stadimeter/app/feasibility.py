@@ -109,7 +109,7 @@ def _target_sizes(configuration: Configuration) -> dict[str, TargetShape]:
     """Return the sizes of those targets that are looked for in pictures."""
     sizes: dict[str, TargetShape] = {}
     for choice in configuration.targets:
-        if not choice.plugin.needs_pixels:
+        if not choice.options.needs_pixels:
             continue
         try:
             (target,) = build_detectors((choice,), configuration.camera_model)

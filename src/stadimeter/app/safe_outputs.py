@@ -18,7 +18,7 @@ from pathlib import Path
 from stadimeter.app.service_folders import runtime_directory
 from stadimeter.config.atomic_file import holds, write_atomically
 from stadimeter.config.loader import Configuration
-from stadimeter.config.plugins import DriverChoice, marked_options
+from stadimeter.config.plugins import DriverChoice, StopsByBytes, marked_options
 from stadimeter.config.units import PinMark, PortMark
 
 NAME = "safe-outputs.conf"
@@ -35,7 +35,7 @@ def safe_outputs_path(environ: Mapping[str, str] = os.environ) -> Path | None:
 
 def write_safe_outputs(configuration: Configuration, path: Path) -> list[str]:
     """Write the list, if it is not there already; return what nothing can switch off, a line each."""
-    real = [output for output in configuration.driven if not output.plugin.is_simulated(output.options)]
+    real = [output for output in configuration.driven if not output.is_simulated]
     lines = {output.name: tuple(safe_lines(output)) for output in real}
     text = "".join(f"{line}\n" for each in lines.values() for line in each).encode()
     try:
@@ -55,6 +55,6 @@ def safe_lines(output: DriverChoice) -> Iterator[str]:
     """Yield the lines for one output: each of its pins, and its port if its driver knows what stops it."""
     off = "low" if getattr(output.options, "active_high", True) else "high"
     yield from (f"pin {pin} {off}" for _, pin in marked_options(output.options, PinMark) if isinstance(pin, int))
-    stop = output.plugin.stop_frame(output.options)
+    stop = output.options.serial_stop() if isinstance(output.options, StopsByBytes) else None
     if stop is not None and 0 < len(stop.frame) <= FRAME_BYTES_MAX and _PORT.fullmatch(stop.port):
         yield f"serial {stop.port} {stop.baud} {stop.frame.hex()}"

@@ -22,6 +22,7 @@ from stadimeter.app.bootstrap import build
 from stadimeter.config.extras import PACKAGED
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.loader import Configuration
+from stadimeter.config.plugins import ReportsLacks
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.errors import ConfigError, DriverUnavailableError, Problem, StadimeterError
 
@@ -38,7 +39,7 @@ _ELSEWHERE = "if it runs on another computer, add --elsewhere"
 def _lacking(configuration: Configuration) -> Iterator[Finding]:
     lacking: dict[str, list[KeyPath]] = defaultdict(list)
     for at, part in configuration.parts():
-        for lack in part.plugin.lacks(part.options):
+        for lack in part.options.lacks() if isinstance(part.options, ReportsLacks) else ():
             lacking[lack].append(at)
     for lack, parts in lacking.items():  # what several parts lack is said once
         names = " and ".join(f"'{at[-1]}'" for at in parts)

@@ -20,7 +20,7 @@ from pydantic import PositiveInt, model_validator
 from stadimeter.bases import ros_arduino_codec as codec
 from stadimeter.bases.differential_drive import DifferentialDrive, Motion, WheelTicks
 from stadimeter.bases.serial_link import SerialLink, port_lacks
-from stadimeter.config.plugins import PORTS, DriverContext, Options, Plugin, SerialStop, driver_names
+from stadimeter.config.plugins import PORTS, DriverContext, DriverOptions, SerialStop, driver_names
 from stadimeter.config.units import Duration, Length, SerialPort, Speed
 from stadimeter.core.clock import Clock
 from stadimeter.core.command import TwistCommand
@@ -169,7 +169,7 @@ class Acknowledgements:
 LOST_AFTER_S = 0.5
 
 
-class RosArduinoOptions(Options):
+class RosArduinoOptions(DriverOptions):
     """The table of such a base in the configuration."""
 
     port: SerialPort
@@ -212,6 +212,24 @@ class RosArduinoOptions(Options):
             max_wheel_mps=self.max_wheel_speed,
             frame_s=codec.FRAME_S,
         )
+
+    def build(self, context: DriverContext) -> RosArduinoBase:
+        """Return the base."""
+        return RosArduinoBase(self, context)
+
+    def is_simulated(self) -> bool:
+        """Return whether the port is an emulated one."""
+        return self.port in driver_names(PORTS)
+
+    def lacks(self) -> tuple[str, ...]:
+        """Return what keeps the port from being opened."""
+        return () if self.is_simulated() else port_lacks(self.port)
+
+    def serial_stop(self) -> SerialStop | None:
+        """Return a stop behind an end of line, which ends a command that the program may have begun."""
+        if self.is_simulated():
+            return None
+        return SerialStop(port=self.port, baud=self.baud, frame=codec.END + codec.STOP)
 
 
 class RosArduinoBase:
@@ -349,19 +367,4 @@ class RosArduinoBase:
             )
 
 
-def _is_emulated(options: RosArduinoOptions) -> bool:
-    return options.port in driver_names(PORTS)
-
-
-def _lacks(options: RosArduinoOptions) -> tuple[str, ...]:
-    return () if _is_emulated(options) else port_lacks(options.port)
-
-
-def _stop_frame(options: RosArduinoOptions) -> SerialStop | None:
-    """The first end of line ends a command that the program may have begun: the stop would be lost in it."""
-    if _is_emulated(options):
-        return None
-    return SerialStop(port=options.port, baud=options.baud, frame=codec.END + codec.STOP)
-
-
-PLUGIN = Plugin(RosArduinoOptions, RosArduinoBase, is_simulated=_is_emulated, lacks=_lacks, stop_frame=_stop_frame)
+PLUGIN = RosArduinoOptions

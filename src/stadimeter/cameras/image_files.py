@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field
 
 from stadimeter.cameras.picture import PICTURE_SUFFIXES, load_picture
 from stadimeter.cameras.recorded import RecordedCamera
-from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import Duration, FilePath, Frequency
 from stadimeter.core.camera_model import check_one_aspect
 from stadimeter.core.clock import Clock
@@ -28,7 +28,7 @@ def _one_or_many(value: object) -> object:
     return [value] if isinstance(value, str) else value
 
 
-class ImageFilesOptions(Options):
+class ImageFilesOptions(DriverOptions):
     """The options of the ``images`` camera."""
 
     paths: Annotated[tuple[FilePath, ...], BeforeValidator(_one_or_many), Field(min_length=1)]
@@ -41,6 +41,27 @@ class ImageFilesOptions(Options):
     """For how long each picture is shown, in as many frames as fit; in one at least."""
     loop: bool = False
     """Whether the first picture follows the last one, until the run is ended. At a desk, each is looked at once."""
+
+    def build(self, context: DriverContext) -> ImageFilesCamera:
+        """Return the camera."""
+        paths = tuple(map(str, self.paths))
+        frames_each = max(1, round(self.dwell * self.rate))
+        return ImageFilesCamera(paths, self.rate, context.clock, frames_each=frames_each, loops=self.loop)
+
+    def lacks(self) -> tuple[str, ...]:
+        """Return which picture no lens fits that fits the first one: a run would stop there."""
+        first: tuple[str, int, int] | None = None
+        try:
+            files = (file for path in self.paths for file in _files_of(str(path)))
+            for file in islice(files, CHECKED_MAX):
+                shown = (str(file), *_size_px(file, file.stat().st_mtime_ns))
+                first = first or shown
+                check_one_aspect(first, shown)
+        except CalibrationError as error:
+            return (str(error),)
+        except (PictureError, OSError):
+            return ()  # reported when the file is read
+        return ()
 
 
 class ImageFilesCamera(RecordedCamera):
@@ -114,32 +135,6 @@ def _pictures_in(folder: Path) -> list[Path]:
     return found
 
 
-def _build(options: ImageFilesOptions, context: DriverContext) -> ImageFilesCamera:
-    return ImageFilesCamera(
-        tuple(str(path) for path in options.paths),
-        options.rate,
-        context.clock,
-        frames_each=max(1, round(options.dwell * options.rate)),
-        loops=options.loop,
-    )
-
-
-def _lacks(options: ImageFilesOptions) -> tuple[str, ...]:
-    """Say which picture no lens fits that fits the first one: a run would stop there."""
-    first: tuple[str, int, int] | None = None
-    try:
-        files = (file for path in options.paths for file in _files_of(str(path)))
-        for file in islice(files, CHECKED_MAX):
-            shown = (str(file), *_size_px(file, file.stat().st_mtime_ns))
-            first = first or shown
-            check_one_aspect(first, shown)
-    except CalibrationError as error:
-        return (str(error),)
-    except (PictureError, OSError):
-        return ()  # what cannot be read is said by others
-    return ()
-
-
 @lru_cache(maxsize=CHECKED_MAX)
 def _size_px(file: Path, _changed_ns: int) -> tuple[int, int]:
     """Return width and height, remembered until the file changes: an editor has its text checked at each pause."""
@@ -147,4 +142,4 @@ def _size_px(file: Path, _changed_ns: int) -> tuple[int, int]:
     return width_px, height_px
 
 
-PLUGIN = Plugin(ImageFilesOptions, _build, lacks=_lacks)
+PLUGIN = ImageFilesOptions

@@ -21,15 +21,15 @@ from stadimeter.cameras.capture_time import FrameStamp, KernelTime, Pace, Stream
 from stadimeter.cameras.live_camera import LiveCamera, Picture
 from stadimeter.cameras.opencv_settings import (
     CaptureLike,
-    OpenCvOptions,
+    OpenCvSettings,
     apply_settings,
     fixed_exposure_s,
-    not_for_motion,
     size_differs,
     subsampling_of,
 )
+from stadimeter.cameras.protocol import AttachedCamera
 from stadimeter.cameras.v4l2 import ask_node, is_in_use
-from stadimeter.config.plugins import DriverContext, Plugin
+from stadimeter.config.plugins import DriverContext
 from stadimeter.core.clock import Clock
 from stadimeter.core.frame import Image
 from stadimeter.errors import CaptureTimeoutError, DeviceOpenError, LinkLostError
@@ -45,6 +45,26 @@ FFMPEG_SETTLE_S = 2.0
 
 DEVICE_WAIT_S = 1.0
 """Time that OpenCV waits for a device's frame at a time, as set above."""
+
+
+class OpenCvOptions(OpenCvSettings):
+    """The options of the ``opencv`` camera."""
+
+    def build(self, context: DriverContext) -> OpenCvCamera:
+        """Return the camera."""
+        return OpenCvCamera(self, context.clock, cv2.VideoCapture)
+
+    @staticmethod
+    def attached() -> tuple[AttachedCamera, ...]:
+        """Return the Video4Linux devices that give pictures."""
+        return attached_devices()
+
+    def lacks(self) -> tuple[str, ...]:
+        """Return what keeps a device from being opened, as far as that shows without opening it."""
+        if self.device_file is not None or self.is_stream:
+            return ()
+        trouble = _why_not_ours(self.source(), self.name)
+        return (trouble,) if trouble else ()
 
 
 class OpenCapture(Protocol):
@@ -86,8 +106,8 @@ class OpenCvCamera(LiveCamera):
         self._subsampling = subsampling_of(options)
         self._capture: CaptureLike | None = None
         self._kernel_time = KernelTime(monotonic)
-        self._stamp = FrameStamp(options.latency or 0.0)
-        self._stream_time = StreamTime(options.latency or 0.0)
+        self._stamp = FrameStamp(options.frame_latency_s())
+        self._stream_time = StreamTime(options.frame_latency_s())
         self._pace = Pace()
         self._position = 0.0
         self._exposure_s: float | None = None
@@ -125,7 +145,7 @@ class OpenCvCamera(LiveCamera):
         return self._next_picture(self._capture, self._options.read_timeout)
 
     def _why_not_for_motion(self) -> str:
-        return next(iter(not_for_motion(self._options).values()), "")
+        return next(iter(self._options.refuse_motion().values()), "")
 
     def _opened_device(self) -> CaptureLike:
         if trouble := _why_not_ours(self._source, self._name):
@@ -230,10 +250,6 @@ def _decoded(capture: CaptureLike) -> Image | None:
     return np.asarray(image, np.uint8)
 
 
-def _build(options: OpenCvOptions, context: DriverContext) -> OpenCvCamera:
-    return OpenCvCamera(options, context.clock, cv2.VideoCapture)
-
-
 def _why_not_ours(source: str, name: str) -> str:
     """Return why a device cannot be opened, as far as that shows without opening it; empty if nothing does."""
     if not Path(source).exists():
@@ -243,18 +259,4 @@ def _why_not_ours(source: str, name: str) -> str:
     return ""
 
 
-def _lacks(options: OpenCvOptions) -> tuple[str, ...]:
-    if options.device_file is not None or options.is_stream:
-        return ()
-    trouble = _why_not_ours(options.source(), options.name)
-    return (trouble,) if trouble else ()
-
-
-PLUGIN = Plugin(
-    OpenCvOptions,
-    _build,
-    lacks=_lacks,
-    not_for_motion=not_for_motion,
-    latency=lambda options: options.latency or 0.0,
-    attached=attached_devices,
-)
+PLUGIN = OpenCvOptions

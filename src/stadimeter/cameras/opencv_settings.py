@@ -1,4 +1,4 @@
-"""The options of a camera that OpenCV reads, and how they are applied to a Video4Linux device."""
+"""How the options of a camera that OpenCV reads are applied to a Video4Linux device."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import cv2
 from pydantic import BeforeValidator, Field, model_validator
 
 from stadimeter.config.addresses import address_for_people, address_in
-from stadimeter.config.plugins import Options
+from stadimeter.config.plugins import DriverOptions
 from stadimeter.config.units import Duration, FilePath, Frequency
 from stadimeter.core.frame import Image, Subsampling
 from stadimeter.errors import DeviceOpenError
@@ -44,8 +44,8 @@ def _check_device(value: object) -> object:
     )
 
 
-class OpenCvOptions(Options):
-    """The options of the ``opencv`` camera."""
+class OpenCvSettings(DriverOptions):
+    """The table of the ``opencv`` camera, without its driver."""
 
     device: Annotated[int | str, BeforeValidator(_check_device)] | None = None
     """A number, 0 for ``/dev/video0``; a path such as ``/dev/v4l/by-id/…-index0``; or the address of a stream such as
@@ -114,27 +114,29 @@ class OpenCvOptions(Options):
             return self.source().partition("://")[0].lower() if self.is_stream else ""
         return ""
 
+    def frame_latency_s(self) -> float:
+        """Return the stated latency."""
+        return self.latency or 0.0
 
-def not_for_motion(options: OpenCvOptions) -> dict[str, str]:
-    """Return why nothing may move on a camera's frames: a sentence for each option that has to be written."""
-    why: dict[str, str] = {}
-    if options.is_stream and options.latency is None:
-        why["latency"] = (
-            "how old the pictures of a stream are is not known, so nothing moves on them;"
-            ' measure it and write such as latency = "150 ms" in [camera]'
-        )
-    if _loses_packets(options) and not options.accept_lossy_stream:
-        why["accept_lossy_stream"] = (
-            f"packets of {options.scheme}:// get lost, and old parts of the picture then look like new ones, so nothing"
-            " moves on it; send it over TCP, or write accept_lossy_stream = true in [camera]"
-        )
-    return why
+    def refuse_motion(self) -> dict[str, str]:
+        """Return why nothing may move on its frames: a sentence for each option that has to be written."""
+        why: dict[str, str] = {}
+        if self.is_stream and self.latency is None:
+            why["latency"] = (
+                "how old the pictures of a stream are is not known, so nothing moves on them;"
+                ' measure it and write such as latency = "150 ms" in [camera]'
+            )
+        if self._loses_packets() and not self.accept_lossy_stream:
+            why["accept_lossy_stream"] = (
+                f"packets of {self.scheme}:// get lost, and old parts of the picture then look like new ones, so"
+                " nothing moves on it; send it over TCP, or write accept_lossy_stream = true in [camera]"
+            )
+        return why
 
-
-def _loses_packets(options: OpenCvOptions) -> bool:
-    if options.scheme == "rtsp":
-        return "rtsp_transport;tcp" not in os.environ.get(FFMPEG_OPTIONS, "")
-    return options.scheme != "" and options.scheme not in RELIABLE_TRANSPORTS
+    def _loses_packets(self) -> bool:
+        if self.scheme == "rtsp":
+            return "rtsp_transport;tcp" not in os.environ.get(FFMPEG_OPTIONS, "")
+        return self.scheme != "" and self.scheme not in RELIABLE_TRANSPORTS
 
 
 _SUBSAMPLINGS: dict[str, Subsampling] = {
@@ -143,7 +145,7 @@ _SUBSAMPLINGS: dict[str, Subsampling] = {
 }
 
 
-def subsampling_of(options: OpenCvOptions) -> Subsampling:
+def subsampling_of(options: OpenCvSettings) -> Subsampling:
     """Return how coarsely a camera's colour is stored, by its pixel format. MJPEG, video and all others: 4:2:0."""
     return "4:2:0" if options.is_stream else _SUBSAMPLINGS.get(options.fourcc.upper(), "4:2:0")
 
@@ -159,7 +161,7 @@ class CaptureLike(Protocol):
     def release(self) -> None: ...  # noqa: D102
 
 
-def apply_settings(capture: CaptureLike, options: OpenCvOptions) -> tuple[str, ...]:
+def apply_settings(capture: CaptureLike, options: OpenCvSettings) -> tuple[str, ...]:
     """Apply the options to an open device in the order that drivers need; return a sentence on each not taken.
 
     The pixel format decides which sizes there are, the size which frame rates, the frame rate how long an exposure can
@@ -172,7 +174,7 @@ def apply_settings(capture: CaptureLike, options: OpenCvOptions) -> tuple[str, .
     )
 
 
-def size_differs(image: Image, options: OpenCvOptions) -> tuple[str, ...]:
+def size_differs(image: Image, options: OpenCvSettings) -> tuple[str, ...]:
     """Return a sentence if a picture has another size than was asked for."""
     height_px, width_px = image.shape[:2]
     if options.width_px is None or (options.width_px, options.height_px) == (width_px, height_px):
@@ -181,7 +183,7 @@ def size_differs(image: Image, options: OpenCvOptions) -> tuple[str, ...]:
     return (f"asked for pictures of {asked} pixels, the camera gives {width_px} × {height_px}",)
 
 
-def _apply_format(capture: CaptureLike, options: OpenCvOptions) -> Iterator[str]:
+def _apply_format(capture: CaptureLike, options: OpenCvSettings) -> Iterator[str]:
     capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*options.fourcc))
     code = max(0, int(capture.get(cv2.CAP_PROP_FOURCC)))
     found = (code & 0xFFFFFFFF).to_bytes(4, "little").decode("latin-1")
@@ -189,14 +191,14 @@ def _apply_format(capture: CaptureLike, options: OpenCvOptions) -> Iterator[str]
         yield f"asked for the pixel format {options.fourcc}, the camera gives {found if code else 'another'}"
 
 
-def _apply_size(capture: CaptureLike, options: OpenCvOptions) -> Iterator[str]:
+def _apply_size(capture: CaptureLike, options: OpenCvSettings) -> Iterator[str]:
     if options.width_px is not None and options.height_px is not None:
         capture.set(cv2.CAP_PROP_FRAME_WIDTH, options.width_px)
         capture.set(cv2.CAP_PROP_FRAME_HEIGHT, options.height_px)
     yield from ()
 
 
-def _apply_rate(capture: CaptureLike, options: OpenCvOptions) -> Iterator[str]:
+def _apply_rate(capture: CaptureLike, options: OpenCvSettings) -> Iterator[str]:
     if options.rate is None:
         return
     capture.set(cv2.CAP_PROP_FPS, options.rate)
@@ -205,7 +207,7 @@ def _apply_rate(capture: CaptureLike, options: OpenCvOptions) -> Iterator[str]:
         yield f"asked for {options.rate:g} frames a second, the camera says {found_hz:g}"
 
 
-def _apply_exposure(capture: CaptureLike, options: OpenCvOptions) -> Iterator[str]:
+def _apply_exposure(capture: CaptureLike, options: OpenCvSettings) -> Iterator[str]:
     if options.exposure is None:
         capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, AUTO_EXPOSURE_ON)
         # A camera without the control answers 0 or below; it exposes as it likes, which is what was asked for.
@@ -222,7 +224,7 @@ def _apply_exposure(capture: CaptureLike, options: OpenCvOptions) -> Iterator[st
         yield f"asked for an exposure of {1e3 * options.exposure:g} ms, the camera says {1e3 * found_s:g} ms"
 
 
-def fixed_exposure_s(capture: CaptureLike, options: OpenCvOptions) -> float | None:
+def fixed_exposure_s(capture: CaptureLike, options: OpenCvSettings) -> float | None:
     """Return the exposure time that the device says it holds; None where it chooses it itself, or does not say.
 
     While the exposure is automatic, most devices name the last fixed one instead of what they use.
@@ -234,7 +236,7 @@ def fixed_exposure_s(capture: CaptureLike, options: OpenCvOptions) -> float | No
     return steps * EXPOSURE_UNIT_S if is_fixed and steps > 0 else None
 
 
-def _apply_focus(capture: CaptureLike, options: OpenCvOptions) -> Iterator[str]:
+def _apply_focus(capture: CaptureLike, options: OpenCvSettings) -> Iterator[str]:
     capture.set(cv2.CAP_PROP_AUTOFOCUS, float(options.autofocus))
     is_on = capture.get(cv2.CAP_PROP_AUTOFOCUS) > 0
     if is_on and not options.autofocus:

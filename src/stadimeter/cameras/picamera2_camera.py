@@ -18,7 +18,7 @@ from stadimeter.cameras.live_camera import CLOSE_WAIT_S, LiveCamera, Picture
 from stadimeter.cameras.picamera2_package import Package, attached_cameras, lack, load_package, why
 from stadimeter.cameras.picamera2_settings import (
     Metadata,
-    Picamera2Options,
+    Picamera2Settings,
     controls_of,
     differences,
     not_taken,
@@ -26,7 +26,8 @@ from stadimeter.cameras.picamera2_settings import (
     number_of,
     optics_of,
 )
-from stadimeter.config.plugins import DriverContext, Plugin
+from stadimeter.cameras.protocol import AttachedCamera
+from stadimeter.config.plugins import DriverContext
 from stadimeter.core.clock import Clock
 from stadimeter.core.frame import Image
 from stadimeter.errors import (
@@ -58,6 +59,27 @@ FIRST_FRAME_S = 3.0
 
 SETTLING_FRAMES = 10
 """Frames in which a control must show its effect: sensors apply one two frames later, lenses move for some frames."""
+
+
+class Picamera2Options(Picamera2Settings):
+    """The options of the ``picamera2`` camera."""
+
+    def build(self, context: DriverContext) -> Picamera2Camera:
+        """Return the camera."""
+        return Picamera2Camera(self, context.clock)
+
+    @staticmethod
+    def attached() -> tuple[AttachedCamera, ...]:
+        """Return the cameras on ribbon cables."""
+        return attached_cameras()
+
+    def lacks(self) -> tuple[str, ...]:
+        """Return why picamera2 cannot be loaded here."""
+        return tuple(filter(None, (lack(),)))
+
+    def frame_latency_s(self) -> float:
+        """Return about how old a frame is when it arrives: its exposure, its read-out and the image processor."""
+        return (self.exposure or self.frame_duration_s / 2) + WAY_FRAMES * self.frame_duration_s
 
 
 class Picamera2Camera(LiveCamera):
@@ -284,17 +306,4 @@ def _close(device: Any) -> None:
         device.close()
 
 
-def _build(options: Picamera2Options, context: DriverContext) -> Picamera2Camera:
-    return Picamera2Camera(options, context.clock)
-
-
-def _lacks(_options: Picamera2Options) -> tuple[str, ...]:
-    return tuple(filter(None, (lack(),)))
-
-
-def _latency_s(options: Picamera2Options) -> float:
-    """Return about how old a frame is when it arrives: its exposure, its read-out and what is made of it."""
-    return (options.exposure or options.frame_duration_s / 2) + WAY_FRAMES * options.frame_duration_s
-
-
-PLUGIN = Plugin(Picamera2Options, _build, lacks=_lacks, latency=_latency_s, attached=attached_cameras)
+PLUGIN = Picamera2Options

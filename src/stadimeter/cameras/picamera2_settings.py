@@ -1,4 +1,4 @@
-"""The options of a Raspberry Pi's own camera, the controls that they become, and what the camera did not take."""
+"""The controls that the options of a Raspberry Pi's own camera become, and what the camera did not take."""
 
 from __future__ import annotations
 
@@ -8,18 +8,10 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from stadimeter.config.plugins import Options
+from stadimeter.config.plugins import DriverOptions
 from stadimeter.config.units import Duration, Frequency, Length
 from stadimeter.core.frame import Optics
 from stadimeter.errors import DeviceOpenError
-
-SIZE_PX = (1280, 720)
-"""Picamera2's own size of video frames."""
-
-RATE_HZ = 30.0
-"""Picamera2's own rate of video frames."""
-
-LONGEST_EXPOSURE_S = 0.5
 
 Metadata = Mapping[str, Any]
 """What libcamera says of one frame, by the names of its controls."""
@@ -27,12 +19,20 @@ Metadata = Mapping[str, Any]
 Controls = Mapping[str, tuple[Any, Any, Any]]
 """The controls that a camera has: the least, greatest and default value of each."""
 
+SIZE_PX = (1280, 720)
+"""Picamera2's own size of video frames."""
+
+RATE_HZ = 30.0
+"""Picamera2's own rate of video frames."""
+
+MAX_EXPOSURE_S = 0.5
+
 WhiteBalance = Literal["auto", "incandescent", "tungsten", "fluorescent", "indoor", "daylight", "cloudy"]
 """The names of libcamera's ``AwbModeEnum``, in small letters."""
 
 
-class Picamera2Options(Options):
-    """The options of the ``picamera2`` camera."""
+class Picamera2Settings(DriverOptions):
+    """The table of the ``picamera2`` camera, without its driver."""
 
     camera: Annotated[int, Field(ge=0)] | str = 0
     """The camera: its number, 0 for the first; its model such as ``imx708``; or the path that `stadimeter cameras`
@@ -53,7 +53,7 @@ class Picamera2Options(Options):
     """Whether the camera is mounted upside down; its pictures are then turned by half a turn."""
     rate: Annotated[Frequency, Field(gt=0)] | None = None
     """The frame rate in hertz; None takes 30, or what the exposure leaves."""
-    exposure: Annotated[Duration, Field(gt=0, le=LONGEST_EXPOSURE_S)] | None = None
+    exposure: Annotated[Duration, Field(gt=0, le=MAX_EXPOSURE_S)] | None = None
     """The exposure time in seconds; None leaves it to the camera."""
     gain: Annotated[float, Field(ge=1, le=1000)] | None = None
     """The analogue gain, 1 for none; None leaves it to the camera."""
@@ -145,7 +145,7 @@ def number_of(camera: int | str, attached: list[dict[str, Any]]) -> int:
     raise DeviceOpenError(f"{what} {camera!r} for camera in [camera]; there are: {there}")
 
 
-def controls_of(options: Picamera2Options, available: Controls, enums: Any) -> dict[str, Any]:
+def controls_of(options: Picamera2Settings, available: Controls, enums: Any) -> dict[str, Any]:
     """Return the controls to set before the camera starts, so that its first frame has them; those that it has.
 
     Args:
@@ -170,7 +170,7 @@ def controls_of(options: Picamera2Options, available: Controls, enums: Any) -> d
     return {name: value for name, value in wanted.items() if name in available}
 
 
-def lens_position_dpt(options: Picamera2Options, available: Controls) -> float | None:
+def lens_position_dpt(options: Picamera2Settings, available: Controls) -> float | None:
     """Return where the lens stays; None for one that is turned by hand, or refocuses by itself.
 
     Without a setting it stays at the position that libcamera takes for the middle of what this lens is used for.
@@ -184,7 +184,7 @@ def lens_position_dpt(options: Picamera2Options, available: Controls) -> float |
     return float(available["LensPosition"][2] or 0.0)
 
 
-def not_there(options: Picamera2Options, available: Controls) -> Iterator[str]:
+def not_there(options: Picamera2Settings, available: Controls) -> Iterator[str]:
     """Yield a sentence on each setting that the camera has no control for."""
     if "LensPosition" not in available and (options.focus is not None or options.lens_position_dpt is not None):
         yield "asked for a focus, this camera's lens has no motor: turn it by hand"
@@ -204,7 +204,7 @@ def not_there(options: Picamera2Options, available: Controls) -> Iterator[str]:
             yield f"asked for {key}, the camera has no control for it"
 
 
-def not_taken(options: Picamera2Options, taken: Mapping[str, Any]) -> Iterator[str]:
+def not_taken(options: Picamera2Settings, taken: Mapping[str, Any]) -> Iterator[str]:
     """Yield a sentence on each part of the configuration that libcamera took otherwise."""
     size_px = tuple(taken["main"]["size"])
     if size_px != (options.width_px, options.height_px):
@@ -220,7 +220,7 @@ def not_taken(options: Picamera2Options, taken: Mapping[str, Any]) -> Iterator[s
 
 
 def optics_of(
-    options: Picamera2Options,
+    options: Picamera2Settings,
     attached: Mapping[str, Any],
     configuration: Mapping[str, Any],
     set_to: Mapping[str, Any],
@@ -248,7 +248,7 @@ def optics_of(
     )
 
 
-def differences(options: Picamera2Options, set_to: Mapping[str, Any], found: Metadata) -> tuple[str, ...]:
+def differences(options: Picamera2Settings, set_to: Mapping[str, Any], found: Metadata) -> tuple[str, ...]:
     """Return a sentence on each control that a frame does not show as it was set.
 
     Sensors count exposures in lines and gains in steps, so some per cent are no difference.
@@ -256,7 +256,7 @@ def differences(options: Picamera2Options, set_to: Mapping[str, Any], found: Met
     return tuple(_differences(options, set_to, found))
 
 
-def _differences(options: Picamera2Options, set_to: Mapping[str, Any], found: Metadata) -> Iterator[str]:
+def _differences(options: Picamera2Settings, set_to: Mapping[str, Any], found: Metadata) -> Iterator[str]:
     duration_us = set_to.get("FrameDurationLimits", (None,))[0]
     if _is_off(duration_us, found.get("FrameDuration"), 0.01):
         yield f"asked for {1e6 / duration_us:.4g} frames a second, the camera gives {1e6 / found['FrameDuration']:.4g}"

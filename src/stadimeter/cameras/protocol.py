@@ -130,3 +130,13 @@ class ShowsFiles(Protocol):
             PictureError: One of them is not there.
         """
         ...
+
+
+@runtime_checkable
+class ListsCameras(Protocol):
+    """A driver that can list the cameras on this computer; a part of its `DriverOptions`."""
+
+    @staticmethod
+    def attached() -> tuple[AttachedCamera, ...]:
+        """Return them, without taking pictures."""
+        ...

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from stadimeter.cameras.picture import check_file
 from stadimeter.cameras.recorded import RecordedCamera
-from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import FilePath, Frequency
 from stadimeter.config.untrusted_file import PICTURE_MAX_PIXELS, is_picture
 from stadimeter.core.clock import Clock
@@ -26,7 +26,7 @@ ENOUGH_OF_THE_FRAMES = 0.9
 """A video that ends before this part of the frames it announces is damaged. Headers may be a few frames out."""
 
 
-class VideoFileOptions(Options):
+class VideoFileOptions(DriverOptions):
     """The options of the ``video`` camera."""
 
     path: FilePath
@@ -35,6 +35,10 @@ class VideoFileOptions(Options):
     """Its frame rate in hertz; None takes the one that the file names."""
     loop: bool = False
     """Whether it begins again at its end, until the run is ended. At a desk, it is looked through once."""
+
+    def build(self, context: DriverContext) -> VideoFileCamera:
+        """Return the camera."""
+        return VideoFileCamera(self.path, self.rate, context.clock, loops=self.loop)
 
 
 class VideoFileCamera(RecordedCamera):
@@ -99,8 +103,4 @@ class VideoFileCamera(RecordedCamera):
             self._capture = None
 
 
-def _build(options: VideoFileOptions, context: DriverContext) -> VideoFileCamera:
-    return VideoFileCamera(options.path, options.rate, context.clock, loops=options.loop)
-
-
-PLUGIN = Plugin(VideoFileOptions, _build)
+PLUGIN = VideoFileOptions

@@ -13,7 +13,6 @@ from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
 from stadimeter.cli.explanation import copy_paths
 from stadimeter.cli.live_camera import LiveOption, camera_choice
 from stadimeter.cli.progress import working
-from stadimeter.config.plugins import DETECTORS, load_plugin
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView
 from stadimeter.errors import ConfigError
@@ -30,6 +29,7 @@ from stadimeter.workbench.colour_profile import profile_notes
 from stadimeter.workbench.frame_source import take_frame
 from stadimeter.workbench.measuring import open_picture
 from stadimeter.workbench.picture_quality import picture_remarks
+from stadimeter.workbench.setup.colour_step import ball_colours
 
 
 def register(app: typer.Typer) -> None:
@@ -85,8 +85,7 @@ def colour(
     with plain_errors():
         with working("looking for a ball of one colour"):
             names, samples = _samples_from_options(pictures or [], at or [], live)
-            found = load_plugin(DETECTORS, "ball").propose_colour
-            proposal: ColourProposal | None = found(samples) if found else None
+            proposal = ball_colours().propose_colour(samples)
         if proposal is None:
             raise ConfigError(_nothing(samples))
         paths = copy_paths(names, copies, "colour")

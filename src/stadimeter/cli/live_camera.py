@@ -9,7 +9,7 @@ import typer
 from pydantic import ValidationError
 
 from stadimeter.config.findings import findings_of
-from stadimeter.config.plugins import CAMERAS, DriverChoice, load_plugin
+from stadimeter.config.plugins import CAMERAS, DriverChoice, load_driver
 from stadimeter.config.toml_source import camera_table
 from stadimeter.config.untrusted_file import is_file
 from stadimeter.errors import ConfigError, Problem
@@ -38,10 +38,10 @@ def camera_choice(live: str) -> DriverChoice:
         return load_camera_choice(Path(live))
     table = camera_table(live)
     driver = table.pop("driver")
-    plugin = load_plugin(CAMERAS, driver)
+    model = load_driver(CAMERAS, driver)
     try:
-        return DriverChoice(name="camera", driver=driver, plugin=plugin, options=plugin.options.model_validate(table))
+        return DriverChoice(name="camera", driver=driver, options=model.model_validate(table))
     except ValidationError as error:
-        found = findings_of(error, plugin.options, table, ())
+        found = findings_of(error, model, table, ())
         hint = f"write it such as --live {driver},KEY=VALUE, or write a configuration and give that"
         raise ConfigError([Problem(f"{driver}: {each.message}", key="--live", hint=hint) for each in found]) from error

@@ -20,7 +20,7 @@ from stadimeter.cli.measure_output import Printer, printer_of
 from stadimeter.cli.progress import count_items, goes_to_file
 from stadimeter.cli.target_options import ConfigOption, GivenTarget, WantedTargets, takes_target, targets_from_options
 from stadimeter.config.camera_file import load_camera_model
-from stadimeter.config.plugins import CAMERAS, DriverChoice, load_plugin
+from stadimeter.config.plugins import CAMERAS, DriverChoice, load_driver
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import MeasurementStatus
 from stadimeter.errors import ConfigError, PictureError, Problem, StadimeterError
@@ -170,9 +170,8 @@ def _collect(problems: list[Problem]) -> Iterator[None]:
 
 
 def _video(path: Path) -> DriverChoice:
-    plugin = load_plugin(CAMERAS, "video")
-    options = plugin.options.model_validate({"path": str(path)})
-    return DriverChoice(name="video", driver="video", plugin=plugin, options=options)
+    options = load_driver(CAMERAS, "video").model_validate({"path": str(path)})
+    return DriverChoice(name="video", driver="video", options=options)
 
 
 def _pair_from_option(between: str | None, given: GivenTarget) -> tuple[str, str] | None:

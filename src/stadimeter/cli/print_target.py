@@ -20,6 +20,7 @@ from stadimeter.cli.exits import plain_errors
 from stadimeter.cli.target_options import targets_from_options
 from stadimeter.config.units import split_quantities
 from stadimeter.core.drawing import Drawing
+from stadimeter.detectors.protocol import DrawsTarget
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.drawing import write_drawings
 from stadimeter.workbench.printing import PAPERS, Item, board_drawing, print_pages
@@ -182,9 +183,9 @@ def board(
 def _draw_target(given: Mapping[str, Any]) -> tuple[Drawing, dict[str, Any]]:
     """Return the drawing of a target that the options of `measure` describe, and its options."""
     choice = targets_from_options(given).choices[0]
-    if choice.plugin.draw is None:
+    if not isinstance(choice.options, DrawsTarget):
         raise ConfigError(f"the detector {choice.driver!r} draws no target to print")
-    return choice.plugin.draw(choice.options), choice.options.model_dump()
+    return choice.options.draw(), choice.options.model_dump()
 
 
 _RANGE = re.compile(r"\s*(\d{1,5})\s*(?:-\s*(\d{1,5})\s*)?")

@@ -39,6 +39,7 @@ from stadimeter.cli.run_services import open_recordings, open_services, start_se
 from stadimeter.cli.viewing import Showing, View, in_words, live_or_plain, show, summarise
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.track import TrackStatus
+from stadimeter.detectors.protocol import ProposesColour
 
 
 def register(app: typer.Typer) -> None:
@@ -193,7 +194,7 @@ def _never_seen(loop: Loop, tracks: Mapping[str, Mapping[str, int]]) -> Iterator
     """Yield what to try for each target that goes by its colour and was in no frame."""
     configuration = loop.parts.configuration
     for target in configuration.targets:
-        if target.plugin.propose_colour and set(tracks.get(target.name, ())) == {TrackStatus.SEARCHING}:
+        if isinstance(target.options, ProposesColour) and set(tracks.get(target.name, ())) == {TrackStatus.SEARCHING}:
             file = configuration.path
             yield f"{target.name} was never seen. `stadimeter colour --live {file}` proposes its range of colours."
 

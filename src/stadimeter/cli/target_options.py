@@ -17,7 +17,7 @@ from pydantic import ValidationError
 from stadimeter.cli.formatting import CENTIMETRE, FOOT, INCH, METRE, LengthUnit
 from stadimeter.config.findings import findings_of
 from stadimeter.config.paper import paper_sides
-from stadimeter.config.plugins import DETECTORS, DriverChoice, load_plugin
+from stadimeter.config.plugins import DETECTORS, DriverChoice, load_driver
 from stadimeter.config.toml_source import key_and_value
 from stadimeter.config.units import LENGTHS_M, parse_length, split_quantities
 from stadimeter.core.camera_model import CameraModel
@@ -292,17 +292,17 @@ def _target_by_name(text: str) -> _Described:
 
 def _choice(driver: str, table: dict[str, Any], keys: Mapping[str, str]) -> DriverChoice:
     try:
-        plugin = load_plugin(DETECTORS, driver)
+        model = load_driver(DETECTORS, driver)
     except DriverNotFoundError as error:
         raise ConfigError([Problem(str(error), key="--target")]) from error
     try:
-        options = plugin.options.model_validate(table)
+        options = model.model_validate(table)
     except ValidationError as error:
-        found = findings_of(error, plugin.options, table, ())
+        found = findings_of(error, model, table, ())
         wrong = [_problem(str(each.path[-1]) if each.path else "", each.message, each.hint, keys) for each in found]
         of_each_option = {each.key if each.key != "--target" else each.message: each for each in reversed(wrong)}
         raise ConfigError(reversed(of_each_option.values())) from error
-    return DriverChoice(name=driver, driver=driver, plugin=plugin, options=options)
+    return DriverChoice(name=driver, driver=driver, options=options)
 
 
 def _problem(key: str, message: str, hint: str, keys: Mapping[str, str]) -> Problem:

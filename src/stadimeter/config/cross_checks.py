@@ -110,7 +110,7 @@ def _used_once(draft: Draft, mark: type, kind: str, identity: Callable[[Any], ob
 
 def _world_around(draft: Draft) -> Iterator[Finding]:
     for table, part in draft.parts():
-        if "world" not in draft.table and part.plugin.needs_world:
+        if "world" not in draft.table and part.options.needs_world:
             key = "detector" if table[0] == "targets" else "driver"
             message = f"'{part.driver}' needs a simulated world to be in, and there is no section [world]"
             yield Finding((*table, key), message, "add one; it may be empty", "world-missing")

@@ -132,7 +132,7 @@ def _verb_of(output: str, configuration: Configuration) -> str:
 
 
 def _verb(output: str, configuration: Configuration) -> str:
-    return next((each.plugin.verb for each in configuration.actuators if each.name == output), "drives")
+    return next((each.options.verb for each in configuration.actuators if each.name == output), "drives")
 
 
 def _delay(delay: OnDelay) -> str:

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from stadimeter.config import models, plugins
 from stadimeter.config.findings import Finding, did_you_mean, findings_of, known_keys, shown
-from stadimeter.config.plugins import DriverChoice, Plugin
+from stadimeter.config.plugins import DriverChoice, DriverOptions
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.errors import DriverError
 
@@ -72,12 +72,12 @@ def read_driver_table(
     common_part = {key: value for key, value in table.items() if key in common_keys}
     own_part = {key: value for key, value in table.items() if key not in (*common_keys, kind.key)}
     common = validate(kind.common, common_part, at, context, findings)
-    driver, plugin = _plugin(kind, at, table, findings)
+    driver, model = _driver(kind, at, table, findings)
     choice = None
-    if plugin is not None:
-        options = validate(plugin.options, own_part, at, context, findings, (*common_keys, kind.key))
+    if model is not None:
+        options = validate(model, own_part, at, context, findings, (*common_keys, kind.key))
         if options is not None:
-            choice = DriverChoice(name=str(at[-1]), driver=driver, plugin=plugin, options=options)
+            choice = DriverChoice(name=str(at[-1]), driver=driver, options=options)
     return DriverTable(choice=choice, common=common, findings=tuple(findings))
 
 
@@ -127,9 +127,9 @@ def _take_out(table: dict[str, Any], path: KeyPath) -> bool:
     return False
 
 
-def _plugin(
+def _driver(
     kind: DriverKind[Any], at: KeyPath, table: Mapping[str, Any], findings: list[Finding]
-) -> tuple[str, Plugin[Any] | None]:
+) -> tuple[str, type[DriverOptions] | None]:
     driver = table.get(kind.key, kind.default)
     path = (*at, kind.key)
     if not isinstance(driver, str):
@@ -138,7 +138,7 @@ def _plugin(
         findings.append(_no_driver(kind, path, table))
     else:
         try:
-            return driver, plugins.load_plugin(kind.group, driver)
+            return driver, plugins.load_driver(kind.group, driver)
         except DriverError as error:
             findings.append(Finding(path, str(error), code="driver"))
     return "", None

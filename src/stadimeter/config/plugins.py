@@ -1,7 +1,7 @@
 """Drivers by name: how a configuration's ``driver = "buzzer"`` becomes a driver.
 
-Every driver, built in or not, is an entry point in one of the `GROUPS` and names a `Plugin`. Only the drivers that a
-configuration names are loaded, so a driver whose library is missing costs nothing until then.
+Every driver, built in or not, is an entry point in one of the `GROUPS` and names a class of `DriverOptions`. Only the
+drivers that a configuration names are loaded, so a driver whose library is missing costs nothing until then.
 """
 
 from __future__ import annotations
@@ -12,19 +12,14 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import EntryPoint, EntryPoints, PackageNotFoundError, distribution, entry_points
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, ClassVar, Protocol, TypeVar, runtime_checkable
 
 from pydantic import BaseModel, ConfigDict
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.clock import Clock
-from stadimeter.core.frame import Image
 from stadimeter.errors import DriverError, DriverNotFoundError, DriverUnavailableError
 
-if TYPE_CHECKING:  # a run draws nothing
-    from stadimeter.core.drawing import Drawing
-
-OptionsT = TypeVar("OptionsT", bound=BaseModel)
 SharedT = TypeVar("SharedT")
 
 CAMERAS = "stadimeter.cameras"
@@ -39,15 +34,41 @@ PORTS = "stadimeter.ports"
 GROUPS = (CAMERAS, DETECTORS, ACTUATORS, BASES, BUTTONS, MESSENGERS, NOTIFIERS, WORLDS, PORTS)
 
 
-class Options(BaseModel):
-    """The options of a driver, as its table in the configuration holds them. Drivers derive their own from it.
-
-    Unknown keys are errors, and numbers are finite. Fields that a person writes with a unit use the types of
-    `stadimeter.config.units`; fields that name a pin or a serial port use `Pin` and `SerialPort`, so that two drivers
-    on one of them are noticed.
-    """
+class OptionsTable(BaseModel):
+    """A table within the options of a driver. Unknown keys are errors, and numbers are finite."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
+
+
+class DriverOptions(OptionsTable):
+    """A driver as its entry point names it: the options of its table in the configuration, which build the driver.
+
+    Fields that a person writes with a unit use the types of `stadimeter.config.units`; fields that name a pin or a
+    serial port use `Pin` and `SerialPort`, so that two drivers on one of them are noticed.
+
+    What else a driver can do, its options say by a method of one of the small protocols: those below, and those beside
+    the interface of its kind, such as `stadimeter.detectors.protocol.ProposesColour`. They are asked by ``check`` and
+    ``init`` on any computer, so they touch no hardware and do without the vendor's library.
+
+    Attributes:
+        needs_world: Whether it shows, knows or moves what is in a simulated world, which there must be then.
+        needs_pixels: Of a detector, whether it looks for its target in pictures: ``check`` warns where that is small.
+        verb: Of an actuator, what it does when it acts, for descriptions.
+        is_worn_by_switching: Of an actuator, whether each change of its level wears it out: ``check`` warns of patterns
+            that never end.
+        circuit: Of an actuator or a button, what hangs on its pin, for ``wiring``: ``motor`` (or another coil with its
+            own supply), ``buzzer``, ``led``, ``relay`` (a board with an input) or ``button``; empty for a 3.3 V signal.
+    """
+
+    needs_world: ClassVar[bool] = False
+    needs_pixels: ClassVar[bool] = True
+    verb: ClassVar[str] = "drives"
+    is_worn_by_switching: ClassVar[bool] = False
+    circuit: ClassVar[str] = ""
+
+    def build(self, context: DriverContext) -> Any:
+        """Return the driver, without touching hardware."""
+        raise NotImplementedError(f"{type(self).__name__} has no method `build`")
 
 
 @dataclass(slots=True)
@@ -104,23 +125,8 @@ class DriverContext:
         """
         if port not in driver_names(PORTS):
             return port
-        plugin = load_plugin(PORTS, port)
-        path: str = plugin.build(plugin.options(), self)
+        path: str = load_driver(PORTS, port)().build(self)
         return path
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Exercise:
-    """A target that `bench` lets a detector find.
-
-    Attributes:
-        options: The detector's table, as a configuration would have it.
-        patch: The target with its surroundings, as it looks in a picture that is 480 px high, to be put into pictures
-            of the simulated room; None to look for the green ball of 20 cm that is in that room.
-    """
-
-    options: Mapping[str, Any]
-    patch: Image | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -137,62 +143,49 @@ class SerialStop:
     frame: bytes
 
 
-@dataclass(frozen=True, slots=True)
-class Plugin(Generic[OptionsT]):
-    """A driver, as its entry point names it.
+@runtime_checkable
+class MaySimulate(Protocol):
+    """A driver that may act in a simulated world only. A recording that drives anything else is watched closely."""
 
-    Attributes:
-        options: The model of the driver's table in the configuration.
-        build: Makes the driver from its checked options and the run's context, without touching hardware.
-        is_simulated: Tells from its options whether the driver acts in a simulated world only. A recording that drives
-            anything else is watched more closely.
-        lacks: Names what the driver with these options would lack on this computer, such as a library or a file:
-            sentences that `check` warns of. It touches no hardware and no network.
-        not_for_motion: Of a camera, why nothing may move on its frames: for each option that would have to be written,
-            a sentence that `check` warns of. See `stadimeter.cameras.protocol.Camera.not_for_motion`.
-        latency: Of a camera, how old a frame is on arrival, in seconds, as its options state.
-        attached: Of a camera, lists those that are on this computer, without taking pictures: a tuple of
-            `stadimeter.cameras.protocol.AttachedCamera`.
-        reach: Of a messenger, connects once and hangs up, and returns what is wrong or nothing, for `doctor`. A running
-            instance keeps its connection.
-        verb: Of an actuator, what it does when it acts, for descriptions: such as ``buzzes``.
-        is_worn_by_switching: Of an actuator, whether each change of its level wears it out: `check` warns of patterns
-            that never end.
-        circuit: Of an actuator or a button on a pin, what hangs on it, for `wiring`: ``motor`` (or another coil on a
-            supply of its own), ``buzzer``, ``led``, ``relay`` (a board with an input) or ``button``; empty for a signal
-            of 3.3 V.
-        stop_frame: Of an output on a serial port, what stops it when the program is gone; None if nothing can. Pins
-            need none: they are driven to the level at which they are off.
-        needs_world: Whether it shows, knows or moves what is in a simulated world, which there must be then.
-        needs_pixels: Of a detector, whether it looks for its target in pictures: `check` warns where that is too small.
-        exercise: Of a detector, makes what `bench` measures its speed on; None to leave it out.
-        draw: Of a detector, draws its target at its true size with the white rim that it needs, for `print`.
-        propose_colour: Of a detector that goes by colour, finds out the range of colours of its target in pictures: a
-            `stadimeter.detectors.protocol.ProposesColour`.
-        view_colour: Of such a detector, shows what a range of colours covers in a frame: a
-            `stadimeter.detectors.protocol.ViewsColour`.
-        widen_colour: Of such a detector, returns a range that covers more by so many steps, or less by negative ones.
-    """
+    def is_simulated(self) -> bool:
+        """Return whether it does with these options."""
+        ...
 
-    options: type[OptionsT]
-    build: Callable[[OptionsT, DriverContext], Any]
-    is_simulated: Callable[[OptionsT], bool] = field(default=lambda _options: False)
-    lacks: Callable[[OptionsT], tuple[str, ...]] = field(default=lambda _options: ())
-    not_for_motion: Callable[[OptionsT], Mapping[str, str]] = field(default=lambda _options: {})
-    latency: Callable[[OptionsT], float] = field(default=lambda _options: 0.0)
-    attached: Callable[[], tuple[Any, ...]] = field(default=tuple, kw_only=True)
-    reach: Callable[[OptionsT], str] | None = field(default=None, kw_only=True)
-    verb: str = field(default="drives", kw_only=True)
-    is_worn_by_switching: bool = field(default=False, kw_only=True)
-    circuit: str = field(default="", kw_only=True)
-    stop_frame: Callable[[OptionsT], SerialStop | None] = field(default=lambda _options: None, kw_only=True)
-    needs_world: bool = field(default=False, kw_only=True)
-    needs_pixels: bool = field(default=True, kw_only=True)
-    exercise: Callable[[], Exercise] | None = field(default=None, kw_only=True)
-    draw: Callable[[OptionsT], Drawing] | None = field(default=None, kw_only=True)
-    propose_colour: Callable[..., Any] | None = field(default=None, kw_only=True)
-    view_colour: Callable[..., Any] | None = field(default=None, kw_only=True)
-    widen_colour: Callable[[str, int], str] | None = field(default=None, kw_only=True)
+
+@runtime_checkable
+class ReportsLacks(Protocol):
+    """A driver that needs something of this computer, such as a library, a file or a device."""
+
+    def lacks(self) -> tuple[str, ...]:
+        """Return a sentence on each thing that is missing, which ``check`` warns of; touches no network."""
+        ...
+
+
+@runtime_checkable
+class RefusesMotion(Protocol):
+    """A camera whose frames nothing may move on with some options; see `Camera.not_for_motion`."""
+
+    def refuse_motion(self) -> Mapping[str, str]:
+        """Return the reason for each option that would have to be written."""
+        ...
+
+
+@runtime_checkable
+class StatesLatency(Protocol):
+    """A camera that knows from its options how old its frames are."""
+
+    def frame_latency_s(self) -> float:
+        """Return the age of a frame when it arrives, in seconds."""
+        ...
+
+
+@runtime_checkable
+class StopsByBytes(Protocol):
+    """An output on a serial port that bytes from outside stop. Pins need none: they are driven to their off level."""
+
+    def serial_stop(self) -> SerialStop | None:
+        """Return what to send; None where nothing is there to be stopped."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -206,8 +199,12 @@ class DriverChoice:
 
     name: str
     driver: str
-    plugin: Plugin[Any]
-    options: Options
+    options: DriverOptions
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether it acts in a simulated world only."""
+        return isinstance(self.options, MaySimulate) and self.options.is_simulated()
 
 
 def marked_options(options: BaseModel, mark: type) -> Iterator[tuple[tuple[str, ...], object]]:
@@ -256,7 +253,7 @@ def driver_names(group: str) -> tuple[str, ...]:
     return tuple(sorted({entry.name for entry in installed(group)}))
 
 
-def load_plugin(group: str, name: str) -> Plugin[Any]:
+def load_driver(group: str, name: str) -> type[DriverOptions]:
     """Load the driver of that name; of several packages that have one, the built-in one.
 
     Args:
@@ -272,16 +269,16 @@ def load_plugin(group: str, name: str) -> Plugin[Any]:
     if not matching:
         raise DriverNotFoundError(_not_found(group, name))
     try:
-        plugin = matching[0].load()
+        driver = matching[0].load()
     except ImportError as error:
         raise DriverUnavailableError(
             f"the driver '{name}' needs a library that is not installed: {error}; install it and try again"
         ) from error
     except AttributeError as error:
         raise DriverError(f"the entry point '{name}' in {group} names something that is not there: {error}") from error
-    if not isinstance(plugin, Plugin):
-        raise DriverError(f"the entry point '{name}' in {group} names a {type(plugin).__name__}, not a Plugin")
-    return plugin
+    if not (isinstance(driver, type) and issubclass(driver, DriverOptions)):
+        raise DriverError(f"the entry point '{name}' in {group} names {driver!r}, which is no class of DriverOptions")
+    return driver
 
 
 def _not_found(group: str, name: str) -> str:

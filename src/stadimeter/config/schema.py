@@ -22,7 +22,6 @@ from pydantic_core import core_schema
 
 from stadimeter.config import camera_file, driver_tables, models, plugins
 from stadimeter.config.driver_tables import DriverKind
-from stadimeter.config.plugins import Plugin
 from stadimeter.config.rule_test_tables import RuleTestTable
 from stadimeter.config.rules.tables import KINDS, RuleTable
 from stadimeter.errors import DriverError
@@ -114,10 +113,10 @@ def configuration_schema() -> JsonSchema:
 def _drivers(kind: DriverKind[Any]) -> Iterator[_Driver]:
     for name in plugins.driver_names(kind.group):
         try:
-            plugin: Plugin[Any] | None = plugins.load_plugin(kind.group, name)
+            options: type[BaseModel] | None = plugins.load_driver(kind.group, name)
         except DriverError:  # its library is missing: its name is known, and not its keys
-            plugin = None
-        yield _Driver(kind=kind, name=name, options=plugin.options if plugin else None)
+            options = None
+        yield _Driver(kind=kind, name=name, options=options)
 
 
 def _models(drivers: list[_Driver]) -> list[type[BaseModel]]:

@@ -14,7 +14,7 @@ from stadimeter.config.analysis.writers import overlap_warnings, priority_warnin
 from stadimeter.config.draft import BASE_NAME, Draft
 from stadimeter.config.findings import Finding
 from stadimeter.config.gpio_header import TAKEN
-from stadimeter.config.plugins import marked_options
+from stadimeter.config.plugins import RefusesMotion, StatesLatency, marked_options
 from stadimeter.config.rule_test_checks import rule_test_warnings
 from stadimeter.config.rules.pattern_tables import PatternTable
 from stadimeter.config.rules.tables import RuleTable
@@ -114,18 +114,18 @@ def _outputs_driven(draft: Draft) -> Iterator[Finding]:
 
 
 def _no_motion(draft: Draft) -> Iterator[Finding]:
-    if draft.camera is None or not _moves(draft):
+    if draft.camera is None or not _moves(draft) or not isinstance(draft.camera.options, RefusesMotion):
         return
-    for key, why in draft.camera.plugin.not_for_motion(draft.camera.options).items():
+    for key, why in draft.camera.options.refuse_motion().items():
         yield Finding(("camera", key), why, "alarms and messages work without", "not-for-motion")
 
 
 def _late_frames(draft: Draft) -> Iterator[Finding]:
     """Find frames that are too old for motion when they arrive, or nearly."""
-    if draft.camera is None or not _moves(draft):
+    if draft.camera is None or not _moves(draft) or not isinstance(draft.camera.options, StatesLatency):
         return
     at = ("camera", "latency")
-    latency_s, longest_s = draft.camera.plugin.latency(draft.camera.options), draft.safety.max_frame_age
+    latency_s, longest_s = draft.camera.options.frame_latency_s(), draft.safety.max_frame_age
     left_s = longest_s - latency_s
     message = f"pictures are {1e3 * latency_s:.0f} ms old when they arrive, and safety.max_frame_age is"
     hint = (
@@ -152,7 +152,7 @@ def _unused_notifiers(draft: Draft) -> Iterator[Finding]:
 
 
 def _worn_contacts(draft: Draft) -> Iterator[Finding]:
-    worn = {choice.name: choice.driver for choice in draft.actuators if choice.plugin.is_worn_by_switching}
+    worn = {choice.name: choice.driver for choice in draft.actuators if choice.options.is_worn_by_switching}
     for name, rule in draft.rules.items():
         for path, actuator, pattern in _patterns(rule):
             if actuator in worn and pattern.period_s < SHORTEST_PERIOD_OF_WEAR_S and not pattern.times:

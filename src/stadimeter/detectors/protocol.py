@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple, Protocol, runtime_checkable
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stadimeter.config.plugins import Options
+from stadimeter.config.plugins import DriverOptions
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, Points, Prediction, RejectedCandidate
-from stadimeter.core.frame import Frame
+from stadimeter.core.frame import Frame, Image
 from stadimeter.core.target import TargetShape
 from stadimeter.errors import PictureError
+
+if TYPE_CHECKING:  # a run draws nothing
+    from stadimeter.core.drawing import Drawing
 
 
 class Detector(Protocol):
@@ -81,7 +84,7 @@ class Remedy:
 
     key: str
     value: str
-    options: Options
+    options: DriverOptions
 
     def __str__(self) -> str:
         """Return it as a table has it."""
@@ -138,19 +141,56 @@ class ColourProposal:
     hue_margin: int | None
 
 
+@runtime_checkable
 class ProposesColour(Protocol):
-    """Part of a detector's plugin: finds out the range of colours of its target."""
+    """A detector that goes by colour; a part of its `DriverOptions`."""
 
-    def __call__(self, samples: Sequence[ColourSample]) -> ColourProposal | None:
+    @staticmethod
+    def propose_colour(samples: Sequence[ColourSample]) -> ColourProposal | None:
         """Return a range for all the pictures; None if nothing stands out there, or the background was pointed at."""
         ...
 
-
-class ViewsColour(Protocol):
-    """Part of a detector's plugin: shows what a range of colours covers."""
-
-    def __call__(self, frame: Frame, colour: str) -> ColourView:
+    @staticmethod
+    def view_colour(frame: Frame, colour: str) -> ColourView:
         """Return what a range, as the configuration has it, shows in a frame; a ValueError says why it is none."""
+        ...
+
+    @staticmethod
+    def widen_colour(colour: str, steps: int) -> str:
+        """Return a range that covers more by a number of steps, or less by a negative one."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Exercise:
+    """A target that `bench` lets a detector find.
+
+    Attributes:
+        options: The detector's table, as a configuration would have it.
+        patch: The target with its surroundings, as it looks in a picture that is 480 px high, to be put into pictures
+            of the simulated room; None to look for the green ball of 20 cm that is in that room.
+    """
+
+    options: Mapping[str, Any]
+    patch: Image | None = field(default=None, compare=False)
+
+
+@runtime_checkable
+class BringsExercise(Protocol):
+    """A detector whose speed `bench` can measure; a part of its `DriverOptions`."""
+
+    @staticmethod
+    def exercise() -> Exercise:
+        """Return what it has to find."""
+        ...
+
+
+@runtime_checkable
+class DrawsTarget(Protocol):
+    """A detector whose target can be printed; a part of its `DriverOptions`."""
+
+    def draw(self) -> Drawing:
+        """Return the target at its true size, with the white rim that it needs."""
         ...
 
 

@@ -20,7 +20,7 @@ from pydantic import BeforeValidator, SecretStr, model_validator
 from stadimeter.config.addresses import address_in
 from stadimeter.config.extras import missing
 from stadimeter.config.models import DurationAboveZero
-from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.secrets import HIDDEN
 from stadimeter.config.units import FilePath
 from stadimeter.core.decision import Severity
@@ -47,7 +47,7 @@ def _has_service(url: object) -> object:
     return url
 
 
-class AppriseOptions(Options):
+class AppriseOptions(DriverOptions):
     """The table of an ``apprise`` notifier."""
 
     url: Annotated[SecretStr, BeforeValidator(_has_service)] | None = None
@@ -63,6 +63,14 @@ class AppriseOptions(Options):
         if (self.url is None) is (self.url_file is None):
             raise ValueError("a notifier needs either url or url_file")
         return self
+
+    def build(self, context: DriverContext) -> AppriseNotifier:
+        """Return the notifier."""
+        return AppriseNotifier(self, context.name)
+
+    def lacks(self) -> tuple[str, ...]:
+        """Return whether apprise is missing."""
+        return (trouble,) if (trouble := missing("notify")) else ()
 
 
 class AppriseNotifier:
@@ -198,17 +206,6 @@ def _overheard() -> Iterator[list[str]]:
         logger.removeHandler(ear)
 
 
-def _build(options: AppriseOptions, context: DriverContext) -> AppriseNotifier:
-    return AppriseNotifier(options, context.name)
-
-
-def _lacks(_options: AppriseOptions) -> tuple[str, ...]:
-    return (trouble,) if (trouble := missing("notify")) else ()
-
-
-PLUGIN = Plugin(AppriseOptions, _build, lacks=_lacks)
-
-
 QUEUE_MAX = 100
 """More than this do not wait: then the oldest is given up for the newest."""
 
@@ -318,3 +315,6 @@ class Delivery:
             self._waiting.appendleft(tried)
             self._pause_s = min(self._pauses.next_s(), self._patience.alarm_pause_s)
             self._changed.wait_for(lambda: self._is_stopping, self._pauses.spread_s(self._pause_s))
+
+
+PLUGIN = AppriseOptions

@@ -19,7 +19,7 @@ from stadimeter.messaging.mqtt_client import (
     OFFLINE,
     ONLINE,
     BombError,
-    MqttOptions,
+    MqttSettings,
     Secrets,
     make_client,
     publish_properties,
@@ -58,7 +58,7 @@ class BrokerLink:
     the version of MQTT. So this thread calls paho's loop, and no other thread does.
     """
 
-    def __init__(self, options: MqttOptions, secrets: Secrets, patience: Patience) -> None:
+    def __init__(self, options: MqttSettings, secrets: Secrets, patience: Patience) -> None:
         self._options = options
         self._secrets = secrets
         self._patience = patience

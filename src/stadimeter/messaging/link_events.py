@@ -13,7 +13,7 @@ from typing import Any
 from paho.mqtt.client import Client, ConnectFlags, DisconnectFlags, MQTTMessage
 from paho.mqtt.reasoncodes import ReasonCode
 
-from stadimeter.messaging.mqtt_client import MqttOptions
+from stadimeter.messaging.mqtt_client import MqttSettings
 from stadimeter.messaging.retained import PAGES_MAX
 
 STABLE_S = 10.0
@@ -37,7 +37,7 @@ class LinkEvents:
         subscribed_at_s: When the broker answered our subscription; None before.
     """
 
-    def __init__(self, options: MqttOptions) -> None:
+    def __init__(self, options: MqttSettings) -> None:
         self._options = options
         self._done: deque[tuple[int, bool]] = deque()
         self._short_lives = 0
@@ -153,7 +153,7 @@ KEEPALIVE = 0x8D
 TAKEN_OVER = 0x8E
 
 
-def unreachable(options: MqttOptions, error: OSError) -> str:
+def unreachable(options: MqttSettings, error: OSError) -> str:
     """Say why there is no connection at all, in one line."""
     place = options.place
     if isinstance(error, ssl.SSLCertVerificationError):
@@ -175,7 +175,7 @@ def _trouble(error: OSError) -> str:
     return f"cannot be reached: {error.strerror or error}"
 
 
-def refused(options: MqttOptions, reason: ReasonCode) -> str:
+def refused(options: MqttSettings, reason: ReasonCode) -> str:
     """Say why the broker would not have us."""
     if reason.value in {NOT_AUTHORISED, BAD_LOGIN}:
         who = f"the login of '{options.username}'" if options.username else "a connection without a login"
@@ -185,14 +185,14 @@ def refused(options: MqttOptions, reason: ReasonCode) -> str:
     return f"{options.place} refused the client '{options.client_id}' ({reason})"
 
 
-def sent_away(options: MqttOptions, reason: ReasonCode) -> str:
+def sent_away(options: MqttSettings, reason: ReasonCode) -> str:
     """Say why the broker ended the connection."""
     if reason.value == TAKEN_OVER:
         return f"another program uses the client id '{options.client_id}' at {options.place}; give each its own node"
     return f"{options.place} ended the connection ({reason})"
 
 
-def broke_off(options: MqttOptions, reason: ReasonCode, *, had_answered: bool) -> str:
+def broke_off(options: MqttSettings, reason: ReasonCode, *, had_answered: bool) -> str:
     """Say how a connection ended without a word from the broker."""
     if reason.value == KEEPALIVE:
         return silent(options, had_answered=had_answered)
@@ -203,17 +203,17 @@ def broke_off(options: MqttOptions, reason: ReasonCode, *, had_answered: bool) -
     return f"the connection to {options.place} was lost"
 
 
-def no_broker(options: MqttOptions) -> str:
+def no_broker(options: MqttSettings) -> str:
     """Say, in one line, that what was received is not MQTT."""
     return f"{options.place} does not answer as an MQTT broker does"
 
 
-def too_much(options: MqttOptions) -> str:
+def too_much(options: MqttSettings) -> str:
     """Say, in one line, that a message came that is far larger than any answer to us."""
     return f"{options.place} sent a message that is too large to be an answer to this program"
 
 
-def shared_name(options: MqttOptions) -> str:
+def shared_name(options: MqttSettings) -> str:
     """Guess, for the end of a line, at two programs that take the connection from each other.
 
     Few brokers say so, and with MQTT 3.1.1 none can.
@@ -221,11 +221,11 @@ def shared_name(options: MqttOptions) -> str:
     return f" (does another program use the client id '{options.client_id}'?)"
 
 
-def silent(options: MqttOptions, *, had_answered: bool) -> str:
+def silent(options: MqttSettings, *, had_answered: bool) -> str:
     """Say that the broker says nothing."""
     return f"{options.place} has stopped answering" if had_answered else f"{options.place} does not answer"
 
 
-def would_not_take(options: MqttOptions, reason: ReasonCode) -> str:
+def would_not_take(options: MqttSettings, reason: ReasonCode) -> str:
     """Say that the broker took us but not a message."""
     return f"{options.place} refused a message below '{options.base}' ({reason}); check the broker's access list"

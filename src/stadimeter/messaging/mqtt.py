@@ -7,13 +7,66 @@ import time
 from paho.mqtt.client import Client
 from paho.mqtt.enums import MQTTProtocolVersion
 
-from stadimeter.config.plugins import DriverContext, Plugin
+from stadimeter.config.plugins import DriverContext
 from stadimeter.core.message import Message
 from stadimeter.errors import ConfigError, DeviceClosedError, DeviceOpenError
 from stadimeter.messaging.back_off import Patience
 from stadimeter.messaging.broker_link import V5, V311, BrokerLink, serve
 from stadimeter.messaging.link_events import LinkEvents
-from stadimeter.messaging.mqtt_client import MqttOptions, make_client, read_secrets, say_goodbye
+from stadimeter.messaging.mqtt_client import MqttSettings, make_client, read_secrets, say_goodbye
+
+ASKED_S = 3.0
+
+
+class MqttOptions(MqttSettings):
+    """The table of an ``mqtt`` messenger.
+
+    The password is never part of a configuration: configurations are shown, logged and shared. It stands in a file of
+    its own, which may be a systemd credential.
+    """
+
+    def build(self, context: DriverContext) -> PahoMessenger:  # noqa: ARG002 - the interface of every driver
+        """Return the messenger."""
+        return PahoMessenger(self)
+
+    def reach(self) -> str:
+        """Connect once with this login, hang up, and return what is wrong, or an empty string.
+
+        It has a client id of its own, for a broker would throw out a running instance of the same id, and no last will.
+        """
+        asking = self.model_copy(update={"node": f"{self.node}-doctor"})
+        try:
+            secrets = read_secrets(asking)
+        except DeviceOpenError as error:
+            return str(error)
+        events = LinkEvents(asking)
+        for version in {"5": (V5,), "3.1.1": (V311,)}.get(self.protocol, (V5, V311)):
+            events.begin()
+            client = make_client(asking, secrets, version, ASKED_S)
+            client.will_clear()
+            events.listen_to(client)
+            _attempt(client, version, events)
+            if events.is_accepted or not events.suspects_version:
+                break
+        return "" if events.is_accepted else events.ending
+
+
+def _attempt(client: Client, version: MQTTProtocolVersion, events: LinkEvents) -> None:
+    try:
+        client.reconnect()
+    except OSError as error:
+        events.could_not_connect(error)
+        return
+    until_s = time.monotonic() + ASKED_S
+    while not events.is_accepted and (left_s := until_s - time.monotonic()) > 0 and serve(client, events, left_s):
+        pass
+    if events.is_accepted:
+        say_goodbye(client, version)
+        serve(client, events, 0.0)
+    elif not events.ending:
+        events.no_answer_came()
+    if (connection := client.socket()) is not None:
+        connection.close()
 
 
 class PahoMessenger:
@@ -92,51 +145,4 @@ class PahoMessenger:
         self._link = None
 
 
-def _build(options: MqttOptions, context: DriverContext) -> PahoMessenger:  # noqa: ARG001 - the interface of a plugin
-    return PahoMessenger(options)
-
-
-ASKED_S = 3.0
-
-
-def reach(options: MqttOptions) -> str:
-    """Connect once with the configuration's login, hang up, and return what is wrong, or an empty string.
-
-    It has a client id of its own, for a broker would throw out a running instance of the same id, and no last will.
-    """
-    asking = options.model_copy(update={"node": f"{options.node}-doctor"})
-    try:
-        secrets = read_secrets(asking)
-    except DeviceOpenError as error:
-        return str(error)
-    events = LinkEvents(asking)
-    for version in {"5": (V5,), "3.1.1": (V311,)}.get(options.protocol, (V5, V311)):
-        events.begin()
-        client = make_client(asking, secrets, version, ASKED_S)
-        client.will_clear()
-        events.listen_to(client)
-        _attempt(client, version, events)
-        if events.is_accepted or not events.suspects_version:
-            break
-    return "" if events.is_accepted else events.ending
-
-
-def _attempt(client: Client, version: MQTTProtocolVersion, events: LinkEvents) -> None:
-    try:
-        client.reconnect()
-    except OSError as error:
-        events.could_not_connect(error)
-        return
-    until_s = time.monotonic() + ASKED_S
-    while not events.is_accepted and (left_s := until_s - time.monotonic()) > 0 and serve(client, events, left_s):
-        pass
-    if events.is_accepted:
-        say_goodbye(client, version)
-        serve(client, events, 0.0)
-    elif not events.ending:
-        events.no_answer_came()
-    if (connection := client.socket()) is not None:
-        connection.close()
-
-
-PLUGIN = Plugin(MqttOptions, _build, reach=reach)
+PLUGIN = MqttOptions

@@ -15,7 +15,7 @@ from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 from pydantic import AfterValidator, Field, model_validator
 
-from stadimeter.config.plugins import Options
+from stadimeter.config.plugins import DriverOptions
 from stadimeter.config.units import Duration, FilePath
 from stadimeter.config.untrusted_file import (
     CERTIFICATES_MAX_BYTES,
@@ -71,12 +71,8 @@ def _check_keepalive(seconds: float) -> float:
     return seconds
 
 
-class MqttOptions(Options):
-    """The table of an ``mqtt`` messenger.
-
-    The password is never part of a configuration: configurations are shown, logged and shared. It stands in a file of
-    its own, which may be a systemd credential.
-    """
+class MqttSettings(DriverOptions):
+    """The table of an ``mqtt`` messenger, without its driver."""
 
     host: Annotated[str, AfterValidator(_check_host)] = "127.0.0.1"
     """The broker's name or address."""
@@ -174,7 +170,7 @@ class Secrets:
     tls: ssl.SSLContext | None = None
 
 
-def read_secrets(options: MqttOptions) -> Secrets:
+def read_secrets(options: MqttSettings) -> Secrets:
     """Read the files that the configuration names; raises `DeviceOpenError` for one that is of no use."""
     return Secrets(
         password=_read_password(options.password_file) if options.password_file else None,
@@ -182,7 +178,7 @@ def read_secrets(options: MqttOptions) -> Secrets:
     )
 
 
-def make_client(options: MqttOptions, secrets: Secrets, version: MQTTProtocolVersion, answer_s: float) -> Client:
+def make_client(options: MqttSettings, secrets: Secrets, version: MQTTProtocolVersion, answer_s: float) -> Client:
     """Make a client that is ready to connect. It has no thread, and tries nothing by itself."""
     is_v5 = version == MQTTProtocolVersion.MQTTv5
     client = _Client(
@@ -215,7 +211,7 @@ def publish_properties(message: Message) -> Properties | None:
     return _properties(PacketTypes.PUBLISH, MessageExpiryInterval=message.expires_s)
 
 
-def _set_session(client: Client, options: MqttOptions, *, is_v5: bool) -> None:
+def _set_session(client: Client, options: MqttSettings, *, is_v5: bool) -> None:
     session, will = None, None
     if is_v5:
         session = _properties(PacketTypes.CONNECT, SessionExpiryInterval=SESSION_EXPIRY_S, MaximumPacketSize=PACKET_MAX)

@@ -56,6 +56,15 @@ class Retaining(Protocol):
         ...
 
 
+@runtime_checkable
+class ReachesItsPeer(Protocol):
+    """A messenger that can try its connection; a part of its `DriverOptions`."""
+
+    def reach(self) -> str:
+        """Connect once, hang up, and return what is wrong, or an empty string. A running instance stays connected."""
+        ...
+
+
 class Notifier(Protocol):
     """Sends notifications to people. It never keeps the loop waiting, whatever the service behind it does."""
 

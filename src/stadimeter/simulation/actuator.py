@@ -7,18 +7,26 @@ from dataclasses import dataclass, replace
 
 from pydantic import Field
 
-from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.core.command import LevelCommand
 from stadimeter.errors import DeviceClosedError
 
 
-class SimulatedActuatorOptions(Options):
+class SimulatedActuatorOptions(DriverOptions):
     """The table of a simulated actuator in the configuration."""
 
     steps: int | None = Field(default=None, ge=1)
     """How many levels above off the device can do; None for any. 1 makes it a switch."""
     history: int = Field(default=10_000, ge=1)
     """How many changes of level it remembers."""
+
+    def build(self, context: DriverContext) -> SimulatedActuator:
+        """Return the actuator."""
+        return SimulatedActuator(self, context)
+
+    def is_simulated(self) -> bool:
+        """Return True."""
+        return True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,4 +89,4 @@ class SimulatedActuator:
             raise DeviceClosedError(f"the simulated actuator '{self._name}' is not open")
 
 
-PLUGIN = Plugin(SimulatedActuatorOptions, SimulatedActuator, is_simulated=lambda _: True)
+PLUGIN = SimulatedActuatorOptions

@@ -12,7 +12,7 @@ from typing import Annotated
 
 from pydantic import BeforeValidator
 
-from stadimeter.config.plugins import Options
+from stadimeter.config.plugins import OptionsTable
 from stadimeter.config.units import LENGTHS_M, Duration, as_written, parse_quantity
 from stadimeter.simulation.robot import Pose
 
@@ -30,7 +30,7 @@ def parse_coordinate(text: object) -> float:
 Coordinate = Annotated[float, BeforeValidator(parse_coordinate), as_written(LENGTHS_M, "-1.5 m", is_signed=True)]
 
 
-class WayPoint(Options):
+class WayPoint(OptionsTable):
     """The position of the ball at some time."""
 
     at: Duration

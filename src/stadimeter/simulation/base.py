@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from pydantic import AfterValidator
 
-from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import Duration, Speed
 from stadimeter.core.command import TwistCommand
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, LinkLostError
@@ -21,13 +21,23 @@ def _check_speed(speed_mps: float) -> float:
     return speed_mps
 
 
-class SimulatedBaseOptions(Options):
+class SimulatedBaseOptions(DriverOptions):
     """The table of a simulated base in the configuration."""
+
+    needs_world: ClassVar = True
 
     max_wheel_speed: Annotated[Speed, AfterValidator(_check_speed)] = 0.5
     """No wheel runs faster."""
     auto_stop: Duration = 2.0
     """The wheels stop when no command came for this long, as firmware does; 0 for never."""
+
+    def build(self, context: DriverContext) -> SimulatedBase:
+        """Return the base."""
+        return SimulatedBase(self, context)
+
+    def is_simulated(self) -> bool:
+        """Return True."""
+        return True
 
 
 class SimulatedBase:
@@ -100,4 +110,4 @@ class SimulatedBase:
             raise LinkLostError(f"the simulated base '{self._name}' no longer answers: it was unplugged")
 
 
-PLUGIN = Plugin(SimulatedBaseOptions, SimulatedBase, is_simulated=lambda _: True, needs_world=True)
+PLUGIN = SimulatedBaseOptions

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import Duration
 from stadimeter.errors import DeviceClosedError
 
@@ -20,11 +20,19 @@ class PressTable(BaseModel):
     """In seconds; how long it stays down."""
 
 
-class SimulatedButtonOptions(Options):
+class SimulatedButtonOptions(DriverOptions):
     """The table of a simulated button in the configuration."""
 
     presses: tuple[PressTable, ...] = ()
     """When it is pressed."""
+
+    def build(self, context: DriverContext) -> SimulatedButton:
+        """Return the button."""
+        return SimulatedButton(self, context)
+
+    def is_simulated(self) -> bool:
+        """Return True."""
+        return True
 
 
 class SimulatedButton:
@@ -60,4 +68,4 @@ class SimulatedButton:
         self.is_open = False
 
 
-PLUGIN = Plugin(SimulatedButtonOptions, SimulatedButton, is_simulated=lambda _: True)
+PLUGIN = SimulatedButtonOptions

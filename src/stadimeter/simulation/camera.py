@@ -9,14 +9,14 @@ turning shows as it should, driving does not: the walls keep their distance, as 
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
-from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import Frequency
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame, Image
@@ -202,8 +202,10 @@ def _check_rate(rate_hz: float) -> float:
     return rate_hz
 
 
-class SimulatedCameraOptions(Options):
+class SimulatedCameraOptions(DriverOptions):
     """The table of a simulated camera in the configuration."""
+
+    needs_world: ClassVar = True
 
     rate: Annotated[Frequency, AfterValidator(_check_rate)] = 30.0
     """Frames in a second."""
@@ -211,6 +213,10 @@ class SimulatedCameraOptions(Options):
     """Whether to draw pictures. Without, every frame is black and costs nothing: for the detector ``ideal``."""
     noise: float = Field(default=2.0, ge=0, le=64)
     """Standard deviation of the sensor's noise in grey levels of 255."""
+
+    def build(self, context: DriverContext) -> SimulatedCamera:
+        """Return the camera."""
+        return SimulatedCamera(self, context)
 
 
 class SimulatedCamera:
@@ -307,4 +313,4 @@ def lens(context: DriverContext) -> CameraModel:
     return context.camera_model
 
 
-PLUGIN = Plugin(SimulatedCameraOptions, SimulatedCamera, needs_world=True)
+PLUGIN = SimulatedCameraOptions

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import zlib
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
@@ -28,8 +29,11 @@ _ANGLES = np.arange(16) * (2 * math.pi / 16)
 _CIRCLE: Points = np.stack((np.cos(_ANGLES), np.sin(_ANGLES)), axis=1)
 
 
-class IdealDetectorOptions(Options):
+class IdealDetectorOptions(DriverOptions):
     """What the table of an ideal detector may hold."""
+
+    needs_world: ClassVar = True
+    needs_pixels: ClassVar = False
 
     diameter: Length | None = None
     """The ball's diameter; None takes the world's. Another than the world's is refused."""
@@ -37,6 +41,10 @@ class IdealDetectorOptions(Options):
     """Standard deviation of the apparent diameter, and of each coordinate of the centre."""
     min_diameter_px: float = Field(default=3.0, gt=0)
     """A ball that appears smaller is not found."""
+
+    def build(self, context: DriverContext) -> IdealDetector:
+        """Return the detector."""
+        return IdealDetector(self, context)
 
 
 class IdealDetector:
@@ -153,4 +161,4 @@ def _check_diameter(stated_m: float | None, true_m: float, target: str) -> None:
         )
 
 
-PLUGIN = Plugin(IdealDetectorOptions, IdealDetector, needs_world=True, needs_pixels=False)
+PLUGIN = IdealDetectorOptions

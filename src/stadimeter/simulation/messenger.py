@@ -7,19 +7,23 @@ from dataclasses import dataclass
 
 from pydantic import Field
 
-from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.core.message import Message
 from stadimeter.errors import DeviceClosedError
 from stadimeter.simulation.world import shared_world
 
 
-class SimulatedMessengerOptions(Options):
+class SimulatedMessengerOptions(DriverOptions):
     """The table of a simulated messenger in the configuration."""
 
     history: int = Field(default=1000, ge=1)
     """How many delivered messages are kept to look at."""
     queue: int = Field(default=100, ge=1)
     """How many messages of QoS 1 wait while the broker is gone; one more pushes the oldest out."""
+
+    def build(self, context: DriverContext) -> SimulatedMessenger:
+        """Return the messenger."""
+        return SimulatedMessenger(self, context)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,4 +122,4 @@ class SimulatedMessenger:
                 self.given_up += 1
 
 
-PLUGIN = Plugin(SimulatedMessengerOptions, SimulatedMessenger)
+PLUGIN = SimulatedMessengerOptions

@@ -7,11 +7,11 @@ from collections.abc import Collection, Sequence
 
 from pydantic import Field
 
-from stadimeter.config.plugins import Options
+from stadimeter.config.plugins import OptionsTable
 from stadimeter.config.units import Duration, Length
 
 
-class StoryLine(Options):
+class StoryLine(OptionsTable):
     """A sentence about what the ball does, from some time on."""
 
     at: Duration

@@ -7,18 +7,22 @@ from dataclasses import dataclass
 
 from pydantic import Field
 
-from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.core.notification import Notification
 from stadimeter.errors import DeviceClosedError
 
 
-class SimulatedNotifierOptions(Options):
+class SimulatedNotifierOptions(DriverOptions):
     """The table of a simulated notifier in the configuration."""
 
     history: int = Field(default=1000, ge=1)
     """How many delivered notifications are kept to look at."""
     queue: int = Field(default=100, ge=1)
     """How many wait while the service is gone; one more pushes the oldest out."""
+
+    def build(self, context: DriverContext) -> SimulatedNotifier:
+        """Return the notifier."""
+        return SimulatedNotifier(self, context)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,4 +94,4 @@ class SimulatedNotifier:
             self._sent.append(SentNotification(at_s=self._clock.now_s(), notification=self._waiting.popleft()))
 
 
-PLUGIN = Plugin(SimulatedNotifierOptions, SimulatedNotifier)
+PLUGIN = SimulatedNotifierOptions

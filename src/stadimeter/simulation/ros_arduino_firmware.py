@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 
-from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.core.clock import Clock
 from stadimeter.errors import DeviceOpenError
 from stadimeter.simulation.emulated_port import EmulatedPort
@@ -225,8 +225,12 @@ def emulated_ros_arduino(context: DriverContext) -> EmulatedRosArduino:
     return context.share(SHARED_NAME, connect)
 
 
-def _build(_options: Options, context: DriverContext) -> str:
-    return emulated_ros_arduino(context).port.path
+class EmulatedPortOptions(DriverOptions):
+    """The emulated port has no table in the configuration: a base names it as its port."""
+
+    def build(self, context: DriverContext) -> str:
+        """Return the path of the pseudo-terminal."""
+        return emulated_ros_arduino(context).port.path
 
 
-PLUGIN = Plugin(Options, _build)
+PLUGIN = EmulatedPortOptions

@@ -15,7 +15,7 @@ from typing import Any
 
 from pydantic import Field, field_validator, model_validator
 
-from stadimeter.config.plugins import DriverContext, Options, Plugin
+from stadimeter.config.plugins import DriverContext, DriverOptions, OptionsTable
 from stadimeter.config.units import Angle, Duration, Length, LengthOrZero
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.clock import Clock
@@ -39,7 +39,7 @@ class FaultKind(StrEnum):
     BROKER_GONE = "broker-gone"
 
 
-class ScheduledFault(Options):
+class ScheduledFault(OptionsTable):
     """Something that goes wrong at some time, and comes right again."""
 
     at: Duration
@@ -61,7 +61,7 @@ THERE_AND_BACK = tuple(
 )
 
 
-class WorldOptions(Options):
+class WorldOptions(DriverOptions):
     """The simulated world. Lengths are in metres and angles in radians once they are read."""
 
     seed: int = Field(default=1, ge=0)
@@ -93,6 +93,10 @@ class WorldOptions(Options):
     comes_back: Duration | None = None
     """A ball that the camera has not seen for this long begins its path anew, before the robot where that is now; None
     for never. While something is wrong on purpose, or a hand holds the ball, the time does not count."""
+
+    def build(self, context: DriverContext) -> World:
+        """Return the run's one world."""
+        return context.share(SHARED_NAME, lambda: World(self, context.clock))
 
     @field_validator("path")
     @classmethod
@@ -335,8 +339,4 @@ def shared_world(context: DriverContext) -> World:
     return context.share(SHARED_NAME, missing)
 
 
-def _build(options: WorldOptions, context: DriverContext) -> World:
-    return context.share(SHARED_NAME, lambda: World(options, context.clock))
-
-
-PLUGIN = Plugin(WorldOptions, _build)
+PLUGIN = WorldOptions

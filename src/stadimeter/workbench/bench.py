@@ -9,7 +9,6 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 import cv2
 
@@ -18,22 +17,22 @@ from stadimeter.app.clock import SteppedClock
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.health import percentile
 from stadimeter.app.loop import Loop
+from stadimeter.cameras.protocol import Camera
 from stadimeter.config.plugins import (
     CAMERAS,
     DETECTORS,
     WORLDS,
     DriverContext,
-    Exercise,
-    Plugin,
+    DriverOptions,
     Shared,
     driver_names,
-    load_plugin,
+    load_driver,
 )
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction
 from stadimeter.core.frame import Frame, Image
 from stadimeter.core.target import TargetShape
-from stadimeter.detectors.protocol import Detector
+from stadimeter.detectors.protocol import BringsExercise, Detector, Exercise
 from stadimeter.errors import StadimeterError
 from stadimeter.workbench.board_figures import (
     SCHEMA_VERSION,
@@ -127,18 +126,18 @@ def own_run(frames: int = OWN_RUN_FRAMES) -> OwnRun:
     return OwnRun(first_command_s=summary["first_command_s"], peak_memory_mb=summary["peak_memory_mb"])
 
 
-def exercises() -> dict[str, tuple[Plugin[Any], Exercise]]:
+def exercises() -> dict[str, tuple[type[DriverOptions], Exercise]]:
     """Return what each installed detector is to find, by its name; those that bring no exercise are left out."""
-    plugins = {name: load_plugin(DETECTORS, name) for name in driver_names(DETECTORS)}
-    return {name: (each, each.exercise()) for name, each in plugins.items() if each.exercise is not None}
+    drivers = {name: load_driver(DETECTORS, name) for name in driver_names(DETECTORS)}
+    return {name: (each, each.exercise()) for name, each in drivers.items() if issubclass(each, BringsExercise)}
 
 
 def _detector_speeds(size_px: tuple[int, int], each_s: float) -> Iterator[DetectorSpeed]:
     lens = lens_for(*size_px)
     room = room_frames(lens)
-    for name, (plugin, exercise) in exercises().items():
+    for name, (driver, exercise) in exercises().items():
         context = DriverContext(name=name, clock=SteppedClock(), camera_model=lens)
-        detector: Detector = plugin.build(plugin.options.model_validate(dict(exercise.options)), context)
+        detector: Detector = driver.model_validate(dict(exercise.options)).build(context)
         frames = room if exercise.patch is None else with_patch(room, exercise.patch)
         yield _detector_speed(name, detector, lens, frames, each_s)
 
@@ -225,15 +224,14 @@ def lens_for(width_px: int, height_px: int) -> CameraModel:
 def room_frames(lens: CameraModel, count: int = PICTURES) -> list[Frame]:
     """Draw pictures of the simulated room, in which a ball of 20 cm moves, as that camera sees it."""
     context = DriverContext(name="bench", clock=SteppedClock(), camera_model=lens, shared=Shared())
-    world, camera = load_plugin(WORLDS, "simulated"), load_plugin(CAMERAS, "simulated")
     options = {"ball_diameter": "20 cm", "camera_height": "12 cm", "path": _PATH}
-    world.build(world.options.model_validate(options), context)
-    built = camera.build(camera.options.model_validate({"rate": f"{count / _PATH_S} Hz"}), context)
-    built.open()
+    load_driver(WORLDS, "simulated").model_validate(options).build(context)
+    camera: Camera = load_driver(CAMERAS, "simulated").model_validate({"rate": f"{count / _PATH_S} Hz"}).build(context)
+    camera.open()
     try:
-        return [built.read() for _ in range(count)]
+        return [camera.read() for _ in range(count)]
     finally:
-        built.close()
+        camera.close()
 
 
 def with_patch(frames: Sequence[Frame], patch: Image) -> list[Frame]:

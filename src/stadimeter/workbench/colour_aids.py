@@ -12,7 +12,7 @@ import numpy as np
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame, Image
-from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView
+from stadimeter.detectors.protocol import ColourSample, ColourView, ProposesColour
 from stadimeter.errors import ConfigError, Problem
 from stadimeter.workbench.annotation import Mark, annotate
 from stadimeter.workbench.measuring import PictureResult
@@ -25,15 +25,19 @@ def colour_notes(result: PictureResult, choices: Sequence[DriverChoice], told: s
         choices: The targets' detectors.
         told: The targets that this was tried for in earlier pictures; once is enough, since it takes seconds.
     """
-    proposers = {choice.name: choice.plugin.propose_colour for choice in choices if choice.name not in told}
+    proposers = {
+        choice.name: choice.options
+        for choice in choices
+        if isinstance(choice.options, ProposesColour) and choice.name not in told
+    }
     for each in result.targets:
-        propose, seen = proposers.get(each.measurement.target), each.detection
-        if propose is None or result.frame is None or seen is None:
+        proposer, seen = proposers.get(each.measurement.target), each.detection
+        if proposer is None or result.frame is None or seen is None:
             continue
         if seen.status is not DetectionStatus.NOT_FOUND or seen.rejected:
             continue
         told.add(each.measurement.target)
-        proposal: ColourProposal | None = propose([ColourSample(result.frame)])
+        proposal = proposer.propose_colour([ColourSample(result.frame)])
         found = proposal and proposal.views[0].detection
         if proposal and found and found.status is DetectionStatus.FOUND:
             (x_px, y_px), size_px = found.centre_px, found.width_px

@@ -74,16 +74,16 @@ def open_source(choice: DriverChoice) -> Source:
     Raises:
         DriverError: It cannot be built.
     """
-    if choice.plugin.needs_world:
+    if choice.options.needs_world:
         room = SimulatedRoom(choice)
         return Source(capture=room.capture, is_live=True, room=room)
     choice = _once(choice)
     clock = SteppedClock()
-    camera: Camera = choice.plugin.build(choice.options, DriverContext(name=choice.name, clock=clock))
+    camera: Camera = choice.options.build(DriverContext(name=choice.name, clock=clock))
     if not camera.is_live:
         return Source(capture=capture_for(camera, clock), is_live=False)
     live_clock = MonotonicClock()
-    camera = choice.plugin.build(choice.options, DriverContext(name=choice.name, clock=live_clock))
+    camera = choice.options.build(DriverContext(name=choice.name, clock=live_clock))
     return Source(capture=capture_for(camera, live_clock), is_live=True)
 
 
@@ -100,9 +100,9 @@ def files_shown(choice: DriverChoice) -> tuple[Path, ...]:
     Raises:
         PictureError: One of them is not there.
     """
-    if choice.plugin.needs_world:
+    if choice.options.needs_world:
         return ()
-    camera = choice.plugin.build(choice.options, DriverContext(name=choice.name, clock=SteppedClock()))
+    camera = choice.options.build(DriverContext(name=choice.name, clock=SteppedClock()))
     return tuple(camera.files()) if isinstance(camera, ShowsFiles) else ()
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from stadimeter.app.clock import SteppedClock
 from stadimeter.app.detectors import NamedDetector
 from stadimeter.cameras.protocol import Camera
-from stadimeter.config.plugins import CAMERAS, DriverContext, load_plugin
+from stadimeter.config.plugins import CAMERAS, DriverContext, load_driver
 from stadimeter.config.untrusted_file import holds_video, open_untrusted
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, RejectedCandidate, no_points
@@ -141,10 +141,8 @@ def open_picture(path: Path) -> Frame:
         open_untrusted(path).close()
     except UnreadableError as error:
         raise PictureError(f"the picture {path} cannot be read: {error.reason}") from error
-    plugin = load_plugin(CAMERAS, "images")
-    camera: Camera = plugin.build(
-        plugin.options.model_validate({"paths": [str(path)]}), DriverContext(name="pictures", clock=SteppedClock())
-    )
+    options = load_driver(CAMERAS, "images").model_validate({"paths": [str(path)]})
+    camera: Camera = options.build(DriverContext(name="pictures", clock=SteppedClock()))
     camera.open()
     try:
         return camera.read()

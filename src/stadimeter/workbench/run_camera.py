@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from stadimeter.app.control.client import HELLO_WAIT_S, ask, fetch, find
-from stadimeter.cameras.protocol import AttachedCamera
+from stadimeter.cameras.protocol import AttachedCamera, ListsCameras
 from stadimeter.config.guides import guide
 from stadimeter.config.loader import load_camera_choice
-from stadimeter.config.plugins import CAMERAS, DriverChoice, driver_names, load_plugin
+from stadimeter.config.plugins import CAMERAS, DriverChoice, driver_names, load_driver
 from stadimeter.core.frame import Frame, Optics
 from stadimeter.errors import (
     CaptureTimeoutError,
@@ -154,21 +154,21 @@ def attached_cameras() -> tuple[AttachedCamera, ...]:
     found: list[AttachedCamera] = []
     for name in driver_names(CAMERAS):
         try:
-            plugin = load_plugin(CAMERAS, name)
+            driver = load_driver(CAMERAS, name)
         except DriverUnavailableError:
             continue
-        found.extend(plugin.attached())
+        if issubclass(driver, ListsCameras):
+            found.extend(driver.attached())
     return tuple(found)
 
 
 def choice_of(camera: AttachedCamera, like: DriverChoice | None = None) -> DriverChoice:
     """Return a camera with its driver's default settings, or those of another camera of the same driver."""
-    plugin = load_plugin(CAMERAS, camera.driver)
     if like is not None and like.driver == camera.driver:
-        options: Any = like.options.model_copy(update=dict(camera.options))
+        options = like.options.model_copy(update=dict(camera.options))
     else:
-        options = plugin.options.model_validate(camera.options)
-    return DriverChoice(name="camera", driver=camera.driver, plugin=plugin, options=options)
+        options = load_driver(CAMERAS, camera.driver).model_validate(camera.options)
+    return DriverChoice(name="camera", driver=camera.driver, options=options)
 
 
 def first_picture(choice: DriverChoice) -> CameraShot | str:

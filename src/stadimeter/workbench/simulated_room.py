@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from stadimeter.app.capture import capture_for
 from stadimeter.app.clock import MonotonicClock
 from stadimeter.config.driver_tables import WORLD
-from stadimeter.config.plugins import DriverChoice, DriverContext, Shared, load_plugin
+from stadimeter.config.plugins import DriverChoice, DriverContext, Shared, load_driver
 from stadimeter.config.units import parse_length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import ConfigError
@@ -32,15 +32,14 @@ class SimulatedRoom:
 
     def __init__(self, camera: DriverChoice) -> None:
         clock, shared = MonotonicClock(), Shared()
-        plugin = load_plugin(WORLD.group, WORLD.default)
         # At the height of the camera, so that a distance is one along the floor.
-        options = plugin.options.model_validate(
+        options = load_driver(WORLD.group, WORLD.default).model_validate(
             {"ball_diameter": BALL, "ball_height": CAMERA_HEIGHT, "camera_height": CAMERA_HEIGHT}
         )
         context = DriverContext(name="world", clock=clock, camera_model=_LENS, shared=shared)
-        self._world: StagedWorld = plugin.build(options, context)
+        self._world: StagedWorld = options.build(context)
         self._radius_m = parse_length(BALL) / 2
-        self.capture = capture_for(camera.plugin.build(camera.options, context), clock)
+        self.capture = capture_for(camera.options.build(context), clock)
         self.place(1.0 + self._radius_m, 0.0)
 
     def place(self, x_m: float, y_m: float) -> None:

@@ -19,7 +19,7 @@ from typing import Annotated, NamedTuple
 from pydantic import Field
 
 from stadimeter.config.ball_sizes import BallDiameter
-from stadimeter.config.plugins import DriverContext, Exercise, Options, Plugin
+from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
@@ -39,7 +39,7 @@ from stadimeter.detectors.ball.gates import (
 )
 from stadimeter.detectors.ball.limb import find_limb, within
 from stadimeter.detectors.hsv import HsvRange, HsvRangeText, other_ranges, parse_hsv_range
-from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView, check_image
+from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView, Exercise, check_image
 from stadimeter.detectors.region import Region
 from stadimeter.ranging.ball import BallShape
 
@@ -84,7 +84,7 @@ LIKELY_FOCAL_SHARE = 0.8
 """The focal length of most cameras, as a share of their pictures' long side."""
 
 
-class BallOptions(Options):
+class BallOptions(DriverOptions):
     """What a ``[targets.…]`` table with ``driver = "ball"`` may hold."""
 
     diameter: BallDiameter
@@ -97,6 +97,36 @@ class BallOptions(Options):
     """Balls that look smaller than this are not accepted."""
     max_radius_px: Annotated[float, Field(gt=3)] | None = None
     """Balls that look larger than this are not accepted; None for no limit."""
+
+    def build(self, context: DriverContext) -> BallDetector:
+        """Return the detector."""
+        return BallDetector(context.name, self)
+
+    @staticmethod
+    def exercise() -> Exercise:
+        """Return the green ball of the simulated room."""
+        return Exercise(options={"diameter": "20 cm", "hsv": "29,86,6:64,255,255"})
+
+    @staticmethod
+    def propose_colour(samples: Sequence[ColourSample]) -> ColourProposal | None:
+        """Return a range for all the pictures; None if nothing stands out."""
+        from stadimeter.detectors.ball.colour_proposal import propose  # noqa: PLC0415 - not for a run
+
+        return propose(samples, _of_colour)
+
+    @staticmethod
+    def view_colour(frame: Frame, colour: str) -> ColourView:
+        """Return what a range shows in a frame; raises ValueError if it is none."""
+        from stadimeter.detectors.ball.colour_proposal import view  # noqa: PLC0415 - not for a run
+
+        return view(frame, parse_hsv_range(colour), _of_colour)
+
+    @staticmethod
+    def widen_colour(colour: str, steps: int) -> str:
+        """Return a range that covers more by a number of steps."""
+        from stadimeter.detectors.ball.colour_ranges import loosened  # noqa: PLC0415 - not for a run
+
+        return str(loosened(parse_hsv_range(colour), steps))
 
 
 class _Scene(NamedTuple):
@@ -362,38 +392,9 @@ def _likely_lens(width_px: int, height_px: int, subsampling: Subsampling) -> Cam
     return replace(CameraModel.with_focal_length(focal_px, width_px, height_px), subsampling=subsampling)
 
 
-def _build(options: BallOptions, context: DriverContext) -> BallDetector:
-    return BallDetector(context.name, options)
-
-
-def _propose_colour(samples: Sequence[ColourSample]) -> ColourProposal | None:
-    from stadimeter.detectors.ball.colour_proposal import propose  # noqa: PLC0415 - not for a run
-
-    return propose(samples, _of_colour)
-
-
-def _view_colour(frame: Frame, colour: str) -> ColourView:
-    from stadimeter.detectors.ball.colour_proposal import view  # noqa: PLC0415 - not for a run
-
-    return view(frame, parse_hsv_range(colour), _of_colour)
-
-
-def _widen_colour(colour: str, steps: int) -> str:
-    from stadimeter.detectors.ball.colour_ranges import loosened  # noqa: PLC0415 - not for a run
-
-    return str(loosened(parse_hsv_range(colour), steps))
-
-
 def _of_colour(frame: Frame, colour: HsvRange, around_px: tuple[float, float] | None = None) -> Detection:
     options = BallOptions.model_validate({"diameter": "1 m", "hsv": colour})  # the size changes nothing in a picture
     return BallDetector("ball", options, around_px=around_px).detect(frame)
 
 
-PLUGIN = Plugin(
-    BallOptions,
-    _build,
-    exercise=lambda: Exercise(options={"diameter": "20 cm", "hsv": "29,86,6:64,255,255"}),
-    propose_colour=_propose_colour,
-    view_colour=_view_colour,
-    widen_colour=_widen_colour,
-)
+PLUGIN = BallOptions

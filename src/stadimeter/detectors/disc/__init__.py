@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from pydantic import Field
 
-from stadimeter.config.plugins import DriverContext, Exercise, Options, Plugin
+from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate
@@ -57,7 +57,7 @@ from stadimeter.detectors.disc.search import (
     largest,
 )
 from stadimeter.detectors.hsv import HsvRangeText
-from stadimeter.detectors.protocol import check_image
+from stadimeter.detectors.protocol import Exercise, check_image
 from stadimeter.detectors.region import Region, touches_border
 from stadimeter.ranging.flat import DiscShape
 
@@ -105,7 +105,7 @@ PRINTED_RIM = 0.1
 Shade = Literal["bright", "dark", "any"]
 
 
-class DiscOptions(Options):
+class DiscOptions(DriverOptions):
     """What a ``[targets.…]`` table with ``driver = "disc"`` may hold."""
 
     diameter: Length
@@ -119,6 +119,24 @@ class DiscOptions(Options):
     hsv: HsvRangeText | None = None
     """Its colours, lower and upper limit of hue, saturation and value: ``"0,0,150:179,60,255"`` is white. With it a
     disc is found among many other things, any of which may be an ellipse."""
+
+    def build(self, context: DriverContext) -> DiscDetector:
+        """Return the detector."""
+        return DiscDetector(context.name, self)
+
+    @staticmethod
+    def exercise() -> Exercise:
+        """Return a bright disc of 80 px on something dark."""
+        finer = 8
+        large = np.full((110 * finer, 110 * finer, 3), 60, np.uint8)
+        cv2.circle(large, (55 * finer, 55 * finer), 40 * finer, (225, 225, 225), cv2.FILLED)
+        patch = np.asarray(cv2.resize(large, (110, 110), interpolation=cv2.INTER_AREA), np.uint8)
+        return Exercise(options={"diameter": "8 cm"}, patch=patch)
+
+    def draw(self) -> Drawing:
+        """Return a black disc on white."""
+        side_m = (1 + 2 * PRINTED_RIM) * self.diameter
+        return Drawing(side_m, side_m, (Circle(side_m / 2, side_m / 2, self.diameter / 2),))
 
 
 class DiscDetector:
@@ -300,23 +318,4 @@ def _size_sigma_px(edges: EllipseEdges, *, compressed: bool) -> float:
     )
 
 
-def _build(options: DiscOptions, context: DriverContext) -> DiscDetector:
-    return DiscDetector(context.name, options)
-
-
-def _exercise() -> Exercise:
-    """Return a bright disc of 80 px on something dark."""
-    finer = 8
-    large = np.full((110 * finer, 110 * finer, 3), 60, np.uint8)
-    cv2.circle(large, (55 * finer, 55 * finer), 40 * finer, (225, 225, 225), cv2.FILLED)
-    patch = np.asarray(cv2.resize(large, (110, 110), interpolation=cv2.INTER_AREA), np.uint8)
-    return Exercise(options={"diameter": "8 cm"}, patch=patch)
-
-
-def _draw(options: DiscOptions) -> Drawing:
-    """Return a black disc on white."""
-    side_m = (1 + 2 * PRINTED_RIM) * options.diameter
-    return Drawing(side_m, side_m, (Circle(side_m / 2, side_m / 2, options.diameter / 2),))
-
-
-PLUGIN = Plugin(DiscOptions, _build, exercise=_exercise, draw=_draw)
+PLUGIN = DiscOptions

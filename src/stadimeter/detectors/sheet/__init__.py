@@ -10,14 +10,14 @@ import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
 from stadimeter.config.paper import Paper, paper_sides
-from stadimeter.config.plugins import DriverContext, Exercise, Options, Plugin
+from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import Length, parse_length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.drawing import Drawing, Rectangle
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.hsv import HsvRange, HsvRangeText
-from stadimeter.detectors.protocol import Remedy, check_image
+from stadimeter.detectors.protocol import Exercise, Remedy, check_image
 from stadimeter.detectors.region import Region
 from stadimeter.detectors.sampling import light_table
 from stadimeter.detectors.sheet.candidates import Findings, SheetCandidate
@@ -47,7 +47,7 @@ def _or_by_name(schema: dict[str, Any]) -> None:
     schema["anyOf"] = [{"required": ["size"]}, {"required": ["width", "height"]}]
 
 
-class SheetOptions(Options):
+class SheetOptions(DriverOptions):
     """What a ``[targets.…]`` table with ``driver = "sheet"`` may hold."""
 
     size: Paper | None = None
@@ -92,6 +92,23 @@ class SheetOptions(Options):
             known_side=self.known_side,
             relative_sigma=tolerance_m / math.sqrt(self.width * self.height),
         )
+
+    def build(self, context: DriverContext) -> SheetDetector:
+        """Return the detector."""
+        return SheetDetector(context.name, self)
+
+    @staticmethod
+    def exercise() -> Exercise:
+        """Return a bright sheet of letter paper with a dark rim, 110 px wide."""
+        patch = np.full((105, 130, 3), 60, np.uint8)
+        patch[10:95, 10:120] = 225
+        return Exercise(options={"width": "11 in", "height": "8.5 in"}, patch=patch)
+
+    def draw(self) -> Drawing:
+        """Return a fine line to cut along, which is part of the sheet."""
+        line_m = 0.0002
+        cut = Rectangle(line_m / 2, line_m / 2, self.width - line_m, self.height - line_m, "#b0b0b0", outline_m=line_m)
+        return Drawing(self.width, self.height, (cut,))
 
 
 class SheetDetector:
@@ -228,24 +245,4 @@ def _without_bias(best: SheetCandidate, bias_px: float) -> Points:
     return np.asarray(grown(best.corners_px[None], -bias_px if best.is_brighter else bias_px)[0])
 
 
-def _build(options: SheetOptions, context: DriverContext) -> SheetDetector:
-    return SheetDetector(context.name, options)
-
-
-def _exercise() -> Exercise:
-    """Return a bright sheet of letter paper with a dark rim, 110 px wide."""
-    patch = np.full((105, 130, 3), 60, np.uint8)
-    patch[10:95, 10:120] = 225
-    return Exercise(options={"width": "11 in", "height": "8.5 in"}, patch=patch)
-
-
-def _draw(options: SheetOptions) -> Drawing:
-    """Return a fine line to cut along, which is part of the sheet."""
-    line_m = 0.0002
-    cut = Rectangle(
-        line_m / 2, line_m / 2, options.width - line_m, options.height - line_m, "#b0b0b0", outline_m=line_m
-    )
-    return Drawing(options.width, options.height, (cut,))
-
-
-PLUGIN = Plugin(SheetOptions, _build, exercise=_exercise, draw=_draw)
+PLUGIN = SheetOptions

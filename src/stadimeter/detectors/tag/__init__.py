@@ -19,13 +19,13 @@ import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
 from stadimeter.config.extras import missing
-from stadimeter.config.plugins import DriverContext, Exercise, Options, Plugin
+from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import TONE_CURVES, CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction, RejectedCandidate
 from stadimeter.core.drawing import Drawing, black_cells
 from stadimeter.core.frame import Frame
-from stadimeter.detectors.protocol import check_image
+from stadimeter.detectors.protocol import Exercise, check_image
 from stadimeter.detectors.region import touches_border
 from stadimeter.detectors.sampling import grey_of, light_table
 from stadimeter.detectors.sides import diagonals_meet, grown, side_lengths, width_and_height
@@ -66,7 +66,7 @@ SIGMA_BEND = 1.3
 MIN_EDGE_PX = 1.8
 
 
-class TagOptions(Options):
+class TagOptions(DriverOptions):
     """What a ``[targets.…]`` table with ``driver = "tag"`` may hold."""
 
     side: Length
@@ -102,6 +102,31 @@ class TagOptions(Options):
             known = ", ".join(SMALL_TAG_FAMILIES)
             raise ValueError(f"'pyapriltags' does not know the family {name}; it knows {known}; write 'opencv'")
         return value
+
+    def build(self, context: DriverContext) -> TagDetector:
+        """Return the detector."""
+        return TagDetector(context.name, self, _small_tags(self, context.name))
+
+    @staticmethod
+    def exercise() -> Exercise:
+        """Return a tag of 70 px on white paper."""
+        dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+        patch = np.full((100, 100), 225, np.uint8)
+        patch[15:85, 15:85] = np.maximum(cv2.aruco.generateImageMarker(dictionary, 0, 70), 20)
+        return Exercise(
+            options={"side": "8 cm", "family": "apriltag-36h11"}, patch=np.repeat(patch[:, :, np.newaxis], 3, axis=2)
+        )
+
+    def draw(self) -> Drawing:
+        """Return the tag upright with a white rim of one cell."""
+        family = tag_family(self.family)
+        black = np.pad(np.pad(family.cells_of(self.id or 0), 1, constant_values=True), 1)
+        return black_cells(black.tolist(), self.side / family.cells)
+
+    def lacks(self) -> tuple[str, ...]:
+        """Return whether the library for small tags is missing."""
+        trouble = missing("tags") if self.finder == "pyapriltags" else ""
+        return (f"{trouble}, or write finder = 'opencv'",) if trouble else ()
 
 
 class TagDetector:
@@ -310,10 +335,6 @@ def _size_sigma_px(sides: TagSides, cell_px: float, *, compressed: bool) -> floa
     return math.hypot(of_steps, SIGMA_FLOOR_PX, of_crowding, SIGMA_COMPRESSED_PX * compressed, of_bends)
 
 
-def _build(options: TagOptions, context: DriverContext) -> TagDetector:
-    return TagDetector(context.name, options, _small_tags(options, context.name))
-
-
 def _small_tags(options: TagOptions, name: str) -> SmallTagFinder | None:
     """Load the library for small tags, if it is asked for; it takes long and is not always installed."""
     if options.finder == "opencv":
@@ -327,26 +348,4 @@ def _small_tags(options: TagOptions, name: str) -> SmallTagFinder | None:
         ) from error
 
 
-def _exercise() -> Exercise:
-    """Return a tag of 70 px on white paper."""
-    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
-    patch = np.full((100, 100), 225, np.uint8)
-    patch[15:85, 15:85] = np.maximum(cv2.aruco.generateImageMarker(dictionary, 0, 70), 20)
-    return Exercise(
-        options={"side": "8 cm", "family": "apriltag-36h11"}, patch=np.repeat(patch[:, :, np.newaxis], 3, axis=2)
-    )
-
-
-def _draw(options: TagOptions) -> Drawing:
-    """Return the tag upright with a white rim of one cell."""
-    family = tag_family(options.family)
-    black = np.pad(np.pad(family.cells_of(options.id or 0), 1, constant_values=True), 1)
-    return black_cells(black.tolist(), options.side / family.cells)
-
-
-def _lacks(options: TagOptions) -> tuple[str, ...]:
-    trouble = missing("tags") if options.finder == "pyapriltags" else ""
-    return (f"{trouble}, or write finder = 'opencv'",) if trouble else ()
-
-
-PLUGIN = Plugin(TagOptions, _build, exercise=_exercise, lacks=_lacks, draw=_draw)
+PLUGIN = TagOptions

@@ -49,7 +49,7 @@ class Configured:
     def safe_lines(self) -> list[str]:
         """The lines of the list of safe outputs; none for simulated outputs."""
         driven = self.configuration.driven
-        return [line for each in driven if not each.plugin.is_simulated(each.options) for line in safe_lines(each)]
+        return [line for each in driven if not each.is_simulated for line in safe_lines(each)]
 
     def warnings(self) -> tuple[Problem, ...]:
         """Return what `check` finds, what this computer lacks first."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from stadimeter.config.extras import PACKAGED
 from stadimeter.config.guides import guide
+from stadimeter.messaging.protocol import ReachesItsPeer
 from stadimeter.workbench.doctor import board, devices, service
 from stadimeter.workbench.doctor.computer import Diagnosis, fine, unknown, warning, wrong
 from stadimeter.workbench.doctor.examined import INSTALLED, Examined
@@ -80,9 +81,9 @@ def _as_the_service(examined: Examined) -> Diagnosis:
 def broker(examined: Examined) -> Iterator[Diagnosis]:
     """Tell whether the broker that the configuration names takes its login."""
     messenger = examined.configuration.messenger if examined.configuration else None
-    if messenger is None or messenger.plugin.reach is None:
+    if messenger is None or not isinstance(messenger.options, ReachesItsPeer):
         return
-    trouble = messenger.plugin.reach(messenger.options)
+    trouble = messenger.options.reach()
     if trouble:
         yield wrong(trouble, f'{guide("troubleshooting.md")}, section "MQTT and notifications"')
     else:

@@ -82,7 +82,7 @@ def _model(configuration: Configuration, choice: DriverChoice, camera: CameraMod
 
 def _build(choice: DriverChoice, camera: CameraModel, shared: Shared) -> Any:
     context = DriverContext(name=choice.name, clock=SteppedClock(), camera_model=camera, shared=shared)
-    return choice.plugin.build(choice.options, context)
+    return choice.options.build(context)
 
 
 def _problem(configuration: Configuration, key: str, message: str) -> Problem:

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from stadimeter.config.plugins import DETECTORS, load_plugin
+from stadimeter.config.plugins import DETECTORS, load_driver
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame
-from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView
+from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView, ProposesColour
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.colour_aids import (
@@ -60,8 +60,7 @@ class ColourTrial:
     @property
     def colour(self) -> str:
         """The range as it is tried."""
-        widen = load_plugin(DETECTORS, "ball").widen_colour
-        return widen(self.fitted, self.steps) if widen and self.fitted and self.steps else self.fitted
+        return ball_colours().widen_colour(self.fitted, self.steps) if self.fitted and self.steps else self.fitted
 
     def point(self, frame: Frame, places: Sequence[Place], *, same_picture: bool) -> bool:
         """Fit the range to further clicks on the ball, and return whether a ball is seen where they are.
@@ -142,16 +141,20 @@ class ColourTrial:
         self.samples, self.fitted, self.steps, self.seen_in, self._missed = [], "", 0, None, []
 
 
+def ball_colours() -> type[ProposesColour]:
+    """Return what works with the ranges of colours of balls; raises `ConfigError` if the installed driver does not."""
+    driver = load_driver(DETECTORS, "ball")
+    if not issubclass(driver, ProposesColour):
+        raise ConfigError("the detector for balls goes by no colour")
+    return driver
+
+
 def view(frame: Frame, colour: str) -> ColourView:
     """Return what a range shows in a frame; a `ConfigError` if it is none."""
-    shown = load_plugin(DETECTORS, "ball").view_colour
-    if shown is None:
-        raise ConfigError("the detector for balls goes by no colour")
     try:
-        seen: ColourView = shown(frame, colour)
+        return ball_colours().view_colour(frame, colour)
     except ValueError as error:
         raise ConfigError(str(error)) from error
-    return seen
 
 
 def in_words(seen: ColourView, *, is_pointed_at: bool = True) -> str:
@@ -176,8 +179,7 @@ class _ColourFit(NamedTuple):
 
 
 def _fit_colour(samples: tuple[ColourSample, ...]) -> _ColourFit | None:
-    propose = load_plugin(DETECTORS, "ball").propose_colour
-    proposal: ColourProposal | None = propose(samples) if propose else None
+    proposal = ball_colours().propose_colour(samples)
     if proposal is None:
         return None
     newest = proposal.views[-1]
@@ -235,7 +237,7 @@ class ColourStep(SetupStep):
             found, words = look(known, chosen_target(known, colour=text))
             return Accepted(answer=text, notes=(words,), doubt=is_doubtful(found))
         samples = _samples(known, text)
-        proposal = _propose(samples)
+        proposal = ball_colours().propose_colour(samples)
         if proposal is None:
             raise ConfigError(ONLY_BACKGROUND if any(each.places_px for each in samples) else NOTHING_STANDS_OUT)
         notes = _notes_on(known, samples, proposal)
@@ -245,7 +247,7 @@ class ColourStep(SetupStep):
     def _what_stands_out(self, known: Known) -> tuple[str, tuple[str, ...]]:
         for frame in known.frames:
             samples = [ColourSample(frame)]
-            proposal = _propose(samples)
+            proposal = ball_colours().propose_colour(samples)
             if proposal is not None and proposal.views[0].detection.status is DetectionStatus.FOUND:
                 known.frames = (frame, *(each for each in known.frames if each is not frame))
                 write_picture(known.path(SHOWN), frame.image)
@@ -253,11 +255,6 @@ class ColourStep(SetupStep):
                 return self._proposed
         words = f"{NOTHING_STANDS_OUT[0].upper()}{NOTHING_STANDS_OUT[1:]}: point at it in {SHOWN}."
         return "", (words,)
-
-
-def _propose(samples: Sequence[ColourSample]) -> ColourProposal | None:
-    found = load_plugin(DETECTORS, "ball").propose_colour
-    return found(samples) if found else None
 
 
 def _samples(known: Known, text: str) -> list[ColourSample]:

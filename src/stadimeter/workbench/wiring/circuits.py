@@ -256,7 +256,7 @@ def _pins(choice: DriverChoice) -> Iterator[tuple[str, int]]:
 
 
 def _output(choice: DriverChoice, name: str, gpio: int, used: set[int]) -> Output:
-    kind = choice.plugin.circuit if choice.plugin.circuit in CIRCUITS else ""
+    kind = choice.options.circuit if choice.options.circuit in CIRCUITS else ""
     active_high = bool(getattr(choice.options, "active_high", True))
     pin = header_pin(gpio)
     supplies = {what: _nearest(what, pin, used) for what in CIRCUITS[kind].supplies(active_high)}
