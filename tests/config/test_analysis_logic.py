@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from stadimeter.config.analysis.logic import Logic, Wanted
 from stadimeter.config.analysis.regions import beginning_of
+from stadimeter.config.analysis.situations import Intervals, interval, union_of, week_of
 from stadimeter.core.condition import (
     AllOf,
     AnyOf,
@@ -26,7 +27,6 @@ from stadimeter.core.condition import (
     TimeToContactCondition,
 )
 from stadimeter.core.conditions.inputs import RuleInputs
-from stadimeter.core.conditions.intervals import Intervals, interval, union_of
 from stadimeter.core.conditions.verdict import judge
 from stadimeter.core.observation import WallTime
 from stadimeter.core.track import Track, TrackStatus
@@ -189,4 +189,4 @@ def _holds(numbers: Intervals, number: float) -> bool:
 
 def test_a_night_that_begins_on_sunday_ends_on_monday() -> None:
     night = ScheduleCondition(from_s=22 * 3600.0, to_s=6 * 3600.0, weekdays=(6,))
-    assert night.week().parts == ((0.0, 6 * 3600.0), (6 * 86400.0 + 22 * 3600.0, 7 * 86400.0))
+    assert week_of(night).parts == ((0.0, 6 * 3600.0), (6 * 86400.0 + 22 * 3600.0, 7 * 86400.0))

@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.core.condition import DistanceCondition, SeparationCondition, TimeToContactCondition
+from stadimeter.core.condition_words import collect_evidence, describe_verdict
 from stadimeter.core.conditions.inputs import RuleInputs
-from stadimeter.core.conditions.verdict import evidence, in_words, judge
+from stadimeter.core.conditions.verdict import judge
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan, Tracking
@@ -57,9 +58,9 @@ def test_an_alarm_between_two_limits_ends_beyond_either_of_them():
 
 def test_noise_makes_the_deadband_wide_and_the_rest_of_what_is_unsure_does_not():
     inputs = RuleInputs(tracks={"ball": ball(0.5, noise_m=0.02)}, now_s=1.0)
-    words = in_words(NEAR, inputs, (), is_active=True, with_probability=True)
+    words = describe_verdict(NEAR, inputs, (), is_active=True, with_probability=True)
     assert words == "0.50 m ± 0.05, below 0.56 m: P 0.87, ends at 0.50"
-    (found,) = evidence(NEAR, inputs, (), is_active=True)
+    (found,) = collect_evidence(NEAR, inputs, (), is_active=True)
     assert (found.begins_at, found.ends_at) == ("0.47 m", "0.56 m")
     assert found.sigma == pytest.approx(math.hypot(0.02, 0.05))
 
@@ -98,7 +99,7 @@ def test_an_unsure_scale_hardly_makes_the_time_to_contact_unsure():
     coming = {"closing_mps": 1.0, "closing_sigma_mps": 0.01}
     assert holds(SOON, ball(1.98, **coming)) is True
     assert holds(SOON, ball(1.98, **coming, scale_sigma=0.3)) is True
-    (found,) = evidence(SOON, RuleInputs(tracks={"ball": ball(2.0, **coming)}, now_s=1.0), (), is_active=True)
+    (found,) = collect_evidence(SOON, RuleInputs(tracks={"ball": ball(2.0, **coming)}, now_s=1.0), (), is_active=True)
     assert found.sigma == pytest.approx(math.hypot(0.002, 2 * 0.01))
     assert found.ends_at == "2.04 s"
 
@@ -106,7 +107,7 @@ def test_an_unsure_scale_hardly_makes_the_time_to_contact_unsure():
 def test_where_contact_is_at_a_distance_the_scale_counts_for_that_distance():
     coming = {"closing_mps": 1.0, "closing_sigma_mps": 0.01}
     there = replace(SOON, contact_m=0.5)
-    (found,) = evidence(there, RuleInputs(tracks={"ball": ball(2.5, **coming)}, now_s=1.0), (), is_active=False)
+    (found,) = collect_evidence(there, RuleInputs(tracks={"ball": ball(2.5, **coming)}, now_s=1.0), (), is_active=False)
     assert found.sigma == pytest.approx(math.hypot(0.002, 2 * 0.01, 0.1 * 0.5))
     assert found.value == pytest.approx(2.0)
 

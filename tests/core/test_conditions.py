@@ -18,9 +18,10 @@ from stadimeter.core.condition import (
     SeparationCondition,
     TimeToContactCondition,
 )
+from stadimeter.core.condition_words import describe_verdict
 from stadimeter.core.conditions.figures import probability_between
 from stadimeter.core.conditions.inputs import RuleInputs
-from stadimeter.core.conditions.verdict import in_words, judge, judged_by_cycle, rest_of
+from stadimeter.core.conditions.verdict import judge, judged_by_cycle, rest_of
 from stadimeter.core.observation import WallTime
 from stadimeter.core.track import Track, TrackStatus
 
@@ -50,7 +51,7 @@ def holds(condition, *tracks, is_active=False, **more):
 
 
 def words(condition, *tracks, is_active=False, **more):
-    return in_words(condition, inputs(*tracks, **more), (), is_active=is_active, with_probability=True)
+    return describe_verdict(condition, inputs(*tracks, **more), (), is_active=is_active, with_probability=True)
 
 
 NEAR = DistanceCondition(below_m=1.0, probability_on=0.8, target="ball")
@@ -74,7 +75,7 @@ def test_a_simple_condition_remembers_nothing_of_its_own():
 def test_the_reason_names_the_figures():
     assert words(NEAR, track(0.99)) == "0.99 m ± 0.02, below 1.00 m: P 0.69, begins at 0.80"
     assert words(NEAR, track(1.05), is_active=True) == "1.05 m ± 0.02, below 1.05 m: P 0.59, ends at 0.50"
-    assert in_words(NEAR, inputs(track(0.99)), (), is_active=False) == "0.99 m ± 0.02, below 1.00 m"
+    assert describe_verdict(NEAR, inputs(track(0.99)), (), is_active=False) == "0.99 m ± 0.02, below 1.00 m"
 
 
 FIGURES = [

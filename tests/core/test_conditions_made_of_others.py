@@ -17,8 +17,9 @@ from stadimeter.core.condition import (
     ScheduleCondition,
     leaves,
 )
+from stadimeter.core.condition_words import describe_verdict
 from stadimeter.core.conditions.inputs import RuleInputs
-from stadimeter.core.conditions.verdict import Verdict, in_words, judge, judged_by_cycle, parts_of, rest_of
+from stadimeter.core.conditions.verdict import Verdict, judge, judged_by_cycle, judged_leaves, rest_of
 from stadimeter.core.track import Track, TrackStatus
 
 VALUES = (True, False, None)
@@ -172,23 +173,23 @@ def test_parts_that_are_needless_while_one_decides_may_be_unknown():
 def test_the_reason_names_each_part_and_whether_it_holds():
     condition = all_of(near(), not_(any_of(RuleCondition(rule="mute"), near("tag", 0.5))))
     inputs = seeing(ball=0.9, tag=None, active={"mute": False})
-    words = in_words(condition, inputs, (), is_active=False)
+    words = describe_verdict(condition, inputs, (), is_active=False)
     assert words == (
         "all of (ball 0.90 m ± 0.02, below 1.00 m [yes]; "
         "not (any of (the rule mute is not active [no]; tag is lost: no distance [unknown])))"
     )
-    why = in_words(condition, inputs, (), is_active=False, with_probability=True)
+    why = describe_verdict(condition, inputs, (), is_active=False, with_probability=True)
     assert "below 1.00 m: P 1.00, begins at 0.80 [yes]" in why
 
 
 def test_parts_are_listed_with_how_they_are_judged():
     condition = any_of(near("ball"), not_(near("tag")))
-    assert [(part.is_on, part.is_inverted) for part in parts_of(condition, (), is_active=False)] == [
+    assert [(part.is_on, part.is_inverted) for part in judged_leaves(condition, (), is_active=False)] == [
         (False, False),
         (True, True),
     ]
-    assert [part.is_on for part in parts_of(condition, (True, False), is_active=True)] == [True, False]
-    assert [part.leaf for part in parts_of(condition, (), is_active=False)] == list(leaves(condition))
+    assert [part.is_on for part in judged_leaves(condition, (True, False), is_active=True)] == [True, False]
+    assert [part.leaf for part in judged_leaves(condition, (), is_active=False)] == list(leaves(condition))
 
 
 def test_it_is_due_when_its_first_part_is():

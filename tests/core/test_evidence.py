@@ -21,8 +21,9 @@ from stadimeter.core.condition import (
     SeparationCondition,
     TimeToContactCondition,
 )
+from stadimeter.core.condition_words import collect_evidence
 from stadimeter.core.conditions.inputs import RuleInputs
-from stadimeter.core.conditions.verdict import evidence, judge
+from stadimeter.core.conditions.verdict import judge
 from stadimeter.core.track import Track, TrackStatus
 
 NEAR = DistanceCondition(below_m=2.0, probability_on=0.8, probability_off=0.5, deadband_sigmas=3.0, target="ball")
@@ -47,7 +48,7 @@ def inputs(*tracks, **more):
 
 
 def of(condition, *tracks, is_active=False, held=(), **more):
-    return evidence(condition, inputs(*tracks, **more), held, is_active=is_active)
+    return collect_evidence(condition, inputs(*tracks, **more), held, is_active=is_active)
 
 
 def test_a_distance_comes_with_all_its_figures():

@@ -69,7 +69,7 @@ def test_the_condition_of_the_guide_passes_its_tests(sources):
 def test_the_condition_of_the_guide_can_be_written_and_is_described(sources):
     done = run(sources, "-m", "stadimeter", "check", "dim.toml")
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "less sure than ± 0.05 m" in " ".join(done.stdout.split())
+    assert "the standard deviation of `ball` is above 0.05 m" in " ".join(done.stdout.split())
 
 
 def test_the_condition_of_the_guide_is_in_the_schema_and_runs(sources):

@@ -8,7 +8,8 @@ from collections.abc import Callable, Iterator
 from stadimeter.config.loader import Configuration
 from stadimeter.config.models import ButtonTable, WebTable
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.condition import AllOf, AnyOf, Condition, Leaf, Not, leaves
+from stadimeter.core.condition import Condition, leaves
+from stadimeter.core.condition_words import describe_begin, describe_end
 from stadimeter.core.plan import BaseOutput
 from stadimeter.core.rule import (
     AlarmRule,
@@ -108,7 +109,7 @@ def _rule(rule: AnyRule, configuration: Configuration) -> str:
 
 
 def _alarm(rule: AlarmRule, configuration: Configuration) -> str:
-    condition = f"{_acts(rule, configuration)} when {begins(rule.condition)}{_delay(rule.on_delay)}"
+    condition = f"{_acts(rule, configuration)} when {describe_begin(rule.condition)}{_delay(rule.on_delay)}"
     besides = _consequences(rule, lambda output: _verb_of(output, configuration))
     return (
         f"{condition}; clears {_ends(rule)}{_tolerance(rule)}.{_lost_alarm(rule)}{besides}{_wins(rule, configuration)}"
@@ -143,7 +144,7 @@ def _delay(delay: OnDelay) -> str:
 
 def _ends(rule: AlarmRule) -> str:
     held = f"for {rule.off_delay_s:g} s" if rule.off_delay_s else "at once"
-    return f"when {ends(rule.condition)} {held}"
+    return f"when {describe_end(rule.condition)} {held}"
 
 
 def _tolerance(rule: AlarmRule) -> str:
@@ -258,7 +259,7 @@ def _sentences(rule: AlarmRule, verb: Verb) -> Iterator[str]:
     if rule.group:
         yield f"The first alarm of the group `{rule.group}` is marked as such"
     if rule.suppress_when is not None:
-        yield f"Keeps quiet while {begins(rule.suppress_when)}"
+        yield f"Keeps quiet while {describe_begin(rule.suppress_when)}"
 
 
 def _unlatched(rule: AlarmRule) -> str:
@@ -292,28 +293,6 @@ def _does(step: SequenceStep, verb: Verb) -> str:
     return f"sends `{step.send.topic}`" if step.send is not None else "does nothing"
 
 
-def begins(condition: Condition) -> str:
-    r"""Return a clause such as ``\`ball\` is nearer than 0.50 m (1.6 ft) with a probability of 80%``."""
-    match condition:
-        case Leaf():
-            return condition.begins()
-        case Not():
-            return f"not ({begins(condition.condition)})"
-        case _:
-            word = " and " if isinstance(condition, AllOf) else " or "
-            return word.join(_inner(part) for part in condition.conditions)
-
-
-def ends(condition: Condition) -> str:
-    """Return a clause such as ``it is further than 0.50 m (1.6 ft) by 3 standard deviations of the noise``."""
-    return condition.ends() if isinstance(condition, Leaf) else "that has ended"
-
-
 def needs_figures(condition: Condition) -> bool:
     """Return whether a condition asks for a figure that is not known while its target is out of sight."""
     return any(leaf.has_figures for leaf in leaves(condition))
-
-
-def _inner(condition: Condition) -> str:
-    words = begins(condition)
-    return f"({words})" if isinstance(condition, AllOf | AnyOf) else words

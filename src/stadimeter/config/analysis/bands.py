@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from itertools import combinations, islice
 from typing import Any
@@ -11,9 +12,17 @@ from stadimeter.config.analysis.regions import beginning_of
 from stadimeter.config.analysis.subject import Subject
 from stadimeter.config.findings import Finding
 from stadimeter.config.rules.compiled import WrittenCondition
-from stadimeter.core.condition import AllOf, Condition, PresenceCondition
+from stadimeter.core.condition import (
+    AllOf,
+    Condition,
+    CountCondition,
+    DistanceCondition,
+    PresenceCondition,
+    SeparationCondition,
+)
+from stadimeter.core.conditions.limits import ends_of
 
-_MOST_PAIRS = 2000
+MAX_PAIRS = 2000
 """Pairs of parts that are tried at most to name the two that clash: those of some sixty parts."""
 
 
@@ -30,35 +39,38 @@ def band_errors(subject: Subject) -> Iterator[Finding]:
 def empty_leaves(written: WrittenCondition) -> Iterator[Finding]:
     """Find simple conditions between two limits that are not in order."""
     for leaf in written.leaves():
-        quantity = leaf.leaf.band()
-        if quantity is None or quantity.low is None or quantity.high is None or quantity.low < quantity.high:
+        condition = leaf.leaf
+        if isinstance(condition, CountCondition):
+            least, most = ends_of(condition.at_least, condition.at_most)
+            if least > most:
+                message = f"no count is at least {least:g} and at most {most:g}"
+                yield Finding(leaf.limits_path, message, "exchange the two", "empty-interval")
             continue
-        if quantity.noun == "count":
-            message = f"no count is at least {quantity.low + 0.5:g} and at most {quantity.high - 0.5:g}"
-            yield Finding(leaf.limits_path, message, "exchange the two", "empty-interval")
+        low, high = condition.limits
+        if low < high:
             continue
-        unit = f" {quantity.unit}"
-        message = f"no {quantity.noun} is above {quantity.low:g}{unit} and below {quantity.high:g}{unit}"
+        scale, unit = (math.degrees(1), "deg") if condition.unit == "rad" else (1.0, condition.unit)
+        message = f"no {condition.noun} is above {low * scale:g} {unit} and below {high * scale:g} {unit}"
         if "between" in _table_of(leaf):
-            near = "nearer" if quantity.is_positive else "lower"
+            near = "nearer" if condition.unit == "m" else "lower"
             yield Finding((*leaf.limits_path, "between"), message, f"write the {near} end first", "empty-interval")
         else:
             yield Finding(leaf.limits_path, message, "exchange the two, or make two rules of them", "empty-interval")
 
 
 def _without_end(leaf: WrittenCondition) -> Iterator[Finding]:
-    quantity = leaf.leaf.band()
-    if quantity is None or not quantity.is_positive or quantity.low is None or quantity.high is not None:
+    condition = leaf.leaf
+    if not isinstance(condition, DistanceCondition | SeparationCondition):
         return
-    if quantity.deadband >= quantity.low:
-        message = f"with a deadband of {quantity.deadband:g} m above {quantity.low:g} m the alarm could never clear"
+    low_m, high_m = condition.limits
+    if math.isfinite(low_m) and math.isinf(high_m) and condition.deadband_m >= low_m:
+        message = f"with a deadband of {condition.deadband_m:g} m above {low_m:g} m the alarm could never clear"
         yield Finding((*leaf.limits_path, "deadband"), message, "make it smaller than the limit", "band-inverted")
 
 
 def _probabilities(leaf: WrittenCondition) -> Iterator[Finding]:
-    on: float | None = getattr(leaf.leaf, "probability_on", None)
-    off: float | None = getattr(leaf.leaf, "probability_off", None)
-    if on is not None and off is not None and off > on:
+    on, off = leaf.leaf.probability_on, leaf.leaf.probability_off
+    if on is not None and off > on:
         message = f"probability_off {off:g} is above probability {on:g}: the alarm would chatter"
         yield Finding((*leaf.limits_path, "probability_off"), message, "exchange the two", "band-inverted")
 
@@ -123,7 +135,7 @@ def _clash(written: WrittenCondition, logic: Logic) -> tuple[WrittenCondition, W
     """Return two parts of an ``all`` that cannot hold together, if two alone are enough for that."""
     if not isinstance(written.condition, AllOf):
         return None
-    pairs = islice(combinations(written.parts(), 2), _MOST_PAIRS)
+    pairs = islice(combinations(written.parts(), 2), MAX_PAIRS)
     return next((pair for pair in pairs if not _can_begin(logic, *pair)), None)
 
 

@@ -6,7 +6,7 @@ unknown) and not false.
 A situation says where each target is, how long it has been in sight, which rules are active, and what time it is. Each
 of these is one number on an axis of its own, so a set of situations is a box: for each axis a union of intervals. With
 boxes it is exact whether several conditions can hold together: no sampling, and no solver but the intersection of
-intervals. Each kind of condition knows its boxes; see `Leaf.situations`.
+intervals. See `stadimeter.config.analysis.situations` for the boxes of each kind of condition.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
+from stadimeter.config.analysis.situations import GONE, SEEN, Axis, Box, Truth, interval, situations
 from stadimeter.core.condition import AllOf, AnyOf, Condition, Leaf, Not
-from stadimeter.core.conditions.intervals import GONE, SEEN, Axis, Box, Truth, interval
 
 STEPS = 60_000
 """How many boxes one analysis may look at: some seconds on a small computer. A configuration that people write needs
@@ -39,8 +39,8 @@ _OPPOSITE = {
     Wanted.NOT_TRUE: Wanted.NOT_FALSE,
     Wanted.NOT_FALSE: Wanted.NOT_TRUE,
 }
-_OF_EACH = {AllOf: (Wanted.TRUE, Wanted.NOT_FALSE), AnyOf: (Wanted.FALSE, Wanted.NOT_TRUE)}
-"""What is so of the whole only when it is so of each part; everything else is, when it is so of one part."""
+_NEEDS_ALL = {AllOf: (Wanted.TRUE, Wanted.NOT_FALSE), AnyOf: (Wanted.FALSE, Wanted.NOT_TRUE)}
+"""Goals that need every operand; the others need one."""
 
 Goal = tuple[Condition, Wanted]
 _Goals = tuple[Goal, "_Goals"] | None
@@ -78,7 +78,7 @@ class Logic:
         match condition:
             case Not():
                 yield box, ((condition.condition, _OPPOSITE[wanted]), rest)
-            case AllOf() | AnyOf() if wanted in _OF_EACH[type(condition)]:
+            case AllOf() | AnyOf() if wanted in _NEEDS_ALL[type(condition)]:
                 yield box, _chain([(part, wanted) for part in condition.conditions], rest)
             case AllOf() | AnyOf():
                 for part in condition.conditions:
@@ -89,7 +89,7 @@ class Logic:
 
     def _narrowed(self, box: Box, leaf: Leaf, wanted: Wanted) -> Iterator[Box]:
         for truth in wanted.value:
-            for situation in leaf.situations(truth, self.targets):
+            for situation in situations(leaf, truth, self.targets):
                 narrowed = _both(box, situation)
                 if is_possible(narrowed):
                     yield narrowed

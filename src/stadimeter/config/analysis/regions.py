@@ -5,17 +5,22 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from itertools import pairwise
+from typing import TypeVar
 
 from stadimeter.core.condition import (
     AllOf,
     AnyOf,
     Condition,
+    DirectionCondition,
     DistanceCondition,
     Leaf,
     Not,
     PresenceCondition,
+    SeparationCondition,
 )
 from stadimeter.core.rule import AlarmRule, AnyRule, RampRule
+
+_L = TypeVar("_L", bound=Leaf)
 
 
 def region_of(rule: AnyRule, *, is_winner: bool = False) -> Condition:
@@ -78,9 +83,26 @@ def _widened(condition: Condition) -> Condition:
         case AllOf() | AnyOf():
             return replace(condition, conditions=tuple(_widened(part) for part in condition.conditions))
         case Leaf():
-            return condition.widened()
+            return widen(condition)
         case _:
             return condition
+
+
+def widen(leaf: _L) -> _L:
+    """Return a condition with each threshold moved by its deadband, standard deviations left out."""
+    match leaf:
+        case DistanceCondition() | SeparationCondition():
+            above_m, below_m = _moved(leaf.above_m, leaf.below_m, leaf.deadband_m)
+            return replace(leaf, above_m=above_m, below_m=below_m)
+        case DirectionCondition():
+            above_rad, below_rad = _moved(leaf.above_rad, leaf.below_rad, leaf.deadband_rad)
+            return replace(leaf, above_rad=above_rad, below_rad=below_rad)
+        case _:
+            return leaf
+
+
+def _moved(low: float | None, high: float | None, by: float) -> tuple[float | None, float | None]:
+    return None if low is None else low - by, None if high is None else high + by
 
 
 def _curve(ramp: RampRule) -> DistanceCondition:

@@ -6,13 +6,13 @@ from collections import defaultdict
 from collections.abc import Iterator
 
 from stadimeter.config.analysis.logic import Goal, Wanted
-from stadimeter.config.analysis.regions import region_of, widened_region_of
+from stadimeter.config.analysis.regions import region_of, widen, widened_region_of
+from stadimeter.config.analysis.situations import interval
 from stadimeter.config.analysis.subject import ASSUMED_RATE_HZ, Subject, delay_s
 from stadimeter.config.draft import BASE_NAME
 from stadimeter.config.findings import Finding
 from stadimeter.config.rules.compiled import CompiledRule
 from stadimeter.core.condition import Condition, DistanceCondition
-from stadimeter.core.conditions.intervals import interval
 from stadimeter.core.decision import Severity
 from stadimeter.core.rule import AlarmRule, AnyRule, LostPolicy
 
@@ -78,9 +78,9 @@ def _distance_alarm(rule: AnyRule) -> DistanceCondition | None:
 def _swallows(winner: DistanceCondition, loser: DistanceCondition) -> bool:
     if (winner.target, winner.quantity) != (loser.target, loser.quantity):
         return False
-    outer = winner.widened()
-    here, there = (interval(each.above_m, each.below_m) for each in (loser, winner))
-    return (here & there).is_empty and (here & ~interval(outer.above_m, outer.below_m)).is_empty
+    outer = widen(winner)
+    here, there = (interval(*each.limits) for each in (loser, winner))
+    return (here & there).is_empty and (here & ~interval(*outer.limits)).is_empty
 
 
 def _swallowed(loser: CompiledRule, winner: CompiledRule, condition: DistanceCondition) -> Finding:

@@ -225,7 +225,10 @@ class RuleTable(Section):
             return rule.OnDelay(frames=self.on_delay.frames, of_frames=self.on_delay.of)
         if self.on_delay is not None:
             return rule.OnDelay(hold_s=self.on_delay)
-        is_sure = all(leaf.is_sure for leaf in condition.leaves(judged))
+        is_sure = all(
+            leaf.probability_on is not None or isinstance(leaf, condition.RuleCondition | condition.ScheduleCondition)
+            for leaf in condition.leaves(judged)
+        )
         return rule.OnDelay() if is_sure or self.severity is Severity.SAFETY else FRAMES_TO_RAISE
 
     @property

@@ -10,6 +10,7 @@ from typing import Any
 from stadimeter.core.alarms import machine
 from stadimeter.core.alarms.machine import AlarmState, Phase, Trigger
 from stadimeter.core.alarms.state import NO_INHIBITS, Leg
+from stadimeter.core.condition_words import describe_verdict
 from stadimeter.core.conditions import verdict as conditions
 from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.decision import Event, EventKind, Notice, Severity
@@ -199,7 +200,7 @@ def _suppress(evaluation: Evaluation) -> None:
     if is_suppressed is not inhibits.is_suppressed or verdict.held != inhibits.leaves:
         evaluation.change(inhibits=replace(inhibits, is_suppressed=is_suppressed, leaves=verdict.held))
     if is_suppressed is not inhibits.is_suppressed:
-        words = conditions.in_words(condition, evaluation.inputs, inhibits.leaves, is_active=inhibits.is_suppressed)
+        words = describe_verdict(condition, evaluation.inputs, inhibits.leaves, is_active=inhibits.is_suppressed)
         kind = EventKind.SUPPRESSED if is_suppressed else EventKind.UNSUPPRESSED
         evaluation.add_event(kind, words, notify=False)
 
@@ -337,7 +338,7 @@ def why(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> str:
 
 def in_words(rule: AlarmRule, state: AlarmState, inputs: RuleInputs, *, with_probability: bool = False) -> str:
     """Return the figures behind the condition of an alarm."""
-    return conditions.in_words(
+    return describe_verdict(
         rule.condition,
         inputs,
         state.timers.leaves,

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 from stadimeter.core.conditions.figures import Uncertain, closing_of
 from stadimeter.core.conditions.inputs import RuleInputs
-from stadimeter.core.conditions.intervals import Box, Truth
-from stadimeter.core.conditions.leaf import Band, Figure
-from stadimeter.core.conditions.limits import LimitsCondition, back_said, ends_of, surely, value_of, within_said
+from stadimeter.core.conditions.leaf import Figure
+from stadimeter.core.conditions.limits import LimitsCondition, ends_of, value_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,37 +56,6 @@ class ClosingCondition(LimitsCondition):
         """Return the speed; see `LimitsCondition.uncertain`."""
         return closing_of(inputs.tracks[self.target])
 
-    def said(self, value: float, sigma: float) -> str:
-        """Return a closing speed with its standard deviation."""
-        return closing_said(value, sigma)
-
-    def begins(self) -> str:
-        """Return a clause that says when it begins."""
-        words = f"the closing speed of `{self.target}` is {within_said(self.limits, _speed, 'below ', 'above ')}"
-        return surely(words, self.probability_on)
-
-    def ends(self) -> str:
-        """Return a clause that says when it has ended."""
-        band = self.deadband_mps, self.deadband_sigmas, self.unit
-        return f"its closing speed is {back_said(self.limits, _speed, 'below ', 'above ', band=band)}"
-
-    def band(self) -> Band:
-        """Return its thresholds for `check`."""
-        return Band(self.noun, self.above_mps, self.below_mps, self.unit)
-
-    def situations(self, truth: Truth, targets: tuple[str, ...]) -> Iterator[Box]:  # noqa: ARG002
-        """Yield the boxes of situations in which it is so; see `Leaf.situations`."""
-        yield from self.situations_of(truth, "closing")
-
-
-def closing_said(closing_mps: float, sigma_mps: float) -> str:
-    """Return a closing speed with its standard deviation."""
-    return f"closing at {closing_mps:.2f} m/s ± {sigma_mps:.2f}"
-
 
 def _closing_mps(inputs: RuleInputs, target: str) -> float:
     return value_of(closing_of(inputs.tracks[target]))
-
-
-def _speed(speed_mps: float) -> str:
-    return f"{speed_mps:.2f} m/s"

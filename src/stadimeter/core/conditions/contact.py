@@ -12,19 +12,15 @@ changes d − v·T by that share, and so hardly counts for a target that will be
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
-from stadimeter.core.conditions.closing import closing_said
-from stadimeter.core.conditions.figures import no_figures, probability_below
+from stadimeter.core.conditions.figures import probability_below
 from stadimeter.core.conditions.inputs import RuleInputs
-from stadimeter.core.conditions.intervals import GONE, NO, SEEN, YES, Box, Truth, interval
-from stadimeter.core.conditions.leaf import UNKNOWN, Evidence, Figure, Leaf, Rest
-from stadimeter.core.conditions.limits import FAR_SIGMAS, back_said, likely_said, surely, turning_point
+from stadimeter.core.conditions.leaf import UNKNOWN, Figure, Leaf, Reading, Rest
+from stadimeter.core.conditions.limits import FAR_SIGMAS, turning_point
 from stadimeter.core.track import Track
-from stadimeter.core.words import length, metres
 
 
 class Approach(NamedTuple):
@@ -73,7 +69,7 @@ class Approach(NamedTuple):
         return max(0.0, variance_m2)
 
 
-class Pace(IntEnum):
+class SpeedKnowledge(IntEnum):
     """What is known of a closing speed."""
 
     SLOW = 0
@@ -98,12 +94,12 @@ def approach_of(track: Track) -> Approach | None:
     return Approach(distance_m, noise_m, scale_sigma, closing_mps, closing_sigma_mps, cov_m2ps)
 
 
-def pace_of(approach: Approach, closing_min_mps: float, speed_sigmas: float) -> Pace:
+def pace_of(approach: Approach, closing_min_mps: float, speed_sigmas: float) -> SpeedKnowledge:
     """Return what is known of a closing speed: what is `speed_sigmas` standard deviations away is sure."""
     closing_mps, unsure_mps = approach.closing_mps, speed_sigmas * approach.closing_sigma_mps
     if closing_mps >= closing_min_mps and closing_mps > unsure_mps:
-        return Pace.KNOWN
-    return Pace.SLOW if closing_mps + unsure_mps < closing_min_mps else Pace.UNSURE
+        return SpeedKnowledge.KNOWN
+    return SpeedKnowledge.SLOW if closing_mps + unsure_mps < closing_min_mps else SpeedKnowledge.UNSURE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,9 +134,14 @@ class TimeToContactCondition(Leaf):
     has_figures = True
 
     @property
-    def is_sure(self) -> bool:
-        """Whether it asks how likely it is."""
-        return self.probability_on is not None
+    def limits(self) -> tuple[float, float]:
+        """In seconds; there is no lower one."""
+        return -math.inf, self.below_s
+
+    @property
+    def targets_named(self) -> tuple[str, ...]:
+        """Its target."""
+        return (self.target,)
 
     @property
     def sigmas_that_count(self) -> float:
@@ -152,14 +153,15 @@ class TimeToContactCondition(Leaf):
         approach = approach_of(inputs.tracks[self.target])
         return None if approach is None else self._holds(approach, is_on)
 
-    def _pace(self, approach: Approach) -> Pace:
+    def speed_knowledge(self, approach: Approach) -> SpeedKnowledge:
+        """Return what is known of the closing speed."""
         return pace_of(approach, self.closing_min_mps, self.sigmas_that_count)
 
     def _holds(self, approach: Approach, is_on: bool) -> bool | None:
-        pace = self._pace(approach)
-        if pace is Pace.SLOW:
+        pace = self.speed_knowledge(approach)
+        if pace is SpeedKnowledge.SLOW:
             return False
-        if pace is Pace.UNSURE:
+        if pace is SpeedKnowledge.UNSURE:
             earliest_s = approach.earliest_s(self.contact_m, self.sigmas_that_count)
             return False if earliest_s > self.below_s + self.deadband_s else None
         limit_s = self._limit_s(approach, is_on=is_on)
@@ -207,53 +209,19 @@ class TimeToContactCondition(Leaf):
         side = (_KNOWN_S, math.nextafter(self.below_s, -math.inf)) if is_on else _later_than(self.below_s)
         return Rest(((earliest, _KNOWN_S, _KNOWN_S), (time, *side)))
 
-    def in_words(self, inputs: RuleInputs, is_on: bool, *, names_target: bool) -> str:
-        """Return the figures behind `holds`; see `Leaf.in_words`."""
-        track = inputs.tracks[self.target]
-        approach = approach_of(track)
+    def reading(self, inputs: RuleInputs, is_on: bool) -> Reading | None:
+        """Return the time to contact; None also while the speed is not known well enough to tell."""
+        approach = self._known_approach(inputs)
         if approach is None:
-            return no_figures(track)
-        words = self._approach_in_words(approach, is_on=is_on)
-        return f"{self.target} {words}" if names_target else words
-
-    def _approach_in_words(self, approach: Approach, *, is_on: bool) -> str:
-        speed = closing_said(approach.closing_mps, approach.closing_sigma_mps)
-        pace = self._pace(approach)
-        if pace is Pace.SLOW:
-            return f"{speed}, slower than {self.closing_min_mps:.2f} m/s"
-        if pace is Pace.UNSURE:
-            return f"{metres(approach.distance_m, approach.sigma_m)}, {speed}: too unsure for a time"
-        limit_s, time_s = self._limit_s(approach, is_on=is_on), approach.time_s(self.contact_m)
-        return f"contact in {time_s:.2f} s ± {approach.time_sigma_s(time_s):.2f}, below {limit_s:.2f} s"
-
-    def probability_in_words(self, inputs: RuleInputs, is_on: bool) -> str:
-        """Return how likely it is; see `Leaf.probability_in_words`."""
-        approach = approach_of(inputs.tracks[self.target])
-        if approach is None or self.probability_on is None or self._pace(approach) in {Pace.SLOW, Pace.UNSURE}:
-            return ""
-        likely = self._likely(approach, self._limit_s(approach, is_on=is_on))
-        return likely_said(likely, self.probability_on, self.probability_off, is_on=is_on)
-
-    def evidence(self, inputs: RuleInputs, is_on: bool) -> Evidence:
-        """Return the figures behind `holds`; see `Leaf.evidence`."""
-        found = Leaf.evidence(self, inputs, is_on)
-        approach = approach_of(inputs.tracks[self.target])
-        if approach is None or self._pace(approach) is not Pace.KNOWN:
-            return found
+            return None
         time_s, limit_s = approach.time_s(self.contact_m), self._limit_s(approach, is_on=is_on)
-        return replace(
-            found,
-            value=time_s,
-            sigma=approach.time_sigma_s(time_s),
-            high=limit_s,
-            probability=None if self.probability_on is None else self._likely(approach, limit_s),
-            begin_points=self._points(approach, is_on=False),
-            end_points=self._points(approach, is_on=True),
-        )
+        likely = None if self.probability_on is None else self._likely(approach, limit_s)
+        return Reading(value=time_s, sigma=approach.time_sigma_s(time_s), high=limit_s, probability=likely)
 
-    def _points(self, approach: Approach, *, is_on: bool) -> tuple[float, ...]:
+    def turning_points(self, inputs: RuleInputs, *, is_on: bool) -> tuple[float, ...]:
         """Return the time to contact at which it begins, or ends, at the speed that the target has."""
-        if approach.closing_mps <= 0:
+        approach = self._known_approach(inputs)
+        if approach is None or approach.closing_mps <= 0:
             return ()
 
         def holds(time_s: float) -> bool:
@@ -264,31 +232,9 @@ class TimeToContactCondition(Leaf):
         margin_s = self.deadband_s + (FAR_SIGMAS + self.deadband_sigmas) * sigma_s + 1
         return tuple(turning_point(holds, self.below_s - margin_s, self.below_s + margin_s))
 
-    def begins(self) -> str:
-        """Return a clause that says when it begins."""
-        where = f"{length(self.contact_m)} away" if self.contact_m else "here"
-        slower = f" (if faster than {self.closing_min_mps:g} m/s)"
-        return surely(f"`{self.target}` will be {where} within {_seconds(self.below_s)}{slower}", self.probability_on)
-
-    def ends(self) -> str:
-        """Return a clause that says when it has ended."""
-        band = self.deadband_s, self.deadband_sigmas, self.unit
-        return f"contact is {back_said((-math.inf, self.below_s), _seconds, '', 'later than ', band=band)}"
-
-    def situations(self, truth: Truth, targets: tuple[str, ...]) -> Iterator[Box]:  # noqa: ARG002
-        """Yield the boxes of situations in which it is so; see `Leaf.situations`."""
-        sight, sure, closing = ("in sight", self.target), ("speed is sure", self.target), ("closing", self.target)
-        time = ("time to contact", self.target, self.contact_m)
-        inside = interval(None, self.below_s)
-        match truth:
-            case Truth.TRUE:
-                yield {sight: SEEN, sure: YES, time: inside, closing: interval(self.closing_min_mps, None)}
-            case Truth.FALSE:
-                yield {sight: SEEN, sure: YES, time: ~inside}
-                yield {sight: SEEN, sure: YES, closing: interval(None, self.closing_min_mps)}
-            case _:
-                yield {sight: GONE}
-                yield {sure: NO}
+    def _known_approach(self, inputs: RuleInputs) -> Approach | None:
+        approach = approach_of(inputs.tracks[self.target])
+        return approach if approach and self.speed_knowledge(approach) is SpeedKnowledge.KNOWN else None
 
 
 _KNOWN_S = -math.nextafter(math.inf, 0.0)
@@ -314,10 +260,6 @@ def _earliest_s(
 def _earliest(approach: Approach, contact_m: float, closing_min_mps: float, speed_sigmas: float) -> float:
     """Return the earliest time that is plausible: infinite for a target that does not come."""
     pace = pace_of(approach, closing_min_mps, speed_sigmas)
-    if pace is Pace.UNSURE:
+    if pace is SpeedKnowledge.UNSURE:
         return approach.earliest_s(contact_m, speed_sigmas)
-    return math.inf if pace is Pace.SLOW else _KNOWN_S
-
-
-def _seconds(duration_s: float) -> str:
-    return f"{duration_s:g} s"
+    return math.inf if pace is SpeedKnowledge.SLOW else _KNOWN_S

@@ -3,25 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import Self
+from dataclasses import dataclass
 
 from stadimeter.core.conditions.figures import Quantity, Uncertain, probability_below, quantity_of
 from stadimeter.core.conditions.inputs import RuleInputs
-from stadimeter.core.conditions.intervals import LENGTHS, Box, Truth
-from stadimeter.core.conditions.leaf import Band, Figure, Rest
+from stadimeter.core.conditions.leaf import Figure, Rest
 from stadimeter.core.conditions.limits import (
     LimitsCondition,
-    back_said,
     ends_of,
-    moved,
-    surely,
     turning_point,
     value_of,
-    within_said,
 )
-from stadimeter.core.words import length, metres
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,24 +131,6 @@ class DistanceCondition(LimitsCondition):
         nearer, further = probability_below(low_m, value_m, sigma_m), 1.0 - probability_below(high_m, value_m, sigma_m)
         return (further >= sure) - (nearer >= sure)
 
-    def said(self, value: float, sigma: float) -> str:
-        """Return a distance with its standard deviation."""
-        return metres(value, sigma)
-
-    def in_words(self, inputs: RuleInputs, is_on: bool, *, names_target: bool) -> str:
-        """Return the figures behind `holds`; see `Leaf.in_words`."""
-        passed = None if is_on else self.passed_through(inputs)
-        if passed is None:
-            return LimitsCondition.in_words(self, inputs, is_on, names_target=names_target)
-        words = f"passed through between two frames: {passed[0]:.2f} m, then {passed[1]:.2f} m"
-        return self._named(words) if names_target else words
-
-    def probability_in_words(self, inputs: RuleInputs, is_on: bool) -> str:
-        """Return how likely it is; see `Leaf.probability_in_words`."""
-        if not is_on and self.passed_through(inputs) is not None:
-            return ""
-        return LimitsCondition.probability_in_words(self, inputs, is_on)
-
     def limit_points(self, figures: Uncertain, *, is_on: bool) -> tuple[float, ...]:
         """Return the distances at which it begins, or ends.
 
@@ -181,30 +155,6 @@ class DistanceCondition(LimitsCondition):
         if math.isfinite(high):
             points += turning_point(holds, middle if math.isfinite(low) else 0.0, 2 * high)
         return tuple(points)
-
-    def begins(self) -> str:
-        """Return a clause that says when it begins."""
-        along = " along the optical axis" if self.quantity == "depth" else ""
-        words = f"`{self.target}` is {within_said(self.limits, length, 'nearer than ', 'further than ')}{along}"
-        return surely(words, self.probability_on)
-
-    def ends(self) -> str:
-        """Return a clause that says when it has ended."""
-        band = self.deadband_m, self.deadband_sigmas, self.unit
-        return f"it is {back_said(self.limits, length, 'nearer than ', 'further than ', band=band)}"
-
-    def band(self) -> Band:
-        """Return its thresholds for `check`."""
-        return Band(self.quantity, self.above_m, self.below_m, self.unit, self.deadband_m, is_positive=True)
-
-    def widened(self) -> Self:
-        """Return it with each threshold moved by its deadband."""
-        above_m, below_m = moved(self.above_m, self.below_m, self.deadband_m)
-        return replace(self, above_m=above_m, below_m=below_m)
-
-    def situations(self, truth: Truth, targets: tuple[str, ...]) -> Iterator[Box]:  # noqa: ARG002
-        """Yield the boxes of situations in which it is so; see `Leaf.situations`."""
-        yield from self.situations_of(truth, self.quantity, LENGTHS)
 
 
 def distance_figure(target: str, quantity: Quantity) -> Figure:

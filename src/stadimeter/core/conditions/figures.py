@@ -67,11 +67,6 @@ def separation_of(first: Track, second: Track) -> Uncertain | None:
     return apart_m, sigma_m, math.hypot(share_here * noise_here_m, share_there * noise_there_m)
 
 
-def no_figures(track: Track) -> str:
-    """Return in words that there is no distance to act on."""
-    return f"{track.target} is {track.status.value}: {track.reason or 'no distance'}"
-
-
 def probability_between(low: float, high: float, value: float, sigma: float) -> float:
     """Return the probability that a normally distributed value is between two thresholds, which may be infinite."""
     return probability_below(high, value, sigma) - probability_below(low, value, sigma)

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from stadimeter.core.conditions.inputs import RuleInputs
-from stadimeter.core.conditions.intervals import Box, Truth, interval
-from stadimeter.core.conditions.leaf import Evidence, Figure, Leaf, Rest
-from stadimeter.core.words import duration
+from stadimeter.core.conditions.leaf import Figure, Leaf, Reading, Rest
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,6 +25,11 @@ class PresenceCondition(Leaf):
 
     noun = "presence"
     is_by_cycle = True
+
+    @property
+    def unit(self) -> str:
+        """Seconds, for one that takes time."""
+        return "s" if self.for_s else ""
 
     @property
     def targets_named(self) -> tuple[str, ...]:
@@ -53,34 +55,14 @@ class PresenceCondition(Leaf):
             due_s = track.since_s + self.for_s
         return Rest(((self.figures()[0], seen, seen),), due_s if inputs.now_s < due_s else math.inf)
 
-    def in_words(self, inputs: RuleInputs, is_on: bool, *, names_target: bool) -> str:  # noqa: ARG002
-        """Return its target's status; see `Leaf.in_words`."""
-        track = inputs.tracks[self.target]
-        words = f"{track.target} is {track.status.value}"
-        if self.for_s and track.is_valid is self.seen and track.since_s is not None:
-            words += f" for {inputs.now_s - track.since_s:.1f} s of {self.for_s:g} s"
-        return words + (f": {track.reason}" if track.reason else "")
-
-    def evidence(self, inputs: RuleInputs, is_on: bool) -> Evidence:
-        """Return its status and, for one that takes time, how long it has been so."""
-        found = Leaf.evidence(self, inputs, is_on)
+    def reading(self, inputs: RuleInputs, is_on: bool) -> Reading | None:  # noqa: ARG002
+        """Return for how many seconds it has been so, for one that takes time."""
         if not self.for_s:
-            return found
+            return None
         track = inputs.tracks[self.target]
         is_so = track.is_valid is self.seen and track.since_s is not None
         held_s = inputs.now_s - track.since_s if is_so and track.since_s is not None else 0.0
-        return replace(found, unit="s", value=held_s, low=self.for_s)
-
-    def begins(self) -> str:
-        """Return a clause that says when it begins."""
-        since = f" for {duration(self.for_s)}" if self.for_s else ""
-        return f"`{self.target}` is {'in' if self.seen else 'out of'} sight{since}"
-
-    def situations(self, truth: Truth, targets: tuple[str, ...]) -> Iterator[Box]:  # noqa: ARG002
-        """Yield the boxes of situations in which it is so; see `Leaf.situations`."""
-        if truth is not Truth.UNKNOWN:
-            holds = interval(self.for_s, None) if self.seen else interval(None, -self.for_s)
-            yield {("in sight", self.target): holds if truth is Truth.TRUE else ~holds}
+        return Reading(value=held_s, low=self.for_s)
 
 
 def _is_seen(inputs: RuleInputs, target: str) -> float:

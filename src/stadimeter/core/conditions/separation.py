@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import Self
+from dataclasses import dataclass
 
 from stadimeter.core.conditions.figures import Uncertain, separation_of
 from stadimeter.core.conditions.inputs import RuleInputs
-from stadimeter.core.conditions.intervals import GONE, LENGTHS, SEEN, Box, Truth, interval
-from stadimeter.core.conditions.leaf import Band, Figure
-from stadimeter.core.conditions.limits import LimitsCondition, back_said, ends_of, moved, surely, value_of, within_said
-from stadimeter.core.words import length, metres
+from stadimeter.core.conditions.leaf import Figure
+from stadimeter.core.conditions.limits import LimitsCondition, ends_of, value_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,7 +33,6 @@ class SeparationCondition(LimitsCondition):
 
     unit = "m"
     noun = "separation"
-    uncounted = "; how sure the directions are is not known, and not counted"
 
     @property
     def targets_named(self) -> tuple[str, ...]:
@@ -63,45 +58,6 @@ class SeparationCondition(LimitsCondition):
         """Return the separation; see `LimitsCondition.uncertain`."""
         first, second = self.targets
         return separation_of(inputs.tracks[first], inputs.tracks[second])
-
-    def said(self, value: float, sigma: float) -> str:
-        """Return a separation with its standard deviation."""
-        first, second = self.targets
-        return f"{first} and {second} {metres(value, sigma)} apart"
-
-    def _named(self, words: str) -> str:
-        return words
-
-    def begins(self) -> str:
-        """Return a clause that says when it begins."""
-        apart = within_said(self.limits, length, "nearer to each other than ", "further apart than ")
-        return surely(f"`{self.targets[0]}` and `{self.targets[1]}` are {apart}", self.probability_on)
-
-    def ends(self) -> str:
-        """Return a clause that says when it has ended."""
-        band = self.deadband_m, self.deadband_sigmas, self.unit
-        back = back_said(self.limits, length, "nearer to each other than ", "further apart than ", band=band)
-        return f"they are {back}"
-
-    def band(self) -> Band:
-        """Return its thresholds for `check`."""
-        return Band(self.noun, self.above_m, self.below_m, self.unit, self.deadband_m, is_positive=True)
-
-    def widened(self) -> Self:
-        """Return it with each threshold moved by its deadband."""
-        above_m, below_m = moved(self.above_m, self.below_m, self.deadband_m)
-        return replace(self, above_m=above_m, below_m=below_m)
-
-    def situations(self, truth: Truth, targets: tuple[str, ...]) -> Iterator[Box]:  # noqa: ARG002
-        """Yield the boxes of situations in which it is so; see `Leaf.situations`."""
-        first, second = (("in sight", target) for target in self.targets)
-        if truth is Truth.UNKNOWN:
-            yield {first: GONE}
-            yield {second: GONE}
-            return
-        inside = interval(self.above_m, self.below_m)
-        axis = ("separation", *sorted(self.targets))
-        yield {first: SEEN, second: SEEN, axis: LENGTHS & (inside if truth is Truth.TRUE else ~inside)}
 
 
 def _separation_m(inputs: RuleInputs, first: str, second: str) -> float:

@@ -13,12 +13,12 @@ condition it stands, and no figure that stands still makes an alarm come and go.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
-from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not, leaves
+from stadimeter.core.conditions.compounds import AnyOf, Condition, Not, leaves
 from stadimeter.core.conditions.inputs import RuleInputs
-from stadimeter.core.conditions.leaf import Evidence, Leaf, Rest
+from stadimeter.core.conditions.leaf import Leaf, Rest
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class Verdict:
     held: tuple[bool, ...] = ()
 
 
-class Part(NamedTuple):
+class JudgedLeaf(NamedTuple):
     """A simple part of a condition."""
 
     leaf: Leaf
@@ -46,7 +46,6 @@ class Part(NamedTuple):
 
 
 _SIMPLE = {value: Verdict(value) for value in (True, False, None)}
-_ANSWERS = {True: "yes", False: "no", None: "unknown"}
 
 
 def judge(condition: Condition, inputs: RuleInputs, held: tuple[bool, ...], *, is_active: bool) -> Verdict:
@@ -70,40 +69,16 @@ def rest_of(condition: Condition, inputs: RuleInputs, held: tuple[bool, ...], *,
     return _rest(condition, inputs, held, [], is_active, False)[1]
 
 
-def in_words(
-    condition: Condition,
-    inputs: RuleInputs,
-    held: tuple[bool, ...],
-    *,
-    is_active: bool,
-    with_probability: bool = False,
-) -> str:
-    """Return the figures behind what `judge` returns for the same arguments.
-
-    Args:
-        with_probability: Whether to say how likely each part is, and from when on that is enough: for whoever asks why.
-    """
-    if isinstance(condition, Leaf):
-        words = condition.in_words(inputs, is_active, names_target=False)
-        return words + condition.probability_in_words(inputs, is_active) if with_probability else words
-    parts = iter(parts_of(condition, held, is_active=is_active))
-    return _words(condition, inputs, parts, with_probability=with_probability)
-
-
-def evidence(
-    condition: Condition, inputs: RuleInputs, held: tuple[bool, ...], *, is_active: bool
-) -> tuple[Evidence, ...]:
-    """Return the figures behind what `judge` returns for the same arguments: one for each part, from left to right."""
-    return tuple(_evidence(part, inputs) for part in parts_of(condition, held, is_active=is_active))
-
-
-def parts_of(condition: Condition, held: tuple[bool, ...], *, is_active: bool) -> tuple[Part, ...]:
+def judged_leaves(condition: Condition, held: tuple[bool, ...], *, is_active: bool) -> tuple[JudgedLeaf, ...]:
     """Return the simple parts of a condition, from left to right, and how `judge` judges each of them."""
     if isinstance(condition, Leaf):
-        return (Part(condition, is_on=is_active, is_inverted=False),)
+        return (JudgedLeaf(condition, is_on=is_active, is_inverted=False),)
     parts = enumerate(_listed(condition, is_inverted=False))
     return tuple(
-        [Part(leaf, _is_on(held, index, is_active, is_inverted), is_inverted) for index, (leaf, is_inverted) in parts]
+        [
+            JudgedLeaf(leaf, _is_on(held, index, is_active, is_inverted), is_inverted)
+            for index, (leaf, is_inverted) in parts
+        ]
     )
 
 
@@ -190,25 +165,3 @@ def _listed(condition: Condition, *, is_inverted: bool) -> Iterator[tuple[Leaf, 
     else:
         for part in condition.conditions:
             yield from _listed(part, is_inverted=is_inverted)
-
-
-def _words(condition: Condition, inputs: RuleInputs, parts: Iterator[Part], *, with_probability: bool) -> str:
-    if isinstance(condition, Leaf):
-        is_on = next(parts).is_on
-        words = condition.in_words(inputs, is_on, names_target=True)
-        if with_probability:
-            words += condition.probability_in_words(inputs, is_on)
-        return f"{words} [{_ANSWERS[condition.holds(inputs, is_on)]}]"
-    if isinstance(condition, Not):
-        return f"not ({_words(condition.condition, inputs, parts, with_probability=with_probability)})"
-    within = "; ".join(
-        [_words(part, inputs, parts, with_probability=with_probability) for part in condition.conditions]
-    )
-    return f"{'all' if isinstance(condition, AllOf) else 'any'} of ({within})"
-
-
-def _evidence(part: Part, inputs: RuleInputs) -> Evidence:
-    found = part.leaf.evidence(inputs, part.is_on)
-    if part.is_inverted:  # the whole begins when this part ends
-        return replace(found, begin_points=found.end_points, end_points=found.begin_points)
-    return found

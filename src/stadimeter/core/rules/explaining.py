@@ -12,10 +12,8 @@ from stadimeter.core.alarms import machine
 from stadimeter.core.alarms.actions import in_words, latched_until, policy_in_words
 from stadimeter.core.alarms.alarm import AlarmStep
 from stadimeter.core.alarms.machine import LATCHED, AlarmState, Phase
-from stadimeter.core.conditions import verdict as conditions
+from stadimeter.core.condition_words import Evidence, collect_evidence, describe_verdict
 from stadimeter.core.conditions.inputs import RuleInputs
-from stadimeter.core.conditions.leaf import Evidence
-from stadimeter.core.conditions.verdict import evidence
 from stadimeter.core.decision import Decision, OutputTrace, RuleStatus, SafetyMode
 from stadimeter.core.rule import AlarmRule, AnyRule
 from stadimeter.core.rules.reasons import Reasons
@@ -70,7 +68,7 @@ def explain(decision: Decision, name: str, *, with_probability: bool = True) -> 
         clauses = [*alarm, *_consequence(rule, step, decision, inputs, output)]
         timers, gates = tuple(_timers(rule, step.state, inputs.now_s)), tuple(_gates(rule, step.state, inputs))
         leaves = step.state.timers.leaves
-        found = evidence(rule.condition, inputs, leaves, is_active=step.state.is_judged_by_its_end)
+        found = collect_evidence(rule.condition, inputs, leaves, is_active=step.state.is_judged_by_its_end)
     else:
         clauses = [f"{step.trace.status.value}: {reasons[name]}", *_consequence(rule, step, decision, inputs, output)]
         timers, gates, found = (), step.trace.gates, ()
@@ -156,7 +154,7 @@ def _timers(rule: AlarmRule, state: AlarmState, now_s: float) -> Iterator[str]:
 def _turning_points(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> Iterator[str]:
     """Say at which figure the verdict on a simple condition would change, unless a delay runs that ends with it."""
     is_on = state.is_judged_by_its_end
-    found = evidence(rule.condition, inputs, state.timers.leaves, is_active=is_on)
+    found = collect_evidence(rule.condition, inputs, state.timers.leaves, is_active=is_on)
     if len(found) != 1 or (found[0].holds and not is_on):
         return
     points = found[0].ends_at if is_on else found[0].begins_at
@@ -175,7 +173,7 @@ def _gates(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> Iterator[s
         until = " at most" if gates.is_one_shot else ""
         yield f"shelved{by} for another {rounded_duration(gates.shelved_until_s - now_s)}{until}"
     if gates.is_suppressed and rule.suppress_when is not None:
-        yield f"suppressed: {conditions.in_words(rule.suppress_when, inputs, gates.leaves, is_active=True)}"
+        yield f"suppressed: {describe_verdict(rule.suppress_when, inputs, gates.leaves, is_active=True)}"
     if gates.is_out_of_service:
         yield "out of service"
 

@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from stadimeter.core.conditions.figures import no_figures, quantity_of
+from stadimeter.core.condition_words import describe_unseen
+from stadimeter.core.conditions.figures import quantity_of
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.rule import FollowRule
 from stadimeter.core.rule_step import Step, TwistRequest, trace_of
@@ -73,7 +74,7 @@ def why(rule: FollowRule, track: Track) -> str:
     figures = _figures(track)
     if figures is None:
         distance = quantity_of(track, "distance")
-        return f"{metres(*distance[:2])} is too unsure to drive by" if distance else no_figures(track)
+        return f"{metres(*distance[:2])} is too unsure to drive by" if distance else describe_unseen(track)
     distance_m, sigma_m, bearing_rad = figures
     where = f"{metres(distance_m, sigma_m)} at {math.degrees(bearing_rad):+.0f}°"
     return f"{where}, to keep {rule.distance_m:.2f} m ahead"

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from stadimeter.core.condition_words import describe_unseen
 from stadimeter.core.conditions.distance import distance_figure
-from stadimeter.core.conditions.figures import no_figures, quantity_of
+from stadimeter.core.conditions.figures import quantity_of
 from stadimeter.core.conditions.leaf import UNKNOWN, Rest
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.rule import RampRule
@@ -53,7 +54,7 @@ def why(rule: RampRule, track: Track) -> str:
     """Return why a ramp does what it does, in words with figures."""
     figures = quantity_of(track, rule.quantity)
     if figures is None:
-        return no_figures(track)
+        return describe_unseen(track)
     now = metres(*figures[:2])
     if rule.points:
         (near_m, at_near), (far_m, at_far) = rule.points[0], rule.points[-1]

@@ -1,0 +1,378 @@
+"""Conditions in words: the figures behind a verdict, and when a condition begins and ends.
+
+Conditions state thresholds and figures. A kind that is not named here is worded by its noun, its unit and these.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from stadimeter.core.condition import (
+    AllOf,
+    AnyOf,
+    ClosingCondition,
+    Condition,
+    CountCondition,
+    DirectionCondition,
+    DistanceCondition,
+    Leaf,
+    Not,
+    PresenceCondition,
+    RuleCondition,
+    ScheduleCondition,
+    SeparationCondition,
+    TimeToContactCondition,
+)
+from stadimeter.core.conditions.contact import SpeedKnowledge, approach_of
+from stadimeter.core.conditions.inputs import RuleInputs
+from stadimeter.core.conditions.leaf import Reading
+from stadimeter.core.conditions.limits import LimitsCondition
+from stadimeter.core.conditions.verdict import JudgedLeaf, judged_leaves
+from stadimeter.core.track import Track
+from stadimeter.core.words import day, duration, length, metres, time_of_day
+
+_ANSWERS = {True: "yes", False: "no", None: "unknown"}
+_RULE_STATES = {True: "is active", False: "is not active", None: "has nothing to judge by"}
+_NOT_COUNTED: dict[type[Leaf], str] = {
+    DirectionCondition: "; how sure a direction is, is not known",
+    SeparationCondition: "; how sure the directions are is not known, and not counted",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Evidence:
+    """The figures that a simple condition was judged by. Those that it does not have are None.
+
+    Attributes:
+        quantity: Such as ``distance``.
+        about: The targets, or the rule, that it is about; empty for the time of day and a count of all targets.
+        words: The figures in words.
+        holds: Whether it holds; None if that cannot be known.
+        unit: The SI unit of the figures; empty for those without.
+        sigma: The standard deviation of `value`, where that is known.
+        low: The lower threshold that it is judged by now, deadband included.
+        high: The upper threshold.
+        probability: That the figure is within them.
+        begin_points: The figures at which it would begin to speak for the alarm.
+        end_points: The figures at which it would cease to.
+    """
+
+    quantity: str
+    about: tuple[str, ...]
+    words: str
+    holds: bool | None
+    unit: str = ""
+    value: float | None = None
+    sigma: float | None = None
+    low: float | None = None
+    high: float | None = None
+    probability: float | None = None
+    begin_points: tuple[float, ...] = ()
+    end_points: tuple[float, ...] = ()
+
+    @property
+    def begins_at(self) -> str:
+        """Where it would begin to speak for the alarm, such as ``1.91 m``; empty if it never would."""
+        return self._points(self.begin_points)
+
+    @property
+    def ends_at(self) -> str:
+        """Where it would cease to, such as ``2.12 m``; empty if it never would."""
+        return self._points(self.end_points)
+
+    def _points(self, points: tuple[float, ...]) -> str:
+        if self.unit == "rad":
+            return " or ".join(_degrees(point) for point in points)
+        return " or ".join(f"{point:.2f} {self.unit}" for point in points)
+
+
+# The figures behind a verdict ---------------------------------------------------------------------------------------
+
+
+def describe_verdict(
+    condition: Condition,
+    inputs: RuleInputs,
+    held: tuple[bool, ...],
+    *,
+    is_active: bool,
+    with_probability: bool = False,
+) -> str:
+    """Return the figures behind what `judge` returns for the same arguments.
+
+    Args:
+        with_probability: Whether to add how likely each part is, and from which probability on it begins or ends.
+    """
+    parts = iter(judged_leaves(condition, held, is_active=is_active))
+    if isinstance(condition, Leaf):
+        return _part_words(next(parts), inputs, names_target=False, with_probability=with_probability)
+    return _whole_words(condition, inputs, parts, with_probability=with_probability)
+
+
+def collect_evidence(
+    condition: Condition, inputs: RuleInputs, held: tuple[bool, ...], *, is_active: bool
+) -> tuple[Evidence, ...]:
+    """Return the figures behind what `judge` returns for the same arguments: one for each part, from left to right."""
+    return tuple(_evidence(part, inputs) for part in judged_leaves(condition, held, is_active=is_active))
+
+
+def describe_unseen(track: Track) -> str:
+    """Return in words that there is no distance to act on."""
+    return f"{track.target} is {track.status.value}: {track.reason or 'no distance'}"
+
+
+def _whole_words(
+    condition: Condition, inputs: RuleInputs, parts: Iterator[JudgedLeaf], *, with_probability: bool
+) -> str:
+    if isinstance(condition, Leaf):
+        part = next(parts)
+        words = _part_words(part, inputs, names_target=True, with_probability=with_probability)
+        return f"{words} [{_ANSWERS[condition.holds(inputs, part.is_on)]}]"
+    if isinstance(condition, Not):
+        return f"not ({_whole_words(condition.condition, inputs, parts, with_probability=with_probability)})"
+    within = [_whole_words(part, inputs, parts, with_probability=with_probability) for part in condition.conditions]
+    return f"{'all' if isinstance(condition, AllOf) else 'any'} of ({'; '.join(within)})"
+
+
+def _evidence(part: JudgedLeaf, inputs: RuleInputs) -> Evidence:
+    leaf, is_on = part.leaf, part.is_on
+    reading = leaf.reading(inputs, is_on)
+    words = _part_words(part, inputs, names_target=True, with_probability=True)
+    # Below a `not` the whole begins when this part ends.
+    begin, end = (leaf.turning_points(inputs, is_on=side) for side in (part.is_inverted, not part.is_inverted))
+    return Evidence(
+        quantity=leaf.noun,
+        about=(leaf.rule,) if isinstance(leaf, RuleCondition) else leaf.targets_named,
+        words=words + _NOT_COUNTED.get(type(leaf), ""),
+        holds=leaf.holds(inputs, is_on),
+        unit=leaf.unit,
+        value=reading.value if reading else None,
+        sigma=reading.sigma if reading else None,
+        low=reading.low if reading and math.isfinite(reading.low) else None,
+        high=reading.high if reading and math.isfinite(reading.high) else None,
+        probability=reading.probability if reading else None,
+        begin_points=begin,
+        end_points=end,
+    )
+
+
+def _part_words(part: JudgedLeaf, inputs: RuleInputs, *, names_target: bool, with_probability: bool) -> str:
+    leaf = part.leaf
+    match leaf:
+        case PresenceCondition():
+            return _presence_words(leaf, inputs)
+        case CountCondition():
+            return _count_words(leaf, inputs)
+        case ScheduleCondition():
+            return _clock_words(leaf, inputs)
+        case RuleCondition():
+            return f"the rule {leaf.rule} {_RULE_STATES[inputs.active.get(leaf.rule)]}"
+        case _:
+            named = f"{leaf.targets_named[0]} " if names_target and not isinstance(leaf, SeparationCondition) else ""
+            return _measured_words(part, inputs, named, with_probability=with_probability)
+
+
+def _measured_words(part: JudgedLeaf, inputs: RuleInputs, named: str, *, with_probability: bool) -> str:
+    leaf = part.leaf
+    reading = leaf.reading(inputs, part.is_on)
+    if reading is None:
+        return _unread_words(leaf, inputs, named)
+    passed = leaf.passed_through(inputs) if isinstance(leaf, DistanceCondition) and not part.is_on else None
+    if passed is not None:
+        return f"{named}passed through between two frames: {passed[0]:.2f} m, then {passed[1]:.2f} m"
+    words = f"{named}{_value_words(leaf, reading)}, {_threshold_words(reading, leaf.unit)}"
+    if not with_probability or reading.probability is None:
+        return words
+    turns = f"ends at {leaf.probability_off:.2f}" if part.is_on else f"begins at {leaf.probability_on:.2f}"
+    return f"{words}: P {reading.probability:.2f}, {turns}"
+
+
+def _unread_words(leaf: Leaf, inputs: RuleInputs, named: str) -> str:
+    """Say why there is no figure."""
+    tracks = [inputs.tracks[target] for target in leaf.targets_named]
+    approach = approach_of(tracks[0]) if isinstance(leaf, TimeToContactCondition) else None
+    if isinstance(leaf, TimeToContactCondition) and approach is not None:
+        speed = _closing(approach.closing_mps, approach.closing_sigma_mps)
+        if leaf.speed_knowledge(approach) is SpeedKnowledge.SLOW:
+            return f"{named}{speed}, slower than {leaf.closing_min_mps:.2f} m/s"
+        return f"{named}{metres(approach.distance_m, approach.sigma_m)}, {speed}: too unsure for a time"
+    away = [track for track in tracks if not track.is_valid]
+    return " and ".join(describe_unseen(track) for track in away or tracks)
+
+
+def _value_words(leaf: Leaf, reading: Reading) -> str:
+    value, sigma = reading.value, reading.sigma or 0.0
+    match leaf:
+        case DistanceCondition():
+            return metres(value, sigma)
+        case ClosingCondition():
+            return _closing(value, sigma)
+        case SeparationCondition():
+            return f"{' and '.join(leaf.targets)} {metres(value, sigma)} apart"
+        case TimeToContactCondition():
+            return f"contact in {value:.2f} s ± {sigma:.2f}"
+        case DirectionCondition():
+            return f"{leaf.quantity} {math.degrees(value):+.1f}°"
+        case _:
+            return f"{leaf.noun} {value:.2f} {leaf.unit}"
+
+
+def _threshold_words(reading: Reading, unit: str) -> str:
+    scale, digits, unit = (math.degrees(1.0), 1, "°") if unit == "rad" else (1.0, 2, f" {unit}")
+    low, high = reading.low * scale, reading.high * scale
+    if math.isinf(low):
+        return f"below {high:.{digits}f}{unit}"
+    if math.isinf(high):
+        return f"above {low:.{digits}f}{unit}"
+    return f"between {low:.{digits}f} and {high:.{digits}f}{unit}"
+
+
+def _presence_words(leaf: PresenceCondition, inputs: RuleInputs) -> str:
+    track = inputs.tracks[leaf.target]
+    words = f"{track.target} is {track.status.value}"
+    if leaf.for_s and track.is_valid is leaf.seen and track.since_s is not None:
+        words += f" for {inputs.now_s - track.since_s:.1f} s of {leaf.for_s:g} s"
+    return words + (f": {track.reason}" if track.reason else "")
+
+
+def _count_words(leaf: CountCondition, inputs: RuleInputs) -> str:
+    thresholds = [f"at least {leaf.at_least}"] if leaf.at_least is not None else []
+    thresholds += [f"at most {leaf.at_most}"] if leaf.at_most is not None else []
+    number = len(leaf.targets or inputs.tracks)
+    return f"{leaf.count(inputs):.0f} of {number} in sight, {' and '.join(thresholds)}"
+
+
+def _clock_words(leaf: ScheduleCondition, inputs: RuleInputs) -> str:
+    if inputs.wall is None:
+        return f"the time of day is not known yet, {_hours(leaf)}"
+    return f"{day(inputs.wall.weekday)} {time_of_day(inputs.wall.second_of_day // 60 * 60)}, {_hours(leaf)}"
+
+
+# When a condition begins and ends -----------------------------------------------------------------------------------
+
+
+def describe_begin(condition: Condition) -> str:
+    r"""Return a clause such as ``\`ball\` is nearer than 0.50 m (1.6 ft) with a probability of 80%``."""
+    match condition:
+        case Leaf():
+            words = _begin_words(condition)
+            on = condition.probability_on
+            return words if on is None else f"{words} with a probability of {on:.0%}"
+        case Not():
+            return f"not ({describe_begin(condition.condition)})"
+        case _:
+            parts = [(part, describe_begin(part)) for part in condition.conditions]
+            word = " and " if isinstance(condition, AllOf) else " or "
+            return word.join(f"({words})" if isinstance(part, AllOf | AnyOf) else words for part, words in parts)
+
+
+def describe_end(condition: Condition) -> str:
+    """Return a clause such as ``it is further than 0.50 m (1.6 ft) by 3 standard deviations of the noise``."""
+    match condition:
+        case TimeToContactCondition():
+            return f"contact is {_back_words(condition, condition.deadband_s)}"
+        case DistanceCondition():
+            return f"it is {_back_words(condition, condition.deadband)}"
+        case SeparationCondition():
+            return f"they are {_back_words(condition, condition.deadband)}"
+        case LimitsCondition():
+            return f"its {condition.noun} is {_back_words(condition, condition.deadband)}"
+        case _:
+            return "that has ended"
+
+
+def _begin_words(leaf: Leaf) -> str:
+    match leaf:
+        case PresenceCondition():
+            since = f" for {duration(leaf.for_s)}" if leaf.for_s else ""
+            return f"`{leaf.target}` is {'in' if leaf.seen else 'out of'} sight{since}"
+        case CountCondition():
+            counted = f"of {', '.join(f'`{target}`' for target in leaf.targets)}" if leaf.targets else "targets"
+            return f"{_number_words(leaf.at_least, leaf.at_most)} {counted} are in sight"
+        case ScheduleCondition():
+            return f"it is {_hours(leaf)}"
+        case RuleCondition():
+            return f"`{leaf.rule}` is active"
+        case TimeToContactCondition():
+            where = f"{length(leaf.contact_m)} away" if leaf.contact_m else "here"
+            slower = f"(if faster than {leaf.closing_min_mps:g} m/s)"
+            return f"`{leaf.target}` will be {where} within {leaf.below_s:g} s {slower}"
+        case _:
+            return f"{_subject(leaf)} {_within_words(leaf)}"
+
+
+def _subject(leaf: Leaf) -> str:
+    """Return what a clause about thresholds begins with, such as ``the bearing of `ball` is``."""
+    named = " and ".join(f"`{target}`" for target in leaf.targets_named)
+    if isinstance(leaf, SeparationCondition):
+        return f"{named} are"
+    return f"{named} is" if isinstance(leaf, DistanceCondition) else f"the {leaf.noun} of {named} is"
+
+
+def _number_words(least: int | None, most: int | None) -> str:
+    if least is None or most is None:
+        return f"at most {most}" if least is None else f"at least {least}"
+    return f"{least}" if least == most else f"{least} to {most}"
+
+
+def _hours(leaf: ScheduleCondition) -> str:
+    days = f" on {' and '.join(map(day, leaf.weekdays))}" if leaf.weekdays else ""
+    return f"between {time_of_day(leaf.from_s)} and {time_of_day(leaf.to_s)}{days}"
+
+
+def _sides(leaf: Leaf) -> tuple[str, str]:
+    """Return what stands before a threshold from which on a figure is too low, and too high."""
+    match leaf:
+        case DistanceCondition():
+            return "nearer than ", "further than "
+        case SeparationCondition():
+            return "nearer to each other than ", "further apart than "
+        case TimeToContactCondition():
+            return "", "later than "
+        case _:
+            return "below ", "above "
+
+
+def _within_words(leaf: Leaf) -> str:
+    """Return thresholds such as ``nearer than 0.50 m (1.6 ft)``."""
+    low, high = leaf.limits
+    below, above = _sides(leaf)
+    along = " along the optical axis" if leaf.noun == "depth" else ""
+    if math.isfinite(low) and math.isfinite(high):
+        return f"between {_figure(low, leaf.unit)} and {_figure(high, leaf.unit)}{along}"
+    side = f"{above}{_figure(low, leaf.unit)}" if math.isfinite(low) else f"{below}{_figure(high, leaf.unit)}"
+    return f"{side}{along}"
+
+
+def _back_words(leaf: LimitsCondition | TimeToContactCondition, deadband: float) -> str:
+    """Return where a condition ends, which the deadband moves away from where it begins."""
+    (low, high), sigmas, (below, above) = leaf.limits, leaf.deadband_sigmas, _sides(leaf)
+    fixed = 0.0 if sigmas else deadband
+    there = [f"{below}{_figure(low - fixed, leaf.unit)}"] if math.isfinite(low) else []
+    there += [f"{above}{_figure(high + fixed, leaf.unit)}"] if math.isfinite(high) else []
+    if not sigmas:
+        return " or ".join(there)
+    noise = f"{sigmas:g} standard deviations of the noise"
+    width = f"{deadband:g} {leaf.unit} or {noise}, whichever is more," if deadband else noise
+    return f"{' or '.join(there)} by {width}"
+
+
+def _figure(value: float, unit: str) -> str:
+    match unit:
+        case "m":
+            return length(value)
+        case "rad":
+            return _degrees(value)
+        case "s":
+            return f"{value:g} s"
+        case _:
+            return f"{value:.2f} {unit}"
+
+
+def _degrees(angle_rad: float) -> str:
+    return f"{math.degrees(angle_rad):.1f}°"
+
+
+def _closing(closing_mps: float, sigma_mps: float) -> str:
+    return f"closing at {closing_mps:.2f} m/s ± {sigma_mps:.2f}"
