@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,105 +14,24 @@ import typer
 import stadimeter
 from stadimeter.app.event_log import EventLog, event_log_path
 from stadimeter.app.page_process import PageProcess
-from stadimeter.app.recordings.journal import JournalWriter
-from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, to_be_recorded
-from stadimeter.app.recordings.recorder import Recorder, Writer
 from stadimeter.app.restarts import HANDED_ON
 from stadimeter.app.safe_outputs import safe_outputs_path, write_safe_outputs
 from stadimeter.app.service import Service, service
 from stadimeter.app.service_folders import runtime_directory, state_directory
 from stadimeter.app.wall_time import TimeOfDay, is_synchronised
 from stadimeter.cli.run_options import RecordingOptions, ServiceOptions
-from stadimeter.config.extras import require
-from stadimeter.errors import JournalError
 
 if TYPE_CHECKING:
     from stadimeter.app.loop import Loop
 
 
-@contextmanager
-def open_recordings(loop: Loop, options: RecordingOptions) -> Iterator[None]:
+def open_recordings(loop: Loop, options: RecordingOptions) -> AbstractContextManager[None]:
     """Record a run while in the context."""
-    if options.journal is not None and options.record is not None and options.journal == options.record:
-        raise JournalError(f"--journal and --record both name {options.journal}; they need a file each")
-    with ExitStack() as closing:
-        recorders: list[Recorder] = []
-        teller = _RecordingTroubles(recorders, loop.services.tell, is_quiet=options.is_quiet)
-        closing.callback(teller.at_end)
-        for writer in _writers(loop, options):
-            recorders.append(_recorder(writer, loop))
-            closing.callback(recorders[-1].close)
-        loop.listeners += [*recorders, teller]
-        yield
-        for recorder in recorders:  # both at once
-            recorder.end()
-
-
-def _recorder(writer: Writer, loop: Loop) -> Recorder:
-    return Recorder(writer, is_live=loop.parts.is_live, deadline=loop.deadline)
-
-
-def _writers(loop: Loop, options: RecordingOptions) -> Iterator[Writer]:
     if options.journal is None and options.record is None:
-        return
-    if options.record is not None:
-        require("record", "recording to an MCAP file")  # before a journal is begun that would stay empty
-    configuration = to_be_recorded(loop.parts.configuration)
-    if options.journal is not None:
-        yield JournalWriter(options.journal, configuration)
-    if options.record is not None:
-        yield _recording_writer(loop, options, options.record, configuration)
+        return nullcontext()
+    from stadimeter.cli.run_recording import recording  # noqa: PLC0415 - it takes long, and few runs are recorded
 
-
-def _recording_writer(
-    loop: Loop, options: RecordingOptions, path: Path, configuration: RecordedConfiguration
-) -> Writer:
-    from stadimeter.app.recordings.recording import ImageOptions, Recorded, RecordingWriter  # noqa: PLC0415 - it loads OpenCV's encoder
-
-    recorded = Recorded(
-        configuration=configuration,
-        camera=loop.parts.configuration.camera_model,
-        sizes={name: detector.target_shape for name, detector in loop.parts.cycle.detectors.items()},
-    )
-    images = ImageOptions(
-        images=options.images, rate_hz=options.image_rate_hz, quality_percent=options.image_quality_percent
-    )
-    return RecordingWriter(path, recorded, images)
-
-
-class _RecordingTroubles:
-    """Reports what becomes of the files: each thing once, and what is missing in a file again at the end."""
-
-    def __init__(self, recorders: Sequence[Recorder], tell: Callable[[str], None], *, is_quiet: bool) -> None:
-        self._recorders = recorders
-        self._tell = tell
-        self._is_quiet = is_quiet
-        self._said: set[str] = set()
-
-    def __call__(self, *_: object) -> None:
-        for recorder in self._recorders:
-            self._say_kept(recorder)
-            if recorder.failure and not self._is_quiet:
-                self._say(f"warning: {recorder.failure}; the run goes on without it")
-
-    def at_end(self) -> None:
-        """Tell which files are not whole, after the files were closed."""
-        for recorder in self._recorders:
-            self._say_kept(recorder)
-            if recorder.failure:
-                self._say(f"warning: the {recorder.kind} is not whole: {recorder.failure}")
-            elif recorder.images_left_out:
-                count = recorder.images_left_out
-                self._say(f"warning: recording: {count} pictures were left out, since the disk did not keep up")
-
-    def _say_kept(self, recorder: Recorder) -> None:
-        if recorder.kept():
-            self._say(recorder.kept())
-
-    def _say(self, words: str) -> None:
-        if words not in self._said:
-            self._said.add(words)
-            self._tell(words)
+    return recording(loop, options)
 
 
 @contextmanager

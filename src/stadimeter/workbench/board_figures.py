@@ -8,8 +8,6 @@ from __future__ import annotations
 import os
 import platform
 import re
-import shutil
-import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil
@@ -25,6 +23,7 @@ import stadimeter
 from stadimeter.app.board_health import temperature_c
 from stadimeter.config.untrusted_file import JSON_MAX_BYTES, read_untrusted
 from stadimeter.errors import UnreadableError
+from stadimeter.workbench.doctor.computer import Computer
 
 SCHEMA_VERSION: Literal[2] = 2
 """Version 1 had neither this number nor a start, a temperature or a processor limit, and rates instead of times."""
@@ -35,11 +34,13 @@ AboveZero = Annotated[float, Field(gt=0)]
 Count = Annotated[int, Field(ge=1)]
 Words = Annotated[str, Field(max_length=300)]
 
-_CHECKED = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+class _Checked:
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Platform:
+class Platform(_Checked):
     """Computer and versions that were measured.
 
     Attributes:
@@ -61,11 +62,9 @@ class Platform:
     opencv: Words
     numpy: Words
 
-    __pydantic_config__: ClassVar[ConfigDict] = _CHECKED
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Heat:
+class Heat(_Checked):
     """How a board bears the work; None for what it does not tell.
 
     Attributes:
@@ -75,11 +74,9 @@ class Heat:
     temperature_c: float | None
     throttled: Annotated[str, Field(pattern="^0x[0-9a-fA-F]{1,8}$")] | None
 
-    __pydantic_config__: ClassVar[ConfigDict] = _CHECKED
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Times:
+class Times(_Checked):
     """How long the same work took, again and again.
 
     Attributes:
@@ -90,8 +87,6 @@ class Times:
     p95_ms: AboveZero
     mean_ms: AboveZero
 
-    __pydantic_config__: ClassVar[ConfigDict] = _CHECKED
-
     @classmethod
     def of(cls, times_s: Sequence[float]) -> Times:
         """Return the figures of at least one time."""
@@ -101,7 +96,7 @@ class Times:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DetectorSpeed:
+class DetectorSpeed(_Checked):
     """How fast one detector is on pictures of one size.
 
     Attributes:
@@ -117,11 +112,9 @@ class DetectorSpeed:
     track: Times | None
     found: Annotated[float, Field(ge=0, le=1)]
 
-    __pydantic_config__: ClassVar[ConfigDict] = _CHECKED
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Latency:
+class Latency(_Checked):
     """Latency from the arrival of a frame until every actuator has its command, in the demonstration's run."""
 
     frames: Annotated[int, Field(ge=0)]
@@ -129,11 +122,9 @@ class Latency:
     p95_ms: AboveZero | None
     p99_ms: AboveZero | None
 
-    __pydantic_config__: ClassVar[ConfigDict] = _CHECKED
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class OwnRun:
+class OwnRun(_Checked):
     """A run of its own program over pictures of a ball, as small as a run can be.
 
     Attributes:
@@ -144,11 +135,9 @@ class OwnRun:
     first_command_s: AboveZero
     peak_memory_mb: AboveZero
 
-    __pydantic_config__: ClassVar[ConfigDict] = _CHECKED
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Figures:
+class Figures(_Checked):
     """All figures of a computer.
 
     Attributes:
@@ -163,8 +152,6 @@ class Figures:
     run: OwnRun
     latency: Latency
     detectors: Annotated[tuple[DetectorSpeed, ...], Field(min_length=1, max_length=1000)]
-
-    __pydantic_config__: ClassVar[ConfigDict] = _CHECKED
 
 
 _FIGURES = TypeAdapter(Figures)
@@ -214,11 +201,7 @@ def heat() -> Heat:
 
 
 def _throttle_flags() -> str | None:
-    program = shutil.which("vcgencmd")
-    if program is None:
-        return None
-    asked = subprocess.run([program, "get_throttled"], capture_output=True, text=True, check=False)  # noqa: S603
-    found = re.search(r"throttled=(0x[0-9a-fA-F]{1,8})", asked.stdout)
+    found = re.search(r"throttled=(0x[0-9a-fA-F]{1,8})", Computer().prints("vcgencmd", "get_throttled"))
     return found[1] if found else None
 
 
@@ -256,16 +239,6 @@ def _limit_in(folder: Path) -> float | None:
 
 
 def _board() -> str:
-    try:
-        return Path("/proc/device-tree/model").read_text(encoding="utf-8").rstrip("\0")
-    except OSError:
-        return _processor()
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        lines = []
-    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(named, platform.machine())
+    computer = Computer()
+    named = re.search(r"^model name\s*:\s*(.+)$", computer.text("/proc/cpuinfo"), re.MULTILINE)
+    return computer.model or (named[1].strip() if named else platform.machine())
