@@ -61,6 +61,8 @@ class HsvRange:
         hsv = _hsv(image)
         if (self.lower[0], self.upper[0]) == (0, 179):
             return _between(hsv, self.lower, self.upper)
+        # From this value on every pixel of the range has a hue, since its chroma is at least saturation * value / 255.
+        # That limit costs less than the chroma of each pixel, but leaves out darker pixels that are more saturated.
         min_value = math.ceil(MIN_CHROMA * 255 / max(self.lower[1], 1))
         if self.keeps_dark or min_value > DARK_VALUE or self.upper[2] < 2 * DARK_VALUE:
             return np.asarray(cv2.bitwise_and(self._between_hues(hsv, self.lower[2]), _has_hue(hsv)), np.uint8)

@@ -72,6 +72,7 @@ def sides_on_border(corners_px: Points, shape: tuple[int, ...], margin_px: float
         shape: Height and width of the picture.
         margin_px: How near to the outermost pixels counts as on the border.
     """
+    # For x and y each: left or top, right or bottom. A side lies on a border if both its ends are beyond the same one.
     last_px = np.array((shape[1], shape[0])) - 1 - margin_px
     low, high = corners_px < margin_px, corners_px > last_px
     after = [*range(1, corners_px.shape[1]), 0]

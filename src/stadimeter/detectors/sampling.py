@@ -32,6 +32,7 @@ def sample(image: Image, x_px: Points, y_px: Points) -> Samples:
     height, width = image.shape[:2]
     x = np.clip(x_px, 0, width - 1)
     y = np.clip(y_px, 0, height - 1)
+    # The pixel above left of each place, or the last but one, so that there is always one to its right and below.
     left = np.minimum(x.astype(np.intp), width - 2) if width > 1 else np.zeros(x.shape, np.intp)
     top = np.minimum(y.astype(np.intp), height - 2) if height > 1 else np.zeros(y.shape, np.intp)
     right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
@@ -80,6 +81,7 @@ def light_table(tone_curve: ToneCurve) -> Light:
     It rises from 0 for black to 1 for the brightest value, shape ``(256,)``, read-only. ``srgb`` is what phones and
     cameras write by default (IEC 61966-2-1), ``linear`` for a camera whose values are in proportion to the light.
     """
+    # IEC 61966-2-1: a straight part below 0.04045 of full scale, and a power of 2.4 above it.
     share = np.arange(CODES, dtype=np.float64) / (CODES - 1)
     if tone_curve == "srgb":
         share = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)

@@ -133,6 +133,7 @@ class QuadShapes:
 
 def quad_shapes(corners: Points) -> QuadShapes:
     """Return the shapes of outlines whose corners come in order, shape ``(c, 4, 2)``."""
+    # `back` leads from a corner along the side before it: with the next side it encloses the angle at that corner.
     sides = corners[:, [1, 2, 3, 0]] - corners
     sides_px = np.maximum(np.hypot(sides[..., 0], sides[..., 1]), 1e-9)
     back = -sides[:, [3, 0, 1, 2]] / sides_px[:, [3, 0, 1, 2], None]
@@ -187,6 +188,7 @@ def width_and_height(corners: Points) -> tuple[float, float]:
     sides = side_lengths(corners)
     first, second = (sides[0] + sides[2]) / 2, (sides[1] + sides[3]) / 2
     (ax, ay), (bx, by), (cx, cy), (dx, dy) = corners.tolist()
+    # Which pair is the width: the one that leads more to the right for each pixel that it leads down.
     across_x, across_y = abs(bx - ax) + abs(dx - cx), abs(by - ay) + abs(dy - cy)
     down_x, down_y = abs(cx - bx) + abs(ax - dx), abs(cy - by) + abs(ay - dy)
     first_is_width = across_x * down_y >= across_y * down_x
@@ -196,12 +198,16 @@ def width_and_height(corners: Points) -> tuple[float, float]:
 def diagonals_meet(corners: Points) -> tuple[float, float]:
     """Return where the diagonals of a convex outline meet: the rectangle's centre, from whatever side it is seen."""
     (ax, ay), (bx, by), (cx, cy), (dx, dy) = corners.tolist()
+    # a + share (c - a) lies on the line through b and d. Straight lines stay straight in perspective, so it is the
+    # centre.
     share = ((bx - ax) * (dy - by) - (by - ay) * (dx - bx)) / ((cx - ax) * (dy - by) - (cy - ay) * (dx - bx))
     return ax + share * (cx - ax), ay + share * (cy - ay)
 
 
 def grown(corners: Points, by_px: float | Values) -> Points:
     """Move the sides of convex outlines, clockwise on the screen, ``(k, 4, 2)``, outwards; all alike or each apart."""
+    # Both sides at a corner move out by by_px, so the corner moves along each by by_px / sine of their angle; the sine
+    # is held above 0.2 (12 degrees), or a spike would run away.
     after = corners[:, [1, 2, 3, 0]] - corners
     along = after / np.maximum(np.hypot(after[..., 0], after[..., 1]), 1e-9)[..., None]
     back = -along[:, [3, 0, 1, 2]]

@@ -134,6 +134,8 @@ class SheetDetector:
         Of several sheets beyond doubt the largest is taken, with a remark. Where two outlines of different sizes may be
         the sheet, none is: a wrong distance is worse than none.
         """
+        # Three ways, each dearer than the one before: the four sides where they are expected, a search around there,
+        # and the whole picture. The first two count only without a doubt.
         check_image(frame)
         if prediction is not None and lens is not None:
             followed = follow(frame.image, prediction, self._size, self._min_side_px, lens)
@@ -175,6 +177,7 @@ class SheetDetector:
             yield Remedy(key="size", value=name, options=self._options.model_copy(update=sides))
 
     def _found(self, best: SheetCandidate, findings: Findings, lens: CameraModel | None) -> Detection:
+        # Both edges of a sheet move by the bias, so it grows by twice that.
         bias_px = 0.0 if lens is None else lens.edge_bias_px
         if 2 * abs(bias_px) > MAX_BIAS_SHARE * min(width_and_height(best.corners_px)):
             return self._too_small(best, findings, bias_px)
@@ -189,6 +192,7 @@ class SheetDetector:
             centre_px=diagonals_meet(corners),
             width_px=width_px,
             height_px=height_px,
+            # A side is the difference of two corners.
             size_sigma_px=math.sqrt(2) * best.corner_sigma_px,
             quality=best.quality,
             rejected=findings.rejected(),

@@ -68,7 +68,7 @@ Which = NDArray[np.bool_]
 SEARCH_SCALE = 0.5
 SEARCH_LONG_SIDES_PX = (320, 800)
 
-# Outlines with a shorter side in the reduced picture have no straight pieces to speak of.
+# Shortest side of outlines that are looked for, in pixels of the reduced picture.
 MIN_SEARCHED_PX = 5.0
 
 # After the quick one, one after the other, until the sheet is found beyond doubt.
@@ -161,8 +161,8 @@ class SheetSearch:
         outlines = np.empty((0, 4, 2))
         seen: set[tuple[float, ...]] = set()
         for masks in (self._first_masks, *LATER_SEARCHES):
-            # A side may be half as long as the smallest: the outline of a tilted sheet is ragged in the reduced
-            # picture.
+            # Half of the smallest side, in pixels of the reduced picture: an outline found there is rough, and the
+            # limit itself is tested once its sides are measured.
             smallest_px = max(self._min_side_px * scale / 2, MIN_SEARCHED_PX)
             outlines = find_quadrilaterals(masks(small), smallest_px)
             outlines = to_full_scale(outlines, scale) + region.left_top_px
@@ -327,7 +327,7 @@ class SheetSearch:
                 SheetCandidate(
                     corners_px=edges.corners_px[number],
                     corner_sigma_px=math.hypot(sigmas[number], off_px),
-                    # The mean of the two middle contrasts: two sides may lie before something of another brightness.
+                    # The median of the four contrasts: one side may lie before something brighter than the sheet.
                     is_brighter=sum(sorted(edges.contrast[number].tolist())[1:3]) >= 0,
                     quality=float(quality[number]),
                     evidence=float(evidence[number]),

@@ -35,6 +35,7 @@ UNEVEN_SHARE = 0.35
 def side_tests(edges: QuadEdges, min_side_px: float) -> tuple[tuple[Which, Callable[[int], str]], ...]:
     """Return tests of the sides: which candidates pass, and what to say of one that does not."""
     shapes = quad_shapes(edges.corners_px)
+    # One number for each candidate and test; those that follow are shape (c,) but for `support`, which has the sides.
     contrast, support = edges.colour_contrast.min(axis=1), edges.support
     bends = edges.scatter_px / np.maximum(MAX_BEND_PX, MAX_BEND_SHARE * shapes.sides_px)
     uneven = np.maximum(edges.unevenness.max(axis=1), _imbalance(edges))
@@ -69,6 +70,8 @@ def even_limits(edges: QuadEdges) -> Values:
 
 def _imbalance(edges: QuadEdges) -> Values:
     """Return by how many levels the insides differ, other than by light that falls off evenly across."""
+    # Light that falls off in one direction makes one side of each pair brighter by as much as the other is darker: the
+    # sums of both pairs are then alike, whatever the colour of the sheet.
     across = edges.inside[:, [0, 2]].sum(axis=1) - edges.inside[:, [1, 3]].sum(axis=1)
     imbalance: Values = np.abs(across).max(axis=1) / 2
     return imbalance

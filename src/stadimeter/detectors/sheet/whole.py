@@ -77,7 +77,7 @@ def ends_evidence(picture: Image, corners: Points, steps: Values) -> Values:
     across = np.abs(steps_across(picture, beyond, vector)).max(axis=3).reshape(*length.shape[:2], 2, len(BEYOND))
     least = LEADS_ON_SHARE * np.maximum(np.abs(steps).max(axis=2), MIN_LEVELS)
     lead_on = (across.min(axis=3) >= least[..., None]).sum(axis=(1, 2))
-    # Each of the eight ends is an independent observation: the logarithms of the two likelihood ratios add up.
+    # Each of the eight ends is taken as independent: the logarithms of their likelihood ratios add up.
     ends = 8 - lead_on
     return np.asarray(lead_on * math.log(OF_SHEETS / OF_OTHERS) + ends * math.log((1 - OF_SHEETS) / (1 - OF_OTHERS)))
 
@@ -110,7 +110,7 @@ def _is_nearer(colours: Values, one: Values, other: Values) -> NDArray[np.bool_]
 
 def _inner(corners_px: Points) -> Points:
     """Return places all over the inside of outlines, shape ``(c, n, 2)``."""
-    # Bilinear weights of the four corners: near enough to perspective to stay inside.
+    # Bilinear weights of the four corners: not quite perspective, but inside.
     across, down = (each.ravel() for each in np.meshgrid(GRID, GRID))
     weights = np.stack(((1 - across) * (1 - down), across * (1 - down), across * down, (1 - across) * down))
     return np.asarray(np.swapaxes(weights, 0, 1) @ corners_px)

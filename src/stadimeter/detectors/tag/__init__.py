@@ -164,6 +164,7 @@ class TagDetector:
     ) -> Detection:
         """Look for the tag; without a number, the one nearest to the prediction or else the largest in view."""
         check_image(frame)
+        # Where it is expected first, which takes a fraction of the time; only a tag that is whole there counts.
         near = None if prediction is None else self._near(frame, lens, prediction)
         return near or self._anywhere(frame, lens)
 
@@ -203,6 +204,8 @@ class TagDetector:
         answer = None
         seen = None
         refused: list[RejectedCandidate] = []
+        # Each look is harder than the last. The first tag that can be measured ends the search; of those that cannot,
+        # the reasons of the last look are reported.
         for seen in self._search(lens).everywhere(frame.image):
             refused.clear()
             for tag in self._wanted(seen):
@@ -236,16 +239,18 @@ class TagDetector:
             return f"no tag {self._number} of {self._family.name}, only {others}"
         outlines = 0 if seen is None else seen.outlines
         of_which = f" among {outlines} four-cornered outlines" if outlines else ""
-        min_px = max(self._min_side_px, 0.0 if seen is None else seen.left_out_px / 4)
+        min_px = max(self._min_side_px, 0.0 if seen is None else seen.left_out_px)
         missing = f"no tag of {self._family.name} of at least {min_px:.3g} px{of_which}"
-        if min_px == self._min_side_px:
+        if seen is None or min_px == self._min_side_px:
             return missing
-        return f"{missing}; smaller ones were not looked for: more than {MAX_OUTLINES} outlines"
+        why = f"more than {MAX_OUTLINES} outlines" if seen.is_crowded else "the picture is searched at a smaller size"
+        return f"{missing}; smaller ones were not looked for: {why}"
 
     def _measured(self, frame: Frame, lens: CameraModel | None, seen: LookResult, tag: SeenTag) -> Detection:
         """Measure a tag's sides, in the part of the picture in which it was seen."""
         bent = BentSides(camera=lens, left_top_px=seen.left_top_px) if lens and lens.distortion else None
         sides = measure_sides(seen.grey, tag.corners_px, self._family.cells, self._search(lens).light, bent)
+        # Sides are measured in the coordinates of the part that was searched.
         corners = (tag.corners_px if sides is None else sides.corners_px) + seen.left_top_px
         if touches_border(corners, frame.width_px, frame.height_px, BORDER_PX):
             return self._unmeasured(tag, DetectionStatus.TRUNCATED, "is cut off by the border", corners)
@@ -265,6 +270,8 @@ class TagDetector:
         longest = max(side_lengths(sides.corners_px))
         if longest < self._min_side_px:
             return f"is too small: {longest:.1f} px, limit {self._min_side_px:g} px"
+        # Contrast is a share of the light that a picture can hold; its sign tells a white border on black, so it must
+        # be the same on all four sides.
         weakest = min(abs(each) for each in sides.contrast)
         if weakest < MIN_CONTRAST or not all((each > 0) == (sides.contrast[0] > 0) for each in sides.contrast):
             return f"does not stand out on all four sides: {weakest:.1%} of full light, limit {MIN_CONTRAST:.0%}"
@@ -322,12 +329,14 @@ def _nearest(tags: Sequence[SeenTag], expected_px: Points) -> SeenTag:
 
 def _without_bias(corners: Points, sides: TagSides, edge_bias_px: float) -> Points:
     """Return the corners with the camera's edge bias taken off: a black tag appears too small by it."""
+    # The bias makes what is bright larger: the paper around a black tag, so its edges move outwards again.
     outwards_px = edge_bias_px if sides.contrast[0] > 0 else -edge_bias_px
     return np.asarray(grown(corners[None], outwards_px)[0])
 
 
 def _size_sigma_px(sides: TagSides, cell_px: float, *, compressed: bool) -> float:
     """Return the standard deviation of a side's length."""
+    # The mean variance of the four lines, in px^2; see the constants above for the other terms.
     variances_px2 = [scatter**2 / max(steps, 1) for scatter, steps in zip(sides.scatter_px, sides.steps, strict=True)]
     of_steps = SIGMA_FACTOR * math.sqrt(sum(variances_px2) / len(variances_px2))
     of_crowding = SIGMA_CROWDING_PX * (max(*sides.edge_px, MIN_EDGE_PX) / cell_px) ** CROWDING_POWER

@@ -71,12 +71,14 @@ def read_tag(grey: Plane, corners_px: Points, family: TagFamily, *, inverted: bo
     Otsu, A threshold selection method from gray-level histograms, IEEE Transactions on Systems, Man, and Cybernetics 9,
     1979).
     """
+    # Levels of 8 bits, one a cell; a threshold of its own for each outline, as light differs across a picture.
     cells = _cells(grey, corners_px, family.cells)
     white = np.asarray(cv2.threshold(cells, 0, 1, cv2.THRESH_BINARY | cv2.THRESH_OTSU)[1], np.uint8)
     has_both = 0 < cv2.countNonZero(white) < white.size
     contrast = cv2.mean(cells, white)[0] - cv2.mean(cells, 1 - white)[0] if has_both else 0.0
     if contrast < MIN_CONTRAST:
         return Unread(f"white cells are brighter by {contrast:.0f} levels, limit {MIN_CONTRAST:.0f}", 1.0)
+    # The outermost ring of cells is the tag's border.
     border = _white_border(white)
     if inverted and border > 0.5:
         white, border = 1 - white, 1 - border
@@ -87,6 +89,8 @@ def read_tag(grey: Plane, corners_px: Points, family: TagFamily, *, inverted: bo
 
 def _cells(grey: Plane, corners: Points, count: int) -> Plane:
     """Return how bright each cell is, shape ``(count, count)``."""
+    # The map leads from a square of `side` pixels to the picture, as WARP_INVERSE_MAP takes it: each sample of the
+    # square is read where it comes from.
     side = count * SAMPLES
     turned = cv2.getPerspectiveTransform(_square(side), corners.astype(np.float32))
     flat = cv2.warpPerspective(
@@ -119,6 +123,8 @@ def _white_border(white: Plane) -> float:
 
 def _closest(inner: Plane, corners: Points, family: TagFamily, border: float) -> SeenTag | Unread:
     """Return the member with the fewest wrong cells, whichever way it is turned."""
+    # Mostly no cell is wrong, and the code is a key. Otherwise +1 and -1 make the product of two codes the number of
+    # cells that agree less those that differ; so (cells - product) / 2 differ.
     row, errors = family.rows.get(inner.tobytes()), 0
     if row is None:
         agreement = family.codes @ (inner.reshape(-1).astype(np.float32) * 2 - 1)
@@ -187,6 +193,7 @@ def tag_family(name: str) -> TagFamily:
     upright = np.stack(bits).astype(np.float32) * 2 - 1
     if name.startswith(APRILTAG):
         upright = np.rot90(upright, 2, axes=(1, 2))
+    # All four directions of all members: rows count first the members, then the quarters by which they are turned.
     turned = [np.rot90(upright, -quarters, axes=(1, 2)) for quarters in range(4)]
     codes = np.stack(turned).reshape(-1, size * size)
     codes.setflags(write=False)
@@ -205,6 +212,7 @@ def _correctable(codes: NDArray[np.float32], members: int) -> int:
 
     OpenCV says so too, but before version 5 wrongly for AprilTags.
     """
+    # The product of two codes of n cells that differ in d is n - 2 d; the largest is that of the two most alike.
     alike = codes @ codes[:members].T
     np.fill_diagonal(alike, -np.inf)
     differ = int(codes.shape[1] - float(alike.max())) // 2

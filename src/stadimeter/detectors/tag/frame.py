@@ -28,18 +28,19 @@ from stadimeter.detectors.sides import (
 Values = NDArray[np.float64]
 OfSides = tuple[float, ...]
 
+# Steps along each side, at least: the slope is a median over half as many pairs.
 MIN_STEPS = 8
 
-# Least and greatest reach across a side, to both sides of where it is expected.
+# Least and greatest reach across a side, in pixels to both sides of where it is expected.
 REACH_PX = (2, 12)
 
-# A picture must be larger than this.
+# A picture must be larger than this in both directions, in pixels, or the greatest reach would leave it.
 MIN_SHAPE_PX = 2 * REACH_PX[1] + 1
 
 # Width of an edge from black to white before it has been measured: two or three, and the start may be off by as many.
 START_PX = 4.5
 
-# Reach beyond the end of an edge.
+# Reach in pixels beyond the end of an edge, where black and white are read.
 PLATEAU_PX = 1.5
 
 START: OfSides = (START_PX,) * 4
@@ -64,6 +65,8 @@ class BentSides:
 
     def middles(self, corners_px: Points) -> Points:
         """Return where the middles of straight sides between these corners appear, shape ``(4, 2)``."""
+        # What is straight is so in directions, x and y per unit of depth with the distortion undone; the middle is
+        # taken there and seen through the lens again. Coordinates of the part become those of the picture, and back.
         directions = self.camera.directions(corners_px + self.left_top_px)
         return self.camera.project((directions + directions[[1, 2, 3, 0]]) / 2) - self.left_top_px
 
@@ -119,10 +122,12 @@ def side_frame(
     sides = side_lines(points)
     shortest_px = min([side.length_px for side in sides])
     inside_px = _inside_px(points, shape)
-    # Steps start some way from the corners, so these may be a little outside.
+    # Steps start CORNER_SHARE of a side from the corners, so these may be outside by half of that. No cell may be
+    # smaller than half a pixel.
     if not (shortest_px > cells / 2 and inside_px > -CORNER_SHARE / 2 * shortest_px and min(shape) > MIN_SHAPE_PX):
         return None
     max_reach = _reaches(sides, quad_area(points) / cells, look)
+    # As far as the edge takes to end, plus a plateau; but no further than the cells beside it allow.
     reach = tuple([min(math.ceil(e + PLATEAU_PX), most) for e, most in zip(edges_px, max_reach, strict=True)])
     steps = int(min(max(shortest_px * (1 - 2 * CORNER_SHARE), MIN_STEPS), look.max_steps))
     lines = side_columns(sides, shape[1])
@@ -130,6 +135,7 @@ def side_frame(
     across = lines.at_zero + lines.slope * along
     if bent is not None:
         across += _bend(bent.middles(corners_px), sides, lines, along)
+    # A profile is read around the nearest pixel; the rest, at most half a pixel, is added to what is found in it.
     pixel = np.rint(across)
     if bent is not None or inside_px < max(reach):
         pixel = _with_room(pixel, sides, max(reach), shape)
@@ -156,12 +162,14 @@ def _inside_px(points: list[list[float]], shape: tuple[int, ...]) -> float:
 
 def _reaches(sides: list[SideLine], area_of_cells_px2: float, look: Look) -> tuple[int, ...]:
     """Return how far can be looked across: the area over a side is how far away the opposite one lies."""
+    # Divided by the number of cells that is a cell's height; the cosine turns it into pixels across.
     cells_px = [area_of_cells_px2 / (side.length_px * side.cosine) for side in sides]
     return tuple([min(max(round(look.reach_cells * cell_px), REACH_PX[0]), REACH_PX[1]) for cell_px in cells_px])
 
 
 def _with_room(pixel: Values, sides: list[SideLine], reach: int, shape: tuple[int, ...]) -> Values:
     """Return the nearest pixels to these around which so far can be looked without leaving the picture."""
+    # Across is y for flat sides, so they may go down to the last row, and the others to the last column.
     last = np.array([[shape[0] if side.flat else shape[1]] for side in sides]) - 1
     return np.asarray(np.minimum(np.maximum(pixel, reach), last - reach))
 

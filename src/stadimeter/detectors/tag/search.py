@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -34,6 +34,10 @@ FIRST_LONG_SIDE_PX = 480
 
 # A picture is never reduced less than what makes the smallest wanted tag this long.
 MIN_FOUND_PX = 16.0
+
+# Larger pictures are never searched in full: at half the size 50 megapixels are 12, as many as a still picture of a
+# Pi's camera has. Tags that are found are measured in full all the same.
+MAX_SEARCHED_PIXELS = 16_000_000
 
 # Tags with a shorter side are not looked for in a reduced picture: their cells run into each other.
 MIN_READ_PX = 10.0
@@ -109,7 +113,8 @@ class LookResult:
     left_top_px: Points  # where its first pixel is in the picture
     tags: tuple[SeenTag, ...]  # the tags of the family, the largest first, with their corners in `grey`
     outlines: int  # how many outlines of four corners there were
-    left_out_px: float = 0.0  # outlines with a shorter perimeter were left out, since there are too many
+    left_out_px: float = 0.0  # tags with a shorter side were left out
+    is_crowded: bool = False  # whether they were since there are too many outlines
     # Outlines that show no tag of the family, shape ``(4, 2)`` in `grey` each, and why.
     unread: Sequence[tuple[Points, Unread]] = ()
 
@@ -131,6 +136,7 @@ class TagSearch:
 
     def around(self, image: Image, prediction: Prediction) -> LookResult | None:
         """Look where a tag is expected, for whole ones only; None if the place is not in the picture."""
+        # All lengths are in pixels of the full picture, and taken at their worst within SIGMAS standard deviations.
         longest_px = prediction.size_px + SIGMAS * prediction.sigma_px
         min_px = max((prediction.size_px - SIGMAS * prediction.sigma_px) / 2, self.min_side_px)
         half_px = HALF_DIAGONAL * prediction.size_px + SIGMAS * prediction.sigma_px + MARGIN_PX
@@ -145,6 +151,7 @@ class TagSearch:
 
     def _whole(self, grey: Plane, left_top: Points, min_px: float, long_side_px: int) -> LookResult:
         outlines = find_outlines(grey, 4 * TURNED_SHARE * min_px, long_side_px, thorough=False)
+        # An outline that reaches the edge of the part may go on beyond it.
         height, width = grey.shape
         last = (width - 1 - MARGIN_PX / 2, height - 1 - MARGIN_PX / 2)
         corners = outlines.corners_px
@@ -155,27 +162,33 @@ class TagSearch:
         """Yield what the whole picture shows, each time looking harder and longer: the caller may stop early."""
         grey = grey_of(image)
         yield from self.quickly(grey)
-        yield self._look(grey, self._long_sides(max(grey.shape))[-1], thorough=True)
+        yield self._look(grey, self._long_sides(grey)[-1], thorough=True)
         if self.small_tags is not None:
             tags = sorted(self.small_tags.find(grey), key=lambda tag: tag.side_px, reverse=True)
             yield LookResult(grey=grey, left_top_px=np.zeros(2), tags=tuple(tags), outlines=len(tags))
 
     def quickly(self, grey: Plane) -> Iterator[LookResult]:
         """Yield what the whole picture shows at each scale, the smallest first; enough for tags that are well seen."""
-        for long_side_px in self._long_sides(max(grey.shape)):
+        for long_side_px in self._long_sides(grey):
             yield self._look(grey, long_side_px, thorough=False)
 
-    def _long_sides(self, full_px: int) -> list[int]:
-        """Return the sizes of the picture that are searched: each time twice as large."""
+    def _long_sides(self, grey: Plane) -> list[int]:
+        """Return the long sides, in pixels, at which the picture is searched: each time twice as large."""
+        # How many times the picture is halved for the first look, and for the last one.
+        full_px = max(grey.shape)
         coarsest = max(0, math.ceil(math.log2(full_px / FIRST_LONG_SIDE_PX)))
-        finest = max(0, math.floor(math.log2(self.min_side_px / MIN_FOUND_PX)))
+        by_tag = math.floor(math.log2(self.min_side_px / MIN_FOUND_PX))
+        by_memory = math.ceil(math.log2(grey.size / MAX_SEARCHED_PIXELS) / 2)
+        finest = max(0, by_tag, by_memory)
         return [max(1, full_px >> halvings) for halvings in range(max(coarsest, finest), finest - 1, -1)]
 
     def _look(self, grey: Plane, long_side_px: int, *, thorough: bool) -> LookResult:
         scale = long_side_px / max(grey.shape)
         min_px = max(self.min_side_px, MIN_READ_PX / scale)
         outlines = find_outlines(grey, 4 * TURNED_SHARE * min_px, long_side_px, thorough=thorough)
-        return self._read_all(grey, np.zeros(2), outlines, len(outlines.corners_px))
+        seen = self._read_all(grey, np.zeros(2), outlines, len(outlines.corners_px))
+        crowded_px = outlines.left_out_px / 4
+        return replace(seen, left_out_px=max(min_px, crowded_px), is_crowded=crowded_px > min_px)
 
     def _read_all(self, grey: Plane, left_top: Points, outlines: FoundOutlines, count: int) -> LookResult:
         """Read the code in outlines; each tag of the picture counts once."""
@@ -192,7 +205,6 @@ class TagSearch:
             left_top_px=left_top,
             tags=tuple(tags),
             outlines=count,
-            left_out_px=outlines.left_out_px,
             unread=unread,
         )
 

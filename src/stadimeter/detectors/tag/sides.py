@@ -34,6 +34,7 @@ LARGE_CELL_PX = 4.0
 # A narrow one, which sees less of the tag's own cells and of what is beside it.
 NEXT_LOOK = Look(reach_cells=0.6, max_steps=48, refit=True)
 
+# Narrow looks at most; the last is taken even if the lines still move.
 MAX_NEXT_LOOKS = 4
 
 # A fit that moved a side further than this, and further than by what the reach has left beside the edge, has taken
@@ -101,6 +102,8 @@ def measure_sides(
         sides = None if frame is None else _fit(grey, frame, look, light)
         if frame is None or sides is None or not np.abs(sides.corners_px - corners_px).max() < MAX_MOVED_PX:
             return None
+        # Settled where every edge ends within the reach and the lines moved by less than the reach has left beside
+        # them.
         moved_px = float(np.abs(sides.corners_px - corners).max())
         seen = frame.sees_enough(sides.edge_px)
         if seen and look is NEXT_LOOK and moved_px < max(frame.left_px(sides.edge_px), MIN_MOVE_PX):
@@ -139,6 +142,7 @@ def edge_points(grey: Plane, corners_px: Points, cells: int, light: Light, bent:
 
 def _profiles(grey: Plane, frame: SideFrame, light: Light) -> Profiles:
     """Return the light across each side, from the inside to the outside, shape ``(2 * reach + 1, 4, n)``."""
+    # Places count the picture row by row; a stride leads one pixel outwards. Light is looked up from the code values.
     places = frame.place + frame.stride * pixels_across(max(frame.reach))
     return light.take(grey.reshape(-1).take(places))
 
@@ -146,6 +150,7 @@ def _profiles(grey: Plane, frame: SideFrame, light: Light) -> Profiles:
 def _steps(profiles: Profiles, frame: SideFrame) -> _SideSteps:
     """Find where each profile passes half way from black to white; where it does not, the height is `MIN_RISE`."""
     inside, outside, cut_off = _levels(profiles, frame)
+    # Light is from 0 to 1. A side that is no side gets an infinite contrast, so that no profile crosses half way.
     contrast = tuple([white - black for black, white in zip(inside, outside, strict=True)])
     half_way = [(black + white) / 2 for black, white in zip(inside, outside, strict=True)]
     no_side = [rise if abs(rise) > MIN_LIGHT else math.inf for rise in contrast]
@@ -157,11 +162,14 @@ def _steps(profiles: Profiles, frame: SideFrame) -> _SideSteps:
     rises = share[1:] - share[:-1]
     rises *= is_outside[1:] > is_outside[:-1]
     best = rises.argmax(axis=0)
+    # `take` wants flat indices. Between its two pixels the light rises in a straight line: half way is at -share /
+    # height from the first of them, in pixels outwards from the middle of the profile.
     place = best * best.size + np.arange(best.size).reshape(best.shape)
     height = np.maximum(rises.take(place), MIN_RISE)
     beyond = best - max(frame.reach) - share.take(place) / height
     edge_px = [1 / each for each in median(height)[:, 0].tolist()]
     return _SideSteps(
+        # Outwards becomes across, and the pixel's middle becomes where the side was expected.
         off=frame.outward * beyond - frame.off_pixel,
         height=height,
         contrast=contrast,
@@ -174,11 +182,14 @@ def _levels(profiles: Profiles, frame: SideFrame) -> tuple[list[float], list[flo
 
     The edge does where it still rises at either end, and where cells allow to look further.
     """
+    # The median over the steps and both pixels of each end: the cells of the tag itself are black and white in turn,
+    # its border and margin are not.
     ends = profiles[_ends(frame.reach)]
     level = median(ends.reshape(8, -1))[:, 0].tolist()
     inside, outside = level[:4], level[4:]
     if frame.reach == frame.max_reach:
         return inside, outside, [False] * 4
+    # Only where a look reached less far than cells allow is there more of an edge to be seen.
     at_end = median(ends[:, 0])[:, 0].tolist()
     cut_off = []
     for i, (reach, most) in enumerate(zip(frame.reach, frame.max_reach, strict=True)):
@@ -228,6 +239,7 @@ def fit_lines(frame: SideFrame, off: Values, found: NDArray[np.bool_], *, refit:
     distance = (rest - offset) * frame.cosine
     limit = _limit(distance)
     if refit:
+        # Tukey's biweight, (1 - (d / limit)^2)^2, in place; steps that are none have no weight.
         distance /= limit
         weight = np.maximum(1 - distance * distance, 0)
         weight *= weight
@@ -253,6 +265,8 @@ def _bend_px(distance: Values, squares_px2: float, steps: int) -> float:
     A bend is that of the parabola that is nearest to the distances of the steps from the line. Noise feigns five times
     the variance of a line's offset.
     """
+    # The least squares fit of the one shape, since it is at right angles to lines. The noise of a side is its mean
+    # square over the number of its steps; of four sides together 4 (squares / steps) / (steps / 4).
     parabola = _parabola(distance.shape[1])
     bends = distance @ parabola / (parabola @ parabola)
     of_noise = len(distance) ** 2 * squares_px2 / max(steps, 1) ** 2
@@ -268,7 +282,8 @@ def _parabola(steps: int) -> Values:
 def intersections(frame: SideFrame, lines: TagLines) -> Points | None:
     """Return the corners between neighbouring lines, shape ``(4, 2)``; None where two of them are all but parallel."""
     changes = np.concatenate((lines.slope, lines.offset - lines.slope * frame.middle), axis=1).tolist()
-    # A side across = slope * along + at_zero as a x + b y = c, where along is x for the flat ones.
+    # What was fitted is the difference from the expected line, about its middle: added, it gives the line itself. A
+    # side across = slope * along + at_zero as a x + b y = c, where along is x for the flat ones.
     sides = []
     for side, (steeper, higher) in zip(frame.sides, changes, strict=True):
         slope, at_zero = side.slope + steeper, side.at_zero + higher
@@ -278,12 +293,15 @@ def intersections(frame: SideFrame, lines: TagLines) -> Points | None:
 
 def _limit(distance: Values) -> Values:
     """Return how far from its line a step may be."""
+    # Three standard deviations, from the median so that outliers do not widen it, within LIMITS_PX.
     usual = MAD_TO_SIGMA * median(np.abs(distance))
     return np.minimum(np.maximum(3 * usual, LIMITS_PX[0]), LIMITS_PX[1])
 
 
 def _weighted_lines(along: Values, off: Values, weight: Values) -> tuple[Values, Values]:
     """Return offset and slope of the lines that are nearest to the steps, each with its weight."""
+    # The sums of w, w x, w x^2, w y and w x y over the steps are all that the normal equations of a line need. They are
+    # solved in plain numbers, side by side; 1e-9 keeps a side without steps from dividing by zero.
     terms = np.empty((5, *weight.shape))
     terms[0] = weight
     np.multiply(weight, along, out=terms[1])
