@@ -16,8 +16,8 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.config.models import ButtonTable
 from stadimeter.config.plugins import BUTTONS, DriverContext, load_driver
 from stadimeter.core.decision import EventKind
-from stadimeter.core.operator import OperatorAction
 from stadimeter.errors import DeviceOpenError, DriverError
+from stadimeter.operator_actions import OperatorAction
 from stadimeter.simulation.button import SimulatedButton
 from stadimeter.testing.manual_clock import ManualClock
 from stadimeter.testing.wires import WatchedPins

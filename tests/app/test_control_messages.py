@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.app.control.messages import OPS, Reply, operator_command, parse_request, transaction_of
-from stadimeter.core.operator import OperatorAction
+from stadimeter.app.control.messages import ARGS, Reply, operator_command, parse_request, transaction_of
 from stadimeter.errors import ControlError
+from stadimeter.operator_actions import OperatorAction
 
 ANYTHING = st.recursive(
-    st.none() | st.booleans() | st.floats() | st.integers() | st.text() | st.sampled_from([*OPS, "rule", "op"]),
+    st.none() | st.booleans() | st.floats() | st.integers() | st.text() | st.sampled_from([*ARGS, "rule", "op"]),
     lambda inner: st.lists(inner) | st.dictionaries(st.sampled_from(["op", "args", "transaction", "rule"]), inner),
 )
 
@@ -26,11 +26,11 @@ def test_any_bytes_are_a_request_or_are_refused_in_words(line):
         assert answer["status"] == "error"
         assert answer["error"]
     else:
-        assert request.op in OPS
+        assert request.op in ARGS
         assert request.transaction == transaction
 
 
-@pytest.mark.parametrize("op", sorted({*OPS} - {"hold-output", "record"}))
+@pytest.mark.parametrize("op", sorted({*ARGS} - {"hold-output", "record"}))
 def test_an_operation_needs_no_more_than_its_name(op):
     assert parse_request(json.dumps({"op": op}).encode()).op == op
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from stadimeter.app.control.client import ask
-from stadimeter.app.control.messages import OPS
+from stadimeter.app.control.messages import ARGS
 from stadimeter.app.control.places import is_alive
 from stadimeter.testing.eventually import eventually
 from support.simulated_run import SIMULATED_BALL
@@ -45,7 +45,7 @@ STRANGE = (
 GROWTH_MAX_KB = 40_000
 """What an allocator keeps of buffers for pictures, and what is remembered of the last five minutes."""
 
-SURVIVED = sorted(set(OPS) - {"restart"})
+SURVIVED = sorted(set(ARGS) - {"restart"})
 KEYS = ("rule", "by", "why", "for_s", "one_shot", "rate_hz", "image", "quality", "encoding", "output", "level", "x_m")
 MEANT = {
     "image": ("none", "plain", "drawn"),

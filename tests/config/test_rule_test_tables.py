@@ -9,8 +9,8 @@ import pytest
 
 from stadimeter.config.loader import Configuration
 from stadimeter.config.rule_test_tables import SpanTable
-from stadimeter.core.operator import OperatorAction
 from stadimeter.errors import Problem
+from stadimeter.operator_actions import OperatorAction
 
 Load = Callable[[str], Configuration]
 Problems = Callable[[str], tuple[Problem, ...]]

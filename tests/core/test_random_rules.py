@@ -24,7 +24,7 @@ from stadimeter.core.condition import (
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import SafetyMode, Severity
 from stadimeter.core.observation import FrameStamp, Observation, OutputFault, WallTime
-from stadimeter.core.operator import OperatorAction, OperatorCommand
+from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.outputs import safe_command
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import (
@@ -39,6 +39,7 @@ from stadimeter.core.rule import (
     SequenceStep,
     Template,
 )
+from stadimeter.operator_actions import OperatorAction
 from support.observing import measured, missed
 from support.random_runs import with_all_active
 

@@ -8,8 +8,9 @@ from stadimeter.core.decide import State, decide, initial_state
 from stadimeter.core.decision import Decision
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.observation import FrameStamp, Observation
-from stadimeter.core.operator import Answer, OperatorAction, OperatorCommand
+from stadimeter.core.operator import Answer, OperatorCommand
 from stadimeter.core.plan import Plan
+from stadimeter.operator_actions import OperatorAction
 
 
 def measured(

@@ -25,7 +25,7 @@ from stadimeter.core.decide import State
 from stadimeter.core.decision import Severity
 from stadimeter.core.measurement import Measurement
 from stadimeter.core.observation import FrameStamp, Observation, WallTime
-from stadimeter.core.operator import OperatorAction, OperatorCommand
+from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety
 from stadimeter.core.rule import (
     AlarmRule,
@@ -40,6 +40,7 @@ from stadimeter.core.rule import (
     SequenceStep,
     Template,
 )
+from stadimeter.operator_actions import OperatorAction
 from support.observing import measured, missed
 
 TARGETS = ("ball", "tag")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -24,8 +25,16 @@ from stadimeter.cli.control_options import (
 from stadimeter.cli.exits import plain_errors
 from stadimeter.config.units import parse_duration
 from stadimeter.errors import ConfigError, Problem
+from stadimeter.operator_actions import OperatorAction
 
 RuleName = Annotated[str | None, typer.Argument(metavar="RULE", help="The rule, by its name in the configuration.")]
+For = Annotated[
+    str | None,
+    typer.Option("--for", metavar="TIME", help='For how long, such as "30 min"; else as long as the rule allows.'),
+]
+OneShot = Annotated[
+    bool, typer.Option("--one-shot", help="Only until the alarm has returned to normal, or the time is over.")
+]
 All = Annotated[bool, typer.Option("--all", help="Every rule that it applies to, instead of RULE.")]
 
 CHECK_WAIT_S = 60.0
@@ -36,123 +45,45 @@ ALARM = """Acknowledge, reset or shelve an alarm of a running instance, and more
 Every command names a rule of the configuration, or says `--all`. It is recorded who gave it, when and why.
 """
 
-ON_ONE_RULE: Mapping[str, str] = {
-    "ack": """Acknowledge an alarm of a running instance: a person has seen it.
-
-    For rules with `ack = "required"`. An event records who acknowledged it, when and why.
-
-    **Example**
-
-    - `stadimeter alarm ack too-close --why "moved the ladder"`
-
-    **Exit code**: 0 done; 2 there is nothing to acknowledge, no such rule, or no running instance.
-    """,
-    "reset": """End a latched alarm of a running instance. Its condition must be over.
-
-    **Example**
-
-    - `stadimeter alarm reset too-close`
-
-    **Exit code**: 0 done; 2 it is not latched, its condition still holds, no such rule, or no running instance.
-    """,
-    "unshelve": """Let a shelved rule of a running instance act again.
-
-    **Example**
-
-    - `stadimeter alarm unshelve --all`
-
-    **Exit code**: 0 done; 2 it is not shelved, no such rule, or no running instance.
-    """,
-    "take-out": """Take a rule of a running instance out of service, until it is put back.
-
-    The rule is still evaluated, but drives nothing and notifies no one, also after a restart. A rule of severity
-    `safety` cannot be taken out.
-
-    **Example**
-
-    - `stadimeter alarm take-out too-close --why "the door is being repaired"`
-
-    **Exit code**: 0 done; 2 it is a safety rule, no such rule, or no running instance.
-    """,
-    "put-back": """Put a rule of a running instance back into service.
-
-    **Example**
-
-    - `stadimeter alarm put-back too-close`
-
-    **Exit code**: 0 done; 2 it is not out of service, no such rule, or no running instance.
-    """,
-}
-"""The operator commands that take a rule and nothing else, each with its help."""
-
 
 def register(app: typer.Typer) -> None:
     """Add the commands; those for alarms also by the names that they had without ``alarm`` before them."""
     alarm = typer.Typer(name="alarm", help=ALARM, no_args_is_help=True, rich_markup_mode="markdown")
     for group in (alarm, app):
-        for op, words in ON_ONE_RULE.items():
-            group.command(op, help=words)(_on_one_rule(op))
-        group.command("shelve")(shelve)
+        for action in OperatorAction:
+            if not action.is_on_outputs:
+                group.command(action.command, help=action.help)(_alarm_command(action))
     app.add_typer(alarm)
-    app.command("stop-outputs")(stop_outputs)
+    app.command("stop-outputs", help=OperatorAction.STOP_OUTPUTS.help)(stop_outputs)
     app.command("reload")(reload)
     app.command("status")(status)
 
 
-def _on_one_rule(op: str) -> Callable[..., None]:
+def _alarm_command(action: OperatorAction) -> Callable[..., None]:
     """Return the function of an operator command; its arguments are those of the command line."""
 
     def command(
         rule: RuleName = None,
         every: All = False,
+        for_: For = None,
+        one_shot: OneShot = False,
         by: ByOption = None,
         why: WhyOption = "",
         config: ConfigOption = None,
         socket: SocketOption = None,
         as_json: JsonOption = False,
     ) -> None:
-        args = {"rule": _rule(rule, every=every), "by": who(by), "why": why}
-        _operate(op, args, config, socket, as_json=as_json)
+        args: dict[str, object] = {"rule": _rule(rule, every=every), "by": who(by), "why": why}
+        with plain_errors():
+            if action.is_timed:
+                args |= {"one_shot": one_shot, "for_s": _for_s(for_)}
+            _operate(action.command, args, config, socket, as_json=as_json)
 
+    if not action.is_timed:
+        signature = inspect.signature(command, eval_str=True)
+        options = [option for name, option in signature.parameters.items() if name not in {"for_", "one_shot"}]
+        vars(command)["__signature__"] = signature.replace(parameters=options)
     return command
-
-
-def shelve(
-    rule: RuleName = None,
-    every: All = False,
-    for_: Annotated[
-        str | None,
-        typer.Option("--for", metavar="TIME", help='For how long, such as "30 min"; else as long as the rule allows.'),
-    ] = None,
-    one_shot: Annotated[
-        bool, typer.Option("--one-shot", help="Only until the alarm has returned to normal, or the time is over.")
-    ] = False,
-    by: ByOption = None,
-    why: WhyOption = "",
-    config: ConfigOption = None,
-    socket: SocketOption = None,
-    as_json: JsonOption = False,
-) -> None:
-    """Shelve a rule of a running instance: for a while it is still evaluated, but drives nothing.
-
-    It notifies no one either, and acts again by itself when the time is over. A rule of severity `safety` cannot be
-    shelved.
-
-    **Example**
-
-    - `stadimeter alarm shelve too-close --for "30 min" --why "painting"`
-
-    **Exit code**: 0 done; 2 the rule does not allow it, no such rule, or no running instance.
-    """
-    with plain_errors():
-        args = {
-            "rule": _rule(rule, every=every),
-            "by": who(by),
-            "why": why,
-            "one_shot": one_shot,
-            "for_s": _for_s(for_),
-        }
-        _operate("shelve", args, config, socket, as_json=as_json)
 
 
 def stop_outputs(
@@ -163,27 +94,14 @@ def stop_outputs(
     socket: SocketOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Put every output of a running instance at its safe value, until they are released.
-
-    Every actuator goes to its `safe` level, a base stands still, and all holds end. No rule stands before that, of
-    whatever severity; alarms are raised and announced as ever. It outlasts a reload, and a restart of a run that keeps
-    its state. If several instances run and none is named, all are stopped. It is no emergency stop: that is a switch in
-    the supply.
-
-    **Examples**
-
-    - `stadimeter stop-outputs --why "a child is in the room"`
-
-    - `stadimeter stop-outputs --release`
-
-    **Exit code**: 0 done, also if it was done already; 2 no instance runs, or one of them does not answer.
-    """
-    op, args = "release-outputs" if release else "stop-outputs", {"by": who(by), "why": why}
+    """Stop every output of one running instance, or of all; or release them. The table of actions has the help."""
+    action = OperatorAction.RELEASE_OUTPUTS if release else OperatorAction.STOP_OUTPUTS
+    args = {"by": who(by), "why": why}
     if release or config is not None or socket is not None:
-        _operate(op, args, config, socket, as_json=as_json)
+        _operate(action.command, args, config, socket, as_json=as_json)
         return
     with plain_errors():
-        data = asked_of_all(op, args)
+        data = asked_of_all(action.command, args)
     print_answer(data, data["words"], as_json=as_json)
 
 

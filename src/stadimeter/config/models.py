@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
@@ -18,6 +18,7 @@ from stadimeter.config.units import (
     parse_duration,
 )
 from stadimeter.core import plan
+from stadimeter.operator_actions import OperatorAction
 
 LEASE_S = 0.3
 """How old the frame behind a command may grow before the output goes to its safe state."""
@@ -134,12 +135,13 @@ class StatusLedTable(Section):
     """The keys that every status LED has, whatever drives it: none."""
 
 
-ButtonAction = Literal[
-    "acknowledge", "reset", "shelve", "unshelve", "take-out", "put-back", "stop-outputs", "release-outputs"
-]
-"""The values of `stadimeter.core.operator.OperatorAction`."""
+if TYPE_CHECKING:
+    ButtonAction = str
+else:
+    ButtonAction = Literal[tuple(action.value for action in OperatorAction)]
+"""The name of an operator action."""
 
-STOP, RELEASE = "stop-outputs", "release-outputs"
+STOP, RELEASE = OperatorAction.STOP_OUTPUTS.value, OperatorAction.RELEASE_OUTPUTS.value
 
 
 class ButtonTable(Section):

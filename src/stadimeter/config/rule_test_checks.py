@@ -22,7 +22,6 @@ from stadimeter.config.rule_test_tables import (
 )
 from stadimeter.config.untrusted_file import is_file
 from stadimeter.core.condition import DistanceCondition
-from stadimeter.core.operator import ON_OUTPUTS
 from stadimeter.core.rule import AlarmRule
 
 _MADE_UP = (*MOTIONS, "targets", "target", "bearing", "elevation", "lost", "noise", "dropouts", "outliers", "rate")
@@ -157,7 +156,7 @@ def _orders(draft: Draft, at: tuple[str | int, ...], given: InputTable) -> Itera
             message = "one entry tells one rule one thing" if orders else "the entry does not say what is done"
             yield Finding(here, message, 'write it such as { at = "3 s", acknowledge = "near" }')
         for action, rule in orders:
-            if rule not in rules and action not in ON_OUTPUTS:
+            if rule not in rules and not action.is_on_outputs:
                 path = (*here, action.replace("-", "_"))
                 yield Finding(path, f"there is no rule '{rule}'", did_you_mean_or_list(rule, rules))
         if table.at > given.moving_s > 0:

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 from stadimeter.config.models import DurationAboveZero, Section, Share
 from stadimeter.config.units import Angle, Duration, FilePath, Frequency, Length, Speed, TimeOfDay
 from stadimeter.core.decision import RuleStatus
-from stadimeter.core.operator import OperatorAction
+from stadimeter.operator_actions import OperatorAction
 
 TOLERANCE = 0.05
 """How far a level may be from the expected one, unless the test says otherwise."""

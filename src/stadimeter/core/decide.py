@@ -14,7 +14,7 @@ from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.decision import Decision, Event, EventKind, SafetyMode, Severity
 from stadimeter.core.holding import Hold, step_holds, with_holds
 from stadimeter.core.observation import Observation, OutputFault
-from stadimeter.core.operator import ON_OUTPUTS, Answer, HoldCommand, OperatorCommand
+from stadimeter.core.operator import Answer, HoldCommand, OperatorCommand
 from stadimeter.core.outputs import OutputStep, command_all, forbidden_outputs, new_output
 from stadimeter.core.plan import Plan
 from stadimeter.core.rules.reasons import Reasons
@@ -136,7 +136,7 @@ def _act(
 
 def _for_rules(observation: Observation) -> tuple[OperatorCommand, ...]:
     commands = [each for each in observation.operator_commands if isinstance(each, OperatorCommand)]
-    return tuple([each for each in commands if each.action not in ON_OUTPUTS])
+    return tuple([each for each in commands if not each.action.is_on_outputs])
 
 
 def _known(state: State, tracks: Mapping[str, Track], observation: Observation, *, is_after_gap: bool) -> RuleInputs:

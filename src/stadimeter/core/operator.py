@@ -3,31 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 
-
-class OperatorAction(StrEnum):
-    """What somebody wants of a rule, or of every output."""
-
-    ACKNOWLEDGE = "acknowledge"
-    """I have seen it."""
-    RESET = "reset"
-    """End an alarm that latched."""
-    SHELVE = "shelve"
-    """Keep it quiet for a while."""
-    UNSHELVE = "unshelve"
-    TAKE_OUT = "take-out"
-    """Take it out of service, until it is put back."""
-    PUT_BACK = "put-back"
-    """Put it back into service."""
-    STOP_OUTPUTS = "stop-outputs"
-    """Put every output at its safe value, until they are released."""
-    RELEASE_OUTPUTS = "release-outputs"
-    """Let them act again."""
-
-
-ON_OUTPUTS = frozenset({OperatorAction.STOP_OUTPUTS, OperatorAction.RELEASE_OUTPUTS})
-"""The actions that concern every output, and no rule."""
+from stadimeter.operator_actions import OperatorAction
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

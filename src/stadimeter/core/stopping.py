@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from stadimeter.core.decision import Event, EventKind, Severity
-from stadimeter.core.operator import ON_OUTPUTS, Answer, AnyCommand, OperatorAction, OperatorCommand
+from stadimeter.core.operator import Answer, AnyCommand, OperatorCommand
+from stadimeter.operator_actions import OperatorAction
 
 OUTPUTS = "outputs"
 """Stands in events for all of them."""
@@ -26,7 +27,7 @@ def step_stop(stopped: str, commands: Sequence[AnyCommand], now_s: float) -> Ste
     answers: list[Answer] = []
     events: list[Event] = []
     for command in commands:
-        if not isinstance(command, OperatorCommand) or command.action not in ON_OUTPUTS:
+        if not isinstance(command, OperatorCommand) or not command.action.is_on_outputs:
             continue
         is_stop = command.action is OperatorAction.STOP_OUTPUTS
         answers.append(Answer(id=command.id, accepted=True, words=_words(stopped, is_stop=is_stop)))

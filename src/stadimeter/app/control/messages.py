@@ -20,9 +20,10 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, TypeAdapte
 
 from stadimeter.app.control.framing import framed_line
 from stadimeter.core.bounds import MAX_DURATION_S, MAX_TIME_S
-from stadimeter.core.operator import AnyCommand, HoldCommand, OperatorAction, OperatorCommand
+from stadimeter.core.operator import AnyCommand, HoldCommand, OperatorCommand
 from stadimeter.core.rules.explaining import Explanation
 from stadimeter.errors import ControlError, Problem
+from stadimeter.operator_actions import OperatorAction
 
 LINE_MAX_BYTES = 64 * 1024
 """A longer line is no request."""
@@ -85,7 +86,7 @@ class HoldArgs(_Strict):
     level: float | None = None
     linear_mps: float | None = None
     angular_radps: float | None = None
-    release: bool = False
+    is_release: Annotated[bool, Field(alias="release")] = False
     """Let go of it."""
     by: _Name = ""
 
@@ -134,111 +135,48 @@ class FrameArgs(_Strict):
     """Quality of the JPEG."""
 
 
-class _Request(_Strict):
-    transaction: Annotated[str, StringConstraints(max_length=200)] | int | None = None
+ARGS: Mapping[str, type[_Strict]] = {
+    **{
+        action.command: OutputsArgs if action.is_on_outputs else ShelveArgs if action.is_timed else RuleArgs
+        for action in OperatorAction
+    },
+    "hold-output": HoldArgs,
+    "explain": ExplainArgs,
+    **dict.fromkeys(("hello", "status", "alarms", "reload", "restart"), NoArgs),
+    "record": RecordArgs,
+    "world": WorldArgs,
+    "subscribe": SubscribeArgs,
+    "frame": FrameArgs,
+}
+"""The operations that may be asked for, each with its arguments."""
 
-
-class OperatorRequest(_Request):
-    """Something that an operator tells a rule."""
-
-    op: Literal["ack", "reset", "unshelve", "take-out", "put-back"]
-    args: RuleArgs = Field(default_factory=RuleArgs)
-
-
-class ShelveRequest(_Request):
-    """Keep a rule quiet for a while."""
-
-    op: Literal["shelve"]
-    args: ShelveArgs = Field(default_factory=ShelveArgs)
-
-
-class OutputsRequest(_Request):
-    """Something that an operator wants of every output."""
-
-    op: Literal["stop-outputs", "release-outputs"]
-    args: OutputsArgs = Field(default_factory=OutputsArgs)
-
-
-class ExplainRequest(_Request):
-    """Say why a rule does what it does."""
-
-    op: Literal["explain"]
-    args: ExplainArgs = Field(default_factory=ExplainArgs)
-
-
-class PlainRequest(_Request):
-    """What needs no more than its name: who are you, how are you, read your configuration again."""
-
-    op: Literal["hello", "status", "reload", "restart", "alarms"]
-    args: NoArgs = Field(default_factory=NoArgs)
-
-
-class SubscribeRequest(_Request):
-    """Send snapshots until I hang up."""
-
-    op: Literal["subscribe"]
-    args: SubscribeArgs = Field(default_factory=SubscribeArgs)
-
-
-class FrameRequest(_Request):
-    """Send the newest frame."""
-
-    op: Literal["frame"]
-    args: FrameArgs = Field(default_factory=FrameArgs)
-
-
-class HoldRequest(_Request):
-    """Hold an output for a moment, to try it."""
-
-    op: Literal["hold-output"]
-    args: HoldArgs
-
-
-class RecordRequest(_Request):
-    """Begin or end a recording."""
-
-    op: Literal["record"]
-    args: RecordArgs
-
-
-class WorldRequest(_Request):
-    """Do something to a simulated world."""
-
-    op: Literal["world"]
-    args: WorldArgs = Field(default_factory=WorldArgs)
-
+ACTIONS = {action.command: action for action in OperatorAction}
 
 Transaction = str | int | None
-Request = (
-    OperatorRequest
-    | ShelveRequest
-    | OutputsRequest
-    | ExplainRequest
-    | PlainRequest
-    | HoldRequest
-    | RecordRequest
-    | WorldRequest
-    | SubscribeRequest
-    | FrameRequest
-)
 
-OPS = (
-    "ack", "reset", "shelve", "unshelve", "take-out", "put-back", "reload", "restart", "explain", "status", "alarms",
-    "stop-outputs", "release-outputs", "hold-output", "record", "world", "hello", "subscribe", "frame",
-)  # fmt: skip
 
-_REQUEST: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="op")])
+class _Envelope(_Strict):
+    transaction: Annotated[str, StringConstraints(max_length=200)] | int | None = None
+    op: str
+    args: dict[str, Any] = Field(default_factory=dict)
 
-_ACTIONS: Mapping[str, OperatorAction] = {
-    "ack": OperatorAction.ACKNOWLEDGE,
-    "reset": OperatorAction.RESET,
-    "shelve": OperatorAction.SHELVE,
-    "unshelve": OperatorAction.UNSHELVE,
-    "take-out": OperatorAction.TAKE_OUT,
-    "put-back": OperatorAction.PUT_BACK,
-    "stop-outputs": OperatorAction.STOP_OUTPUTS,
-    "release-outputs": OperatorAction.RELEASE_OUTPUTS,
-}
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """A request that is sound.
+
+    Attributes:
+        op: A key of `ARGS`; `args` is an instance of its value.
+    """
+
+    op: str
+    args: Any
+    transaction: Transaction = None
+
+    @property
+    def is_command(self) -> bool:
+        """Whether it becomes an operator's command to the core."""
+        return self.op in ACTIONS or self.op == "hold-output"
 
 
 Attached = bytes | memoryview
@@ -272,9 +210,16 @@ class Reply:
 def parse_request(line: bytes) -> Request:
     """Read a request; `ControlError` says what is wrong with it."""
     try:
-        return _REQUEST.validate_json(line)
+        envelope = _Envelope.model_validate_json(line)
     except ValidationError as error:
         raise ControlError(_what_is_wrong(error)) from error
+    kind = ARGS.get(envelope.op)
+    if kind is None:
+        raise ControlError(_UNKNOWN_OP)
+    try:
+        return Request(envelope.op, kind.model_validate(envelope.args), envelope.transaction)
+    except ValidationError as error:
+        raise ControlError(_what_is_wrong(error, "args")) from error
 
 
 def transaction_of(line: bytes) -> Transaction:
@@ -288,47 +233,29 @@ def transaction_of(line: bytes) -> Transaction:
     return transaction if is_usable else None
 
 
-CommandRequest = OperatorRequest | ShelveRequest | OutputsRequest | HoldRequest
-"""What becomes an operator's command."""
-
-
-def operator_command(request: CommandRequest, number: str) -> AnyCommand:
+def operator_command(request: Request, number: str) -> AnyCommand:
     """Return what an operator tells a rule or an output, as the core sees it."""
-    args = request.args
-    if isinstance(args, HoldArgs):
-        return HoldCommand(
-            id=number,
-            output=args.output,
-            level=args.level,
-            linear_mps=args.linear_mps,
-            angular_radps=args.angular_radps,
-            is_release=args.release,
-            by=args.by,
-        )
-    for_s, one_shot = (args.for_s, args.one_shot) if isinstance(args, ShelveArgs) else (None, False)
-    return OperatorCommand(
-        id=number,
-        action=_ACTIONS[str(request.op)],
-        rule=args.rule if isinstance(args, RuleArgs) else "",
-        by=args.by,
-        why=args.why,
-        for_s=for_s,
-        one_shot=one_shot,
-    )
+    args = request.args.model_dump()
+    if isinstance(request.args, HoldArgs):
+        return HoldCommand(id=number, **args)
+    return OperatorCommand(id=number, action=ACTIONS[request.op], **args)
 
 
-def _what_is_wrong(error: ValidationError) -> str:
+_UNKNOWN_OP = f'"op" must be one of: {", ".join(ARGS)}'
+
+
+def _what_is_wrong(error: ValidationError, *within: str) -> str:
     detail = error.errors(include_url=False, include_input=False)[0]
     if detail["type"] == "json_invalid":
         return f"this is not JSON: {detail['ctx']['error']}"
-    if not detail["loc"] and not detail["type"].startswith("union_tag"):
+    if not within and detail["loc"] == ("op",):
+        return _UNKNOWN_OP
+    place = ".".join(map(str, (*within, *detail["loc"])))
+    if not place:
         return 'a request is a JSON object, such as {"op": "status"}'
-    if detail["type"].startswith("union_tag"):
-        return f'"op" must be one of: {", ".join(OPS)}'
-    place = ".".join(str(part) for part in detail["loc"][1:])
     if detail["type"] == "string_pattern_mismatch":
         return f"{place}: write one line of text, without control characters"
-    return f"{place}: {detail['msg'][:1].lower()}{detail['msg'][1:]}" if place else detail["msg"]
+    return f"{place}: {detail['msg'][:1].lower()}{detail['msg'][1:]}"
 
 
 def as_data(explanation: Explanation) -> dict[str, Any]:

@@ -9,15 +9,7 @@ from dataclasses import asdict
 from typing import Any, Protocol
 
 from stadimeter.app.control.client import in_words
-from stadimeter.app.control.messages import (
-    CommandRequest,
-    ExplainRequest,
-    HoldRequest,
-    OutputsRequest,
-    PlainRequest,
-    Reply,
-    operator_command,
-)
+from stadimeter.app.control.messages import ExplainArgs, HoldArgs, OutputsArgs, Reply, operator_command
 from stadimeter.app.control.reloading import Change, Reloader
 from stadimeter.app.control.socket_server import Answer, Asked
 from stadimeter.app.cycle import CycleRecord
@@ -88,7 +80,7 @@ class Control:
         if self._reload_for is not None:
             answer, self._reload_for = self._reload_for, None
             self._reloader.ask(answer)
-        return tuple(command for asked in self._requests.take() if (command := self._sorted(asked)) is not None)
+        return tuple(command for asked in self._requests.take() if (command := self._dispatch(asked)) is not None)
 
     def change(self) -> Change | None:
         """Return the configuration to apply now, if there is one."""
@@ -107,24 +99,24 @@ class Control:
             asked = self._waiting.pop(given.id, None)
             if asked is not None and not given.accepted:
                 asked.answer(Reply(error=given.words))
-            elif asked is not None and isinstance(asked.request, OutputsRequest):
+            elif asked is not None and isinstance(asked.request.args, OutputsArgs):
                 self._stops.append((time.monotonic() + KEPT_WITHIN_S, asked, _stopped(given.words, record)))
             elif asked is not None:
                 asked.answer(Reply({"words": given.words, **_applied(asked, record)}))
         self._answer_stops()
         questions, self._questions = self._questions, []
         for asked in questions:
-            asked.answer(self._reply(asked.request, record))
+            asked.answer(self._reply(asked.request.args, record))
 
-    def _sorted(self, asked: Asked) -> AnyCommand | None:
+    def _dispatch(self, asked: Asked) -> AnyCommand | None:
         """Return the command that a request is; attend to it otherwise if it is none."""
         request = asked.request
-        if isinstance(request, CommandRequest):
+        if request.is_command:
             self._commands += 1
             number = f"asked-{self._commands}"
             self._waiting[number] = asked
             return operator_command(request, number)
-        if isinstance(request, PlainRequest) and request.op == "reload":
+        if request.op == "reload":
             self._reloader.ask(asked.answer)
         elif request.op in self._acts:
             self._acts[request.op](request.args, asked.answer)
@@ -153,22 +145,22 @@ class Control:
         while self._past[0][0] < now_s - REMEMBERED_S:
             self._past.popleft()
 
-    def _reply(self, request: object, record: CycleRecord) -> Reply | Callable[[], Reply]:
-        if isinstance(request, ExplainRequest):
-            return self._explained(request, record.observation.now_s)
+    def _reply(self, args: object, record: CycleRecord) -> Reply | Callable[[], Reply]:
+        if isinstance(args, ExplainArgs):
+            return self._explain(args, record.observation.now_s)
         return lambda: Reply({**_status(record.decision), "deliveries": self._deliveries()})
 
-    def _explained(self, request: ExplainRequest, now_s: float) -> Reply | Callable[[], Reply]:
-        ago_s = request.args.ago_s or 0.0
-        if request.args.at_unix_s is not None:
-            ago_s = self._unix_s() - request.args.at_unix_s
+    def _explain(self, args: ExplainArgs, now_s: float) -> Reply | Callable[[], Reply]:
+        ago_s = args.ago_s or 0.0
+        if args.at_unix_s is not None:
+            ago_s = self._unix_s() - args.at_unix_s
         if ago_s < 0:
             return Reply(error="that moment is still to come")
         past = next(((at_s, decision) for at_s, decision in reversed(self._past) if at_s <= now_s - ago_s), None)
         if past is None:
             known_s = now_s - self._past[0][0]
             return Reply(error=f"only the last {known_s:.0f} s are remembered; a journal remembers all of a run")
-        return lambda: _explanation(past[1], request.args.rule, now_s - past[0])
+        return lambda: _explanation(past[1], args.rule, now_s - past[0])
 
 
 def _stopped(words: str, record: CycleRecord) -> dict[str, Any]:
@@ -184,7 +176,7 @@ def _stopped(words: str, record: CycleRecord) -> dict[str, Any]:
 
 def _applied(asked: Asked, record: CycleRecord) -> dict[str, Any]:
     """Return what an output does that is held; nothing for any other request."""
-    if not isinstance(asked.request, HoldRequest):
+    if not isinstance(asked.request.args, HoldArgs):
         return {}
     commands = [each for each in record.applied if each.output == asked.request.args.output]
     return {"applied": asdict(commands[0]) if commands else None}

@@ -29,12 +29,9 @@ from stadimeter.app.control.messages import (
     LINE_MAX_BYTES,
     Attached,
     FrameArgs,
-    FrameRequest,
-    PlainRequest,
     Reply,
     Request,
     SubscribeArgs,
-    SubscribeRequest,
     Transaction,
     parse_request,
     transaction_of,
@@ -208,11 +205,11 @@ class _Handler(socketserver.StreamRequestHandler):
     def _begin(self, request: Request, connection: _Connection) -> Callable[[], None] | None:
         """See to it that a request will be answered; return what ends a subscription, None for any other request."""
         control, answer = self.server.control, connection.replies.put
-        if isinstance(request, SubscribeRequest):
+        if request.op == "subscribe":
             return self._watched().subscribe(request.args, answer)
-        if isinstance(request, FrameRequest):
+        if request.op == "frame":
             answer(partial(self._watched().frame, request.args))
-        elif isinstance(request, PlainRequest) and request.op == "hello":
+        elif request.op == "hello":
             answer(Reply(control.hello()))
         else:
             control.put(request, answer)

@@ -28,11 +28,12 @@ from stadimeter.core.condition import Condition, CountCondition, PresenceConditi
 from stadimeter.core.conditions import verdict as conditions
 from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.decision import Event, EventKind, Notice, RuleStatus, RuleTrace, Severity
-from stadimeter.core.operator import Answer, OperatorAction, OperatorCommand
+from stadimeter.core.operator import Answer, OperatorCommand
 from stadimeter.core.rule import ROUNDING_S, AlarmRule
 from stadimeter.core.rule_step import Step, renewed, trace_of
 from stadimeter.core.track import TrackStatus
 from stadimeter.core.words import duration
+from stadimeter.operator_actions import OperatorAction
 
 AWAITED_S = 10.0
 """At the start of a run, and after a restart, a target may take this long to be seen: until then it is not lost."""
