@@ -79,6 +79,7 @@ class MotionBlur:
         if speed_px_s is None:
             return
         watched.sightings += 1
+        # b = v t in pixels; held against the smaller side, which the distance suffers most on.
         smear_px = speed_px_s * frame.exposure_s
         share = smear_px / max(1.0, min(found.width_px, found.height_px))
         if share > BLURRED_SHARE and smear_px > BLURRED_PX:
@@ -107,6 +108,8 @@ def _speed_px_s(before: _Sighting | None, now: _Sighting) -> float | None:
 
 
 def _advice(target: str, watched: _Watched) -> str:
+    # Sorted by share of the size. Smear is proportional to exposure, so the wanted share scales the exposure that was
+    # measured.
     smears = sorted(watched.smears)
     smear = smears[int(SPEED_PERCENTILE * len(smears))]
     percent = math.ceil(100 * watched.blurred / watched.sightings)

@@ -128,6 +128,8 @@ def with_outline(
     """Return a prediction with the corners that were last seen, moved and scaled to where and how large it is."""
     if sighting is None:
         return expected
+    # Apparent length then, in pixels by similar triangles; the ratio of both lengths scales the corners about the
+    # centre, which is moved.
     then_px = shape.longest_m / sighting.depth_m * math.sqrt(camera.fx_px * camera.fy_px)
     around = sighting.outline_px - np.array(sighting.centre_px)
     outline_px = around * (expected.size_px / then_px) + np.array(expected.centre_px)
@@ -177,6 +179,8 @@ def follow(motion: AngularMotion | None, track: Track) -> AngularMotion | None:
     if motion is None or not 0 < at_s - motion.at_s <= UNSEEN_MAX_S:
         return AngularMotion(at_s=at_s, bearing_rad=bearing_rad, elevation_rad=elevation_rad)
     step_s = at_s - motion.at_s
+    # Innovation of the direction: what the last rate did not foretell. An angle of bearing is shorter on the sphere by
+    # the cosine of the elevation.
     across_rad, up_rad = bearing_rad - motion.bearing_rad, elevation_rad - motion.elevation_rad
     off_rad = math.hypot(
         (across_rad - motion.bearing_radps * step_s) * math.cos(elevation_rad), up_rad - motion.elevation_radps * step_s
@@ -213,6 +217,7 @@ def predict(
     bearing_rad, elevation_rad, sigma_rad = _direction(known, motion)
     if not (abs(bearing_rad) < _SIDEWAYS_RAD and abs(elevation_rad) < _SIDEWAYS_RAD):
         return None
+    # From bearing and elevation (up positive) to the camera frame, x right, y down, z forward, per unit of depth.
     depth_m = known.distance_m * math.cos(elevation_rad) * math.cos(bearing_rad)
     nearer_m = _nearer_m(depth_m, shape)
     if not nearer_m * MAX_SIZE_PER_DEPTH > shape.longest_m:
@@ -222,6 +227,7 @@ def predict(
     outwards = 1 + (shape.limb_radius_m / nearer_m) ** 2
     focal_px = math.sqrt(camera.fx_px * camera.fy_px)
     size_px = shape.longest_m / nearer_m * focal_px
+    # d(tan θ) = (1 + tan² θ) dθ: away from the middle an angle takes more pixels.
     across_px = focal_px * sigma_rad * (1 + x * x + y * y)
     centre_px = camera.pixel(x * outwards, y * outwards)
     larger_px = size_px * _size_share(known, shape, camera.distance_share(*centre_px))
@@ -289,6 +295,7 @@ def _size_share(known: _Known, shape: TargetShape, lens_share: float) -> float:
     out.
     """
     share = known.sigma_m / max(known.distance_m, 1e-6)
+    # Track σ² = noise² + lens² + size²; only the noise moves the apparent size between frames.
     rest = share * share - lens_share**2 - shape.relative_sigma**2
     return math.sqrt(rest) if rest > 0 else 0.0
 

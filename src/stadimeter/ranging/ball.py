@@ -83,6 +83,8 @@ class BallShape:
         the optical axis cuts the picture in an ellipse of the smaller half axis ``b = sin α / sqrt(cos² θ - sin² α)``
         (for F = 1), and ``sin α = W / 2 D``, ``Z = D cos θ``.
         """
+        # `apparent` is P / F, so the first term is W F / P. Plain similar triangles read a tennis ball at 1 m too near:
+        # by 0.06 % on the axis, and by 13.5 % at 30 degrees off it if the larger axis of the outline is taken.
         return math.hypot(self.diameter_m / apparent, self.diameter_m / 2)
 
 

@@ -145,6 +145,7 @@ def _different(views: Sequence[BoardView], same_px: float) -> tuple[list[BoardVi
 
 def apart_px(view: BoardView, other: BoardView) -> float:
     """Return the mean distance between the corners that two views share; infinite if there are fewer than four."""
+    # Mean distance in pixels between the same corners; four corners fix a plane's picture, fewer say nothing.
     here, there = in_common(view, other)
     if len(here) < _CORNERS_IN_COMMON:
         return math.inf
@@ -171,6 +172,7 @@ def _without_outliers(
     views: list[BoardView], shape: tuple[int, int]
 ) -> tuple[_LensFit, list[BoardView], dict[int, ViewError]]:
     used, bad = list(views), {}
+    # Greedy removal of the worst view and a new fit, since one bad view moves the reprojection error of all.
     fit = _fit(used, shape)
     while len(used) > VIEWS_MIN and (limit_px := _outlier_limit_px(fit.view_rms_px)) < fit.view_rms_px.max():
         worst = int(fit.view_rms_px.argmax())
@@ -254,6 +256,8 @@ def _lens_or_error(fit: _LensFit, shape: tuple[int, int]) -> CameraModel:
 def _model(fit: _LensFit, views: Sequence[BoardView], shape: tuple[int, int], date: str) -> CameraModel:
     lens = _lens_or_error(fit, shape)
     covariance = lens_covariance(_placed(fit, views), fit.lens)
+    # The worse of both axes, as a share. σ, not the reprojection error, is what tells a good calibration: frontal
+    # boards are explained as well by a longer lens further away.
     share = math.sqrt(max(covariance[0, 0] / lens.fx_px**2, covariance[1, 1] / lens.fy_px**2))
     if not (math.isfinite(share) and share < FOCAL_SIGMA_MAX):
         raise CalibrationError(
@@ -290,6 +294,7 @@ def _covered(views: Sequence[BoardView], shape: tuple[int, int], cells: tuple[in
     """Return which cells of a grid over the picture have a corner, shape (rows, columns)."""
     covered = np.zeros(cells[::-1], dtype=np.bool_)
     corners = np.concatenate([view.corners_px for view in views])
+    # Pixel centres are whole numbers, so the picture begins at -0.5: half a pixel is added before cells are counted.
     columns, rows = np.floor((corners + 0.5) / np.array(shape) * np.array(cells)).astype(int).T
     covered[rows.clip(0, cells[1] - 1), columns.clip(0, cells[0] - 1)] = True
     return covered
@@ -316,6 +321,8 @@ EDGES = ("left", "right", "upper", "lower")
 
 def edges_away(view: BoardView, width_px: int, height_px: int) -> frozenset[str]:
     """Return which edges of a board are turned away: one or two of `EDGES`; none if frontal or of unknown pose."""
+    # Only the sign and the size of the tilt are wanted: a field of view of 53 degrees is near enough, and the principal
+    # point is taken to be in the middle.
     rough_px = float(max(width_px, height_px))
     camera = np.array([[rough_px, 0, (width_px - 1) / 2], [0, rough_px, (height_px - 1) / 2], [0, 0, 1]])
     board = np.column_stack((view.board_m, np.zeros(len(view.board_m))))

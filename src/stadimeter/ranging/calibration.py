@@ -131,6 +131,7 @@ def _solved(
     spare = len(values) - design.shape[1]
     if spare == 0:
         return solution, covariance
+    # Reduced chi-square: where the pictures disagree by more than their σ says, all σ grow alike; they never shrink.
     disagreement = float(np.sum(weights * (values - design @ solution) ** 2)) / spare
     return solution, covariance * max(1.0, disagreement)
 
@@ -281,6 +282,7 @@ def focal_estimate(known: KnownDistance, plain: CameraModel, distance_relative_s
     focal_px = _focal_px(known, plain)
     with_it = _with_focal_length(plain, focal_px)
     noise_share, _ = depth_shares(known, with_it)
+    # Independent: edges, tape, and which way the tape was held.
     share = math.hypot(noise_share, distance_relative_sigma, tape_share(off_axis_rad(known, with_it)))
     return FocalEstimate(focal_px=focal_px, sigma_px=focal_px * share, per_bias=_per_bias(known, plain, focal_px))
 

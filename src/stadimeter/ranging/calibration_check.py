@@ -68,8 +68,11 @@ def disagreement(known: Sequence[KnownDistance], *, distance_relative_sigma: flo
 
 
 def _compared(nearer: KnownDistance, farther: KnownDistance, distance_relative_sigma: float) -> Disagreement:
+    # Any focal length will do to begin with: `focal_estimate` finds by bisection the one that measures the known depth.
     plain = CameraModel.with_focal_length(float(nearer.width_px), nearer.width_px, nearer.height_px)
     near, far = (focal_estimate(each, plain, distance_relative_sigma) for each in (nearer, farther))
+    # Standard deviation of ln F_far - ln F_near: both pictures' own, and an edge bias of unknown size, which acts on
+    # the difference of how much it changes each (per_bias, in px of F a px of bias).
     sigma_share = math.hypot(
         near.sigma_px / near.focal_px,
         far.sigma_px / far.focal_px,
@@ -154,6 +157,8 @@ def check_calibration(
     return CalibrationCheck(
         pictures=tuple(errors),
         bias_share=sum(each.error_share for each in errors) / len(errors),
+        # Own errors (noise, tape) average out over n pictures, σ = √Σ own² / n; common ones (lens, size of the target)
+        # do not.
         bias_sigma_share=math.hypot(math.hypot(*own_shares) / len(errors), max(common_shares)),
     )
 

@@ -77,6 +77,8 @@ def cone_through(directions: Points) -> Matrix | None:
     size = math.sqrt(float(np.mean((directions - middle) ** 2)))
     if not size > 0:
         return None
+    # a x² + b x y + c y² + d x + e y = 1 for all rays: five unknowns, and the algebraic distance is close to the
+    # geometric one for points all around the outline.
     x, y = ((directions - middle) / size).T
     rows = np.column_stack((x * x, x * y, y * y, x, y))
     try:
@@ -98,8 +100,10 @@ def circle_poses(cone: Matrix, diameter_m: float) -> CirclePoses | None:
     (third, second, first), axes = np.linalg.eigh(cone)
     if not third < 0 < second:
         return None
+    # An eigenvector may point either way; the circle is before the camera.
     forward = axes[:, 0] if axes[2, 0] > 0 else -axes[:, 0]
     sideways = axes[:, 2]
+    # Parts of the unit normal along the cone's axis and across it, towards the eigenvector of λ₁.
     along, across = math.sqrt((second - third) / (first - third)), math.sqrt((first - second) / (first - third))
     radius_m, steep = diameter_m / 2, math.sqrt(-first / third)
     # Mirrored about the axis: the part along it is the same, the part along λ₁'s eigenvector changes its sign.

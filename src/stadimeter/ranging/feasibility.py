@@ -44,8 +44,11 @@ def expect(shape: TargetShape, camera: CameraModel, distance_m: float) -> Expect
     if not (math.isfinite(distance_m) and distance_m > 0):
         raise ValueError(f"distance_m = {distance_m} is not a finite number above zero")
     focal_px = math.sqrt(camera.fx_px * camera.fy_px)
+    # A sphere's limb lies nearer than its centre: half the outline is r / √(D² - r²) per unit of focal length. For flat
+    # targets the limb radius is 0.
     square_m2 = distance_m * distance_m - shape.limb_radius_m * shape.limb_radius_m
     size_px = focal_px * (shape.shortest_m / math.sqrt(max(square_m2, _MIN_M2)))
+    # D = W F / P, so σ_D / D = σ_P / P: with P = W F / D it grows with the square of the distance.
     noise_m = shape.size_sigma_px(size_px) / size_px * distance_m
     sigma_m = math.hypot(noise_m, camera.focal_relative_sigma * distance_m)
     return Expectation(distance_m=distance_m, size_px=size_px, sigma_m=sigma_m, noise_m=noise_m)

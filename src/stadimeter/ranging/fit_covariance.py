@@ -46,6 +46,7 @@ def lens_covariance(boards: Sequence[PlacedBoard], lens: Matrix) -> Matrix:
     seen = [_without_pose(board, lens) for board in boards]
     jacobians, residuals_px = [each[:, fitted] for each, _ in seen], [each for _, each in seen]
     root = _inverse_root(np.sum([each.T @ each for each in jacobians], axis=0))
+    # Two residuals a corner, less six unknowns a board and those of the lens.
     freedom = sum(map(len, residuals_px)) - _OF_POSE * len(boards) - len(root)
     variance_px2 = float(sum(each @ each for each in residuals_px)) / max(freedom, 1)
     observed = np.sum([_pull(one @ root, two) for one, two in zip(jacobians, residuals_px, strict=True)], axis=0)
@@ -61,6 +62,8 @@ def _without_pose(board: PlacedBoard, lens: Matrix) -> tuple[Matrix, Matrix]:
     """
     camera = np.array([[lens[0], 0.0, lens[2]], [0.0, lens[1], lens[3]], [0.0, 0.0, 1.0]])
     there_px, jacobian = cv2.projectPoints(board.board_m, board.turn, board.shift, camera, lens[4:])
+    # Schur complement by projection: Q Q' is the projector on the columns of the pose, what is left is what no pose of
+    # this board can make up for.
     of_pose, _ = np.linalg.qr(jacobian[:, :_OF_POSE])
     off_px = board.corners_px.ravel() - np.asarray(there_px, np.float64).ravel()
     both = np.column_stack((np.asarray(jacobian, np.float64)[:, _OF_LENS], off_px))
@@ -80,6 +83,8 @@ def _inverse_root(normal: Matrix) -> Matrix:
 
 def _pull(jacobian: Matrix, residuals_px: Matrix) -> Matrix:
     """Return the square of a board's pull on parameters in which the normal matrix is 1."""
+    # Bell and McCaffrey: residuals of a board are shrunk by its own leverage, (1 - H)^-1/2 undoes that. Singular values
+    # of the whitened Jacobian are the roots of the eigenvalues of H.
     left, leverage, right = np.linalg.svd(jacobian, full_matrices=False)
     factor = leverage / np.sqrt(1 - np.minimum(leverage**2, _MAX_LEVERAGE))
     pull = (left.T @ residuals_px * factor) @ right

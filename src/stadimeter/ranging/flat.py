@@ -102,6 +102,7 @@ class DiscShape(_Flat):
         and much less from afar.
         """
         apparent = max(detection.width_px / camera.fx_px, detection.height_px / camera.fy_px)
+        # Directions: x and y per unit of depth, distortion undone.
         cone = cone_through(camera.directions(detection.outline_px))
         found = None if cone is None else circle_poses(cone, self.diameter_m)
         if found is None:
@@ -153,6 +154,7 @@ class SheetShape(_Flat):
         better, and is turned away less, since small or roughly cut sheets look nearly the same either way. How probable
         the others are counts in the systematic share.
         """
+        # Without four corners one side gives the distance, as if it were square to the line of sight.
         size_m, apparent = self._one_side(detection.width_px / camera.fx_px, detection.height_px / camera.fy_px)
         has_pose = self.known_side == "auto" and len(detection.outline_px) == 4
         # A side is the difference of two corners, so each of these errs by its share of the square root of two.
@@ -232,6 +234,8 @@ def sheet_poses(directions: Points, size: SheetShape, corner_sigma: float) -> li
 
 def _unlikely(pose: RectanglePose, corner_sigma: float) -> float:
     """Return the negative logarithm of a pose's probability: corners err normally, tilts are spread about facing."""
+    # Chi-square of the eight coordinates, and of a tilt with a standard deviation of 25 degrees about facing: Bayes'
+    # rule with normal errors and a normal prior.
     misfits = COORDINATES * (pose.misfit / max(corner_sigma, CLOSER)) ** 2
     return (misfits + (pose.tilt_rad / _USUAL_TILT_RAD) ** 2) / 2
 
@@ -241,6 +245,8 @@ def _doubt_share(hung: Sequence[HungSheet]) -> float:
     best_m, least = hung[0].pose.distance_m, hung[0].unlikely
     share = 0.0
     for other in hung[1:]:
+        # p of the other pose, from the difference of the negative log-probabilities. The first one is taken, so with
+        # the probability p the distance is off by their difference: a root mean square of √p times that.
         probability = 1 / (1 + math.exp(min(other.unlikely - least, 700.0)))
         share += math.sqrt(probability) * abs(other.pose.distance_m / best_m - 1)
     return share

@@ -36,6 +36,7 @@ def measure(detection: Detection, shape: TargetShape, camera: CameraModel, captu
         return _without_figures(detection, MeasurementStatus.ERROR, reason, captured_at_s)
     reading = shape.locate(detection, camera)
     # Both edges of a target move, in opposite directions.
+    # Edge bias of σ px an edge: 2 σ / P of the size, so of the distance; it is the same in every frame.
     bias_share = 2 * camera.edge_bias_sigma_px / max(detection.width_px, detection.height_px)
     lasting_share = math.hypot(_lens_share(camera, reading.position_m), shape.relative_sigma, bias_share)
     return _with_figures(detection, captured_at_s, reading, lasting_share)
@@ -57,9 +58,11 @@ def _with_figures(detection: Detection, captured_at_s: float, reading: Reading, 
         captured_at_s=captured_at_s,
         distance_m=straight_m,
         depth_m=depth_m,
+        # All shares are of the distance, so independent causes add as squares and the sum is times the distance.
         sigma_m=straight_m * math.hypot(reading.noise_share, reading.systematic_share, lasting_share),
         noise_m=straight_m * reading.noise_share,
         bearing_rad=math.atan2(x_m, depth_m),
+        # Up is positive; the camera's y points down.
         elevation_rad=-math.atan2(y_m, math.hypot(depth_m, x_m)),
         tilt_rad=reading.tilt_rad,
         ambiguity=reading.ambiguity,

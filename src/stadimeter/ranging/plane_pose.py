@@ -266,10 +266,13 @@ def distance_share(pose: RectanglePose, corners_m: Points, corner_sigma: float) 
     except np.linalg.LinAlgError:
         return math.inf
     # How the tilts about both axes and the distance change with turns about the camera's axes and shifts.
+    # Rows of the gradient: turns about the plane's own axes (1, 2), and a shift along the line of sight (3, times the
+    # distance). g C g' of each is its variance for corners that err by 1.
     slopes = np.zeros((3, 6))
     slopes[0, :3], slopes[1, :3], slopes[2, 3:] = pose.right, pose.up, pose.position_m
     about_right, about_up, outwards = (slopes @ covariance * slopes).sum(axis=1).tolist()
     distance_m = pose.distance_m
+    # Linear share, and the bias of second order by which a poorly determined tilt makes things seem nearer.
     of_distance = math.sqrt(max(outwards, 0.0)) / distance_m**2
     return math.hypot(corner_sigma * of_distance, corner_sigma**2 * max(about_right, about_up) / 2)
 
@@ -283,6 +286,8 @@ def nearest_pose(pose: RectanglePose, corners_m: Seen, seen: Seen) -> RectangleP
 
 def _probability(other: RectanglePose, best: RectanglePose, corner_sigma: float) -> float:
     """Return how probable the other pose is, if corners err normally: 1/2 at most."""
+    # Misfits are root mean squares over eight coordinates: times 8 they are sums, over σ² chi-squares; half their
+    # difference is that of the log-likelihoods.
     worse = max(other.misfit**2 - best.misfit**2, 0.0) * COORDINATES / max(corner_sigma, 1e-12) ** 2
     return 1 / (1 + math.exp(min(worse / 2, 700.0)))
 
@@ -321,6 +326,8 @@ def rectangle_fit(directions: Points, aspect: float) -> RectangleFit:
         determinant = a * c - b * b
         # The square of the shortest move of all coordinates that takes both conditions to 0, to first order.
         off = np.stack((ratio - log_aspect, ratio + log_aspect))
+        # Shortest move that fulfils two linear conditions J δ = -r: |δ|² = r' (J J')⁻¹ r, here with J J' = [[a, b], [b,
+        # c]] written out. Of the two aspects (upright, across) the nearer one counts.
         move = ((c * angle * angle + a * off * off - (2 * b * angle) * off) / determinant).min(axis=0)
         square = np.where(np.isfinite(move), np.maximum(move, 0.0), np.inf) / COORDINATES
         area = (COORDINATES * math.pi) * np.sqrt(np.where(determinant > 0, determinant, 0.0))
@@ -342,6 +349,8 @@ def _conditions(corners: Points) -> Values:
     p0, p1, p2, p3 = np.ascontiguousarray(corners.transpose(-2, -1, *range(corners.ndim - 2)))
     d1, d2, total = p1 - p2, p3 - p2, p0 - p1 + p2 - p3
     across = d1[0] * d2[1] - d2[0] * d1[1]
+    # Heckbert's homography of the unit square again, for arrays: g and h are its last row, `first` and `second` its
+    # first two columns, parallel to the sides in space.
     g, h = (total[0] * d2[1] - d2[0] * total[1]) / across, (d1[0] * total[1] - total[0] * d1[1]) / across
     first, second = p1 - p0 + g * p1, p3 - p0 + h * p3
     one = first[0] * first[0] + first[1] * first[1] + g * g

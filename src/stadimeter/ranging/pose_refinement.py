@@ -49,6 +49,8 @@ def linearised(pose: PlanePose, corners_m: Seen, seen: Seen) -> tuple[Values, Va
             return None
         nearness = 1 / depth
         u, v = (x + px) * nearness, (y + py) * nearness
+        # Derivatives of u = X / Z and v = Y / Z: a turn w moves the corner by w × (x, y, z), a shift by itself.
+        # Columns: turn about x, y, z, then shift along x, y, z.
         rows.append((-u * y * nearness, (z + u * x) * nearness, -y * nearness, nearness, 0.0, -u * nearness))
         rows.append((-(z + v * y) * nearness, v * x * nearness, x * nearness, 0.0, nearness, -v * nearness))
         off += (seen_x - u, seen_y - v)
@@ -65,12 +67,14 @@ def refined(pose: PlanePose, corners_m: Seen, seen: Seen) -> PlanePose:
         jacobian, off = now
         square = float(off @ off)
         normal = jacobian.T @ jacobian
+        # Every seventh element of a flat 6 by 6 matrix is its diagonal.
         normal.flat[::7] *= 1 + damping
         slope = jacobian.T @ off
         try:
             step = np.linalg.solve(normal, slope)
         except np.linalg.LinAlgError:
             return pose
+        # What the step would take off the sum of squares if all were linear; below 0.1 % of it nothing is gained.
         gain = float(step @ slope)
         if not gain > SETTLED_SHARE * square:
             return pose

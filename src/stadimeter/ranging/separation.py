@@ -57,6 +57,8 @@ def separation(one: SeenTarget, other: SeenTarget, camera: CameraModel) -> Separ
         return None
     first_m, second_m = np.array(ends[0]), np.array(ends[1])
     apart_m = float(np.linalg.norm(second_m - first_m))
+    # Errors project on the line between both targets: of a move e of one of them, |e · along| changes their distance to
+    # first order.
     along = (second_m - first_m) / max(apart_m, 1e-12)
     variance_m2 = _of_lens_m2(first_m, second_m, along, camera) + _of_sizes_m2(one, other, along)
     for target, position_m in ((one, first_m), (other, second_m)):
@@ -69,6 +71,7 @@ def _own_m2(target: SeenTarget, position_m: Vector, along: Vector, camera: Camer
     distance_m = float(np.linalg.norm(position_m))
     share = float(along @ position_m) / distance_m
     outwards_m = 0.0 if parts is None else math.hypot(parts.edges_m, parts.pose_m)
+    # Pixels over focal length is an angle; times the depth it is metres across the line of sight.
     across_m = direction_sigma_px(target.detection) / math.sqrt(camera.fx_px * camera.fy_px) * float(position_m[2])
     return (outwards_m * share) ** 2 + across_m**2 * max(1 - share**2, 0.0)
 
@@ -86,6 +89,7 @@ def _of_lens_m2(first_m: Vector, second_m: Vector, along: Vector, camera: Camera
     change = along @ (_moved_by_lens(second_m, camera) - _moved_by_lens(first_m, camera))
     if camera.uncertainty is not None:
         return float(change @ camera.uncertainty.covariance() @ change)
+    # Only the share by which the focal length may be wrong is known: fx and fy move together.
     of_focal = float(change[0] * camera.fx_px + change[1] * camera.fy_px)  # both wrong by the same share
     return (of_focal * camera.focal_relative_sigma) ** 2
 
@@ -117,6 +121,7 @@ def direction_sigmas_rad(target: SeenTarget, camera: CameraModel) -> tuple[float
     if camera.uncertainty is not None:
         of_direction = camera.sensitivities(np.array([camera.pixel(x, y)]))[0, 1:]
         covariance = covariance + of_direction @ camera.uncertainty.covariance() @ of_direction.T
+    # Jacobian of bearing = atan x and elevation = -atan(y / √(1 + x²)) in x and y per unit of depth.
     flat, square = math.hypot(1.0, x), 1 + x * x + y * y
     to_angles = np.array(((1 / (1 + x * x), 0.0), (x * y / (flat * square), -flat / square)))
     bearing, elevation = np.diag(to_angles @ covariance @ to_angles.T)

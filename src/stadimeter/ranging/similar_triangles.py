@@ -30,6 +30,7 @@ def distance_m(focal_px: float, size_m: float, apparent_px: float) -> float:
 
 def size_noise_share(detection: Detection, camera: CameraModel, apparent: float) -> float:
     """Return the standard deviation of an apparent size, given per unit of depth, as a share of it."""
+    # σ in pixels over the focal length (geometric mean of both axes) is per unit of depth, like the apparent size.
     return detection.size_sigma_px / math.sqrt(camera.fx_px * camera.fy_px) / apparent
 
 

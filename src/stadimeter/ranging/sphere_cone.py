@@ -59,6 +59,7 @@ class SphereCone:
 
         θ is the angle between the cone's and the optical axis. Infinite for a sphere that reaches beside the camera.
         """
+        # cos² θ - sin² α: zero where the cone touches the plane beside the camera, and the outline is a parabola.
         ahead = self.axis[2] ** 2 - self.sine**2
         return self.sine / math.sqrt(ahead) if ahead > 0 and self.axis[2] > 0 else math.inf
 
@@ -95,6 +96,7 @@ class ConeFrame:
         self._rows[0] = 1.0
         across = np.divide(along[1:], along[0], out=self._rows[1:3])
         squares = across * across
+        # √(1 + s) - 1 written as s / (√(1 + s) + 1): no digits are lost for a small ball, where s is 1e-6.
         squared = squares[0] + squares[1]
         np.divide(squared, np.sqrt(squared + 1) + 1, out=self._rows[3])
 
@@ -113,6 +115,7 @@ class ConeFrame:
         squared = 1 - cone.sine**2
         cosine, factor = math.sqrt(squared), scale * squared / cone.sine
         ahead, across, down = self._basis
+        # One row of four factors for the rows 1, u, v and the right side: the misses of all rays are one product.
         g, back = _dot(ahead, cone.axis) / cosine, -factor / cosine
         terms = np.array(((1 - g) * factor, _dot(across, cone.axis) * back, _dot(down, cone.axis) * back, factor))
         return np.asarray(terms.dot(self._rows))
@@ -132,6 +135,7 @@ class ConeFrame:
         excess = 2 * q0 + q0 * q0 + q1 * q1 + q2 * q2
         if not 0 < excess < MAX_EXCESS:
             return None
+        # |m| = 1 / cos α; sin α = √(|m|² - 1) / |m|.
         length = math.sqrt(1 + excess)
         g = 1 + q0
         # excess = tan² α, and a ray that errs by e moves the right side by e tan α.

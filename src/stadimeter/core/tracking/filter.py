@@ -88,6 +88,8 @@ def start_moving(
         noise_before_m: Standard deviation of the noise of the first one.
         step_s: The time between them, above zero.
     """
+    # Two-point differencing: the rate's variance is (σ₁² + σ₂²) / t², and it shares the noise of the second distance,
+    # hence the covariances.
     return start(distance_m, noise_m)._replace(
         rate_mps=rate_mps,
         cov_m2ps=noise_m * noise_m / step_s,
@@ -107,6 +109,8 @@ def predict(state: FilterState, step_s: float, acceleration_mps2: float, autocor
     """
     distance_m, rate_mps, noise, var_distance, cov, var_rate, cov_noise, cov_rate_noise, var_noise = state
     distance_m += step_s * rate_mps
+    # Process noise of white acceleration with density q = a²: Q = q [[t³/3, t²/2], [t²/2, t]] in m², m²/s, m²/s². The
+    # noise decays to ρ of itself and is filled up to a variance of 1.
     wander = acceleration_mps2 * acceleration_mps2 * step_s
     cov_rate = cov + step_s * var_rate
     return FilterState(
@@ -130,6 +134,8 @@ def innovation(state: FilterState, distance_m: float, noise_m: float) -> tuple[f
         distance_m: The measured distance.
         noise_m: Standard deviation of its noise, above zero.
     """
+    # S = H P H' + R with H = (1, 0, s √0.9): what lasts of the noise is measured with the distance. The 0.1 that is new
+    # in each frame is R, so S never vanishes.
     kept_m = noise_m * _KEPT
     var_kept = kept_m * (2 * state.cov_noise_m + kept_m * state.var_noise)
     expected_m = state.distance_m + kept_m * state.noise
@@ -147,6 +153,8 @@ def update(state: FilterState, noise_m: float, error_m: float, error_var_m2: flo
     """
     kept_m = noise_m * _KEPT
     distance_m, rate_mps, noise, var_distance, cov, var_rate, cov_noise, cov_rate_noise, var_noise = state
+    # P H', column by column; divided by S it is the gain K, and P - K (P H')' the new covariance. Variances are held at
+    # 0 or above against rounding.
     seen_distance = var_distance + kept_m * cov_noise
     seen_rate = cov + kept_m * cov_rate_noise
     seen_noise = cov_noise + kept_m * var_noise
@@ -170,6 +178,7 @@ def update(state: FilterState, noise_m: float, error_m: float, error_var_m2: flo
 
 def mixed(one: FilterState, other: FilterState, share: float) -> FilterState:
     """Return the state with the mean and the covariance of two, of which `one` has the probability `share`."""
+    # Moments of a mixture: the mean of the covariances, and the spread of the means, p (1 - p) d d'.
     rest = 1.0 - share
     d1, v1, u1, dd1, dv1, vv1, du1, vu1, uu1 = one
     d2, v2, u2, dd2, dv2, vv2, du2, vu2, uu2 = other

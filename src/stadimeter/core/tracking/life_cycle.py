@@ -123,6 +123,7 @@ def _lose_if_late(state: TrackState, now_s: float, settings: Tracking, reason: s
     unseen_s = now_s - track.measured_at_s
     if unseen_s <= settings.coast_s:
         return state
+    # A prediction stands in for measurements for `coast` seconds of the run's clock, not for a number of frames.
     reason = f"not measured for {unseen_s:.2f} s, limit {settings.coast_s:.2f} s: {reason}"
     track = replace(track, status=TrackStatus.LOST, rejected=0, reason=reason)  # what was refused is no news any more
     return replace(state, track=track, candidate=None)
@@ -150,6 +151,8 @@ def _consider(state: TrackState, sighting: Sighting, settings: Tracking) -> Trac
 
 def _follow(state: TrackState, sighting: Sighting, settings: Tracking) -> TrackState:
     """The target is seen while it counts: take the sighting in, unless it is an outlier."""
+    # Prediction to the capture time, innovation of each model, then the innovation gate: `gate` of the configuration in
+    # standard deviations. What fails is refused, and coasts.
     moved = _predicted(state, sighting.at_s, settings)
     noise_m = _noise_m(state, sighting, settings) * _of_expected(moved.distance_m, sighting.distance_m)
     innovation = motion.compare(moved, sighting.distance_m, noise_m)
@@ -260,6 +263,9 @@ def _track(
     before: Track, known: MotionState, sighting: Sighting, noise: NoiseEstimate, settings: Tracking, status: TrackStatus
 ) -> Track:
     """Put what the filter knows into the track that others see."""
+    # Variance of the distance: that of the filter for what averages out, and the stated one for the share that stays
+    # from frame to frame. The scale error (focal length, size of the target) is a share of the distance and is added at
+    # the end.
     together, staying = known.estimate(), noise.staying_share
     stated_m = sighting.noise_m * settings.noise_factor
     noise_m = math.sqrt((1.0 - staying) * together.var_distance_m2 + staying * stated_m * stated_m)

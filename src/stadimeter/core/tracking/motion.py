@@ -132,6 +132,8 @@ def predict(state: MotionState, step_s: float, acceleration_mps2: float, autocor
         acceleration_mps2: How far the rate usually wanders in one second, as a standard deviation in m/s.
         autocorrelation: Of the noise from one frame to the next, 0 to below 1.
     """
+    # Probability that the target kept its model over the step; else it took one by how usual each is. A filter's new
+    # prior is then a mixture of itself and of the estimate of all.
     together, kept = state.estimate(), math.exp(-step_s / KEEPS_FOR_S)
     taken = 1.0 - kept
     keeps_constant, keeps_swaying = kept * state.constant_share, kept * state.swaying_share
@@ -165,6 +167,7 @@ def normalised(state: MotionState, innovation: Innovation) -> float:
     _, _, _, constant_share, swaying_share, manoeuvring_share, _ = state
     constant_m, constant_var, swaying_m, swaying_var, manoeuvring_m, manoeuvring_var = innovation
     mean_m = constant_share * constant_m + swaying_share * swaying_m + manoeuvring_share * manoeuvring_m
+    # Variance of the mixture: of each model its own, and how far its innovation is from the mean of all.
     square_m2 = (
         constant_share * (constant_var + (constant_m - mean_m) ** 2)
         + swaying_share * (swaying_var + (swaying_m - mean_m) ** 2)
@@ -176,6 +179,9 @@ def normalised(state: MotionState, innovation: Innovation) -> float:
 def update(state: MotionState, noise_m: float, innovation: Innovation) -> MotionState:
     """Return what is known after a measurement with noise of this standard deviation, and its innovation."""
     constant_m, constant_var, swaying_m, swaying_var, manoeuvring_m, manoeuvring_var = innovation
+    # Normalised innovations squared (NIS), each chi-square with one degree of freedom if its model is right. The
+    # likelihood of a measurement is exp(-NIS / 2) / √variance, but for a constant; the smallest NIS is taken off all so
+    # that none underflows.
     constant_square = constant_m * constant_m / constant_var
     swaying_square = swaying_m * swaying_m / swaying_var
     manoeuvring_square = manoeuvring_m * manoeuvring_m / manoeuvring_var
@@ -184,8 +190,11 @@ def update(state: MotionState, noise_m: float, innovation: Innovation) -> Motion
     swaying_share = state.swaying_share * _exp(0.5 * (least - swaying_square)) / _sqrt(swaying_var)
     manoeuvring_share = state.manoeuvring_share * _exp(0.5 * (least - manoeuvring_square)) / _sqrt(manoeuvring_var)
     total = constant_share + swaying_share + manoeuvring_share
+    # A floor of 0.1 % under each share.
     constant_share = (constant_share / total + _SURELY) / (1.0 + 3.0 * _SURELY)
     swaying_share = (swaying_share / total + _SURELY) / (1.0 + 3.0 * _SURELY)
+    # Huber: beyond two standard deviations the variance is raised until the normalised square is 4, so that the pull
+    # of a measurement does not grow with how far off it is.
     if constant_square > TRUSTED_SQUARE:
         constant_var *= constant_square / TRUSTED_SQUARE
     if swaying_square > TRUSTED_SQUARE:

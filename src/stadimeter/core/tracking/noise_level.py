@@ -98,10 +98,14 @@ def learn(
     # Like 1 - exp(-x), and cheaper.
     slow, quick = step_s / (step_s + AUTOCORRELATION_WITHIN_S), step_s / (step_s + LEVEL_WITHIN_S)
     sigmas = min(max(innovation_sigmas, -_MAX_SIGMAS), _MAX_SIGMAS)
+    # The product of successive innovations, each in its standard deviations, has the mean 0 if they are white, and is
+    # negative if they alternate. Cut at 2.5 sigma, one leap moves the estimate by little.
     less = noise.less_correlated + noise.innovation_sigmas * sigmas * slow
     less = min(max(less, _MIN_AUTOCORRELATION - settings.autocorrelation), 0.0)
     level = noise.level
     if line is not None:
+        # Robbins and Monro: level += gain (square - its mean), with the square cut at 6, at 3 for an outlier. 0.974 is
+        # the mean of a chi-square figure of one degree of freedom that is cut at 6.
         is_outlier = abs(innovation_sigmas) > settings.gate_sigmas
         change = _surprise(line, level, MAX_SQUARE / 2 if is_outlier else MAX_SQUARE)
         level += change * quick

@@ -60,6 +60,7 @@ def sighting_of(measurement: Measurement) -> Sighting | None:
         return None
     if noise_m is None or bearing_rad is None or elevation_rad is None:
         return None
+    # One comparison for six figures: a sum with NaN or infinity in it is not below the bound either.
     figures = abs(distance_m) + abs(depth_m) + abs(sigma_m) + abs(noise_m) + abs(bearing_rad) + abs(elevation_rad)
     if not (figures <= MAX_FIGURE and abs(measurement.captured_at_s) <= MAX_TIME_S) or distance_m <= 0:
         return None
@@ -126,6 +127,7 @@ def _agreeing(
 
 def _fast(before: TentativeTrack, sighting: Sighting, noise_m: float) -> MotionState | None:
     step_s = sighting.at_s - before.sighting.at_s
+    # Metres per second from two sightings; 40 m/s is a limit of sense, not of a model.
     rate_mps = (sighting.distance_m - before.sighting.distance_m) / step_s
     if abs(rate_mps) > MAX_SPEED_MPS:
         return None

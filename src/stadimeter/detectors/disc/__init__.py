@@ -169,6 +169,8 @@ class DiscDetector:
 
     def _near(self, frame: Frame, lens: Lens, prediction: Prediction) -> Detection | None:
         """Return the whole disc most like the prediction; None if there is none around it."""
+        # Largest difference along an axis in place, or difference in size, in pixels; the most similar whole ellipse is
+        # measured first. One at the border goes to the search of the whole picture.
         expected = np.array(prediction.centre_px)
         reach = AROUND_SIZES * prediction.size_px + AROUND_SIGMAS * prediction.sigma_px + AROUND_PX
         region = Region.around(prediction.centre_px, reach, frame.image)
@@ -196,6 +198,8 @@ class DiscDetector:
         """Return the first disc that is one still when it is measured thoroughly."""
         for disc in discs:
             judged.discs.remove(disc)
+            # Two efforts: 48 lines and 4 looks tell which ellipses may be discs; only the one that is taken is worth
+            # 144 lines and a hundredth of a pixel.
             exact = self._measured(frame, lens, disc.edges.ellipse, REACH_AGAIN_PX, disc.is_bright, THOROUGHLY)
             if isinstance(exact, Disc):
                 return exact
@@ -209,6 +213,8 @@ class DiscDetector:
         judged = Judged(brightness_range=found.brightness_range, outlines=len(found.others))
         refused = self._judge(frame, view, lens, found.ellipses, judged)
         others = largest(found.others, MAX_REJECTED)
+        # Pieces of outlines are tried only where no whole disc is: they cost a fit for each, and chance makes ellipses
+        # of them.
         if not judged.has_whole:
             height, width = view.grey.shape
             self._judge(frame, view, lens, find_partly_hidden([*refused, *others], (height, width)), judged)
@@ -221,6 +227,8 @@ class DiscDetector:
         """Measure outlines roughly, and return those that are no discs."""
         refused = []
         for outline in list(outlines)[:MAX_MEASURED]:
+            # From here on ellipses are in pixels of the full picture with the lens's distortion undone, where a
+            # circle's outline is an ellipse exactly.
             start = lens.straightened(view.in_full(outline.ellipse))
             if start is None:
                 continue
@@ -252,6 +260,7 @@ class DiscDetector:
             failed = colour_trouble(frame.image, edges.ellipse, lens, self._colour)
         if failed is not None:
             return RefusedDisc(ellipse=start, is_bright=is_bright, trouble=failed)
+        # Back to where the picture shows it: the border cuts off what is seen there.
         rim = lens.bent(edges.ellipse.rim(OUTLINE_POINTS).points_px)
         return Disc(
             edges=edges,
@@ -307,6 +316,9 @@ class DiscDetector:
 
 
 def _size_sigma_px(edges: EllipseEdges, *, compressed: bool) -> float:
+    # Independent causes, so their squares add up. The curvature is largest at the ends of the longer axis: a / b², with
+    # a and b the half axes. With a part of the outline hidden the rest is carried on: discs hidden by a fifth were in
+    # their 95 % interval in 79 % of the pictures without the last factor, in 94 % with it.
     larger, smaller, _ = edges.ellipse.axes()
     return (1 + SIGMA_HIDDEN * (1 - edges.support)) * math.hypot(
         SIGMA_FACTOR * edges.sigma_px,

@@ -170,6 +170,7 @@ def _drawn_in_px(rim: Rim, steps: Steps) -> Values:
     if not steps.edge_px > 0:
         return np.zeros(len(rim.curvature))
     (x, y), weights = rim.outward.T, steps.is_edge.astype(np.float64)
+    # S is a symmetric 2x2 matrix in px²: three unknowns, one equation for each line.
     parts = np.array((x * x, 2 * x * y, y * y))
     weighted = parts * weights
     try:
@@ -247,6 +248,8 @@ def _moved(ellipse: Ellipse, rim: Rim, off_px: Values, is_edge: Mask, fits: int)
 def _sigma_px(normal: Values, scatter_px: float, ellipse: Ellipse) -> float:
     """Return the standard deviation of the larger diameter, if edges err each on its own."""
     x, y = ellipse.axes()[2]
+    # Gradient of the larger half axis in (dx, dy, dxx, dyy, dxy), along its unit vector (x, y); its variance is g' N⁻¹
+    # g times that of an edge, and the diameter's σ twice the root.
     along = np.array((0.0, 0.0, x * x, y * y, 2 * x * y))
     try:
         share = float(along @ np.linalg.solve(normal, along))
@@ -278,6 +281,7 @@ def _described(picture: EdgePicture, fit: _EllipseFit, steps: Steps) -> EllipseE
 
 
 def _widest_gap(seen: Mask) -> float:
+    # Longest run without an edge, around the end of the array as well: the first place is appended one turn on.
     places = np.flatnonzero(seen)
     return float(np.diff(np.append(places, places[0] + len(seen))).max() - 1) / len(seen)
 
@@ -311,6 +315,7 @@ class Trouble(NamedTuple):
 
 def trouble_with(edges: EllipseEdges, min_px: float, light: Light) -> Trouble | None:
     """Return the first test of a disc that an outline failed; None if it is a disc, as far as a picture tells."""
+    # Cheap and telling tests first; each text has the figure and its limit, for the user.
     larger, smaller = diameters_px(edges)
     flattest = math.cos(MAX_TILT_RAD)
     weakest = levels_out(edges, light) * edges.weakest / max(abs(edges.contrast), 1e-9)
@@ -364,6 +369,7 @@ def diameters_px(edges: EllipseEdges) -> tuple[float, float]:
 
 def levels_out(edges: EllipseEdges, light: Light) -> float:
     """Return by how many levels of 8 bits a disc stands out: what is seen of it goes with these, not with the light."""
+    # The inverse of the tone curve: light back to code values of 0 to 255.
     inside, outside = np.interp((edges.inside, edges.outside), light, np.arange(CODES))
     return abs(float(inside - outside))
 

@@ -56,6 +56,8 @@ class Ellipse:
     def axes(self) -> tuple[float, float, tuple[float, float]]:
         """Return the larger and the smaller half axis in pixels, and the unit vector along the larger one."""
         (xx, xy), (_, yy) = self.half_axes_px.tolist()
+        # Eigenvalues of a symmetric 2x2 matrix: the mean of its diagonal, more and less by the radius of Mohr's circle;
+        # the eigenvector is at half the angle.
         middle, apart = (xx + yy) / 2, math.hypot((xx - yy) / 2, xy)
         angle = math.atan2(xy, (xx - yy) / 2) / 2
         return middle + apart, middle - apart, (math.cos(angle), math.sin(angle))
@@ -80,6 +82,7 @@ class Ellipse:
         (xx, xy), (_, yy) = self.half_axes_px.tolist()
         area = xx * yy - xy * xy
         x, y = points_px[:, 0] - self.centre_px[0], points_px[:, 1] - self.centre_px[1]
+        # |M⁻¹ (p - c)|: 1 on the ellipse, and the share of the way from the centre to it elsewhere.
         share = np.hypot(yy * x - xy * y, xx * y - xy * x) / area
         return np.asarray(np.hypot(x, y) * (1 - 1 / np.maximum(share, 1e-9)))
 
@@ -111,6 +114,8 @@ def ellipse_through(points_px: Points) -> Ellipse | None:
     conic = cone_through(points_px)
     if conic is None:
         return None
+    # Centre: where the gradient of the conic vanishes. Divided by its value there, the eigenvalues of the quadratic
+    # part are 1 / a² and 1 / b².
     centre = -np.linalg.solve(conic[:2, :2], conic[:2, 2])
     value = -float(conic[2, 2] + conic[2, :2] @ centre)
     if not value > 0:
@@ -155,6 +160,8 @@ class Lens:
         """Return the ellipse that appears as one; None for one that none appears as."""
         if self.camera is None or not self.camera.distortion:
             return ellipse
+        # An ellipse bent by the lens is none any more: 32 points are undone one by one, and an ellipse is fitted
+        # through them. It is a start only.
         straight = self.camera.directions(ellipse.rim(RIM_POINTS).points_px) * self._focal() + self._centre()
         return ellipse_through(straight)
 

@@ -64,6 +64,8 @@ class EdgePicture:
         x, y = np.where(inside, x, 0.0), np.where(inside, y, 0.0)
         left, top = np.minimum(x.astype(np.intp), width - 2), np.minimum(y.astype(np.intp), height - 2)
         right, below = x - left, y - top
+        # Bilinear: the four neighbours of every place in one gather, shape (4, …, 3), decoded to light and weighted to
+        # luminance before they are mixed, since light adds up and code values do not.
         first = top * width + left
         neighbours = np.array((first, first + 1, first + width, first + width + 1))
         light = self.light.take(self.image.reshape(-1, 3).take(neighbours, axis=0)) @ LUMINANCE
@@ -100,12 +102,15 @@ def read_steps(picture: EdgePicture, rim: Rim, reach_px: float, *, is_bright: bo
 
 
 def _steepest(bright: Profiles, visible: Mask, along: Values) -> Steps:
+    # Central differences, outwards; a dark disc has its sign turned, so that its edge falls as well.
     fall = bright[:, :-2] - bright[:, 2:]
     best = np.argmax(fall, axis=1)
     height = fall[np.arange(len(fall)), best]
     contrast = bright.max(axis=1) - bright.min(axis=1)
     usual = quantile(height[visible]) if visible.any() else 0.0
     is_edge = visible & (height > max(MIN_LIGHT, usual / 4))
+    # Contrast over steepest fall is the width of the step in samples two apart; the density of a normal distribution
+    # has its peak at 1 / (σ √2π).
     steps_wide = quantile(contrast[is_edge] / height[is_edge]) if is_edge.any() else 0.0
     return Steps(
         off_px=along[best + 1],
@@ -121,10 +126,14 @@ def _steepest(bright: Profiles, visible: Mask, along: Values) -> Steps:
 
 def _half_way(bright: Profiles, visible: Mask, along: Values) -> Steps:
     lines = np.arange(len(bright))
+    # Levels are the means of the two samples at either end of the line; inside the median of nine lines is taken, since
+    # print and gloss lie there, outside each line's own, since what is behind the disc changes.
     inside = _smoothed((bright[:, 0] + bright[:, 1]) / 2)
     outside = (bright[:, -1] + bright[:, -2]) / 2
     contrast = inside - outside
     safe = np.where(contrast > MIN_LIGHT, contrast, np.inf)
+    # -1/2 outside to 1/2 inside, 0 half way; the steepest passage through 0 is the edge, placed by linear
+    # interpolation.
     share = (bright - ((inside + outside) / 2)[:, None]) / safe[:, None]
     before, after = share[:, :-1], share[:, 1:]
     fall = (before - after) * ((before > 0) & (after <= 0))
@@ -152,6 +161,7 @@ def _half_way(bright: Profiles, visible: Mask, along: Values) -> Steps:
 
 def _deviation_px(spread_px: Values) -> Values:
     """Return the standard deviation of blurs from their mean absolute value."""
+    # Between a sharp lens and one out of focus the factor goes over linearly.
     wide = np.clip((spread_px - SHARP_SPREAD_PX) / (WIDE_SPREAD_PX - SHARP_SPREAD_PX), 0.0, 1.0)
     return np.asarray(spread_px * (SIGMA_OF_SHARP + (SIGMA_OF_WIDE - SIGMA_OF_SHARP) * wide))
 

@@ -130,6 +130,7 @@ def find_outlines(grey: Plane, min_px: float, *, bright: bool, dark: bool) -> Fo
     others: list[Shape] = []
     # A disc shows as a compact shape at every level between its own brightness and that of what is around it, so the
     # number of levels at which it was seen tells its contrast.
+    # Ten levels between the extremes, which are left out: at those nothing is parted.
     for level in np.linspace(darkest, brightest, LEVELS + 2)[1:-1]:
         for shape in _shapes(smooth, float(level), min_px):
             if not (bright if shape.is_bright else dark):
@@ -179,11 +180,15 @@ def _shapes(smooth: Plane, level: float, min_px: float) -> Iterator[Shape]:
 
 
 def _is_compact(shape: Shape) -> bool:
+    # Isoperimetric quotient 4 π A / L², 1 for a circle, 0.785 for a square; the length counts pixels, so diagonals are
+    # short and a circle comes out above 1.
     return 4 * math.pi * shape.area > COMPACT * len(shape.contour) ** 2
 
 
 def _outline(shape: Shape) -> Outline | None:
     """Return what a shape looks like as an ellipse; None for a line."""
+    # Area, centroid and central second moments by Green's theorem from the contour: all in pixels of the reduced
+    # picture.
     moments = cv2.moments(shape.contour)
     area = moments["m00"]
     centre = (moments["m10"] / area, moments["m01"] / area)
@@ -201,6 +206,8 @@ def distinct(outlines: Sequence[Outline]) -> list[Outline]:
     """Return what was seen at several levels once, as it is most like an ellipse; the largest first."""
     if not outlines:
         return []
+    # Greedy: the best of what is alike stays, and how many were alike says at how many levels it was seen, its
+    # contrast.
     order = sorted(outlines, key=lambda each: (not each.is_elliptical, each.off_px, -each.fill))
     places = np.array([each.ellipse.centre_px for each in order])
     sizes = np.array([each.size_px for each in order])
@@ -278,6 +285,8 @@ def _most_of(outline: Outline, shape: tuple[int, int]) -> Outline | None:
 
 def _on_best_piece(points: Points, inner: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which points are on that ellipse through a piece of them that most are on."""
+    # Centred and scaled to unit spread, as in `stadimeter.ranging.circle_pose.cone_through`: the normal equations are
+    # well conditioned then. Pieces of a quarter and of half of the outline, eight starts each.
     middle = points.mean(axis=0)
     size_px = max(math.sqrt(float(np.mean((points - middle) ** 2))), 1.0)
     x, y = ((points - middle) / size_px).T
