@@ -7,15 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.cameras.capture_time import GOOD_STAMPS_NEEDED, FrameStamp, KernelTime
+from stadimeter.cameras.capture_time import GOOD_STAMPS_NEEDED, DriverStamp, KernelTime
 
 PERIOD_S = 1 / 30
 LATENCY_S = 0.02
 
 
-def trusted(arrived_at_s: float = 100.0) -> FrameStamp:
+def trusted(arrived_at_s: float = 100.0) -> DriverStamp:
     """Return a judge that has seen good stamps up to that arrival."""
-    stamp = FrameStamp()
+    stamp = DriverStamp()
     for number in range(GOOD_STAMPS_NEEDED, -1, -1):
         arrival_s = arrived_at_s - number * PERIOD_S
         stamp.captured_at_s(arrival_s - LATENCY_S, arrival_s)
@@ -24,7 +24,7 @@ def trusted(arrived_at_s: float = 100.0) -> FrameStamp:
 
 
 def test_good_stamps_are_used_once_a_few_of_them_agree_and_frames_before_that_have_no_time() -> None:
-    stamp = FrameStamp()
+    stamp = DriverStamp()
     arrivals_s = [100.0 + number * PERIOD_S for number in range(6)]
     captured_s = [stamp.captured_at_s(arrival_s - LATENCY_S, arrival_s) for arrival_s in arrivals_s]
     assert captured_s[:2] == [None, None]
@@ -32,19 +32,19 @@ def test_good_stamps_are_used_once_a_few_of_them_agree_and_frames_before_that_ha
 
 
 def test_a_driver_without_stamps_gets_arrival_times() -> None:
-    stamp = FrameStamp()
+    stamp = DriverStamp()
     assert [stamp.captured_at_s(0.0, second) for second in (0.5, 0.6, 0.7, 0.8, 0.9)] == [0.5, 0.6, 0.7, 0.8, 0.9]
     assert not stamp.is_trusted
 
 
 def test_a_driver_with_one_stamp_for_all_gets_arrival_times() -> None:
-    stamp = FrameStamp()
+    stamp = DriverStamp()
     assert [stamp.captured_at_s(9.9, second) for second in (10.0, 10.1, 10.2, 10.3)] == [None, 10.1, 10.2, 10.3]
 
 
 @pytest.mark.parametrize("epoch_s", [1.7e9, 50.0, 98.9], ids=["wall clock", "long ago", "just too old"])
 def test_stamps_of_another_epoch_are_never_trusted(epoch_s: float) -> None:
-    stamp = FrameStamp()
+    stamp = DriverStamp()
     for number in range(10):
         assert stamp.captured_at_s(epoch_s + number, 100.0 + number) == 100.0 + number
     assert not stamp.is_trusted
@@ -98,7 +98,7 @@ def test_an_opened_device_is_judged_anew_and_time_does_not_go_back() -> None:
     )
 )
 def test_capture_times_never_go_back_nor_past_the_arrival(steps: list[tuple[float, float]]) -> None:
-    stamp, arrived_at_s, captured_s = FrameStamp(), 1000.0, [-math.inf]
+    stamp, arrived_at_s, captured_s = DriverStamp(), 1000.0, [-math.inf]
     for gap_s, age_s in steps:
         arrived_at_s += gap_s
         at_s = stamp.captured_at_s(arrived_at_s - age_s, arrived_at_s)
@@ -126,7 +126,7 @@ def test_a_frame_from_before_a_suspend_is_as_old_as_the_suspend_was_long() -> No
 
 
 def test_a_stated_latency_counts_where_stamps_are_not_trusted() -> None:
-    stamp = FrameStamp(latency_s=0.05)
+    stamp = DriverStamp(latency_s=0.05)
     assert stamp.captured_at_s(0.0, 10.0) == pytest.approx(9.95)
     for number in range(4):
         found_s = stamp.captured_at_s(10.08 + number / 10, 10.1 + number / 10)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stadimeter.cameras.mjpeg_stream import HEAD_MAX_BYTES, PART_MAX_BYTES, Multipart, Part
+from stadimeter.cameras.mjpeg_stream import HEAD_MAX_BYTES, PART_MAX_BYTES, Multipart, StreamPart
 from stadimeter.errors import LinkLostError
 
 JPEGS = tuple(
@@ -26,7 +26,7 @@ def stream(*, line_end: bytes = b"\r\n", has_length: bool = True, delimiter: byt
     return line_end.join([b"", *parts, delimiter + b"--", b""])
 
 
-def parts_of(boundary: str, data: bytes, size: int = 1 << 16) -> list[Part]:
+def parts_of(boundary: str, data: bytes, size: int = 1 << 16) -> list[StreamPart]:
     parser = Multipart(boundary)
     found = []
     for at in range(0, len(data), size):

@@ -26,7 +26,7 @@ FRAME_S = 0.033
 MAX_TICKS_PER_FRAME = 32767
 """The firmware reads arguments into 16 bits."""
 
-_LONGEST_LINE = 64
+_MAX_LINE_BYTES = 64
 _NUMBER = re.compile(r"-?\d{1,11}")
 _TWO_NUMBERS = re.compile(r"(-?\d{1,11}) (-?\d{1,11})")
 
@@ -110,7 +110,7 @@ class ReplyParser:
 
     def _take(self, byte: int) -> None:
         self._line.append(byte)
-        if len(self._line) > _LONGEST_LINE:
+        if len(self._line) > _MAX_LINE_BYTES:
             del self._line[0]
             self._noise += 1
 

@@ -20,7 +20,7 @@ UNTAKEN_AFTER_S = 0.05
 
 DRAIN_TIMEOUT_S = 0.1
 
-_MOST_BYTES_A_READ = 4096
+_MAX_BYTES_PER_READ = 4096
 _ABSENT = {errno.ENOENT, errno.ENODEV, errno.ENXIO}
 _TAKEN = {errno.EBUSY, errno.EAGAIN}
 _FORBIDDEN = {errno.EACCES, errno.EPERM}
@@ -80,7 +80,7 @@ class SerialLink:
         """Return what has arrived, which may be nothing; never waits. Raises `LinkLostError` if the port is gone."""
         port = self._opened()
         try:
-            return port.read(_MOST_BYTES_A_READ)
+            return port.read(_MAX_BYTES_PER_READ)
         except OSError as error:
             raise self._lost(error) from error
 

@@ -1,6 +1,6 @@
 """Capture times of frames, from the driver's or the sender's time stamps and from arrivals.
 
-`FrameStamp` serves devices: the kernel stamps their frames on a clock that we can read. `StreamTime` serves streams,
+`DriverStamp` serves devices: the kernel stamps their frames on a clock that we can read. `StreamTime` serves streams,
 whose pictures have at most stamps of another clock. An arrival hides how long a picture was on its way. What can be
 known: the usual way takes ``latency``, which the user states; and a picture that took longer gives itself away, by a
 time stamp that lags, or by coming at a pace that no camera has. Without that, a stream that was held up for a second
@@ -25,7 +25,7 @@ GAP_PERIODS = 3.0
 GAP_S = 0.1
 """After a pause longer than this many usual periods, and longer than one by this much, pictures may have waited."""
 
-LONGEST_CATCH_UP_S = 10.0
+MAX_CATCH_UP_S = 10.0
 """A pace that lasts for this long is believed, whatever it is: the camera has become faster."""
 
 FAST = 0.85
@@ -47,7 +47,7 @@ class StreamTime:
 
     With time stamps of the sender that are sound, the lag beyond the smallest one seen counts into the age. Stamps are
     sound after three in a row that do not go back; when one does, the judgement begins anew. Without them, pictures
-    are passed over after a gap, until they come at the usual pace again; see `Pace`.
+    are passed over after a gap, until they come at the usual pace again; see `ArrivalPace`.
 
     A stream that was just opened may deliver what waited, too: FFmpeg looks at it for up to five seconds before it
     gives the first picture, and keeps what came meanwhile. Then the smallest lag falls from picture to picture, and
@@ -68,7 +68,7 @@ class StreamTime:
         Capture times still never go back.
         """
         self._lag = _Lag()
-        self._pace = Pace()
+        self._pace = ArrivalPace()
         self._settle_s = settle_s
         self._opened_at_s = math.nan
 
@@ -139,7 +139,7 @@ class _CatchUp:
         return next((found for found in times if found[0] >= SETTLE_S and found[1] >= PICTURES_NEEDED), None)
 
 
-class Pace:
+class ArrivalPace:
     """Tells pictures that waited somewhere from those that come as they are captured, by their arrivals alone.
 
     After a gap it takes pictures for ones that waited until one of these holds:
@@ -147,7 +147,7 @@ class Pace:
     * As many have come as the usual period gives for the whole time, and no longer in a burst.
     * They have come no faster than usual for `SETTLE_S`, on the average: the pictures of the gap were dropped
       elsewhere, or the camera has become slower.
-    * More have come than the usual period gives, or `LONGEST_CATCH_UP_S` have passed: the camera has become faster.
+    * More have come than the usual period gives, or `MAX_CATCH_UP_S` have passed: the camera has become faster.
 
     The usual period is the mean of the last intervals; the median would be 0 where a radio link delivers pictures in
     threes.
@@ -192,13 +192,13 @@ class Pace:
             return False
         recent = catch_up.recent()
         is_steady = recent is not None and recent[0] >= FAST * period_s * recent[1]
-        is_faster = behind_s < -3 * period_s or now_s - catch_up.came[0][0] > LONGEST_CATCH_UP_S
+        is_faster = behind_s < -3 * period_s or now_s - catch_up.came[0][0] > MAX_CATCH_UP_S
         if recent is not None and (is_steady or is_faster):
             self._usual = deque([recent], maxlen=self._usual.maxlen)
         return not (is_steady or is_faster)
 
 
-OLDEST_AT_FIRST_S = 1.0
+MAX_FIRST_AGE_S = 1.0
 """A stamp that is older than this before any was trusted belongs to another clock."""
 
 SUSPENDED_S = 0.05
@@ -229,7 +229,7 @@ class KernelTime:
         return stamp_s + (self._offset_before_s if stamp_s <= self._changed_at_s else self._offset_s)
 
 
-class FrameStamp:
+class DriverStamp:
     """Judges each frame's stamp, and returns capture times that never go back.
 
     A stamp is sane if it lies on the run's clock: not after the frame's arrival, at most a second before it, and after
@@ -279,7 +279,7 @@ class FrameStamp:
         if self.is_trusted and stamp_s == self._last_stamp_s:
             return
         age_s = arrived_at_s - stamp_s
-        oldest_s = math.inf if self.is_trusted else OLDEST_AT_FIRST_S
+        oldest_s = math.inf if self.is_trusted else MAX_FIRST_AGE_S
         is_sane = stamp_s > 0 and 0 <= age_s < oldest_s and stamp_s > self._last_stamp_s
         self._good_in_a_row = self._good_in_a_row + 1 if is_sane else 0
         self._last_stamp_s = stamp_s

@@ -15,7 +15,7 @@ CLOSE_WAIT_S = 1.5
 """Time that `LiveCamera.close` waits for a read to end, and a driver for its device to be let go."""
 
 
-class Picture(NamedTuple):
+class CapturedPicture(NamedTuple):
     """A picture, when it was captured on the run's clock, and for how long it was exposed if that is known."""
 
     image: Image
@@ -126,7 +126,7 @@ class LiveCamera(ABC):
         """Open the device, apply the settings, wait for a picture; return a sentence on each setting not taken."""
 
     @abstractmethod
-    def _next(self) -> Picture:
+    def _next(self) -> CapturedPicture:
         """Wait for the next picture; give up when the camera is closed meanwhile (`_check_open`)."""
 
     @abstractmethod

@@ -37,7 +37,7 @@ _STAMP = re.compile(rb"^x-timestamp[ \t]*:[ \t]*(\d{1,12}(?:\.\d{1,9})?)[ \t]*\r
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class StreamPart:
     """One part of the stream."""
 
     body: bytes  # its bytes, as they came
@@ -71,7 +71,7 @@ class Multipart:
         """Take the next bytes of the stream."""
         self._data += data
 
-    def next_part(self) -> Part | None:
+    def next_part(self) -> StreamPart | None:
         """Take out the next part; None if it is not whole yet.
 
         Raises:
@@ -84,7 +84,7 @@ class Multipart:
             if len(self._data) > PART_MAX_BYTES:
                 raise LinkLostError(f"a part of the stream is larger than {PART_MAX_BYTES / 1e6:.0f} MB")
             return None
-        part = Part(bytes(self._data[self._body_at : end]), self._stamp_s)
+        part = StreamPart(bytes(self._data[self._body_at : end]), self._stamp_s)
         del self._data[:end]
         self._body_at, self._searched = None, 0
         return part
@@ -148,7 +148,7 @@ class MjpegStream:
         self._read_timeout_s = read_timeout_s
         self._parts = Multipart(boundary)
         self._parts.feed(begin)
-        self._part = Part(b"", math.nan)
+        self._part = StreamPart(b"", math.nan)
         self._received = 0
 
     def isOpened(self) -> bool:  # noqa: N802 - OpenCV's name and meaning

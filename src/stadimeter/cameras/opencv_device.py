@@ -17,8 +17,8 @@ import cv2
 import numpy as np
 
 from stadimeter.cameras.attached_devices import NOT_OURS, attached_devices, in_use
-from stadimeter.cameras.capture_time import FrameStamp, KernelTime, Pace, StreamTime
-from stadimeter.cameras.live_camera import LiveCamera, Picture
+from stadimeter.cameras.capture_time import ArrivalPace, DriverStamp, KernelTime, StreamTime
+from stadimeter.cameras.live_camera import CapturedPicture, LiveCamera
 from stadimeter.cameras.opencv_settings import (
     CaptureLike,
     OpenCvSettings,
@@ -78,7 +78,7 @@ class OpenCapture(Protocol):
 class OpenCvCamera(LiveCamera):
     """A Video4Linux device or a network stream, read through OpenCV.
 
-    A frame's capture time is the driver's stamp where it can be trusted (see `FrameStamp`), else its arrival less the
+    A frame's capture time is the driver's stamp where it can be trusted (see `DriverStamp`), else its arrival less the
     stated ``latency`` and the lag that shows (see `StreamTime`). Frames that waited on the way are passed over, and so
     are damaged ones. Streams of JPEG pictures over HTTP are read by `MjpegStream`, all others by FFmpeg. Settings that
     the device did not take are no error; they are in `remarks`.
@@ -106,9 +106,9 @@ class OpenCvCamera(LiveCamera):
         self._subsampling = subsampling_of(options)
         self._capture: CaptureLike | None = None
         self._kernel_time = KernelTime(monotonic)
-        self._stamp = FrameStamp(options.frame_latency_s())
+        self._stamp = DriverStamp(options.frame_latency_s())
         self._stream_time = StreamTime(options.frame_latency_s())
-        self._pace = Pace()
+        self._pace = ArrivalPace()
         self._position = 0.0
         self._exposure_s: float | None = None
         self._not_for_motion = self._why_not_for_motion()
@@ -128,7 +128,7 @@ class OpenCvCamera(LiveCamera):
         self._not_for_motion = self._why_not_for_motion()
         capture = self._capture = self._opened_stream() if self._options.is_stream else self._opened_device()
         self._stamp.restart()
-        self._pace = Pace()
+        self._pace = ArrivalPace()
         self._position = 0.0
         differ = () if self._options.is_stream else apply_settings(capture, self._options)
         self._exposure_s = fixed_exposure_s(capture, self._options)
@@ -139,7 +139,7 @@ class OpenCvCamera(LiveCamera):
             raise DeviceOpenError(f"the camera {self._name} opens but gives no picture{asked}") from error
         return differ + size_differs(image, self._options)
 
-    def _next(self) -> Picture:
+    def _next(self) -> CapturedPicture:
         if self._capture is None:
             raise self._not_open()
         return self._next_picture(self._capture, self._options.read_timeout)
@@ -179,7 +179,7 @@ class OpenCvCamera(LiveCamera):
             )
         return capture
 
-    def _next_picture(self, capture: CaptureLike, limit_s: float) -> Picture:
+    def _next_picture(self, capture: CaptureLike, limit_s: float) -> CapturedPicture:
         """Wait for a picture that is whole and did not wait."""
         began_s = self._clock.now_s()
         passed_over = {"damaged": 0, "late": 0}
@@ -191,7 +191,7 @@ class OpenCvCamera(LiveCamera):
                 if captured_at_s is None:
                     passed_over["late"] += 1
                 elif (image := _decoded(capture)) is not None:
-                    return Picture(image, captured_at_s, self._exposure_s)
+                    return CapturedPicture(image, captured_at_s, self._exposure_s)
                 else:
                     passed_over["damaged"] += 1
             elif self._clock.now_s() - grab_began_s < 0.5 * min(DEVICE_WAIT_S, self._options.read_timeout):

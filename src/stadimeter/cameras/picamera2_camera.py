@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from stadimeter.cameras.capture_time import KernelTime
-from stadimeter.cameras.live_camera import CLOSE_WAIT_S, LiveCamera, Picture
+from stadimeter.cameras.live_camera import CLOSE_WAIT_S, CapturedPicture, LiveCamera
 from stadimeter.cameras.picamera2_package import Package, attached_cameras, lack, load_package, why
 from stadimeter.cameras.picamera2_settings import (
     Metadata,
@@ -212,7 +212,7 @@ class Picamera2Camera(LiveCamera):
             raise DeviceOpenError(f"the camera {name} {words}")
         return found
 
-    def _next(self) -> Picture:
+    def _next(self) -> CapturedPicture:
         """Wait for a frame that did not wait itself.
 
         A late one is passed over if there is time for another, and no oftener than there are buffers: after as many, a
@@ -226,7 +226,7 @@ class Picamera2Camera(LiveCamera):
                 may_pass_over = passed_over < BUFFERS and self._clock.now_s() < until_s
                 if captured_at_s is not None and not (may_pass_over and self._is_late(metadata)):
                     self._last_captured_s = captured_at_s
-                    return Picture(self._copied(request), captured_at_s, _exposure_s(metadata))
+                    return CapturedPicture(self._copied(request), captured_at_s, _exposure_s(metadata))
             passed_over += 1
         raise CaptureTimeoutError(
             f"the camera {self._options.name} gave no new frame for {self._options.read_timeout:g} s"

@@ -54,7 +54,7 @@ READABLE = frozenset(
 USUAL_SIZES = ((640, 480), (1280, 720), (1920, 1080))
 """Which sizes to name of a device that scales to any."""
 
-MOST_ANSWERS = 256
+MAX_ANSWERS = 256
 """Nothing is asked for more often, lest a broken driver never ends its list."""
 
 
@@ -129,7 +129,7 @@ def _text(field: bytes) -> str:
 
 def _answers(ioctl: Ioctl, node: int, request: int, kind: struct.Struct, *given: int) -> Iterator[tuple[int, ...]]:
     """Yield the entries of one of the kernel's lists: it is asked by index until it says that there are no more."""
-    for index in range(MOST_ANSWERS):
+    for index in range(MAX_ANSWERS):
         asked = bytearray(kind.size)
         struct.pack_into(f"={1 + len(given)}I", asked, 0, index, *given)
         try:

@@ -34,7 +34,7 @@ KINDS = {Severity.INFO: "info", Severity.WARNING: "warning", Severity.ALARM: "fa
 PATIENCE = Patience(goodbye_s=0.6)
 """The end of a run may take two seconds in all."""
 
-_LONGEST_REASON = 200
+_MAX_REASON_CHARACTERS = 200
 _SECRET = re.compile(r"[^/:@?&=,;\s]{3,}")
 
 
@@ -161,7 +161,7 @@ class AppriseNotifier:
     def _masked(self, words: str) -> str:
         for secret in sorted(self._secrets, key=len, reverse=True):
             words = words.replace(secret, "…")
-        return " ".join(words.split())[:_LONGEST_REASON].rstrip(".")
+        return " ".join(words.split())[:_MAX_REASON_CHARACTERS].rstrip(".")
 
 
 def _service(url: str, name: str) -> Any:
@@ -211,7 +211,7 @@ QUEUE_MAX = 100
 
 
 @dataclass(frozen=True, slots=True)
-class _Waiting:
+class _PendingNotification:
     """A notification, and until when it is tried."""
 
     notification: Notification
@@ -237,9 +237,9 @@ class Delivery:
         self._retry_s = retry_s
         self._patience = patience
         self._pauses = BackOff(patience)
-        self._waiting: deque[_Waiting] = deque()
-        self._trying: _Waiting | None = None
-        self._left: list[_Waiting] = []
+        self._waiting: deque[_PendingNotification] = deque()
+        self._trying: _PendingNotification | None = None
+        self._left: list[_PendingNotification] = []
         self._changed = threading.Condition()
         self._is_stopping = False
         self._reason = ""
@@ -256,7 +256,7 @@ class Delivery:
             if len(self._waiting) >= QUEUE_MAX:
                 self._waiting.popleft()
                 self._give_up(self._reason or "too many were waiting")
-            self._waiting.append(_Waiting(notification, time.monotonic() + self._retry_s))
+            self._waiting.append(_PendingNotification(notification, time.monotonic() + self._retry_s))
             self._changed.notify()
 
     def trouble(self) -> str:
@@ -292,14 +292,14 @@ class Delivery:
             with self._changed:
                 self._note(trying, reason)
 
-    def _next(self) -> _Waiting | None:
+    def _next(self) -> _PendingNotification | None:
         """Wait until there is something to deliver; None at the end."""
         with self._changed:
             self._changed.wait_for(lambda: self._waiting or self._is_stopping)
             self._trying = self._waiting.popleft() if self._waiting else None
             return self._trying
 
-    def _note(self, tried: _Waiting, reason: str) -> None:
+    def _note(self, tried: _PendingNotification, reason: str) -> None:
         """Take in what became of an attempt, and pause after one that failed."""
         self._trying = None
         if not reason:

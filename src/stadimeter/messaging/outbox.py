@@ -10,7 +10,7 @@ from stadimeter.core.message import Message
 
 
 @dataclass(frozen=True, slots=True)
-class _Waiting:
+class _PendingMessage:
     """A message, and when it expires."""
 
     message: Message
@@ -39,8 +39,8 @@ class MemoryOutbox:
         self._capacity = capacity
         self._window = window
         self._unwritten_max = unwritten_max
-        self._waiting: deque[_Waiting] = deque()
-        self._unacknowledged: dict[int, _Waiting] = {}
+        self._waiting: deque[_PendingMessage] = deque()
+        self._unacknowledged: dict[int, _PendingMessage] = {}
         self._unwritten: set[int] = set()
 
     @property
@@ -58,7 +58,7 @@ class MemoryOutbox:
         if len(self._waiting) >= self._capacity:
             self._make_room()
         lives_s = math.inf if message.expires_s is None else message.expires_s
-        self._waiting.append(_Waiting(message, now_s + lives_s))
+        self._waiting.append(_PendingMessage(message, now_s + lives_s))
 
     def take(self, now_s: float) -> Message | None:
         """Return the next message that may be sent now, with what is left of its life; then report it to `sent`.
@@ -81,7 +81,7 @@ class MemoryOutbox:
             self._unwritten.add(number)
         else:
             lives_s = math.inf if message.expires_s is None else message.expires_s
-            self._unacknowledged[number] = _Waiting(message, now_s + lives_s)
+            self._unacknowledged[number] = _PendingMessage(message, now_s + lives_s)
 
     def done(self, number: int, *, is_refused: bool = False) -> None:
         """Note that a message was written (QoS 0) or answered (QoS 1); unknown numbers are passed over."""

@@ -30,7 +30,7 @@ Floats = NDArray[np.floating]
 
 WALL_DISTANCE_M = 5.0
 TILE_M = 0.5
-WIDEST_PANORAMA_PX = 4096
+MAX_PANORAMA_WIDTH_PX = 4096
 WALL_COLOURS_BGR = ((196, 208, 216), (205, 204, 200), (188, 196, 208), (208, 210, 214))
 FLOOR_COLOURS_BGR = ((104, 118, 134), (84, 96, 110))
 SKIRTING_BGR = (226, 228, 230)
@@ -56,7 +56,7 @@ class Room:
     """A room around a camera that stands in its centre and turns; what hangs on the walls follows from the seed."""
 
     def __init__(self, model: CameraModel, camera_height_m: float, seed: int) -> None:
-        scale = min(1.0, WIDEST_PANORAMA_PX / (2 * math.pi * model.fx_px))
+        scale = min(1.0, MAX_PANORAMA_WIDTH_PX / (2 * math.pi * model.fx_px))
         self._turn_px = round(2 * math.pi * model.fx_px * scale)
         per_rad = self._turn_px / (2 * math.pi)
         sideways = (np.arange(model.width_px) - model.cx_px) / model.fx_px

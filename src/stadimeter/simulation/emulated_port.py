@@ -19,7 +19,7 @@ from typing import Protocol
 from stadimeter.core.clock import Clock
 
 SERVED_EVERY_S = 0.01
-_MOST_BYTES_A_READ = 4096
+_MAX_BYTES_PER_READ = 4096
 
 
 class Firmware(Protocol):
@@ -125,7 +125,7 @@ class _Cable:
     def read(self) -> bytes:
         """Return what the host has sent, which may be nothing."""
         try:
-            return os.read(self._board_fd, _MOST_BYTES_A_READ)
+            return os.read(self._board_fd, _MAX_BYTES_PER_READ)
         except BlockingIOError:
             return b""
 

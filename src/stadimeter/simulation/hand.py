@@ -19,7 +19,7 @@ Point = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class _Move:
+class _HandMove:
     """The ball begins to move at `start_s` from a point, to a place (x, y) or, with None, back to its path."""
 
     start_s: float
@@ -36,7 +36,7 @@ class Hand:
 
     def __init__(self, path: Callable[[float], Point]) -> None:
         self._path = path
-        self._moves: deque[_Move] = deque(maxlen=MOVES_MAX)
+        self._moves: deque[_HandMove] = deque(maxlen=MOVES_MAX)
 
     @property
     def holds(self) -> bool:
@@ -46,7 +46,7 @@ class Hand:
     def put(self, place: tuple[float, float] | None, now_s: float) -> None:
         """Move the ball to a place from now on, and leave it there; with None, let it go back to its path."""
         if place is not None or self.holds:
-            self._moves.append(_Move(now_s, self.position_m(now_s), place))
+            self._moves.append(_HandMove(now_s, self.position_m(now_s), place))
 
     def position_m(self, time_s: float) -> Point:
         """Return where the ball's centre is: x to the east, y to the north, z up from the floor."""

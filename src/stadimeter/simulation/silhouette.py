@@ -34,7 +34,7 @@ BALL_BGR = (52, 232, 190)
 LIGHT = (-0.37, -0.83, -0.42)
 """The direction of the light, in the camera frame: from above, from the left and from behind the camera."""
 
-DARKEST = 0.42
+MIN_SHADE = 0.42
 
 FINE_PX = 96
 """A ball of fewer samples across is sampled more finely."""
@@ -186,7 +186,7 @@ def _shade(
     along = (light_x * rays[0] + light_z).astype(np.float32)[None, :] + (light_y * rays[1]).astype(np.float32)[:, None]
     behind_m = light_x * centre_m[0] + light_y * centre_m[1] + light_z * centre_m[2]
     cosine = (depth_m * along - np.float32(behind_m)) * np.float32(1 / radius_m)
-    shade: Plane = np.clip(cosine, 0, 1) * np.float32(1 - DARKEST) + np.float32(DARKEST)
+    shade: Plane = np.clip(cosine, 0, 1) * np.float32(1 - MIN_SHADE) + np.float32(MIN_SHADE)
     return shade
 
 

@@ -36,7 +36,7 @@ FRAMES = 3
 LIVE_FRAMES = 12
 """How many are read of a live camera: more than the buffers of a driver that uses them in turn."""
 
-MOST_READS = 200
+MAX_READS = 200
 """How often a camera that lost its device may be read before it must have noticed."""
 
 CLOSE_LIMIT_S = 5.0
@@ -147,7 +147,7 @@ class CameraContract:
         rig.camera.read()
         rig.lose()
         error = _error_of(rig.camera)
-        assert error is not None, f"the device is gone, and {MOST_READS} frames came all the same"
+        assert error is not None, f"the device is gone, and {MAX_READS} frames came all the same"
         assert isinstance(error, StadimeterError), f"an error of the vendor's reached the app: {error!r}"
         assert not isinstance(error, EndOfFramesError), "a device that failed is not a recording that ended"
         assert "\n" not in str(error).strip(), "an error message is one line"
@@ -233,7 +233,7 @@ def _held(rig: CameraRig) -> Callable[[], int]:
 def _error_of(camera: Camera) -> Exception | None:
     """Return the error that ends reading, None where none does."""
     try:
-        for _ in range(MOST_READS):
+        for _ in range(MAX_READS):
             camera.read()
     except Exception as error:  # noqa: BLE001 - the test looks at it
         return error

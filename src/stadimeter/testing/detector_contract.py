@@ -35,7 +35,7 @@ AMBIGUOUS = "ambiguous: "
 SIGMAS = 4.0
 """A distance may be wrong by this many of the standard deviations stated with it."""
 
-MOST_SIGMA_SHARE = 0.2
+MAX_SIGMA_SHARE = 0.2
 """A standard deviation above this share of the distance says nothing: no error would be too large for it."""
 
 PREDICTION_SIGMA_PX = 2.0
@@ -113,7 +113,7 @@ class DetectorRig:
         distance_m, sigma_m = measurement.distance_m, measurement.sigma_m
         assert distance_m is not None, measurement.reason
         assert sigma_m is not None, measurement.reason
-        assert 0 < sigma_m < MOST_SIGMA_SHARE * distance_m, f"a standard deviation of {sigma_m} m says nothing"
+        assert 0 < sigma_m < MAX_SIGMA_SHARE * distance_m, f"a standard deviation of {sigma_m} m says nothing"
         off_m = min(abs(distance_m - each.distance_m) for each in known)
         assert off_m <= SIGMAS * sigma_m, f"{distance_m:.4f} m is off by {off_m / sigma_m:.1f} standard deviations"
 
