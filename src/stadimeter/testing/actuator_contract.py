@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 import pytest
@@ -17,6 +19,7 @@ from stadimeter.testing.rig import OutputRig
 
 ABSENT, FAILS = "absent", "fails"
 
+LEVELS = (0.0, 0.004, 0.25, 0.49, 0.5, 0.7, 0.999, 1.0)
 levels = st.floats(min_value=0.0, max_value=1.0)
 # `make_rig` makes a new rig for each example, so that it lives for a whole test does not matter; nor does it which
 # subclass runs an example.
@@ -68,6 +71,17 @@ class ActuatorRig(OutputRig[Actuator]):
         return seen
 
 
+MakeRig = Callable[[], ActuatorRig]
+
+
+@contextmanager
+def _open_rig(make_rig: MakeRig) -> Iterator[ActuatorRig]:
+    rig = make_rig()
+    rig.device.open()
+    yield rig
+    rig.device.close()
+
+
 class ActuatorContract(OutputContract):
     """The tests."""
 
@@ -86,65 +100,62 @@ class ActuatorContract(OutputContract):
         opened.apply(1.0)
         assert min(opened.outputs(2.0)) > 0.0
 
-    @pytest.mark.parametrize("level", [0.0, 0.004, 0.25, 0.49, 0.5, 0.7, 0.999, 1.0])
-    def test_only_the_level_of_a_command_may_be_changed(self, opened: ActuatorRig, level: float) -> None:
-        asked = LevelCommand(output="it", level=level, captured_at_s=opened.clock.now_s())
-        applied = opened.device.apply(asked)
-        assert (applied.output, applied.captured_at_s) == (asked.output, asked.captured_at_s)
+    def test_only_the_level_of_a_command_may_be_changed(self, opened: ActuatorRig) -> None:
+        for level in LEVELS:
+            asked = LevelCommand(output="it", level=level, captured_at_s=opened.clock.now_s())
+            applied = opened.device.apply(asked)
+            assert (applied.output, applied.captured_at_s) == (asked.output, asked.captured_at_s), level
 
-    @pytest.mark.parametrize("level", [0.0, 0.004, 0.25, 0.49, 0.5, 0.7, 0.999, 1.0])
-    def test_what_is_reported_would_do_the_same_if_it_were_asked_for(
-        self, make_rig: Callable[[], ActuatorRig], level: float
-    ) -> None:
-        asked, reported = make_rig(), make_rig()
-        for rig in (asked, reported):
-            rig.device.open()
-        applied = asked.apply(level)
-        assert reported.apply(applied.level) == applied
-        assert asked.outputs(1.0) == reported.outputs(1.0)
+    def test_what_is_reported_would_do_the_same_if_it_were_asked_for(self, make_rig: MakeRig) -> None:
+        for level in LEVELS:
+            with _open_rig(make_rig) as asked, _open_rig(make_rig) as reported:
+                applied = asked.apply(level)
+                assert reported.apply(applied.level) == applied, level
+                assert asked.outputs(1.0) == reported.outputs(1.0), level
 
-    def test_levels_that_act_alike_are_reported_alike(self, make_rig: Callable[[], ActuatorRig]) -> None:
+    def test_levels_that_act_alike_are_reported_alike(self, make_rig: MakeRig) -> None:
         """A driver that rounds and reports what was asked for is found by two levels that become one on the wire."""
         steady: dict[float, set[float]] = {}
         for level in (0.1, 0.25, 0.5, 0.7, 0.9):
             for near in (level, level + 1e-6, level + 1e-3):
-                rig = make_rig()
-                rig.device.open()
-                applied = rig.apply(near).level
-                rig.pass_time_s(1.0)  # a kick is over
-                seen = set(rig.outputs(1.0))
+                with _open_rig(make_rig) as rig:
+                    applied = rig.apply(near).level
+                    rig.pass_time_s(1.0)  # a kick is over
+                    seen = set(rig.outputs(1.0))
                 if len(seen) == 1:  # a pattern may tell levels apart that look alike for a second
                     steady.setdefault(seen.pop(), set()).add(applied)
         reported_twice = {wire: reported for wire, reported in steady.items() if len(reported) > 1}
         assert not reported_twice, "the same on the wire, but reported as different levels: return what was applied"
 
-    @pytest.mark.parametrize("level", [0.2, 0.7, 1.0])
-    def test_acting_and_a_level_above_zero_are_the_same(self, opened: ActuatorRig, level: float) -> None:
+    def test_acting_and_a_level_above_zero_are_the_same(self, make_rig: MakeRig) -> None:
         """A level of 0 is reported exactly when the device rests."""
-        applied = opened.apply(level)
-        acts = max(opened.outputs(2.0)) > 0.0
-        assert acts == (applied.level > 0.0)
+        for level in (0.2, 0.7, 1.0):
+            with _open_rig(make_rig) as rig:
+                applied = rig.apply(level)
+                acts = max(rig.outputs(2.0)) > 0.0
+                assert acts == (applied.level > 0.0), level
 
-    @pytest.mark.parametrize("level", [0.0, 0.3, 0.7, 1.0])
-    def test_the_same_command_again_changes_nothing(self, make_rig: Callable[[], ActuatorRig], level: float) -> None:
+    def test_the_same_command_again_changes_nothing(self, make_rig: MakeRig) -> None:
         """Neither a kick nor a beep begins anew because the command is repeated."""
-        once, again = make_rig(), make_rig()
-        for rig in (once, again):
-            rig.device.open()
-            rig.apply(level)
-        assert once.outputs(3.0) == again.outputs(3.0, lambda: again.apply(level))
+        for level in (0.0, 0.3, 0.7, 1.0):
+            with _open_rig(make_rig) as once, _open_rig(make_rig) as again:
+                once.apply(level)
+                again.apply(level)
+                expected = once.outputs(3.0)
+                assert again.outputs(3.0, partial(again.apply, level)) == expected, level
 
-    @pytest.mark.parametrize("after_s", [0.0, 0.02, 0.04, 0.1, 0.3, 0.5])
-    def test_stop_switches_off_at_once_and_for_good(self, opened: ActuatorRig, after_s: float) -> None:
+    def test_stop_switches_off_at_once_and_for_good(self, make_rig: MakeRig) -> None:
         """It holds within a pattern or a kick too, and ticks do not wake it."""
-        opened.apply(0.7)
-        opened.outputs(after_s)
-        opened.device.stop()
-        assert set(opened.outputs(3.0)) == {0.0}
+        for after_s in (0.0, 0.02, 0.04, 0.1, 0.3, 0.5):
+            with _open_rig(make_rig) as rig:
+                rig.apply(0.7)
+                rig.outputs(after_s)
+                rig.device.stop()
+                assert set(rig.outputs(3.0)) == {0.0}, after_s
 
     @each_example
     @given(level=levels)
-    def test_every_level_gives_a_level(self, make_rig: Callable[[], ActuatorRig], level: float) -> None:
+    def test_every_level_gives_a_level(self, make_rig: MakeRig, level: float) -> None:
         """What was applied is a level again, for `LevelCommand` refuses anything else, and 0 rests."""
         rig = make_rig()
         rig.device.open()
@@ -156,9 +167,7 @@ class ActuatorContract(OutputContract):
 
     @each_example
     @given(pair=st.tuples(levels, levels))
-    def test_a_higher_level_is_never_applied_as_a_lower_one(
-        self, make_rig: Callable[[], ActuatorRig], pair: tuple[float, float]
-    ) -> None:
+    def test_a_higher_level_is_never_applied_as_a_lower_one(self, make_rig: MakeRig, pair: tuple[float, float]) -> None:
         """Rounding keeps the order, and the full level stays full."""
         rig = make_rig()
         rig.device.open()
