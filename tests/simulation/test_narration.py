@@ -69,7 +69,8 @@ def demonstration() -> Loop:
     """Return a run of the demonstration with fewer pictures, and the same story."""
     configuration = demo_configuration()
     options = configuration.camera.options.model_copy(update={"rate": 10.0})
-    return Loop(build(replace(configuration, camera=replace(configuration.camera, options=options)), speed=None))
+    drivers = {**configuration.drivers, ("camera",): replace(configuration.camera, options=options)}
+    return Loop(build(replace(configuration, drivers=drivers), speed=None))
 
 
 @pytest.mark.parametrize(

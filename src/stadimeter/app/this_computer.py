@@ -38,13 +38,13 @@ _ELSEWHERE = "if it runs on another computer, add --elsewhere"
 
 def _lacking(configuration: Configuration) -> Iterator[Finding]:
     lacking: dict[str, list[KeyPath]] = defaultdict(list)
-    for at, part in configuration.parts():
+    for at, part in configuration.drivers.items():
         for lack in part.options.lacks() if isinstance(part.options, ReportsLacks) else ():
             lacking[lack].append(at)
     for lack, parts in lacking.items():  # what several parts lack is said once
         names = " and ".join(f"'{at[-1]}'" for at in parts)
         yield Finding(parts[0], f"{names} cannot work on this computer: {lack}", _ELSEWHERE, "driver-lacks")
-    for at, part in configuration.parts():
+    for at, part in configuration.drivers.items():
         yield from _missing_files(at, part.options)
     if configuration.web is not None:
         yield from _missing_files(("web",), configuration.web)

@@ -99,7 +99,7 @@ def _ports_once(draft: Draft) -> Iterator[Finding]:
 
 def _used_once(draft: Draft, mark: type, kind: str, identity: Callable[[Any], object]) -> Iterator[Finding]:
     users: dict[object, list[tuple[KeyPath, object]]] = defaultdict(list)
-    for table, part in draft.parts():
+    for table, part in draft.drivers.items():
         for key, value in marked_options(part.options, mark):
             users[identity(value)].append(((*table, *key), value))
     for (first, _), *others in users.values():
@@ -109,7 +109,7 @@ def _used_once(draft: Draft, mark: type, kind: str, identity: Callable[[Any], ob
 
 
 def _world_around(draft: Draft) -> Iterator[Finding]:
-    for table, part in draft.parts():
+    for table, part in draft.drivers.items():
         if "world" not in draft.table and part.options.needs_world:
             key = "detector" if table[0] == "targets" else "driver"
             message = f"'{part.driver}' needs a simulated world to be in, and there is no section [world]"

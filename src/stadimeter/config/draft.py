@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from stadimeter.config import driver_tables, models
 from stadimeter.config.camera_file import camera_model_from_table, load_camera_model
-from stadimeter.config.driver_tables import CommonT, DriverKind, DriverTable, read_driver_table, validate
+from stadimeter.config.driver_tables import CommonT, DriverKind, read_driver_table, validate
 from stadimeter.config.findings import MOST_EXPLAINED, Finding, did_you_mean_or_list, shown
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.rules.compiled import CompiledRule, compile_rules
@@ -38,17 +38,68 @@ _TAKEN: dict[str, set[str]] = {
 """Names that mean something else in events and traces."""
 
 
+class ChosenDrivers:
+    """The drivers that a configuration names: the base of a draft and of a configuration without errors.
+
+    Attributes:
+        drivers: Each driver whose table could be read, by the path of that table.
+    """
+
+    __slots__ = ()
+
+    drivers: Mapping[KeyPath, DriverChoice]
+
+    @property
+    def targets(self) -> tuple[DriverChoice, ...]:
+        """The detector of each target, in the order of the file."""
+        return self._named("targets")
+
+    @property
+    def actuators(self) -> tuple[DriverChoice, ...]:
+        """The actuators, in the order of the file; so are buttons and notifiers."""
+        return self._named("actuators")
+
+    @property
+    def buttons(self) -> tuple[DriverChoice, ...]:
+        """The buttons."""
+        return self._named("buttons")
+
+    @property
+    def notifiers(self) -> tuple[DriverChoice, ...]:
+        """The services that notify people."""
+        return self._named("notifiers")
+
+    @property
+    def base(self) -> DriverChoice | None:
+        """The mobile base; None for none, and so are those below."""
+        return self.drivers.get((BASE_NAME,))
+
+    @property
+    def messenger(self) -> DriverChoice | None:
+        """The broker that events are published to."""
+        return self.drivers.get(("messenger",))
+
+    @property
+    def world(self) -> DriverChoice | None:
+        """The simulated world."""
+        return self.drivers.get(("world",))
+
+    @property
+    def status_led(self) -> DriverChoice | None:
+        """The light that shows how the run is doing."""
+        return self.drivers.get(("status_led",))
+
+    def _named(self, section: str) -> tuple[DriverChoice, ...]:
+        return tuple(choice for at, choice in self.drivers.items() if at[0] == section)
+
+
 @dataclass(slots=True, kw_only=True)
-class Draft:
+class Draft(ChosenDrivers):
     """A configuration as far as it could be read.
 
     Attributes:
         table: The whole file as the TOML parser read it.
         file_problems: What is wrong in a camera file that it names.
-        targets: The targets that could be read.
-        actuators: The actuators whose driver could be read.
-        base: The base, if its driver could be read.
-        notifiers: The notifiers whose driver could be read; so are buttons.
         actuator_tables: What every actuator has, by name.
         rules: The rules that could be read, by name.
         tests: The tests that could be read, by their position in the file.
@@ -58,17 +109,9 @@ class Draft:
     table: Mapping[str, Any]
     findings: list[Finding] = field(default_factory=list)
     file_problems: list[Problem] = field(default_factory=list)
-    camera: DriverChoice | None = None
+    drivers: dict[KeyPath, DriverChoice] = field(default_factory=dict)
     camera_model: CameraModel | None = None
-    targets: list[DriverChoice] = field(default_factory=list)
-    actuators: list[DriverChoice] = field(default_factory=list)
-    base: DriverChoice | None = None
-    status_led: DriverChoice | None = None
-    buttons: list[DriverChoice] = field(default_factory=list)
     button_tables: dict[str, models.ButtonTable] = field(default_factory=dict)
-    messenger: DriverChoice | None = None
-    notifiers: list[DriverChoice] = field(default_factory=list)
-    world: DriverChoice | None = None
     actuator_tables: dict[str, models.ActuatorTable] = field(default_factory=dict)
     base_table: models.BaseTable | None = None
     tracking: models.TrackingTable = field(default_factory=models.TrackingTable)
@@ -90,29 +133,10 @@ class Draft:
             return {}
         return {name: table for name, table in tables.items() if isinstance(table, Mapping)}
 
-    def parts(self) -> Iterator[tuple[tuple[str, ...], DriverChoice]]:
-        """Go through every driver that could be read, each behind the path of its table."""
-        yield from parts_of(self)
-
-
-def parts_of(whole: Any) -> Iterator[tuple[tuple[str, ...], DriverChoice]]:
-    """Go through the drivers of a draft or a configuration, each behind the path of its table."""
-    for section in (
-        "camera",
-        "base",
-        "messenger",
-        "world",
-        "targets",
-        "actuators",
-        "status_led",
-        "buttons",
-        "notifiers",
-    ):
-        found = getattr(whole, section)
-        if isinstance(found, list | tuple):
-            yield from (((section, choice.name), choice) for choice in found)
-        elif found is not None:
-            yield (section,), found
+    @property
+    def camera(self) -> DriverChoice | None:
+        """The camera, if its driver could be read."""
+        return self.drivers.get(("camera",))
 
 
 def read_draft(table: Mapping[str, Any], file: Path, *, with_tests: bool = True, texts: Texts | None = None) -> Draft:
@@ -142,11 +166,14 @@ class _Reader:
     def read(self) -> Draft:
         self._sections()
         self._camera()
+        self.draft.base_table = self._single("base", driver_tables.BASE)
+        self._single("messenger", driver_tables.MESSENGER)
+        self._single("world", driver_tables.WORLD)
         self._targets()
-        self._outputs()
-        self._panel()
-        self._messenger_and_world()
-        self._notifiers()
+        self.draft.actuator_tables = self._several("actuators", driver_tables.ACTUATOR)
+        self._single("status_led", driver_tables.STATUS_LED)
+        self.draft.button_tables = self._several("buttons", driver_tables.BUTTON)
+        self._several("notifiers", driver_tables.NOTIFIER)
         self._settings()
         self._rules()
         return self.draft
@@ -160,10 +187,9 @@ class _Reader:
             self._found((left[0],), f"from here on, {len(left)} more sections are unknown", code="unknown-key")
 
     def _camera(self) -> None:
-        read = self._single("camera", driver_tables.CAMERA)
-        if read is not None:
-            self.draft.camera = read.choice
-            self._camera_model(read.common.model if read.common else None)
+        common = self._single("camera", driver_tables.CAMERA)
+        if common is not None:
+            self._camera_model(common.model)
         elif "camera" not in self.draft.table:
             self._found(("camera",), "the section [camera] is missing", 'add one, such as driver = "opencv"')
 
@@ -193,41 +219,9 @@ class _Reader:
                     self.draft.file_problems.append(problem)
 
     def _targets(self) -> None:
-        for name, table in self._named("targets"):
-            read = self._driver(driver_tables.TARGET, ("targets", name), table)
-            self.draft.targets += [read.choice] if read.choice else []
+        self._several("targets", driver_tables.TARGET)
         if not self.draft.table.get("targets"):
             self._found(("targets",), "there is no target", "add one, such as [targets.ball]")
-
-    def _outputs(self) -> None:
-        for name, table in self._named("actuators"):
-            read = self._driver(driver_tables.ACTUATOR, ("actuators", name), table)
-            self.draft.actuators += [read.choice] if read.choice else []
-            if read.common is not None:
-                self.draft.actuator_tables[name] = read.common
-        base = self._single("base", driver_tables.BASE)
-        if base is not None:
-            self.draft.base, self.draft.base_table = base.choice, base.common
-
-    def _panel(self) -> None:
-        light = self._single("status_led", driver_tables.STATUS_LED)
-        self.draft.status_led = light.choice if light else None
-        for name, table in self._named("buttons"):
-            read = self._driver(driver_tables.BUTTON, ("buttons", name), table)
-            self.draft.buttons += [read.choice] if read.choice else []
-            if read.common is not None:
-                self.draft.button_tables[name] = read.common
-
-    def _messenger_and_world(self) -> None:
-        messenger = self._single("messenger", driver_tables.MESSENGER)
-        world = self._single("world", driver_tables.WORLD)
-        self.draft.messenger = messenger.choice if messenger else None
-        self.draft.world = world.choice if world else None
-
-    def _notifiers(self) -> None:
-        for name, table in self._named("notifiers"):
-            read = self._driver(driver_tables.NOTIFIER, ("notifiers", name), table)
-            self.draft.notifiers += [read.choice] if read.choice else []
 
     def _settings(self) -> None:
         tracking = self._validated(models.TrackingTable, ("tracking",), self._table("tracking") or {})
@@ -261,14 +255,21 @@ class _Reader:
             elif (test := self._validated(RuleTestTable, at, table)) is not None:
                 self.draft.tests[position] = test
 
-    def _single(self, section: str, kind: DriverKind[CommonT]) -> DriverTable[CommonT] | None:
+    def _single(self, section: str, kind: DriverKind[CommonT]) -> CommonT | None:
         table = self._table(section)
         return None if table is None else self._driver(kind, (section,), table)
 
-    def _driver(self, kind: DriverKind[CommonT], at: tuple[str, ...], table: Mapping[str, Any]) -> DriverTable[CommonT]:
+    def _several(self, section: str, kind: DriverKind[CommonT]) -> dict[str, CommonT]:
+        read = {name: self._driver(kind, (section, name), table) for name, table in self._named(section)}
+        return {name: common for name, common in read.items() if common is not None}
+
+    def _driver(self, kind: DriverKind[CommonT], at: tuple[str, ...], table: Mapping[str, Any]) -> CommonT | None:
+        """Add the driver of a table to the draft, and return the keys that every driver of its kind has."""
         read = read_driver_table(kind, at, table, self.context)
         self.draft.findings += read.findings
-        return read
+        if read.choice is not None:
+            self.draft.drivers[at] = read.choice
+        return read.common
 
     def _validated(self, model: type[CommonT], at: KeyPath, table: Mapping[str, Any]) -> CommonT | None:
         return validate(model, table, at, self.context, self.draft.findings)

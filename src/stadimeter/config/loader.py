@@ -6,7 +6,7 @@ Source with spans (`toml_source`) → models (`draft`) → compiled rules (`rule
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import stadimeter
 from stadimeter.config.cross_checks import error_findings
-from stadimeter.config.draft import BASE_NAME, Draft, parts_of, read_draft
+from stadimeter.config.draft import BASE_NAME, ChosenDrivers, Draft, read_draft
 from stadimeter.config.driver_tables import CAMERA, read_driver_table
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.models import ActuatorTable, BaseTable, ButtonTable, WebTable
@@ -45,7 +45,7 @@ def is_demonstration(configuration: Path) -> bool:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Configuration:
+class Configuration(ChosenDrivers):
     """A configuration without errors.
 
     Attributes:
@@ -54,8 +54,6 @@ class Configuration:
         rules: The rules of the plan, in its order, each beside its table in the file.
         spans: Where each key stands in the file.
         camera_model: The lens, or None if it names none; then it has no rules.
-        targets: The detector of each target, in the order of the file; so are actuators, buttons, notifiers and
-            tests.
         leases_s: For each output how old the frame behind a command may grow, in seconds.
         stays_off: The outputs that stay off for the rest of a run once their driver failed.
         button_tables: What each button asks of alarms, by its name.
@@ -69,31 +67,24 @@ class Configuration:
     plan: Plan
     rules: tuple[CompiledRule, ...] = field(compare=False)
     spans: Mapping[KeyPath, SourceSpan] = field(compare=False)
-    camera: DriverChoice
+    drivers: Mapping[KeyPath, DriverChoice]
     camera_model: CameraModel | None
-    targets: tuple[DriverChoice, ...]
-    actuators: tuple[DriverChoice, ...]
-    base: DriverChoice | None
-    messenger: DriverChoice | None
-    world: DriverChoice | None
     leases_s: Mapping[str, float]
     stays_off: frozenset[str]
     find_warnings: Callable[[], tuple[Problem, ...]] = field(compare=False)
     tests: tuple[RuleTest, ...] = ()
-    notifiers: tuple[DriverChoice, ...] = ()
-    status_led: DriverChoice | None = None
-    buttons: tuple[DriverChoice, ...] = ()
     button_tables: Mapping[str, ButtonTable] = field(default_factory=dict)
     web: WebTable | None = None
+
+    @property
+    def camera(self) -> DriverChoice:
+        """The camera."""
+        return self.drivers["camera",]
 
     @property
     def driven(self) -> tuple[DriverChoice, ...]:
         """What must be off when no program runs: the actuators, the base, and the status LED."""
         return (*self.actuators, *(each for each in (self.base, self.status_led) if each is not None))
-
-    def parts(self) -> Iterator[tuple[KeyPath, DriverChoice]]:
-        """Go through every driver, each behind the path of its table."""
-        yield from parts_of(self)
 
     @property
     def warnings(self) -> tuple[Problem, ...]:
@@ -126,18 +117,10 @@ def load_configuration(path: Path, *, with_tests: bool = True, texts: Texts | No
         plan=_plan(draft),
         rules=draft.compiled,
         spans=source.spans,
-        camera=draft.camera,
+        drivers=draft.drivers,
         camera_model=draft.camera_model,
-        targets=tuple(draft.targets),
-        actuators=tuple(draft.actuators),
-        base=draft.base,
-        messenger=draft.messenger,
-        notifiers=tuple(draft.notifiers),
-        status_led=draft.status_led,
-        buttons=tuple(draft.buttons),
         button_tables=draft.button_tables,
         web=draft.web,
-        world=draft.world,
         leases_s={name: table.lease for name, table in _output_tables(draft).items()},
         stays_off=frozenset(name for name, table in _output_tables(draft).items() if table.after_fault == "stay_off"),
         find_warnings=cache(lambda: _warnings(draft, path, source)),

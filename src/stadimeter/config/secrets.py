@@ -82,14 +82,14 @@ def _replaced(key_and_value: str, value: str) -> str:
 
 def _hint(draft: Draft, path: KeyPath) -> str:
     beside = f"{path[-1]}_file"
-    known = {(*at, name) for at, part in draft.parts() for name in type(part.options).model_fields}
+    known = {(*at, name) for at, part in draft.drivers.items() for name in type(part.options).model_fields}
     if (*path[:-1], beside) in known:
         return f'put it into a file of its own and write {beside} = "…"'
     return "let only those read this file who may know it"
 
 
 def _secrets(draft: Draft) -> Iterator[KeyPath]:
-    for at, part in draft.parts():
+    for at, part in draft.drivers.items():
         for name, field in type(part.options).model_fields.items():
             if isinstance(getattr(part.options, name), SecretStr):
                 yield (*at, field.alias or name)

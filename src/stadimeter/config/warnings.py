@@ -173,7 +173,7 @@ def _patterns(rule: RuleTable) -> Iterator[tuple[KeyPath, str | None, PatternTab
 
 
 def _taken_pins(draft: Draft) -> Iterator[Finding]:
-    for at, part in draft.parts():
+    for at, part in draft.drivers.items():
         for key, pin in marked_options(part.options, PinMark):
             if pin in TAKEN:
                 message = f"GPIO {pin} is also for {TAKEN[pin]}"

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass, fields
-from typing import Any
 
 from stadimeter.app.control.messages import Reply
 from stadimeter.app.control.socket_server import Answer
@@ -18,8 +17,8 @@ from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.rules.scheduler import new_rules
 from stadimeter.errors import StadimeterError
 
-_LIVE = frozenset({"path", "text", "plan", "tests"})
-"""What a reload can change. The plan is looked at apart; everything else needs a restart."""
+_LIVE = frozenset({"path", "text", "plan", "tests", "drivers"})
+"""What a reload can change, and what is compared by its parts: plan and drivers. Everything else needs a restart."""
 
 _SECTIONS = {
     "camera_model": "camera.model",
@@ -106,19 +105,12 @@ class Reloader:
 
 def needs_restart(running: Configuration, new: Configuration) -> tuple[str, ...]:
     """Return the sections, such as ``[camera]``, in which a change cannot be applied by a reload; empty if all can."""
+    paths = {**running.drivers, **new.drivers}
+    found = [str(at[0]) for at in paths if running.drivers.get(at) != new.drivers.get(at)]
     names = [field.name for field in fields(Configuration) if field.compare and field.name not in _LIVE]
-    found = [name for name in names if _parts(getattr(running, name)) != _parts(getattr(new, name))]
+    found += [name for name in names if getattr(running, name) != getattr(new, name)]
     if running.plan.targets != new.plan.targets:
         found.append("targets")
     if running.plan.outputs != new.plan.outputs:
         found.append("actuators or base")
     return tuple(dict.fromkeys(f"[{_SECTIONS.get(name, name)}]" for name in found))
-
-
-def _parts(value: Any) -> Any:
-    """Return what makes a part what it is: its driver and options, not the object that stands for them."""
-    if isinstance(value, tuple):
-        return tuple(_parts(each) for each in value)
-    if hasattr(value, "driver") and hasattr(value, "options"):
-        return value.name, value.driver, value.options
-    return value
