@@ -30,9 +30,10 @@ JPEG_QUALITY = 85
 GREEN_BGR = (60, 190, 150)
 
 
-def _scene(
+def scene_of(
     target: Target, backdrop: RoomBackdrop | FloorBackdrop | PlainBackdrop | ClutterBackdrop, seed: int
 ) -> Scene:
+    """Return a scene of the gallery's camera."""
     return Scene(camera=CAMERA, target=target, seed=seed, backdrop=backdrop, blur=Blur(sigma_px=0.7), sensor=SENSOR)
 
 
@@ -62,13 +63,13 @@ BALL = BallTarget(position_m=(0.1, 0.05, 1.2), diameter_m=0.2, bgr=GREEN_BGR)
 GREEN = "29,86,6:90,255,255"
 
 PICTURES: dict[str, tuple[Scene, tuple[str, ...]]] = {
-    "sheet": (_scene(SHEET, RoomBackdrop(things=12), 25), ("--sheet", "A4")),
-    "rejected": (_scene(SHEET, RoomBackdrop(things=12), 33), ("--sheet", "A4", "--explain")),
+    "sheet": (scene_of(SHEET, RoomBackdrop(things=12), 25), ("--sheet", "A4")),
+    "rejected": (scene_of(SHEET, RoomBackdrop(things=12), 33), ("--sheet", "A4", "--explain")),
     "ball": (
-        _scene(BALL, FloorBackdrop(ground=Ground.WOOD, bgr=(110, 140, 175)), 3),
+        scene_of(BALL, FloorBackdrop(ground=Ground.WOOD, bgr=(110, 140, 175)), 3),
         ("--ball", "20cm", "--hsv", GREEN),
     ),
-    "tags": (_scene(_tags(), PlainBackdrop(bgr=(150, 158, 165)), 5), ("--tag", "8cm", "--family", "36h11")),
+    "tags": (scene_of(_tags(), PlainBackdrop(bgr=(150, 158, 165)), 5), ("--tag", "8cm", "--family", "36h11")),
 }
 """Each picture by its name, with the options that `measure` gets."""
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import camera_table
 from gallery import make_gallery
+from how_it_measures import make_steps
 from live_view_svg import save_svg
 from web_pages import make_pages
 
@@ -124,5 +125,6 @@ if __name__ == "__main__":
     wiring_pictures(HERE)
     printed_page(HERE / "print-tag.svg")
     make_gallery(HERE)
+    make_steps(HERE)
     make_pages(HERE)
     camera_table.write()
