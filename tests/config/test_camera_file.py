@@ -115,25 +115,26 @@ def test_a_short_file_has_square_pixels_and_the_axis_in_the_middle(file: Path) -
     )
 
 
-@pytest.mark.parametrize(
-    ("line", "complaint"),
-    [
-        ("distortion = [0.1, 0.2]", "distortion has 2 coefficients"),
-        ("distortion = [0.1, 0.2, nan, 0.0]", "nan"),
-        ("distortion = [-0.9, 0.0, 0.0, 0.0]", "folds the picture"),
-        ('tone_curve = "gamma"', "srgb"),
-        ("edge_bias_px = inf", "inf"),
-        ('subsampling = "4:1:1"', "4:2:0"),
-        ("lens_sigmas = [1.0, 1.0]", "9 numbers"),
-        ("optics.crop_px = [0, 0, 10, 10]", "optics.sensor"),
-        ('optics = { sensor = "a", sensor_size_px = [1, 1], crop_px = [0, 0, 0, 10] }', "optics.crop_px"),
-    ],
-)
-def test_what_is_no_lens_is_refused_in_words(file: Path, line: str, complaint: str) -> None:
-    file.write_text(WRITTEN + line + "\n", encoding="utf-8")
-    with pytest.raises(ConfigError) as refused:
-        load_camera_model(file)
-    assert complaint in str(refused.value).replace("infinity", "inf")
+NO_LENSES = [
+    ("distortion = [0.1, 0.2]", "distortion has 2 coefficients"),
+    ("distortion = [0.1, 0.2, nan, 0.0]", "nan"),
+    ("distortion = [-0.9, 0.0, 0.0, 0.0]", "folds the picture"),
+    ('tone_curve = "gamma"', "srgb"),
+    ("edge_bias_px = inf", "inf"),
+    ('subsampling = "4:1:1"', "4:2:0"),
+    ("lens_sigmas = [1.0, 1.0]", "9 numbers"),
+    ("optics.crop_px = [0, 0, 10, 10]", "optics.sensor"),
+    ('optics = { sensor = "a", sensor_size_px = [1, 1], crop_px = [0, 0, 0, 10] }', "optics.crop_px"),
+]
+
+
+def test_what_is_no_lens_is_refused_in_words(file: Path, subtests: pytest.Subtests) -> None:
+    for line, complaint in NO_LENSES:
+        with subtests.test(line=line, complaint=complaint):
+            file.write_text(WRITTEN + line + "\n", encoding="utf-8")
+            with pytest.raises(ConfigError) as refused:
+                load_camera_model(file)
+            assert complaint in str(refused.value).replace("infinity", "inf")
 
 
 def test_a_date_may_stand_without_quotes(file: Path) -> None:
@@ -157,29 +158,30 @@ def test_where_it_cannot_be_written_nothing_is_left(tmp_path: Path, place: str) 
     assert [each.name for each in tmp_path.rglob("*")] == ["folder"]
 
 
-@pytest.mark.parametrize(
-    ("text", "line", "key", "said"),
-    [
-        (WRITTEN + "fx = 3\n", 5, "fx", "unknown key 'fx'"),
-        (WRITTEN + "cx_px = nan\n", 5, "cx_px", "nan is not a finite number"),
-        (WRITTEN + "cx_px = inf\n", 5, "cx_px", "inf is not a finite number"),
-        (WRITTEN + "focal_relative_sigma = -0.1\n", 5, "focal_relative_sigma", "-0.1 is below 0"),
-        (WRITTEN + 'notes = "one"\n', 5, "notes", "'one' is not a list"),
-        (WRITTEN.replace("600.0", "-600.0"), 4, "fx_px", "-600.0 is not above 0"),
-        (WRITTEN.replace("600.0", '"600"x'), 4, "", "this is not valid TOML"),
-        (WRITTEN.replace("640", "0"), 2, "width_px", "0 is not above 0"),
-        (WRITTEN.replace("640", "640.5"), 2, "width_px", "640.5 is not a whole number"),
-        (WRITTEN.replace("fx_px", "fy_px"), 0, "fx_px", "'fx_px' is missing"),
-        ("", 0, "width_px", "'width_px' is missing"),
-    ],
-)
-def test_what_is_wrong_is_said_with_its_line(file: Path, text: str, line: int, key: str, said: str) -> None:
-    file.write_text(text, encoding="utf-8")
-    with pytest.raises(ConfigError) as caught:
-        load_camera_model(file)
-    problem = next(each for each in caught.value.problems if each.key == key)
-    assert (problem.file, problem.line) == (str(file), line)
-    assert said in problem.message
+WRONG_LINES = [
+    (WRITTEN + "fx = 3\n", 5, "fx", "unknown key 'fx'"),
+    (WRITTEN + "cx_px = nan\n", 5, "cx_px", "nan is not a finite number"),
+    (WRITTEN + "cx_px = inf\n", 5, "cx_px", "inf is not a finite number"),
+    (WRITTEN + "focal_relative_sigma = -0.1\n", 5, "focal_relative_sigma", "-0.1 is below 0"),
+    (WRITTEN + 'notes = "one"\n', 5, "notes", "'one' is not a list"),
+    (WRITTEN.replace("600.0", "-600.0"), 4, "fx_px", "-600.0 is not above 0"),
+    (WRITTEN.replace("600.0", '"600"x'), 4, "", "this is not valid TOML"),
+    (WRITTEN.replace("640", "0"), 2, "width_px", "0 is not above 0"),
+    (WRITTEN.replace("640", "640.5"), 2, "width_px", "640.5 is not a whole number"),
+    (WRITTEN.replace("fx_px", "fy_px"), 0, "fx_px", "'fx_px' is missing"),
+    ("", 0, "width_px", "'width_px' is missing"),
+]
+
+
+def test_what_is_wrong_is_said_with_its_line(file: Path, subtests: pytest.Subtests) -> None:
+    for text, line, key, said in WRONG_LINES:
+        with subtests.test(text=text, line=line):
+            file.write_text(text, encoding="utf-8")
+            with pytest.raises(ConfigError) as caught:
+                load_camera_model(file)
+            problem = next(each for each in caught.value.problems if each.key == key)
+            assert (problem.file, problem.line) == (str(file), line)
+            assert said in problem.message
 
 
 def test_every_mistake_is_listed(file: Path) -> None:

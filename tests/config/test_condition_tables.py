@@ -103,23 +103,25 @@ ENTRIES: list[tuple[str, core.Condition]] = [
 ]
 
 
-@pytest.mark.parametrize(("text", "expected"), ENTRIES)
-def test_a_condition_means_what_is_written(text: str, expected: core.Condition) -> None:
-    assert plan(text) == expected
+def test_a_condition_means_what_is_written(subtests: pytest.Subtests) -> None:
+    for text, expected in ENTRIES:
+        with subtests.test(text=text, expected=expected):
+            assert plan(text) == expected
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        '{ below = "1 m" }',
-        '{ time_to_contact = { below = "1 s" } }',
-        '{ separation = { of = ["ball", "tag"], below = "1 m" } }',
-    ],
-)
-def test_a_safety_rule_acts_as_soon_as_danger_is_as_likely_as_not(text: str) -> None:
-    assert getattr(plan(text, Severity.SAFETY), "probability_on") == 0.5  # noqa: B009 - not all conditions have it
-    nested = plan(f"{{ all = [ {text} ] }}", Severity.SAFETY)
-    assert getattr(next(core.leaves(nested)), "probability_on") == 0.5  # noqa: B009
+DANGERS = [
+    '{ below = "1 m" }',
+    '{ time_to_contact = { below = "1 s" } }',
+    '{ separation = { of = ["ball", "tag"], below = "1 m" } }',
+]
+
+
+def test_a_safety_rule_acts_as_soon_as_danger_is_as_likely_as_not(subtests: pytest.Subtests) -> None:
+    for text in DANGERS:
+        with subtests.test(text=text):
+            assert getattr(plan(text, Severity.SAFETY), "probability_on") == 0.5  # noqa: B009 - not all conditions have it
+            nested = plan(f"{{ all = [ {text} ] }}", Severity.SAFETY)
+            assert getattr(next(core.leaves(nested)), "probability_on") == 0.5  # noqa: B009
 
 
 def test_several_conditions_in_one_table_are_short_for_all_of_them() -> None:
@@ -222,30 +224,32 @@ WRONG = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("rule", "key", "hint"),
-    [
-        ('when = { below = "1 m", for = "10 s" }', "when.for", 'write on_delay = "10 s" beside when'),
-        ('when = { below = "1 m", hysteresis = "5 cm" }', "when.hysteresis", "it is called deadband"),
-        ('when = { below = "1 m" }\ndebounce = "1 s"', "debounce", 'write on_delay = "2 s"'),
-        ('below = "1 m"', "below", 'write it inside when, such as when = { below = "50 cm" }'),
-        (
-            'ramp = { from = "2 m", to = "1 m" }\npattern = { on = "0.1 s", off = "0.1 s" }',
-            "pattern",
-            "a buzzer on a ramp beeps by itself",
-        ),
-    ],
-)
+MISPLACED = [
+    ('when = { below = "1 m", for = "10 s" }', "when.for", 'write on_delay = "10 s" beside when'),
+    ('when = { below = "1 m", hysteresis = "5 cm" }', "when.hysteresis", "it is called deadband"),
+    ('when = { below = "1 m" }\ndebounce = "1 s"', "debounce", 'write on_delay = "2 s"'),
+    ('below = "1 m"', "below", 'write it inside when, such as when = { below = "50 cm" }'),
+    (
+        'ramp = { from = "2 m", to = "1 m" }\npattern = { on = "0.1 s", off = "0.1 s" }',
+        "pattern",
+        "a buzzer on a ramp beeps by itself",
+    ),
+]
+
+
 def test_a_key_that_belongs_elsewhere_is_answered_with_its_place(
-    told: Told, sound: str, rule: str, key: str, hint: str
+    told: Told, sound: str, subtests: pytest.Subtests
 ) -> None:
-    lines = told(f'{sound}[rules.it]\nactuator = "buzzer"\n{rule}\n')
-    assert any(line.startswith(f"rules.it.{key}: ") and hint in line for line in lines), lines
+    for rule, key, hint in MISPLACED:
+        with subtests.test(rule=rule, key=key):
+            lines = told(f'{sound}[rules.it]\nactuator = "buzzer"\n{rule}\n')
+            assert any(line.startswith(f"rules.it.{key}: ") and hint in line for line in lines), lines
 
 
-@pytest.mark.parametrize(("when", "line"), WRONG)
-def test_a_condition_that_says_nothing_clear_is_refused(told: Told, sound: str, when: str, line: str) -> None:
-    assert line in told(f'{sound}[rules.it]\nactuator = "buzzer"\nwhen = {when}\n')
+def test_a_condition_that_says_nothing_clear_is_refused(told: Told, sound: str, subtests: pytest.Subtests) -> None:
+    for when, line in WRONG:
+        with subtests.test(when=when, line=line):
+            assert line in told(f'{sound}[rules.it]\nactuator = "buzzer"\nwhen = {when}\n')
 
 
 @pytest.mark.parametrize(("when", "line"), [WRONG[0], WRONG[2]])
@@ -267,59 +271,64 @@ def test_conditions_stand_inside_each_other_so_deep_and_no_deeper(told: Told, lo
     )
 
 
-@pytest.mark.parametrize(
-    ("when", "sentence"),
-    [
+SENTENCES = [
+    (
+        '{ all = [ { below = "1 m" }, { time = { between = ["22:00", "06:00"] } } ] }',
+        "when `ball` is nearer than 1.00 m (3.3 ft) with a probability of {sure} and it is between 22:00 and 06:00",
+    ),
+    (
+        '{ any = [ { not = { seen = true } }, { rule = "other" } ] }',
+        "when not (`ball` is in sight) or `other` is active",
+    ),
+    ('{ lost_for = "90 s" }', "when `ball` is out of sight for 90 s"),
+    ('{ seen_for = "8 h" }', "when `ball` is in sight for 8 h"),
+    (
+        '{ bearing = { above = "20 deg" } }',
+        "when the bearing of `ball` is above 20.0° in 3 of 5 frames; clears when its bearing is below 18.9°",
+    ),
+    (
+        '{ closing_speed = { above = "0.5 m/s", probability = "none" } }',
         (
-            '{ all = [ { below = "1 m" }, { time = { between = ["22:00", "06:00"] } } ] }',
-            "when `ball` is nearer than 1.00 m (3.3 ft) with a probability of {sure} and it is between 22:00 and 06:00",
+            "when the closing speed of `ball` is above 0.50 m/s in 3 of 5 frames; clears when its closing speed is "
+            "below 0.50 m/s by 2 standard deviations of the noise"
         ),
+    ),
+    (
+        '{ time_to_contact = { below = "2 s", contact = "10 cm", probability = 0.9 } }',
         (
-            '{ any = [ { not = { seen = true } }, { rule = "other" } ] }',
-            "when not (`ball` is in sight) or `other` is active",
+            "when `ball` will be 0.10 m (0.3 ft) away within 2 s (if faster than 0.1 m/s) with a probability of "
+            "90%; clears when contact is later than 2 s by 0.5 s or 2 standard deviations of the noise, "
+            "whichever is more,"
         ),
-        ('{ lost_for = "90 s" }', "when `ball` is out of sight for 90 s"),
-        ('{ seen_for = "8 h" }', "when `ball` is in sight for 8 h"),
-        (
-            '{ bearing = { above = "20 deg" } }',
-            "when the bearing of `ball` is above 20.0° in 3 of 5 frames; clears when its bearing is below 18.9°",
-        ),
-        (
-            '{ closing_speed = { above = "0.5 m/s", probability = "none" } }',
-            (
-                "when the closing speed of `ball` is above 0.50 m/s in 3 of 5 frames; clears when its closing speed is "
-                "below 0.50 m/s by 2 standard deviations of the noise"
-            ),
-        ),
-        (
-            '{ time_to_contact = { below = "2 s", contact = "10 cm", probability = 0.9 } }',
-            (
-                "when `ball` will be 0.10 m (0.3 ft) away within 2 s (if faster than 0.1 m/s) with a probability of "
-                "90%; clears when contact is later than 2 s by 0.5 s or 2 standard deviations of the noise, "
-                "whichever is more,"
-            ),
-        ),
-        ("{ count = { at_least = 1, at_most = 2 } }", "when 1 to 2 targets are in sight"),
-    ],
-)
-def test_a_check_says_in_words_when_it_begins_and_ends(load: Load, sound: str, when: str, sentence: str) -> None:
-    rule = f'[rules.it]\nactuator = "buzzer"\nwhen = {when}\n[rules.other]\nwhen = {{ seen = true }}\n'
-    told = describe(load(sound + rule))[1]
-    assert sentence.format(sure=f"{DISTANCE.probability_on:.0%}") in told
+    ),
+    ("{ count = { at_least = 1, at_most = 2 } }", "when 1 to 2 targets are in sight"),
+]
 
 
-@pytest.mark.parametrize(
-    ("written", "second"),
-    [("22:30", 81000.0), ("6:05", 21900.0), ("24:00", 86400.0), ("00:00:30", 30.0), (time(22, 30), 81000.0)],
-)
-def test_a_time_of_day_is_read(written: object, second: float) -> None:
-    assert parse_time_of_day(written) == second
+def test_a_check_says_in_words_when_it_begins_and_ends(load: Load, sound: str, subtests: pytest.Subtests) -> None:
+    for when, sentence in SENTENCES:
+        with subtests.test(when=when, sentence=sentence):
+            rule = f'[rules.it]\nactuator = "buzzer"\nwhen = {when}\n[rules.other]\nwhen = {{ seen = true }}\n'
+            told = describe(load(sound + rule))[1]
+            assert sentence.format(sure=f"{DISTANCE.probability_on:.0%}") in told
 
 
-@pytest.mark.parametrize("written", ["22", "22.30", "24:01", "12:60", "noon", 22, None])
-def test_what_no_clock_shows_is_refused(written: object) -> None:
-    with pytest.raises(ValueError, match="write it such as '22:30'"):
-        parse_time_of_day(written)
+TIMES = [("22:30", 81000.0), ("6:05", 21900.0), ("24:00", 86400.0), ("00:00:30", 30.0), (time(22, 30), 81000.0)]
+
+
+def test_a_time_of_day_is_read(subtests: pytest.Subtests) -> None:
+    for written, second in TIMES:
+        with subtests.test(written=written, second=second):
+            assert parse_time_of_day(written) == second
+
+
+NO_TIMES = ["22", "22.30", "24:01", "12:60", "noon", 22, None]
+
+
+def test_what_no_clock_shows_is_refused(subtests: pytest.Subtests) -> None:
+    for written in NO_TIMES:
+        with subtests.test(written=written), pytest.raises(ValueError, match="write it such as '22:30'"):
+            parse_time_of_day(written)
 
 
 def test_durations_may_be_long_and_speeds_backwards() -> None:

@@ -22,143 +22,145 @@ Told = Callable[[str], list[str]]
 NEAR = '[rules.near]\nactuator = "buzzer"\n'
 
 
-@pytest.mark.parametrize(
-    ("rules", "line"),
-    [
-        (
-            '[rules.near]\nactuator = "buzzer"\ntarget = "bal"\nwhen = { below = "1 m" }',
-            "rules.near.target: there is no target 'bal' (did you mean 'ball'?)",
-        ),
-        (
-            '[rules.near]\nactuator = "zzz"\nwhen = { below = "1 m" }',
-            "rules.near.actuator: there is no actuator 'zzz' (known are: base, buzzer, motor)",
-        ),
-        (
-            f'{NEAR}when = {{ below = "1 m" }}\nramp = {{ from = "1 m", to = "2 m" }}',
-            ("rules.near.ramp: the rule 'near' has when and ramp; a rule has exactly one of when, ramp and follow "
-            "(make a rule of its own for each)"),
-        ),
-        (
-            NEAR,
-            ("rules.near: the rule 'near' does nothing; a rule has exactly one of when, ramp and follow "
-            '(add one, such as when = { below = "50 cm" })'),
-        ),
-        (
-            f'{NEAR}ramp = {{ from = "1 m", to = "2 m" }}\nlevel = 0.5',
-            "rules.near.level: 'level' has a meaning only beside when (leave it out)",
-        ),
-        (
-            f"{NEAR}when = {{ }}",
-            ("rules.near.when: the condition is empty (write one of above, below, between, seen, lost, seen_for, "
-            "lost_for, bearing, elevation, closing_speed, time_to_contact, separation, count, rule, time, all, any and "
-            "not)"),
-        ),
-        (
-            f'{NEAR}when = {{ above = "1 m", between = ["2 m", "3 m"] }}',
-            ("rules.near.when: a condition cannot have above, between at once "
-            "(write above, below, both of these, or between)"),
-        ),
-        (
-            f'{NEAR}when = {{ seen = true, deadband = "1 m" }}',
-            "rules.near.when.deadband: 'deadband' has no meaning beside 'seen' (leave it out)",
-        ),
-        (
-            f"{NEAR}when = {{ seen = false }}",
-            "rules.near.when.seen: only true can be written here; the opposite of 'seen = true' is 'lost = true'",
-        ),
-        (
-            f'{NEAR}when = {{ above = "2 m", below = "1 m" }}',
-            "rules.near.when: no distance is above 2 m and below 1 m (exchange the two, or make two rules of them)",
-        ),
-        (
-            f'{NEAR}when = {{ between = ["2 m", "2 m"] }}',
-            "rules.near.when.between: no distance is above 2 m and below 2 m (write the nearer end first)",
-        ),
-        (
-            f'{NEAR}when = {{ above = "1 m", deadband = "1 m" }}',
-            ("rules.near.when.deadband: with a deadband of 1 m above 1 m the alarm could never clear "
-            "(make it smaller than the limit)"),
-        ),
-        (
-            f'{NEAR}when = {{ below = "1 m", probability_off = 0.9 }}',
-            ("rules.near.when.probability_off: probability_off 0.9 is above probability 0.7: the alarm would chatter "
-            "(exchange the two)"),
-        ),
-        (
-            f'{NEAR}severity = "safety"\nwhen = {{ below = "1 m", probability_off = 0.6 }}',
-            ("rules.near.when.probability_off: probability_off 0.6 is above probability 0.5: the alarm would chatter "
-            "(exchange the two)"),
-        ),
-        (
-            f'{NEAR}when = {{ below = "1 m" }}\non_delay = {{ frames = 5, of = 3 }}',
-            "rules.near.on_delay: 5 of 3 frames can never be (exchange them)",
-        ),
-        (
-            f'{NEAR}when = {{ below = "1 m" }}\nlost = {{ grace = "2 s", fault_after = "1 s" }}',
-            "rules.near.lost: fault_after 1 s is shorter than grace 2 s (make it at least as long)",
-        ),
-        (
-            f'{NEAR}ramp = {{ from = "1 m", to = "2 m", min = 0.8, max = 0.2 }}',
-            "rules.near.ramp.min: min 0.8 is above max 0.2 (exchange them; from and to give the direction)",
-        ),
-        (
-            '[rules.near]\nramp = { from = "1 m", to = "2 m" }',
-            'rules.near.actuator: a ramp needs an actuator to drive (add one, such as actuator = "motor")',
-        ),
-        (
-            '[rules.near]\nactuator = "base"\nramp = { from = "1 m", to = "2 m" }',
-            ("rules.near.actuator: a ramp cannot drive the base "
-            "(drive an actuator, or write follow in place of ramp)"),
-        ),
-        (
-            f'{NEAR}follow = {{ distance = "1 m" }}',
-            "rules.near.actuator: only the base can follow, not 'buzzer' (write actuator = \"base\")",
-        ),
-        (
-            '[rules.near]\nfollow = { distance = "1 m" }',
-            "rules.near.actuator: only the base can follow, and this rule names nothing (write actuator = \"base\")",
-        ),
-        (
-            '[rules.near]\nactuator = "base"\nfollow = { distance = "1 m", deadband = "2 m" }',
-            ("rules.near.follow.deadband: the deadband 2 m reaches past the distance 1 m "
-            "(make it smaller than the distance)"),
-        ),
-        (
-            '[rules.near]\nactuator = "base"\nfollow = { distance = "1 m", turn_deadband = "-1 deg" }',
-            "rules.near.follow.turn_deadband: the deadband is below zero (write it without the minus sign)",
-        ),
-        (
-            ('[rules.near]\nactuator = "base"\nfollow = { distance = "1 m", max_speed = "0 m/s", '
-            'max_turn_rate = "0 deg/s" }'),
-            "rules.near.follow: with all three largest speeds zero the base would never move (allow one of them)",
-        ),
-        ("[rules.safety]\nwhen = { seen = true }", ("rules.safety: 'safety' cannot be a name here (the program uses it "
-         "itself)")),
-    ],
-)  # fmt: skip
-def test_a_rule_that_cannot_work_is_refused(told: Told, sound: str, rules: str, line: str) -> None:
-    assert told(f"{sound}{rules}\n") == [line]
+BROKEN = [
+    (
+        '[rules.near]\nactuator = "buzzer"\ntarget = "bal"\nwhen = { below = "1 m" }',
+        "rules.near.target: there is no target 'bal' (did you mean 'ball'?)",
+    ),
+    (
+        '[rules.near]\nactuator = "zzz"\nwhen = { below = "1 m" }',
+        "rules.near.actuator: there is no actuator 'zzz' (known are: base, buzzer, motor)",
+    ),
+    (
+        f'{NEAR}when = {{ below = "1 m" }}\nramp = {{ from = "1 m", to = "2 m" }}',
+        ("rules.near.ramp: the rule 'near' has when and ramp; a rule has exactly one of when, ramp and follow "
+        "(make a rule of its own for each)"),
+    ),
+    (
+        NEAR,
+        ("rules.near: the rule 'near' does nothing; a rule has exactly one of when, ramp and follow "
+        '(add one, such as when = { below = "50 cm" })'),
+    ),
+    (
+        f'{NEAR}ramp = {{ from = "1 m", to = "2 m" }}\nlevel = 0.5',
+        "rules.near.level: 'level' has a meaning only beside when (leave it out)",
+    ),
+    (
+        f"{NEAR}when = {{ }}",
+        ("rules.near.when: the condition is empty (write one of above, below, between, seen, lost, seen_for, "
+        "lost_for, bearing, elevation, closing_speed, time_to_contact, separation, count, rule, time, all, any and "
+        "not)"),
+    ),
+    (
+        f'{NEAR}when = {{ above = "1 m", between = ["2 m", "3 m"] }}',
+        ("rules.near.when: a condition cannot have above, between at once "
+        "(write above, below, both of these, or between)"),
+    ),
+    (
+        f'{NEAR}when = {{ seen = true, deadband = "1 m" }}',
+        "rules.near.when.deadband: 'deadband' has no meaning beside 'seen' (leave it out)",
+    ),
+    (
+        f"{NEAR}when = {{ seen = false }}",
+        "rules.near.when.seen: only true can be written here; the opposite of 'seen = true' is 'lost = true'",
+    ),
+    (
+        f'{NEAR}when = {{ above = "2 m", below = "1 m" }}',
+        "rules.near.when: no distance is above 2 m and below 1 m (exchange the two, or make two rules of them)",
+    ),
+    (
+        f'{NEAR}when = {{ between = ["2 m", "2 m"] }}',
+        "rules.near.when.between: no distance is above 2 m and below 2 m (write the nearer end first)",
+    ),
+    (
+        f'{NEAR}when = {{ above = "1 m", deadband = "1 m" }}',
+        ("rules.near.when.deadband: with a deadband of 1 m above 1 m the alarm could never clear "
+        "(make it smaller than the limit)"),
+    ),
+    (
+        f'{NEAR}when = {{ below = "1 m", probability_off = 0.9 }}',
+        ("rules.near.when.probability_off: probability_off 0.9 is above probability 0.7: the alarm would chatter "
+        "(exchange the two)"),
+    ),
+    (
+        f'{NEAR}severity = "safety"\nwhen = {{ below = "1 m", probability_off = 0.6 }}',
+        ("rules.near.when.probability_off: probability_off 0.6 is above probability 0.5: the alarm would chatter "
+        "(exchange the two)"),
+    ),
+    (
+        f'{NEAR}when = {{ below = "1 m" }}\non_delay = {{ frames = 5, of = 3 }}',
+        "rules.near.on_delay: 5 of 3 frames can never be (exchange them)",
+    ),
+    (
+        f'{NEAR}when = {{ below = "1 m" }}\nlost = {{ grace = "2 s", fault_after = "1 s" }}',
+        "rules.near.lost: fault_after 1 s is shorter than grace 2 s (make it at least as long)",
+    ),
+    (
+        f'{NEAR}ramp = {{ from = "1 m", to = "2 m", min = 0.8, max = 0.2 }}',
+        "rules.near.ramp.min: min 0.8 is above max 0.2 (exchange them; from and to give the direction)",
+    ),
+    (
+        '[rules.near]\nramp = { from = "1 m", to = "2 m" }',
+        'rules.near.actuator: a ramp needs an actuator to drive (add one, such as actuator = "motor")',
+    ),
+    (
+        '[rules.near]\nactuator = "base"\nramp = { from = "1 m", to = "2 m" }',
+        ("rules.near.actuator: a ramp cannot drive the base "
+        "(drive an actuator, or write follow in place of ramp)"),
+    ),
+    (
+        f'{NEAR}follow = {{ distance = "1 m" }}',
+        "rules.near.actuator: only the base can follow, not 'buzzer' (write actuator = \"base\")",
+    ),
+    (
+        '[rules.near]\nfollow = { distance = "1 m" }',
+        "rules.near.actuator: only the base can follow, and this rule names nothing (write actuator = \"base\")",
+    ),
+    (
+        '[rules.near]\nactuator = "base"\nfollow = { distance = "1 m", deadband = "2 m" }',
+        ("rules.near.follow.deadband: the deadband 2 m reaches past the distance 1 m "
+        "(make it smaller than the distance)"),
+    ),
+    (
+        '[rules.near]\nactuator = "base"\nfollow = { distance = "1 m", turn_deadband = "-1 deg" }',
+        "rules.near.follow.turn_deadband: the deadband is below zero (write it without the minus sign)",
+    ),
+    (
+        ('[rules.near]\nactuator = "base"\nfollow = { distance = "1 m", max_speed = "0 m/s", '
+        'max_turn_rate = "0 deg/s" }'),
+        "rules.near.follow: with all three largest speeds zero the base would never move (allow one of them)",
+    ),
+    ("[rules.safety]\nwhen = { seen = true }", ("rules.safety: 'safety' cannot be a name here (the program uses it "
+     "itself)")),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "rules",
-    [
-        f'{NEAR}when = {{ above = "1 m", below = "2 m" }}',
-        f'{NEAR}when = {{ above = "1 m", deadband = "99 cm" }}',
-        f'{NEAR}when = {{ below = "1 m", deadband = "5 m" }}',
-        f'{NEAR}when = {{ below = "1 m", probability = 0.5, probability_off = 0.5 }}',
-        f'{NEAR}when = {{ below = "1 m", probability = "none" }}',
-        f'{NEAR}when = {{ below = "1 m" }}\non_delay = {{ frames = 3, of = 3 }}\nlevel = 0.5',
-        f'{NEAR}ramp = {{ from = "2 m", to = "1 m", min = 0.5, max = 0.5 }}',
-        f'{NEAR}when = {{ seen = true }}\n[rules.too]\nactuator = "motor"\nwhen = {{ seen = true }}',
-        f'{NEAR}when = {{ below = "1 m" }}\n[rules.too]\nactuator = "buzzer"\nwhen = {{ above = "2 m" }}',
-        f'{NEAR}when = {{ seen = true }}\n[rules.too]\nactuator = "buzzer"\npriority = 101\nwhen = {{ seen = true }}',
-        '[rules.stop]\nactuator = "base"\nwhen = { below = "40 cm" }',
-        '[rules.stop]\nactuator = "base"\ntarget = "ball"\nfollow = { distance = "1 m", max_turn_rate = "0 deg/s" }',
-    ],
-)
-def test_a_rule_that_works_is_accepted(load: Load, sound: str, rules: str) -> None:
-    assert load(f"{sound}{rules}\n").plan.rules
+def test_a_rule_that_cannot_work_is_refused(told: Told, sound: str, subtests: pytest.Subtests) -> None:
+    for rules, line in BROKEN:
+        with subtests.test(rules=rules, line=line):
+            assert told(f"{sound}{rules}\n") == [line]
+
+
+WORKING = [
+    f'{NEAR}when = {{ above = "1 m", below = "2 m" }}',
+    f'{NEAR}when = {{ above = "1 m", deadband = "99 cm" }}',
+    f'{NEAR}when = {{ below = "1 m", deadband = "5 m" }}',
+    f'{NEAR}when = {{ below = "1 m", probability = 0.5, probability_off = 0.5 }}',
+    f'{NEAR}when = {{ below = "1 m", probability = "none" }}',
+    f'{NEAR}when = {{ below = "1 m" }}\non_delay = {{ frames = 3, of = 3 }}\nlevel = 0.5',
+    f'{NEAR}ramp = {{ from = "2 m", to = "1 m", min = 0.5, max = 0.5 }}',
+    f'{NEAR}when = {{ seen = true }}\n[rules.too]\nactuator = "motor"\nwhen = {{ seen = true }}',
+    f'{NEAR}when = {{ below = "1 m" }}\n[rules.too]\nactuator = "buzzer"\nwhen = {{ above = "2 m" }}',
+    f'{NEAR}when = {{ seen = true }}\n[rules.too]\nactuator = "buzzer"\npriority = 101\nwhen = {{ seen = true }}',
+    '[rules.stop]\nactuator = "base"\nwhen = { below = "40 cm" }',
+    '[rules.stop]\nactuator = "base"\ntarget = "ball"\nfollow = { distance = "1 m", max_turn_rate = "0 deg/s" }',
+]
+
+
+def test_a_rule_that_works_is_accepted(load: Load, sound: str, subtests: pytest.Subtests) -> None:
+    for rules in WORKING:
+        with subtests.test(rules=rules):
+            assert load(f"{sound}{rules}\n").plan.rules
 
 
 def test_with_two_targets_a_rule_says_which(told: Told, load: Load, sound: str) -> None:
@@ -217,31 +219,32 @@ def test_rules_need_a_camera_model(told: Told, load: Load, sound: str) -> None:
     ]
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "line"),
-    [
+WITHOUT_WORLD = [
+    (
+        'driver = "opencv"\ndevice = 0',
+        'driver = "simulated"',
         (
-            'driver = "opencv"\ndevice = 0',
-            'driver = "simulated"',
-            (
-                "camera.driver: 'simulated' needs a simulated world to be in, and there is no section [world] "
-                "(add one; it may be empty)"
-            ),
+            "camera.driver: 'simulated' needs a simulated world to be in, and there is no section [world] "
+            "(add one; it may be empty)"
         ),
+    ),
+    (
+        'detector = "ball"\ndiameter = "6.4 cm"\nhsv = "29,86,6:64,255,255"',
+        'detector = "ideal"',
         (
-            'detector = "ball"\ndiameter = "6.4 cm"\nhsv = "29,86,6:64,255,255"',
-            'detector = "ideal"',
-            (
-                "targets.ball.detector: 'ideal' needs a simulated world to be in, and there is no section [world] "
-                "(add one; it may be empty)"
-            ),
+            "targets.ball.detector: 'ideal' needs a simulated world to be in, and there is no section [world] "
+            "(add one; it may be empty)"
         ),
-    ],
-)
-def test_what_is_simulated_needs_a_world(told: Told, load: Load, sound: str, old: str, new: str, line: str) -> None:
-    text = sound.replace(old, new)
-    assert told(text) == [line]
-    assert load(text + "[world]\n").world is not None
+    ),
+]
+
+
+def test_what_is_simulated_needs_a_world(told: Told, load: Load, sound: str, subtests: pytest.Subtests) -> None:
+    for old, new, line in WITHOUT_WORLD:
+        with subtests.test(old=old, new=new):
+            text = sound.replace(old, new)
+            assert told(text) == [line]
+            assert load(text + "[world]\n").world is not None
 
 
 def warnings(loaded: Configuration) -> list[str]:
@@ -256,49 +259,47 @@ def test_a_sensible_configuration_gets_no_warning(load: Load, sound: str) -> Non
     assert load(sound + QUIET).warnings == ()
 
 
-@pytest.mark.parametrize(
-    ("text", "line"),
-    [
+HARDLY_MEANT = [
+    (
+        QUIET + "level = 0\n",
+        "rules.b.level: level 0 holds 'buzzer' still while the alarm is active (leave it out if not meant)",
+    ),
+    (
+        QUIET + '[rules.d]\nactuator = "base"\npriority = 200\nwhen = { lost = true }\nlevel = 0.5\n',
+        "rules.d.level: a rule with when stops the base, whatever its level (leave it out)",
+    ),
+    (
+        QUIET + "[rules.d]\nwhen = { lost = true }\n",
         (
-            QUIET + "level = 0\n",
-            "rules.b.level: level 0 holds 'buzzer' still while the alarm is active (leave it out if not meant)",
+            "rules.d: nothing reports the alert 'd': it drives nothing, and there is no messenger "
+            "(add an actuator to it, or a section [messenger])"
         ),
+    ),
+    (
+        QUIET + '[actuators.lamp]\ndriver = "led"\npin = 5\n',
+        "actuators.lamp: no rule drives 'lamp' (it stays in its safe state)",
+    ),
+    (
+        QUIET + '[actuators.lamp]\ndriver = "led"\npin = 5\nlease = "100 ms"\n[rules.d]\nactuator = "lamp"\n'
+        "when = { seen = true }\n",
         (
-            QUIET + '[rules.d]\nactuator = "base"\npriority = 200\nwhen = { lost = true }\nlevel = 0.5\n',
-            "rules.d.level: a rule with when stops the base, whatever its level (leave it out)",
+            "actuators.lamp.lease: the lease 0.1 s is shorter than max_frame_age 0.2 s: it "
+            "stops on frames still good "
+            "(make it longer, or safety.max_frame_age shorter)"
         ),
-        (
-            QUIET + "[rules.d]\nwhen = { lost = true }\n",
-            (
-                "rules.d: nothing reports the alert 'd': it drives nothing, and there is no messenger "
-                "(add an actuator to it, or a section [messenger])"
-            ),
-        ),
-        (
-            QUIET + '[actuators.lamp]\ndriver = "led"\npin = 5\n',
-            "actuators.lamp: no rule drives 'lamp' (it stays in its safe state)",
-        ),
-        (
-            QUIET + '[actuators.lamp]\ndriver = "led"\npin = 5\nlease = "100 ms"\n[rules.d]\nactuator = "lamp"\n'
-            "when = { seen = true }\n",
-            (
-                "actuators.lamp.lease: the lease 0.1 s is shorter than max_frame_age 0.2 s: it "
-                "stops on frames still good "
-                "(make it longer, or safety.max_frame_age shorter)"
-            ),
-        ),
-        (
-            QUIET.replace("[rules.b]", 'lost = { policy = "assert" }\n[rules.b]'),
-            (
-                "rules.c.lost.policy: without its target a ramp or follow rule always goes to the safe value "
-                "(leave it out)"
-            ),
-        ),
-        ("", "rules: there is no rule, so nothing is ever done (add one, such as [rules.near])"),
-    ],
-)
-def test_what_is_hardly_meant_gets_a_warning(load: Load, sound: str, text: str, line: str) -> None:
-    assert warnings(load(sound + text)) == [line]
+    ),
+    (
+        QUIET.replace("[rules.b]", 'lost = { policy = "assert" }\n[rules.b]'),
+        ("rules.c.lost.policy: without its target a ramp or follow rule always goes to the safe value (leave it out)"),
+    ),
+    ("", "rules: there is no rule, so nothing is ever done (add one, such as [rules.near])"),
+]
+
+
+def test_what_is_hardly_meant_gets_a_warning(load: Load, sound: str, subtests: pytest.Subtests) -> None:
+    for text, line in HARDLY_MEANT:
+        with subtests.test(text=text, line=line):
+            assert warnings(load(sound + text)) == [line]
 
 
 def test_an_alert_is_heard_through_a_messenger(load: Load, sound: str) -> None:
@@ -362,15 +363,16 @@ def test_a_driver_of_others_says_itself_what_checks_and_descriptions_need(
     assert "relay-pattern" in {warning.code for warning in configuration.warnings}
 
 
-@pytest.mark.parametrize(
-    ("text", "line"),
-    [
-        ('[tracking]\ncoast = "1 h"', "tracking.coast: 3600 s is longer than outputs may act without seeing, 1 s"),
-        (
-            '[safety]\nmax_frame_age = "2 s"',
-            "safety.max_frame_age: 2 s is longer than outputs may act without seeing, 1 s",
-        ),
-    ],
-)
-def test_nothing_may_act_for_long_on_what_nobody_sees(told: Told, sound: str, text: str, line: str) -> None:
-    assert [said.partition(" (")[0] for said in told(sound + text)] == [line]
+BLIND = [
+    ('[tracking]\ncoast = "1 h"', "tracking.coast: 3600 s is longer than outputs may act without seeing, 1 s"),
+    (
+        '[safety]\nmax_frame_age = "2 s"',
+        "safety.max_frame_age: 2 s is longer than outputs may act without seeing, 1 s",
+    ),
+]
+
+
+def test_nothing_may_act_for_long_on_what_nobody_sees(told: Told, sound: str, subtests: pytest.Subtests) -> None:
+    for text, line in BLIND:
+        with subtests.test(text=text, line=line):
+            assert [said.partition(" (")[0] for said in told(sound + text)] == [line]

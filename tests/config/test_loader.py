@@ -157,46 +157,47 @@ def test_every_error_is_reported_in_one_pass_in_the_order_of_the_file(problems_o
     assert [str(problem).split("test.toml:")[1] for problem in found] == EXPECTED
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "line"),
-    [
-        ('"6.4 cm"', '"0 cm"', "13: targets.ball.diameter: '0 cm' is not a length above zero"),
-        ('"6.4 cm"', '"-6.4 cm"', "13: targets.ball.diameter: '-6.4 cm' is not a length above zero"),
-        (
-            '"6.4 cm"',
-            '"nan cm"',
-            ("13: targets.ball.diameter: 'nan cm' is neither a length such as '6.4 cm' nor a ball with a name. "
-            "Known names: table tennis ball, golf ball, pool ball, tennis ball, cricket ball, baseball, softball, "
-            "handball, volleyball, football, basketball"),
-        ),
-        ('"6.4 cm"', "nan", "13: targets.ball.diameter: nan has no unit; write it with one, such as '35 cm'"),
-        ('"6.4 cm"', '"6.4"', "13: targets.ball.diameter: '6.4' has no unit; write it with one, such as '35 cm'"),
-        ('"6.4 cm"', "6.4", "13: targets.ball.diameter: 6.4 has no unit; write it with one, such as '35 cm'"),
-        ('diameter = "6.4 cm"', "", "11: targets.ball.diameter: 'diameter' is missing"),
-        ("pin = 18", "pin = 99", "17: actuators.motor.pin: 99 is not a pin; write the BCM number of a GPIO, 0 to 27"),
-        ("pin = 18", "pin = 23", ("20: actuators.buzzer.pin: pin 23 is used twice: by actuators.motor.pin and by "
-         "actuators.buzzer.pin (each needs its own)")),
-        ("pin = 18", "pin = 18\nsafe = 1.5", "18: actuators.motor.safe: 1.5 is above 1"),
-        ("pin = 18", "pin = 18\nsafe = nan", "18: actuators.motor.safe: nan is not a finite number"),
-        ("pin = 18", "pin = 18\nsafe = true", "18: actuators.motor.safe: true is not a number"),
-        ("pin = 18", 'pin = 18\nlease = "0 s"', "18: actuators.motor.lease: '0 s' is not a duration above zero"),
-        ("[camera]", "[[camera]]", "1: camera: 'camera' is not a table (write it as [camera])"),
-        ("[targets.ball]", "[[targets]]", "11: targets: 'targets' is not a table (write it as [targets.NAME])"),
-        ("[targets.ball]", "[targets]", None),
-        ("[actuators.motor]", "[actuators.base]", ("15: actuators.base: 'base' cannot be a name here "
-         "(the program uses it itself)")),
-        ("[actuators.motor]", "[actuators.'a b']", ("15: actuators.a b: 'a b' cannot be a name here "
-         "(use letters, digits, - and _ only)")),
-        ('driver = "buzzer"', "driver = 5", "19: actuators.buzzer.driver: 5 is not text; put it in quotes"),
-        ("[camera.model]", '[camera.modell]', "4: camera.modell: unknown key 'modell' (did you mean 'model'?)"),
-    ],
-)  # fmt: skip
-def test_bad_input_gets_one_clear_line(problems_of: Problems, sound: str, old: str, new: str, line: str | None) -> None:
-    found = [str(problem).split("test.toml:")[1] for problem in problems_of(sound.replace(old, new, 1))]
-    if line is None:
-        assert "'detector' is not a table (write it below [targets.NAME])" in found[0]
-    else:
-        assert found == [line]
+BAD_INPUTS = [
+    ('"6.4 cm"', '"0 cm"', "13: targets.ball.diameter: '0 cm' is not a length above zero"),
+    ('"6.4 cm"', '"-6.4 cm"', "13: targets.ball.diameter: '-6.4 cm' is not a length above zero"),
+    (
+        '"6.4 cm"',
+        '"nan cm"',
+        ("13: targets.ball.diameter: 'nan cm' is neither a length such as '6.4 cm' nor a ball with a name. "
+        "Known names: table tennis ball, golf ball, pool ball, tennis ball, cricket ball, baseball, softball, "
+        "handball, volleyball, football, basketball"),
+    ),
+    ('"6.4 cm"', "nan", "13: targets.ball.diameter: nan has no unit; write it with one, such as '35 cm'"),
+    ('"6.4 cm"', '"6.4"', "13: targets.ball.diameter: '6.4' has no unit; write it with one, such as '35 cm'"),
+    ('"6.4 cm"', "6.4", "13: targets.ball.diameter: 6.4 has no unit; write it with one, such as '35 cm'"),
+    ('diameter = "6.4 cm"', "", "11: targets.ball.diameter: 'diameter' is missing"),
+    ("pin = 18", "pin = 99", "17: actuators.motor.pin: 99 is not a pin; write the BCM number of a GPIO, 0 to 27"),
+    ("pin = 18", "pin = 23", ("20: actuators.buzzer.pin: pin 23 is used twice: by actuators.motor.pin and by "
+     "actuators.buzzer.pin (each needs its own)")),
+    ("pin = 18", "pin = 18\nsafe = 1.5", "18: actuators.motor.safe: 1.5 is above 1"),
+    ("pin = 18", "pin = 18\nsafe = nan", "18: actuators.motor.safe: nan is not a finite number"),
+    ("pin = 18", "pin = 18\nsafe = true", "18: actuators.motor.safe: true is not a number"),
+    ("pin = 18", 'pin = 18\nlease = "0 s"', "18: actuators.motor.lease: '0 s' is not a duration above zero"),
+    ("[camera]", "[[camera]]", "1: camera: 'camera' is not a table (write it as [camera])"),
+    ("[targets.ball]", "[[targets]]", "11: targets: 'targets' is not a table (write it as [targets.NAME])"),
+    ("[targets.ball]", "[targets]", None),
+    ("[actuators.motor]", "[actuators.base]", ("15: actuators.base: 'base' cannot be a name here "
+     "(the program uses it itself)")),
+    ("[actuators.motor]", "[actuators.'a b']", ("15: actuators.a b: 'a b' cannot be a name here "
+     "(use letters, digits, - and _ only)")),
+    ('driver = "buzzer"', "driver = 5", "19: actuators.buzzer.driver: 5 is not text; put it in quotes"),
+    ("[camera.model]", '[camera.modell]', "4: camera.modell: unknown key 'modell' (did you mean 'model'?)"),
+]  # fmt: skip
+
+
+def test_bad_input_gets_one_clear_line(problems_of: Problems, sound: str, subtests: pytest.Subtests) -> None:
+    for old, new, line in BAD_INPUTS:
+        with subtests.test(old=old, new=new):
+            found = [str(problem).split("test.toml:")[1] for problem in problems_of(sound.replace(old, new, 1))]
+            if line is None:
+                assert "'detector' is not a table (write it below [targets.NAME])" in found[0]
+            else:
+                assert found == [line]
 
 
 def test_an_unknown_unit_is_named_with_the_likely_one(told: Told, sound: str) -> None:
@@ -204,19 +205,20 @@ def test_an_unknown_unit_is_named_with_the_likely_one(told: Told, sound: str) ->
     assert "targets.ball.diameter: '6.4 metres': unknown unit 'metres'" in line
 
 
-@pytest.mark.parametrize(
-    ("text", "line", "fragment"),
-    [
-        ("[camera]\nrate = 30 Hz\n", 2, "Expected newline or end of document after a statement"),
-        ("[camera]\na = ten\n", 2, "Invalid value"),
-        ("[camera]\n\na = 1\na = 2\n", 4, "Cannot overwrite a value"),
-        ('[camera]\nx = "never closed\n', 2, "Illegal character"),
-    ],
-)
-def test_a_syntax_error_names_its_line(problems_of: Problems, text: str, line: int, fragment: str) -> None:
-    (problem,) = problems_of(text)
-    assert problem.line == line
-    assert problem.message.startswith(f"this is not valid TOML: {fragment}")
+SYNTAX_ERRORS = [
+    ("[camera]\nrate = 30 Hz\n", 2, "Expected newline or end of document after a statement"),
+    ("[camera]\na = ten\n", 2, "Invalid value"),
+    ("[camera]\n\na = 1\na = 2\n", 4, "Cannot overwrite a value"),
+    ('[camera]\nx = "never closed\n', 2, "Illegal character"),
+]
+
+
+def test_a_syntax_error_names_its_line(problems_of: Problems, subtests: pytest.Subtests) -> None:
+    for text, line, fragment in SYNTAX_ERRORS:
+        with subtests.test(text=text, line=line):
+            (problem,) = problems_of(text)
+            assert problem.line == line
+            assert problem.message.startswith(f"this is not valid TOML: {fragment}")
 
 
 def test_text_without_quotes_is_explained(problems_of: Problems) -> None:

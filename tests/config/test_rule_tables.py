@@ -100,27 +100,28 @@ def test_a_pattern_of_steps_has_levels_of_its_own(tmp_path: Path) -> None:
     assert found.pattern == Pattern(steps=((1.0, 0.2), (0.3, 1.0)), times=0)
 
 
-@pytest.mark.parametrize(
-    ("keys", "words"),
-    [
-        ('pattern = { on = "0.2 s" }', "a pattern has on and off"),
-        ('pattern = { on = "0.2 s", off = "1 s", steps = [ { level = 1, for = "1 s" } ] }', "has no 'on'"),
-        ('pattern = { on = "10 ms", off = "1 s" }', "10 ms is too short for a step of a pattern"),
-        ('pattern = { steps = [ { level = 2, for = "1 s" } ] }', "2 is above 1"),
-        ('pattern = { steps = [] }', "fewer than 1"),
-        ('pattern = { on = "1 s", off = "1 s", times = -1 }', "-1 is below 0"),
-        ('ack = "yes"', "'yes' is not one of: required, none"),
-        ('realarm = "0 s"', "not a duration above zero"),
-        ('cooldown = "5"', "has no unit"),
-        ('targets = []', "fewer than 1"),
-        ('latch = "true"', "neither true nor false"),
-    ],
-)  # fmt: skip
-def test_what_is_wrong_with_an_alarm_is_said_with_its_line(tmp_path: Path, keys: str, words: str) -> None:
-    found = problem(tmp_path, keys)
-    assert words in found.message
-    assert found.line == PARTS.count("\n") + 5
-    assert found.key.startswith(f"rules.near.{keys.partition(' ')[0]}")
+WRONG_ALARMS = [
+    ('pattern = { on = "0.2 s" }', "a pattern has on and off"),
+    ('pattern = { on = "0.2 s", off = "1 s", steps = [ { level = 1, for = "1 s" } ] }', "has no 'on'"),
+    ('pattern = { on = "10 ms", off = "1 s" }', "10 ms is too short for a step of a pattern"),
+    ('pattern = { steps = [ { level = 2, for = "1 s" } ] }', "2 is above 1"),
+    ('pattern = { steps = [] }', "fewer than 1"),
+    ('pattern = { on = "1 s", off = "1 s", times = -1 }', "-1 is below 0"),
+    ('ack = "yes"', "'yes' is not one of: required, none"),
+    ('realarm = "0 s"', "not a duration above zero"),
+    ('cooldown = "5"', "has no unit"),
+    ('targets = []', "fewer than 1"),
+    ('latch = "true"', "neither true nor false"),
+]  # fmt: skip
+
+
+def test_what_is_wrong_with_an_alarm_is_said_with_its_line(tmp_path: Path, subtests: pytest.Subtests) -> None:
+    for keys, words in WRONG_ALARMS:
+        with subtests.test(keys=keys, words=words):
+            found = problem(tmp_path, keys)
+            assert words in found.message
+            assert found.line == PARTS.count("\n") + 5
+            assert found.key.startswith(f"rules.near.{keys.partition(' ')[0]}")
 
 
 def test_a_sequence_does_one_thing_after_the_other(tmp_path: Path) -> None:
@@ -167,42 +168,43 @@ def test_a_notification_without_words_says_what_happened_and_why(tmp_path: Path)
     assert found.sequence[0].send == Send(template=Template(text="{reason}"), notifier="phone", title="{rule}: {event}")
 
 
-@pytest.mark.parametrize(
-    ("step", "words"),
-    [
-        ("", "this step does nothing"),
-        ('notify = "phone"\ntopic = "a"', "has notify and topic; a step has exactly one of"),
-        ('topic = "a"', "exactly one of text and json"),
-        ('topic = "a"\ntext = "x"\njson = {}', "exactly one of text and json"),
-        ('topic = "a"\ntext = "x"\ntitle = "y"', "'title' has no meaning beside topic"),
-        ('actuator = "motor"\ntext = "x"', "'text' has no meaning beside actuator"),
-        ('notify = "phone"\nfor = "1 s"', "'for' has no meaning beside notify"),
-        ('notify = "phone"\njson = {}', "'json' has no meaning beside notify"),
-        ('on = "cleared"\nactuator = "motor"', "needs an end"),
-        ('topic = "a/#"\ntext = "x"', "is not a topic"),
-        ('topic = "/a"\ntext = "x"', "is not a topic"),
-        ('topic = "door/{rule}"\ntext = "x"', "is not a topic"),
-        ('topic = "rule/near/state"\ntext = "x"', "the program's own"),
-        ('topic = "a"\ntext = "{distence_m}"', "did you mean 'distance_m'?"),
-        ('topic = "a"\njson = { d = ["{distence_m}"] }', "did you mean 'distance_m'?"),
-        ('topic = "a"\njson = "{distance_m}"', "json is a table or a list"),
-        ('topic = "a"\njson = { at = 2026-06-01 }', "put 2026-06-01 in quotes"),
-        ('topic = "a"\njson = { x = nan }', "JSON knows no such number"),
-        ('topic = "a"\njson = { x = ' + "[" * 30 + "]" * 30 + " }", "nested deeper than 20"),
-        ('notify = "phone"\ntext = "{rule.__class__}"', "write {rule}"),
-        ('notify = "phone"\ntext = "{rule:>1000000000}"', "cannot be written so"),
-        ('notify = "phone"\ntitle = "{nope}"', "there is no field 'nope'"),
-        ('notify = "phone"\ntext = ""', "shorter than 1"),
-        ('on = "raised up"\nnotify = "phone"', "not one of: raised, cleared"),
-        ('afer = "1 s"\nnotify = "phone"', "unknown key 'afer'"),
-    ],
-)
-def test_what_is_wrong_with_a_step_is_said_with_its_line(tmp_path: Path, step: str, words: str) -> None:
-    found = problem(tmp_path, f"[[rules.near.escalation]]\n{step}")
-    assert words in f"{found.message} {found.hint}"
-    first = PARTS.count("\n") + 5
-    assert first <= found.line <= first + 3
-    assert found.key.startswith("rules.near.escalation.0")
+WRONG_STEPS = [
+    ("", "this step does nothing"),
+    ('notify = "phone"\ntopic = "a"', "has notify and topic; a step has exactly one of"),
+    ('topic = "a"', "exactly one of text and json"),
+    ('topic = "a"\ntext = "x"\njson = {}', "exactly one of text and json"),
+    ('topic = "a"\ntext = "x"\ntitle = "y"', "'title' has no meaning beside topic"),
+    ('actuator = "motor"\ntext = "x"', "'text' has no meaning beside actuator"),
+    ('notify = "phone"\nfor = "1 s"', "'for' has no meaning beside notify"),
+    ('notify = "phone"\njson = {}', "'json' has no meaning beside notify"),
+    ('on = "cleared"\nactuator = "motor"', "needs an end"),
+    ('topic = "a/#"\ntext = "x"', "is not a topic"),
+    ('topic = "/a"\ntext = "x"', "is not a topic"),
+    ('topic = "door/{rule}"\ntext = "x"', "is not a topic"),
+    ('topic = "rule/near/state"\ntext = "x"', "the program's own"),
+    ('topic = "a"\ntext = "{distence_m}"', "did you mean 'distance_m'?"),
+    ('topic = "a"\njson = { d = ["{distence_m}"] }', "did you mean 'distance_m'?"),
+    ('topic = "a"\njson = "{distance_m}"', "json is a table or a list"),
+    ('topic = "a"\njson = { at = 2026-06-01 }', "put 2026-06-01 in quotes"),
+    ('topic = "a"\njson = { x = nan }', "JSON knows no such number"),
+    ('topic = "a"\njson = { x = ' + "[" * 30 + "]" * 30 + " }", "nested deeper than 20"),
+    ('notify = "phone"\ntext = "{rule.__class__}"', "write {rule}"),
+    ('notify = "phone"\ntext = "{rule:>1000000000}"', "cannot be written so"),
+    ('notify = "phone"\ntitle = "{nope}"', "there is no field 'nope'"),
+    ('notify = "phone"\ntext = ""', "shorter than 1"),
+    ('on = "raised up"\nnotify = "phone"', "not one of: raised, cleared"),
+    ('afer = "1 s"\nnotify = "phone"', "unknown key 'afer'"),
+]
+
+
+def test_what_is_wrong_with_a_step_is_said_with_its_line(tmp_path: Path, subtests: pytest.Subtests) -> None:
+    for step, words in WRONG_STEPS:
+        with subtests.test(step=step, words=words):
+            found = problem(tmp_path, f"[[rules.near.escalation]]\n{step}")
+            assert words in f"{found.message} {found.hint}"
+            first = PARTS.count("\n") + 5
+            assert first <= found.line <= first + 3
+            assert found.key.startswith("rules.near.escalation.0")
 
 
 def test_a_wrong_step_does_not_hide_what_is_wrong_elsewhere_in_the_rule(tmp_path: Path) -> None:
@@ -252,29 +254,30 @@ def test_a_table_of_points_reaches_the_core_with_the_nearest_first(tmp_path: Pat
     assert (found.start_m, found.full_m, found.dead_zone, found.quantity) == (3.0, 1.0, 0.1, "depth")
 
 
-@pytest.mark.parametrize(
-    ("keys", "words"),
-    [
-        ('from = "1 m"', "'to' is missing; a ramp has from and to, or points"),
-        ('points = [ { at = "1 m", level = 1 }, { at = "2 m", level = 0 } ], from = "1 m"', "has no 'from'"),
-        ('points = [ { at = "1 m", level = 1 }, { at = "2 m", level = 0 } ], gamma = 2', "has no 'gamma'"),
-        ('points = [ { at = "1 m", level = 1 } ]', "fewer than 2"),
-        ('points = [ { at = "1 m", level = 1 }, { at = "1 m", level = 0 } ]', "not in order"),
-        (
-            'points = [ { at = "1 m", level = 1 }, { at = "3 m", level = 0 }, { at = "2 m", level = 0 } ]',
-            "not in order",
-        ),
-        ('points = [ { at = "1 m", level = 1 }, { at = "2", level = 0 } ]', "has no unit"),
-        ('points = [ { at = "1 m", level = 1 }, { at = "2 m", level = 7 } ]', "7 is above 1"),
-        ('from = "1 m", to = "2 m", dead_zone = 2', "2 is above 1"),
-    ],
-)
-def test_what_is_wrong_with_a_ramp_is_said(tmp_path: Path, keys: str, words: str) -> None:
-    with pytest.raises(ConfigError) as raised:
-        ramp(tmp_path, keys)
-    (found,) = raised.value.problems
-    assert words in found.message
-    assert found.line == PARTS.count("\n") + 4
+WRONG_RAMPS = [
+    ('from = "1 m"', "'to' is missing; a ramp has from and to, or points"),
+    ('points = [ { at = "1 m", level = 1 }, { at = "2 m", level = 0 } ], from = "1 m"', "has no 'from'"),
+    ('points = [ { at = "1 m", level = 1 }, { at = "2 m", level = 0 } ], gamma = 2', "has no 'gamma'"),
+    ('points = [ { at = "1 m", level = 1 } ]', "fewer than 2"),
+    ('points = [ { at = "1 m", level = 1 }, { at = "1 m", level = 0 } ]', "not in order"),
+    (
+        'points = [ { at = "1 m", level = 1 }, { at = "3 m", level = 0 }, { at = "2 m", level = 0 } ]',
+        "not in order",
+    ),
+    ('points = [ { at = "1 m", level = 1 }, { at = "2", level = 0 } ]', "has no unit"),
+    ('points = [ { at = "1 m", level = 1 }, { at = "2 m", level = 7 } ]', "7 is above 1"),
+    ('from = "1 m", to = "2 m", dead_zone = 2', "2 is above 1"),
+]
+
+
+def test_what_is_wrong_with_a_ramp_is_said(tmp_path: Path, subtests: pytest.Subtests) -> None:
+    for keys, words in WRONG_RAMPS:
+        with subtests.test(keys=keys, words=words):
+            with pytest.raises(ConfigError) as raised:
+                ramp(tmp_path, keys)
+            (found,) = raised.value.problems
+            assert words in found.message
+            assert found.line == PARTS.count("\n") + 4
 
 
 def test_a_table_of_points_is_described(tmp_path: Path) -> None:

@@ -279,10 +279,10 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize("what", WRONG)
-def test_what_is_wrong_with_a_test_is_said(what: str, told: Told, sound: str) -> None:
-    text, message = WRONG[what]
-    assert told(sound + text) == [message]
+def test_what_is_wrong_with_a_test_is_said(told: Told, sound: str, subtests: pytest.Subtests) -> None:
+    for what, (text, message) in WRONG.items():
+        with subtests.test(what=what):
+            assert told(sound + text) == [message]
 
 
 def test_it_is_said_beside_its_line(problems_of: Problems, sound: str) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
 
 import pytest
 from hypothesis import given
@@ -15,64 +14,65 @@ from stadimeter.config import units
 SEVERAL = "'{}' has more than one number; write one with its unit, such as '35 cm'"
 
 
-@pytest.mark.parametrize(
-    ("parse", "text", "value"),
-    [
-        (units.parse_length, "10 ft", 3.048),
-        (units.parse_length, "24in", 0.6096),
-        (units.parse_length, '24"', 0.6096),
-        (units.parse_length, " 35 cm ", 0.35),
-        (units.parse_length, "1e1 mm", 0.01),
-        (units.parse_length_or_zero, "0 m", 0.0),
-        (units.parse_duration, "250 ms", 0.25),
-        (units.parse_duration, "0 s", 0.0),
-        (units.parse_speed, "3.6 km/h", 1.0),
-        (units.parse_acceleration, "50 cm/s2", 0.5),
-        (units.parse_angle, "-180°", -math.pi),
-        (units.parse_turn_rate, "90 deg/s", math.pi / 2),
-        (units.parse_turn_acceleration, "180 deg/s2", math.pi),
-        (units.parse_turn_acceleration, "2 rad/s²", 2.0),
-        (units.parse_frequency, "1 kHz", 1000.0),
-        (units.parse_length, "1,5 m", 1.5),
-        (units.parse_length, "0,500 m", 0.5),
-        (units.parse_length, "6,4cm", 0.064),
-        (units.parse_duration, "2,5 s", 2.5),
-        (units.parse_angle, "-22,5 deg", -math.pi / 8),
-    ],
-)
-def test_a_quantity_is_read_in_si_units(parse: Callable[[object], float], text: str, value: float) -> None:
-    assert parse(text) == pytest.approx(value)
+QUANTITIES = [
+    (units.parse_length, "10 ft", 3.048),
+    (units.parse_length, "24in", 0.6096),
+    (units.parse_length, '24"', 0.6096),
+    (units.parse_length, " 35 cm ", 0.35),
+    (units.parse_length, "1e1 mm", 0.01),
+    (units.parse_length_or_zero, "0 m", 0.0),
+    (units.parse_duration, "250 ms", 0.25),
+    (units.parse_duration, "0 s", 0.0),
+    (units.parse_speed, "3.6 km/h", 1.0),
+    (units.parse_acceleration, "50 cm/s2", 0.5),
+    (units.parse_angle, "-180°", -math.pi),
+    (units.parse_turn_rate, "90 deg/s", math.pi / 2),
+    (units.parse_turn_acceleration, "180 deg/s2", math.pi),
+    (units.parse_turn_acceleration, "2 rad/s²", 2.0),
+    (units.parse_frequency, "1 kHz", 1000.0),
+    (units.parse_length, "1,5 m", 1.5),
+    (units.parse_length, "0,500 m", 0.5),
+    (units.parse_length, "6,4cm", 0.064),
+    (units.parse_duration, "2,5 s", 2.5),
+    (units.parse_angle, "-22,5 deg", -math.pi / 8),
+]
 
 
-@pytest.mark.parametrize(
-    ("parse", "value", "message"),
-    [
-        (units.parse_length, "0 cm", "'0 cm' is not a length above zero"),
-        (units.parse_length, "-1 m", "'-1 m' is not a length above zero"),
-        (units.parse_length_or_zero, "-1 m", "'-1 m' is below zero"),
-        (units.parse_length, "nan m", "'nan m' is not a number with a unit; write it such as '35 cm'"),
-        (units.parse_length, "inf m", "'inf m' is not a number with a unit; write it such as '35 cm'"),
-        (units.parse_length, "1e999 m", "'1e999 m' is too large a number; at most 1e+09 m are taken"),
-        (units.parse_length, "35", "'35' has no unit; write it with one, such as '35 cm'"),
-        (units.parse_length, 35, "35 has no unit; write it with one, such as '35 cm'"),
-        (
-            units.parse_length,
-            "1,500 m",
-            "'1,500 m' may mean 1.500 or 1500; write it with a point, or without the comma",
-        ),
-        (units.parse_length, "1,500,000 m", SEVERAL.format("1,500,000 m")),
-        (units.parse_length, "1.5.2 m", SEVERAL.format("1.5.2 m")),
-        (units.parse_length, "1 ft 2 in", SEVERAL.format("1 ft 2 in")),
-        (units.parse_length, "2 1/2 in", SEVERAL.format("2 1/2 in")),
-        (units.parse_length, True, "True is not a quantity; write it as text, such as '35 cm'"),
-        (units.parse_length, "", "'' is not a number with a unit; write it such as '35 cm'"),
-        (units.parse_duration, "-1 s", "'-1 s' is below zero"),
-        (units.parse_turn_acceleration, "-1 deg/s2", "'-1 deg/s2' is below zero"),
-    ],
-)
-def test_what_is_no_quantity_is_refused(parse: Callable[[object], float], value: object, message: str) -> None:
-    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
-        parse(value)
+def test_a_quantity_is_read_in_si_units(subtests: pytest.Subtests) -> None:
+    for parse, text, value in QUANTITIES:
+        with subtests.test(parse=parse, text=text):
+            assert parse(text) == pytest.approx(value)
+
+
+REFUSED = [
+    (units.parse_length, "0 cm", "'0 cm' is not a length above zero"),
+    (units.parse_length, "-1 m", "'-1 m' is not a length above zero"),
+    (units.parse_length_or_zero, "-1 m", "'-1 m' is below zero"),
+    (units.parse_length, "nan m", "'nan m' is not a number with a unit; write it such as '35 cm'"),
+    (units.parse_length, "inf m", "'inf m' is not a number with a unit; write it such as '35 cm'"),
+    (units.parse_length, "1e999 m", "'1e999 m' is too large a number; at most 1e+09 m are taken"),
+    (units.parse_length, "35", "'35' has no unit; write it with one, such as '35 cm'"),
+    (units.parse_length, 35, "35 has no unit; write it with one, such as '35 cm'"),
+    (
+        units.parse_length,
+        "1,500 m",
+        "'1,500 m' may mean 1.500 or 1500; write it with a point, or without the comma",
+    ),
+    (units.parse_length, "1,500,000 m", SEVERAL.format("1,500,000 m")),
+    (units.parse_length, "1.5.2 m", SEVERAL.format("1.5.2 m")),
+    (units.parse_length, "1 ft 2 in", SEVERAL.format("1 ft 2 in")),
+    (units.parse_length, "2 1/2 in", SEVERAL.format("2 1/2 in")),
+    (units.parse_length, True, "True is not a quantity; write it as text, such as '35 cm'"),
+    (units.parse_length, "", "'' is not a number with a unit; write it such as '35 cm'"),
+    (units.parse_duration, "-1 s", "'-1 s' is below zero"),
+    (units.parse_turn_acceleration, "-1 deg/s2", "'-1 deg/s2' is below zero"),
+]
+
+
+def test_what_is_no_quantity_is_refused(subtests: pytest.Subtests) -> None:
+    for parse, value, message in REFUSED:
+        with subtests.test(parse=parse, value=value), pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+            parse(value)
 
 
 def test_an_unknown_unit_is_refused_with_a_suggestion() -> None:
@@ -99,17 +99,18 @@ def test_any_text_is_a_length_above_zero_or_refused_with_its_value(text: str) ->
     assert repr(text) in message
 
 
-@pytest.mark.parametrize(
-    ("text", "parts"),
-    [
-        ("11in,8.5in", ["11in", "8.5in"]),
-        ("29,7 cm, 21,0 cm", ["29,7 cm", "21,0 cm"]),
-        ("29,7cm,21cm", ["29,7cm", "21cm"]),
-        ("A4", ["A4"]),
-    ],
-)
-def test_a_comma_between_digits_is_no_separator(text: str, parts: list[str]) -> None:
-    assert units.split_quantities(text) == parts
+LISTS = [
+    ("11in,8.5in", ["11in", "8.5in"]),
+    ("29,7 cm, 21,0 cm", ["29,7 cm", "21,0 cm"]),
+    ("29,7cm,21cm", ["29,7cm", "21cm"]),
+    ("A4", ["A4"]),
+]
+
+
+def test_a_comma_between_digits_is_no_separator(subtests: pytest.Subtests) -> None:
+    for text, parts in LISTS:
+        with subtests.test(text=text, parts=parts):
+            assert units.split_quantities(text) == parts
 
 
 @given(st.integers(0, 999), st.integers(0, 99))
