@@ -14,7 +14,7 @@ from stadimeter.cameras.image_files import ImageFilesCamera
 from stadimeter.cameras.opencv_device import OpenCvOptions
 from stadimeter.cameras.opencv_settings import subsampling_of
 from stadimeter.cameras.picture import load_picture
-from stadimeter.cameras.picture_header import subsampling_of as subsampling_in
+from stadimeter.cameras.picture import subsampling_of as subsampling_in
 from stadimeter.core.frame import SUBSAMPLINGS
 from stadimeter.testing.manual_clock import ManualClock
 

@@ -70,7 +70,7 @@ def open_pin_factory() -> PiFactory:
 
 
 class PinOptions(DriverOptions):
-    """The options of whatever hangs on one pin."""
+    """The options of a driver with one pin."""
 
     pin: Pin
     """The BCM number of the pin."""

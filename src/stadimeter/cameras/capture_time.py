@@ -239,8 +239,8 @@ class DriverStamp:
 
     Two cases keep to the stamp on purpose, since arrival would make old data look fresh. A trusted stamp that is older
     than a second belongs to a frame that waited unread in the driver's queue. A trusted stamp that stays
-    the same belongs to a picture that stands still: the capture time then does not advance, and whoever watches it
-    sees that the camera is frozen.
+    the same belongs to a picture that stands still: the capture time then does not advance, which shows that the camera
+    is frozen.
 
     Args:
         latency_s: How old a frame is on arrival; it counts where the stamp is not trusted.

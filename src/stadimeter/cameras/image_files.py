@@ -21,7 +21,7 @@ from stadimeter.core.frame import Image
 from stadimeter.errors import CalibrationError, EndOfFramesError, PictureError
 
 CHECKED_MAX = 100
-"""So many pictures are looked at before a run, which takes some seconds at most."""
+"""Pictures that `check` opens to compare their sizes: some seconds at most."""
 
 
 def _one_or_many(value: object) -> object:

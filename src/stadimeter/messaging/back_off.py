@@ -31,7 +31,7 @@ class BackOff:
     SPREAD = 0.2
     """A pause is up to this share shorter, so that many nodes do not storm a broker that comes back.
 
-    It is never longer: whoever mends a broker waits for at most the longest pause.
+    It is never longer: a broker that was repaired is reached after at most the longest pause.
     """
 
     def __init__(self, patience: Patience) -> None:

@@ -120,7 +120,7 @@ class MqttSettings(DriverOptions):
 
     @property
     def retained_topic(self) -> str:
-        """Where the list is of what the broker keeps of this node, below the base: another may share that."""
+        """Topic of the list of retained topics, below the base topic, which several nodes may share."""
         return f"retained/{self.node}"
 
     @property

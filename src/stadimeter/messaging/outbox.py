@@ -94,7 +94,7 @@ class MemoryOutbox:
         self.dropped += 1
 
     def connection_lost(self) -> None:
-        """Give up the messages of QoS 0 that were not written; whoever sends keeps those of QoS 1 on its wire."""
+        """Give up the messages of QoS 0 that were not written; paho keeps those of QoS 1 and sends them again."""
         self.dropped += len(self._unwritten)
         self._unwritten.clear()
 

@@ -46,7 +46,7 @@ THINGS_BGR = (
 """No yellow, no green, nothing dark: a colour range that finds the ball must find nothing else."""
 
 SPARE_PX = 64
-"""By so much the noise is larger than a picture each way: 4096 places to cut it from."""
+"""Pixels by which the noise is larger than a picture each way: 4096 places to cut it from."""
 
 TIMEOUT_S = 0.1
 """The time that a reader of a blocked camera waits."""

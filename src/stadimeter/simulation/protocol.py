@@ -1,4 +1,4 @@
-"""The interface of a simulated world, to whoever watches it."""
+"""The interface of a simulated world, for views of it."""
 
 from __future__ import annotations
 

@@ -20,8 +20,7 @@ from stadimeter.config.units import Angle, Duration, Length, LengthOrZero
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.clock import Clock
 from stadimeter.errors import ConfigError
-from stadimeter.simulation.ball import Ball, Coordinate, WayPoint
-from stadimeter.simulation.hand import Hand
+from stadimeter.simulation.ball import Ball, Coordinate, Hand, WayPoint
 from stadimeter.simulation.narration import OUT_OF_SIGHT, Narrator, StoryLine
 from stadimeter.simulation.robot import DifferentialRobot, Pose
 
@@ -123,11 +122,11 @@ class WorldOptions(DriverOptions):
 class Faults:
     """The knobs. Tests and people turn them by hand; the schedule of the configuration turns them too."""
 
-    target_hidden: bool = False  # nobody can see the ball
+    target_hidden: bool = False  # no camera shows the ball
     camera_frozen: bool = False  # the camera keeps delivering the same old frame, as a stuck driver does
     camera_blocked: bool = False  # no frame comes from the camera
     base_unplugged: bool = False  # the cable to the robot base is out
-    broker_gone: bool = False  # nobody answers where the message broker was
+    broker_gone: bool = False  # the message broker does not answer
 
 
 KNOBS = {

@@ -98,7 +98,7 @@ class OutputContract:
         self._check_unusable(opened)
 
     def test_stopping_and_closing_what_is_closed_does_nothing(self, rig: AnyRig) -> None:
-        """Whoever cleans up need not know what was opened."""
+        """Cleaning up does not depend on what was opened."""
         for _ in range(2):
             rig.device.stop()
             rig.device.close()
