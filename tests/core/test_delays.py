@@ -159,10 +159,10 @@ def judged_alone(rule, samples, step_s=0.1):
     for holds in samples:
         at_s += step_s
         if holds is None:
-            state = machine.take_nothing(rule, state, at_s)
+            machine.take_nothing(rule, state, at_s)
             continue
-        state = machine.back_in_sight(rule, state, at_s)
-        state = machine.take_sample(rule, state, Sample(at_s, step_s), holds, (), now_s=at_s)
+        machine.come_back(rule, state, at_s)
+        machine.take_sample(rule, state, Sample(at_s, step_s), holds, (), now_s=at_s)
     return state
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 from stadimeter.core.decision import RuleStatus, RuleTrace
@@ -43,17 +42,10 @@ Request = LevelRequest | TwistRequest
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """What a rule does in one cycle. The same object is kept from cycle to cycle while nothing about it changes.
-
-    Attributes:
-        rests: Whether nothing changes while the verdicts of its conditions stay as they are, and until it is `due_s`.
-        due_s: When one of its timers fires, on the run's clock; infinite for never.
-    """
+    """What a rule does in one cycle. The same object is kept from cycle to cycle while nothing about it changes."""
 
     trace: RuleTrace
     requests: tuple[Request, ...] = ()
-    rests: bool = False
-    due_s: float = math.inf
 
 
 def trace_of(rule: Rule, status: RuleStatus, before: RuleTrace | None = None) -> RuleTrace:

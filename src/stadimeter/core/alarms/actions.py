@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 from stadimeter.core.alarms import machine
 from stadimeter.core.alarms.machine import AlarmState, Phase, Trigger
 from stadimeter.core.alarms.state import NO_INHIBITS, Leg
 from stadimeter.core.condition_words import describe_verdict
 from stadimeter.core.conditions import verdict as conditions
+from stadimeter.core.conditions.compounds import Condition
 from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.decision import Event, EventKind, Notice, Severity
 from stadimeter.core.rule import ROUNDING_S, AlarmRule, LostPolicy, Pattern, SequenceStep
@@ -32,20 +32,26 @@ _NO_TRACK = Track(target="")
 
 
 class Evaluation:
-    """One evaluation of an alarm, in one cycle: its state so far, and what has happened.
+    """One evaluation of an alarm, in one cycle: its own copy of the alarm's state, and what has happened.
 
-    `is_first` says that no other alarm of its group has been raised.
+    Attributes:
+        rule: The alarm's rule.
+        state: What the alarm remembers, a copy that the evaluation changes.
+        inputs: All that the rule is judged by.
+        is_first: Whether no other alarm of its group has been raised.
     """
 
-    __slots__ = ("events", "inputs", "is_first", "notices", "rule", "state")
+    __slots__ = ("_phase", "_was_chattering", "events", "inputs", "is_first", "notices", "rule", "state")
 
-    def __init__(self, rule: AlarmRule, state: AlarmState, inputs: RuleInputs, *, is_first: bool = False) -> None:
+    def __init__(self, rule: AlarmRule, before: AlarmState, inputs: RuleInputs, *, is_first: bool = False) -> None:
         self.rule = rule
-        self.state = state
+        self.state = before.copy()
         self.inputs = inputs
         self.is_first = is_first
         self.events: tuple[Event, ...] = ()
         self.notices: tuple[Notice, ...] = ()
+        self._phase = before.phase
+        self._was_chattering = before.is_chattering
 
     @property
     def is_quiet(self) -> bool:
@@ -65,27 +71,28 @@ class Evaluation:
         """Whether a level that the alarm asks for changes by itself."""
         return self.rule.pattern is not None or any(step.pattern is not None for step in self.rule.sequence)
 
-    def change(self, **fields: Any) -> None:
-        """Remember something that is no transition."""
-        self.state = replace(self.state, **fields)
-
-    def go(self, state: AlarmState, reason: str = "", by: str = "") -> None:
-        """Go to the state that the machine gives, and report a raise, a return, or chattering.
+    def report(self, reason: str = "", by: str = "") -> None:
+        """Report a raise, a return, or chattering, if the machine has brought one about since the last report.
 
         Args:
             reason: Why; empty for the figures of the condition.
             by: Who caused it.
         """
-        before, self.state = self.state, state
-        if state is before:
+        state, before = self.state, self._phase
+        if state.phase is before and state.is_chattering is self._was_chattering:
             return
-        if state.is_chattering is not before.is_chattering:
+        if state.is_chattering is not self._was_chattering:
             self._report_chattering()
-        if state.is_active is not before.is_active:
-            reason = reason or in_words(self.rule, replace(state, phase=before.phase), self.inputs)
-            _begin(self, reason) if state.is_active else _end(self, reason, by)
-        is_over = state.phase is Phase.NORMAL and before.phase not in {Phase.NORMAL, Phase.PENDING}
-        if is_over and self.state.inhibits.is_one_shot:
+        is_active = state.is_active
+        if is_active is not (before in machine.ACTIVE):
+            is_on = before in machine.JUDGED_BY_ITS_END
+            reason = reason or conditions.in_words(
+                self.rule.condition, self.inputs, state.timers.leaves, is_active=is_on
+            )
+            _begin(self, reason) if is_active else _end(self, reason, by)
+        self._phase, self._was_chattering = state.phase, state.is_chattering
+        is_over = state.phase is Phase.NORMAL and before not in {Phase.NORMAL, Phase.PENDING}
+        if is_over and state.inhibits.is_one_shot:
             unshelve(self, "the alarm has returned to normal")
 
     def add_event(self, kind: EventKind, reason: str, *, notify: bool, by: str = "") -> Event:
@@ -120,37 +127,35 @@ def _begin(evaluation: Evaluation, reason: str) -> None:
     may_notify = not evaluation.is_quiet and now_s >= _cooled_down_at_s(evaluation)
     reason = f"so from the start: {reason}" if state.held_from_start else reason
     event = evaluation.add_event(EventKind.RAISED, reason, notify=may_notify)
-    evaluation.change(
-        raised_at_s=now_s,
-        reported_at_s=now_s,
-        notified_at_s=now_s if may_notify else state.notified_at_s,
-        owes_notice=not may_notify,
-        acknowledgement=None,
-        leg=Leg(on="raised", began_s=now_s, event=event),
-    )
+    state.raised_at_s = state.reported_at_s = now_s
+    if may_notify:
+        state.notified_at_s = now_s
+    state.owes_notice = not may_notify
+    state.acknowledgement = None
+    state.leg = Leg(on="raised", began_s=now_s, event=event)
 
 
 def _end(evaluation: Evaluation, reason: str, by: str) -> None:
-    may_notify = not evaluation.is_quiet and not evaluation.state.owes_notice
-    event = evaluation.add_event(EventKind.CLEARED, reason, notify=may_notify, by=by)
-    evaluation.change(
-        raised_at_s=None,
-        reported_at_s=None,
-        owes_notice=False,
-        is_announced_only=False,
-        leg=Leg(on="cleared", began_s=evaluation.inputs.now_s, event=event),
+    state = evaluation.state
+    event = evaluation.add_event(
+        EventKind.CLEARED, reason, notify=not evaluation.is_quiet and not state.owes_notice, by=by
     )
+    state.raised_at_s = state.reported_at_s = None
+    state.owes_notice = state.is_announced_only = False
+    state.leg = Leg(on="cleared", began_s=evaluation.inputs.now_s, event=event)
 
 
 def stand(evaluation: Evaluation) -> None:
     """Let time pass for an alarm: inhibits may end, a re-alarm or a step may be due."""
-    _suppress(evaluation)
+    if evaluation.rule.suppress_when is not None:
+        _suppress(evaluation, evaluation.rule.suppress_when)
     until_s = evaluation.state.inhibits.shelved_until_s
     if until_s is not None and evaluation.inputs.now_s >= until_s:
         unshelve(evaluation, "the time is over")
     if evaluation.state.is_active:
         _report_again(evaluation)
-    _send(evaluation)
+    if evaluation.rule.sequence and evaluation.state.leg is not None:
+        _send(evaluation, evaluation.state.leg)
 
 
 def requests_of(evaluation: Evaluation, before: tuple[Request, ...], bases: frozenset[str]) -> tuple[Request, ...]:
@@ -190,15 +195,13 @@ def _cooled_down_at_s(evaluation: Evaluation) -> float:
     return -math.inf if notified_at_s is None else notified_at_s + evaluation.rule.cooldown_s
 
 
-def _suppress(evaluation: Evaluation) -> None:
+def _suppress(evaluation: Evaluation, condition: Condition) -> None:
     """Judge what suppresses the alarm. What cannot be known suppresses nothing: an alarm must not be quiet by guess."""
-    condition, inhibits = evaluation.rule.suppress_when, evaluation.state.inhibits
-    if condition is None:
-        return
+    inhibits = evaluation.state.inhibits
     verdict = conditions.judge(condition, evaluation.inputs, inhibits.leaves, is_active=inhibits.is_suppressed)
     is_suppressed = verdict.value is True
     if is_suppressed is not inhibits.is_suppressed or verdict.held != inhibits.leaves:
-        evaluation.change(inhibits=replace(inhibits, is_suppressed=is_suppressed, leaves=verdict.held))
+        evaluation.state.inhibits = replace(inhibits, is_suppressed=is_suppressed, leaves=verdict.held)
     if is_suppressed is not inhibits.is_suppressed:
         words = describe_verdict(condition, evaluation.inputs, inhibits.leaves, is_active=inhibits.is_suppressed)
         kind = EventKind.SUPPRESSED if is_suppressed else EventKind.UNSUPPRESSED
@@ -207,8 +210,8 @@ def _suppress(evaluation: Evaluation) -> None:
 
 def unshelve(evaluation: Evaluation, reason: str, by: str = "") -> None:
     """End the shelving of an alarm; `by` is empty if it ended by itself."""
-    inhibits = replace(evaluation.state.inhibits, shelved_until_s=None, is_one_shot=False, shelved_by="")
-    evaluation.change(inhibits=inhibits)
+    state = evaluation.state
+    state.inhibits = replace(state.inhibits, shelved_until_s=None, is_one_shot=False, shelved_by="")
     evaluation.add_event(EventKind.UNSHELVED, reason, notify=False, by=by)
 
 
@@ -217,37 +220,38 @@ def _report_again(evaluation: Evaluation) -> None:
     state, now_s, realarm_s = evaluation.state, evaluation.inputs.now_s, evaluation.rule.realarm_s
     if state.raised_at_s is None or state.reported_at_s is None:
         return
+    is_late = realarm_s is not None and now_s - state.reported_at_s >= realarm_s
+    if not (state.owes_notice or is_late):
+        return
     still = f"still active after {now_s - state.raised_at_s:.1f} s"
     may_notify = not evaluation.is_quiet and now_s >= _cooled_down_at_s(evaluation)
     if state.owes_notice and may_notify:
         _realarm(evaluation, f"{still}, and not notified before", may_notify=True)
-    elif realarm_s is not None and now_s - state.reported_at_s >= realarm_s:
+    elif is_late:
         _realarm(evaluation, still, may_notify=may_notify)
         if evaluation.rule.needs_ack:
-            evaluation.go(machine.fire(evaluation.state, Trigger.REALARM))
+            machine.fire(state, Trigger.REALARM)
+            evaluation.report()
 
 
 def _realarm(evaluation: Evaluation, reason: str, *, may_notify: bool) -> None:
     """Report an alarm again. One of which nobody may be notified now does not begin its steps anew."""
     now_s, state = evaluation.inputs.now_s, evaluation.state
     event = evaluation.add_event(EventKind.REALARMED, reason, notify=may_notify)
-    evaluation.change(
-        reported_at_s=now_s,
-        notified_at_s=now_s if may_notify else state.notified_at_s,
-        owes_notice=state.owes_notice and not may_notify,
-        leg=Leg(on="raised", began_s=now_s, event=event) if may_notify else state.leg,
-    )
+    state.reported_at_s = now_s
+    if may_notify:
+        state.notified_at_s = now_s
+        state.owes_notice = False
+        state.leg = Leg(on="raised", began_s=now_s, event=event)
 
 
-def _send(evaluation: Evaluation) -> None:
+def _send(evaluation: Evaluation, leg: Leg) -> None:
     """Send what is due. What is due while the alarm is quiet is not sent later either: by then it is no news."""
-    leg, now_s = evaluation.state.leg, evaluation.inputs.now_s
-    if leg is None or not evaluation.rule.sequence:
-        return
+    now_s = evaluation.inputs.now_s
     due = [position for position, step in _unsent(evaluation) if now_s + ROUNDING_S >= leg.began_s + step.after_s]
     if not due:
         return
-    evaluation.change(leg=replace(leg, sent=(*leg.sent, *due)))
+    evaluation.state.leg = replace(leg, sent=(*leg.sent, *due))
     if evaluation.is_quiet or not leg.event.notify:
         return
     count = evaluation.state.raises

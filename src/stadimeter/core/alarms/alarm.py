@@ -27,6 +27,7 @@ from stadimeter.core.alarms.state import NO_INHIBITS, Acknowledgement, Sample
 from stadimeter.core.condition import Condition, CountCondition, PresenceCondition, leaves
 from stadimeter.core.conditions import verdict as conditions
 from stadimeter.core.conditions.inputs import RuleInputs
+from stadimeter.core.conditions.leaf import Rest
 from stadimeter.core.decision import Event, EventKind, Notice, RuleStatus, RuleTrace, Severity
 from stadimeter.core.operator import Answer, OperatorCommand
 from stadimeter.core.rule import ROUNDING_S, AlarmRule
@@ -47,11 +48,14 @@ class AlarmStep(Step):
 
 
 class Stepped(NamedTuple):
-    """An alarm after a cycle: what it does, what happened, and what is to be sent."""
+    """An alarm after a cycle: what it does, what happened, what is to be sent, and for how long it is quiescent."""
 
     step: AlarmStep
-    events: tuple[Event, ...] = ()
-    notices: tuple[Notice, ...] = ()
+    """That of the cycle before, if nothing changed."""
+    events: tuple[Event, ...]
+    notices: tuple[Notice, ...]
+    rest: Rest | None
+    """None if it must be evaluated in the next cycle."""
 
 
 def new_alarm(rule: AlarmRule) -> AlarmStep:
@@ -62,7 +66,7 @@ def new_alarm(rule: AlarmRule) -> AlarmStep:
 def with_state(rule: AlarmRule, step: AlarmStep, state: AlarmState) -> AlarmStep:
     """Return an alarm that has another state since its step, by a command or by a restart. It must be evaluated."""
     active = state.is_active or None
-    return replace(step, trace=_trace(rule, state, step.trace.status, active, step.trace), state=state, rests=False)
+    return replace(step, trace=_trace(rule, state, step.trace.status, active, step.trace), state=state)
 
 
 # ---- One cycle ----
@@ -85,64 +89,60 @@ def step_alarm(
         bases: The names of the outputs that are bases. An alarm stops them.
         is_first: Whether no other alarm of its group has been raised.
     """
-    state, now_s = before.state, inputs.now_s
+    evaluation = Evaluation(rule, before.state, inputs, is_first=is_first)
+    state = evaluation.state
     if inputs.is_after_gap:
-        state = machine.anew(state, now_s)
+        machine.restart_timers(state, inputs.now_s)
     verdict = conditions.judge(rule.condition, inputs, state.timers.leaves, is_active=state.is_judged_by_its_end)
+    holds = verdict.value
     is_awaited = _is_awaited(rule, state, inputs)
-    if is_awaited:
-        verdict = conditions.Verdict(None, state.timers.leaves)
-    if state is before.state and _stays(rule, before, verdict, inputs, sample):
-        return Stepped(before)
-    evaluation = Evaluation(rule, state, inputs, is_first=is_first)
-    evaluation.go(machine.calmed(rule, state, now_s))
-    if verdict.value is None:
+    if state.is_chattering:
+        machine.calm_down(rule, state, inputs.now_s)
+        evaluation.report()
+    if holds is None or is_awaited:
+        holds = None
         _without_verdict(evaluation, is_awaited=is_awaited)
     else:
-        _with_verdict(evaluation, verdict.value, verdict.held, sample)
+        _with_verdict(evaluation, holds, verdict.held, sample)
     stand(evaluation)
-    return _stepped(before, evaluation, bases, verdict.value, is_awaited=is_awaited)
-
-
-def judged_by(rule: AlarmRule, state: AlarmState) -> tuple[tuple[Condition, tuple[bool, ...], bool], ...]:
-    """Return the conditions that an alarm is judged by, the memory of their parts, and whether they are on."""
-    own = rule.condition, state.timers.leaves, state.is_judged_by_its_end
-    if rule.suppress_when is None:
-        return (own,)
-    return own, (rule.suppress_when, state.inhibits.leaves, state.inhibits.is_suppressed)
+    rest = None if is_awaited else _rest(evaluation, before.state, holds)
+    return Stepped(_step(before, evaluation, bases, holds), evaluation.events, evaluation.notices, rest)
 
 
 def _with_verdict(evaluation: Evaluation, holds: bool, held: tuple[bool, ...], sample: Sample | None) -> None:
-    rule, inputs, before = evaluation.rule, evaluation.inputs, evaluation.state
-    state = machine.back_in_sight(rule, before, inputs.now_s)
-    if before.is_given_up and not state.is_given_up and before.unknown_since_s is not None:
-        reason = f"there is something to judge by again, after {inputs.now_s - before.unknown_since_s:.1f} s"
-        evaluation.add_event(EventKind.MEASUREMENT_BACK, reason, notify=not evaluation.is_quiet)
-    evaluation.go(state)
+    rule, inputs, state = evaluation.rule, evaluation.inputs, evaluation.state
+    if state.unknown_since_s is not None:
+        was_given_up, away_s = state.is_given_up, inputs.now_s - state.unknown_since_s
+        machine.come_back(rule, state, inputs.now_s)
+        if was_given_up:
+            reason = f"there is something to judge by again, after {away_s:.1f} s"
+            evaluation.add_event(EventKind.MEASUREMENT_BACK, reason, notify=not evaluation.is_quiet)
     if sample is None or machine.is_settled(state, holds, held):
         return
     # A frame whose measurement was refused as an outlier contradicts the track that the condition is judged by: it
     # counts neither for an alarm that is not raised nor against it.
     if not state.is_active and inputs.tracks[rule.target].rejected > 0:
-        evaluation.go(machine.pass_over(state, sample.since_s))
+        machine.pass_over(state, sample.since_s)
     else:
-        evaluation.go(machine.take_sample(rule, state, sample, holds, held, now_s=inputs.now_s))
+        machine.take_sample(rule, state, sample, holds, held, now_s=inputs.now_s)
+        evaluation.report()
 
 
 def _without_verdict(evaluation: Evaluation, *, is_awaited: bool) -> None:
-    rule, inputs, before = evaluation.rule, evaluation.inputs, evaluation.state
-    if before.resumed is not None:
-        if inputs.now_s - before.resumed.at_s < AWAITED_S:
+    rule, inputs, state = evaluation.rule, evaluation.inputs, evaluation.state
+    if state.resumed is not None:
+        if inputs.now_s - state.resumed.at_s < AWAITED_S:
             return
-        evaluation.change(resumed=None)
+        state.resumed = None
     if is_awaited:
         return
-    state = machine.take_nothing(rule, evaluation.state, inputs.now_s)
-    if state.is_active is not evaluation.state.is_active:
-        evaluation.go(state, f"{missing_in_words(rule, state, inputs)}: {in_words(rule, state, inputs)}")
+    was_active, was_given_up = state.is_active, state.is_given_up
+    machine.take_nothing(rule, state, inputs.now_s)
+    if state.is_active is not was_active:
+        evaluation.report(f"{missing_in_words(rule, state, inputs)}: {in_words(rule, state, inputs)}")
     else:
-        evaluation.go(state)
-    if state.is_given_up and not before.is_given_up:
+        evaluation.report()
+    if state.is_given_up and not was_given_up:
         reason = given_up_in_words(rule, state, inputs)
         evaluation.add_event(EventKind.MEASUREMENT_LOST, reason, notify=not evaluation.is_quiet)
 
@@ -154,8 +154,9 @@ def _is_awaited(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> bool:
     """
     if rule.severity is Severity.SAFETY or not inputs.tracks:
         return False
-    if any(track.status is not TrackStatus.SEARCHING for track in inputs.tracks.values()):
-        return False
+    for track in inputs.tracks.values():  # a loop: `any` with a generator takes three times as long
+        if track.status is not TrackStatus.SEARCHING:
+            return False
     if state.resumed is not None:
         began_s = state.resumed.at_s
     elif state.is_active or state.unknown_since_s is not None:
@@ -167,49 +168,64 @@ def _is_awaited(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> bool:
     return any(isinstance(leaf, PresenceCondition | CountCondition) for leaf in leaves(rule.condition))
 
 
-def _stays(
-    rule: AlarmRule, before: AlarmStep, verdict: conditions.Verdict, inputs: RuleInputs, sample: Sample | None
-) -> bool:
-    """Return whether an alarm surely goes on as it is. Nearly all do in nearly every cycle, so this is worth a look."""
-    state = before.state
-    if verdict.value is None or state.is_active or state.leg is not None or rule.suppress_when is not None:
-        return False
-    if state.unknown_since_s is not None or state.inhibits is not NO_INHIBITS or not before.rests:
-        return False
-    if before.trace.status is not RuleStatus.IDLE or inputs.now_s >= before.due_s:
-        return False
-    return sample is None or machine.is_settled(state, verdict.value, verdict.held)
-
-
-def _stepped(
-    before: AlarmStep, evaluation: Evaluation, bases: frozenset[str], holds: bool | None, *, is_awaited: bool
-) -> Stepped:
+def _step(before: AlarmStep, evaluation: Evaluation, bases: frozenset[str], holds: bool | None) -> AlarmStep:
+    """Return what an alarm does after its evaluation; the step of the cycle before if nothing has changed."""
     rule, state, was = evaluation.rule, evaluation.state, before.trace
-    rests = not is_awaited and _rests(evaluation, holds)
     if holds is None:
         holds = machine.decided_by_policy(rule, state, evaluation.inputs.now_s)
     status, active = _status(state, holds), state.is_active or (None if holds is None else False)
     requests = requests_of(evaluation, before.requests, bases)
-    due = due_s(evaluation) if rests else math.inf
-    is_same = status is was.status and active is was.active
-    goes_on = rests is before.rests and due == before.due_s
-    if is_same and goes_on and state is before.state and requests is before.requests:
-        return Stepped(before, evaluation.events, evaluation.notices)
-    is_same = is_same and state.is_acknowledged is was.acknowledged and state.is_chattering is was.chattering
-    is_same = is_same and state.inhibits is before.state.inhibits
+    is_same = (
+        status is was.status
+        and active is was.active
+        and state.is_acknowledged is was.acknowledged
+        and state.is_chattering is was.chattering
+        and state.inhibits is before.state.inhibits
+    )
+    if is_same and requests is before.requests and state == before.state:
+        return before
     trace = was if is_same else _trace(rule, state, status, active, was)
-    step = AlarmStep(trace=trace, requests=requests, state=state, rests=rests, due_s=due)
-    return Stepped(step, evaluation.events, evaluation.notices)
+    return AlarmStep(trace=trace, requests=requests, state=state)
 
 
-def _rests(evaluation: Evaluation, holds: bool | None) -> bool:
-    """Return whether nothing changes while the verdicts of its conditions stay as they are, and until it is due."""
-    state = evaluation.state
+def _rest(evaluation: Evaluation, before: AlarmState, holds: bool | None) -> Rest | None:
+    """Return for how long an alarm is quiescent: for how long an evaluation would change nothing; None for not at all.
+
+    This is the one answer to whether anything changes. `Quiescence` keeps it, and evaluates the alarm when it is over.
+
+    Args:
+        evaluation: The evaluation of this cycle, all done.
+        before: What the alarm remembered before it.
+        holds: Whether its condition holds; None if that is not known.
+    """
+    rule, state = evaluation.rule, evaluation.state
     if state.resumed is not None:
-        return False
-    if state.leg is not None and evaluation.has_patterns and (state.is_active or math.isfinite(due_s(evaluation))):
-        return False  # a level changes by itself: of the alarm, or of a step that goes on after it has cleared
-    return holds is None or machine.is_settled(state, holds, state.timers.leaves)
+        return None
+    if holds is not None and not machine.is_settled(state, holds, state.timers.leaves):
+        return None
+    due = due_s(evaluation)
+    if state.leg is not None and evaluation.has_patterns and (state.is_active or math.isfinite(due)):
+        return None  # a level changes by itself: of the alarm, or of a step that goes on after it has cleared
+    # An alarm that is judged in another way than before (by what begins its condition, in place of what ends it) does
+    # not stay as it is: its verdict is of the old way.
+    how = _judged_by(rule, state)
+    if how != _judged_by(rule, before):
+        return None
+    rest = Rest(due_s=due)
+    for condition, held, is_on in how:
+        one = conditions.rest_of(condition, evaluation.inputs, held, is_active=is_on)
+        if one is None:
+            return None
+        rest &= one
+    return rest
+
+
+def _judged_by(rule: AlarmRule, state: AlarmState) -> tuple[tuple[Condition, tuple[bool, ...], bool], ...]:
+    """Return the conditions that an alarm is judged by, the memory of their parts, and whether they are on."""
+    own = rule.condition, state.timers.leaves, state.is_judged_by_its_end
+    if rule.suppress_when is None:
+        return (own,)
+    return own, (rule.suppress_when, state.inhibits.leaves, state.inhibits.is_suppressed)
 
 
 _STATUS = {
@@ -315,8 +331,9 @@ def _acknowledge(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
         return "there is nothing to acknowledge"
     evaluation.add_event(EventKind.ACKNOWLEDGED, command.said, notify=not evaluation.is_quiet, by=command.by)
     said = Acknowledgement(at_s=evaluation.inputs.now_s, by=command.by, why=command.why)
-    state = replace(machine.acknowledged(evaluation.rule, evaluation.state), acknowledgement=said)
-    evaluation.go(state, command.said, command.by)
+    machine.acknowledge(evaluation.rule, evaluation.state)
+    evaluation.state.acknowledgement = said
+    evaluation.report(command.said, command.by)
     return ""
 
 
@@ -327,7 +344,8 @@ def _reset(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
     if Trigger.RESET not in TRANSITIONS[state.phase]:
         return "it is not acknowledged; acknowledge it first"
     evaluation.add_event(EventKind.RESET, command.said, notify=False, by=command.by)
-    evaluation.go(machine.fire(state, Trigger.RESET), command.said, command.by)
+    machine.fire(state, Trigger.RESET)
+    evaluation.report(command.said, command.by)
     return ""
 
 
@@ -344,7 +362,7 @@ def _shelve(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
         return f"{duration(for_s)} is not a time above zero and up to {longest}, the longest for '{rule.name}'"
     until_s, inhibits = evaluation.inputs.now_s + for_s, evaluation.state.inhibits
     inhibits = replace(inhibits, shelved_until_s=until_s, is_one_shot=command.one_shot, shelved_by=command.by)
-    evaluation.change(inhibits=inhibits)
+    evaluation.state.inhibits = inhibits
     how = f"for {duration(for_s)}" + (", or until it has returned to normal" if command.one_shot else "")
     evaluation.add_event(EventKind.SHELVED, f"{how}: {command.said}", notify=False, by=command.by)
     return ""
@@ -362,7 +380,7 @@ def _take_out(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
     refusal = _why_not_quiet(rule)
     if refusal or inhibits.is_out_of_service:
         return refusal or "it is out of service already"
-    evaluation.change(inhibits=replace(inhibits, is_out_of_service=True))
+    evaluation.state.inhibits = replace(inhibits, is_out_of_service=True)
     evaluation.add_event(EventKind.OUT_OF_SERVICE, command.said, notify=not rule.observe, by=command.by)
     return ""
 
@@ -371,7 +389,7 @@ def _put_back(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
     inhibits = evaluation.state.inhibits
     if not inhibits.is_out_of_service:
         return "it is not out of service"
-    evaluation.change(inhibits=replace(inhibits, is_out_of_service=False))
+    evaluation.state.inhibits = replace(inhibits, is_out_of_service=False)
     evaluation.add_event(EventKind.IN_SERVICE, command.said, notify=not evaluation.is_quiet, by=command.by)
     return ""
 

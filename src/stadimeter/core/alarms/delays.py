@@ -30,13 +30,6 @@ def counted(
     else:
         for_s, samples, contrary_s = 0.0, 0, 0.0
     frames = 0 if is_active else rule.on_delay.of_frames
-    return Timers(
-        held_s=0.0 if is_active else for_s,
-        ended_s=for_s if is_active else 0.0,
-        contrary_samples=samples,
-        contrary_s=contrary_s,
-        recent=(*before.recent, holds)[-frames:] if frames else (),
-        held_last=holds,
-        was_judged=True,
-        leaves=leaves,
-    )
+    recent = (*before.recent, holds)[-frames:] if frames else ()
+    held_s, ended_s = (0.0, for_s) if is_active else (for_s, 0.0)
+    return Timers(held_s, ended_s, samples, contrary_s, recent, holds, True, leaves)  # by position: half the time

@@ -17,9 +17,12 @@ class Sample(NamedTuple):
     """How long after the frame before, or the cycle before, that is; 0 for the first."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True)
 class Timers:
-    """For how long the condition has held, or has not."""
+    """For how long the condition has held, or has not.
+
+    A value: made anew for each sample, and never changed. It is not frozen, since that makes it three times as dear.
+    """
 
     held_s: float = 0.0
     """For how long it has held, while the alarm is not active; noise to the contrary that was forgiven included."""
@@ -100,4 +103,4 @@ class Resumed:
     """When this run restored it."""
 
 
-NO_TIMERS, NO_INHIBITS = Timers(), Inhibits()
+NO_INHIBITS = Inhibits()

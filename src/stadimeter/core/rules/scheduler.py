@@ -15,9 +15,8 @@ from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 from stadimeter.core.alarms.actions import Evaluation
-from stadimeter.core.alarms.alarm import AlarmStep, Stepped, judged_by, new_alarm, operated, step_alarm, with_state
+from stadimeter.core.alarms.alarm import AlarmStep, Stepped, new_alarm, operated, step_alarm, with_state
 from stadimeter.core.alarms.state import Sample
-from stadimeter.core.conditions import verdict as conditions
 from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.conditions.leaf import Rest
 from stadimeter.core.decision import Event, EventKind, Notice, RuleTrace
@@ -219,10 +218,9 @@ class _Evaluation:
             step: RuleStep = stepped.step
             self.events += stepped.events
             self.notices += stepped.notices
+            rest = stepped.rest
             if rule.group and stepped.events:
                 self._note_first_out(rule, stepped.events)
-            if stepped.step.rests:
-                rest = self._rest_of_alarm(rule, last, stepped.step)
         elif isinstance(rule, RampRule) and isinstance(last, RampStep):
             step = step_ramp(rule, last, self.inputs.tracks[rule.target])
             rest = rest_of_ramp(rule, step, self.inputs.tracks[rule.target])
@@ -233,23 +231,6 @@ class _Evaluation:
         self.rests[index] = rest
         if step is not last:
             self.changed[index] = step
-
-    def _rest_of_alarm(self, rule: AlarmRule, last: AlarmStep, step: AlarmStep) -> Rest | None:
-        """Return for how long an alarm that waits for nothing else stays as it is; None for not at all.
-
-        One that is judged in another way than before (by what begins its condition, in place of what ends it) does not
-        stay as it is: its verdict is of the old way.
-        """
-        how = judged_by(rule, step.state)
-        if step.state is not last.state and how != judged_by(rule, last.state):
-            return None
-        rest = Rest(due_s=step.due_s)
-        for condition, held, is_on in how:
-            one = conditions.rest_of(condition, self.inputs, held, is_active=is_on)
-            if one is None:
-                return None
-            rest &= one
-        return rest
 
     def _alarm(self, index: int, rule: AlarmRule, last: AlarmStep) -> Stepped:
         judged = self.cycle if index in self.before.layout.by_cycle else self.sample
