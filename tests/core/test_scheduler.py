@@ -2,7 +2,14 @@
 
 import pytest
 
+from stadimeter.core.condition import PresenceCondition
 from stadimeter.core.decide import decide, initial_state
+from stadimeter.core.decision import EventKind, Severity
+from stadimeter.core.observation import FrameStamp, Observation
+from stadimeter.core.plan import Plan
+from stadimeter.core.rule import AlarmRule
+from stadimeter.core.rules.quiescence import MAX_WOKEN
+from support.observing import measured
 from support.random_runs import random_run, with_all_active
 
 
@@ -55,3 +62,23 @@ def test_the_random_runs_raise_alarms_of_every_kind():
             state, decision = decide(state, observation)
             kinds.update(event.kind.value for event in decision.events)
     assert {"raised", "cleared", "realarmed", "suppressed", "shelved", "measurement_lost", "target_lost"} <= kinds
+
+
+def test_a_thousand_alarms_that_are_due_at_once_are_raised_in_turn_and_those_for_safety_first():
+    lost = PresenceCondition(seen=False, for_s=1.0)
+    severities = [Severity.SAFETY if number % 500 == 499 else Severity.ALARM for number in range(1000)]
+    rules = tuple(
+        AlarmRule(name=f"rule-{number}", target="ball", severity=severity, condition=lost)
+        for number, severity in enumerate(severities)
+    )
+    state, raised = initial_state(Plan(targets=("ball",), rules=rules)), []
+    for cycle in range(120):
+        at_s = cycle / 30
+        seen = (measured("ball", at_s, 1.0),) if cycle < 30 else ()
+        stamp = FrameStamp(sequence=cycle, captured_at_s=at_s)
+        state, decision = decide(state, Observation(now_s=at_s, frame=stamp, measurements=seen))
+        if names := [event.source for event in decision.events if event.kind is EventKind.RAISED]:
+            raised.append(names)
+    assert {"rule-499", "rule-999"} <= set(raised[0])
+    assert [len(names) for names in raised] == [MAX_WOKEN] * (1000 // MAX_WOKEN) + [1000 % MAX_WOKEN]
+    assert len({name for names in raised for name in names}) == 1000

@@ -3,11 +3,16 @@
 Each rule says in which interval each figure that it watches may move without changing its verdict, and when it is due.
 In each cycle every figure is read once, and all intervals are scanned at a stroke. An interval is about the figure, not
 about the cycle before, so nothing has to be remembered while all rules are quiescent.
+
+Thousands of rules may wake in one cycle, such as all that wait for a target to be lost for 3 s. `MAX_WOKEN` of them are
+evaluated in that cycle, safety rules first and beyond that number too; the others in the cycles that follow, if they
+are still due or outside their interval. One cycle that evaluates all would last longer than several frames.
 """
 
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -18,7 +23,11 @@ from stadimeter.core.condition import leaves
 from stadimeter.core.conditions.distance import distance_figure
 from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.conditions.leaf import UNKNOWN, Figure, Rest
+from stadimeter.core.decision import Severity
 from stadimeter.core.rule import ROUNDING_S, AlarmRule, AnyRule, RampRule
+
+MAX_WOKEN = 128
+"""In one cycle this many quiescent rules are evaluated: about 5 ms if each of them raises an alarm (x86, 3 GHz)."""
 
 _Numbers = NDArray[np.float64]
 _Positions = NDArray[np.intp]
@@ -33,12 +42,14 @@ class Watch:
         figure_of_row: The position in `figures` that each row is about.
         rule_of_row: The position of its rule in the plan.
         rows: For each rule, the row of each of its figures.
+        safety: The positions of the rules for safety.
     """
 
     figures: tuple[Figure, ...] = ()
     figure_of_row: _Positions = field(default_factory=lambda: np.zeros(0, np.intp))
     rule_of_row: _Positions = field(default_factory=lambda: np.zeros(0, np.intp))
     rows: tuple[Mapping[Figure, int], ...] = ()
+    safety: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -51,6 +62,8 @@ class Quiescence:
         due_s: For each rule, when it must be judged all the same, on the run's clock; −∞ for one that is active.
         next_due_s: The least of them.
         active: The rules that are judged in every cycle.
+        first: The position from which on rules are chosen, if more wake than are evaluated in one cycle. It moves on
+            with each cycle, so each of n rules that stay awake is evaluated within n / `MAX_WOKEN` cycles.
     """
 
     low: _Numbers = field(default_factory=lambda: np.zeros(0))
@@ -58,20 +71,35 @@ class Quiescence:
     due_s: _Numbers = field(default_factory=lambda: np.zeros(0))
     next_due_s: float = math.inf
     active: frozenset[int] = frozenset()
+    first: int = 0
 
     def active_set(self, watch: Watch, inputs: RuleInputs) -> set[int]:
         """Return the rules to judge in a cycle: the active ones, those with a figure outside its interval, or due."""
-        found = set(self.active)
+        woken = self._woken(watch, inputs)
+        if len(woken) > MAX_WOKEN:
+            woken = self._chosen(woken - self.active, watch.safety)
+        return woken | self.active
+
+    def _woken(self, watch: Watch, inputs: RuleInputs) -> set[int]:
+        found: set[int] = set()
         if watch.figures:
             read = np.array([figure.read(inputs, *figure.of) for figure in watch.figures])
             values = read[watch.figure_of_row]
             outside = (values < self.low) | (values > self.high)
-            if outside.any():
+            if np.count_nonzero(outside):  # a sixth of the time of `any`
                 found.update(watch.rule_of_row[outside].tolist())
         now_s = inputs.now_s + ROUNDING_S
         if self.next_due_s <= now_s:
             found.update((self.due_s <= now_s).nonzero()[0].tolist())
         return found
+
+    def _chosen(self, woken: set[int], safety: frozenset[int]) -> set[int]:
+        """Return the rules for safety, and of the others as many as there is time for, each in its turn."""
+        urgent = woken & safety
+        waiting = sorted(woken - urgent)
+        turn = bisect_left(waiting, self.first)
+        in_turn = waiting[turn:] + waiting[:turn]
+        return urgent.union(in_turn[: max(1, MAX_WOKEN - len(urgent))])
 
     def after(self, watch: Watch, rests: Mapping[int, Rest | None]) -> Quiescence:
         """Return for how long each rule is quiescent after some were judged; None for those that are active."""
@@ -95,6 +123,7 @@ class Quiescence:
             due_s=due_s,
             next_due_s=float(due_s.min()),
             active=(self.active - changed.keys()) | active,
+            first=(self.first + MAX_WOKEN) % len(due_s),
         )
 
     def with_all_active(self) -> Quiescence:
@@ -120,6 +149,7 @@ def watch_of(rules: Sequence[AnyRule]) -> Watch:
         figure_of_row=np.array(figure_of_row, np.intp),
         rule_of_row=np.array(rule_of_row, np.intp),
         rows=tuple(rows),
+        safety=frozenset(index for index, rule in enumerate(rules) if rule.severity is Severity.SAFETY),
     )
 
 

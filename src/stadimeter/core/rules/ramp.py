@@ -69,4 +69,5 @@ def _step(rule: RampRule, before: RampStep, status: RuleStatus, level: float) ->
     requests: tuple[LevelRequest, ...] = ()
     if rule.output is not None and level > 0 and not rule.observe:
         requests = (LevelRequest(rule=rule.name, output=rule.output, priority=rule.priority, level=level),)
-    return RampStep(trace=trace_of(rule, status, before.trace), requests=requests, level=level)
+    trace = before.trace if status is before.trace.status else trace_of(rule, status, before.trace)
+    return RampStep(trace=trace, requests=requests, level=level)
