@@ -22,7 +22,7 @@ NEAR = AlarmRule(
     output="buzzer",
     condition=DistanceCondition(below_m=1.0),
     off_delay_s=0.4,
-    needs_ack=True,
+    ack="required",
     latch=True,
 )
 PLAN = Plan(

@@ -69,7 +69,7 @@ def test_each_rule_says_why_as_the_terminal_and_explain_do(demonstration):
         (rule,) = (each for each in loop.parts.configuration.plan.rules if each.name == told["rule"])
         assert told["reason"] == why(feed.history.record.decision, rule.name)
         assert ": P " not in told["reason"], "a probability is for explain only"
-        assert told["needs_ack"] == (isinstance(rule, AlarmRule) and rule.needs_ack)
+        assert told["needs_ack"] == (isinstance(rule, AlarmRule) and rule.ack == "required")
 
 
 def test_of_many_rules_those_that_changed_say_why_at_once_and_the_others_in_turn():

@@ -18,7 +18,7 @@ from stadimeter.core.decision import Decision, Event, EventKind, Notice, SafetyM
 from stadimeter.core.frame import Frame
 from stadimeter.core.message import Message
 from stadimeter.core.notification import Notification
-from stadimeter.core.rule import AlarmRule, FollowRule, Send, SequenceStep, Template
+from stadimeter.core.rule import AlarmRule, EscalationStep, FollowRule, Send, Template
 from stadimeter.core.track import Track, TrackStatus
 from stadimeter.errors import DriverError
 from stadimeter.messaging.apprise_notifier import AppriseNotifier, AppriseOptions
@@ -35,7 +35,7 @@ def alarm(*sends: Send | None) -> AlarmRule:
         name="near",
         target="ball",
         condition=DistanceCondition(below_m=0.5),
-        sequence=tuple(SequenceStep(send=send) for send in sends),
+        escalation=tuple(EscalationStep(send=send) for send in sends),
     )
 
 

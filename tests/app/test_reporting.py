@@ -17,7 +17,7 @@ from stadimeter.app.reporting import Reporter
 from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.decision import Decision, Event, EventKind, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.message import Message
-from stadimeter.core.rule import AlarmRule, Rule, Send, SequenceStep, Template
+from stadimeter.core.rule import AlarmRule, EscalationStep, Rule, Send, Template
 from stadimeter.core.track import Track, TrackStatus
 
 NOON = "2026-06-01T12:00:00.000+00:00"
@@ -423,8 +423,8 @@ def test_the_documentation_shows_the_real_forms() -> None:
 
 
 def sending(name: str, topic: str, *, retain: bool) -> AlarmRule:
-    step = SequenceStep(send=Send(template=Template(text="x"), topic=topic, retain=retain))
-    return AlarmRule(name=name, target="ball", condition=FAR, sequence=(step,))
+    step = EscalationStep(send=Send(template=Template(text="x"), topic=topic, retain=retain))
+    return AlarmRule(name=name, target="ball", condition=FAR, escalation=(step,))
 
 
 def test_what_a_changed_configuration_publishes_no_more_is_forgotten_by_the_broker_and_told_anew_when_it_is_back():

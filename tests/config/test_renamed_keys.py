@@ -35,7 +35,7 @@ def test_the_old_name_means_the_same_with_a_warning_at_its_line(load: Load, soun
     line = sound.count("\n") + 6
     assert old.plan == new.plan
     assert isinstance(old.plan.rules[0], AlarmRule)
-    assert len(old.plan.rules[0].sequence) == 1
+    assert len(old.plan.rules[0].escalation) == 1
     assert renamed(old) == [("rules.near.then", line, "'then' is now called 'escalation'")]
     assert renamed(new) == []
 

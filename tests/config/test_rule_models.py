@@ -131,7 +131,7 @@ def test_every_key_of_an_alarm_reaches_the_core() -> None:
         on_delay=core.OnDelay(frames=2, of_frames=4),
         off_delay_s=0.0,
         level=0.5,
-        act_at_start=False,
+        at_start="announce",
     )
 
 

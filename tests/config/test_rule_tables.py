@@ -11,7 +11,7 @@ from stadimeter.config.describe import describe
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.condition import AnyOf, Not, RuleCondition
 from stadimeter.core.plan import BaseOutput, LevelOutput
-from stadimeter.core.rule import AlarmRule, Pattern, RampRule, Send, SequenceStep, Template
+from stadimeter.core.rule import AlarmRule, EscalationStep, Pattern, RampRule, Send, Template
 from stadimeter.errors import ConfigError, Problem
 from support.simulated_run import LENS
 
@@ -73,7 +73,7 @@ def test_every_key_of_an_alarms_life_reaches_the_core(tmp_path: Path) -> None:
         'latch = true\nack = "required"\nrealarm = "5 min"\ncooldown = "30 s"\nshelve_max = "2 h"\ngroup = "door"\n'
         "observe = true\nsuppress_when = { seen = true }",
     )
-    assert (found.latch, found.needs_ack, found.observe, found.group) == (True, True, True, "door")
+    assert (found.latch, found.ack, found.observe, found.group) == (True, "required", True, "door")
     assert (found.realarm_s, found.cooldown_s, found.shelve_max_s) == (300.0, 30.0, 7200.0)
     assert found.suppress_when is not None
 
@@ -81,7 +81,7 @@ def test_every_key_of_an_alarms_life_reaches_the_core(tmp_path: Path) -> None:
 def test_without_a_word_about_it_an_alarm_is_as_the_core_has_it(tmp_path: Path) -> None:
     found = alarm(tmp_path, "")
     plain = AlarmRule(name="", target="", condition=found.condition)
-    for key in ("latch", "needs_ack", "realarm_s", "cooldown_s", "shelve_max_s", "group", "suppress_when", "sequence"):
+    for key in ("latch", "ack", "realarm_s", "cooldown_s", "shelve_max_s", "group", "suppress_when", "escalation"):
         assert getattr(found, key) == getattr(plain, key), key
 
 
@@ -155,17 +155,18 @@ for = "2 s"
         topic="door/alert",
         retain=True,
     )
-    assert found.sequence == (
-        SequenceStep(after_s=5.0, only_unacknowledged=True, send=phone),
-        SequenceStep(send=message),
-        SequenceStep(after_s=60.0, output="motor", level=0.5, pattern=Pattern(steps=((0.5, 1.0), (0.0, 1.0)))),
-        SequenceStep(on="cleared", output="motor", for_s=2.0),
+    assert found.escalation == (
+        EscalationStep(after_s=5.0, only_unacknowledged=True, send=phone),
+        EscalationStep(send=message),
+        EscalationStep(after_s=60.0, output="motor", level=0.5, pattern=Pattern(steps=((0.5, 1.0), (0.0, 1.0)))),
+        EscalationStep(on="cleared", output="motor", for_s=2.0),
     )
 
 
 def test_a_notification_without_words_says_what_happened_and_why(tmp_path: Path) -> None:
     found = alarm(tmp_path, '[[rules.near.escalation]]\nnotify = "phone"')
-    assert found.sequence[0].send == Send(template=Template(text="{reason}"), notifier="phone", title="{rule}: {event}")
+    send = found.escalation[0].send
+    assert send == Send(template=Template(text="{reason}"), notifier="phone", title="{rule}: {event}")
 
 
 WRONG_STEPS = [
@@ -291,7 +292,7 @@ def test_a_table_of_points_is_described(tmp_path: Path) -> None:
 
 def test_a_step_that_lasts_as_long_as_the_alarm_has_no_end(tmp_path: Path) -> None:
     found = alarm(tmp_path, '[[rules.near.escalation]]\nactuator = "motor"')
-    assert math.isinf(found.sequence[0].for_s)
+    assert math.isinf(found.escalation[0].for_s)
 
 
 def test_what_an_alarm_does_besides_is_described(tmp_path: Path) -> None:

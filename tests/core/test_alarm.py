@@ -63,7 +63,7 @@ def test_a_target_that_is_inside_from_the_start_raises_it():
 
 
 def test_at_the_start_it_may_be_announced_without_moving_the_output():
-    run = rehearse(replace(NEAR, act_at_start=False))
+    run = rehearse(replace(NEAR, at_start="announce"))
     assert level(run.see(0.8, 0.7, 0.7)) == 0.0
     assert run.events("near") == ["raised"]
     run.see(3, 3, 3, 3, 3, 3, 3)
@@ -195,7 +195,7 @@ def test_a_delay_is_forgotten_when_the_target_was_away_for_longer_than_the_grace
 
 
 def test_an_alarm_that_was_only_announced_acts_when_the_target_is_lost_and_that_means_danger():
-    run = rehearse(replace(NEAR, act_at_start=False, lost=Lost(grace_s=0.3, policy=LostPolicy.ASSERT)))
+    run = rehearse(replace(NEAR, at_start="announce", lost=Lost(grace_s=0.3, policy=LostPolicy.ASSERT)))
     assert level(run.see(0.8, 0.8, 0.8)) == 0.0
     assert level(run.see(*[None] * 8)) == 1.0
 

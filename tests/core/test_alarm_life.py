@@ -72,7 +72,7 @@ def test_a_latched_alarm_that_holds_again_is_active_and_latches_again_without_a_
 
 
 def test_an_alarm_that_must_be_acknowledged_is_not_over_when_its_condition_is():
-    run = rehearse(needs_ack=True)
+    run = rehearse(ack="required")
     run.see(*FAR, *CLOSE)
     trace = status(run.see(*FAR, *FAR))
     assert (trace.status, trace.acknowledged) == (RuleStatus.RETURNED, False)
@@ -83,7 +83,7 @@ def test_an_alarm_that_must_be_acknowledged_is_not_over_when_its_condition_is():
 
 
 def test_an_acknowledged_alarm_goes_on_until_its_condition_ends():
-    run = rehearse(needs_ack=True)
+    run = rehearse(ack="required")
     run.see(*FAR, *CLOSE)
     assert not status(run.see(0.5)).acknowledged
     assert run.tell("acknowledge", "near", by="Ben", why="on my way").accepted
@@ -95,14 +95,14 @@ def test_an_acknowledged_alarm_goes_on_until_its_condition_ends():
 
 
 def test_there_is_nothing_to_acknowledge_twice():
-    run = rehearse(needs_ack=True)
+    run = rehearse(ack="required")
     run.see(*FAR, *CLOSE)
     assert run.tell("acknowledge", "near").accepted
     assert run.tell("acknowledge", "near").words == "near: there is nothing to acknowledge"
 
 
 def test_a_latched_alarm_is_acknowledged_before_it_is_reset():
-    run = rehearse(latch=True, needs_ack=True)
+    run = rehearse(latch=True, ack="required")
     run.see(*FAR, *CLOSE, *FAR, *FAR)
     assert run.tell("reset", "near").words == "near: it is not acknowledged; acknowledge it first"
     assert run.tell("acknowledge", "near").accepted
@@ -111,7 +111,7 @@ def test_a_latched_alarm_is_acknowledged_before_it_is_reset():
 
 
 def test_a_latch_until_acknowledged_goes_on_after_its_condition_and_ends_when_it_is_acknowledged():
-    run = rehearse(latch=True, ack_resets=True, needs_ack=True)
+    run = rehearse(latch=True, ack_resets=True, ack="required")
     run.see(*FAR, *CLOSE, *FAR, *FAR)
     assert (status(run.see(3)).status, level(run.see(3))) == (RuleStatus.LATCHED, 1.0)
     assert run.tell("acknowledge", "near", by="Ben").accepted
@@ -121,7 +121,7 @@ def test_a_latch_until_acknowledged_goes_on_after_its_condition_and_ends_when_it
 
 
 def test_a_latch_until_acknowledged_that_was_acknowledged_early_clears_with_its_condition():
-    run = rehearse(latch=True, ack_resets=True, needs_ack=True)
+    run = rehearse(latch=True, ack_resets=True, ack="required")
     run.see(*FAR, *CLOSE)
     assert run.tell("acknowledge", "near").accepted
     assert level(run.see(0.5)) == 1.0
@@ -129,7 +129,7 @@ def test_a_latch_until_acknowledged_that_was_acknowledged_early_clears_with_its_
 
 
 def test_an_alarm_that_stands_long_is_reported_again_and_unacknowledged_again():
-    run = rehearse(needs_ack=True, realarm_s=1.0)
+    run = rehearse(ack="required", realarm_s=1.0)
     run.see(*FAR, *CLOSE)
     run.tell("acknowledge", "near")
     run.see(*[0.5] * 12)
@@ -263,7 +263,7 @@ def test_a_command_to_a_rule_that_is_not_there_names_those_that_are():
 
 def test_a_command_to_all_reaches_those_that_it_is_meant_for():
     other = replace(NEAR, name="other", output="lamp", condition=DistanceCondition(below_m=0.1))
-    run = rehearse(NEAR, other, needs_ack=True)
+    run = rehearse(NEAR, other, ack="required")
     run.see(*FAR, *CLOSE)
     assert run.tell("acknowledge").words == "acknowledge: near"
     assert run.tell("acknowledge").words == "acknowledge: no alarm needs it"

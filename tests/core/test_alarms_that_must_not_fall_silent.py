@@ -105,7 +105,7 @@ def test_a_latched_alarm_whose_target_comes_back_inside_is_active_again():
 
 @pytest.mark.parametrize("how", ["acknowledged", "reset"])
 def test_a_one_shot_shelf_ends_with_the_return_to_normal_however_that_comes(how):
-    run = rehearse(needs_ack=how == "acknowledged", latch=how == "reset")
+    run = rehearse(ack="required" if how == "acknowledged" else "none", latch=how == "reset")
     run.see(*FAR, *CLOSE)
     assert run.tell("shelve", "near", for_s=600, one_shot=True).accepted
     run.see(*FAR, *FAR)
@@ -131,7 +131,7 @@ def test_a_one_shot_shelf_ends_with_the_return_to_normal_however_that_comes(how)
         ({"lost": Lost(policy=LostPolicy.CLEAR)}, 3.0, False),
         ({"lost": Lost(policy=LostPolicy.ASSERT)}, 3.0, True),
         ({"lost": Lost(policy=LostPolicy.ASSERT)}, 0.5, True),
-        ({"needs_ack": True, "lost": Lost(policy=LostPolicy.CLEAR)}, 0.5, False),
+        ({"ack": "required", "lost": Lost(policy=LostPolicy.CLEAR)}, 0.5, False),
     ],
 )
 def test_whether_an_alarm_is_active_is_known_out_of_sight_where_it_stands_or_its_policy_decides(
@@ -220,7 +220,7 @@ def test_a_re_alarm_obeys_the_cooldown():
 
 
 def test_times_of_zero_are_times():
-    run = rehearse(realarm_s=1.0, act_at_start=True)
+    run = rehearse(realarm_s=1.0, at_start="act")
     run.now_s = -0.1
     run.see(*[0.5] * 15)
     assert events(run)[0].at_s == 0.0
@@ -276,7 +276,7 @@ CHATTER = [3.0] * 4 + [0.5] * 2
 
 
 def test_a_chattering_alarm_stays_raised_and_is_reported_once():
-    run = rehearse(raises_per_minute_max=4)
+    run = rehearse(raises_per_min_max=4)
     run.see(*CHATTER * 30)
     assert run.events("near").count("raised") == 4
     assert run.events("near").count("cleared") == 3
@@ -288,7 +288,7 @@ def test_a_chattering_alarm_stays_raised_and_is_reported_once():
 
 
 def test_a_chattering_alarm_is_an_ordinary_one_again_when_it_has_calmed_down():
-    run = rehearse(raises_per_minute_max=4)
+    run = rehearse(raises_per_min_max=4)
     run.see(*CHATTER * 10, *[3.0] * 610)
     assert run.events("near")[-3:] == ["chattering", "calmed", "cleared"]
     assert (trace(run).active, trace(run).chattering) == (False, False)
@@ -297,14 +297,14 @@ def test_a_chattering_alarm_is_an_ordinary_one_again_when_it_has_calmed_down():
 
 
 def test_a_chattering_alarm_that_goes_on_is_reported_no_second_time():
-    run = rehearse(raises_per_minute_max=4)
+    run = rehearse(raises_per_min_max=4)
     run.see(*CHATTER * 400)
     assert run.events("near").count("chattering") == 1
     assert "calmed" not in run.events("near")
 
 
 def test_without_a_limit_an_alarm_may_come_as_often_as_it_wants():
-    run = rehearse(raises_per_minute_max=0)
+    run = rehearse(raises_per_min_max=0)
     run.see(*CHATTER * 20)
     assert run.events("near").count("raised") == 20
 
@@ -312,7 +312,7 @@ def test_without_a_limit_an_alarm_may_come_as_often_as_it_wants():
 @settings(max_examples=60)
 @given(st.lists(st.tuples(st.booleans(), st.integers(1, 60)), max_size=80), st.integers(1, 6), st.floats(0.0, 2.0))
 def test_no_alarm_is_raised_more_often_in_a_minute_than_it_may_nor_unseen_while_it_holds(ways, most, off_delay_s):
-    run = rehearse(raises_per_minute_max=most, off_delay_s=off_delay_s)
+    run = rehearse(raises_per_min_max=most, off_delay_s=off_delay_s)
     for is_close, frames in ways:
         run.see(*[0.5 if is_close else 3.0] * frames)
         assert trace(run).active or not is_close

@@ -20,7 +20,7 @@ from support.observing import Rehearsal, measured
 
 NEAR = AlarmRule(name="near", target="ball", condition=DistanceCondition(below_m=1.0, probability_on=None))
 BEARING = AlarmRule(
-    name="near", target="ball", condition=DirectionCondition(quantity="bearing", above_rad=0.0), raises_per_minute_max=0
+    name="near", target="ball", condition=DirectionCondition(quantity="bearing", above_rad=0.0), raises_per_min_max=0
 )
 """It holds in exactly those frames in which the target is seen to the right: nothing is filtered."""
 TRACKING = Tracking(confirm_frames=1, coast_s=0.15, outliers_max=0, acceleration_mps2=10.0, autocorrelation=0.0)

@@ -96,7 +96,7 @@ def test_a_rule_says_at_which_figure_its_verdict_would_change_and_never_one_that
         past = said(run.see(*[3.0] * frames))
         assert "would hold again at 2.0" in past
         assert "would clear" not in past
-    run = rehearse(replace(NEAR, needs_ack=True, on_delay=OnDelay(hold_s=5.0), off_delay_s=0.0))
+    run = rehearse(replace(NEAR, ack="required", on_delay=OnDelay(hold_s=5.0), off_delay_s=0.0))
     run.see(*[1.0] * 60, *[3.0] * 5)
     assert "would raise" not in said(run.see(*[1.0] * 10)), "over, not acknowledged, and on its way to be raised again"
 
@@ -153,7 +153,7 @@ def test_a_rule_that_is_kept_quiet_says_by_what(action, words):
 
 
 def test_a_latched_rule_says_what_ends_it():
-    run = rehearse(latch=True, needs_ack=True)
+    run = rehearse(latch=True, ack="required")
     run.see(3.0, *[1.0] * 5)
     assert said(run.see(1.0)).startswith("raised 0.5 s ago, not acknowledged: ")
     assert said(run.see(*[3.0] * 15)).startswith("raised 2.0 s ago, latched until it is acknowledged and reset: ")

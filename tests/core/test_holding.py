@@ -13,7 +13,7 @@ from stadimeter.core.holding import HOLD_S
 from stadimeter.core.observation import FrameStamp, Observation, OutputFault
 from stadimeter.core.operator import HoldCommand
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety
-from stadimeter.core.rule import AlarmRule, FollowRule, SequenceStep
+from stadimeter.core.rule import AlarmRule, EscalationStep, FollowRule
 from stadimeter.core.rules.explaining import explain
 from support.observing import Rehearsal, measured
 
@@ -106,7 +106,7 @@ def test_no_hold_stands_before_a_rule_of_safety():
 
 
 def test_no_hold_stands_before_what_the_escalation_of_a_rule_of_safety_wants():
-    stop = (SequenceStep(output="base"),)
+    stop = (EscalationStep(output="base"),)
     run = Run(replace(PLAN, rules=(replace(NEAR, severity=Severity.SAFETY, sequence=stop),)))
     run.see(0.5, 0.5, 0.5)
     run.hold("base", linear_mps=0.2, distance_m=0.5)

@@ -40,7 +40,7 @@ alarms = st.builds(
     on_delay=delays,
     off_delay_s=st.sampled_from([0.0, 0.4]),
     lost=losses,
-    act_at_start=st.booleans(),
+    at_start=st.sampled_from(["act", "announce"]),
 )
 ramps = st.builds(
     RampRule,

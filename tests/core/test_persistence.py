@@ -14,7 +14,7 @@ from stadimeter.core.alarms.state import Inhibits, Leg, Resumed, Timers
 from stadimeter.core.condition import AllOf, DistanceCondition, PresenceCondition
 from stadimeter.core.decision import Event, EventKind, Severity
 from stadimeter.core.persistence import absent, kept, meaning_of, restored, shifted
-from stadimeter.core.rule import LostPolicy, OnDelay, SequenceStep
+from stadimeter.core.rule import EscalationStep, LostPolicy, OnDelay
 from support.observing import Rehearsal
 from support.two_rules import FAR, NEAR, plan_of, rehearse
 
@@ -72,12 +72,12 @@ VARIANTS = {
     "plain": NEAR,
     "pending": replace(NEAR, on_delay=OnDelay(hold_s=2.95)),
     "frames": replace(NEAR, on_delay=OnDelay(frames=3, of_frames=5)),
-    "acknowledge": replace(NEAR, needs_ack=True),
+    "acknowledge": replace(NEAR, ack="required"),
     "latch": replace(NEAR, latch=True),
     "cooldown": replace(NEAR, cooldown_s=12.95),
     "again": replace(NEAR, realarm_s=2.45),
     "first": replace(NEAR, group="door"),
-    "then": replace(NEAR, sequence=(SequenceStep(after_s=1.5, output="motor", for_s=2.0),)),
+    "then": replace(NEAR, escalation=(EscalationStep(after_s=1.5, output="motor", for_s=2.0),)),
 }
 
 
@@ -160,7 +160,7 @@ def test_shelving_ends_when_it_would_have_ended():
 
 
 def test_what_people_have_said_is_remembered():
-    life = Life(plan_of(replace(NEAR, needs_ack=True)), lambda _time_s: 0.6)
+    life = Life(plan_of(replace(NEAR, ack="required")), lambda _time_s: 0.6)
     life.live(1)
     life.run.tell("acknowledge", "near", by="Ada", why="on my way")
     ago_s = life.run.now_s - life.run.state.rules.steps[0].state.acknowledgement.at_s
@@ -293,7 +293,7 @@ def test_the_first_of_a_group_stays_the_first():
         replace(NEAR, latch=True),
         replace(NEAR, target="tag"),
         replace(NEAR, name="nearer"),
-        replace(NEAR, sequence=(SequenceStep(output="motor"),)),
+        replace(NEAR, escalation=(EscalationStep(output="motor"),)),
     ],
 )
 def test_rules_that_differ_mean_different_things(other):

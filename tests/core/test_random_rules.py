@@ -29,6 +29,7 @@ from stadimeter.core.outputs import safe_command
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import (
     AlarmRule,
+    EscalationStep,
     FollowRule,
     Lost,
     LostPolicy,
@@ -36,7 +37,6 @@ from stadimeter.core.rule import (
     Pattern,
     RampRule,
     Send,
-    SequenceStep,
     Template,
 )
 from stadimeter.operator_actions import OperatorAction
@@ -81,7 +81,7 @@ condition = st.recursive(
 pattern = some([None, None, Pattern(steps=((1.0, 0.2), (0.0, 0.1))), Pattern(steps=((0.5, 0.1), (0.2, 0.3)), times=2)])
 send = Send(template=Template(text="{rule}"), topic="alert")
 step = st.builds(
-    SequenceStep,
+    EscalationStep,
     on=some(["raised", "cleared"]),
     after_s=some([0.0, 0.3, 1.0]),
     only_unacknowledged=st.booleans(),
@@ -107,15 +107,15 @@ alarm = st.builds(
     condition=condition,
     on_delay=some([OnDelay(), OnDelay(hold_s=0.3), OnDelay(frames=3, of_frames=5)]),
     off_delay_s=some([0.0, 0.4]),
-    act_at_start=st.booleans(),
+    at_start=st.sampled_from(["act", "announce"]),
     pattern=pattern,
     latch=st.booleans(),
-    needs_ack=st.booleans(),
+    ack=st.sampled_from(["required", "none"]),
     realarm_s=some([None, 0.7]),
     cooldown_s=some([0.0, 1.0]),
     group=some(["", "door"]),
     suppress_when=st.none() | condition,
-    sequence=st.lists(step, max_size=3).map(tuple),
+    escalation=st.lists(step, max_size=3).map(tuple),
     **common,
 )
 ramp = st.builds(

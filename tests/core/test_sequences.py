@@ -9,14 +9,14 @@ from stadimeter.core.condition import AllOf, DistanceCondition, Not, PresenceCon
 from stadimeter.core.decide import initial_state
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety, Tracking
-from stadimeter.core.rule import AlarmRule, FollowRule, Pattern, RampRule, Send, SequenceStep, Template
+from stadimeter.core.rule import AlarmRule, EscalationStep, FollowRule, Pattern, RampRule, Send, Template
 from support.observing import Rehearsal
 
 NEAR = AlarmRule(
     name="near", target="ball", output="buzzer", condition=DistanceCondition(below_m=1.0), off_delay_s=0.2, cooldown_s=0
 )
 FAR, CLOSE = (3.0,) * 5, (0.5,) * 3
-CALL = SequenceStep(after_s=1.0, send=Send(template=Template(text="{rule}"), notifier="phone"))
+CALL = EscalationStep(after_s=1.0, send=Send(template=Template(text="{rule}"), notifier="phone"))
 
 
 def rehearse(*rules, outputs=None):
@@ -61,7 +61,7 @@ def test_a_pattern_has_a_level_at_any_time(since_s):
 
 
 def test_a_later_step_drives_another_output_and_then_lets_go():
-    run = rehearse(replace(NEAR, sequence=(SequenceStep(after_s=0.5, output="lamp", level=0.5, for_s=0.4),)))
+    run = rehearse(replace(NEAR, escalation=(EscalationStep(after_s=0.5, output="lamp", level=0.5, for_s=0.4),)))
     run.see(*FAR)
     seen = [levels(run.see(0.5)) for _ in range(15)]
     began_s = begun_at_s(run)
@@ -71,14 +71,14 @@ def test_a_later_step_drives_another_output_and_then_lets_go():
 
 
 def test_a_later_step_on_the_same_output_replaces_what_the_alarm_asks_for():
-    run = rehearse(replace(NEAR, level=0.2, sequence=(SequenceStep(after_s=0.5, output="buzzer", level=0.9),)))
+    run = rehearse(replace(NEAR, level=0.2, escalation=(EscalationStep(after_s=0.5, output="buzzer", level=0.9),)))
     run.see(*FAR)
     assert levels(run.see(0.5, 0.5))[0] == 0.2
     assert levels(run.see(*[0.5] * 8))[0] == 0.9
 
 
 def test_a_message_is_sent_once_when_it_is_due():
-    run = rehearse(replace(NEAR, sequence=(CALL,)))
+    run = rehearse(replace(NEAR, escalation=(CALL,)))
     run.see(*FAR, *[0.5] * 9)
     assert sent(run) == []
     run.see(*[0.5] * 20)
@@ -86,14 +86,14 @@ def test_a_message_is_sent_once_when_it_is_due():
 
 
 def test_what_is_not_due_when_the_alarm_clears_is_not_sent():
-    run = rehearse(replace(NEAR, sequence=(CALL,)))
+    run = rehearse(replace(NEAR, escalation=(CALL,)))
     run.see(*FAR, *CLOSE, *FAR, *[3.0] * 20)
     assert run.events("near") == ["raised", "cleared"]
     assert sent(run) == []
 
 
 def test_what_was_acknowledged_is_not_escalated():
-    run = rehearse(replace(NEAR, needs_ack=True, sequence=(replace(CALL, only_unacknowledged=True),)))
+    run = rehearse(replace(NEAR, ack="required", escalation=(replace(CALL, only_unacknowledged=True),)))
     run.see(*FAR, *CLOSE)
     run.tell("acknowledge", "near")
     run.see(*[0.5] * 20)
@@ -101,8 +101,8 @@ def test_what_was_acknowledged_is_not_escalated():
 
 
 def test_a_step_after_clearing_is_done_then():
-    bell = SequenceStep(on="cleared", output="lamp", for_s=0.3)
-    run = rehearse(replace(NEAR, sequence=(bell, replace(CALL, on="cleared", after_s=0.0))))
+    bell = EscalationStep(on="cleared", output="lamp", for_s=0.3)
+    run = rehearse(replace(NEAR, escalation=(bell, replace(CALL, on="cleared", after_s=0.0))))
     run.see(*FAR, *CLOSE)
     assert sent(run) == []
     run.see(*FAR, *FAR)
@@ -111,8 +111,8 @@ def test_a_step_after_clearing_is_done_then():
 
 
 def test_a_pattern_after_clearing_goes_on_though_the_alarm_itself_rests():
-    beeps = SequenceStep(on="cleared", output="lamp", pattern=Pattern(steps=((1.0, 0.2), (0.0, 0.2))), for_s=1.0)
-    run = rehearse(replace(NEAR, sequence=(beeps,)))
+    beeps = EscalationStep(on="cleared", output="lamp", pattern=Pattern(steps=((1.0, 0.2), (0.0, 0.2))), for_s=1.0)
+    run = rehearse(replace(NEAR, escalation=(beeps,)))
     run.see(*CLOSE)
     seen = [levels(run.see(3.0))[1] for _ in range(20)]
     assert sum(now > before for before, now in zip([0.0, *seen], seen, strict=False)) == 3
@@ -120,7 +120,7 @@ def test_a_pattern_after_clearing_goes_on_though_the_alarm_itself_rests():
 
 
 def test_a_message_counts_how_often_the_alarm_was_raised():
-    run = rehearse(replace(NEAR, sequence=(replace(CALL, after_s=0.0),)))
+    run = rehearse(replace(NEAR, escalation=(replace(CALL, after_s=0.0),)))
     for _ in range(3):
         run.see(*FAR, *CLOSE)
     assert [notice.count for _, decision in run.decisions for notice in decision.notices] == [1, 2, 3]
@@ -128,7 +128,7 @@ def test_a_message_counts_how_often_the_alarm_was_raised():
 
 def test_a_suppressed_alarm_is_quiet_and_tells_what_suppresses_it():
     maintenance = AlarmRule(name="far", target="ball", condition=DistanceCondition(below_m=0.7), off_delay_s=0.2)
-    run = rehearse(replace(NEAR, suppress_when=RuleCondition(rule="far"), sequence=(CALL,)), maintenance)
+    run = rehearse(replace(NEAR, suppress_when=RuleCondition(rule="far"), escalation=(CALL,)), maintenance)
     run.see(*FAR)
     assert levels(run.see(0.9, 0.9))[0] == 1.0
     decision = run.see(*CLOSE)

@@ -30,6 +30,7 @@ from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety
 from stadimeter.core.rule import (
     AlarmRule,
     AnyRule,
+    EscalationStep,
     FollowRule,
     Lost,
     LostPolicy,
@@ -37,7 +38,6 @@ from stadimeter.core.rule import (
     Pattern,
     RampRule,
     Send,
-    SequenceStep,
     Template,
 )
 from stadimeter.operator_actions import OperatorAction
@@ -189,20 +189,20 @@ class _Rules:
             ),
             on_delay=rng.choice((OnDelay(), OnDelay(), OnDelay(hold_s=0.5), OnDelay(frames=3, of_frames=5))),
             off_delay_s=rng.choice((0.0, 0.0, 0.5)),
-            act_at_start=rng.random() < 0.7,
+            at_start="act" if rng.random() < 0.7 else "announce",
             pattern=pattern,
             latch=rng.random() < 0.2,
-            needs_ack=rng.random() < 0.25,
+            ack="required" if rng.random() < 0.25 else "none",
             realarm_s=rng.choice((None, None, 1.5)),
             cooldown_s=rng.choice((0.0, 1.0, 10.0)),
             group=rng.choice(("", "", "door")),
             suppress_when=self._condition(1) if rng.random() < 0.25 else None,
-            sequence=tuple(self._step() for _ in range(rng.choice((0, 0, 1, 2)))),
+            escalation=tuple(self._step() for _ in range(rng.choice((0, 0, 1, 2)))),
         )
 
-    def _step(self) -> SequenceStep:
+    def _step(self) -> EscalationStep:
         rng = self.rng
-        return SequenceStep(
+        return EscalationStep(
             on=rng.choice(("raised", "cleared")),
             after_s=rng.choice((0.0, 0.4, 1.0)),
             only_unacknowledged=rng.random() < 0.3,

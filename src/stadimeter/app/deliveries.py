@@ -150,7 +150,7 @@ class Notifying:
         notifications: list[tuple[str, Notification]] = []
         for notice in decision.notices:
             rule = self._alarms[notice.rule]
-            send = rule.sequence[notice.step].send
+            send = rule.escalation[notice.step].send
             if send is None:
                 continue
             values = _values(rule, notice, decision, time)

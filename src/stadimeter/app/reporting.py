@@ -316,7 +316,7 @@ def _availability(rule: str, *, is_known: bool) -> Message:
 
 def _retained_topics(rules: Iterable[AnyRule]) -> frozenset[str]:
     own = {f"rule/{rule.name}/{what}" for rule in rules for what in ("state", "availability")}
-    steps = [step for rule in rules if isinstance(rule, AlarmRule) for step in rule.sequence]
+    steps = [step for rule in rules if isinstance(rule, AlarmRule) for step in rule.escalation]
     return frozenset(own | {step.send.topic for step in steps if step.send is not None and step.send.retain})
 
 

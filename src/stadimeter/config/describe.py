@@ -15,12 +15,12 @@ from stadimeter.core.rule import (
     AlarmRule,
     AnyRule,
     DelayTolerance,
+    EscalationStep,
     FollowRule,
     LostPolicy,
     OnDelay,
     Pattern,
     RampRule,
-    SequenceStep,
 )
 from stadimeter.core.rules.layout import contested_outputs
 from stadimeter.core.words import duration, length
@@ -28,7 +28,7 @@ from stadimeter.core.words import duration, length
 Verb = Callable[[str], str]
 """What an output does when it acts, such as ``lights``, by its name."""
 
-_RAISES_MAX = AlarmRule.__dataclass_fields__["raises_per_minute_max"].default
+_RAISES_MAX = AlarmRule.__dataclass_fields__["raises_per_min_max"].default
 _TOLERANCE = DelayTolerance()
 
 NAMED_MAX = 10
@@ -247,11 +247,11 @@ def _consequences(rule: AlarmRule, verb: Verb) -> str:
 def _sentences(rule: AlarmRule, verb: Verb) -> Iterator[str]:
     if rule.observe:
         yield "Is only observed: it drives nothing and sends nothing"
-    for step in rule.sequence:
+    for step in rule.escalation:
         yield _step(step, verb)
     if rule.latch:
         yield f"Latches: stands until {_unlatched(rule)}"
-    if rule.needs_ack and not rule.ack_resets:
+    if rule.ack == "required" and not rule.ack_resets:
         yield "Must be acknowledged"
     if rule.realarm_s is not None:
         yield f"Is reported again every {duration(rule.realarm_s)} while it stands"
@@ -265,25 +265,25 @@ def _sentences(rule: AlarmRule, verb: Verb) -> Iterator[str]:
 def _unlatched(rule: AlarmRule) -> str:
     if rule.ack_resets:
         return f"`stadimeter alarm ack {rule.name}`"
-    return f"`stadimeter alarm reset {rule.name}`{', after an acknowledgement' if rule.needs_ack else ''}"
+    return f"`stadimeter alarm reset {rule.name}`{', after an acknowledgement' if rule.ack == 'required' else ''}"
 
 
 def _governor(rule: AlarmRule) -> Iterator[str]:
-    most = rule.raises_per_minute_max
+    most = rule.raises_per_min_max
     if most == 0:
         yield "Has no limit on chattering"
     elif most != _RAISES_MAX:
         yield f"Chatters when it is raised {most} times within a minute, and then stays active until it has calmed down"
 
 
-def _step(step: SequenceStep, verb: Verb) -> str:
+def _step(step: EscalationStep, verb: Verb) -> str:
     when = "When it clears" if step.on == "cleared" else "When raised"
     after = f", {duration(step.after_s)} later" if step.after_s else ""
     unless = " unless it has been acknowledged" if step.only_unacknowledged else ""
     return f"{when}{after} {_does(step, verb)}{unless}"
 
 
-def _does(step: SequenceStep, verb: Verb) -> str:
+def _does(step: EscalationStep, verb: Verb) -> str:
     if step.output is not None:
         level = "" if step.level == 1 or step.pattern is not None else f" at {step.level:.0%}"
         lasting = "" if math.isinf(step.for_s) else f" for {duration(step.for_s)}"

@@ -85,7 +85,7 @@ class Notice:
     """A message or notification that a rule sends now.
 
     Attributes:
-        step: The position of the step in its sequence that sends it.
+        step: The position of the step in its escalation that sends it.
         count: How often the alarm has been raised so far.
     """
 

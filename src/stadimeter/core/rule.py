@@ -154,7 +154,7 @@ class Send:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SequenceStep:
+class EscalationStep:
     """Something that an alarm does, once, after it was raised or cleared.
 
     What is not due yet when an alarm clears is not done any more; likewise for steps after clearing, when it is raised.
@@ -190,19 +190,20 @@ class AlarmRule(Rule):
         off_delay_s: How long it must no longer hold, throughout, before the alarm clears.
         delay_tolerance: What does not start these delays over.
         level: The level that an actuator gets while the alarm is active. A base gets a stop.
-        act_at_start: Whether an alarm that is raised by the very first sight of the target moves its output.
+        at_start: Whether an alarm that is raised by the very first sight of the target moves its output, or is only
+            announced.
         pattern: Levels that change by themselves while the alarm is active, in place of `level`; None for none.
         latch: It stays active until somebody resets it, though its condition may have ended.
         ack_resets: Of one that latches, an acknowledgement resets it too, now or as soon as its condition ends.
-        needs_ack: Somebody must acknowledge it; until then it is not over, even when its condition has ended.
+        ack: Whether a person must acknowledge it; until then it is not over, even when its condition has ended.
         realarm_s: After being active for this long it is reported again, and unacknowledged again; None for never.
         cooldown_s: The least time between two notifications of the rule. What the alarm does is not delayed.
         shelve_max_s: The longest time that it can be shelved for; 0 forbids shelving.
-        raises_per_minute_max: An alarm that came so often within a minute chatters: it stays active until it has calmed
+        raises_per_min_max: An alarm that came so often within a minute chatters: it stays active until it has calmed
             down. 0 for no such limit.
         group: Of the alarms of one group, the first one is marked until all have cleared; empty for none.
         suppress_when: While this holds, the alarm drives nothing and notifies nobody; None for never.
-        sequence: What else it does, and when.
+        escalation: What else it does, and when.
     """
 
     condition: Condition
@@ -210,18 +211,18 @@ class AlarmRule(Rule):
     off_delay_s: float = 1.0
     delay_tolerance: DelayTolerance = field(default_factory=DelayTolerance)
     level: float = 1.0
-    act_at_start: bool = True
+    at_start: Literal["act", "announce"] = "act"
     pattern: Pattern | None = None
     latch: bool = False
     ack_resets: bool = False
-    needs_ack: bool = False
+    ack: Literal["required", "none"] = "none"
     realarm_s: float | None = None
     cooldown_s: float = 10.0
     shelve_max_s: float = 8 * 3600.0
-    raises_per_minute_max: int = 10
+    raises_per_min_max: int = 10
     group: str = ""
     suppress_when: Condition | None = None
-    sequence: tuple[SequenceStep, ...] = ()
+    escalation: tuple[EscalationStep, ...] = ()
 
     def __post_init__(self) -> None:
         """Make every part of the conditions name its target."""

@@ -197,7 +197,7 @@ def _rules(plan: Plan | None, decision: Decision, reasons: ReasonsInTurn) -> Ite
             "target": rule.target if rule is not None else "",
             "severity": rule.severity.value if rule is not None else "",
             "is_alarm": alarm is not None,
-            "needs_ack": alarm is not None and alarm.needs_ack,
+            "needs_ack": alarm is not None and alarm.ack == "required",
             "latches": alarm is not None and alarm.latch,
             "reason": words[trace.rule],
         }

@@ -70,9 +70,13 @@ def _clears_at_once(declared: CompiledRule, alarm: AlarmRule) -> Iterator[Findin
 
 
 def _waits_unheard(subject: Subject, declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding]:
-    if not (alarm.latch or alarm.needs_ack) or alarm.observe or {"messenger", "status_led"} & set(subject.draft.table):
+    if (
+        not (alarm.latch or alarm.ack == "required")
+        or alarm.observe
+        or {"messenger", "status_led"} & set(subject.draft.table)
+    ):
         return
-    if any(step.send is not None for step in alarm.sequence):
+    if any(step.send is not None for step in alarm.escalation):
         return
     drives = f" while it drives '{alarm.output}'" if alarm.latch and alarm.output else ""
     if alarm.ack_resets and alarm.output:
@@ -88,7 +92,7 @@ def _waits_unheard(subject: Subject, declared: CompiledRule, alarm: AlarmRule) -
 
 
 def _latch_without_effect(declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding]:
-    if alarm.observe and (alarm.latch or alarm.needs_ack):
+    if alarm.observe and (alarm.latch or alarm.ack == "required"):
         does, key = ("reset", "latch") if alarm.latch else ("acknowledge", "ack")
         message = f"a rule that is only observed drives and sends nothing, and yet waits for an operator to {does} it"
         yield Finding(declared.at(key), message, "leave one of the two out", "latch-observed")

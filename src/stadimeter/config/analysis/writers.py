@@ -149,7 +149,7 @@ def _goes_before(winner: AnyRule, loser: AnyRule) -> bool:
         return False  # it can be active where its condition does not hold
     if not isinstance(winner, AlarmRule):
         return True
-    if winner.suppress_when is not None or not winner.act_at_start:
+    if winner.suppress_when is not None or winner.at_start == "announce":
         return False
     waits_s = delay_s(loser, ASSUMED_RATE_HZ) if isinstance(loser, AlarmRule) else 0.0
     stays_s = loser.off_delay_s if isinstance(loser, AlarmRule) else 0.0

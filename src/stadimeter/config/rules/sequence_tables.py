@@ -25,7 +25,7 @@ OWN_TOPICS = ("availability", "event", "retained", "rule", "target")
 DEFAULT_TITLE = "{rule}: {event}"
 DEFAULT_TEXT = "{reason}"
 
-_STEP = rule.SequenceStep()
+_STEP = rule.EscalationStep()
 _DOES = ("actuator", "notify", "topic")
 _ONLY_FOR = {
     "level": ("actuator",), "pattern": ("actuator",), "for_": ("actuator",),
@@ -79,7 +79,7 @@ Text = Annotated[str, Field(min_length=1), AfterValidator(_check_text)]
 
 
 class StepTable(Section):
-    """One thing that an alarm does after it was raised or cleared; see `stadimeter.core.rule.SequenceStep`."""
+    """One thing that an alarm does after it was raised or cleared; see `stadimeter.core.rule.EscalationStep`."""
 
     after: Duration = _STEP.after_s
     """How long after, in seconds."""
@@ -123,9 +123,9 @@ class StepTable(Section):
             raise ValueError("after the alarm has cleared an actuator needs an end: add for, such as for = '2 s'")
         return self
 
-    def to_plan(self) -> rule.SequenceStep:
+    def to_plan(self) -> rule.EscalationStep:
         """Return the step as the core sees it."""
-        return rule.SequenceStep(
+        return rule.EscalationStep(
             on=self.on,
             after_s=self.after,
             only_unacknowledged=self.only_unacknowledged,

@@ -135,11 +135,11 @@ class RuleTable(Section):
     """The level of an actuator while the condition holds."""
     pattern: PatternTable | None = None
     """How that level changes while the condition holds."""
-    at_start: Literal["act", "announce"] = "act" if _ALARM.act_at_start else "announce"
+    at_start: Literal["act", "announce"] = _ALARM.at_start
     """Whether an alarm that is raised by the very first sight of the target moves its output."""
     latch: bool | Literal["until-acknowledged"] = _ALARM.latch
     """Whether it stays active until somebody resets it, or acknowledges it."""
-    ack: Literal["required", "none"] = "required" if _ALARM.needs_ack else "none"
+    ack: Literal["required", "none"] = _ALARM.ack
     """Whether somebody must acknowledge it."""
     realarm: DurationAboveZero | None = None
     """After being active for this long, in seconds, it is reported again; None for never."""
@@ -147,7 +147,7 @@ class RuleTable(Section):
     """The least time between two notifications, in seconds. None for the default."""
     shelve_max: Duration | None = None
     """The longest time that it can be shelved for, in seconds; 0 forbids it. None for the default."""
-    raises_per_min_max: Annotated[int, Field(ge=0, le=1000)] | Literal["off"] = _ALARM.raises_per_minute_max
+    raises_per_min_max: Annotated[int, Field(ge=0, le=1000)] | Literal["off"] = _ALARM.raises_per_min_max
     """An alarm that came this often within a minute chatters: it stays active until it has calmed down. 0 or "off" for
     no such limit."""
     group: str = _ALARM.group
@@ -265,16 +265,16 @@ class RuleTable(Section):
             off_delay_s=self.off_delay,
             delay_tolerance=self.tolerance,
             level=self.level,
-            act_at_start=self.at_start == "act",
+            at_start=self.at_start,
             pattern=self.pattern.to_plan(self.level) if self.pattern else None,
             latch=bool(self.latch),
             ack_resets=self.latch == UNTIL_ACKNOWLEDGED,
-            needs_ack=self.ack == "required" or self.latch == UNTIL_ACKNOWLEDGED,
+            ack="required" if self.latch == UNTIL_ACKNOWLEDGED else self.ack,
             realarm_s=self.realarm,
             cooldown_s=self.cooldown_s,
             shelve_max_s=self.shelve_max_s,
-            raises_per_minute_max=0 if self.raises_per_min_max == "off" else self.raises_per_min_max,
+            raises_per_min_max=0 if self.raises_per_min_max == "off" else self.raises_per_min_max,
             group=self.group,
             suppress_when=suppress_when,
-            sequence=tuple(step.to_plan() for step in self.steps),
+            escalation=tuple(step.to_plan() for step in self.steps),
         )

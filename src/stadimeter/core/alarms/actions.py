@@ -14,7 +14,7 @@ from stadimeter.core.conditions import verdict as conditions
 from stadimeter.core.conditions.compounds import Condition
 from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.decision import Event, EventKind, Notice, Severity
-from stadimeter.core.rule import ROUNDING_S, AlarmRule, LostPolicy, Pattern, SequenceStep
+from stadimeter.core.rule import ROUNDING_S, AlarmRule, EscalationStep, LostPolicy, Pattern
 from stadimeter.core.rule_step import LevelRequest, Request, TwistRequest
 from stadimeter.core.track import Track
 from stadimeter.core.words import duration
@@ -69,7 +69,7 @@ class Evaluation:
     @property
     def has_patterns(self) -> bool:
         """Whether a level that the alarm asks for changes by itself."""
-        return self.rule.pattern is not None or any(step.pattern is not None for step in self.rule.sequence)
+        return self.rule.pattern is not None or any(step.pattern is not None for step in self.rule.escalation)
 
     def report(self, reason: str = "", by: str = "") -> None:
         """Report a raise, a return, or chattering, if the machine has brought one about since the last report.
@@ -115,7 +115,7 @@ class Evaluation:
 
     def _report_chattering(self) -> None:
         if self.state.is_chattering:
-            most = self.rule.raises_per_minute_max
+            most = self.rule.raises_per_min_max
             reason = f"raised {most} times within a minute, the limit; it stays active until it has calmed down"
             self.add_event(EventKind.CHATTERING, reason, notify=not self.is_quiet)
         else:
@@ -154,7 +154,7 @@ def stand(evaluation: Evaluation) -> None:
         unshelve(evaluation, "the time is over")
     if evaluation.state.is_active:
         _report_again(evaluation)
-    if evaluation.rule.sequence and evaluation.state.leg is not None:
+    if evaluation.rule.escalation and evaluation.state.leg is not None:
         _send(evaluation, evaluation.state.leg)
 
 
@@ -167,7 +167,7 @@ def requests_of(evaluation: Evaluation, before: tuple[Request, ...], bases: froz
     """
     if evaluation.is_quiet or evaluation.state.has_let_go or evaluation.state.is_announced_only:
         return ()
-    if not evaluation.rule.sequence and (
+    if not evaluation.rule.escalation and (
         not evaluation.state.is_active or (before and evaluation.rule.pattern is None)
     ):
         return before if evaluation.state.is_active else ()  # it asks for nothing, or always for the same
@@ -187,7 +187,7 @@ def due_s(evaluation: Evaluation) -> float:
             due = min(due, state.reported_at_s + rule.realarm_s)
         if state.owes_notice and not evaluation.is_quiet:
             due = min(due, _cooled_down_at_s(evaluation))
-    return min(due, _sequence_due_s(evaluation))
+    return min(due, _escalation_due_s(evaluation))
 
 
 def _cooled_down_at_s(evaluation: Evaluation) -> float:
@@ -229,7 +229,7 @@ def _report_again(evaluation: Evaluation) -> None:
         _realarm(evaluation, f"{still}, and not notified before", may_notify=True)
     elif is_late:
         _realarm(evaluation, still, may_notify=may_notify)
-        if evaluation.rule.needs_ack:
+        if evaluation.rule.ack == "required":
             machine.fire(state, Trigger.REALARM)
             evaluation.report()
 
@@ -256,7 +256,7 @@ def _send(evaluation: Evaluation, leg: Leg) -> None:
         return
     count = evaluation.state.raises
     for position in due:
-        step = evaluation.rule.sequence[position]
+        step = evaluation.rule.escalation[position]
         if not (step.only_unacknowledged and evaluation.state.is_acknowledged):
             event = _as_of_now(leg.event, evaluation)
             evaluation.notices += (Notice(rule=evaluation.rule.name, step=position, event=event, count=count),)
@@ -270,22 +270,22 @@ def _as_of_now(event: Event, evaluation: Evaluation) -> Event:
     return replace(event, distance_m=track.distance_m, sigma_m=track.sigma_m)
 
 
-def _unsent(evaluation: Evaluation) -> Iterator[tuple[int, SequenceStep]]:
+def _unsent(evaluation: Evaluation) -> Iterator[tuple[int, EscalationStep]]:
     leg = evaluation.state.leg
     if leg is None:
         return
-    for position, step in enumerate(evaluation.rule.sequence):
+    for position, step in enumerate(evaluation.rule.escalation):
         if step.send is not None and step.on == leg.on and position not in leg.sent:
             yield position, step
 
 
-def _sequence_due_s(evaluation: Evaluation) -> float:
-    """Return when the next step of the sequence begins or ends."""
+def _escalation_due_s(evaluation: Evaluation) -> float:
+    """Return when the next step of the escalation begins or ends."""
     leg, now_s = evaluation.state.leg, evaluation.inputs.now_s
-    if leg is None or not evaluation.rule.sequence:
+    if leg is None or not evaluation.rule.escalation:
         return math.inf
     due = [leg.began_s + step.after_s for _, step in _unsent(evaluation)]
-    for step in evaluation.rule.sequence:
+    for step in evaluation.rule.escalation:
         if step.output is not None and step.on == leg.on:
             due += [leg.began_s + step.after_s, leg.began_s + step.after_s + step.for_s]
     return min((at_s for at_s in due if at_s > now_s + ROUNDING_S), default=math.inf)
@@ -302,7 +302,7 @@ def _requests(evaluation: Evaluation, bases: frozenset[str]) -> Iterator[Request
     if state.is_active is not (leg.on == "raised"):
         return
     since_s = evaluation.inputs.now_s - leg.began_s + ROUNDING_S
-    for step in rule.sequence:
+    for step in rule.escalation:
         lasts_s = step.for_s if leg.on == "raised" or math.isfinite(step.for_s) else 0.0
         if step.output is None or step.on != leg.on or not step.after_s <= since_s < step.after_s + lasts_s:
             continue

@@ -251,7 +251,7 @@ def _while_active(
     ended_s = state.timers.ended_s
     if holds and state.is_chattering and ended_s >= rule.off_delay_s and state.phase not in _HOLDING:
         # Without the governor it would have cleared, and would be raised anew: that counts towards the next minute.
-        state.raises_at_s = with_raise(state.raises_at_s, rule.raises_per_minute_max, now_s)
+        state.raises_at_s = with_raise(state.raises_at_s, rule.raises_per_min_max, now_s)
         state.timers = Timers(held_last=True, was_judged=True, leaves=leaves)
         fire(state, Trigger.HOLDS)
         return
@@ -264,10 +264,10 @@ def _while_active(
 def _raise(rule: AlarmRule, state: AlarmState, now_s: float) -> None:
     timers = state.timers
     state.timers = Timers(held_last=timers.held_last, was_judged=timers.was_judged, leaves=timers.leaves)
-    state.is_announced_only = state.held_from_start and not rule.act_at_start
+    state.is_announced_only = state.held_from_start and rule.at_start == "announce"
     state.raises += 1
-    state.raises_at_s = with_raise(state.raises_at_s, rule.raises_per_minute_max, now_s)
-    fire(state, Trigger.RAISE if rule.needs_ack else Trigger.RAISE_ACKNOWLEDGED)
+    state.raises_at_s = with_raise(state.raises_at_s, rule.raises_per_min_max, now_s)
+    fire(state, Trigger.RAISE if rule.ack == "required" else Trigger.RAISE_ACKNOWLEDGED)
 
 
 def _clear_when_due(rule: AlarmRule, state: AlarmState, ended_s: float, now_s: float) -> None:
@@ -275,7 +275,7 @@ def _clear_when_due(rule: AlarmRule, state: AlarmState, ended_s: float, now_s: f
     if ended_s + ROUNDING_S < rule.off_delay_s:
         return
     latches = _latches(rule, state)
-    if not latches and is_too_frequent(state.raises_at_s, rule.raises_per_minute_max, now_s):
+    if not latches and is_too_frequent(state.raises_at_s, rule.raises_per_min_max, now_s):
         state.is_chattering = True
         return
     state.timers = Timers(was_judged=state.timers.was_judged, leaves=state.timers.leaves)
@@ -308,13 +308,13 @@ def restart_timers(state: AlarmState, now_s: float) -> None:
 
 def calm_down(rule: AlarmRule, state: AlarmState, now_s: float) -> None:
     """End the chattering of an alarm that has calmed down."""
-    if state.is_chattering and not is_too_frequent(state.raises_at_s, rule.raises_per_minute_max, now_s):
+    if state.is_chattering and not is_too_frequent(state.raises_at_s, rule.raises_per_min_max, now_s):
         state.is_chattering = False
 
 
 def calms_s(rule: AlarmRule, state: AlarmState) -> float:
     """Return when a chattering alarm calms down, if it does not come again; infinite if it does not chatter."""
-    return state.raises_at_s[-rule.raises_per_minute_max] + MINUTE_S if state.is_chattering else math.inf
+    return state.raises_at_s[-rule.raises_per_min_max] + MINUTE_S if state.is_chattering else math.inf
 
 
 # Nothing to judge by: a target out of sight, or another rule of which nothing is known.

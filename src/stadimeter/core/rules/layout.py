@@ -71,7 +71,7 @@ def contested_outputs(rules: Sequence[AnyRule]) -> frozenset[str]:
     """Return the outputs that two rules, or more, may ask for with one priority."""
     names: dict[tuple[str, int], set[str]] = defaultdict(set)
     for rule in rules:
-        steps = rule.sequence if isinstance(rule, AlarmRule) else ()
+        steps = rule.escalation if isinstance(rule, AlarmRule) else ()
         for output in (rule.output, *(step.output for step in steps)):
             if output is not None:
                 names[output, rule.priority].add(rule.name)

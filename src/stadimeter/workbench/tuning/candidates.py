@@ -94,7 +94,7 @@ class Tuned:
             condition=condition,
             on_delay=on_delay,
             off_delay_s=off_delay_s,
-            raises_per_minute_max=0,  # each time that it comes is to be counted
+            raises_per_min_max=0,  # each time that it comes is to be counted
         )
 
 
