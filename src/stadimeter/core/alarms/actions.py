@@ -86,9 +86,7 @@ class Evaluation:
         is_active = state.is_active
         if is_active is not (before in machine.ACTIVE):
             is_on = before in machine.JUDGED_BY_ITS_END
-            reason = reason or conditions.in_words(
-                self.rule.condition, self.inputs, state.timers.leaves, is_active=is_on
-            )
+            reason = reason or describe_verdict(self.rule.condition, self.inputs, state.timers.leaves, is_active=is_on)
             _begin(self, reason) if is_active else _end(self, reason, by)
         self._phase, self._was_chattering = state.phase, state.is_chattering
         is_over = state.phase is Phase.NORMAL and before not in {Phase.NORMAL, Phase.PENDING}
