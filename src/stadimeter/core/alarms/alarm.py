@@ -31,7 +31,7 @@ from stadimeter.core.conditions.leaf import Rest
 from stadimeter.core.decision import Event, EventKind, Notice, RuleStatus, RuleTrace, Severity
 from stadimeter.core.operator import Answer, OperatorCommand
 from stadimeter.core.rule import ROUNDING_S, AlarmRule
-from stadimeter.core.rule_step import Step, renewed, trace_of
+from stadimeter.core.rule_step import OBSERVED, Step, renewed, trace_of
 from stadimeter.core.track import TrackStatus
 from stadimeter.core.words import duration
 from stadimeter.operator_actions import OperatorAction
@@ -94,13 +94,12 @@ def step_alarm(
     if inputs.is_after_gap:
         machine.restart_timers(state, inputs.now_s)
     verdict = conditions.judge(rule.condition, inputs, state.timers.leaves, is_active=state.is_judged_by_its_end)
-    holds = verdict.value
     is_awaited = _is_awaited(rule, state, inputs)
+    holds = None if is_awaited else verdict.value
     if state.is_chattering:
         machine.calm_down(rule, state, inputs.now_s)
         evaluation.report()
-    if holds is None or is_awaited:
-        holds = None
+    if holds is None:
         _without_verdict(evaluation, is_awaited=is_awaited)
     else:
         _with_verdict(evaluation, holds, verdict.held, sample)
@@ -138,10 +137,8 @@ def _without_verdict(evaluation: Evaluation, *, is_awaited: bool) -> None:
         return
     was_active, was_given_up = state.is_active, state.is_given_up
     machine.take_nothing(rule, state, inputs.now_s)
-    if state.is_active is not was_active:
-        evaluation.report(f"{missing_in_words(rule, state, inputs)}: {in_words(rule, state, inputs)}")
-    else:
-        evaluation.report()
+    has_turned = state.is_active is not was_active
+    evaluation.report(f"{missing_in_words(rule, state, inputs)}: {in_words(rule, state, inputs)}" if has_turned else "")
     if state.is_given_up and not was_given_up:
         reason = given_up_in_words(rule, state, inputs)
         evaluation.add_event(EventKind.MEASUREMENT_LOST, reason, notify=not evaluation.is_quiet)
@@ -189,19 +186,17 @@ def _step(before: AlarmStep, evaluation: Evaluation, bases: frozenset[str], hold
 
 
 def _rest(evaluation: Evaluation, before: AlarmState, holds: bool | None) -> Rest | None:
-    """Return for how long an alarm is quiescent: for how long an evaluation would change nothing; None for not at all.
+    """Return for how long an alarm is quiescent, that is, an evaluation would change nothing; None for not at all.
 
-    This is the one answer to whether anything changes. `Quiescence` keeps it, and evaluates the alarm when it is over.
+    Nothing else decides that. `Quiescence` keeps the answer, and wakes the alarm when it is over.
 
     Args:
-        evaluation: The evaluation of this cycle, all done.
-        before: What the alarm remembered before it.
+        before: What the alarm remembered before this cycle.
         holds: Whether its condition holds; None if that is not known.
     """
     rule, state = evaluation.rule, evaluation.state
-    if state.resumed is not None:
-        return None
-    if holds is not None and not machine.is_settled(state, holds, state.timers.leaves):
+    is_changing = holds is not None and not machine.is_settled(state, holds, state.timers.leaves)
+    if is_changing or state.resumed is not None:
         return None
     due = due_s(evaluation)
     if state.leg is not None and evaluation.has_patterns and (state.is_active or math.isfinite(due)):
@@ -251,23 +246,21 @@ def _status(state: AlarmState, holds: bool | None) -> RuleStatus:
 
 def _trace(rule: AlarmRule, state: AlarmState, status: RuleStatus, active: bool | None, before: RuleTrace) -> RuleTrace:
     inhibits = state.inhibits.words() if state.inhibits is not NO_INHIBITS else ()
-    now = trace_of(rule, status)
-    return renewed(
-        replace(
-            now,
-            active=active,
-            acknowledged=state.is_acknowledged,
-            gates=(*inhibits, *now.gates),
-            chattering=state.is_chattering,
-        ),
-        before,
+    now = RuleTrace(
+        rule=rule.name,
+        status=status,
+        output=rule.output,
+        acknowledged=state.is_acknowledged,
+        gates=(*inhibits, OBSERVED) if rule.observe else inhibits,
+        active=active,
+        chattering=state.is_chattering,
     )
+    return renewed(now, before)
 
 
 # ---- Operator commands: what is done, what is refused, and why ----
 
-Refusal = str
-"""Why a command is not done; empty if it is."""
+Refusal = str  # why a command is not done; empty if it is
 
 
 def operated(

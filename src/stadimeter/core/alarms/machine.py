@@ -47,11 +47,6 @@ class Phase(StrEnum):
     RTN_UNACKNOWLEDGED = "rtn_unacknowledged"
     """Returned to normal, no longer active, and still to be acknowledged."""
 
-    @classmethod
-    def _missing_(cls, value: object) -> Phase | None:
-        """Return the phase that an earlier version has written under another name."""
-        return {"inactive": cls.NORMAL, "active": cls.ACKNOWLEDGED, "returned": cls.RTN_UNACKNOWLEDGED}.get(str(value))
-
 
 class Trigger(StrEnum):
     """What happens to an alarm."""
