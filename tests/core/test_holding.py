@@ -40,7 +40,7 @@ class Run(Rehearsal):
     def frame(self, distance_m=3.0, faults=(), commands=()):
         return Observation(
             now_s=self.now_s,
-            frame=FrameStamp(sequence=len(self.decisions), captured_at_s=self.now_s),
+            frame=FrameStamp(escalation=len(self.decisions), captured_at_s=self.now_s),
             measurements=(measured("ball", self.now_s, distance_m),),
             output_faults=faults,
             operator_commands=commands,
@@ -107,7 +107,7 @@ def test_no_hold_stands_before_a_rule_of_safety():
 
 def test_no_hold_stands_before_what_the_escalation_of_a_rule_of_safety_wants():
     stop = (EscalationStep(output="base"),)
-    run = Run(replace(PLAN, rules=(replace(NEAR, severity=Severity.SAFETY, sequence=stop),)))
+    run = Run(replace(PLAN, rules=(replace(NEAR, severity=Severity.SAFETY, escalation=stop),)))
     run.see(0.5, 0.5, 0.5)
     run.hold("base", linear_mps=0.2, distance_m=0.5)
     run.hold("base", linear_mps=0.2, distance_m=0.5)
