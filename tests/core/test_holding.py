@@ -40,7 +40,7 @@ class Run(Rehearsal):
     def frame(self, distance_m=3.0, faults=(), commands=()):
         return Observation(
             now_s=self.now_s,
-            frame=FrameStamp(escalation=len(self.decisions), captured_at_s=self.now_s),
+            frame=FrameStamp(sequence=len(self.decisions), captured_at_s=self.now_s),
             measurements=(measured("ball", self.now_s, distance_m),),
             output_faults=faults,
             operator_commands=commands,
