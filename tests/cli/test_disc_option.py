@@ -51,18 +51,15 @@ def test_the_option_makes_a_target() -> None:
     assert wanted.unit is CENTIMETRE
 
 
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
+def test_what_is_wrong_is_said() -> None:
+    for given, said in [
         ({"disc": "12"}, "--disc: '12' has no unit"),
         ({"disc": "0 cm"}, "--disc: '0 cm' is not a length above zero"),
         ({"disc": "12 cm", "sheet": "11in,8.5in"}, "--sheet and --disc exclude each other"),
         ({}, "--disc 12cm"),
-    ],
-)
-def test_what_is_wrong_is_said(given: dict[str, str], said: str) -> None:
-    with pytest.raises(ConfigError, match=re.escape(said)):
-        targets_from_options({f"--{name}": value for name, value in given.items()})
+    ]:
+        with pytest.raises(ConfigError, match=re.escape(said)):
+            targets_from_options({f"--{name}": value for name, value in given.items()})
 
 
 def test_a_disc_is_measured_though_it_is_tilted(picture, tmp_path: Path) -> None:

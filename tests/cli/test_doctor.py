@@ -52,15 +52,15 @@ def test_what_is_wrong_stands_above_its_remedy_and_exits_with_1(
     assert lines[at + 1].startswith("    → use the supply for the board")
 
 
-@pytest.mark.parametrize(("glyphs", "marks"), [(UNICODE, "✓!✗?"), (ASCII, "ok!x?")])
-def test_lines_fit_narrow_terminals_of_every_alphabet(glyphs, marks) -> None:
-    for severity, (mark, _style) in doctor.MARKS.items():
-        diagnosis = replace(wrong("seen at 20 °C " * 8, "mend it " * 8), severity=severity)
-        lines = [line.plain for line in doctor._lines(diagnosis, glyphs, 40)]
-        assert max(map(len, lines)) <= 40
-        assert lines[0].startswith(f" {glyphs.words(mark):<2} seen")
-        assert glyphs.words(mark) in marks
-        assert all(line.isascii() for line in lines) == glyphs.ascii_only
+def test_lines_fit_narrow_terminals_of_every_alphabet() -> None:
+    for glyphs, marks in [(UNICODE, "✓!✗?"), (ASCII, "ok!x?")]:
+        for severity, (mark, _style) in doctor.MARKS.items():
+            diagnosis = replace(wrong("seen at 20 °C " * 8, "mend it " * 8), severity=severity)
+            lines = [line.plain for line in doctor._lines(diagnosis, glyphs, 40)]
+            assert max(map(len, lines)) <= 40
+            assert lines[0].startswith(f" {glyphs.words(mark):<2} seen")
+            assert glyphs.words(mark) in marks
+            assert all(line.isascii() for line in lines) == glyphs.ascii_only
 
 
 def test_a_configuration_that_is_not_there_is_a_mistake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

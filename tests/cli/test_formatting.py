@@ -34,9 +34,8 @@ from stadimeter.errors import ConfigError
 units = st.sampled_from(list(LENGTH_UNITS.values()))
 
 
-@pytest.mark.parametrize(
-    ("distance_m", "sigma_m", "unit", "text"),
-    [
+def test_a_distance_has_the_digits_that_its_standard_deviation_supports() -> None:
+    for distance_m, sigma_m, unit, text in [
         (2.4321, 0.041, METRE, "2.43 m ± 0.04"),
         (2.4321, 0.35, METRE, "2.4 m ± 0.3"),  # half to even, as Python rounds
         (2.4321, 0.096, METRE, "2.4 m ± 0.1"),  # rounding reaches the next digit
@@ -57,12 +56,8 @@ units = st.sampled_from(list(LENGTH_UNITS.values()))
         (2.4, math.inf, METRE, UNKNOWN),
         (2.4, -0.1, METRE, UNKNOWN),
         (1e308, 0.1, INCH, UNKNOWN),
-    ],
-)
-def test_a_distance_has_the_digits_that_its_standard_deviation_supports(
-    distance_m: float | None, sigma_m: float | None, unit: LengthUnit, text: str
-) -> None:
-    assert format_distance(distance_m, sigma_m, unit) == text
+    ]:
+        assert format_distance(distance_m, sigma_m, unit) == text
 
 
 @given(st.floats(0, 1e6), st.floats(1e-9, 1e4), units)
@@ -90,18 +85,15 @@ def test_whatever_the_figures_no_nan_and_no_infinity_is_shown(
     assert not re.search(r"nan|inf|-0(\.0+)? (?!ft)|-0 ft 0\.0 in", " ".join(texts))
 
 
-@pytest.mark.parametrize(
-    ("distance_m", "sigma_m", "text"),
-    [
+def test_feet_and_inches() -> None:
+    for distance_m, sigma_m, text in [
         (2.4321, 0.005, "7 ft 11.8 in"),
         (2.4321, 0.03, "8 ft 0 in"),  # not 7 ft 12 in
         (2.4321, 0.5, "8 ft"),
         (0.3048 * 6 - 1e-6, 0.003, "6 ft 0.0 in"),
         (None, None, UNKNOWN),
-    ],
-)
-def test_feet_and_inches(distance_m: float | None, sigma_m: float | None, text: str) -> None:
-    assert format_feet_and_inches(distance_m, sigma_m) == text
+    ]:
+        assert format_feet_and_inches(distance_m, sigma_m) == text
 
 
 @given(st.floats(0, 1e4), st.floats(0, 0.15))
@@ -111,21 +103,16 @@ def test_there_are_never_twelve_inches_beside_the_feet(distance_m: float, sigma_
     assert abs(int(feet) * 12 + float(inches) - distance_m / 0.0254) <= 0.501
 
 
-@pytest.mark.parametrize(
-    ("closing_mps", "sigma_mps", "text"),
-    [
+def test_a_speed_of_approach_is_told_only_when_it_is_clear() -> None:
+    for closing_mps, sigma_mps, text in [
         (0.213, 0.02, "closing 0.21 m/s"),
         (-0.213, 0.02, "leaving 0.21 m/s"),
         (0.213, 0.2, "steady"),
         (0.5, 0.11, "closing 0.5 m/s"),
         (0.0, None, "steady"),
         (None, None, ""),
-    ],
-)
-def test_a_speed_of_approach_is_told_only_when_it_is_clear(
-    closing_mps: float | None, sigma_mps: float | None, text: str
-) -> None:
-    assert format_closing(closing_mps, sigma_mps) == text
+    ]:
+        assert format_closing(closing_mps, sigma_mps) == text
 
 
 def test_angles_levels_and_turns() -> None:
@@ -149,20 +136,17 @@ def test_an_unknown_unit_is_refused_with_the_known_ones() -> None:
         length_unit("feet")
 
 
-@pytest.mark.parametrize(
-    ("words", "in_feet", "in_centimetres"),
-    [
+def test_lengths_in_reasons_come_in_the_unit_asked_for() -> None:
+    for words, in_feet, in_centimetres in [
         ("3.59 m ± 0.04, 3.05 m (off)", "11.8 ft ± 0.1, 10.0 ft (off)", "359 cm ± 4, 305 cm (off)"),
         ("2.002 m ± 0.004, below 0.50 m", "6.57 ft ± 0.01, below 1.6 ft", "200.2 cm ± 0.4, below 50 cm"),
         ("nearer than 3.05 m (10.0 ft)", "nearer than 10.0 ft", "nearer than 305 cm"),
         ("closing at 0.21 m/s ± 0.02, 12 ms", "closing at 0.7 ft/s ± 0.1, 12 ms", "closing at 21 cm/s ± 2, 12 ms"),
         ("room 2.05 mm, 7 min, 3 metres", "room 2.05 mm, 7 min, 3 metres", "room 2.05 mm, 7 min, 3 metres"),
-    ],
-)  # fmt: skip
-def test_lengths_in_reasons_come_in_the_unit_asked_for(words: str, in_feet: str, in_centimetres: str) -> None:
-    assert in_unit(words, METRE) == words
-    assert in_unit(words, FOOT) == in_feet
-    assert in_unit(words, CENTIMETRE) == in_centimetres
+    ]:
+        assert in_unit(words, METRE) == words
+        assert in_unit(words, FOOT) == in_feet
+        assert in_unit(words, CENTIMETRE) == in_centimetres
 
 
 @given(st.floats(0.01, 99.0), st.sampled_from(sorted(LENGTH_UNITS)))

@@ -10,17 +10,14 @@ import pytest
 from stadimeter.cli.glyphs import PLAIN, PLAIN_ERRORS, plain
 
 
-@pytest.mark.parametrize(
-    ("words", "written"),
-    [
+def test_what_ascii_lacks_is_written_plainly() -> None:
+    for words, written in [
         ("2.43 m ± 0.04 at 3°, σ ≤ 1 …", "2.43 m +- 0.04 at 3 deg, sigma <= 1 ..."),
         ("−3 µs → “x” ┏─┓│", '-3 us -> "x" +-+|'),
         ("日本", "\\u65e5\\u672c"),
         ("café.png caf\udce9.png", "caf\\xe9.png caf\\udce9.png"),
-    ],
-)
-def test_what_ascii_lacks_is_written_plainly(words: str, written: str) -> None:
-    assert words.encode("ascii", PLAIN_ERRORS).decode("ascii") == written
+    ]:
+        assert words.encode("ascii", PLAIN_ERRORS).decode("ascii") == written
 
 
 def test_what_an_encoding_has_stays_as_it_is() -> None:

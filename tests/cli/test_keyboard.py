@@ -16,8 +16,6 @@ from contextlib import contextmanager
 from fcntl import ioctl
 from typing import Any
 
-import pytest
-
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.cli.demonstration import fault_keys
@@ -110,19 +108,17 @@ def test_keys_pause_and_explain_the_demonstration_make_things_go_wrong_and_end_i
         assert it.is_as_before()
 
 
-@pytest.mark.parametrize(("number", "keys"), [(signal.SIGINT, ""), (signal.SIGTERM, " ")])
-def test_a_signal_gives_the_terminal_back_also_while_the_demonstration_is_paused(
-    number: signal.Signals, keys: str
-) -> None:
-    with terminal("demo") as it:
-        it.wait_for(" quit ")
-        it.press(keys)
-        it.wait_for(" go on " if keys else " ACTIVE ")
-        assert not it.is_as_before()
-        it.program.send_signal(number)
-        assert it.ended() == 0
-        assert it.is_as_before()
-        assert "\x1b[?1049l" in it.shown
+def test_a_signal_gives_the_terminal_back_also_while_the_demonstration_is_paused() -> None:
+    for number, keys in [(signal.SIGINT, ""), (signal.SIGTERM, " ")]:
+        with terminal("demo") as it:
+            it.wait_for(" quit ")
+            it.press(keys)
+            it.wait_for(" go on " if keys else " ACTIVE ")
+            assert not it.is_as_before()
+            it.program.send_signal(number)
+            assert it.ended() == 0
+            assert it.is_as_before()
+            assert "\x1b[?1049l" in it.shown
 
 
 def test_a_run_that_is_watched_has_keys_too_and_no_others() -> None:

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from stadimeter.cli.live_camera import camera_choice
 from stadimeter.cli.main import app
+from stadimeter.cli.target_options import camera_choice
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame
@@ -25,19 +25,16 @@ from support.v4l2_double import V4l2Double
 LENS = CameraModel.with_focal_length(600.0, 640, 480)
 
 
-@pytest.mark.parametrize(
-    ("live", "device", "exposure"),
-    [
+def test_a_device_by_itself_is_read_by_opencv() -> None:
+    for live, device, exposure in [
         ("0", 0, None),
         ("/dev/v4l/by-id/usb-C615-video-index0", "/dev/v4l/by-id/usb-C615-video-index0", None),
         ("http://10.0.0.9:8080/?action=stream", "http://10.0.0.9:8080/?action=stream", None),
         ("2,exposure=10ms", 2, 0.01),
         ("opencv,device=0,exposure=10ms", 0, 0.01),
-    ],
-)
-def test_a_device_by_itself_is_read_by_opencv(live: str, device: object, exposure: float | None) -> None:
-    choice = camera_choice(live)
-    assert (choice.driver, choice.options.device, choice.options.exposure) == ("opencv", device, exposure)
+    ]:
+        choice = camera_choice(live)
+        assert (choice.driver, choice.options.device, choice.options.exposure) == ("opencv", device, exposure)
 
 
 @pytest.mark.vision

@@ -99,9 +99,9 @@ def test_without_a_distance_there_is_an_empty_chart() -> None:
     assert {*"".join(rows)} == {" "}
 
 
-@pytest.mark.parametrize(("width", "height"), [(60, 2), (10, 10), (0, 0), (60, -3)])
-def test_where_there_is_no_room_there_is_no_chart(width: int, height: int) -> None:
-    assert StripChart(width=width, height=height).render(samples([2.0] * 10), 1.0) == []
+def test_where_there_is_no_room_there_is_no_chart() -> None:
+    for width, height in [(60, 2), (10, 10), (0, 0), (60, -3)]:
+        assert StripChart(width=width, height=height).render(samples([2.0] * 10), 1.0) == []
 
 
 @given(

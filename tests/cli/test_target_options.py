@@ -28,21 +28,18 @@ def test_a_sheet_of_letter_paper() -> None:
     assert choice.options.known_side == "height"
 
 
-@pytest.mark.parametrize(
-    ("name", "sides_m", "unit"),
-    [
+def test_a_sheet_by_its_name() -> None:
+    for name, sides_m, unit in [
         ("A4", (0.21, 0.297), CENTIMETRE),
         ("a5", (0.148, 0.21), CENTIMETRE),
         ("Letter", (0.2159, 0.2794), INCH),
         ("business-card", (0.085, 0.055), CENTIMETRE),
         ("Credit Card", (0.0856, 0.05398), CENTIMETRE),
-    ],
-)
-def test_a_sheet_by_its_name(name: str, sides_m: tuple[float, float], unit: object) -> None:
-    wanted = _wanted(sheet=name)
-    (choice,) = wanted.choices
-    assert (choice.options.width, choice.options.height) == pytest.approx(sides_m)
-    assert wanted.unit is unit
+    ]:
+        wanted = _wanted(sheet=name)
+        (choice,) = wanted.choices
+        assert (choice.options.width, choice.options.height) == pytest.approx(sides_m)
+        assert wanted.unit is unit
 
 
 def test_the_smallest_side_that_is_accepted_is_an_option() -> None:
@@ -72,17 +69,19 @@ def test_an_apriltag() -> None:
     assert wanted.unit is CENTIMETRE
 
 
-@pytest.mark.parametrize(
-    ("sheet", "unit"),
-    [("11in,8.5in", INCH), ('11",8.5in', INCH), ("1ft,8in", FOOT), ("297 mm,21cm", CENTIMETRE), ("1e-1 m,1m", METRE)],
-)
-def test_distances_are_shown_in_the_unit_of_the_size(sheet: str, unit: object) -> None:
-    assert _wanted(sheet=sheet).unit is unit
+def test_distances_are_shown_in_the_unit_of_the_size() -> None:
+    for sheet, unit in [
+        ("11in,8.5in", INCH),
+        ('11",8.5in', INCH),
+        ("1ft,8in", FOOT),
+        ("297 mm,21cm", CENTIMETRE),
+        ("1e-1 m,1m", METRE),
+    ]:
+        assert _wanted(sheet=sheet).unit is unit
 
 
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
+def test_what_is_wrong_is_said_in_one_line() -> None:
+    for given, said in [
         ({}, "nothing says what to look for"),
         ({"sheet": "11in,8.5in", "ball": "6cm", "hsv": HSV}, "--sheet and --ball exclude each other"),
         ({"tag": "8cm"}, "--tag needs the tag's family; add --family"),
@@ -113,33 +112,28 @@ def test_distances_are_shown_in_the_unit_of_the_size(sheet: str, unit: object) -
         ({"ball": "6.4", "hsv": HSV}, "--ball: '6.4' has no unit"),
         ({"ball": "6cm", "hsv": "1,2,3"}, "--hsv: '1,2,3' has 1 limits, not 2"),
         ({"ball": "6cm", "hsv": "200,2,3:1,2,3"}, "hue 200 is outside 0 to 179"),
-    ],
-)
-def test_what_is_wrong_is_said_in_one_line(given: dict[str, str], said: str) -> None:
-    with pytest.raises(ConfigError, match=re.escape(said)) as caught:
-        _wanted(**given)
-    assert "\n" not in str(caught.value)
+    ]:
+        with pytest.raises(ConfigError, match=re.escape(said)) as caught:
+            _wanted(**given)
+        assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("given", "share"),
-    [
+def test_a_tolerance_says_how_well_the_size_is_known() -> None:
+    for given, share in [
         ({"ball": "10 cm", "hsv": "29,86,6:64,255,255"}, 0.01),
         ({"disc": "10 cm"}, 0.01),
         ({"tag": "10 cm", "family": "36h11"}, 0.01),
         ({"sheet": "20 cm,5 cm"}, 0.01),
-    ],
-)
-def test_a_tolerance_says_how_well_the_size_is_known(given: dict[str, str], share: float) -> None:
-    (choice,) = _wanted(tolerance="1 mm", **given).choices
-    (named,) = build_detectors([choice], None)
-    assert named.detector.target_shape.relative_sigma == pytest.approx(share)
+    ]:
+        (choice,) = _wanted(tolerance="1 mm", **given).choices
+        (named,) = build_detectors([choice], None)
+        assert named.detector.target_shape.relative_sigma == pytest.approx(share)
 
 
-@pytest.mark.parametrize("wrong", ["1", "-1 mm", "often", "nan mm"])
-def test_a_tolerance_that_is_no_length_is_told_by_its_option(wrong: str) -> None:
-    with pytest.raises(ConfigError, match="--tolerance"):
-        _wanted(tolerance=wrong, disc="10 cm")
+def test_a_tolerance_that_is_no_length_is_told_by_its_option() -> None:
+    for wrong in ["1", "-1 mm", "often", "nan mm"]:
+        with pytest.raises(ConfigError, match="--tolerance"):
+            _wanted(tolerance=wrong, disc="10 cm")
 
 
 def test_with_a_configuration_the_tolerance_stands_in_the_table(tmp_path: Path) -> None:
@@ -163,9 +157,8 @@ def test_a_tolerance_may_stand_in_the_target_or_beside_it() -> None:
     assert inside.options == beside.options
 
 
-@pytest.mark.parametrize(
-    ("target", "said"),
-    [
+def test_what_is_wrong_with_a_target_is_said_with_its_option() -> None:
+    for target, said in [
         ("disk diameter=12cm", "no detector driver is called 'disk'; did you mean 'disc'?"),
         ("disc diametre=12cm", "unknown key 'diametre' (did you mean 'diameter'?)"),
         ("disc", "'diameter' is missing"),
@@ -176,12 +169,10 @@ def test_a_tolerance_may_stand_in_the_target_or_beside_it() -> None:
         ("disc diameter=1cm diameter=2cm", "diameter is given twice"),
         ("", "'' is not a kind with keys"),
         ("disc 'diameter=1cm", "is not a kind with keys"),
-    ],
-)
-def test_what_is_wrong_with_a_target_is_said_with_its_option(target: str, said: str) -> None:
-    with pytest.raises(ConfigError, match=re.escape(said)) as caught:
-        _wanted(target=target)
-    assert str(caught.value).startswith("--target: ")
+    ]:
+        with pytest.raises(ConfigError, match=re.escape(said)) as caught:
+            _wanted(target=target)
+        assert str(caught.value).startswith("--target: ")
 
 
 def test_a_target_and_a_short_option_exclude_each_other() -> None:

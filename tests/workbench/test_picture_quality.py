@@ -29,37 +29,37 @@ def _real(name: str) -> Image:
     return image
 
 
-@pytest.mark.parametrize("name", PICTURES)
-def test_a_good_real_picture_has_no_fault(name: str) -> None:
-    assert picture_remarks(_real(name)) == ()
+def test_a_good_real_picture_has_no_fault() -> None:
+    for name in PICTURES:
+        assert picture_remarks(_real(name)) == ()
 
 
-@pytest.mark.parametrize("name", PICTURES)
-def test_a_real_picture_that_is_blurred_is_said_to_be(name: str) -> None:
-    (remark,) = picture_remarks(cv2.GaussianBlur(_real(name), (0, 0), 4.0))
-    assert "is blurred" in remark
+def test_a_real_picture_that_is_blurred_is_said_to_be() -> None:
+    for name in PICTURES:
+        (remark,) = picture_remarks(cv2.GaussianBlur(_real(name), (0, 0), 4.0))
+        assert "is blurred" in remark
 
 
-@pytest.mark.parametrize("name", PICTURES)
-def test_a_real_picture_of_a_fifth_of_the_light_is_dark(name: str) -> None:
-    assert "is dark" in " ".join(picture_remarks((_real(name) * 0.2).astype(np.uint8)))
+def test_a_real_picture_of_a_fifth_of_the_light_is_dark() -> None:
+    for name in PICTURES:
+        assert "is dark" in " ".join(picture_remarks((_real(name) * 0.2).astype(np.uint8)))
 
 
-@pytest.mark.parametrize("name", PICTURES)
-def test_a_real_picture_of_too_much_light_is_clipped(name: str) -> None:
-    overexposed = np.clip(_real(name).astype(float) * 2.5, 0, 255).astype(np.uint8)
-    assert "is clipped to white" in " ".join(picture_remarks(overexposed))
+def test_a_real_picture_of_too_much_light_is_clipped() -> None:
+    for name in PICTURES:
+        overexposed = np.clip(_real(name).astype(float) * 2.5, 0, 255).astype(np.uint8)
+        assert "is clipped to white" in " ".join(picture_remarks(overexposed))
 
 
-@pytest.mark.parametrize(("light", "proposed_s"), [(0.2, (0.012, 0.033)), (2.5, (0.004, 0.006)), (1.0, None)])
-def test_where_the_exposure_is_known_another_is_proposed(light: float, proposed_s: tuple[float, float] | None) -> None:
-    image = np.clip(_real(PICTURES[0]).astype(float) * light, 0, 255).astype(np.uint8)
-    words = " ".join(picture_remarks(image, 0.010))
-    found = re.search(r'exposure = "(.+) ms" in \[camera\]; it was 10 ms', words)
-    assert (found is not None) == (proposed_s is not None), words
-    if found is not None and proposed_s is not None:
-        assert proposed_s[0] <= float(found[1]) / 1e3 <= proposed_s[1]
-    assert "exposure =" not in " ".join(picture_remarks(image))
+def test_where_the_exposure_is_known_another_is_proposed() -> None:
+    for light, proposed_s in [(0.2, (0.012, 0.033)), (2.5, (0.004, 0.006)), (1.0, None)]:
+        image = np.clip(_real(PICTURES[0]).astype(float) * light, 0, 255).astype(np.uint8)
+        words = " ".join(picture_remarks(image, 0.010))
+        found = re.search(r'exposure = "(.+) ms" in \[camera\]; it was 10 ms', words)
+        assert (found is not None) == (proposed_s is not None), words
+        if found is not None and proposed_s is not None:
+            assert proposed_s[0] <= float(found[1]) / 1e3 <= proposed_s[1]
+        assert "exposure =" not in " ".join(picture_remarks(image))
 
 
 def test_a_covered_lens_gives_a_black_picture() -> None:
@@ -68,11 +68,11 @@ def test_a_covered_lens_gives_a_black_picture() -> None:
     assert remark.startswith("the picture is black: take the cover off the lens")
 
 
-@pytest.mark.parametrize("sigma_px", [1.5, 2.5, 3.5])
-def test_the_blur_of_an_edge_is_measured(sigma_px: float) -> None:
-    image = np.full((480, 640, 3), 60, np.uint8)
-    cv2.rectangle(image, (200, 150), (440, 330), (200, 200, 200), -1)
-    assert blur_sigma_px(cv2.GaussianBlur(image, (0, 0), sigma_px)) == pytest.approx(sigma_px, rel=0.2)
+def test_the_blur_of_an_edge_is_measured() -> None:
+    for sigma_px in [1.5, 2.5, 3.5]:
+        image = np.full((480, 640, 3), 60, np.uint8)
+        cv2.rectangle(image, (200, 150), (440, 330), (200, 200, 200), -1)
+        assert blur_sigma_px(cv2.GaussianBlur(image, (0, 0), sigma_px)) == pytest.approx(sigma_px, rel=0.2)
 
 
 def test_a_picture_without_edges_is_not_called_blurred() -> None:

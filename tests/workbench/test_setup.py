@@ -181,9 +181,8 @@ def test_answers_may_be_numbers_and_lists_but_no_tables(tmp_path: Path) -> None:
         load_answers(file)
 
 
-@pytest.mark.parametrize(
-    ("answer", "table"),
-    [
+def test_a_camera_is_named_in_the_ways_that_people_know() -> None:
+    for answer, table in [
         ("0", {"driver": "opencv", "device": 0}),
         ("/dev/video2", {"driver": "opencv", "device": "/dev/video2"}),
         ("opencv,device=0,exposure=5 ms", {"driver": "opencv", "device": 0, "exposure": "5 ms"}),
@@ -200,29 +199,24 @@ def test_answers_may_be_numbers_and_lists_but_no_tables(tmp_path: Path) -> None:
             "shots rate=1Hz dwell=0s loop=no",
             {"driver": "images", "paths": ["shots"], "rate": "1Hz", "dwell": "0s", "loop": False},
         ),
-    ],
-)
-def test_a_camera_is_named_in_the_ways_that_people_know(answer: str, table: dict[str, object]) -> None:
-    assert table_of(answer) == table
+    ]:
+        assert table_of(answer) == table
 
 
-@pytest.mark.parametrize(
-    ("size", "table"),
-    [
+def test_the_sides_of_a_sheet_may_have_decimal_commas() -> None:
+    for size, table in [
         ("21,0 cm, 29,7 cm", {"width": "21,0 cm", "height": "29,7 cm"}),
         ("11in,8.5in", {"width": "11in", "height": "8.5in"}),
         ("A4", {"size": "A4"}),
-    ],
-)
-def test_the_sides_of_a_sheet_may_have_decimal_commas(size: str, table: dict[str, str]) -> None:
-    assert target_table({"target": "sheet", "size": size}) == {"detector": "sheet", **table}
+    ]:
+        assert target_table({"target": "sheet", "size": size}) == {"detector": "sheet", **table}
 
 
-@pytest.mark.parametrize("wheels", ["6,5 cm, 1440, 20,5 cm", "6.5 cm,1440,20.5 cm"])
-def test_wheels_are_three_figures_with_commas_or_points(wheels: str) -> None:
-    table = base_table({"base": "/dev/ttyUSB0", "wheels": wheels})
-    assert table["ticks_per_turn"] == 1440
-    assert parse_length(table["track_width"]) == pytest.approx(0.205)
+def test_wheels_are_three_figures_with_commas_or_points() -> None:
+    for wheels in ["6,5 cm, 1440, 20,5 cm", "6.5 cm,1440,20.5 cm"]:
+        table = base_table({"base": "/dev/ttyUSB0", "wheels": wheels})
+        assert table["ticks_per_turn"] == 1440
+        assert parse_length(table["track_width"]) == pytest.approx(0.205)
 
 
 @pytest.mark.parametrize("answer", ['"', "\\", "a = b # c", "°", "\x7f"])

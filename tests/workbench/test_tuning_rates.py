@@ -17,9 +17,9 @@ def counts_of(most, shift=0.0, points=(-1.0, 0.0, 1.0, 2.0, 3.0)):
     ]
 
 
-@pytest.mark.parametrize(("count", "expected"), [(0, 2.996), (1, 4.744), (5, 10.51), (50, 63.29)])
-def test_the_most_that_a_count_allows_is_that_of_the_poisson_distribution(count, expected):
-    assert at_most(count) == pytest.approx(expected, rel=0.01)
+def test_the_most_that_a_count_allows_is_that_of_the_poisson_distribution():
+    for count, expected in [(0, 2.996), (1, 4.744), (5, 10.51), (50, 63.29)]:
+        assert at_most(count) == pytest.approx(expected, rel=0.01)
 
 
 def test_a_rate_where_nothing_could_be_counted_follows_the_slope():

@@ -7,7 +7,6 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from pathlib import Path
 
-import pytest
 from gpiozero.pins.mock import MockFactory
 
 from stadimeter.config.gpio_header import GROUND, HEADER, POWER_3V3, POWER_5V, header_pin
@@ -72,30 +71,28 @@ def test_a_motor_has_a_diode_a_resistor_that_keeps_it_off_and_a_supply_of_its_ow
     assert POWER_5V not in "\n".join(line for line in text.splitlines() if "─" in line)
 
 
-@pytest.mark.parametrize(("active_high", "plus", "minus"), [(True, "GPIO 5", GROUND), (False, POWER_3V3, "GPIO 5")])
-def test_an_led_hangs_between_its_pin_and_what_is_opposite_when_it_is_on(
-    active_high: bool, plus: str, minus: str
-) -> None:
-    lines = drawn(actuator("led", "led", pin=5, active_high=active_high)).splitlines()
-    resistor = next(line for line in lines if "[330 ohm]" in line)
-    end = next(line for line in lines if line.endswith("┘"))
-    assert plus in resistor
-    assert minus in end
+def test_an_led_hangs_between_its_pin_and_what_is_opposite_when_it_is_on() -> None:
+    for active_high, plus, minus in [(True, "GPIO 5", GROUND), (False, POWER_3V3, "GPIO 5")]:
+        lines = drawn(actuator("led", "led", pin=5, active_high=active_high)).splitlines()
+        resistor = next(line for line in lines if "[330 ohm]" in line)
+        end = next(line for line in lines if line.endswith("┘"))
+        assert plus in resistor
+        assert minus in end
 
 
-@pytest.mark.parametrize(("active_high", "rest"), [(True, GROUND), (False, POWER_3V3)])
-def test_the_input_of_a_relay_is_pulled_to_where_it_is_off(active_high: bool, rest: str) -> None:
-    lines = drawn(actuator("pump", "relay", pin=5, active_high=active_high)).splitlines()
-    ends = [line for line in lines if "┬" in line or "┴" in line]
-    assert len(ends) == 2
-    assert any(rest in line for line in ends)
-    assert any("GPIO 5" in line for line in ends)
+def test_the_input_of_a_relay_is_pulled_to_where_it_is_off() -> None:
+    for active_high, rest in [(True, GROUND), (False, POWER_3V3)]:
+        lines = drawn(actuator("pump", "relay", pin=5, active_high=active_high)).splitlines()
+        ends = [line for line in lines if "┬" in line or "┴" in line]
+        assert len(ends) == 2
+        assert any(rest in line for line in ends)
+        assert any("GPIO 5" in line for line in ends)
 
 
-@pytest.mark.parametrize(("gpio", "active_high", "is_on"), [(5, True, 1), (18, True, 0), (18, False, 1), (5, False, 0)])
-def test_a_pin_that_is_pulled_towards_on_while_the_pi_boots_is_told(gpio: int, active_high: bool, is_on: int) -> None:
-    text = drawn(actuator("led", "led", pin=gpio, active_high=active_high))
-    assert len(re.findall(r"while the Pi boots, towards\s+on", text)) == is_on
+def test_a_pin_that_is_pulled_towards_on_while_the_pi_boots_is_told() -> None:
+    for gpio, active_high, is_on in [(5, True, 1), (18, True, 0), (18, False, 1), (5, False, 0)]:
+        text = drawn(actuator("led", "led", pin=gpio, active_high=active_high))
+        assert len(re.findall(r"while the Pi boots, towards\s+on", text)) == is_on
 
 
 def test_a_transistor_that_would_be_on_the_wrong_way_round_is_told() -> None:
@@ -103,9 +100,9 @@ def test_a_transistor_that_would_be_on_the_wrong_way_round_is_told() -> None:
     assert "write active_high = true" in text
 
 
-@pytest.mark.parametrize("width", [40, 48, 63, 80, 120])
-def test_no_line_is_wider_than_the_terminal(width: int) -> None:
-    assert max(map(len, drawn(*EVERY_KIND, width=width).splitlines())) <= width
+def test_no_line_is_wider_than_the_terminal() -> None:
+    for width in [40, 48, 63, 80, 120]:
+        assert max(map(len, drawn(*EVERY_KIND, width=width).splitlines())) <= width
 
 
 def test_where_the_circuit_has_no_room_its_connections_are_listed() -> None:
@@ -143,16 +140,16 @@ def test_no_line_of_text_leaves_the_picture() -> None:
     assert all(each.x_m + len(each.text) * letter_m[each] <= picture.width_m for each in texts)
 
 
-@pytest.mark.parametrize("name", ["distance-alert", "appliance"])
-def test_the_picture_says_what_the_text_says(name: str) -> None:
-    actuators = load_configuration(CONFIGURATIONS / f"{name}.toml").actuators
-    picture = wiring_picture(actuators)
-    words = " ".join(each.text or "" for each in ET.fromstring(svg_of(picture)).iter() if each.tag.endswith("text"))  # noqa: S314
-    of_text = re.sub(r"[─│┌┐└┘├┤┬┴┼●○\[\]]", " ", drawn(*actuators))
-    assert sorted(set(re.findall(r"[A-Za-z0-9.]+", words))) == sorted(set(re.findall(r"[A-Za-z0-9.]+", of_text)))
-    for shape in picture.shapes:
-        for key, value in shape._asdict().items():
-            if key.startswith("x"):
-                assert 0 <= value <= picture.width_m
-            if key.startswith("y"):
-                assert 0 <= value <= picture.height_m
+def test_the_picture_says_what_the_text_says() -> None:
+    for name in ["distance-alert", "appliance"]:
+        actuators = load_configuration(CONFIGURATIONS / f"{name}.toml").actuators
+        picture = wiring_picture(actuators)
+        words = " ".join(each.text or "" for each in ET.fromstring(svg_of(picture)).iter() if each.tag.endswith("text"))  # noqa: S314
+        of_text = re.sub(r"[─│┌┐└┘├┤┬┴┼●○\[\]]", " ", drawn(*actuators))
+        assert sorted(set(re.findall(r"[A-Za-z0-9.]+", words))) == sorted(set(re.findall(r"[A-Za-z0-9.]+", of_text)))
+        for shape in picture.shapes:
+            for key, value in shape._asdict().items():
+                if key.startswith("x"):
+                    assert 0 <= value <= picture.width_m
+                if key.startswith("y"):
+                    assert 0 <= value <= picture.height_m

@@ -65,9 +65,9 @@ def _heading(figures: Figures) -> Iterator[str]:
     if on.processor_limit is not None:
         yield f"The system limits this program to {on.processor_limit:.2g} cores: it works, and is then made to wait."
     yield f"stadimeter {on.stadimeter}, Python {on.python}, OpenCV {on.opencv}, numpy {on.numpy}"
-    told = (_heat_in_words(figures.before), _heat_in_words(figures.after))
-    if all(told):
-        yield f"{told[0]} before, {told[1]} after"
+    heats = (_heat_in_words(figures.before), _heat_in_words(figures.after))
+    if all(heats):
+        yield f"{heats[0]} before, {heats[1]} after"
 
 
 def _heat_in_words(at: Heat) -> str:

@@ -24,8 +24,7 @@ from stadimeter.cli.known_pictures import (
     look_at,
     today,
 )
-from stadimeter.cli.live_camera import LiveOption
-from stadimeter.cli.target_options import GivenTarget, WantedTargets, takes_target, targets_from_options
+from stadimeter.cli.target_options import GivenTarget, LiveOption, WantedTargets, takes_target, targets_from_options
 from stadimeter.config.camera_file import load_camera_model, save_camera_model
 from stadimeter.core.camera_model import ToneCurve
 from stadimeter.errors import ConfigError, Problem

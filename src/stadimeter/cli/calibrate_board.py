@@ -14,9 +14,8 @@ import typer
 
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
 from stadimeter.cli.known_pictures import ToneCurveOption, today
-from stadimeter.cli.live_camera import camera_choice
 from stadimeter.cli.progress import count_items, working
-from stadimeter.cli.target_options import parse_known_length
+from stadimeter.cli.target_options import camera_choice, parse_known_length
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.frame import Frame
 from stadimeter.errors import ConfigError
@@ -279,7 +278,7 @@ def _tell_view(session: BoardSession) -> None:
         model = made.camera_model
         focal = f"focal length {model.fx_px:.0f} px ± {model.focal_relative_sigma:.1%}"
         figures += f"{error}; {focal}, corners in {made.coverage:.0%} of the picture"
-    bell = "\a" if sys.stdout.isatty() else ""  # whoever holds the board may be too far away to read
+    bell = "\a" if sys.stdout.isatty() else ""  # the person with the board may be too far away to read
     typer.echo(f"{bell}{newest.picture}  {figures}")
     missing = session.missing()
     typer.echo(f"          still missing: {'; '.join(missing)}" if missing else "          that is enough")

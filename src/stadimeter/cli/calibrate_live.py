@@ -11,8 +11,7 @@ import typer
 from stadimeter.cli.exits import NOT_FOUND
 from stadimeter.cli.formatting import FOOT, INCH, METRE, LengthUnit, format_distance
 from stadimeter.cli.known_pictures import today
-from stadimeter.cli.live_camera import camera_choice
-from stadimeter.cli.target_options import WantedTargets, parse_known_length
+from stadimeter.cli.target_options import WantedTargets, camera_choice, parse_known_length
 from stadimeter.core.camera_model import ToneCurve
 from stadimeter.errors import CalibrationError, ConfigError
 from stadimeter.ranging.calibration import Calibration

@@ -13,7 +13,7 @@ import typer
 
 from stadimeter.cameras.protocol import AttachedCamera, CameraMode
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
-from stadimeter.cli.live_camera import camera_choice
+from stadimeter.cli.target_options import camera_choice
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.errors import ConfigError, Problem, reason_of
 from stadimeter.workbench.annotation import write_picture

@@ -11,8 +11,8 @@ import typer
 
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
 from stadimeter.cli.explanation import copy_paths
-from stadimeter.cli.live_camera import LiveOption, camera_choice
 from stadimeter.cli.progress import working
+from stadimeter.cli.target_options import LiveOption, camera_choice
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView
 from stadimeter.errors import ConfigError

@@ -20,7 +20,7 @@ NOT_FOUND = 1
 WRONG = 2
 
 WRITING_FAILS = frozenset({errno.EPIPE, errno.EIO})
-"""How writing fails where nobody reads. Devices fail like this, too."""
+"""Error numbers of writing to a closed pipe or terminal. Devices may fail with the same numbers."""
 
 CV_NO_MEMORY = -4
 """OpenCV's ``StsNoMem``, the code of its error."""
@@ -33,7 +33,7 @@ MAX_SHOWN = 100
 def plain_errors() -> Iterator[None]:
     """Turn every error that stadimeter raises on purpose into its lines on standard error and exit code 2.
 
-    So does running out of memory. The end of whoever reads our output, such as `head`, is a good end.
+    So does running out of memory. If the reader of our output ends, such as `head`, the command ends with 0.
     """
     try:
         yield
@@ -72,7 +72,7 @@ def _replace_error(error: BaseException) -> Exception | None:
 
 
 def _is_reader_gone() -> bool:
-    """Return whether whoever reads our output has enough, such as `head`, or the terminal is gone."""
+    """Return whether the reader of our output has ended, such as `head`, or the terminal is gone."""
     poll = select.poll()
     for stream in (sys.stdout, sys.stderr):
         with suppress(AttributeError, OSError, ValueError):  # closed, or none that the system knows

@@ -174,7 +174,7 @@ class RunKeys:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shown:
-    """A snapshot, and how the terminal shows it.
+    """A snapshot with its display options.
 
     Attributes:
         keys: The keys that do something; None if the view is no more than looked at.

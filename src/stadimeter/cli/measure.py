@@ -15,10 +15,17 @@ from stadimeter.app.detectors import NamedDetector, build_detectors
 from stadimeter.cli.exits import DONE, NOT_FOUND, WRONG, plain_errors
 from stadimeter.cli.explanation import copy_paths, marks_of
 from stadimeter.cli.formatting import LengthUnit
-from stadimeter.cli.live_camera import LiveOption, camera_choice
 from stadimeter.cli.measure_output import Printer, printer_of
 from stadimeter.cli.progress import count_items, goes_to_file
-from stadimeter.cli.target_options import ConfigOption, GivenTarget, WantedTargets, takes_target, targets_from_options
+from stadimeter.cli.target_options import (
+    ConfigOption,
+    GivenTarget,
+    LiveOption,
+    WantedTargets,
+    camera_choice,
+    takes_target,
+    targets_from_options,
+)
 from stadimeter.config.camera_file import load_camera_model
 from stadimeter.config.plugins import CAMERAS, DriverChoice, load_driver
 from stadimeter.core.camera_model import CameraModel

@@ -14,13 +14,13 @@ from typing import Any, TextIO, TypeVar
 import typer
 
 FIRST_AFTER_S = 0.5
-"""What is done sooner is not announced."""
+"""Work that ends sooner is not announced, in seconds."""
 
 SWITCH = "STADIMETER_PROGRESS"
 """This variable of the environment, set to ``off``, keeps it quiet: for logs, and for pages that show output."""
 
 EVERY_S = 15.0
-"""Lines for whoever reads a log come this seldom."""
+"""Seconds between lines of progress where the output is no terminal."""
 
 _T = TypeVar("_T")
 Say = Callable[[str], None]
@@ -30,7 +30,7 @@ Say = Callable[[str], None]
 def working(doing: str) -> Iterator[Say]:
     """Show that a command works, soon after it began and until the block ends.
 
-    A thread of its own shows it, so what is computed need not know. Nothing is written on standard output.
+    A thread shows it, so the computation needs no calls. Nothing is written on standard output.
 
     Args:
         doing: What it does, such as ``reading the recording``.
@@ -69,7 +69,7 @@ def _show(now: list[str], is_over: threading.Event) -> None:
     began_s = time.monotonic()
     if os.environ.get(SWITCH) == "off" or is_over.wait(FIRST_AFTER_S):
         return
-    with suppress(OSError):  # whoever looked on is gone, and the work goes on
+    with suppress(OSError):  # the terminal is gone; the work goes on
         if sys.stderr.isatty():
             _show_moving(now, is_over, began_s)
         else:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def open_alarm_store(loop: Loop, named: Path | None, is_right: Callable[[], bool]) -> None:
-    """Remember alarms beyond the end of a run, in the file that is named, or the usual one of a live camera."""
+    """Store alarms across restarts, in the named file, or in the default one of a live camera."""
     configuration = loop.parts.configuration
     usual = state_file(configuration.path) if loop.parts.is_live else None
     path = named or usual
@@ -37,12 +37,12 @@ def open_alarm_store(loop: Loop, named: Path | None, is_right: Callable[[], bool
     clock = clock_name(is_live=loop.parts.is_live)
     store = AlarmStore(path, is_named=named is not None)
     if named is not None:
-        store.check()  # whoever names a wrong file wants to know, and before anything moves
+        store.check()  # a wrong file that was named is reported before anything moves
     loop.services.memory = StateWriter(store, partial(moment, clock, is_right=is_right), loop.deliveries)
 
 
 def open_control_socket(loop: Loop, socket: Path | None, web: WebTable | None, closing: ExitStack) -> None:
-    """Listen for people; a run without a socket runs all the same, unless that was asked for."""
+    """Listen for operator commands. Without a socket a run goes on with a warning, unless the socket was named."""
     configuration = loop.parts.configuration
     try:
         path = socket or socket_path(configuration.path, usable_folder(runtime_folder()))

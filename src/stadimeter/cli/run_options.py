@@ -57,7 +57,7 @@ ImageQuality = Annotated[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordingOptions:
-    """What is kept of a run. With `is_quiet`, trouble is printed at the end only: the view has shown it."""
+    """The files that a run writes. With `is_quiet`, trouble is printed at the end only: the view has shown it."""
 
     journal: Path | None = None
     record: Path | None = None
@@ -88,14 +88,14 @@ TrustClock = Annotated[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServiceOptions:
-    """What a run has beside its cycles.
+    """Optional services of a run: alarm store, control socket, page.
 
     Attributes:
         state: The state file; None for the usual one.
         no_state: Whether there shall be none.
         socket: Where to listen; None for the usual place.
         trust_clock: Whether the computer's clock counts as right.
-        is_unhurried: Whether the run takes time, so that somebody can ask for something meanwhile.
+        is_unhurried: Whether the run takes time, so that operator commands can arrive meanwhile.
         is_quiet: Whether nothing is printed about it while it runs: the screen is in use.
         service: What tells systemd of the run; None if systemd does not wait for that.
         web: The page to have beside it; None for that of its configuration.

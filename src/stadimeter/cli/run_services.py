@@ -36,7 +36,7 @@ def open_recordings(loop: Loop, options: RecordingOptions) -> AbstractContextMan
 
 @contextmanager
 def open_services(loop: Loop, options: ServiceOptions) -> Iterator[None]:
-    """Give a run its services."""
+    """Open the optional services of a run, and close them at its end."""
     is_right = (lambda: True) if options.trust_clock else is_synchronised
     with ExitStack() as closing:
         services = loop.services
@@ -65,7 +65,7 @@ def open_services(loop: Loop, options: ServiceOptions) -> Iterator[None]:
 
 
 def start_service(configuration: Path) -> Service | None:
-    """Return the run as systemd sees it, after a wait if earlier starts have failed; None if it is no service."""
+    """Return the link to systemd, after a pause if earlier starts have failed; None if this is no service."""
     if not os.environ.get("NOTIFY_SOCKET"):
         return None
     found = service(configuration)

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
-from stadimeter.cli.live_camera import LiveOption, camera_choice
+from stadimeter.cli.target_options import LiveOption, camera_choice
 from stadimeter.config.units import parse_duration
 from stadimeter.errors import ConfigError, Problem
 from stadimeter.workbench.annotation import write_picture

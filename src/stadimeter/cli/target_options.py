@@ -1,4 +1,4 @@
-"""The options that say what to look for, which `measure` and `calibrate` have in common."""
+"""The options that say what to look for, and before which camera: `measure`, `colour` and `calibrate` share them."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ from pydantic import ValidationError
 from stadimeter.cli.formatting import CENTIMETRE, FOOT, INCH, METRE, LengthUnit
 from stadimeter.config.findings import findings_of
 from stadimeter.config.paper import paper_sides
-from stadimeter.config.plugins import DETECTORS, DriverChoice, load_driver
-from stadimeter.config.toml_source import key_and_value
+from stadimeter.config.plugins import CAMERAS, DETECTORS, DriverChoice, load_driver
+from stadimeter.config.toml_source import camera_table, key_and_value
 from stadimeter.config.units import LENGTHS_M, parse_length, split_quantities
+from stadimeter.config.untrusted_file import is_file
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import ConfigError, DriverNotFoundError, Problem
 
@@ -213,10 +214,14 @@ def targets_from_options(given: GivenTarget, config: Path | None = None) -> Want
         return described.wanted(said.get("--tolerance"))
     if "--tolerance" in said:
         raise ConfigError("--tolerance says how well a size is known; with --config it stands in the target's table")
-    from stadimeter.config.loader import load_configuration  # noqa: PLC0415 - most of a start, and rarely asked for
-
-    loaded = load_configuration(config)
+    loaded = _loader().load_configuration(config)
     return WantedTargets(choices=loaded.targets, camera_model=loaded.camera_model)
+
+
+def _loader() -> Any:
+    from stadimeter.config import loader  # noqa: PLC0415 - most of a start, and rarely needed
+
+    return loader
 
 
 def _check_companions(said: Mapping[str, Any], name: str) -> None:
@@ -323,3 +328,35 @@ def _unit_of(value: object) -> LengthUnit | None:
     """Return the unit to show distances in to a person who has written a length in another; None for no length."""
     unit = _NUMBER.sub("", value, count=1).strip() if isinstance(value, str) else ""
     return _UNITS.get(unit, METRE) if unit in LENGTHS_M else None
+
+
+LiveOption = Annotated[
+    str | None,
+    typer.Option(
+        "--live",
+        metavar="CONFIG|DEVICE|DRIVER",
+        help="Take what a camera sees: that of a configuration; a device such as 0 or one that `stadimeter cameras` "
+        "lists; or a driver with its options, such as opencv,device=0,exposure=10ms.",
+    ),
+]
+
+
+def camera_choice(live: str) -> DriverChoice:
+    """Return the camera of a configuration, a device, or a camera driver with its options, such as ``opencv,device=0``.
+
+    Raises:
+        ConfigError: There is no such configuration, or an option is wrong.
+        DriverError: There is no such driver.
+    """
+    if Path(live).suffix.lower() == ".toml" or is_file(Path(live)):
+        configured: DriverChoice = _loader().load_camera_choice(Path(live))
+        return configured
+    table = camera_table(live)
+    driver = table.pop("driver")
+    model = load_driver(CAMERAS, driver)
+    try:
+        return DriverChoice(name="camera", driver=driver, options=model.model_validate(table))
+    except ValidationError as error:
+        found = findings_of(error, model, table, ())
+        hint = f"write it such as --live {driver},KEY=VALUE, or write a configuration and give that"
+        raise ConfigError([Problem(f"{driver}: {each.message}", key="--live", hint=hint) for each in found]) from error

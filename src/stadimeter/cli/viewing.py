@@ -190,7 +190,7 @@ def show(loop: Loop, showing: Showing) -> Iterator[None]:
     if showing.view == "plain":
         plain = PlainView(
             typer.echo,
-            every_s=math.inf if loop.services.service is not None else 1.0,  # nobody watches, and a disk may keep it
+            every_s=math.inf if loop.services.service is not None else 1.0,  # a service's output may go to a disk
             unit=showing.unit,
             trouble=loop.trouble,
             narration=narration_of(loop),

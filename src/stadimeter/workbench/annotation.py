@@ -1,4 +1,4 @@
-"""Copies of pictures with what was measured drawn in: outline, centre, distance, and a legend."""
+"""Copies of pictures with the measurement drawn in: outline, centre, distance, and a legend."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Mark:
     Attributes:
         has_corners: Whether its outline is corners in order, or else points on a rim that may be hidden in parts.
         edges_px: Where its edges are seen, drawn point by point over its outline; shape ``(n, 2)``.
-        headline: What stands beside it, such as ``sheet: 35.0 in ± 0.4``; nothing does if it was not found.
+        headline: The label beside it, such as ``sheet: 35.0 in ± 0.4``; no label if it was not found.
     """
 
     detection: Detection

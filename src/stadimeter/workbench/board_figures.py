@@ -141,7 +141,7 @@ class Figures(_Checked):
     """All figures of a computer.
 
     Attributes:
-        note: What whoever measured says about it, such as the case and the cooling.
+        note: A remark on the measurement, such as the case and the cooling.
     """
 
     schema_version: Literal[2]

@@ -18,17 +18,17 @@ from stadimeter.workbench.annotation import Mark, annotate
 from stadimeter.workbench.measuring import PictureResult
 
 
-def colour_notes(result: PictureResult, choices: Sequence[DriverChoice], told: set[str]) -> Iterator[str]:
+def colour_notes(result: PictureResult, choices: Sequence[DriverChoice], noted: set[str]) -> Iterator[str]:
     """Yield a sentence for each target of which a picture shows nothing at all, though a ball stands out in it.
 
     Args:
         choices: The targets' detectors.
-        told: The targets that this was tried for in earlier pictures; once is enough, since it takes seconds.
+        noted: The targets that were tried in earlier pictures; each is tried once, since it takes seconds.
     """
     proposers = {
         choice.name: choice.options
         for choice in choices
-        if isinstance(choice.options, ProposesColour) and choice.name not in told
+        if isinstance(choice.options, ProposesColour) and choice.name not in noted
     }
     for each in result.targets:
         proposer, seen = proposers.get(each.measurement.target), each.detection
@@ -36,7 +36,7 @@ def colour_notes(result: PictureResult, choices: Sequence[DriverChoice], told: s
             continue
         if seen.status is not DetectionStatus.NOT_FOUND or seen.rejected:
             continue
-        told.add(each.measurement.target)
+        noted.add(each.measurement.target)
         proposal = proposer.propose_colour([ColourSample(result.frame)])
         found = proposal and proposal.views[0].detection
         if proposal and found and found.status is DetectionStatus.FOUND:

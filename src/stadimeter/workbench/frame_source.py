@@ -88,10 +88,10 @@ def open_source(choice: DriverChoice) -> Source:
 
 
 def _once(choice: DriverChoice) -> DriverChoice:
-    """Return the choice without what is for the eyes of those who watch a run."""
-    told = choice.options
-    changes = {key: plain for key, plain in (("loop", False), ("dwell", 0.0)) if getattr(told, key, plain) != plain}
-    return replace(choice, options=told.model_copy(update=changes)) if changes else choice
+    """Return the choice without looping and dwelling, which serve the viewers of a run."""
+    options = choice.options
+    changes = {key: plain for key, plain in (("loop", False), ("dwell", 0.0)) if getattr(options, key, plain) != plain}
+    return replace(choice, options=options.model_copy(update=changes)) if changes else choice
 
 
 def files_shown(choice: DriverChoice) -> tuple[Path, ...]:
@@ -139,7 +139,7 @@ OTHER_PROGRAMS = (
     "a photograph by another program may have another focal length: take pictures for calibration in this way, with"
     " the camera's settings of the configuration"
 )
-"""What a person should know who wants to calibrate from pictures."""
+"""A note for people who calibrate from pictures."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -55,11 +55,11 @@ class TargetResult:
 
     Attributes:
         detection: Where the target is; None if the picture could not be read.
-        parts: What the standard deviation is made up of; None without a distance.
+        parts: The components of the standard deviation; None without a distance.
         rejected_from: The number of the first of the candidates that were rejected. They are counted through all
             targets of a picture, so that a number means one place in it.
         direction_sigmas_rad: Standard deviations of bearing and elevation; None without a distance.
-        find_edges: Finds where its edges are seen, points of shape ``(n, 2)``; none of a detector that does not show.
+        find_edges: Returns its edge points, shape ``(n, 2)``; empty for a detector that does not show them.
         seen: It with its shape; None if the picture could not be read.
         frame: The frame of a video or a camera, counted from 0; None of a picture.
         time_s: When it was captured, from the first one on; None of a picture.
@@ -243,7 +243,7 @@ def _result(file: str, detection: Detection, shape: TargetShape, lens: CameraMod
 
 
 def failed_results(file: str, targets: Sequence[NamedDetector], error: Exception) -> tuple[TargetResult, ...]:
-    """Return results that say why there are none."""
+    """Return results with status ``error`` and the reason."""
     reason = " ".join(str(error).split())
     return tuple(
         TargetResult(

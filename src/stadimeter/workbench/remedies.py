@@ -1,4 +1,4 @@
-"""What to change where a target is refused: options that its detector thinks of, each tried on the picture."""
+"""Remedies for a target that is refused: options that its detector proposes, each tried on the picture."""
 
 from __future__ import annotations
 
@@ -43,22 +43,22 @@ def remedies_for(
 
 
 def remedy_notes(
-    result: PictureResult, choices: Sequence[DriverChoice], camera_model: CameraModel, told: set[str]
+    result: PictureResult, choices: Sequence[DriverChoice], camera_model: CameraModel, noted: set[str]
 ) -> Iterator[str]:
     """Yield a sentence for each target that would be found in a picture with other options.
 
     Args:
-        told: The targets that this was said of in earlier pictures; once is enough.
+        noted: The targets with a note in an earlier picture; each gets one note.
     """
     refused = {each.measurement.target: each.detection for each in result.targets}
     for choice in choices:
         detection = refused.get(choice.name)
-        if choice.name in told or detection is None or result.frame is None:
+        if choice.name in noted or detection is None or result.frame is None:
             continue
         lens = camera_model.for_frame(result.frame)
         remedies = remedies_for(choice, detection, result.frame, lens)
         if remedies:
-            told.add(choice.name)
+            noted.add(choice.name)
             yield f"{result.file}: {choice.name} is found with {' or '.join(map(str, remedies))}"
 
 

@@ -90,8 +90,8 @@ class RunCamera:
 def _frame(data: Any, pixels: bytes) -> Frame:
     try:
         image = np.frombuffer(pixels, np.uint8).reshape(data["height_px"], data["width_px"], 3)
-        told: dict[str, Any] = data["optics"] or {}
-        optics: dict[str, Any] = {key: tuple(each) if isinstance(each, list) else each for key, each in told.items()}
+        written: dict[str, Any] = data["optics"] or {}
+        optics: dict[str, Any] = {key: tuple(each) if isinstance(each, list) else each for key, each in written.items()}
         return Frame(
             image,
             data["captured_at_s"],
@@ -143,7 +143,7 @@ NONE_FOUND = (
     " needs `sudo apt install python3-picamera2` and an environment that sees the system's packages; a camera in the"
     f" network is read as a stream ({guide('cameras.md')}), which no list can show"
 )
-"""What to say where there are no cameras."""
+"""The message where there are no cameras."""
 
 
 def attached_cameras() -> tuple[AttachedCamera, ...]:

@@ -27,7 +27,7 @@ VERSIONS = "versions"
 """The folder of former versions, beside a configuration."""
 
 KEPT_MAX = 100
-"""A save more, and the oldest version goes."""
+"""The number of versions that are kept; the oldest is deleted first."""
 
 KEPT_MAX_BYTES = 20_000_000
 """All versions together. Usual ones have some kilobytes; the newest is kept whatever its size."""
@@ -87,7 +87,7 @@ def save_files(
 
     Args:
         files: Their texts, by names below the folder, in the order in which they take their names.
-        check: Called once nobody else can save there. What it raises leaves everything as it was.
+        check: Called under the lock of the folder; if it raises, nothing has changed.
 
     Returns:
         The names of those that were written, and where the ones that were there are kept; None if there were none.
@@ -185,7 +185,7 @@ def _keep(folder: Path, names: list[str], kept: Path | None) -> None:
 
 
 def _forget(folder: Path, version: Path | None) -> None:
-    """Delete a version of a save that came to nothing, unless something of it was replaced all the same."""
+    """Delete the version of a failed save, unless one of its files was replaced."""
     if version is None:
         return
     with suppress(OSError):
@@ -204,7 +204,7 @@ def _forget_oldest(kept: list[Version]) -> None:
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
-    """Wait until nobody else saves in a folder, and keep others waiting."""
+    """Hold the lock of a folder: one process at a time saves there."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX)

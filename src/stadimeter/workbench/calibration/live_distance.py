@@ -35,7 +35,7 @@ FRAMES_MAX_BYTES = 150_000_000
 """The frames of one distance are kept until their median is known; of very large ones fewer are taken."""
 
 FOUND_SHARE_MIN = 0.5
-"""In fewer of the frames than this share, what is found may be anything."""
+"""Below this share of frames with the target, a find may be anything."""
 
 SPREAD_SHARE_MAX = 0.01
 SPREAD_SIGMAS_MAX = 4.0
@@ -45,7 +45,7 @@ APART_MIN = 1.5
 """A second distance proves the first only if it is this many times as far, or as near."""
 
 TIMES_AS_FAR = (3.0, 2.0, APART_MIN)
-"""A second distance that is so many times the first tells most, if the target still appears large enough."""
+"""Ratios of the second to the first distance, best first; the target must still appear large enough at it."""
 
 LARGE_ENOUGH_PX = 20.0
 """The size of a target below which its edges say little about a distance of 1 %."""
@@ -56,16 +56,16 @@ NO_MISTAKE_M = 0.2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Take:
-    """What several frames at one distance have shown.
+    """The result of several frames at one distance.
 
     Attributes:
-        distance_m: As it was told: from the lens to the target's nearest point.
+        distance_m: As the person gave it: from the lens to the target's nearest point.
         frames: How many frames were taken.
         found: In how many of them the target was found whole.
         size_px: The median of its apparent size.
         spread_share: The standard deviation of its size from frame to frame, as a share of it.
         reads_m: What the distances before this one make of it; None for the first.
-        reason: What else the detector has to say, such as that of several tags the largest was taken.
+        reason: A remark of the detector, such as that of several tags the largest was taken.
     """
 
     name: str

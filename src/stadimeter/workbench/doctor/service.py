@@ -87,7 +87,7 @@ def _log(unit: str) -> str:
 
 
 def page(examined: Examined) -> Iterator[Diagnosis]:
-    """Tell whether the page's service, if it is wanted, serves the page. It is off unless somebody enables it."""
+    """Tell whether the page's service runs, if it is enabled; by default it is not."""
     if not examined.computer.has_systemd:
         return
     state = examined.computer.unit(PAGE, *STATE)
@@ -162,7 +162,7 @@ def _way(computer: Computer, wanted: list[str]) -> str:
 
 
 def _of_hand(computer: Computer) -> Iterator[Diagnosis]:
-    """Tell which lines of a list that somebody made switch nothing off."""
+    """Tell which lines of a hand-made list switch nothing off."""
     if not computer.has(OF_HAND):
         return
     answer = computer.run((SWITCHES_OFF, "--check", OF_HAND), COMMAND_S)

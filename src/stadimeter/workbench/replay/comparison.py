@@ -1,4 +1,4 @@
-"""How a replay compares with its recording: decisions to the last bit, and distances that are measured again."""
+"""Comparing a replay with its recording: decisions bit by bit, and distances that are measured again."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ POINTS_MAX = 1500
 """A chart as wide as a screen has no more pixels."""
 
 SPANS_MAX = 500
-"""Of a lane; what is so near to each other cannot be told apart."""
+"""The number of spans of a lane; more cannot be told apart on a screen."""
 
 CYCLES_MAX = 400_000
 """Nearly four hours at 30 a second: what is gone through is kept, and a small Pi has little memory."""
@@ -64,7 +64,7 @@ class Lane:
 
 @dataclass(slots=True)
 class ReplaySide:
-    """What one configuration does."""
+    """The decisions of one configuration."""
 
     tally: Tally
     rules: dict[str, Lane] = field(default_factory=dict)
@@ -81,12 +81,12 @@ class ReplaySide:
 
 @dataclass(slots=True)
 class SideBySide:
-    """Goes through a recording with two configurations at once, as far as there is time.
+    """Replays a recording with two configurations at once, a part at a time.
 
     Attributes:
         began_s: The time of the first cycle, on the run's clock.
         before: The run that is compared with, such as that of the recording itself.
-        seconds: How far it has got, since the beginning of the recording.
+        seconds: The time of the last cycle, since the beginning of the recording.
         is_done: Whether that is the end, or `CYCLES_MAX` is reached.
         damage: Why the recording cannot be read to its end; empty if it can.
         targets: The targets that were looked for.
@@ -111,7 +111,7 @@ class SideBySide:
         self._cycles = self._through()
 
     def go_on(self, for_s: float, clock: Callable[[], float] = time.monotonic) -> None:
-        """Go on for this long, or to the end. Damage is an end, too."""
+        """Go on for this long, or to the end; damage ends it as well."""
         until_s = clock() + for_s
         with without_collector():
             while clock() < until_s and not self.is_done:

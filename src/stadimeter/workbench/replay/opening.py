@@ -1,4 +1,4 @@
-"""Opens what runs leave behind, journals and recordings alike: which one a file is, its content tells."""
+"""Opens journals and recordings of runs; the content tells which of the two a file is."""
 
 from __future__ import annotations
 

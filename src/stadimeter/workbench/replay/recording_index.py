@@ -1,4 +1,4 @@
-"""Any moment of a recording with pictures, soon enough for a slider.
+"""Random access to the moments of a recording with pictures, fast enough for a slider.
 
 A recording consists of chunks of about a second, each with the times of what is in it at its beginning. Only these are
 read to find a moment; then one chunk is decompressed, and kept, since the next moment that is asked for is near.
@@ -34,10 +34,10 @@ _TIMES = struct.Struct("<QQ")
 """A chunk begins with the times of its first and its last message, in nanoseconds."""
 
 _BACK_MAX = 60
-"""So many chunks are looked through for the newest picture before a moment: about a minute."""
+"""The newest picture before a moment is searched in this many chunks: about a minute."""
 
 _KEPT_MAX = 2
-"""So many chunks are kept as they were read: of full HD, one takes 10 MB."""
+"""The number of decompressed chunks that are kept; one of full HD takes 10 MB."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ class _Entry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedMoment:
-    """What a recording holds of one moment.
+    """The newest cycle and picture at a moment of a recording.
 
     Attributes:
         at_s: When it was, since the beginning of the recording.

@@ -40,7 +40,7 @@ def observations(
         sensors: How sure each target's distance is expected to be; not needed for a recording.
 
     Yields:
-        The observations. What is made up begins at 0 s.
+        The observations. Synthetic ones begin at 0 s.
 
     Raises:
         JournalError: The recording cannot be read, or holds none of the targets.
@@ -233,12 +233,12 @@ def _words(problem: Problem) -> str:
 
 
 EVENTS_MAX = 100
-"""Nobody reads more beside a chart."""
+"""The number of events that are listed beside a chart."""
 
 
 @dataclass(slots=True)
 class Lanes:
-    """What became of a plan over observations. Times are in seconds from the first of them.
+    """What a plan decides over observations. Times are in seconds from the first observation.
 
     Attributes:
         active: By rule, when it was active.
@@ -286,7 +286,7 @@ class Lanes:
 
 
 def lanes_of(plan: Plan, observations: Iterable[Observation]) -> Lanes:
-    """Return what a plan makes of observations. Nothing is opened, and nothing moves."""
+    """Decide on observations by a plan; opens and moves nothing."""
     lanes, state, start_s = Lanes(), initial_state(plan), None
     for observation in observations:
         state, decision = decide(state, observation)

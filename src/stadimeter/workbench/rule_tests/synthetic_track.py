@@ -1,7 +1,7 @@
-"""Distances made up as a camera would measure them: where a target truly is, and what noise makes of it.
+"""Synthetic measurements: the true path of a target with the noise that camera and target are expected to have.
 
-The noise is that which camera and target are expected to have, normally distributed and correlated from one frame to
-the next as the tracker expects it. Directions are exact: how sure they are, is not known. Everything random follows
+The noise is normally distributed and correlated from one frame to the next as the tracker expects it. Directions are
+exact, since their uncertainty is not known. Everything random follows
 from a seed, and each frame takes the same number of random numbers, so that one thing changed changes nothing else.
 """
 
@@ -92,13 +92,13 @@ def _problem(configuration: Configuration, key: str, message: str) -> Problem:
 OUTLIER_FACTOR = 3.0
 """A gross error makes a distance up to this many times as large, or as small."""
 DROWNED_SHARE = 0.2
-"""Where noise leaves less than this of a distance, there is nothing to measure: so near, it would count as sure."""
+"""A noisy distance below this share of the true one counts as missed: its small stated sigma would mislead."""
 
 _NORMAL = NormalDist()
 
 
 def position_at(path: Sequence[PathPoint], at_s: float) -> PathPoint:
-    """Return where a target truly is.
+    """Return the true position of a target.
 
     Args:
         path: Where it is at certain times, in order; it stays at the last point.

@@ -1,7 +1,7 @@
 """Watching one expectation of a test while it runs.
 
-A watch is shown every cycle once and remembers only what it needs to say in the end what was expected, what came
-instead, when, and why: the rule's own reason of that moment. So a test over an hour of recording needs little memory.
+A watcher sees every cycle once and keeps only what its report needs: what was expected, what came instead, when, and
+the rule's reason at that moment. So a test over an hour of recording needs little memory.
 """
 
 from __future__ import annotations
@@ -312,10 +312,10 @@ class FirstWatch:
 
 
 class WithinWatch(FirstWatch):
-    """Expects the first event of a kind soon after something is so.
+    """Expects the first event of a kind soon after a condition holds.
 
     Args:
-        is_met: Whether it is so in a cycle. Asked in every cycle, until it is.
+        is_met: Whether the condition holds in a cycle; called in every cycle until it does.
     """
 
     def __init__(

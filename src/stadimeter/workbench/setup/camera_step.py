@@ -32,19 +32,19 @@ PLAYED: Mapping[str, Mapping[str, Any]] = {
     "images": {"rate": "5 Hz", "dwell": "2 s", "loop": True},
     "video": {"loop": True},
 }
-"""How a run plays files, until it is ended: each picture for so long that a person sees what is found in it."""
+"""How a run plays files until it ends: each picture long enough for a person to see the detection."""
 
 PICTURES_MAX = 60
-"""So many of the pictures of a folder are shown one by one."""
+"""The number of a folder's pictures that are shown one by one."""
 
 SIMULATED = "simulated"
-"""The camera in a room that is not there."""
+"""The camera in the simulated room."""
 
 MAX_FRAMES = 4
-"""So many pictures of a recording are kept, from all over it."""
+"""The number of pictures of a recording that are kept, spread over it."""
 
 MAX_RECORDED_FRAMES = 2000
-"""Frames behind these are not looked at."""
+"""Later frames of a recording are ignored."""
 
 _DRIVER = re.compile(r"[a-z][\w-]*")
 _PLAIN = re.compile(r"[\w@%+=:,./*?\[\]~-]+")

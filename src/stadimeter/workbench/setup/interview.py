@@ -1,4 +1,4 @@
-"""The interview: which question is next, what becomes of an answer, and what is kept."""
+"""The interview: the next question, checking an answer, and the answers that are kept."""
 
 from __future__ import annotations
 

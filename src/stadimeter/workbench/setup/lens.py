@@ -23,7 +23,7 @@ from stadimeter.workbench.measuring import open_picture
 from stadimeter.workbench.setup.target import PLUS_OR_MINUS
 
 GUESS_RELATIVE_SIGMA = 0.1
-"""How well a width of the view is known that somebody guesses."""
+"""Relative standard deviation of a focal length from a guessed width of the view."""
 
 BEST_KNOWN, WORST_KNOWN = 0.001, 0.2
 """Nobody measures from a lens better than this share of a distance; and worse than that says nothing."""

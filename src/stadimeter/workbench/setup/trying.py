@@ -32,13 +32,13 @@ from stadimeter.workbench.setup.wish_steps import SCREEN, chosen_wishes, seen_up
 from stadimeter.workbench.setup.wishes import figure_si, ready_answers
 
 LAST_S = 60.0
-"""What the camera saw is looked at so far back."""
+"""The rules are tried on this many seconds of the camera's past measurements."""
 
 ENOUGH_S = 2.0
-"""Less than this of it says nothing."""
+"""With fewer seconds of them, a simulated target is used."""
 
 WALK_S, STAND_S, GONE_S = 6.0, 2.0, 3.0
-"""How long the target that is made up takes to come and to go, stands at both ends, and is out of sight at last."""
+"""The simulated target's times: to come or to go, to stand at both ends, and out of sight at the end, in seconds."""
 
 MAX_DURATION_S = 700.0
 
@@ -73,7 +73,7 @@ def complete_answers(known: Known, changed: Mapping[str, str]) -> dict[str, str]
 
 
 def recent_observations(history: Sequence[Measurement]) -> Iterator[Observation]:
-    """Yield what the camera has seen in the last minute, as a run would have had it; nothing if that is too little."""
+    """Yield the camera's measurements of the last minute as observations of a run; none if they are too few."""
     since_s = history[-1].captured_at_s - LAST_S if history else 0.0
     lately = [each for each in history if each.captured_at_s >= since_s]
     if not lately or lately[-1].captured_at_s - lately[0].captured_at_s < ENOUGH_S:
@@ -90,7 +90,7 @@ def recent_observations(history: Sequence[Measurement]) -> Iterator[Observation]
 
 
 def simulate_approach(configuration: Configuration, answers: Mapping[str, str]) -> Iterator[Observation]:
-    """Yield what would be seen of a target that comes from beyond every distance of the wishes, goes back, and is gone.
+    """Yield observations of a target that comes from beyond every distance of the wishes, goes back, and disappears.
 
     A second target stands still half way.
     """

@@ -1,4 +1,4 @@
-"""Questions about what shall happen: the wishes, their blanks, and what they drive."""
+"""Questions about the wishes: which ones, their figures, and the outputs that they drive."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def chosen_wishes(answers: Mapping[str, str]) -> tuple[Wish, ...]:
 
 
 def wish_steps(answers: Mapping[str, str]) -> Iterator[SetupStep]:
-    """Yield what the chosen wishes leave open."""
+    """Yield the questions that the chosen wishes leave open."""
     for wish in chosen_wishes(answers):
         yield from (BlankStep(wish, blank) for blank in wish.blanks)
         if wish.key == "apart":

@@ -32,13 +32,13 @@ SEEN_SHARE = 0.5
 CALM_TIMES = 2.0
 """A stretch is calm if its spread is at most this many times that of the calmest quarter."""
 LASTING_S = 0.5
-"""Errors are told from movement by how long they last: a median over this time leaves little of noise and outliers."""
+"""Errors differ from movement by their duration: a median over this time leaves little of noise and outliers."""
 MOVES_SIGMAS = 4.0
 """A target whose distance differs from the line by more than this for `LASTING_S` moves, in units of its jitter, or of
 the stated standard deviation if that is larger. Noise that keeps 0.9 of itself from frame to frame stays below it."""
 MOVES_CORRELATION = 0.9
 """Errors that are clearly larger than stated and keep more than this from frame to frame are a movement as well, or are
-like one: nothing tells the two apart."""
+like one: the two cannot be told apart."""
 MIN_CALM_S = 20.0
 """With less than this, nothing can be said of noise."""
 GROSS_SIGMAS = 6.0
