@@ -28,8 +28,8 @@ from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule
 from stadimeter.errors import DriverUnavailableError, JournalError
 from stadimeter.ranging.ball import BallShape
-from stadimeter.workbench.replay.opening import read_recording
 from stadimeter.workbench.replay.recording_reader import read_mcap
+from stadimeter.workbench.replay.replay import read_recording
 from support.observing import Rehearsal
 from support.recordings import records_of
 from support.replaying import replay

@@ -26,8 +26,7 @@ from stadimeter.cli.run_options import RecordingOptions
 from stadimeter.cli.run_services import open_recordings
 from stadimeter.config.loader import load_configuration
 from stadimeter.workbench.replay.comparison import Comparison
-from stadimeter.workbench.replay.opening import read_recording
-from stadimeter.workbench.replay.replay import replay_run, without_collector
+from stadimeter.workbench.replay.replay import read_recording, replay_run, without_collector
 
 RULES = (3, 10)
 HOUR_FRAMES = 30 * 3600

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from stadimeter.testing.eventually import eventually
-from stadimeter.workbench.replay.opening import read_recording
+from stadimeter.workbench.replay.replay import read_recording
 from support.command_line import typed
 from support.recordings import records_of
 from support.simulated_run import SIMULATED_BALL

@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 
 from stadimeter.cli.main import app
 from stadimeter.testing.eventually import eventually
-from stadimeter.workbench.replay.opening import read_recording
+from stadimeter.workbench.replay.replay import read_recording
 from support.broker import make_broker
 from support.mqtt_listener import MqttListener
 from support.recordings import records_of

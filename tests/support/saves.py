@@ -33,7 +33,7 @@ from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule
 from stadimeter.errors import JournalError
 from stadimeter.workbench.annotation import write_picture
-from stadimeter.workbench.replay.opening import read_recording
+from stadimeter.workbench.replay.replay import read_recording
 from stadimeter.workbench.setup.answers import ANSWERS, load_answers, save_answers, write_files
 from support.observing import Rehearsal
 

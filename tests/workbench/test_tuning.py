@@ -9,7 +9,7 @@ import pytest
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.rule import OnDelay
 from stadimeter.errors import ConfigError, JournalError
-from stadimeter.workbench.replay.opening import read_recording
+from stadimeter.workbench.replay.replay import read_recording
 from stadimeter.workbench.tuning import candidates as tuning_candidates
 from stadimeter.workbench.tuning import proposing as tuning
 from stadimeter.workbench.tuning.candidates import Rate, Settings, beginnings, rule_to_tune

@@ -13,14 +13,16 @@ from typing import Annotated, NoReturn
 import typer
 
 from stadimeter.cli import calibrate_board
-from stadimeter.cli.calibrate_live import AtOption, LiveSettings, calibrate_live
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
 from stadimeter.cli.formatting import LengthUnit, format_distance
 from stadimeter.cli.known_pictures import (
+    AtOption,
     DistanceErrorOption,
+    LiveSettings,
     MaybePicturesAtDistances,
     PicturesAtDistances,
     ToneCurveOption,
+    calibrate_live,
     look_at,
     today,
 )

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
-from stadimeter.cli.explanation import copy_paths
+from stadimeter.cli.measure_output import copy_paths
 from stadimeter.cli.progress import working
 from stadimeter.cli.target_options import LiveOption, camera_choice
 from stadimeter.core.detection import DetectionStatus

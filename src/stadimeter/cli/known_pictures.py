@@ -1,4 +1,4 @@
-"""Pictures at known distances on the command line, which two of the commands that calibrate have in common."""
+"""Pictures at known distances for the commands that calibrate: from files, or taken with the person's help (--live)."""
 
 from __future__ import annotations
 
@@ -6,19 +6,23 @@ import datetime as dt
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
 from stadimeter.app.detectors import build_detectors
-from stadimeter.cli.target_options import WantedTargets, parse_known_length
+from stadimeter.cli.exits import NOT_FOUND
+from stadimeter.cli.formatting import FOOT, INCH, METRE, LengthUnit, format_distance
+from stadimeter.cli.target_options import WantedTargets, camera_choice, parse_known_length
 from stadimeter.core.camera_model import CameraModel, ToneCurve
 from stadimeter.core.detection import DetectionStatus
-from stadimeter.errors import ConfigError
-from stadimeter.ranging.calibration import KnownDistance
+from stadimeter.errors import CalibrationError, ConfigError
+from stadimeter.ranging.calibration import Calibration, KnownDistance
 from stadimeter.workbench.calibration.calibrating import check_lens_settings
 from stadimeter.workbench.calibration.distance_fit import look_at_distance, remedy_words
+from stadimeter.workbench.calibration.live_distance import APART_MIN, LiveDistance, Take
 from stadimeter.workbench.colour_profile import profile_notes
+from stadimeter.workbench.frame_source import open_camera
 from stadimeter.workbench.measuring import open_picture
 
 _PATH_AT_DISTANCE = typer.Argument(
@@ -92,3 +96,108 @@ def _split(text: str) -> tuple[Path, float]:
     if not (at and path):
         raise ConfigError(f"{text!r} does not say how far away the target is; write it such as 2ft.png@24in")
     return Path(path), parse_known_length(length, path)
+
+
+AtOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--at",
+        metavar="DISTANCE",
+        help="With --live: where to put the target, such as --at 1m --at 3m; else 1 m, then up to thrice that.",
+    ),
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiveSettings:
+    """How well the distances are known, and how the camera's values follow from light."""
+
+    distance_relative_sigma: float
+    tone_curve: ToneCurve
+
+
+def calibrate_live(live: str, at: Sequence[str], wanted: WantedTargets, settings: LiveSettings) -> Calibration:
+    """Ask for the target at each distance, and return the calibration from all of them.
+
+    Raises:
+        CalibrationError: The distances contradict each other.
+        StadimeterError: An option is wrong, or the camera gives no pictures.
+    """
+    _check(at)
+    typer.echo("opening the camera …", err=True)
+    session = LiveDistance(
+        open_camera(camera_choice(live)),
+        wanted.choices[0],
+        date=today(),
+        distance_relative_sigma=settings.distance_relative_sigma,
+        tone_curve=settings.tone_curve,
+        note=lambda words: typer.echo(f"note: {words}", err=True),
+    )
+    try:
+        with session:
+            typer.echo(f"Measure with a tape, from the lens to {session.measured_to}.")
+            typer.echo("Keep it in the middle of the picture, and the camera still.")
+            for number in range(max(2, len(at))):
+                asked = at[number] if at else _advise_distance(session, wanted.unit)
+                _say(_take(session, asked), wanted.unit)
+            if session.to_centre_m:
+                more = format_distance(session.to_centre_m, None, wanted.unit)
+                typer.echo(f"The distances below are to the centre, which is {more} farther.")
+            return _prove(session)
+    except CalibrationError as error:
+        raise CalibrationError(f"{error}\nnothing was written") from error
+    except KeyboardInterrupt:
+        _stop("stopped")
+
+
+def _check(at: Sequence[str]) -> None:
+    if len(at) == 1:
+        raise ConfigError("one distance is not proved by another; give two, such as --at 1m --at 3m")
+    for text in at:
+        parse_known_length(text, "--at")
+
+
+def _advise_distance(session: LiveDistance, unit: LengthUnit) -> str:
+    """Return a first distance that suits most rooms, or the one that proves it best."""
+    shown, first = (FOOT, 3.0) if unit in {FOOT, INCH} else (METRE, 1.0)
+    following_m = session.next_distance_m
+    return f"{first if following_m is None else following_m / shown.size_m:.3g} {shown.symbol}"
+
+
+def _take(session: LiveDistance, asked: str) -> Take:
+    """Ask for the target at a distance until it is found there."""
+    while True:
+        typer.echo(f"{'Now put' if session.takes else 'Put'} it at {asked}.")
+        try:
+            answer = input("Press Enter when it is there, or type the distance that it has: ").strip()
+        except EOFError:
+            _stop("there is no answer")
+        try:
+            distance_m = parse_known_length(answer or asked, "the distance")
+            asked = answer or asked
+            return session.take(distance_m, name=f"at {asked}")
+        except (ConfigError, CalibrationError) as error:
+            typer.echo(f"error: {error}", err=True)
+
+
+def _prove(session: LiveDistance) -> Calibration:
+    if not session.is_proved:
+        raise CalibrationError(f"one distance does not prove the other: take one {APART_MIN:g} times as far at least")
+    typer.echo("calculating …", err=True)
+    return session.calibration()
+
+
+def _stop(why: str) -> NoReturn:
+    typer.echo(f"\nerror: {why}, so nothing was written", err=True)
+    raise typer.Exit(NOT_FOUND)
+
+
+def _say(take: Take, unit: LengthUnit) -> None:
+    reads = ""
+    if take.reads_m is not None:
+        share = take.reads_m / take.distance_m - 1
+        reads = f"\n    from what came before: {format_distance(take.reads_m, None, unit)} ({share:+.1%})"
+    seen = f"{take.size_px:.1f} px, spread {take.spread_share:.2%}, found in {take.found} of {take.frames} frames"
+    typer.echo(f"{take.name}: {seen}{reads}")
+    if take.reason:
+        typer.echo(f"note: {take.reason}", err=True)

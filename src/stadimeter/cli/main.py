@@ -57,6 +57,7 @@ PANELS: Mapping[str, Mapping[str, str]] = {
 
 _MODULES = {
     "print": "print_target",
+    "snapshot": "cameras",
     "test": "test_rules",
     **dict.fromkeys(("status", "reload", "stop-outputs", "alarm", *ALARM_COMMANDS), "operate"),
 }

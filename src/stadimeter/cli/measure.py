@@ -13,9 +13,8 @@ import typer
 
 from stadimeter.app.detectors import NamedDetector, build_detectors
 from stadimeter.cli.exits import DONE, NOT_FOUND, WRONG, plain_errors
-from stadimeter.cli.explanation import copy_paths, marks_of
 from stadimeter.cli.formatting import LengthUnit
-from stadimeter.cli.measure_output import Printer, printer_of
+from stadimeter.cli.measure_output import Printer, copy_paths, marks_of, printer_of
 from stadimeter.cli.progress import count_items, goes_to_file
 from stadimeter.cli.target_options import (
     ConfigOption,

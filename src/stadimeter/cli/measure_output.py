@@ -1,19 +1,33 @@
-"""What ``measure`` prints: a line or a JSON object for each target, and for how far two of them are apart."""
+"""Output of ``measure``: lines or JSON objects for targets, ``--explain``, ``--between``, and annotated copies."""
 
 from __future__ import annotations
 
 import json
+import math
+import textwrap
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Protocol
 
 import typer
 
-from stadimeter.cli.explanation import explanation, explanation_record
-from stadimeter.cli.formatting import METRE, LengthUnit, format_bearing, format_distance, format_position, format_tilt
+from stadimeter.cli.formatting import (
+    METRE,
+    LengthUnit,
+    format_bearing,
+    format_distance,
+    format_place,
+    format_position,
+    format_tilt,
+)
 from stadimeter.cli.target_options import WantedTargets
-from stadimeter.core.measurement import MeasurementStatus
+from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
+from stadimeter.core.measurement import Measurement, MeasurementStatus
+from stadimeter.errors import ConfigError, Problem, reason_of
+from stadimeter.ranging.measure import SigmaParts
 from stadimeter.ranging.separation import Separation
+from stadimeter.workbench.annotation import Mark
 from stadimeter.workbench.measuring import PictureResult, TargetResult
 
 
@@ -111,3 +125,198 @@ def _in_words(result: TargetResult, unit: LengthUnit) -> str:
     bearing, tilt = format_bearing(measured.bearing_rad), format_tilt(measured.tilt_rad)
     whereabouts = f"{position:<23} {bearing:<10} {tilt}".rstrip()
     return f"{first}{in_metres:<17} depth {depth:<17} {whereabouts}"
+
+
+INDENT = 4
+LABEL_WIDTH = 11
+
+UNSURE = 0.5
+"""From this ambiguity on it is said that another tilt explains the picture nearly as well."""
+
+_NO_SHARE = 5e-6
+"""A smaller share of the distance is written as no uncertainty."""
+
+
+def explanation(result: TargetResult) -> list[str]:
+    """Explain in lines what became of a target in a picture; none for a picture that could not be read."""
+    found = result.detection
+    if found is None:
+        return []
+    is_there = found.status is not DetectionStatus.NOT_FOUND
+    seen = _found_lines(found, result.measurement, result.parts) if is_there else []
+    return [f"{'':<{INDENT}}{label:<{LABEL_WIDTH}}{words}" for label, words in (*seen, *_rejected_lines(result, found))]
+
+
+def explanation_record(result: TargetResult) -> dict[str, object]:
+    """Return `explanation` as further fields of the object that ``--json`` prints, in metres and pixels."""
+    found, parts = result.detection, result.parts
+    seen = found if found is not None and found.status is not DetectionStatus.NOT_FOUND else None
+    return {
+        "remark": found.reason if found is not None and parts is not None else "",
+        "centre_px": [_number(each) for each in seen.centre_px] if seen else None,
+        "width_px": _number(seen.width_px) if seen else None,
+        "height_px": _number(seen.height_px) if seen else None,
+        "size_sigma_px": _number(seen.size_sigma_px) if seen else None,
+        "quality": _number(seen.quality) if seen else None,
+        "sigma_edges_m": _number(parts.edges_m) if parts else None,
+        "sigma_focal_length_m": _number(parts.focal_length_m) if parts else None,
+        "sigma_size_m": _number(parts.size_m) if parts else None,
+        "sigma_pose_m": _number(parts.pose_m) if parts else None,
+        "rejected": [_rejected_record(number, each) for number, each in result.rejected],
+    }
+
+
+def _rejected_record(number: int, candidate: RejectedCandidate) -> dict[str, object]:
+    return {
+        "number": number,
+        "centre_px": [_number(each) for each in candidate.centre_px],
+        "size_px": _number(candidate.size_px),
+        "reason": candidate.reason,
+    }
+
+
+def _number(value: float) -> float | None:
+    """Return a number that JSON can hold; None for what is not finite."""
+    return float(value) if math.isfinite(value) else None
+
+
+def _found_lines(found: Detection, measured: Measurement, parts: SigmaParts | None) -> list[tuple[str, str]]:
+    lines = []
+    if found.width_px > 0:
+        size = f"{found.width_px:.2f} x {found.height_px:.2f} px ± {found.size_sigma_px:.2f}"
+        x, y = found.centre_px
+        lines.append(("seen", f"{size} at {x:.1f}, {y:.1f}, quality {found.quality:.2f}"))
+    if measured.tilt_rad is not None:
+        lines.append(("tilt", f"{format_tilt(measured.tilt_rad)}{_mirrored_words(measured)}"))
+    if parts is not None:
+        lines.append(("sigma", _sigma_in_words(measured, parts)))
+        if found.reason:
+            lines.append(("remark", found.reason))
+    return lines
+
+
+def _mirrored_words(measured: Measurement) -> str:
+    if measured.ambiguity is None:
+        return ""
+    figure = f"{measured.ambiguity:.2f}"
+    if measured.ambiguity >= UNSURE:
+        return f", or mirrored: both explain the picture nearly alike (ambiguity {figure}, 1 is no idea)"
+    return f", ambiguity {figure}"
+
+
+def _sigma_in_words(measured: Measurement, parts: SigmaParts) -> str:
+    distance_m = measured.distance_m or math.inf
+    is_flat = measured.tilt_rad is not None
+    named = [("edges", parts.edges_m), ("focal length", parts.focal_length_m), ("size", parts.size_m)]
+    if parts.pose_m >= _NO_SHARE * distance_m:
+        named.append(("which way it is tilted" if is_flat else "other causes", parts.pose_m))
+    causes = ", ".join(f"{name} {_share(sigma_m / distance_m)}" for name, sigma_m in named)
+    return f"{_share((measured.sigma_m or 0.0) / distance_m)} of the distance: {causes}"
+
+
+def _share(share: float) -> str:
+    if share < _NO_SHARE:
+        return "taken as exact"
+    return f"{100 * share:.3f} %" if share < 0.001 else f"{100 * share:.2f} %"
+
+
+def _rejected_lines(result: TargetResult, found: Detection) -> list[tuple[str, str]]:
+    if not found.rejected:
+        return [("rejected", "nothing else was looked at" if len(found.outline_px) else "nothing was looked at")]
+    number_width = len(str(result.rejected[-1][0]))
+    places = [format_place(candidate) for candidate in found.rejected]
+    place_width = max(map(len, places))
+    return [
+        ("" if index else "rejected", f"{number:>{number_width}}  {place:<{place_width}}  {candidate.reason}")
+        for index, ((number, candidate), place) in enumerate(zip(result.rejected, places, strict=True))
+    ]
+
+
+KEPT_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
+"""A copy is of the same kind as the picture where that is one of these, else a PNG."""
+
+MAX_NAME, WRAPPED_AT = 24, 64
+"""Characters of a target's name beside it in an annotated copy, and of a line of its reason."""
+
+_WORDS = {
+    MeasurementStatus.NOT_FOUND: "not found",
+    MeasurementStatus.TRUNCATED: "cut off by the border",
+    MeasurementStatus.ERROR: "no measurement",
+}
+
+
+def copy_paths(images: Sequence[Path], folder: Path | None, ending: str = "measured") -> dict[Path, Path]:
+    """Choose a file for the copy of each picture, such as ``3ft-measured.png``; two pictures of one name get two.
+
+    No copy has the name of its picture, so that the folder may be the pictures' own.
+
+    Raises:
+        ConfigError: The folder cannot be made.
+    """
+    if folder is None:
+        return {}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(
+            [Problem(f"the folder {folder} cannot be made: {reason_of(error)}", key="--annotate")]
+        ) from error
+    paths: dict[Path, Path] = {}
+    for image in dict.fromkeys(images):
+        suffix = image.suffix if image.suffix.lower() in KEPT_SUFFIXES else ".png"
+        taken = set(paths.values()) | set(images)
+        names = (
+            f"{image.stem}-{ending}{number}{suffix}" for number in ("", *(f"-{n}" for n in range(2, len(images) + 3)))
+        )
+        paths[image] = next(folder / name for name in names if folder / name not in taken)
+    return paths
+
+
+def marks_of(result: PictureResult, unit: LengthUnit, *, explain: bool = False) -> tuple[Mark, ...]:
+    """Return what to draw into the copy of a picture; with ``explain``, also edge points and what was rejected."""
+    marks = (_mark(each, unit) for each in result.targets)
+    if not explain:
+        return tuple(marks)
+    return tuple(
+        replace(mark, edges_px=each.find_edges(), rejected=each.rejected)
+        for mark, each in zip(marks, result.targets, strict=True)
+    )
+
+
+def _mark(result: TargetResult, unit: LengthUnit) -> Mark:
+    measured = result.measurement
+    detection = result.detection or Detection(target=measured.target, status=DetectionStatus.NOT_FOUND)
+    name = result.label if len(result.label) <= MAX_NAME else f"{result.label[: MAX_NAME - 2]}.."
+    if measured.status is not MeasurementStatus.MEASURED:
+        words = _WORDS[measured.status]
+        return Mark(
+            detection=detection,
+            has_corners=result.has_corners,
+            headline=f"{name}: {words}",
+            lines=(f"{result.label}: {words}", *textwrap.wrap(measured.reason, WRAPPED_AT)),
+        )
+    return Mark(
+        detection=detection,
+        has_corners=result.has_corners,
+        headline=f"{name}: {format_distance(measured.distance_m, measured.sigma_m, unit)}",
+        lines=_legend(result, detection, unit),
+    )
+
+
+def _legend(result: TargetResult, detection: Detection, unit: LengthUnit) -> tuple[str, ...]:
+    measured = result.measurement
+    distance = format_distance(measured.distance_m, measured.sigma_m, unit)
+    in_metres = "" if unit is METRE else f"  =  {format_distance(measured.distance_m, measured.sigma_m, METRE)}"
+    depth = format_distance(measured.depth_m, measured.sigma_m, unit)
+    direction = f"{_angle(measured.bearing_rad, 'right', 'left')}, {_angle(measured.elevation_rad, 'up', 'down')}"
+    tilt = "" if measured.tilt_rad is None else f", {format_tilt(measured.tilt_rad).replace('°', ' deg')}"
+    return (
+        f"{result.label}: {distance}{in_metres}",
+        f"depth {depth}, {direction}{tilt}",
+        f"{detection.width_px:.1f} x {detection.height_px:.1f} px ± {detection.size_sigma_px:.2f}",
+    )
+
+
+def _angle(angle_rad: float | None, positive: str, negative: str) -> str:
+    degrees = math.degrees(angle_rad or 0.0)
+    return f"{abs(degrees):.1f} deg {positive if degrees >= 0 else negative}"

@@ -26,8 +26,15 @@ from stadimeter.workbench.replay.comparison import (
     RuleChange,
     compare,
 )
-from stadimeter.workbench.replay.opening import AnyRecording, read_recording
-from stadimeter.workbench.replay.replay import Replayed, ReplayRun, journal_record, replay_run, without_collector
+from stadimeter.workbench.replay.replay import (
+    AnyRecording,
+    Replayed,
+    ReplayRun,
+    journal_record,
+    read_recording,
+    replay_run,
+    without_collector,
+)
 from stadimeter.workbench.replay.replay_figures import RuleFigures, Tally
 
 

@@ -19,7 +19,7 @@ from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.units import parse_duration, parse_speed
 from stadimeter.core.rule import OnDelay
 from stadimeter.core.words import rounded_duration
-from stadimeter.workbench.replay.opening import read_recording
+from stadimeter.workbench.replay.replay import read_recording
 from stadimeter.workbench.tuning.candidates import DAY_S, Settings, Tuned, rule_to_tune
 from stadimeter.workbench.tuning.noise import Series, series_of
 from stadimeter.workbench.tuning.plot import draw_plot, on_delay_in_words, require_matplotlib

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 VIDEO_SUFFIXES = frozenset(
-    {
+    [
         ".avi",
         ".flv",
         ".h264",
@@ -44,7 +44,7 @@ VIDEO_SUFFIXES = frozenset(
         ".ts",
         ".webm",
         ".wmv",
-    }
+    ]
 )
 """Endings of the names of videos, in lower case."""
 

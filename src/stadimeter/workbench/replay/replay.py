@@ -1,4 +1,4 @@
-"""The same rules, or others, over a recording. Nothing is opened, nothing is moved."""
+"""Replaying journals and recordings: the same rules, or others, over what was observed. No driver is opened."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.detectors import NamedDetector, build_detectors
 from stadimeter.app.persistence.resumption import read_resumption
 from stadimeter.app.recordings.cycle_json import RecordedCycle
+from stadimeter.app.recordings.journal import JournalHeader, read_journal, readable
+from stadimeter.app.recordings.record_file import MAGIC
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, load_recorded, to_be_recorded
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.decide import State, decide, initial_state
@@ -22,10 +24,48 @@ from stadimeter.core.plan import Plan
 from stadimeter.core.reload import reload
 from stadimeter.errors import ConfigError, DriverError, JournalError, Problem, StateError
 from stadimeter.perception.perceiver import Perceiver
-from stadimeter.workbench.replay.opening import AnyRecording
 
 if TYPE_CHECKING:
     from stadimeter.workbench.replay.recording_reader import RecordedImage
+
+
+class AnyRecording(Protocol):
+    """A journal, or a recording with pictures."""
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        ...
+
+    @property
+    def header(self) -> JournalHeader:
+        """What it says about its run."""
+        ...
+
+    def cycles(self) -> Iterator[RecordedCycle]:
+        """Yield every cycle, in order, not read yet; raises JournalError where the file is damaged."""
+        ...
+
+    def is_cut_off(self) -> bool:
+        """Return whether the end is missing."""
+        ...
+
+
+def read_recording(path: Path) -> AnyRecording:
+    """Open a journal or a recording, of which only the beginning is read.
+
+    Raises:
+        JournalError: It cannot be read, is neither, or is of a later format.
+        DriverUnavailableError: It is an MCAP file, and the library ``mcap`` is not installed.
+    """
+    with readable(path) as file:
+        head = file.read(len(MAGIC))
+    if head != MAGIC:
+        return read_journal(path)
+    from stadimeter.workbench.replay.recording_reader import read_mcap  # noqa: PLC0415 - it needs OpenCV and an extra
+
+    return read_mcap(path)
+
 
 BATCH_CYCLES = 32
 

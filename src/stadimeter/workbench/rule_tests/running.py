@@ -18,7 +18,7 @@ from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.plan import Plan
 from stadimeter.errors import ConfigError, JournalError, Problem, StadimeterError
 from stadimeter.workbench.replay.lanes import Lane, Point, thinned
-from stadimeter.workbench.replay.opening import read_recording
+from stadimeter.workbench.replay.replay import read_recording
 from stadimeter.workbench.rule_tests.expecting import watches
 from stadimeter.workbench.rule_tests.synthetic_track import Nuisances, SensorModel, SyntheticTrack, sensor_models
 from stadimeter.workbench.rule_tests.watching import DecidedCycle, Failure, Watcher

@@ -18,8 +18,8 @@ from stadimeter.app.control.recording import recordings_folder
 from stadimeter.app.recordings.journal import Journal, JournalHeader
 from stadimeter.config.untrusted_file import JSON_MAX_BYTES, open_untrusted
 from stadimeter.errors import ControlError, JournalError, NotThereError, StadimeterError
-from stadimeter.workbench.replay.opening import read_recording
 from stadimeter.workbench.replay.recording_index import RecordingIndex, read_index
+from stadimeter.workbench.replay.replay import read_recording
 from stadimeter.workbench.server.editing import run_socket
 from stadimeter.workbench.server.operations import Desk, Operation, Reply
 

@@ -11,8 +11,7 @@ from stadimeter.core.plan import BaseOutput, Plan
 from stadimeter.core.words import duration
 from stadimeter.workbench.replay.comparison import EventChange, ReplayDiff, RuleChange
 from stadimeter.workbench.replay.lanes import CYCLES_MAX, Lane, Point, SideBySide, thinned
-from stadimeter.workbench.replay.opening import read_recording
-from stadimeter.workbench.replay.replay import ReplayRun, replay_run
+from stadimeter.workbench.replay.replay import ReplayRun, read_recording, replay_run
 from stadimeter.workbench.server.arguments import number, text
 from stadimeter.workbench.server.editing import files_with, loaded
 from stadimeter.workbench.server.operations import Desk, Operation, Reply

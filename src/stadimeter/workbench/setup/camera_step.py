@@ -17,13 +17,20 @@ from stadimeter.core.camera_model import check_one_aspect
 from stadimeter.core.frame import Frame
 from stadimeter.errors import ConfigError, DriverError, PictureError, StadimeterError
 from stadimeter.workbench.annotation import write_picture
-from stadimeter.workbench.frame_source import SETTLING_WAIT_S, Source, files_shown, open_source, take_frame
+from stadimeter.workbench.frame_source import (
+    BALL,
+    SETTLING_WAIT_S,
+    SimulatedRoom,
+    Source,
+    files_shown,
+    open_source,
+    take_frame,
+)
 from stadimeter.workbench.measuring import is_video_file
 from stadimeter.workbench.picture_quality import picture_remarks
 from stadimeter.workbench.run_camera import NONE_FOUND, attached_cameras
 from stadimeter.workbench.setup.answers import words_of
 from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Option, Question, SetupStep
-from stadimeter.workbench.simulated_room import BALL, SimulatedRoom
 
 SHOWN = f"{PICTURES}/camera.png"
 """The picture in which places are meant that answers name."""

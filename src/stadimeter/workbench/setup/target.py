@@ -17,11 +17,10 @@ from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.errors import ConfigError, StadimeterError
 from stadimeter.workbench.annotation import Mark, annotate, write_picture
-from stadimeter.workbench.frame_source import take_frame
+from stadimeter.workbench.frame_source import BALL, take_frame
 from stadimeter.workbench.remedies import remedies_for
 from stadimeter.workbench.setup.camera_step import SIMULATED
 from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Option, Question, SetupStep
-from stadimeter.workbench.simulated_room import BALL
 
 FOUND = f"{PICTURES}/found.png"
 

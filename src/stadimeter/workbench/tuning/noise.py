@@ -21,7 +21,7 @@ from stadimeter.core.condition import Quantity
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.tracking.filter import NOISE_FLOOR_M
 from stadimeter.errors import JournalError
-from stadimeter.workbench.replay.opening import AnyRecording
+from stadimeter.workbench.replay.replay import AnyRecording
 
 STRETCH_S = 5.0
 """Length of a stretch: many times as long as noise lasts, and short enough for a target that never stands for long."""

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from stadimeter.cli.explanation import explanation, explanation_record
 from stadimeter.cli.formatting import format_best, format_place
+from stadimeter.cli.measure_output import explanation, explanation_record
 from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.ranging.measure import SigmaParts
