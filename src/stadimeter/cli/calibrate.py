@@ -18,7 +18,6 @@ from stadimeter.cli.formatting import LengthUnit, format_distance
 from stadimeter.cli.known_pictures import (
     AtOption,
     DistanceErrorOption,
-    LiveSettings,
     MaybePicturesAtDistances,
     PicturesAtDistances,
     ToneCurveOption,
@@ -109,8 +108,10 @@ def distance(
         if live:
             if not output.parent.is_dir():  # known before the person walks to and fro, not after it
                 raise ConfigError([Problem(f"there is no folder {output.parent} for {output.name}", key="-o")])
-            settings = LiveSettings(distance_relative_sigma=distance_error / 100, tone_curve=tone_curve)
-            made, all_found = calibrate_live(live, at or [], wanted, settings), True
+            made = calibrate_live(
+                live, at or [], wanted, distance_relative_sigma=distance_error / 100, tone_curve=tone_curve
+            )
+            all_found = True
         else:
             made, all_found = _from_pictures(pictures or [], wanted, distance_error / 100, tone_curve)
         replaced = output.exists()

@@ -108,15 +108,9 @@ AtOption = Annotated[
 ]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LiveSettings:
-    """How well the distances are known, and how the camera's values follow from light."""
-
-    distance_relative_sigma: float
-    tone_curve: ToneCurve
-
-
-def calibrate_live(live: str, at: Sequence[str], wanted: WantedTargets, settings: LiveSettings) -> Calibration:
+def calibrate_live(
+    live: str, at: Sequence[str], wanted: WantedTargets, *, distance_relative_sigma: float, tone_curve: ToneCurve
+) -> Calibration:
     """Ask for the target at each distance, and return the calibration from all of them.
 
     Raises:
@@ -129,8 +123,8 @@ def calibrate_live(live: str, at: Sequence[str], wanted: WantedTargets, settings
         open_camera(camera_choice(live)),
         wanted.choices[0],
         date=today(),
-        distance_relative_sigma=settings.distance_relative_sigma,
-        tone_curve=settings.tone_curve,
+        distance_relative_sigma=distance_relative_sigma,
+        tone_curve=tone_curve,
         note=lambda words: typer.echo(f"note: {words}", err=True),
     )
     try:

@@ -248,11 +248,11 @@ class _Work:
         return max(
             self.frames(_video(each), str(each))
             if is_video_file(each)
-            else self.picture(each, _Copy.of(paths.get(each), self.wanted.unit, explain=explain))
+            else self.picture(each, paths.get(each), explain=explain)
             for each in _with_progress(files)
         )
 
-    def picture(self, image: Path, copy: _Copy | None) -> int:
+    def picture(self, image: Path, copy: Path | None, *, explain: bool) -> int:
         """Measure one picture, print what was found, write its copy, and return the exit code that it asks for."""
         result = measure_picture(image, self.targets, self.camera_model)
         code = self._printed(result)
@@ -261,7 +261,7 @@ class _Work:
             *remedy_notes(result, self.wanted.choices, self.camera_model, self.proposed),
         ):
             _note(words)
-        return max(code, _write_copy(result, copy)) if copy else code
+        return max(code, _write_copy(result, copy, self.wanted.unit, explain=explain)) if copy else code
 
     def frames(self, choice: DriverChoice, name: str) -> int:
         """Measure the frames of a video or a camera until they end or Ctrl-C; 0 if any shows all targets."""
@@ -297,24 +297,11 @@ def _note(words: str) -> None:
     typer.echo(f"note: {words}", err=True)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Copy:
-    """A copy of a picture to be written: where to, and what it says."""
-
-    path: Path
-    unit: LengthUnit
-    explain: bool
-
-    @classmethod
-    def of(cls, path: Path | None, unit: LengthUnit, *, explain: bool) -> _Copy | None:
-        return None if path is None else cls(path=path, unit=unit, explain=explain)
-
-
-def _write_copy(result: PictureResult, copy: _Copy) -> int:
+def _write_copy(result: PictureResult, path: Path, unit: LengthUnit, *, explain: bool) -> int:
     if result.frame is None:
         return DONE
     try:
-        write_picture(copy.path, annotate(result.frame.image, marks_of(result, copy.unit, explain=copy.explain)))
+        write_picture(path, annotate(result.frame.image, marks_of(result, unit, explain=explain)))
     except PictureError as error:
         typer.echo(f"error: {error}", err=True)
         return WRONG

@@ -8,7 +8,6 @@ import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
 
 import typer
 
@@ -29,18 +28,6 @@ from stadimeter.ranging.measure import SigmaParts
 from stadimeter.ranging.separation import Separation
 from stadimeter.workbench.annotation import Mark
 from stadimeter.workbench.measuring import PictureResult, TargetResult
-
-
-class Printer(Protocol):
-    """Prints results on standard output, and what is wrong on standard error."""
-
-    def result(self, result: TargetResult) -> None:
-        """Print what became of one target."""
-        ...
-
-    def separation(self, result: PictureResult, names: tuple[str, str], found: Separation | None) -> None:
-        """Print how far apart two targets are."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,6 +76,10 @@ class _LinePrinter:
     def _head(self, result: TargetResult, label: str) -> str:
         place = "" if result.time_s is None else f"  frame {result.frame:>4}  {result.time_s:8.3f} s"
         return f"{result.file:<{self.file_width}}{place}  {label:<{self.target_width}}"
+
+
+Printer = _JsonPrinter | _LinePrinter
+"""Prints results on standard output, and what is wrong on standard error."""
 
 
 def printer_of(names: Sequence[str], wanted: WantedTargets, *, as_json: bool, explain: bool) -> Printer:

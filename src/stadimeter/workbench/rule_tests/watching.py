@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass, field
 from typing import Protocol
 
 from stadimeter.config.rule_test_tables import SpanTable
@@ -79,6 +79,7 @@ class WatchedItem:
         return Failure(subject=self.name, key=self.key, expected=expected, got=got, at_s=at_s, why=why)
 
 
+@dataclass(eq=False, slots=True)
 class MomentWatch:
     """Expects something at certain moments, or throughout certain stretches.
 
@@ -86,13 +87,14 @@ class MomentWatch:
         moments: When, in seconds, each with what is expected then in words and how to tell.
     """
 
-    def __init__(
-        self, subject: WatchedItem, moments: Iterable[tuple[float | SpanTable, str, Callable[[DecidedCycle], bool]]]
-    ) -> None:
-        self._subject = subject
+    subject: WatchedItem
+    moments: InitVar[Iterable[tuple[float | SpanTable, str, Callable[[DecidedCycle], bool]]]]
+    _open: list[tuple[float | SpanTable, str, Callable[[DecidedCycle], bool]]] = field(init=False)
+    _before: DecidedCycle | None = field(default=None, init=False)
+    _failures: list[Failure] = field(default_factory=list, init=False)
+
+    def __post_init__(self, moments: Iterable[tuple[float | SpanTable, str, Callable[[DecidedCycle], bool]]]) -> None:
         self._open = list(moments)
-        self._before: DecidedCycle | None = None
-        self._failures: list[Failure] = []
 
     def see(self, cycle: DecidedCycle) -> None:
         """Take in the next cycle: it ends the one before, whose moments can be judged now."""
@@ -108,7 +110,7 @@ class MomentWatch:
             if isinstance(moment, float) or moment.end_s > last_s + _ROUNDING_S:
                 when_s = moment.end_s if isinstance(moment, SpanTable) else moment
                 got = f"the test was over at {last_s:.2f} s"
-                yield self._subject.failure(f"{expected} at {when_s:.2f} s", got, self._before)
+                yield self.subject.failure(f"{expected} at {when_s:.2f} s", got, self._before)
 
     def _judge(self, next_s: float) -> None:
         if self._open and self._before is not None:
@@ -128,26 +130,20 @@ class MomentWatch:
             return True
         if not is_met(cycle):
             when = f"at {start_s:.2f} s" if start_s == end_s else f"from {start_s:.2f} s to {end_s:.2f} s"
-            self._failures.append(self._subject.failure(f"{expected} {when}", f"not so at {cycle.at_s:.2f} s", cycle))
+            self._failures.append(self.subject.failure(f"{expected} {when}", f"not so at {cycle.at_s:.2f} s", cycle))
             return False
         return next_s <= end_s - _ROUNDING_S
 
 
+@dataclass(eq=False, slots=True)
 class _Expectation:
     """What is expected of a cycle, and what is said of the cycle in which it was not met."""
 
-    def __init__(
-        self,
-        subject: WatchedItem,
-        expected: str,
-        is_met: Callable[[DecidedCycle], bool],
-        got: Callable[[DecidedCycle], str],
-    ) -> None:
-        self._subject = subject
-        self._expected = expected
-        self._is_met = is_met
-        self._got = got
-        self._cycle: DecidedCycle | None = None
+    subject: WatchedItem
+    expected: str
+    is_met: Callable[[DecidedCycle], bool]
+    got: Callable[[DecidedCycle], str]
+    _cycle: DecidedCycle | None = field(default=None, init=False)
 
 
 class AlwaysWatch(_Expectation):
@@ -155,40 +151,38 @@ class AlwaysWatch(_Expectation):
 
     def see(self, cycle: DecidedCycle) -> None:
         """Take in the next cycle."""
-        if self._cycle is None and not self._is_met(cycle):
+        if self._cycle is None and not self.is_met(cycle):
             self._cycle = cycle
 
     def failures(self) -> Iterator[Failure]:
         """Yield the first cycle in which it was not met."""
         if self._cycle is not None:
-            got = f"{self._got(self._cycle)} at {self._cycle.at_s:.2f} s"
-            yield self._subject.failure(self._expected, got, self._cycle)
+            got = f"{self.got(self._cycle)} at {self._cycle.at_s:.2f} s"
+            yield self.subject.failure(self.expected, got, self._cycle)
 
 
+@dataclass(eq=False, slots=True)
 class PeakWatch:
     """Expects a figure to be reached at some time."""
 
-    def __init__(
-        self, subject: WatchedItem, least: float, figure: Callable[[DecidedCycle], float], unit: str = ""
-    ) -> None:
-        self._subject = subject
-        self._least = least
-        self._figure = figure
-        self._unit = unit
-        self._peak: tuple[float, DecidedCycle] | None = None
+    subject: WatchedItem
+    least: float
+    figure: Callable[[DecidedCycle], float]
+    unit: str = ""
+    _peak: tuple[float, DecidedCycle] | None = field(default=None, init=False)
 
     def see(self, cycle: DecidedCycle) -> None:
         """Take in the next cycle."""
-        figure = self._figure(cycle)
+        figure = self.figure(cycle)
         if self._peak is None or figure > self._peak[0]:
             self._peak = figure, cycle
 
     def failures(self) -> Iterator[Failure]:
         """Yield the highest figure if it is too low."""
-        if self._peak is not None and self._peak[0] < self._least - _ROUNDING_S:
+        if self._peak is not None and self._peak[0] < self.least - _ROUNDING_S:
             peak, cycle = self._peak
-            got = f"{peak:.2f}{self._unit} at most, at {cycle.at_s:.2f} s"
-            yield self._subject.failure(f"{self._least:.2f}{self._unit} reached", got, cycle)
+            got = f"{peak:.2f}{self.unit} at most, at {cycle.at_s:.2f} s"
+            yield self.subject.failure(f"{self.least:.2f}{self.unit} reached", got, cycle)
 
 
 class EndWatch(_Expectation):
@@ -200,10 +194,11 @@ class EndWatch(_Expectation):
 
     def failures(self) -> Iterator[Failure]:
         """Yield what is wrong at the end."""
-        if self._cycle is not None and not self._is_met(self._cycle):
-            yield self._subject.failure(f"{self._expected} at the end", self._got(self._cycle), self._cycle)
+        if self._cycle is not None and not self.is_met(self._cycle):
+            yield self.subject.failure(f"{self.expected} at the end", self.got(self._cycle), self._cycle)
 
 
+@dataclass(eq=False, slots=True)
 class CountWatch:
     """Expects a number of events.
 
@@ -213,29 +208,21 @@ class CountWatch:
         is_near: Tells whether a cycle came near to such an event, for saying why there was not one more.
     """
 
-    def __init__(
-        self,
-        subject: WatchedItem,
-        counted: Callable[[DecidedCycle], Iterable[Event]],
-        limits: Callable[[float], tuple[float, float]],
-        noun: tuple[str, str],
-        is_near: Callable[[DecidedCycle], bool],
-    ) -> None:
-        self._subject = subject
-        self._counted = counted
-        self._limits = limits
-        self._noun = noun
-        self._is_near = is_near
-        self._count = 0
-        self._shown: list[tuple[float, str]] = []
-        self._near: DecidedCycle | None = None
-        self._cycle: DecidedCycle | None = None
+    subject: WatchedItem
+    counted: Callable[[DecidedCycle], Iterable[Event]]
+    limits: Callable[[float], tuple[float, float]]
+    noun: tuple[str, str]
+    is_near: Callable[[DecidedCycle], bool]
+    _count: int = field(default=0, init=False)
+    _shown: list[tuple[float, str]] = field(default_factory=list, init=False)
+    _near: DecidedCycle | None = field(default=None, init=False)
+    _cycle: DecidedCycle | None = field(default=None, init=False)
 
     def see(self, cycle: DecidedCycle) -> None:
         """Take in the next cycle."""
-        if self._is_near(cycle):
+        if self.is_near(cycle):
             self._near = cycle
-        for event in self._counted(cycle):
+        for event in self.counted(cycle):
             self._count += 1
             self._near = None
             if len(self._shown) < SHOWN_EVENTS:
@@ -244,19 +231,19 @@ class CountWatch:
 
     def failures(self) -> Iterator[Failure]:
         """Yield the count if it is wrong, with the first event too many, or the moment that came nearest."""
-        least, most = self._limits(self._cycle.at_s if self._cycle else 0.0)
+        least, most = self.limits(self._cycle.at_s if self._cycle else 0.0)
         if least <= self._count <= most:
             return
         expected = self._words(least) if least == most else f"{self._words(most)} at most"
         got = self._words(self._count) + self._times()
         if self._count < least:
-            yield self._subject.failure(expected, got, self._near or self._cycle)
+            yield self.subject.failure(expected, got, self._near or self._cycle)
             return
         at_s, why = self._shown[min(int(most), len(self._shown) - 1)]
-        yield Failure(subject=self._subject.name, key=self._subject.key, expected=expected, got=got, at_s=at_s, why=why)
+        yield Failure(subject=self.subject.name, key=self.subject.key, expected=expected, got=got, at_s=at_s, why=why)
 
     def _words(self, count: float) -> str:
-        return f"{count:g} {self._noun[count != 1]}"
+        return f"{count:g} {self.noun[count != 1]}"
 
     def _times(self) -> str:
         if not self._shown:
