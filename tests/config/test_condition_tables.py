@@ -11,7 +11,7 @@ import pytest
 
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import Configuration
-from stadimeter.config.rules.condition_tables import DEEPEST, WhenTable, kinds_in
+from stadimeter.config.rules.condition_tables import MAX_DEPTH, WhenTable, kinds_in
 from stadimeter.config.units import parse_angle_or_zero, parse_duration, parse_time_of_day, parse_velocity
 from stadimeter.core import condition as core
 from stadimeter.core.decision import Severity
@@ -264,8 +264,8 @@ def nested(depth: int) -> str:
 
 def test_conditions_stand_inside_each_other_so_deep_and_no_deeper(told: Told, load: Load, sound: str) -> None:
     rule = f'{sound}[rules.it]\nactuator = "buzzer"\nwhen = '
-    assert len(list(core.leaves(load(rule + nested(DEEPEST) + "\n").plan.rules[0].condition))) == 1  # type: ignore[union-attr]
-    (line,) = told(rule + nested(DEEPEST + 1) + "\n")
+    assert len(list(core.leaves(load(rule + nested(MAX_DEPTH) + "\n").plan.rules[0].condition))) == 1  # type: ignore[union-attr]
+    (line,) = told(rule + nested(MAX_DEPTH + 1) + "\n")
     assert line.endswith(
         "conditions stand inside each other more than 20 deep (make rules of some of them, and ask for those with rule)"
     )

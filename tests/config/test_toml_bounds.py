@@ -9,7 +9,7 @@ import pytest
 
 from stadimeter.config.camera_file import load_camera_model
 from stadimeter.config.loader import load_camera_choice, load_configuration
-from stadimeter.config.toml_source import DEEPEST, LONGEST_WORD, parse_toml, why_out_of_bounds
+from stadimeter.config.toml_source import MAX_DEPTH, MAX_WORD_LENGTH, parse_toml, why_out_of_bounds
 from stadimeter.errors import ConfigError
 
 SIZE = 200_000
@@ -43,8 +43,8 @@ def test_a_long_text_that_nests_five_hundred_deep_is_refused_with_its_line(tmp_p
 
 
 SHALLOW = [
-    "[" * DEEPEST + "]" * DEEPEST,
-    "{ a = " * DEEPEST + "1" + " }" * DEEPEST,
+    "[" * MAX_DEPTH + "]" * MAX_DEPTH,
+    "{ a = " * MAX_DEPTH + "1" + " }" * MAX_DEPTH,
     f'"{"[" * 500}"',
     f"'{'{' * 500}'",
     f'"""\n{"[" * 500}\n"""',
@@ -68,11 +68,11 @@ def test_many_keys_with_dots_below_each_other_are_not_deep() -> None:
 
 
 def test_the_line_is_that_of_the_first_bracket_too_many() -> None:
-    brackets = "\n".join("[" * DEEPEST + "]" * DEEPEST)
+    brackets = "\n".join("[" * MAX_DEPTH + "]" * MAX_DEPTH)
     assert why_out_of_bounds(f"a =\n{brackets}") is None
     found = why_out_of_bounds(f"a =\n[\n{brackets}\n]")
     assert found is not None
-    assert found[1] == DEEPEST + 2
+    assert found[1] == MAX_DEPTH + 2
 
 
 @pytest.mark.parametrize("number", ["9", "0xf", "0o7", "0b1", "1_0", "0.1"])
@@ -87,7 +87,7 @@ def test_a_number_of_five_thousand_digits_is_refused_with_its_line(tmp_path: Pat
 
 
 def test_a_word_as_long_as_it_may_be_is_read() -> None:
-    name = "a" * LONGEST_WORD
+    name = "a" * MAX_WORD_LENGTH
     assert parse_toml(f"{name} = 1", "").table == {name: 1}
     assert parse_toml(f'{name} = "{name}{name}" # {name}{name}', "").table == {name: 2 * name}
 

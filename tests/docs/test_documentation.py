@@ -26,9 +26,8 @@ from stadimeter.config.rules.figure_tables import (
     SeparationTable,
     TimeTable,
 )
-from stadimeter.config.rules.pattern_tables import PatternTable
 from stadimeter.config.rules.proportional_tables import FollowTable, RampTable
-from stadimeter.config.rules.sequence_tables import StepTable
+from stadimeter.config.rules.sequence_tables import PatternTable, StepTable
 from stadimeter.config.rules.tables import LostTable, RuleTable
 from stadimeter.core import templates
 from stadimeter.errors import ConfigError

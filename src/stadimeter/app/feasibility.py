@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.detectors import build_detectors
-from stadimeter.config.cross_checks import LONGEST_BLIND_S
+from stadimeter.config.cross_checks import MAX_BLIND_S
 from stadimeter.config.draft import BASE_NAME
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.loader import Configuration
@@ -98,8 +98,8 @@ def _is_live(configuration: Configuration) -> bool:
 
 def _hint_for_rate(configuration: Configuration, rate_hz: float) -> str:
     wanted_s = round(FRAMES_OF_AGE / rate_hz, 2)
-    if wanted_s > LONGEST_BLIND_S:
-        return f"take {FRAMES_OF_AGE / LONGEST_BLIND_S:g} frames a second or more: nothing acts for over 1 s unseen"
+    if wanted_s > MAX_BLIND_S:
+        return f"take {FRAMES_OF_AGE / MAX_BLIND_S:g} frames a second or more: nothing acts for over 1 s unseen"
     outputs = " and ".join("[base]" if name == BASE_NAME else f"[actuators.{name}]" for name in configuration.leases_s)
     age = f'"{wanted_s:g} s"'
     return f"take more frames, or write max_frame_age = {age} in [safety] and lease = {age} in {outputs}"

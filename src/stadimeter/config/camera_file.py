@@ -19,10 +19,10 @@ from stadimeter.core.frame import Optics, Subsampling
 from stadimeter.core.lens_uncertainty import PARAMETERS, LensUncertainty
 from stadimeter.errors import CalibrationError, ConfigError, Problem, reason_of
 
-MOST_PIXELS_ACROSS = 100_000
+MAX_PIXELS_ACROSS = 100_000
 """Ten times as many as any camera has."""
 
-MOST_EDGE_BIAS_PX = 5.0
+MAX_EDGE_BIAS_PX = 5.0
 """Cameras have some tenths of a pixel; with more than this, small targets would have no size left."""
 
 
@@ -34,8 +34,8 @@ def _date_text(value: object) -> object:
     return value.isoformat() if isinstance(value, dt.date) else value
 
 
-Pixels = Annotated[int, Field(gt=0, le=MOST_PIXELS_ACROSS, strict=True)]
-PixelsOrZero = Annotated[int, Field(ge=0, le=MOST_PIXELS_ACROSS, strict=True)]
+Pixels = Annotated[int, Field(gt=0, le=MAX_PIXELS_ACROSS, strict=True)]
+PixelsOrZero = Annotated[int, Field(ge=0, le=MAX_PIXELS_ACROSS, strict=True)]
 FocalPixels = Annotated[float, Field(gt=0, strict=True)]
 CentrePixels = Annotated[float, Field(strict=True)]
 Coefficient = Annotated[float, Field(strict=True)]
@@ -64,7 +64,7 @@ class OpticsTable(BaseModel):
         return Optics(**self.model_dump())
 
 
-class CameraTable(BaseModel):
+class CameraModelTable(BaseModel):
     """A camera file, or a ``model`` table in a configuration."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
@@ -85,9 +85,9 @@ class CameraTable(BaseModel):
     """k1, k2, p1, p2 and perhaps k3 as OpenCV has them; none for a lens that does not bend lines."""
     tone_curve: ToneCurve = "srgb"
     """How code values follow from light: as in sRGB, or in proportion to it."""
-    edge_bias_px: Annotated[float, Field(ge=-MOST_EDGE_BIAS_PX, le=MOST_EDGE_BIAS_PX, strict=True)] = 0.0
+    edge_bias_px: Annotated[float, Field(ge=-MAX_EDGE_BIAS_PX, le=MAX_EDGE_BIAS_PX, strict=True)] = 0.0
     """How far outwards each edge of a bright target is measured."""
-    edge_bias_sigma_px: Annotated[float, Field(ge=0, le=MOST_EDGE_BIAS_PX, strict=True)] = 0.0
+    edge_bias_sigma_px: Annotated[float, Field(ge=0, le=MAX_EDGE_BIAS_PX, strict=True)] = 0.0
     """Its standard deviation: 0.1 for a camera of whose tone curve and sharpening nothing is known. Where it is not
     stated it is that in a camera file, and 0 in a table of a configuration, which is for worlds and their cameras."""
     focal_relative_sigma: Annotated[float, Field(ge=0, lt=1, strict=True)] = 0.0
@@ -252,9 +252,9 @@ def _one_line(text: str) -> str:
 
 def _model(table: Mapping[str, Any], file: str, spans: Mapping[KeyPath, SourceSpan]) -> CameraModel:
     try:
-        return CameraTable.model_validate(dict(table)).to_model()
+        return CameraModelTable.model_validate(dict(table)).to_model()
     except ValidationError as error:
-        found = findings_of(error, CameraTable, table, ())
+        found = findings_of(error, CameraModelTable, table, ())
         raise ConfigError(problems(found, file, spans)) from error
     except CalibrationError as error:
         raise ConfigError(problems([Finding((error.key,), str(error), code="bad-value")], file, spans)) from error

@@ -19,7 +19,7 @@ from stadimeter.config.rules.checks import rule_findings, written_findings
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.units import PinMark, PortMark
 
-LONGEST_BLIND_S = 1.0
+MAX_BLIND_S = 1.0
 """Nothing acts on a frame that is older than this. A robot at 0.5 m/s has gone half a metre by then."""
 
 
@@ -137,8 +137,8 @@ def _never_blind_for_long(draft: Draft) -> Iterator[Finding]:
             (("safety", "max_frame_age"), draft.safety.max_frame_age),
         ]
     for path, seconds in limits:
-        if seconds > LONGEST_BLIND_S:
-            message = f"{seconds:g} s is longer than outputs may act without seeing, {LONGEST_BLIND_S:g} s"
+        if seconds > MAX_BLIND_S:
+            message = f"{seconds:g} s is longer than outputs may act without seeing, {MAX_BLIND_S:g} s"
             yield Finding(path, message, 'a lease of "300 ms" suits most cameras', "blind-too-long")
 
 

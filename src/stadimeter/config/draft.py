@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from stadimeter.config import driver_tables, models
 from stadimeter.config.camera_file import camera_model_from_table, load_camera_model
 from stadimeter.config.driver_tables import CommonT, DriverKind, read_driver_table, validate
-from stadimeter.config.findings import MOST_EXPLAINED, Finding, did_you_mean_or_list, shown
+from stadimeter.config.findings import MAX_EXPLAINED, Finding, did_you_mean_or_list, shown
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.rules.compiled import CompiledRule, compile_rules
 from stadimeter.config.rules.tables import RuleTable
@@ -180,10 +180,10 @@ class _Reader:
 
     def _sections(self) -> None:
         unknown = [section for section in self.draft.table if section not in models.SECTIONS]
-        for section in unknown[:MOST_EXPLAINED]:
+        for section in unknown[:MAX_EXPLAINED]:
             hint = did_you_mean_or_list(section, models.SECTIONS)
             self._found((section,), f"unknown section '{section}'", hint, "unknown-key")
-        if left := unknown[MOST_EXPLAINED:]:
+        if left := unknown[MAX_EXPLAINED:]:
             self._found((left[0],), f"from here on, {len(left)} more sections are unknown", code="unknown-key")
 
     def _camera(self) -> None:

@@ -20,10 +20,10 @@ from stadimeter.errors import Problem
 OTHER = "other"
 """The code of what has none of its own."""
 
-MOST_EXPLAINED = 1000
+MAX_EXPLAINED = 1000
 """More wrong keys of one table than this are only counted: to look for similar words takes 0.1 ms for each."""
 
-_LONGEST = 600
+_MAX_LENGTH = 600
 """The longest messages list what could have been written; longer ones repeat what was."""
 
 OF_A_TEST = "test"
@@ -79,10 +79,10 @@ def problems(findings: Iterable[Finding], file: str, spans: Mapping[KeyPath, Sou
 
 def _readable(text: str) -> str:
     """Cut what repeats a value of many pages."""
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+    return text if len(text) <= _MAX_LENGTH else f"{text[:_MAX_LENGTH]}…"
 
 
-_LONGEST_VALUE = 60
+_MAX_VALUE_LENGTH = 60
 
 _KINDS = {
     "bool": "neither true nor false",
@@ -141,11 +141,11 @@ def findings_of(
             continue
         path, value = _path_and_value(table, details)
         by_path.setdefault(path, (value, []))[1].append(details)
-    for path, (value, complaints) in islice(by_path.items(), MOST_EXPLAINED):
+    for path, (value, complaints) in islice(by_path.items(), MAX_EXPLAINED):
         known = [*known_keys(model, path[:-1]), *(also_known if len(path) == 1 else ())]
         elsewhere = {key: hint for each in _models_at(model, path[:-1]) for key, hint in _elsewhere(each).items()}
         yield _finding((*at, *path), complaints, known, value, elsewhere)
-    if (left := len(by_path) - MOST_EXPLAINED) > 0:
+    if (left := len(by_path) - MAX_EXPLAINED) > 0:
         yield Finding(at, f"{left} more keys are wrong", code="unknown-key")
 
 
@@ -192,7 +192,7 @@ def shown(value: object) -> str:
         text = f"[{', '.join(shown(entry) for entry in value)}]"
     else:
         text = repr(value) if isinstance(value, str) else str(value)
-    return text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}…"
+    return text if len(text) <= _MAX_VALUE_LENGTH else f"{text[:_MAX_VALUE_LENGTH]}…"
 
 
 def _fields(model: type[BaseModel]) -> Iterator[tuple[str, Any]]:

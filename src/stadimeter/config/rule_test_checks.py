@@ -27,7 +27,7 @@ from stadimeter.core.rule import AlarmRule
 _MADE_UP = (*MOTIONS, "targets", "target", "bearing", "elevation", "lost", "noise", "dropouts", "outliers", "rate")
 _MADE_UP_TOO = ("seed", "frozen", "clock", "day", "operator")
 """Keys of which a recording has its own."""
-_FASTEST_RATE_HZ = 30.0
+_MAX_RATE_HZ = 30.0
 _EXAMPLE = "expect.RULE = { raised = 1 }"
 
 
@@ -140,7 +140,7 @@ def _points(at: tuple[str | int, ...], motion: MotionTable) -> Iterator[Finding]
 
 
 def _length(at: tuple[str | int, ...], given: InputTable) -> Iterator[Finding]:
-    if given.moving_s * (given.rate or _FASTEST_RATE_HZ) > FRAMES_MAX:
+    if given.moving_s * (given.rate or _MAX_RATE_HZ) > FRAMES_MAX:
         message = f"{given.moving_s:g} s are more than {FRAMES_MAX:,} frames, the most that a test may have"
         yield Finding(at, message, "make it shorter")
     if given.moving_s == 0 and given.points and len(given.points) == 1:

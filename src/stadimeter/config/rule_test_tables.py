@@ -237,7 +237,7 @@ class SkipTable(Section):
         return [(0.0, self.start), (self.wait, self.start), (self.wait, self.end), (self.wait + self.stay, self.end)]
 
 
-class PointTable(Section):
+class PathPointTable(Section):
     """Where the target is at some time."""
 
     at: Duration
@@ -261,7 +261,7 @@ class MotionTable(Section):
     """Go away at a steady speed."""
     skip: SkipTable | None = None
     """Jump from one distance to another."""
-    points: Annotated[list[PointTable], Field(min_length=1)] | None = None
+    points: Annotated[list[PathPointTable], Field(min_length=1)] | None = None
     """Be at certain distances at certain times, and move evenly between them."""
     bearing: Angle = 0.0
     """In radians, positive to the right."""
@@ -287,7 +287,7 @@ class MotionTable(Section):
         path = self.path()
         return path[-1].at_s if path else 0.0
 
-    def _point(self, point: PointTable) -> PathPoint:
+    def _point(self, point: PathPointTable) -> PathPoint:
         return PathPoint(
             at_s=point.at,
             distance_m=point.distance,

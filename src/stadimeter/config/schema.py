@@ -122,7 +122,7 @@ def _drivers(kind: DriverKind[Any]) -> Iterator[_Driver]:
 def _models(drivers: list[_Driver]) -> list[type[BaseModel]]:
     own = [driver.options for driver in drivers if driver.options is not None]
     common = [driver.kind.common for driver in drivers]
-    return [camera_file.CameraTable, RuleTable, RuleTestTable, *_TABLES.values(), *common, *own]
+    return [camera_file.CameraModelTable, RuleTable, RuleTestTable, *_TABLES.values(), *common, *own]
 
 
 def _driver_table(
@@ -191,7 +191,7 @@ def _one_driver(
 
 
 def _camera_model(model: JsonSchema, by_model: dict[type[BaseModel], JsonSchema]) -> JsonSchema:
-    return {**model, "anyOf": [{"type": "string"}, by_model[camera_file.CameraTable]]}
+    return {**model, "anyOf": [{"type": "string"}, by_model[camera_file.CameraModelTable]]}
 
 
 def _rule(by_model: dict[type[BaseModel], JsonSchema], definitions: dict[str, JsonSchema]) -> JsonSchema:

@@ -25,10 +25,10 @@ from stadimeter.errors import ConfigError, Problem, UnreadableError
 UNREADABLE = "unreadable"
 """The code of a file of which not even the text could be read."""
 
-DEEPEST = 64
+MAX_DEPTH = 64
 """Enough for 20 conditions inside each other, in lists, in the table of a rule."""
 
-LONGEST_WORD = 200
+MAX_WORD_LENGTH = 200
 """Enough for every number and for every name that is written without quotes."""
 
 _MARK = re.compile(
@@ -181,10 +181,10 @@ def why_out_of_bounds(text: str) -> tuple[str, int] | None:
             depth = around[-1] if around else 0
         elif mark == ".":
             depth += 1
-        if depth > DEEPEST:
-            message = f"tables and lists stand inside each other more than {DEEPEST} deep"
+        if depth > MAX_DEPTH:
+            message = f"tables and lists stand inside each other more than {MAX_DEPTH} deep"
             return message, text.count("\n", 0, match.start()) + 1
-        if len(mark) > LONGEST_WORD and mark[0] not in _TEXT:
-            message = f"a number or a name of {len(mark)} characters; the longest that is read has {LONGEST_WORD}"
+        if len(mark) > MAX_WORD_LENGTH and mark[0] not in _TEXT:
+            message = f"a number or a name of {len(mark)} characters; the longest that is read has {MAX_WORD_LENGTH}"
             return message, text.count("\n", 0, match.start()) + 1
     return None

@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 
 from stadimeter.config.analysis.bands import holding_warnings
-from stadimeter.config.analysis.promises import promise_warnings
+from stadimeter.config.analysis.promises import promise_warnings, unknown_warnings
 from stadimeter.config.analysis.references import rules_asked_for
 from stadimeter.config.analysis.subject import Subject, subject_of
 from stadimeter.config.analysis.timing import timing_warnings
-from stadimeter.config.analysis.unknowns import unknown_warnings
 from stadimeter.config.analysis.writers import overlap_warnings, priority_warnings, shadow_warnings
 from stadimeter.config.draft import BASE_NAME, Draft
 from stadimeter.config.findings import Finding
 from stadimeter.config.gpio_header import TAKEN
 from stadimeter.config.plugins import RefusesMotion, StatesLatency, marked_options
 from stadimeter.config.rule_test_checks import rule_test_warnings
-from stadimeter.config.rules.pattern_tables import PatternTable
+from stadimeter.config.rules.sequence_tables import PatternTable
 from stadimeter.config.rules.tables import RuleTable
 from stadimeter.config.secrets import secret_warnings
 from stadimeter.config.toml_lines import KeyPath
@@ -25,7 +24,7 @@ from stadimeter.config.units import PinMark
 LEFT_FOR_FRAMES_S = 0.1
 """Three frames at 30 a second: with less, every hiccup of a network stops the outputs."""
 
-SHORTEST_PERIOD_OF_WEAR_S = 5.0
+MIN_WEAR_PERIOD_S = 5.0
 """A contact of a hundred thousand switchings that switches more often than this lasts for less than two weeks."""
 
 
@@ -155,7 +154,7 @@ def _worn_contacts(draft: Draft) -> Iterator[Finding]:
     worn = {choice.name: choice.driver for choice in draft.actuators if choice.options.is_worn_by_switching}
     for name, rule in draft.rules.items():
         for path, actuator, pattern in _patterns(rule):
-            if actuator in worn and pattern.period_s < SHORTEST_PERIOD_OF_WEAR_S and not pattern.times:
+            if actuator in worn and pattern.period_s < MIN_WEAR_PERIOD_S and not pattern.times:
                 message = (
                     f"'{actuator}' wears out by switching, as a {worn[actuator]} does, and would switch every "
                     f"{pattern.period_s:g} s while the alarm stands"

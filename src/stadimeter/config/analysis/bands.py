@@ -22,7 +22,7 @@ from stadimeter.core.condition import (
 )
 from stadimeter.core.conditions.limits import ends_of
 
-MAX_PAIRS = 2000
+_MAX_PAIRS = 2000
 """Pairs of parts that are tried at most to name the two that clash: those of some sixty parts."""
 
 
@@ -135,7 +135,7 @@ def _clash(written: WrittenCondition, logic: Logic) -> tuple[WrittenCondition, W
     """Return two parts of an ``all`` that cannot hold together, if two alone are enough for that."""
     if not isinstance(written.condition, AllOf):
         return None
-    pairs = islice(combinations(written.parts(), 2), MAX_PAIRS)
+    pairs = islice(combinations(written.parts(), 2), _MAX_PAIRS)
     return next((pair for pair in pairs if not _can_begin(logic, *pair)), None)
 
 

@@ -17,7 +17,7 @@ from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.rule import AlarmRule
 from stadimeter.core.words import duration
 
-_MOST_NAMES = 8
+_MAX_NAMES = 8
 """A longer ring is written with a gap."""
 _CONDITIONS = ("when", "suppress_when")
 
@@ -201,7 +201,7 @@ def _in_a_ring(start: str, ring: list[_Name]) -> Finding:
         message = f"the rule '{start}' {'suppresses itself' if suppresses else 'asks whether it is active itself'}"
         return Finding(ring[0].path, message, "name another rule", "reference-cycle")
     names = [f"'{start}'", *(f"'{name.name}'" for name in ring)]
-    if len(names) > _MOST_NAMES:
-        names[_MOST_NAMES - 2 : -1] = ["…"]
+    if len(names) > _MAX_NAMES:
+        names[_MAX_NAMES - 2 : -1] = ["…"]
     message = f"these rules wait for each other: {' → '.join(names)}"
     return Finding(ring[0].path, message, "take one of them out of the ring", "reference-cycle")

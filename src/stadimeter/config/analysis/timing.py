@@ -18,7 +18,7 @@ from stadimeter.core.rule import AlarmRule, LostPolicy
 ASSUMED_CLOSING_MPS = 2.0
 """Assumed closing speed where none is stated: faster than people walk, slower than they run."""
 
-LONGEST_DEBOUNCE_S = 2.0
+MAX_DEBOUNCE_S = 2.0
 """A longer delay is no debounce: what is meant is a target that stays."""
 
 
@@ -43,7 +43,7 @@ def timing_warnings(subject: Subject) -> Iterator[Finding]:
     frame_s = 1 / frame_rate_hz(subject.draft)
     for declared, alarm in subject.alarms:
         approach = _approach(targets.get(_watched(alarm), {}), frame_s)
-        if approach.is_stated or ("on_delay" in declared.table and alarm.on_delay.hold_s <= LONGEST_DEBOUNCE_S):
+        if approach.is_stated or ("on_delay" in declared.table and alarm.on_delay.hold_s <= MAX_DEBOUNCE_S):
             yield from _late(declared, alarm, approach, limits_m)
             yield from _missed(declared, alarm, approach)
         yield from _too_long_for_contact(declared, alarm, delay_s(alarm, 1 / frame_s))

@@ -19,7 +19,7 @@ from stadimeter.core.rule import AlarmRule, AnyRule, LostPolicy
 MOMENT_S = 1.0
 """A rule that wins an output for no longer than this, because the winner waits longer, has hardly any effect."""
 
-MOST_RIVALS = 200
+MAX_RIVALS = 200
 """Outputs that more rules drive are not looked at: every rule is held against every other one."""
 
 
@@ -97,7 +97,7 @@ def _rivals(subject: Subject) -> Iterator[list[CompiledRule]]:
     for declared in subject.every_rule:
         if declared.rule.output is not None and not declared.rule.observe:
             by_output[declared.rule.output].append(declared)
-    return (rivals for rivals in by_output.values() if len(rivals) <= MOST_RIVALS)
+    return (rivals for rivals in by_output.values() if len(rivals) <= MAX_RIVALS)
 
 
 def _shadowed(subject: Subject) -> Iterator[tuple[CompiledRule, Finding]]:

@@ -17,7 +17,7 @@ from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.condition import AllOf, AnyOf, Condition, Leaf, Not, RuleCondition, targets_of
 from stadimeter.core.rule import AlarmRule, AnyRule
 
-_LONGEST = 70
+_MAX_LENGTH = 70
 _OF_ONE_QUANTITY = ("bearing", "elevation", "closing_speed", "time_to_contact", "separation", "count", "time")
 """Conditions that are a table of their own inside the table of the condition."""
 
@@ -76,7 +76,7 @@ class WrittenCondition:
     def __str__(self) -> str:
         """Return the table as it was written, short enough for a message."""
         text = toml_of(self.table)
-        return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+        return text if len(text) <= _MAX_LENGTH else f"{text[:_MAX_LENGTH]}…"
 
     def _parts(self, key: str, conditions: tuple[Condition, ...]) -> tuple[WrittenCondition, ...]:
         tables = self.table.get(key)

@@ -25,7 +25,7 @@ from stadimeter.config.units import Duration, Length, LengthOrZero
 from stadimeter.core import condition as core
 from stadimeter.core.decision import Severity
 
-DEEPEST = 20
+MAX_DEPTH = 20
 """So many conditions may stand inside each other. Nobody understands more."""
 
 _DISTANCE = core.DistanceCondition()

@@ -1,4 +1,4 @@
-"""The tables of what an alarm does one after the other, and how they become the core's steps."""
+"""The tables of patterns of levels and of what an alarm does one after the other, and the core's values of them."""
 
 from __future__ import annotations
 
@@ -12,11 +12,13 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from stadimeter.config.findings import did_you_mean_or_list
 from stadimeter.config.models import DurationAboveZero, Section, Share
-from stadimeter.config.rules.pattern_tables import PatternTable
 from stadimeter.config.units import Duration
 from stadimeter.core import rule, templates
 
-JSON_DEEPEST = 20
+MIN_STEP_S = 0.05
+"""A level changes with a frame at the earliest: at 30 frames a second a shorter one may be passed over."""
+
+JSON_MAX_DEPTH = 20
 """Greatest depth of lists and tables in a JSON template."""
 
 OWN_TOPICS = ("availability", "event", "retained", "rule", "target")
@@ -32,6 +34,64 @@ _ONLY_FOR = {
     "title": ("notify",), "text": ("notify", "topic"), "json_": ("topic",), "retain": ("topic",),
 }  # fmt: skip
 """For each key, those of `_DOES` beside which it has a meaning."""
+
+
+def _long_enough(seconds: float) -> float:
+    if seconds < MIN_STEP_S:
+        raise ValueError(
+            f"{seconds * 1000:g} ms is too short for a step of a pattern: levels change with the frames; "
+            f"choose at least '{MIN_STEP_S * 1000:g} ms'"
+        )
+    return seconds
+
+
+StepDuration = Annotated[Duration, AfterValidator(_long_enough)]
+
+
+class PatternStepTable(Section):
+    """One level of a pattern."""
+
+    level: Share
+    """The level."""
+    for_: Annotated[StepDuration, Field(alias="for")]
+    """How long it lasts, in seconds, written ``for``."""
+
+
+class PatternTable(Section):
+    """A level that changes by itself; see `stadimeter.core.rule.Pattern`."""
+
+    on: StepDuration | None = None
+    """For how long the output is on, in seconds."""
+    off: StepDuration | None = None
+    """For how long it is off after that."""
+    steps: Annotated[list[PatternStepTable], Field(min_length=1, max_length=100)] | None = None
+    """Several levels instead of on and off."""
+    times: Annotated[int, Field(ge=0)] = 0
+    """How often all of it is gone through; 0 for as long as the alarm stands."""
+
+    @model_validator(mode="after")
+    def _one_form_only(self) -> Self:
+        has_on_and_off = [key for key in ("on", "off") if getattr(self, key) is not None]
+        if self.steps is not None and has_on_and_off:
+            raise ValueError(f"a pattern with steps has no '{has_on_and_off[0]}'; leave one of the two out")
+        if self.steps is None and len(has_on_and_off) < 2:
+            raise ValueError('a pattern has on and off, such as { on = "0.2 s", off = "0.3 s" }, or steps')
+        return self
+
+    @property
+    def period_s(self) -> float:
+        """How long it takes to go through all of it, in seconds."""
+        return sum(for_s for _, for_s in self.to_plan(level=1.0).steps)
+
+    def to_plan(self, level: float) -> rule.Pattern:
+        """Return the pattern as the core sees it.
+
+        Args:
+            level: The level while it is on, where the pattern names none.
+        """
+        if self.steps is not None:
+            return rule.Pattern(steps=tuple((step.level, step.for_) for step in self.steps), times=self.times)
+        return rule.Pattern(steps=((level, self.on or 0.0), (0.0, self.off or 0.0)), times=self.times)
 
 
 def _checked(template: rule.Template) -> None:
@@ -50,14 +110,14 @@ def _check_text(text: str) -> str:
 def _check_json(value: Any) -> Any:
     if not isinstance(value, dict | list):
         raise ValueError('json is a table or a list, such as { distance = "{distance_m}" }; write a text as text')
-    _only_json(value, JSON_DEEPEST)
+    _only_json(value, JSON_MAX_DEPTH)
     _checked(rule.Template(text=json.dumps(value), is_json=True))
     return value
 
 
 def _only_json(value: object, depth_left: int) -> None:
     if depth_left == 0:
-        raise ValueError(f"it is nested deeper than {JSON_DEEPEST} levels")
+        raise ValueError(f"it is nested deeper than {JSON_MAX_DEPTH} levels")
     if isinstance(value, float) and not math.isfinite(value):
         raise ValueError("JSON knows no such number as inf or nan")
     if isinstance(value, dt.date | dt.time):

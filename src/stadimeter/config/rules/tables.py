@@ -9,9 +9,8 @@ from pydantic import Discriminator, Field, Tag
 
 from stadimeter.config.models import DurationAboveZero, Section, Share
 from stadimeter.config.rules.condition_tables import WhenTable
-from stadimeter.config.rules.pattern_tables import PatternTable
 from stadimeter.config.rules.proportional_tables import FollowTable, RampTable, RuleCommon
-from stadimeter.config.rules.sequence_tables import StepTable
+from stadimeter.config.rules.sequence_tables import PatternTable, StepTable
 from stadimeter.config.units import Duration
 from stadimeter.core import condition, rule
 from stadimeter.core.condition import targets_of
