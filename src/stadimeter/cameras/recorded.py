@@ -20,6 +20,10 @@ class RecordedCamera(ABC):
         loops: Whether it begins again after its last frame, while time goes on.
     """
 
+    is_live = False  # every frame of a recording counts
+    remarks: tuple[str, ...] = ()  # there is no device that could refuse a setting
+    not_for_motion = ""  # the capture times are those of the recording
+
     def __init__(self, what: str, clock: Clock, *, loops: bool = False) -> None:
         self._what = what
         self._clock = clock
@@ -31,21 +35,6 @@ class RecordedCamera(ABC):
         self._delivered = 0
         self._subsampling: Subsampling = "4:4:4"
         self._optics: Optics | None = None
-
-    @property
-    def is_live(self) -> bool:
-        """False: every frame of a recording counts."""
-        return False
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """Nothing: there is no device that could refuse a setting."""
-        return ()
-
-    @property
-    def not_for_motion(self) -> str:
-        """An empty string: the capture times are those of the recording."""
-        return ""
 
     def open(self) -> None:
         """Find the recording and go to its beginning.

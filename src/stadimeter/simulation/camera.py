@@ -230,6 +230,10 @@ class SimulatedCamera:
         ConfigError: The run has no camera model or no world.
     """
 
+    is_live = False  # time passes as frames are read
+    remarks: tuple[str, ...] = ()  # there is no device that could refuse a setting
+    not_for_motion = ""  # the capture times are exact
+
     def __init__(self, options: SimulatedCameraOptions, context: DriverContext) -> None:
         self._name = context.name
         self._model = lens(context)
@@ -244,21 +248,6 @@ class SimulatedCamera:
         self._start_s: float | None = None
         self._sequence = -1
         self._newest: Frame | None = None
-
-    @property
-    def is_live(self) -> bool:
-        """False: time passes as frames are read."""
-        return False
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """Nothing: there is no device that could refuse a setting."""
-        return ()
-
-    @property
-    def not_for_motion(self) -> str:
-        """An empty string: the capture times are exact."""
-        return ""
 
     def open(self) -> None:
         """Make ready to read. Frames are numbered on if the camera was open before."""
