@@ -232,6 +232,6 @@ def test_a_disk_that_hangs_holds_up_neither_the_loop_nor_the_end(rig: Rig) -> No
 
 def test_the_loop_tells_it_of_reloads(rig: Rig) -> None:
     assert isinstance(rig.log, RecordingSink)
-    rig.log.reloaded(0.0, None)  # type: ignore[arg-type]
+    rig.log.note_reload(0.0, None)  # type: ignore[arg-type]
     rig.log.close()
     assert rig.lines()[0].endswith("configuration reloaded")

@@ -187,7 +187,7 @@ def test_an_older_journal_is_kept_under_another_name_from_the_first_cycle_on(tmp
     old = path.read_bytes()
     JournalWriter(path, "").close()
     assert (names(tmp_path), path.read_bytes()) == (["run.jsonl"], old)
-    assert written(path).kept() == f"{path} held an older journal, which is now {tmp_path / 'run-1.jsonl'}"
+    assert written(path).older_file() == f"{path} held an older journal, which is now {tmp_path / 'run-1.jsonl'}"
     assert len(list(records_of(read_journal(path)))) == 1
     assert (tmp_path / "run-1.jsonl").read_bytes() == old
     written(path)
@@ -199,7 +199,7 @@ def test_a_name_that_is_taken_is_never_taken_again(tmp_path):
     (tmp_path / "run-1.jsonl").write_text("mine\n")
     (tmp_path / "run-2.jsonl").symlink_to(tmp_path / "nowhere")
     written(tmp_path / "run.jsonl")
-    assert written(tmp_path / "run.jsonl").kept().endswith("run-3.jsonl")
+    assert written(tmp_path / "run.jsonl").older_file().endswith("run-3.jsonl")
     assert (tmp_path / "run-1.jsonl").read_text() == "mine\n"
     assert not (tmp_path / "nowhere").exists()
 

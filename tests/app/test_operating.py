@@ -12,7 +12,7 @@ from stadimeter.app.control import recording
 from stadimeter.app.control.messages import Reply, parse_request
 from stadimeter.app.control.recording import Bounds, RecordingOnRequest, recordings_folder
 from stadimeter.app.control.socket_server import Asked
-from stadimeter.app.live.watching import operated
+from stadimeter.app.live.watching import attend_to_requests
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.decide import decide, initial_state
@@ -70,7 +70,7 @@ class Room:
             assert eventually(lambda: not self.loop.services.recording._is_beginning)
 
     def run(self, frames=150):
-        with operated(self.loop, self):
+        with attend_to_requests(self.loop, self):
             self.loop.listeners.append(self.listen)
             self.loop.run(Limits(frames=frames))
         assert eventually(lambda: len(self.answers) == len(self.plans))
@@ -177,7 +177,7 @@ class TestRecording:
                 goes_on.set()
                 assert eventually(lambda: not room.loop.services.recording._is_beginning)
 
-        with operated(room.loop, room):
+        with attend_to_requests(room.loop, room):
             room.loop.listeners.append(listen)
             room.loop.run(Limits(frames=150))
         early, begun = room.answers
@@ -212,7 +212,7 @@ class TestRecording:
                 goes_on.set()
                 assert eventually(lambda: not room.loop.services.recording._is_beginning)
 
-        with operated(room.loop, room):
+        with attend_to_requests(room.loop, room):
             room.loop.listeners.append(reload_meanwhile)
             room.loop.run(Limits(frames=150))
         assert [answer.error for answer in room.answers] == ["", ""]

@@ -35,7 +35,7 @@ class Gate:
             raise self.failure
         self.written.append((record, frame))
 
-    def reloaded(self, _now_s, configuration):
+    def note_reload(self, _now_s, configuration):
         self.written.append(configuration)
 
     def close(self):
@@ -108,7 +108,7 @@ def test_what_waits_is_written_before_the_end():
     recorder = Recorder(gate, is_live=False)
     for _ in range(5):
         recorder(RECORD, FRAME)
-    recorder.reloaded(1.0, "# another")
+    recorder.note_reload(1.0, "# another")
     recorder(RECORD, None)
     recorder.close()
     recorder.close()

@@ -329,7 +329,7 @@ def test_what_a_file_is_its_content_tells_and_not_its_name(tmp_path):
 
 def test_what_the_run_took_over_from_an_earlier_one_is_in_the_recording(tmp_path):
     recording = Recording(tmp_path / "run.mcap")
-    recording.writer.resumed('{"alarms": []}')
+    recording.writer.note_resumption('{"alarms": []}')
     recording.see(5)
     recording.writer.close()
     assert read_mcap(tmp_path / "run.mcap").header.resumed == '{"alarms": []}'
@@ -338,7 +338,7 @@ def test_what_the_run_took_over_from_an_earlier_one_is_in_the_recording(tmp_path
 def test_another_configuration_that_was_taken_over_stands_before_its_first_cycle(tmp_path):
     recording = Recording(tmp_path / "run.mcap")
     recording.see(5, 4)
-    recording.writer.reloaded(recording.now_s, "# another")
+    recording.writer.note_reload(recording.now_s, "# another")
     recording.see(3)
     recording.writer.close()
     reloaded = [cycle.reloaded for cycle in read_mcap(tmp_path / "run.mcap").cycles()]

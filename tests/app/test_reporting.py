@@ -431,7 +431,7 @@ def test_what_a_changed_configuration_publishes_no_more_is_forgotten_by_the_brok
     reporter = Reporter(boot_id="boot")
     reporter.opening([sending("near", "door/alert", retain=True), sending("far", "door/gone", retain=False)])
     told, _ = reporter.messages(0.0, lambda: NOON, decision(rules=[near(RuleStatus.IDLE)]))
-    forgotten = reporter.reloaded([sending("far", "door/gone", retain=False)])
+    forgotten = reporter.reload([sending("far", "door/gone", retain=False)])
     assert [(each.topic, each.payload, each.retain) for each in forgotten] == [
         ("door/alert", "", True),
         ("rule/near/availability", "offline", False),

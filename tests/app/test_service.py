@@ -13,7 +13,7 @@ from stadimeter.app.bootstrap import build
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.service import (
-    LONGEST_PATIENCE_S,
+    MAX_PATIENCE_S,
     PROVEN_S,
     CameraWait,
     FailedStarts,
@@ -204,7 +204,7 @@ class TestCameraWait:
         for now_s in range(0, int(2 * PROVEN_S), 5):
             assert not wait.is_over(now_s, has_frame=True)
         assert not wait.is_proven(2 * PROVEN_S)
-        assert not wait.is_over(2 * PROVEN_S + LONGEST_PATIENCE_S - 10, has_frame=False)
+        assert not wait.is_over(2 * PROVEN_S + MAX_PATIENCE_S - 10, has_frame=False)
 
     def test_one_that_never_gave_a_picture_is_waited_for_from_the_first_cycle_on(self) -> None:
         wait = CameraWait(failed=0)

@@ -119,7 +119,7 @@ def test_the_journal_writes_what_was_taken_over(tmp_path):
     (first,) = records_of(journal)
     writer = JournalWriter(path, "# configuration")
     writer.write(first)
-    writer.reloaded(1.0, RecordedConfiguration(text="# another", files={"camera.toml": "# lens"}))
+    writer.note_reload(1.0, RecordedConfiguration(text="# another", files={"camera.toml": "# lens"}))
     writer.write(replace(record, observation=first.observation))
     writer.close()
     assert [cycle.reloaded for cycle in read_journal(path).cycles()] == [
@@ -158,7 +158,7 @@ def test_what_a_run_took_over_from_an_earlier_one_is_taken_over_by_its_replay(tm
     later.cycle = lambda observation: observations.append(observation) or Rehearsal.cycle(later, observation)
     later.see(0.8, 0.8, 3.0, 3.0, 3.0)
     writer = JournalWriter(tmp_path / "run.jsonl", "")
-    writer.resumed(resumption.text())
+    writer.note_resumption(resumption.text())
     for observation, (_, decision) in zip(observations, later.decisions, strict=True):
         writer.write(CycleRecord(observation=observation, decision=decision, applied=(), timings_s={}))
     writer.close()
@@ -169,7 +169,7 @@ def test_what_a_run_took_over_from_an_earlier_one_is_taken_over_by_its_replay(tm
 
 def test_what_was_taken_over_and_is_damaged_is_one_clear_error(tmp_path):
     writer = JournalWriter(tmp_path / "run.jsonl", "")
-    writer.resumed("[]")
+    writer.note_resumption("[]")
     writer.write(next(records_of(journal_of(tmp_path / "other.jsonl", 2.0))))
     writer.close()
     with pytest.raises(JournalError, match=r"run\.jsonl: not the state of a run"):

@@ -45,14 +45,14 @@ class Mailbox:
             return frame
 
     def close(self) -> None:
-        """Take no more frames, and let whoever waits go."""
+        """Take no more frames, and end the wait of `take`."""
         with self._changed:
             self._is_closed = True
             self._changed.notify_all()
 
 
 FIRST_DELAY_S = 0.25
-LONGEST_DELAY_S = 3.0
+MAX_DELAY_S = 3.0
 """How long to wait before a failed camera is opened again: this at first, doubled each time, up to that. A
 camera that is back is then used within five seconds, with the two that it may take to open it."""
 
@@ -148,7 +148,7 @@ class CaptureThread:
                 self._open_again(self._outage.cause)
             while not self._stopped.is_set():
                 self._read_once()
-        except BaseException as error:  # noqa: BLE001 - whoever asks for a frame gets it raised again, in his own thread
+        except BaseException as error:  # noqa: BLE001 - re-raised in the thread that calls `latest()`
             self.failure = error
         finally:
             self.mailbox.close()
@@ -178,7 +178,7 @@ class CaptureThread:
         """Close the camera, and open it until that succeeds or the thread is to stop."""
         while not self._stopped.is_set():
             self._camera.close()
-            delay_s, self._delay_s = self._delay_s, min(2 * self._delay_s, LONGEST_DELAY_S)
+            delay_s, self._delay_s = self._delay_s, min(2 * self._delay_s, MAX_DELAY_S)
             self._outage = Outage(cause=cause, retry_after_s=delay_s)
             if self._wait(self._stopped, delay_s):
                 return

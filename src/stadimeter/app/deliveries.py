@@ -56,7 +56,7 @@ class Deliveries:
         """Send what an earlier run has left, before anything of this one.
 
         A message says itself when it arose, and by its id whether it came before. A notification that does not is
-        given its time: nobody must take last night's alarm for one of now.
+        given its time, so that last night's alarm does not look like one of now.
         """
         for name, item in left:
             messenger, notifier = self._parts.messenger, self._parts.notifiers.get(name)
@@ -113,7 +113,7 @@ def _with_its_time(notification: Notification) -> Notification:
 
 LocalTime = Callable[[], str]
 
-TITLE_LONGEST = 120
+MAX_TITLE_CHARACTERS = 120
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -174,6 +174,6 @@ def _notification(
     rule: AlarmRule, notice: Notice, send: Send, values: Mapping[str, templates.Value], time: str
 ) -> Notification:
     title = templates.render(Template(text=send.title), values) if send.title else rule.name
-    title = " ".join(title.split())[:TITLE_LONGEST] or rule.name
+    title = " ".join(title.split())[:MAX_TITLE_CHARACTERS] or rule.name
     body = templates.render(send.template, values).strip() or title
     return Notification(title=title, body=body, severity=notice.event.severity, time=time)

@@ -125,7 +125,7 @@ the process with its outputs on.
 
 ==========  ==========================================================================================================
 asking      ends the run
-unasked     ends the run, unless it is ignored or has a handler already: a timer, a limit, a slip of whoever sent it
+unasked     ends the run, unless it is ignored or has a handler already: a timer, a limit, a signal sent by mistake
 suspending  puts outputs at their safe values, and then stops the process until SIGCONT; as unasked otherwise
 harmless    nothing: Python ignores the first two, which then are errors of a write, and the system the others
 beyond us   kills or stops the process, or says that it has crashed, after which no code of ours can be relied on
@@ -212,7 +212,7 @@ def _suspending(make_safe: Callable[[], Iterable[str]], asked: Sequence[int]) ->
             _say([f"warning: {_name(number)}: not suspended: {trouble}\n" for trouble in troubles])
             return
         time.sleep(SETTLE_S)
-        if asked:  # meanwhile: whoever waits for the end would wait for ever
+        if asked:  # meanwhile: a suspended process would never end
             return
         signal.signal(number, signal.SIG_DFL)
         signal.raise_signal(number)  # returns after SIGCONT; at once where there is no shell that could send one

@@ -132,10 +132,10 @@ class EventLog:
         """Add a line about the run itself."""
         self._add(words, is_urgent=True)
 
-    def resumed(self, text: str) -> None:
+    def note_resumption(self, text: str) -> None:
         """Take in that the run goes on from an earlier one; see `stadimeter.app.loop.RecordingSink`."""
 
-    def reloaded(self, now_s: float, configuration: RecordedConfiguration) -> None:  # noqa: ARG002
+    def note_reload(self, now_s: float, configuration: RecordedConfiguration) -> None:  # noqa: ARG002
         """Take in that another configuration was loaded."""
         self.say("configuration reloaded")
 

@@ -29,7 +29,7 @@ CLOSE_WAIT_S = 1.0
 """Closing waits this long."""
 
 FIRST_WAIT_S = 0.5
-LONGEST_WAIT_S = 8.0
+MAX_WAIT_S = 8.0
 """Before a driver that failed is opened again: the first wait, doubled each time, up to the longest."""
 
 REST_S = 3.0
@@ -287,14 +287,14 @@ class LeasedOutput:
     def _retry_later(self, now_s: float) -> None:
         """Wait for longer each time. Only a driver that was in order for a good while begins with the first wait."""
         self._retry_at_s = now_s + self._wait_s
-        self._wait_s = min(2 * self._wait_s, LONGEST_WAIT_S)
+        self._wait_s = min(2 * self._wait_s, MAX_WAIT_S)
 
     def _is_stale(self, command: Command, now_s: float) -> bool:
         return command.captured_at_s is not None and not now_s - command.captured_at_s <= self._lease_s
 
     def _fail(self, error: DriverError) -> None:
         now_s = self._clock.now_s()
-        if now_s - self._in_order_since_s > LONGEST_WAIT_S:
+        if now_s - self._in_order_since_s > MAX_WAIT_S:
             self._wait_s = FIRST_WAIT_S
         self._in_order_since_s, self._rest_until_s = math.inf, None
         self._retry_later(now_s)

@@ -57,11 +57,11 @@ class Limits:
 class RecordingSink(Protocol):
     """A listener that records a run for replay, and so needs more than its cycles."""
 
-    def resumed(self, text: str) -> None:
+    def note_resumption(self, text: str) -> None:
         """Take in what the run restores from an earlier one, before the first cycle."""
         ...
 
-    def reloaded(self, now_s: float, configuration: RecordedConfiguration) -> None:
+    def note_reload(self, now_s: float, configuration: RecordedConfiguration) -> None:
         """Take in a configuration that was reloaded, before its first cycle."""
         ...
 
@@ -97,7 +97,7 @@ class Services:
         if resumption is None:
             return state
         for recording in recordings:
-            recording.resumed(resumption.text())
+            recording.note_resumption(resumption.text())
         return resumption.of(state)
 
     def reload(self) -> bool:
@@ -303,8 +303,8 @@ class Loop:
         self.notifying.take(plan.rules)
         now_s = parts.clock.now_s()
         for recording in self._recordings:
-            recording.reloaded(now_s, change.recorded)
-        self._publish(now_s, self.reporter.reloaded(plan.rules))
+            recording.note_reload(now_s, change.recorded)
+        self._publish(now_s, self.reporter.reload(plan.rules))
         self._retain_only(self.reporter.retained)
         if services.service is not None:
             services.service.reloaded()
@@ -336,8 +336,13 @@ class Loop:
         self._publish(now_s, outgoing.messages)
         for name, notification in outgoing.notifications:
             self.parts.notifiers[name].notify(notification)
-        if self.parts.messenger is not None and not self.parts.messenger.trouble():
-            self._publish(now_s, self.reporter.given_up(_wall_clock, self.deliveries.given_up()))
+        given_up = self.deliveries.given_up()
+        if (
+            self.parts.messenger is not None
+            and given_up != self.reporter.reported_losses
+            and not self.parts.messenger.trouble()
+        ):
+            self._publish(now_s, self.reporter.given_up(_wall_clock, given_up))
 
     def _publish(self, now_s: float, messages: Iterable[Message]) -> None:
         if self.parts.messenger is None:

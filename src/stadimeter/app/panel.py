@@ -79,7 +79,7 @@ class Presses:
         return self._newest_since_s - self._down_since_s
 
     def is_stuck(self) -> bool:
-        """Return whether it is held down for longer than anybody presses a button, or since the beginning."""
+        """Return whether it is held down for longer than a press lasts, or since the beginning."""
         return self.is_down and self._looked_at_s - self._down_since_s > STUCK_S
 
 

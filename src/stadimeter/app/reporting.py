@@ -1,4 +1,4 @@
-"""What other programs are told of a run: which messages, and how often.
+"""Messages for other programs: which ones a run publishes, and how often.
 
 ============================  ===  ======  ========================================================================
 topic, below the base         QoS  retain  when
@@ -60,7 +60,8 @@ class Reporter:
             message that came twice.
 
     Attributes:
-        retained: The topics on which the run publishes messages that a broker keeps for ever.
+        retained: The topics on which the run publishes messages that a broker retains without expiry.
+        reported_losses: How much was given up, by notifier, as it was last reported.
     """
 
     def __init__(self, boot_id: str) -> None:
@@ -70,7 +71,7 @@ class Reporter:
         self._rules: dict[str, _RuleReports] = {}
         self._rules_before: tuple[RuleTrace, ...] = ()
         self._held_back: set[str] = set()
-        self._given_up: Mapping[str, int] = {}
+        self.reported_losses: Mapping[str, int] = {}
 
     def messages(self, now_s: float, wall_clock: WallClock, decision: Decision) -> tuple[Message, ...]:
         """Return what is to be reported after each cycle: events, then rules, then targets.
@@ -110,7 +111,7 @@ class Reporter:
         self.retained = _retained_topics(rules)
         return tuple(_availability(rule.name, is_known=False) for rule in rules)
 
-    def reloaded(self, rules: Iterable[AnyRule]) -> tuple[Message, ...]:
+    def reload(self, rules: Iterable[AnyRule]) -> tuple[Message, ...]:
         """Go by other rules from now on; return what has the broker forget those that are no more."""
         before, self.retained = self.retained, _retained_topics(rules)
         gone = self._rules.keys() - {rule.name for rule in rules}
@@ -121,9 +122,7 @@ class Reporter:
 
     def given_up(self, wall_clock: WallClock, counts: Mapping[str, int]) -> tuple[Message, ...]:
         """Report, as events, what was given up since the last call, by notifier; the empty name is the messenger."""
-        before, self._given_up = self._given_up, counts
-        if before == counts:
-            return ()
+        before, self.reported_losses = self.reported_losses, counts
         return tuple(
             _given_up_message(name, count, self._boot_id, wall_clock())
             for name, count in counts.items()
@@ -137,7 +136,7 @@ class Reporter:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _TargetState:
-    """What is told of a target: only figures that may be acted on."""
+    """Published state of a target: only figures that may be acted on."""
 
     name: str
     status: str
@@ -168,7 +167,7 @@ class _TargetState:
 
 
 class _TargetReports:
-    """Decides when the state of one target is told."""
+    """Decides when the state of one target is published."""
 
     def __init__(self) -> None:
         self._told: _TargetState | None = None
@@ -211,7 +210,7 @@ class _TargetReports:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _RuleState:
-    """What is told of a rule."""
+    """Published state of a rule."""
 
     status: RuleStatus
     is_active: bool | None = None
@@ -223,12 +222,12 @@ class _RuleState:
 
     @property
     def is_latched(self) -> bool:
-        """Whether it stands only until somebody resets it."""
+        """Whether it lasts only until an operator resets it."""
         return self.status is RuleStatus.LATCHED
 
     @property
     def urgent(self) -> tuple[object, ...]:
-        """What is told at once when it changes; a target on the edge of sight may become unknown in every frame."""
+        """Published at once when it changes; a target at the edge of sight may become unknown in any frame."""
         return (
             self.is_active is True, self.is_data_lost, self.is_acknowledged, self.is_latched, self.is_first_out,
             self.gates, self.is_chattering,
@@ -236,7 +235,7 @@ class _RuleState:
 
 
 class _RuleReports:
-    """Decides when the state of one rule is told. The reason alone is not news: its figures change all the time."""
+    """Decides when the state of one rule is published: not when its reason alone changes, as its figures often do."""
 
     def __init__(self) -> None:
         self._newest = _RuleState(status=RuleStatus.UNKNOWN)

@@ -1,7 +1,7 @@
 """The list of what must be switched off when the program is gone, for ``safe-outputs``, which systemd runs then.
 
 A killed program leaves its pins as they were. So each run writes, before it opens an output, which pins and which ports
-its configuration has, and nobody keeps a second list. The file is in the runtime folder, which is in memory.
+its configuration has, so there is no second list. The file is in the runtime folder, which is in memory.
 ``safe-outputs`` runs as root, and this file is ours: it takes nothing from it but the lines below, checked again.
 
     pin NUMBER low|high          the GPIO's level at which what hangs on it is off

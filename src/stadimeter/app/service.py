@@ -1,6 +1,6 @@
 """The run as a service of systemd: tells it how things are, feeds its watchdog, and restarts when the camera is gone.
 
-systemd is told by datagrams, as ``sd_notify(3)`` describes them. A run is a service if systemd has set
+systemd takes datagrams, as ``sd_notify(3)`` describes them. A run is a service if systemd has set
 ``NOTIFY_SOCKET``; else none of this is loaded.
 
 The watchdog is fed by the loop at the end of a cycle and by nothing else: a loop that hangs, for whatever reason, is
@@ -32,11 +32,11 @@ from stadimeter.errors import CaptureTimeoutError
 
 PATIENCE_S = 300.0
 PATIENCE_IF_HUNG_S = 30.0
-LONGEST_PATIENCE_S = 3600.0
+MAX_PATIENCE_S = 3600.0
 """Without a new frame for this long, the process restarts: after the first of these, or the second if nothing but
 another process can use the camera; doubled with each start in a row, up to the longest."""
 
-LONGEST_PAUSE_S = 30.0
+MAX_PAUSE_S = 30.0
 """From the third start in a row on, a process waits before it opens anything: 1 s, doubled each time, up to this."""
 
 PROVEN_S = 300.0
@@ -76,20 +76,20 @@ class NotifySocket:
 
 def pause_s(failed: int) -> float:
     """Return how long to wait before devices are opened, after this many starts in a row without lasting pictures."""
-    return min(2.0 ** (failed - 2), LONGEST_PAUSE_S) if failed > 1 else 0.0
+    return min(2.0 ** (failed - 2), MAX_PAUSE_S) if failed > 1 else 0.0
 
 
 def patience_s(failed: int, *, is_hung: bool) -> float:
     """Return how long a process may go without a new frame, after this many starts in a row like it."""
     first_s = PATIENCE_IF_HUNG_S if is_hung else PATIENCE_S
-    return min(first_s * 2.0 ** min(failed, 30), LONGEST_PATIENCE_S)
+    return min(first_s * 2.0 ** min(failed, 30), MAX_PATIENCE_S)
 
 
 class FailedStarts:
     """Counts the starts in a row that did not bring lasting pictures, in a file that outlives the process.
 
     The file is in the runtime folder, which is in memory: no disk is written, and a reboot begins anew. So does a
-    configuration that was edited, as whoever mends it shall not have to wait.
+    configuration that was edited: a repair takes effect without a wait.
     """
 
     def __init__(self, folder: Path, configuration: Path) -> None:

@@ -147,17 +147,17 @@ def _open_journal(run: ReplayRun, journal: Path | None) -> Iterator[Iterator[Rep
     with ExitStack() as closing:
         writer = JournalWriter(journal, run.to_be_recorded, source.header.began_at)
         closing.callback(writer.close)
-        writer.resumed(source.header.resumed)
+        writer.note_resumption(source.header.resumed)
         yield _writing(run, writer)
-        if writer.kept():
-            typer.echo(writer.kept(), err=True)
+        if writer.older_file():
+            typer.echo(writer.older_file(), err=True)
 
 
 def _writing(run: ReplayRun, writer: JournalWriter) -> Iterator[Replayed]:
     for replayed in run:
         cycle, observation, _ = replayed
         if run.is_recorded and cycle.reloaded is not None:
-            writer.reloaded(observation.now_s, cycle.reloaded)
+            writer.note_reload(observation.now_s, cycle.reloaded)
         writer.write(journal_record(replayed))
         yield replayed
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from stadimeter.app.control.places import runtime_folder, socket_path, usable_folder
 from stadimeter.app.control.socket_server import ControlSocket
 from stadimeter.app.live.subscriptions import Subscriptions
-from stadimeter.app.live.watching import introduction, live_feed, operated
+from stadimeter.app.live.watching import attend_to_requests, introduction, live_feed
 from stadimeter.app.page_process import PageProcess, page_command
 from stadimeter.app.persistence.alarm_store import AlarmStore
 from stadimeter.app.persistence.resumption import clock_name, moment
@@ -54,7 +54,7 @@ def open_control_socket(loop: Loop, socket: Path | None, web: WebTable | None, c
             raise
         loop.services.tell(f"warning: {error}; this run takes no operator commands")
     else:
-        closing.enter_context(operated(loop, listener))
+        closing.enter_context(attend_to_requests(loop, listener))
         if (web := web or configuration.web) is not None and HAS_PAGE not in os.environ:
             closing.enter_context(_page(loop, path, web))
 

@@ -88,8 +88,8 @@ class _RecordingTroubles:
                 self._say(f"warning: recording: {count} pictures were left out, since the disk did not keep up")
 
     def _say_kept(self, recorder: Recorder) -> None:
-        if recorder.kept():
-            self._say(recorder.kept())
+        if recorder.older_file():
+            self._say(recorder.older_file())
 
     def _say(self, words: str) -> None:
         if words not in self._said:

@@ -142,14 +142,14 @@ class RecordingOnRequest:
         elif self._ready is not None:
             self._join(self._ready, record.observation.now_s)
 
-    def resumed(self, text: str) -> None:
+    def note_resumption(self, text: str) -> None:
         """Take in what the run restores from an earlier one: nothing records as early as that."""
 
-    def reloaded(self, now_s: float, configuration: RecordedConfiguration) -> None:
+    def note_reload(self, now_s: float, configuration: RecordedConfiguration) -> None:
         """Take in that another configuration was loaded."""
         self._reloaded = configuration
         if self._begun is not None:
-            self._begun.recorder.reloaded(now_s, configuration)
+            self._begun.recorder.note_reload(now_s, configuration)
 
     def trouble(self) -> str:
         """Return why the last recording ended too early, or what is wrong with this one; empty if nothing is."""
@@ -214,7 +214,7 @@ class RecordingOnRequest:
         state = self._state()
         if state is None:
             return
-        ready.recorder.continued(lambda: continuation_text(state))
+        ready.recorder.note_continuation(lambda: continuation_text(state))
         if self._reloaded is not None:
             ready.writer.begin_with(self._reloaded)
         ready.began_unix_s = time.time()

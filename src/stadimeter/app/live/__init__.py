@@ -1,1 +1,1 @@
-"""What a run shows to whoever watches it: one snapshot for the terminal and for the page."""
+"""Live views of a run: one snapshot for the terminal and the page."""

@@ -49,7 +49,7 @@ class Board:
     """Looks at the board now and then.
 
     Attributes:
-        folder: Where the run writes; the room there is told.
+        folder: Where the run writes; its free space is reported.
         root: The root of the file system, for tests.
     """
 

@@ -64,7 +64,7 @@ class Pictures:
         return _jpeg(drawn(image, record, frame.width_px) if kind == "drawn" else image, quality)
 
     def forget(self) -> None:
-        """Keep nothing: nobody watches."""
+        """Free the pictures when there is no viewer."""
         self._of, self._made = None, {}
 
 

@@ -222,7 +222,7 @@ def _outputs(snapshot: RunSnapshot) -> Iterator[dict[str, Any]]:
 
 
 def _value(asked: Command, applied: Command | None) -> dict[str, Any]:
-    """Return what an output really does; null if nobody knows, for it is out of order."""
+    """Return what an output really does; null if unknown, since it is out of order."""
     is_level = isinstance(asked, LevelCommand)
     return {
         "kind": "level" if is_level else "motion",

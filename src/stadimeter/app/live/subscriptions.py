@@ -1,6 +1,6 @@
 """Snapshots of a run for those who watch it from another process.
 
-While somebody watches, a thread looks whether the loop has left a new frame, ten times a second at most. It makes what
+While there are viewers, a thread looks whether the loop has left a new frame, ten times a second at most. It makes what
 is the same for all, such as the JPEG, and wakes those who watch; the thread of each adds the rest and sends it. Whoever
 is still busy with the last one is passed over. So a slow reader gets fewer snapshots and every event, and neither holds
 up the run nor keeps anything in memory.
@@ -36,13 +36,13 @@ EARLY_S = 0.015
 """A frame that comes this much before it is time counts as in time: frames never come evenly."""
 
 AFTER_S = 0.0015
-"""A frame is looked for this long after it is expected: then nobody takes the interpreter from the loop."""
+"""A frame is looked for this long after it is expected, so as not to take the interpreter from the loop."""
 
 LOOK_EVERY_S = 0.003
 """From then on it is looked for this often."""
 
 WITHOUT_FRAME_S = 0.3
-"""Without a new frame a snapshot is told after this long: time passes, and the picture grows old."""
+"""Without a new frame a snapshot is sent after this long: the age of the picture grows."""
 
 SUBSCRIPTIONS_MAX = 16
 
@@ -100,7 +100,7 @@ class Subscriptions:
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def subscribe(self, args: SubscribeArgs, wake: Wake) -> Callable[[], None]:
-        """Begin to tell somebody about the run; the returned function ends it.
+        """Add a viewer; the returned function removes it.
 
         Raises:
             ControlError: So many watch already that a further one would cost the run too much.
@@ -149,7 +149,7 @@ class Subscriptions:
                     return
                 self._number += 1
             due = [each for each in self._all if each.is_due(self._told_s)]
-            with suppress(BaseException):  # whoever asks gets the same defect as an answer, and this thread goes on
+            with suppress(BaseException):  # each viewer gets the same defect as an answer, and this thread goes on
                 self._prepare(due)
             for each in due:
                 each.is_woken, each.woken_s = True, self._told_s
@@ -180,7 +180,7 @@ class Subscriptions:
         return last_s + math.ceil(max(0.0, due_s - last_s) * rate_hz) / rate_hz + AFTER_S
 
     def _message(self, to: _Subscription) -> Reply:
-        """Return the newest snapshot as it is told to one who watches."""
+        """Return the newest snapshot for one viewer."""
         to.is_woken = False
         with self._lock:
             moment = self._newest()

@@ -43,7 +43,7 @@ _NOT_FOR_WATCHERS = ("pid", "recordings", "configuration_age_s")
 
 
 def introduction(loop: Loop) -> dict[str, object]:
-    """Return what a run says of itself to whoever connects."""
+    """Return the facts about a run that each client gets when it connects."""
     configuration = loop.parts.configuration
     return {
         "configuration": str(configuration.path.resolve()),
@@ -90,8 +90,8 @@ def _surroundings(loop: Loop) -> Surroundings:
 
 
 @contextmanager
-def operated(loop: Loop, requests: Requests) -> Iterator[None]:
-    """Let a run that has not begun attend to requests while in the context."""
+def attend_to_requests(loop: Loop, requests: Requests) -> Iterator[None]:
+    """Connect the requests of operators to a run that has not begun, while in the context."""
     services, configuration = loop.services, loop.parts.configuration
     history = live_feed(loop).history
     alarms = AlarmList(lambda: tuple(history.events), events_json)

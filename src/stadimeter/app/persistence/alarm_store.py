@@ -1,4 +1,4 @@
-"""What alarms remember, what nobody got yet, and who stopped the outputs, in a file that survives a power cut: SQLite.
+"""Alarm states, undelivered messages and the stop of the outputs, in a file that survives a power cut: SQLite.
 
 The file is written with a write-ahead log: each change is one append and one flush, and after a power cut it holds what
 was before the change or what was after it. The append outlives the program at once; the flush, which outlives a power
@@ -7,7 +7,7 @@ would flush three times and rewrite pages in place, which wears out a memory car
 runs on one file would take turns in forgetting what the other remembers.
 
 Bytes that a failing card has flipped are noticed by SQLite's own check and by a checksum over everything that is
-remembered. What is damaged, or of a later version, is put aside under another name, for whoever wants to look at it.
+remembered. What is damaged, or of a later version, is put aside under another name, for inspection.
 
 The bytes of a file may come from anywhere, and the libraries that read them raise whatever they like: an error of
 SQLite, text that is not UTF-8, a value of another type, no memory. So whatever is raised while reading means the same,
@@ -37,7 +37,7 @@ from stadimeter.errors import StateError
 FORMAT = 3
 
 LOG_PAGES_MAX = 64
-"""After so many pages of 4 KiB the log is taken over into the file; it needs little room, and that is seldom."""
+"""Pages of 4 KiB after which SQLite moves the log into the file."""
 
 VALUE_BYTES_MAX = 2 * 2**20
 """No value in the file is longer."""

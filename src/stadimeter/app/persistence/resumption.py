@@ -90,7 +90,7 @@ class Memory:
     Attributes:
         absent: Which targets were out of sight.
         undelivered: What was not delivered, oldest first.
-        stopped: Who had stopped every output, and why, in words; empty if nobody had.
+        stopped: Who had stopped every output, and why, in words; empty if they were not stopped.
     """
 
     moment: ClockReading
@@ -110,7 +110,7 @@ class Resumption:
         from_s: As of when the alarms remembered it, on the new run's clock.
         now_s: The beginning of the new run, on its clock.
         absent: Which targets were out of sight.
-        stopped: Who had stopped every output, and why, in words; empty if nobody had.
+        stopped: Who had stopped every output, and why, in words; empty if they were not stopped.
     """
 
     alarms: tuple[AlarmSnapshot, ...]

@@ -5,7 +5,7 @@ timer that begins, is written every ten seconds at most: what is lost with it is
 passed. In a quiet hour nothing is written at all.
 
 An alarm's message goes to the broker and into the file at the same time, in one transaction with the alarm itself,
-since the alarm will not be raised anew. Everything else that nobody has acknowledged after half a second is written,
+since the alarm will not be raised anew. Everything else that is not acknowledged after half a second is written,
 too, and so outlives a power cut. It goes out of the file with whatever is written next, after ten seconds at most: a
 power cut in between sends it twice, with one id.
 """
@@ -31,7 +31,7 @@ RETRY_S = 60.0
 """What could not be written is tried again after this long."""
 
 LOOK_EVERY_S = 0.5
-"""It is looked this often for what nobody has acknowledged."""
+"""Period of the check for messages that are not acknowledged."""
 
 ALARM_WAIT_S = 0.01
 """So long the loop waits at most until an alarm is in the file. A program that is killed after that has kept it.
@@ -41,7 +41,7 @@ outputs have their commands by then, and a disk that hangs costs a third of a cy
 """
 
 UNDELIVERED_MAX = 1000
-"""Of what nobody got, the newest are kept, and no more than this."""
+"""Upper limit of stored undelivered messages; the newest are kept."""
 
 END_WAIT_S = 1.0
 """At the end of a run the disk is waited for this long; it has had the time of closing everything before."""
@@ -56,7 +56,7 @@ class StateWriter:
     Attributes:
         writes: How often the file was written.
         warning: What was wrong with the file at the beginning, and what became of it; empty for nothing.
-        kept: What the file holds of what nobody got.
+        kept: The undelivered messages in the file.
     """
 
     def __init__(self, store: AlarmStore, moment_of: ReadClocks, deliveries: Deliveries | None = None) -> None:
@@ -100,7 +100,7 @@ class StateWriter:
         return resumption_at(self._moment_of(now_s), memory) if memory else None
 
     def cycle(self, before: State, after: State, events: Iterable[Event] = ()) -> None:
-        """Take in a cycle, after its messages are on their way and before anybody sees it.
+        """Take in a cycle, after its messages were sent and before its listeners.
 
         Never waits for the disk, but a moment if there is an alarm that others have not got yet.
         """
@@ -200,7 +200,7 @@ class StateWriter:
         return self._deliveries.undelivered()[-UNDELIVERED_MAX:] if self._deliveries is not None else ()
 
     def _owes_deliveries(self) -> bool:
-        """Whether what nobody got is to be written: at once if it grew; if it shrank only, when that has time."""
+        """Whether undelivered messages are to be written: new ones at once, a shorter list after a while."""
         undelivered = self._undelivered()
         if undelivered == self.kept:
             return False

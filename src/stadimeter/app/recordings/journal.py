@@ -97,19 +97,19 @@ class JournalWriter:
         """Add one cycle; `JournalError` if its line could not be written whole. Earlier ones are intact."""
         self._append(self._encoder.encode(record))
 
-    def resumed(self, text: str) -> None:
+    def note_resumption(self, text: str) -> None:
         """Take in what the run restores from an earlier one. Only before the first cycle."""
         self._header = replace(self._header, resumed=text)
 
-    def reloaded(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
+    def note_reload(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
         """Add that another configuration was loaded, before the first cycle that it decides."""
         if isinstance(configuration, str):
             configuration = RecordedConfiguration(text=configuration)
         self._append(reload_json(now_s, configuration))
 
-    def kept(self) -> str:
+    def older_file(self) -> str:
         """Return in words where an older journal of that name is now; empty if there was none."""
-        return self._file.kept()
+        return self._file.older_file()
 
     def close(self) -> None:
         """Close the file. May be called any number of times."""

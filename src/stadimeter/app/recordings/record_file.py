@@ -90,7 +90,7 @@ class RecordFile:
         self._file.close()
 
     def _is_still_empty(self) -> bool:
-        """Return whether the name still stands for our file, and nobody wrote into it."""
+        """Return whether the name still stands for our file, and is still empty."""
         ours = os.fstat(self._file.fileno())
         try:
             found = os.lstat(self._path)
@@ -98,7 +98,7 @@ class RecordFile:
             return False
         return os.path.samestat(ours, found) and found.st_size == 0
 
-    def kept(self) -> str:
+    def older_file(self) -> str:
         """Return in words where an older file is now; empty if there was none."""
         return f"{self._path} held an older {self._kind}, which is now {self.kept_as}" if self.kept_as else ""
 

@@ -44,15 +44,15 @@ class Writer(Protocol):
         """Add one cycle."""
         ...
 
-    def resumed(self, text: str) -> None:
+    def note_resumption(self, text: str) -> None:
         """Take in what the run restores from an earlier one, before the first cycle."""
         ...
 
-    def reloaded(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
+    def note_reload(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
         """Add that another configuration was loaded."""
         ...
 
-    def kept(self) -> str:
+    def older_file(self) -> str:
         """Return in words where an older file of that name is now; empty if there was none."""
         ...
 
@@ -114,21 +114,21 @@ class Recorder:
             frame = None
         self._put((record, frame))
 
-    def resumed(self, text: str) -> None:
+    def note_resumption(self, text: str) -> None:
         """Take in what the run restores from an earlier one. Only before the first cycle."""
-        self._writer.resumed(text)
+        self._writer.note_resumption(text)
 
-    def continued(self, text: Callable[[], str]) -> None:
+    def note_continuation(self, text: Callable[[], str]) -> None:
         """Take in the state of a run in mid-course, before the first cycle. Its text is made in the disk's thread."""
         self._put(_Continued(text))
 
-    def reloaded(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
+    def note_reload(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
         """Take in that another configuration was loaded, before the first cycle that it decides."""
         self._put(_Reload(now_s, configuration))
 
-    def kept(self) -> str:
+    def older_file(self) -> str:
         """Return in words where an older file of that name is now; empty if there was none."""
-        return self._writer.kept()
+        return self._writer.older_file()
 
     def trouble(self) -> str:
         """Return in words what is wrong; empty if nothing is. The words stay the same while that lasts."""
@@ -192,8 +192,8 @@ class Recorder:
 
     def _write(self, item: _Item) -> None:
         if isinstance(item, _Reload):
-            self._writer.reloaded(item.now_s, item.configuration)
+            self._writer.note_reload(item.now_s, item.configuration)
         elif isinstance(item, _Continued):
-            self._writer.resumed(item.text())
+            self._writer.note_resumption(item.text())
         else:
             self._writer.write(*item)

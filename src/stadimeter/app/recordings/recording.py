@@ -63,7 +63,7 @@ class ImageOptions:
     Attributes:
         images: ``all``; ``events``, in which something happened: an event, or another status of a rule or a target;
             or ``none``.
-        rate_hz: At most so many in a second of the run; None for no limit.
+        rate_hz: Upper limit of pictures a second of the run; None for no limit.
         quality_percent: The quality of their JPEGs, 1 to 100.
     """
 
@@ -129,7 +129,7 @@ class RecordingWriter:
             writer.flush()
             self._flushed_s = now_s
 
-    def resumed(self, text: str) -> None:
+    def note_resumption(self, text: str) -> None:
         """Take in what the run restores from an earlier one. Only before the first cycle."""
         self._resumed = text
 
@@ -137,7 +137,7 @@ class RecordingWriter:
         """Take in that another configuration was loaded before there was anything to record."""
         self._recorded = replace(self._recorded, configuration=configuration)
 
-    def reloaded(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
+    def note_reload(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
         """Add that another configuration was loaded, before the first cycle that it decides."""
         if isinstance(configuration, str):
             configuration = RecordedConfiguration(text=configuration)
@@ -149,9 +149,9 @@ class RecordingWriter:
         """How large the file is. May be asked from any thread."""
         return self._file.tell()
 
-    def kept(self) -> str:
+    def older_file(self) -> str:
         """Return in words where an older recording of that name is now; empty if there was none."""
-        return self._file.kept()
+        return self._file.older_file()
 
     def close(self) -> None:
         """Finish the file, so that it can be searched by time, and close it. May be called any number of times."""
