@@ -16,8 +16,7 @@ from stadimeter.core.detection import DetectionStatus, Prediction
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import MeasurementStatus
 from stadimeter.core.track import Track, TrackStatus
-from stadimeter.detectors.sheet import SheetDetector, SheetOptions
-from stadimeter.detectors.sheet.tracked import follow
+from stadimeter.detectors.sheet import SheetDetector, SheetOptions, follow
 from stadimeter.perception.perceiver import Perceiver
 from support.scenes.draw import CAMERA, empty_scene, sheet_scene
 from support.scenes.nuisances import BARREL, SHEET_NUISANCES

@@ -168,15 +168,6 @@ def quad_area(corners: Sequence[Sequence[float]]) -> float:
     return abs((cx - ax) * (dy - by) - (cy - ay) * (dx - bx)) / 2
 
 
-def polygon_area(corners: Points) -> float:
-    """Return the area of a polygon, shape ``(n, 2)``, in the square of its unit by the shoelace formula."""
-    points = corners.tolist()
-    doubled = 0.0
-    for (ax, ay), (bx, by) in zip(points, (*points[1:], points[0]), strict=True):
-        doubled += ax * by - ay * bx
-    return 0.5 * abs(doubled)
-
-
 def side_lengths(corners: Points) -> tuple[float, float, float, float]:
     """Return the lengths of the sides; side i leads from corner i to corner i + 1."""
     a, b, c, d = corners.tolist()

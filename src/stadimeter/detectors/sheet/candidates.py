@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points, RejectedCandidate
-from stadimeter.detectors.sides import longest_sides_px, polygon_area, side_lengths
+from stadimeter.detectors.sides import longest_sides_px, quad_area, side_lengths
 from stadimeter.ranging.flat import SheetShape
 from stadimeter.ranging.plane_pose import rectangle_fit
 
@@ -55,7 +55,7 @@ class SheetCandidate:
     @property
     def score(self) -> float:
         """The larger and the more like the sheet, the better; of what is beyond doubt, the larger."""
-        return min(self.evidence, SURE_EVIDENCE) + math.log(max(polygon_area(self.corners_px), 1e-9))
+        return min(self.evidence, SURE_EVIDENCE) + math.log(max(quad_area(self.corners_px.tolist()), 1e-9))
 
     @property
     def longest_px(self) -> float:

@@ -112,13 +112,7 @@ class OutlineSides:
         inside = median(codes)
         uneven = median(np.abs(codes - inside).max(axis=1))
         return QuadEdges(
-            corners_px=self.corners_px[None],
-            contrast=self.contrast[None],
-            colour_contrast=self.colour_contrast[None],
-            support=self.support[None],
-            scatter_px=self.scatter_px[None],
-            steps=self.steps[None],
-            edge_px=self.edge_px[None],
+            **{name: getattr(self, name)[None] for name in QuadEdges.__slots__ if name in self.__slots__},
             inside=inside[None, :, :, 0].astype(np.float64),
             unevenness=uneven[None, :, 0].astype(np.float64),
         )

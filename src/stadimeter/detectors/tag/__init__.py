@@ -32,7 +32,7 @@ from stadimeter.detectors.sides import diagonals_meet, grown, side_lengths, widt
 from stadimeter.detectors.tag.codes import SMALL_TAG_FAMILIES, SeenTag, TagFamilyName, tag_family
 from stadimeter.detectors.tag.frame import BentSides
 from stadimeter.detectors.tag.outlines import MAX_OUTLINES
-from stadimeter.detectors.tag.search import ApriltagFinder, LookResult, SmallTagFinder, TagSearch, candidate
+from stadimeter.detectors.tag.search import ApriltagFinder, LookResult, TagSearch, candidate
 from stadimeter.detectors.tag.sides import TagSides, edge_points, measure_sides
 from stadimeter.errors import DriverUnavailableError
 from stadimeter.ranging.flat import TagShape
@@ -132,12 +132,7 @@ class TagOptions(DriverOptions):
 class TagDetector:
     """Finds one tag; with `small_tags` also one that is too small for the rest."""
 
-    def __init__(
-        self,
-        name: str,
-        options: TagOptions,
-        small_tags: SmallTagFinder | None = None,
-    ) -> None:
+    def __init__(self, name: str, options: TagOptions, small_tags: ApriltagFinder | None = None) -> None:
         self._name = name
         self._size = TagShape(side_m=options.side, relative_sigma=(options.tolerance or 0.0) / options.side)
         self._number = options.id
@@ -213,7 +208,8 @@ class TagDetector:
                 if answer.status is not DetectionStatus.NOT_FOUND:
                     return self._explained(answer, seen, refused)
                 refused.append(candidate(tag.corners_px + seen.left_top_px, answer.reason))
-        answer = answer or self._not_found(self._missing(seen))
+        if answer is None:
+            answer = Detection(target=self._name, status=DetectionStatus.NOT_FOUND, reason=self._missing(seen))
         return answer if seen is None else self._explained(answer, seen, refused)
 
     def _explained(self, answer: Detection, seen: LookResult, refused: Sequence[RejectedCandidate] = ()) -> Detection:
@@ -253,12 +249,11 @@ class TagDetector:
         # Sides are measured in the coordinates of the part that was searched.
         corners = (tag.corners_px if sides is None else sides.corners_px) + seen.left_top_px
         if touches_border(corners, frame.width_px, frame.height_px, BORDER_PX):
-            return self._unmeasured(tag, DetectionStatus.TRUNCATED, "is cut off by the border", corners)
-        if sides is None:
-            return self._unmeasured(tag, DetectionStatus.NOT_FOUND, "has no straight sides")
-        trouble = self._trouble(sides)
-        if trouble:
-            return self._unmeasured(tag, DetectionStatus.NOT_FOUND, trouble)
+            cut_off = self._unmeasured(tag, "is cut off by the border", DetectionStatus.TRUNCATED)
+            return replace(cut_off, outline_px=corners)
+        trouble = "has no straight sides" if sides is None else self._trouble(sides)
+        if sides is None or trouble:
+            return self._unmeasured(tag, trouble)
         if lens and lens.edge_bias_px:
             corners = _without_bias(corners, sides, lens.edge_bias_px)
         compressed = (frame.chroma_pitch_px if lens is None else lens.chroma_pitch_px) != (1, 1)
@@ -303,14 +298,8 @@ class TagDetector:
             return ""
         return f"tag {tag.number}, one of {len(tags)} of {self._family.name} in view; name one with id"
 
-    def _unmeasured(self, tag: SeenTag, status: DetectionStatus, why: str, corners: Points | None = None) -> Detection:
-        reason = f"tag {tag.number}, {tag.side_px:.0f} px, {why}"
-        if corners is None:
-            return self._not_found(reason)
-        return Detection(target=self._name, status=status, reason=reason, outline_px=corners)
-
-    def _not_found(self, reason: str) -> Detection:
-        return Detection(target=self._name, status=DetectionStatus.NOT_FOUND, reason=reason)
+    def _unmeasured(self, tag: SeenTag, why: str, status: DetectionStatus = DetectionStatus.NOT_FOUND) -> Detection:
+        return Detection(target=self._name, status=status, reason=f"tag {tag.number}, {tag.side_px:.0f} px, {why}")
 
 
 def _is_at(rejected: RejectedCandidate, found: Detection) -> bool:
@@ -344,7 +333,7 @@ def _size_sigma_px(sides: TagSides, cell_px: float, *, compressed: bool) -> floa
     return math.hypot(of_steps, SIGMA_FLOOR_PX, of_crowding, SIGMA_COMPRESSED_PX * compressed, of_bends)
 
 
-def _small_tags(options: TagOptions, name: str) -> SmallTagFinder | None:
+def _small_tags(options: TagOptions, name: str) -> ApriltagFinder | None:
     """Load the library for small tags, if it is asked for; it takes long and is not always installed."""
     if options.finder == "opencv":
         return None

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,14 +96,6 @@ def candidate(corners_px: Points, reason: str) -> RejectedCandidate:
     return RejectedCandidate(centre_px=(x, y), size_px=size_px, reason=reason, corners_px=corners)
 
 
-class SmallTagFinder(Protocol):
-    """Something that finds tags which are too small for the rest."""
-
-    def find(self, grey: Plane) -> list[SeenTag]:
-        """Return the tags in a picture of shape ``(height, width)``."""
-        ...
-
-
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class LookResult:
     """Tags and outlines seen in one look at a picture or a part of it."""
@@ -132,7 +123,7 @@ class TagSearch:
     light: Light
     min_side_px: float  # tags whose longest side is smaller than this are not looked for
     inverted: bool = False
-    small_tags: SmallTagFinder | None = None  # finds what is too small for the rest; None to do without
+    small_tags: ApriltagFinder | None = None  # finds what is too small for the rest; None to do without
 
     def around(self, image: Image, prediction: Prediction) -> LookResult | None:
         """Look where a tag is expected, for whole ones only; None if the place is not in the picture."""
