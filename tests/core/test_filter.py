@@ -92,7 +92,7 @@ def test_who_takes_noise_that_lasts_for_noise_that_does_not_is_too_sure():
 @given(distances, distances, noises, noises, st.floats(0, 1))
 def test_of_two_states_that_differ_the_mixture_is_less_sure_than_their_mean(first, second, sigma, other_sigma, share):
     one, other = kalman.start(first, sigma), kalman.start(second, other_sigma)
-    mixture = kalman.mixed(one, other, share)
+    mixture = kalman.mix(one, other, share)
     low, high = min(first, second), max(first, second)
     assert low - 1e-9 <= mixture.distance_m <= high + 1e-9
     mean = share * one.var_distance_m2 + (1 - share) * other.var_distance_m2

@@ -147,7 +147,7 @@ def test_a_steady_speed_is_on_the_line_whatever_the_steps(distance_m, speed_mps,
             elevation_rad=0.0,
         )
 
-    line = noise_level.line_of(
+    line = noise_level.compare_with_line(
         NoiseEstimate(), (sighting(0.0), sighting(first_s)), sighting(first_s + second_s), SETTINGS
     )
     assert line.off_m == pytest.approx(0.0, abs=1e-6 * (1 + second_s / first_s))

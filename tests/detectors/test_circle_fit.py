@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.detectors.ball.circles import Edges, find_circle, most_common_circle
+from stadimeter.detectors.ball.circles import Edges, find_circle, find_common_circle
 
 pytestmark = pytest.mark.vision
 
@@ -34,7 +34,7 @@ def test_the_circle_that_most_points_lie_on_is_found(
     rng = np.random.default_rng(seed)
     points = _arc(x, y, radius, 0.3, 0.3 + share * 2 * math.pi, count=60) + rng.normal(0, 0.05, (60, 2))
     others = rng.uniform((x - radius, y - radius), (x + radius, y + radius), (20, 2))
-    found = most_common_circle(np.concatenate([points, others]))
+    found = find_common_circle(np.concatenate([points, others]))
     assert found is not None
     on_it = np.abs(np.hypot(points[:, 0] - found.x_px, points[:, 1] - found.y_px) - found.radius_px) < 1.0
     assert on_it.mean() > 0.7
@@ -63,7 +63,7 @@ def test_too_little_is_no_circle(points: np.ndarray) -> None:
 def test_points_on_a_line_are_no_circle() -> None:
     line = np.column_stack([np.arange(50.0), np.full(50, 7.0)])
     assert find_circle(_rows(line), line, 100.0, (1.5, 0.05)) is None
-    assert most_common_circle(line) is None
+    assert find_common_circle(line) is None
 
 
 def test_circles_are_fitted_without_loading_random_generators() -> None:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.ball import BallOptions
-from stadimeter.detectors.ball.colour_ranges import joined, ranges_at, smoothed, widened
+from stadimeter.detectors.ball.colour_ranges import join_ranges, ranges_at, smooth, widen
 from stadimeter.detectors.hsv import HsvRange
 from stadimeter.detectors.protocol import ColourSample
 from support.scenes.hard_balls import hard_ball
@@ -91,18 +91,18 @@ def _has(colour: HsvRange, hue: int) -> bool:
 def test_a_joined_range_covers_what_each_of_them_covers(one: HsvRange, apart: int, hue: int) -> None:
     low, high = ((each + apart) % 180 for each in (one.lower[0], one.upper[0]))
     other = HsvRange((low, 40, 50), (high, 200, 255))
-    both = joined([one, other])
+    both = join_ranges([one, other])
     assert _has(both, hue) or not (_has(one, hue) or _has(other, hue))
     assert both.lower[1:] == (min(one.lower[1], 40), min(one.lower[2], 50))
 
 
 @given(colour=ranges, hue=hues)
 def test_a_widened_range_covers_what_it_covered(colour: HsvRange, hue: int) -> None:
-    assert _has(widened(colour, 6), hue) or not _has(colour, hue)
+    assert _has(widen(colour, 6), hue) or not _has(colour, hue)
 
 
 @given(x=st.floats(0, 63.9), y=st.floats(0, 47.9), seed=st.integers(0, 20))
 def test_a_place_anywhere_gives_ranges_that_can_be_written(x: float, y: float, seed: int) -> None:
     image = np.random.default_rng(seed).integers(0, 256, (48, 64, 3), dtype=np.uint8)
-    for colour in ranges_at(smoothed(image), (x, y)):
+    for colour in ranges_at(smooth(image), (x, y)):
         assert BallOptions.model_validate({"diameter": "1 m", "hsv": str(colour)})

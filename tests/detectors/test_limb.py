@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from stadimeter.core.frame import Image
 from stadimeter.detectors.ball.circles import ImageCircle
-from stadimeter.detectors.ball.colours import ball_colours, likely_drop, plausible
+from stadimeter.detectors.ball.colours import find_plausible, learn_colours, likely_drop
 from stadimeter.detectors.ball.limb import Limb, find_limb
 from support.scenes import draw
 from support.scenes.backdrop import PlainBackdrop
@@ -70,11 +70,11 @@ def test_stripes_speckles_and_the_shadow_are_not_the_limb(kind: dict[str, float]
 
 def test_colours_of_stripes_are_the_balls_and_those_of_the_floor_are_not() -> None:
     image = _picture(stripe=True, shadow=True)
-    colours = ball_colours(image, ImageCircle(x_px=320.0, y_px=240.0, radius_px=RADIUS_PX))
+    colours = learn_colours(image, ImageCircle(x_px=320.0, y_px=240.0, radius_px=RADIUS_PX))
     assert colours is not None
     # From the middle of the ball to the left and to the right: the limb is 40 pixels away.
     for row in (image[240, 319:250:-1], image[240, 320:390]):
-        there = plausible(row[None], colours.odds)[0]
+        there = find_plausible(row[None], colours.odds)[0]
         assert there[39:41].any()
         assert not there[:34].any()
         assert not there[46:].any()
@@ -82,13 +82,13 @@ def test_colours_of_stripes_are_the_balls_and_those_of_the_floor_are_not() -> No
 
 def test_where_ball_and_floor_look_alike_every_place_is_plausible() -> None:
     image = np.full((100, 100, 3), 90, np.uint8)
-    colours = ball_colours(image, ImageCircle(x_px=50.0, y_px=50.0, radius_px=20.0))
+    colours = learn_colours(image, ImageCircle(x_px=50.0, y_px=50.0, radius_px=20.0))
     assert colours is not None
-    assert plausible(image[50:51], colours.odds).all()
+    assert find_plausible(image[50:51], colours.odds).all()
 
 
 def test_a_circle_outside_the_picture_has_no_colours() -> None:
-    assert ball_colours(np.zeros((50, 50, 3), np.uint8), ImageCircle(x_px=900.0, y_px=-900.0, radius_px=20.0)) is None
+    assert learn_colours(np.zeros((50, 50, 3), np.uint8), ImageCircle(x_px=900.0, y_px=-900.0, radius_px=20.0)) is None
 
 
 @settings(max_examples=20, deadline=None)
@@ -139,7 +139,7 @@ def test_the_edge_of_a_shadow_is_no_step_from_the_balls_colours_to_others() -> N
     image[60:] = image[60:] // 2
     cv2.circle(image, (50, 45), 25, (40, 90, 220), -1)
     image[20:71, 25:45] = np.where(image[20:71, 25:45, 2:] > 150, image[20:71, 25:45] // 2, image[20:71, 25:45])
-    colours = ball_colours(image, ImageCircle(x_px=50.0, y_px=45.0, radius_px=25.0))
+    colours = learn_colours(image, ImageCircle(x_px=50.0, y_px=45.0, radius_px=25.0))
     assert colours is not None
     along_ball = likely_drop(image[45:46, ::-1][:, 25:90], colours)[0]
     # From right to left across the ball: its own shade begins after 30 pixels, and it ends after 50.

@@ -94,7 +94,7 @@ class Perceiver:
             shape = detector.target_shape
             expected = self.expectations.of(tracks.get(name), shape, lens, at_s) if tracks else None
             if expected is not None:
-                expected = with_outline(expected, self._sightings.get(name), shape, lens)
+                expected = add_outline(expected, self._sightings.get(name), shape, lens)
             found = detector.detect(frame, expected, lens=lens)
             measured = measure(found, shape, lens, at_s)
             if shape.has_corners and measured.depth_m is not None:
@@ -122,7 +122,7 @@ class LastOutline(NamedTuple):
     depth_m: float
 
 
-def with_outline(
+def add_outline(
     expected: Prediction, sighting: LastOutline | None, shape: TargetShape, camera: CameraModel
 ) -> Prediction:
     """Return a prediction with the corners that were last seen, moved and scaled to where and how large it is."""
@@ -211,7 +211,7 @@ def predict(
         at_s: When the picture was taken, on the run's monotonic clock.
         motion: How its direction changes, with this track taken in; None for not known.
     """
-    known = _known(track, at_s)
+    known = _bring_to_time(track, at_s)
     if known is None:
         return None
     bearing_rad, elevation_rad, sigma_rad = _direction(known, motion)
@@ -231,7 +231,7 @@ def predict(
     across_px = focal_px * sigma_rad * (1 + x * x + y * y)
     centre_px = camera.pixel(x * outwards, y * outwards)
     larger_px = size_px * _size_share(known, shape, camera.distance_share(*centre_px))
-    return _useful(
+    return _check_useful(
         Prediction(
             centre_px=centre_px,
             size_px=size_px,
@@ -252,7 +252,7 @@ class _Known:
     unseen_s: float
 
 
-def _known(track: Track, at_s: float) -> _Known | None:
+def _bring_to_time(track: Track, at_s: float) -> _Known | None:
     if not track.is_valid or track.as_of_s is None or track.measured_at_s is None or track.sigma_m is None:
         return None
     if track.distance_m is None or track.bearing_rad is None or track.elevation_rad is None:
@@ -300,7 +300,7 @@ def _size_share(known: _Known, shape: TargetShape, lens_share: float) -> float:
     return math.sqrt(rest) if rest > 0 else 0.0
 
 
-def _useful(expected: Prediction, camera: CameraModel) -> Prediction | None:
+def _check_useful(expected: Prediction, camera: CameraModel) -> Prediction | None:
     """Return a prediction whose figures are finite, that is in the picture, and that leaves anything out."""
     x_px, y_px = expected.centre_px
     is_seen = -0.5 <= x_px <= camera.width_px - 0.5 and -0.5 <= y_px <= camera.height_px - 0.5

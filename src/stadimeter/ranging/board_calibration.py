@@ -105,13 +105,13 @@ def calibrate_board(
         CalibrationError: There are too few views, or they do not fix the focal length.
     """
     shape = (width_px, height_px)
-    used, same = _different(views, width_px * SAME_VIEW_SHARE)
+    used, same = _drop_repeated(views, width_px * SAME_VIEW_SHARE)
     if len(used) < VIEWS_MIN:
         raise CalibrationError(
             f"the board was found in {len(used)} different views; a calibration needs {VIEWS_MIN} at least, and is "
             "better with 10 to 20, the board tilted to all sides and in all corners of the picture"
         )
-    fit, used, bad = _without_outliers(used, shape)
+    fit, used, bad = _drop_outliers(used, shape)
     errors = dict(zip(map(id, used), fit.view_rms_px, strict=True))
     share, uncovered = coverage(used, width_px, height_px)
     return BoardCalibration(
@@ -128,7 +128,7 @@ def calibrate_board(
     )
 
 
-def _different(views: Sequence[BoardView], same_px: float) -> tuple[list[BoardView], dict[int, ViewError]]:
+def _drop_repeated(views: Sequence[BoardView], same_px: float) -> tuple[list[BoardView], dict[int, ViewError]]:
     different: list[BoardView] = []
     same: dict[int, ViewError] = {}
     for view in views:
@@ -165,10 +165,10 @@ def in_common(view: BoardView, other: BoardView) -> tuple[NDArray[np.float64], N
 def coverage(views: Sequence[BoardView], width_px: int, height_px: int) -> tuple[float, tuple[str, ...]]:
     """Return the share of the picture's area with a corner, in cells of a grid, and its ninths without any in words."""
     shape = (width_px, height_px)
-    return float(_covered(views, shape, _COVERAGE_CELLS).mean()), _uncovered(views, shape)
+    return float(_mark_covered(views, shape, _COVERAGE_CELLS).mean()), _name_uncovered(views, shape)
 
 
-def _without_outliers(
+def _drop_outliers(
     views: list[BoardView], shape: tuple[int, int]
 ) -> tuple[_LensFit, list[BoardView], dict[int, ViewError]]:
     used, bad = list(views), {}
@@ -203,7 +203,7 @@ def _fit(views: Sequence[BoardView], shape: tuple[int, int]) -> _LensFit:
 
 
 def _opencv_fit(views: Sequence[BoardView], shape: tuple[int, int], flags: int) -> _LensFit:
-    board, corners = _as_opencv(views)
+    board, corners = _to_opencv(views)
     matrix: NDArray[Any] = np.eye(3)
     distortion: NDArray[Any] = np.zeros((1, 5))
     try:
@@ -224,7 +224,7 @@ def _opencv_fit(views: Sequence[BoardView], shape: tuple[int, int], flags: int) 
     )
 
 
-def _as_opencv(views: Sequence[BoardView]) -> tuple[list[NDArray[Any]], list[NDArray[Any]]]:
+def _to_opencv(views: Sequence[BoardView]) -> tuple[list[NDArray[Any]], list[NDArray[Any]]]:
     """Return the corners as OpenCV wants them: the board as a plane at z = 0, single precision."""
     board = [np.column_stack((each.board_m, np.zeros(len(each.board_m)))) for each in views]
     return (
@@ -255,7 +255,7 @@ def _lens_or_error(fit: _LensFit, shape: tuple[int, int]) -> CameraModel:
 
 def _model(fit: _LensFit, views: Sequence[BoardView], shape: tuple[int, int], date: str) -> CameraModel:
     lens = _lens_or_error(fit, shape)
-    covariance = lens_covariance(_placed(fit, views), fit.lens)
+    covariance = lens_covariance(_place_boards(fit, views), fit.lens)
     # The worse of both axes, as a share. σ, not the reprojection error, is what tells a good calibration: frontal
     # boards are explained as well by a longer lens further away.
     share = math.sqrt(max(covariance[0, 0] / lens.fx_px**2, covariance[1, 1] / lens.fy_px**2))
@@ -278,7 +278,7 @@ def _model(fit: _LensFit, views: Sequence[BoardView], shape: tuple[int, int], da
     )
 
 
-def _placed(fit: _LensFit, views: Sequence[BoardView]) -> list[PlacedBoard]:
+def _place_boards(fit: _LensFit, views: Sequence[BoardView]) -> list[PlacedBoard]:
     return [
         PlacedBoard(
             board_m=np.column_stack((view.board_m, np.zeros(len(view.board_m)))),
@@ -290,7 +290,7 @@ def _placed(fit: _LensFit, views: Sequence[BoardView]) -> list[PlacedBoard]:
     ]
 
 
-def _covered(views: Sequence[BoardView], shape: tuple[int, int], cells: tuple[int, int]) -> NDArray[np.bool_]:
+def _mark_covered(views: Sequence[BoardView], shape: tuple[int, int], cells: tuple[int, int]) -> NDArray[np.bool_]:
     """Return which cells of a grid over the picture have a corner, shape (rows, columns)."""
     covered = np.zeros(cells[::-1], dtype=np.bool_)
     corners = np.concatenate([view.corners_px for view in views])
@@ -300,8 +300,8 @@ def _covered(views: Sequence[BoardView], shape: tuple[int, int], cells: tuple[in
     return covered
 
 
-def _uncovered(views: Sequence[BoardView], shape: tuple[int, int]) -> tuple[str, ...]:
-    rows, columns = np.nonzero(~_covered(views, shape, (3, 3)))
+def _name_uncovered(views: Sequence[BoardView], shape: tuple[int, int]) -> tuple[str, ...]:
+    rows, columns = np.nonzero(~_mark_covered(views, shape, (3, 3)))
     return tuple(_PLACES[row][column] for row, column in zip(rows, columns, strict=True))
 
 

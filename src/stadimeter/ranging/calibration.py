@@ -87,7 +87,7 @@ def fit_focal_length(estimates: Sequence[FocalEstimate]) -> FocalFit:
     together = np.column_stack((np.ones_like(focal_px), [each.per_bias for each in estimates]))
     alone = together[:, :1]
     if bias_sigma_px <= BIAS_SIGMA_LIMIT_PX:
-        (focal, bias), covariance = _solved(together, focal_px, weights)
+        (focal, bias), covariance = _solve(together, focal_px, weights)
         bias_sigma_px = math.sqrt(covariance[1, 1])
         if bias_sigma_px <= BIAS_SIGMA_LIMIT_PX:
             return FocalFit(
@@ -97,7 +97,7 @@ def fit_focal_length(estimates: Sequence[FocalEstimate]) -> FocalFit:
                 edge_bias_sigma_px=bias_sigma_px,
                 bias_was_fitted=True,
             )
-    (focal,), covariance = _solved(alone, focal_px, weights)
+    (focal,), covariance = _solve(alone, focal_px, weights)
     return FocalFit(
         focal_px=float(focal),
         focal_sigma_px=math.sqrt(covariance[0, 0]),
@@ -122,7 +122,7 @@ def _columns(estimates: Sequence[FocalEstimate]) -> tuple[NDArray[np.float64], N
     return focal_px, 1 / sigma_px**2
 
 
-def _solved(
+def _solve(
     design: NDArray[np.float64], values: NDArray[np.float64], weights: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the weighted least squares solution and its covariance, widened where the values disagree."""
@@ -207,7 +207,7 @@ def calibrate(
         CalibrationError: No picture can be used, they differ in resolution, or they do not tell the focal length.
         ValueError: A depth is not a finite number above zero.
     """
-    found = _usable(known)
+    found = _pick_usable(known)
     plain = CameraModel.with_focal_length(float(found[0].width_px), found[0].width_px, found[0].height_px)
     estimates = [focal_estimate(each, plain, distance_relative_sigma) for each in found]
     fit = fit_focal_length(estimates)
@@ -250,7 +250,7 @@ def _read(one: FocalLength, again: KnownDistance, model: CameraModel) -> FocalLe
     return replace(one, residual_share=measured_depth_m(again, model) / again.depth_m - 1)
 
 
-def _usable(known: Sequence[KnownDistance]) -> list[KnownDistance]:
+def _pick_usable(known: Sequence[KnownDistance]) -> list[KnownDistance]:
     if not known:
         raise CalibrationError("there is no picture to calibrate from; give at least one at a known distance")
     found = [each for each in known if each.detection.status is DetectionStatus.FOUND]

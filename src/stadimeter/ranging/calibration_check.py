@@ -61,13 +61,13 @@ def disagreement(known: Sequence[KnownDistance], *, distance_relative_sigma: flo
     """
     by_depth = sorted(known, key=lambda each: each.depth_m)
     pairs = [
-        _compared(nearer, farther, distance_relative_sigma) for nearer, farther in itertools.combinations(by_depth, 2)
+        _compare(nearer, farther, distance_relative_sigma) for nearer, farther in itertools.combinations(by_depth, 2)
     ]
     worst = max(pairs, key=lambda each: abs(each.share) / each.allowed_share, default=None)
     return worst if worst is not None and abs(worst.share) > worst.allowed_share else None
 
 
-def _compared(nearer: KnownDistance, farther: KnownDistance, distance_relative_sigma: float) -> Disagreement:
+def _compare(nearer: KnownDistance, farther: KnownDistance, distance_relative_sigma: float) -> Disagreement:
     # Any focal length will do to begin with: `focal_estimate` finds by bisection the one that measures the known depth.
     plain = CameraModel.with_focal_length(float(nearer.width_px), nearer.width_px, nearer.height_px)
     near, far = (focal_estimate(each, plain, distance_relative_sigma) for each in (nearer, farther))

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadimeter.core.detection import Points
-from stadimeter.ranging.pose_refinement import PlanePose, linearised, refined
+from stadimeter.ranging.pose_refinement import PlanePose, linearise, refine
 
 Vector = tuple[float, float, float]
 Seen = Sequence[Sequence[float]]
@@ -93,7 +93,7 @@ def rectangle_poses(half_width_m: float, half_height_m: float, seen: Seen) -> li
     middle = _middle(half_width_m, half_height_m, seen)
     if middle is None:
         return []
-    poses = [_placed(right, up, half_width_m, half_height_m, seen) for right, up in _turns(middle)]
+    poses = [_place(right, up, half_width_m, half_height_m, seen) for right, up in _turns(middle)]
     return sorted([pose for pose in poses if pose is not None], key=lambda pose: pose.misfit)
 
 
@@ -170,7 +170,7 @@ def _turns(middle: _Middle) -> list[tuple[Vector, Vector]]:
     return turns
 
 
-def _placed(right: Vector, up: Vector, half_width_m: float, half_height_m: float, seen: Seen) -> RectanglePose | None:
+def _place(right: Vector, up: Vector, half_width_m: float, half_height_m: float, seen: Seen) -> RectanglePose | None:
     """Return the pose with the position that explains the corners best: linear least squares (ibid., section 5.4)."""
     ax, ay, az = right[0] * half_width_m, right[1] * half_width_m, right[2] * half_width_m
     bx, by, bz = up[0] * half_height_m, up[1] * half_height_m, up[2] * half_height_m
@@ -257,7 +257,7 @@ def distance_share(pose: RectanglePose, corners_m: Points, corner_sigma: float) 
     by half the tilt's variance. It is a standard deviation as a share of the distance, infinite where the corners,
     ``(4, 3)``, do not tell the pose; theirs, `corner_sigma`, is per unit of depth.
     """
-    linear = linearised(PlanePose(*pose[:3]), corners_m.tolist(), NOWHERE)
+    linear = linearise(PlanePose(*pose[:3]), corners_m.tolist(), NOWHERE)
     if linear is None:
         return math.inf
     jacobian, _ = linear
@@ -279,7 +279,7 @@ def distance_share(pose: RectanglePose, corners_m: Points, corner_sigma: float) 
 
 def nearest_pose(pose: RectanglePose, corners_m: Seen, seen: Seen) -> RectanglePose:
     """Return the pose nearby whose corners, x and y in its plane, appear nearest to where they were seen."""
-    better = refined(PlanePose(*pose[:3]), corners_m, seen)
+    better = refine(PlanePose(*pose[:3]), corners_m, seen)
     missed = misfit(*better, corners_m, seen)
     return RectanglePose(*better, missed) if missed <= pose.misfit else pose
 

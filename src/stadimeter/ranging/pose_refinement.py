@@ -34,7 +34,7 @@ class PlanePose(NamedTuple):
     position_m: Vector
 
 
-def linearised(pose: PlanePose, corners_m: Seen, seen: Seen) -> tuple[Values, Values] | None:
+def linearise(pose: PlanePose, corners_m: Seen, seen: Seen) -> tuple[Values, Values] | None:
     """Return how seen corners change with a small turn about the camera's axes and a shift, and how far off they are.
 
     The shapes are ``(2 n, 6)`` and ``(2 n,)``, per unit of depth. None where a corner is not in front of the camera.
@@ -57,9 +57,9 @@ def linearised(pose: PlanePose, corners_m: Seen, seen: Seen) -> tuple[Values, Va
     return np.array(rows), np.array(off)
 
 
-def refined(pose: PlanePose, corners_m: Seen, seen: Seen) -> PlanePose:
+def refine(pose: PlanePose, corners_m: Seen, seen: Seen) -> PlanePose:
     """Return the pose nearby whose corners, x and y in its plane, appear nearest to where they were seen."""
-    now = linearised(pose, corners_m, seen)
+    now = linearise(pose, corners_m, seen)
     damping = DAMPING
     for _ in range(MAX_STEPS):
         if now is None:
@@ -78,8 +78,8 @@ def refined(pose: PlanePose, corners_m: Seen, seen: Seen) -> PlanePose:
         gain = float(step @ slope)
         if not gain > SETTLED_SHARE * square:
             return pose
-        moved = _moved(pose, step.tolist())
-        then = linearised(moved, corners_m, seen)
+        moved = _move(pose, step.tolist())
+        then = linearise(moved, corners_m, seen)
         if then is not None and float(then[1] @ then[1]) < square:
             pose, now, damping = moved, then, damping / GROWTH
         else:
@@ -87,15 +87,15 @@ def refined(pose: PlanePose, corners_m: Seen, seen: Seen) -> PlanePose:
     return pose
 
 
-def _moved(pose: PlanePose, step: Sequence[float]) -> PlanePose:
+def _move(pose: PlanePose, step: Sequence[float]) -> PlanePose:
     """Return a pose turned about the camera's axes and shifted."""
     turn, shift = (step[0], step[1], step[2]), step[3:]
-    right, up = _turned(pose.right, turn), _turned(pose.up, turn)
+    right, up = _turn(pose.right, turn), _turn(pose.up, turn)
     x, y, z = pose.position_m
     return PlanePose(right, up, (x + shift[0], y + shift[1], z + shift[2]))
 
 
-def _turned(vector: Vector, turn: Vector) -> Vector:
+def _turn(vector: Vector, turn: Vector) -> Vector:
     """Return a vector turned about an axis by its length in radians (Rodrigues)."""
     angle = math.hypot(*turn)
     sine, rest = (math.sin(angle) / angle, (1 - math.cos(angle)) / angle**2) if angle > 1e-9 else (1.0, 0.5)

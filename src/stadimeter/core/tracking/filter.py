@@ -176,7 +176,7 @@ def update(state: FilterState, noise_m: float, error_m: float, error_var_m2: flo
     )
 
 
-def mixed(one: FilterState, other: FilterState, share: float) -> FilterState:
+def mix(one: FilterState, other: FilterState, share: float) -> FilterState:
     """Return the state with the mean and the covariance of two, of which `one` has the probability `share`."""
     # Moments of a mixture: the mean of the covariances, and the spread of the means, p (1 - p) d d'.
     rest = 1.0 - share

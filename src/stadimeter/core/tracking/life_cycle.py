@@ -81,7 +81,7 @@ def step(state: TrackState, measurement: Measurement | None, now_s: float, setti
         now_s: The run's monotonic clock, for noticing that nothing comes.
         settings: How to track.
     """
-    after = _stepped(state, measurement, now_s, settings)
+    after = _take_in(state, measurement, now_s, settings)
     if state.track.since_s is not None and after.track.is_valid is state.track.is_valid:
         return after
     return replace(after, track=replace(after.track, since_s=now_s))
@@ -103,7 +103,7 @@ def after_gap(state: TrackState, now_s: float, reason: str) -> TrackState:
     return replace(state, track=track, candidate=None)
 
 
-def _stepped(state: TrackState, measurement: Measurement | None, now_s: float, settings: Tracking) -> TrackState:
+def _take_in(state: TrackState, measurement: Measurement | None, now_s: float, settings: Tracking) -> TrackState:
     if measurement is None:
         return _lose_if_late(state, now_s, settings, "no new frame")
     if measurement.captured_at_s <= state.filter_at_s:
@@ -135,7 +135,7 @@ def _miss(state: TrackState, measurement: Measurement, settings: Tracking) -> Tr
     if not state.track.is_valid:
         return replace(state, track=replace(state.track, reason=reason), candidate=None)
     return _coast(
-        state, _predicted(state, measurement.captured_at_s, settings), measurement.captured_at_s, settings, reason
+        state, _predict(state, measurement.captured_at_s, settings), measurement.captured_at_s, settings, reason
     )
 
 
@@ -143,7 +143,7 @@ def _consider(state: TrackState, sighting: Sighting, settings: Tracking) -> Trac
     """The target is seen, but does not count yet."""
     found = extend_tentative(state.candidate, sighting, _noise_m(state, sighting, settings), settings)
     if found.frames >= settings.confirm_frames:
-        return _begun(state, found, settings)
+        return _begin(state, found, settings)
     reason = f"seen in {found.frames} of the {settings.confirm_frames} frames in a row that it takes"
     track = replace(state.track, reason=reason)
     return replace(state, track=track, filter_at_s=sighting.at_s, candidate=found)
@@ -153,10 +153,10 @@ def _follow(state: TrackState, sighting: Sighting, settings: Tracking) -> TrackS
     """The target is seen while it counts: take the sighting in, unless it is an outlier."""
     # Prediction to the capture time, innovation of each model, then the innovation gate: `gate` of the configuration in
     # standard deviations. What fails is refused, and coasts.
-    moved = _predicted(state, sighting.at_s, settings)
-    noise_m = _noise_m(state, sighting, settings) * _of_expected(moved.distance_m, sighting.distance_m)
+    moved = _predict(state, sighting.at_s, settings)
+    noise_m = _noise_m(state, sighting, settings) * _noise_weight(moved.distance_m, sighting.distance_m)
     innovation = motion.compare(moved, sighting.distance_m, noise_m)
-    noise = _learnt(state, motion.normalised(moved, innovation), sighting, settings)
+    noise = _learn_noise(state, motion.normalise(moved, innovation), sighting, settings)
     is_outlier = innovation.sigmas > settings.gate_sigmas
     if is_outlier or _may_be_feigned(state, moved, sighting, innovation, settings):
         return _refuse(replace(state, noise=noise), moved, sighting, innovation, settings)
@@ -179,7 +179,7 @@ def _refuse(
     rival = extend_tentative(state.candidate, sighting, _noise_m(state, sighting, settings), settings)
     rejected = state.track.rejected + 1
     if rejected > settings.outliers_max or rival.frames >= AGREEING_FRAMES:
-        return _begun(state, rival, settings)
+        return _begin(state, rival, settings)
     is_outlier = innovation.sigmas > settings.gate_sigmas
     if is_outlier:
         far = f"{innovation.sigmas:.1f} standard deviations from what was expected, limit {settings.gate_sigmas:.1f}"
@@ -191,7 +191,7 @@ def _refuse(
     return _coast(refused, moved, sighting.at_s, settings, reason)
 
 
-def _begun(state: TrackState, found: TentativeTrack, settings: Tracking) -> TrackState:
+def _begin(state: TrackState, found: TentativeTrack, settings: Tracking) -> TrackState:
     """A candidate is the target: the track begins, or begins anew."""
     sighting = found.sighting
     return TrackState(
@@ -223,10 +223,10 @@ def _may_be_feigned(
     return (state.candidate.sighting.distance_m - expected_m) * innovation.constant_m <= 0
 
 
-def _learnt(state: TrackState, innovation_sigmas: float, sighting: Sighting, settings: Tracking) -> NoiseEstimate:
+def _learn_noise(state: TrackState, innovation_sigmas: float, sighting: Sighting, settings: Tracking) -> NoiseEstimate:
     line = None
     if state.earlier is not None and state.sighting is not None:
-        line = noise_level.line_of(state.noise, (state.earlier, state.sighting), sighting, settings)
+        line = noise_level.compare_with_line(state.noise, (state.earlier, state.sighting), sighting, settings)
     return noise_level.learn(state.noise, innovation_sigmas, line, sighting.at_s - state.filter_at_s, settings)
 
 
@@ -234,7 +234,7 @@ def _noise_m(state: TrackState, sighting: Sighting, settings: Tracking) -> float
     return sighting.noise_m * settings.noise_factor * state.noise.factor
 
 
-def _of_expected(expected_m: float, seen_m: float) -> float:
+def _noise_weight(expected_m: float, seen_m: float) -> float:
     """Return how many times its stated noise a measurement counts with.
 
     The noise follows from the distance that was seen and grows with its square: what errs towards the camera seems the
@@ -245,7 +245,7 @@ def _of_expected(expected_m: float, seen_m: float) -> float:
     return math.sqrt(min(max(expected_m / seen_m, MIN_RATIO), 1 / MIN_RATIO))
 
 
-def _predicted(state: TrackState, at_s: float, settings: Tracking) -> MotionState:
+def _predict(state: TrackState, at_s: float, settings: Tracking) -> MotionState:
     known = cast(MotionState, state.filter)  # a track that counts has one
     autocorrelation = state.noise.autocorrelation(settings)
     return motion.predict(known, at_s - state.filter_at_s, settings.acceleration_mps2, autocorrelation)

@@ -72,8 +72,8 @@ class MotionState(NamedTuple):
         if self.together is not None:
             return self.together
         changing_share = self.swaying_share + self.manoeuvring_share
-        changing = kalman.mixed(self.swaying, self.manoeuvring, self.swaying_share / changing_share)
-        return kalman.mixed(self.constant, changing, self.constant_share)
+        changing = kalman.mix(self.swaying, self.manoeuvring, self.swaying_share / changing_share)
+        return kalman.mix(self.constant, changing, self.constant_share)
 
 
 class Innovation(NamedTuple):
@@ -106,17 +106,17 @@ class Innovation(NamedTuple):
 
 def start(distance_m: float, noise_m: float) -> MotionState:
     """Return the state after a first measurement with noise of this standard deviation, above zero."""
-    return _alike(kalman.start(distance_m, noise_m))
+    return _start_alike(kalman.start(distance_m, noise_m))
 
 
 def start_moving(
     distance_m: float, noise_m: float, rate_mps: float, noise_before_m: float, step_s: float
 ) -> MotionState:
     """Return the state after two measurements that are `step_s` apart; see `kalman.start_moving`."""
-    return _alike(kalman.start_moving(distance_m, noise_m, rate_mps, noise_before_m, step_s))
+    return _start_alike(kalman.start_moving(distance_m, noise_m, rate_mps, noise_before_m, step_s))
 
 
-def _alike(state: FilterState) -> MotionState:
+def _start_alike(state: FilterState) -> MotionState:
     return MotionState(state, state, state, 0.5, 0.25, 0.25, state)
 
 
@@ -140,9 +140,9 @@ def predict(state: MotionState, step_s: float, acceleration_mps2: float, autocor
     keeps_manoeuvring = kept * state.manoeuvring_share
     constant_share, swaying_share = keeps_constant + taken * USUAL[0], keeps_swaying + taken * USUAL[1]
     manoeuvring_share = keeps_manoeuvring + taken * USUAL[2]
-    constant = kalman.mixed(state.constant, together, keeps_constant / constant_share)
-    swaying = kalman.mixed(state.swaying, together, keeps_swaying / swaying_share)
-    manoeuvring = kalman.mixed(state.manoeuvring, together, keeps_manoeuvring / manoeuvring_share)
+    constant = kalman.mix(state.constant, together, keeps_constant / constant_share)
+    swaying = kalman.mix(state.swaying, together, keeps_swaying / swaying_share)
+    manoeuvring = kalman.mix(state.manoeuvring, together, keeps_manoeuvring / manoeuvring_share)
     return MotionState(
         kalman.predict(constant, step_s, CONSTANT_VELOCITY_SHARE * acceleration_mps2, autocorrelation),
         kalman.predict(swaying, step_s, SWAYING_SHARE * acceleration_mps2, autocorrelation),
@@ -162,7 +162,7 @@ def compare(state: MotionState, distance_m: float, noise_m: float) -> Innovation
     )
 
 
-def normalised(state: MotionState, innovation: Innovation) -> float:
+def normalise(state: MotionState, innovation: Innovation) -> float:
     """Return the innovation of all filters together in its standard deviations, negative if nearer than expected."""
     _, _, _, constant_share, swaying_share, manoeuvring_share, _ = state
     constant_m, constant_var, swaying_m, swaying_var, manoeuvring_m, manoeuvring_var = innovation
@@ -202,7 +202,7 @@ def update(state: MotionState, noise_m: float, innovation: Innovation) -> Motion
     constant = kalman.update(state.constant, noise_m, constant_m, constant_var)
     swaying = kalman.update(state.swaying, noise_m, swaying_m, swaying_var)
     manoeuvring = kalman.update(state.manoeuvring, noise_m, manoeuvring_m, manoeuvring_var)
-    changing = kalman.mixed(swaying, manoeuvring, swaying_share / (1.0 - constant_share))
-    together = kalman.mixed(constant, changing, constant_share)
+    changing = kalman.mix(swaying, manoeuvring, swaying_share / (1.0 - constant_share))
+    together = kalman.mix(constant, changing, constant_share)
     manoeuvring_share = 1.0 - constant_share - swaying_share
     return MotionState(constant, swaying, manoeuvring, constant_share, swaying_share, manoeuvring_share, together)

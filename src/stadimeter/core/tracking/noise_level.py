@@ -107,7 +107,7 @@ def learn(
         # Robbins and Monro: level += gain (square - its mean), with the square cut at 6, at 3 for an outlier. 0.974 is
         # the mean of a chi-square figure of one degree of freedom that is cut at 6.
         is_outlier = abs(innovation_sigmas) > settings.gate_sigmas
-        change = _surprise(line, level, MAX_SQUARE / 2 if is_outlier else MAX_SQUARE)
+        change = _excess(line, level, MAX_SQUARE / 2 if is_outlier else MAX_SQUARE)
         level += change * quick
         level = min(max(level, MIN_LEVEL), 2.0 * math.log(settings.noise_factor_max))
     return NoiseEstimate(level, less, sigmas)
@@ -127,7 +127,7 @@ class LineDeviation(NamedTuple):
     motion_var_m2: float
 
 
-def line_of(
+def compare_with_line(
     noise: NoiseEstimate, before: tuple[Sighting, Sighting], now: Sighting, settings: Tracking
 ) -> LineDeviation | None:
     """Return how far a sighting is from the line through the two before it; None where these are too far apart.
@@ -157,7 +157,7 @@ def line_of(
     )
 
 
-def _surprise(line: LineDeviation, level: float, most: float) -> float:
+def _excess(line: LineDeviation, level: float, most: float) -> float:
     """Return how far a normalised square is above its mean, weighted by what the noise has in it."""
     noise_var_m2 = line.noise_var_m2 * math.exp(level)
     var_m2 = noise_var_m2 + line.motion_var_m2

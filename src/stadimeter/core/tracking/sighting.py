@@ -106,16 +106,16 @@ def extend_tentative(
     at_rest = motion.start(sighting.distance_m, noise_m)
     if before is None:
         return TentativeTrack(sighting, noise_m, 1, at_rest)
-    agreeing = _agreeing(before.motion, before, sighting, noise_m, settings)
+    agreeing = _take_if_agreeing(before.motion, before, sighting, noise_m, settings)
     if agreeing:
         return TentativeTrack(sighting, noise_m, before.frames + 1, agreeing)
-    on_line = before.fast and _agreeing(before.fast, before, sighting, noise_m, settings)
+    on_line = before.fast and _take_if_agreeing(before.fast, before, sighting, noise_m, settings)
     if on_line:
         return TentativeTrack(sighting, noise_m, ON_A_LINE, on_line)
-    return TentativeTrack(sighting, noise_m, 1, at_rest, _fast(before, sighting, noise_m))
+    return TentativeTrack(sighting, noise_m, 1, at_rest, _start_fast(before, sighting, noise_m))
 
 
-def _agreeing(
+def _take_if_agreeing(
     state: MotionState, before: TentativeTrack, sighting: Sighting, noise_m: float, settings: Tracking
 ) -> MotionState | None:
     """Return the motion with a sighting taken in; None if the sighting contradicts it."""
@@ -125,7 +125,7 @@ def _agreeing(
     return motion.update(moved, noise_m, innovation) if innovation.sigmas <= settings.gate_sigmas else None
 
 
-def _fast(before: TentativeTrack, sighting: Sighting, noise_m: float) -> MotionState | None:
+def _start_fast(before: TentativeTrack, sighting: Sighting, noise_m: float) -> MotionState | None:
     step_s = sighting.at_s - before.sighting.at_s
     # Metres per second from two sightings; 40 m/s is a limit of sense, not of a model.
     rate_mps = (sighting.distance_m - before.sighting.distance_m) / step_s

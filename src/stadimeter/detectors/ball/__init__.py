@@ -3,9 +3,9 @@
 Blobs of the ball's colour say where to look (`blobs`). Around each, the steps from ball to background are found along
 spokes, between the pixels (`limb_edges`), and the cone of a sphere is fitted to them (`limb`,
 `stadimeter.ranging.sphere_cone`). Where a blob is not round, since part of the ball is in the shade or hidden, the
-circle of edges around it is the start (`edge_circle`); where other things of its colour touch the ball, the largest
-circle within. What does not look like a ball then is refused, with the test that it failed (`BallGates`). Where a
-ball is expected, only the ring around its predicted limb is looked at.
+circle of edges around it is the start (`find_edge_circle`); where other things of its colour touch the ball, the
+largest circle within. What does not look like a ball then is refused, with the test that it failed (`BallGates`). Where
+a ball is expected, only the ring around its predicted limb is looked at.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame, Image, Subsampling
-from stadimeter.detectors.ball.blobs import Blob, find_blobs, search_step, thinned, together
-from stadimeter.detectors.ball.circles import ImageCircle, edge_circle
+from stadimeter.detectors.ball.blobs import Blob, find_blobs, join_patches, search_step, thin_out
+from stadimeter.detectors.ball.circles import ImageCircle, find_edge_circle
 from stadimeter.detectors.ball.gates import (
     MIN_FILL,
     BallGates,
     FoundBall,
     Refusal,
     is_as_expected,
+    list_most_alike,
     max_score,
-    most_alike,
-    too_little_colour,
-    without_limb,
+    refuse_too_little_colour,
+    refuse_without_limb,
 )
 from stadimeter.detectors.ball.limb import find_limb, within
 from stadimeter.detectors.hsv import HsvRange, HsvRangeText, other_ranges, parse_hsv_range
@@ -112,21 +112,21 @@ class BallOptions(DriverOptions):
         """Return a range for all the pictures; None if nothing stands out."""
         from stadimeter.detectors.ball.colour_proposal import propose  # noqa: PLC0415 - not for a run
 
-        return propose(samples, _of_colour)
+        return propose(samples, _detect_colour)
 
     @staticmethod
     def view_colour(frame: Frame, colour: str) -> ColourView:
         """Return what a range shows in a frame; raises ValueError if it is none."""
         from stadimeter.detectors.ball.colour_proposal import view  # noqa: PLC0415 - not for a run
 
-        return view(frame, parse_hsv_range(colour), _of_colour)
+        return view(frame, parse_hsv_range(colour), _detect_colour)
 
     @staticmethod
     def widen_colour(colour: str, steps: int) -> str:
         """Return a range that covers more by a number of steps."""
-        from stadimeter.detectors.ball.colour_ranges import loosened  # noqa: PLC0415 - not for a run
+        from stadimeter.detectors.ball.colour_ranges import loosen  # noqa: PLC0415 - not for a run
 
-        return str(loosened(parse_hsv_range(colour), steps))
+        return str(loosen(parse_hsv_range(colour), steps))
 
 
 class _Scene(NamedTuple):
@@ -191,22 +191,22 @@ class BallDetector:
             # Tracking: only the ring around the predicted limb is read, so its cost does not grow with the picture;
             # against the tutorial it is 21 to 38 times as fast, the whole search 11 to 14 times
             # (docs/benchmarks/report.md).
-            expected = self._expected(scene, prediction)
+            expected = self._find_expected(scene, prediction)
             if expected is not None:
-                return self._found(scene, expected)
+                return self._report_found(scene, expected)
             # What was refused near a prediction says nothing of the rest of the picture.
             scene.refusals.clear()
-        large = self._large(scene) if self._around_px is None else None
+        large = self._find_large(scene) if self._around_px is None else None
         if large is not None:
-            return self._found(scene, large)
+            return self._report_found(scene, large)
         blobs = find_blobs(frame.image, self._colour, self._step)
         near = blobs if self._around_px is None else [blob for blob in blobs if _reaches(blob, self._around_px)]
-        ball = self._best(scene, near)
+        ball = self._find_best(scene, near)
         if ball is None and self._around_px is None:
-            ball = self._of_other_ranges(scene)
-        return self._not_found(scene, blobs) if ball is None else self._found(scene, ball)
+            ball = self._search_other_ranges(scene)
+        return self._report_not_found(scene, blobs) if ball is None else self._report_found(scene, ball)
 
-    def _large(self, scene: _Scene) -> FoundBall | None:
+    def _find_large(self, scene: _Scene) -> FoundBall | None:
         """Return a large ball beyond doubt, found in few pixels; None if it takes more of them to tell."""
         height, width = scene.image.shape[:2]
         if width * height <= COARSE_FROM_PIXELS * self._step**2 or self._step >= COARSE_STEP:
@@ -216,13 +216,13 @@ class BallDetector:
         blobs = find_blobs(scene.image, self._colour, COARSE_STEP)
         if not blobs or blobs[0].size_px < COARSE_CELLS * COARSE_STEP:
             return None
-        ball = self._within(scene, blobs[0])
+        ball = self._search_within(scene, blobs[0])
         if _explains(ball, blobs[0]):
             return ball
         scene.refusals.clear()
         return None
 
-    def _expected(self, scene: _Scene, prediction: Prediction) -> FoundBall | None:
+    def _find_expected(self, scene: _Scene, prediction: Prediction) -> FoundBall | None:
         """Look where the ball is expected: at the ring around its limb, or else at the blobs around it."""
         (x_px, y_px), radius_px = prediction.centre_px, prediction.size_px / 2
         if not all(map(math.isfinite, (x_px, y_px, radius_px, prediction.sigma_px))):
@@ -233,7 +233,7 @@ class BallDetector:
         scene = scene._replace(expected=start)
         reach_px = FIRST_REACH_PX + REACH_SIGMAS * max(0.0, prediction.sigma_px - CERTAIN_PX)
         if reach_px <= MAX_RING_PX:
-            in_ring = self._at(scene, start, reach_px)
+            in_ring = self._search_at(scene, start, reach_px)
             if in_ring is not None and is_as_expected(in_ring, prediction):
                 return in_ring
         # Half the side of the square that is searched, in pixels: the ball, half as much again for blobs that reach
@@ -242,10 +242,10 @@ class BallDetector:
         region = Region.around((x_px, y_px), half_px, scene.image)
         if region is None:
             return None
-        ball = self._best(scene, find_blobs(scene.image, self._colour, self._step, region))
+        ball = self._find_best(scene, find_blobs(scene.image, self._colour, self._step, region))
         return ball if ball is not None and is_as_expected(ball, prediction) else None
 
-    def _best(self, scene: _Scene, blobs: Sequence[Blob]) -> FoundBall | None:
+    def _find_best(self, scene: _Scene, blobs: Sequence[Blob]) -> FoundBall | None:
         """Return the ball that looks most like one around one of the blobs.
 
         First the circle around each blob is tried; then, of the largest ones that are no ball beyond doubt, the largest
@@ -259,27 +259,27 @@ class BallDetector:
         for blob in large:
             if best is not None and best.score >= max_score(WITHIN_REACH * blob.circle.radius_px):
                 break
-            ball = self._within(scene, blob)
+            ball = self._search_within(scene, blob)
             if _explains(ball, blob):
                 sure.append(blob)
-            best = _better(best, ball)
-        for search, blob in self._other_ways(large, sure):
+            best = _pick_better(best, ball)
+        for search, blob in self._slower_searches(large, sure):
             if best is None or best.score < max_score(AROUND_REACH * blob.circle.radius_px):
-                best = _better(best, search(scene, blob))
+                best = _pick_better(best, search(scene, blob))
         return best
 
-    def _of_other_ranges(self, scene: _Scene) -> FoundBall | None:
+    def _search_other_ranges(self, scene: _Scene) -> FoundBall | None:
         """Return the ball by more or less of its range of colours; what was refused there is not told."""
         # A range given by hand may hold the floor or a hand as well, so that the blob is no ball; the more saturated or
         # brighter part of it may be the ball alone.
-        for colour in other_ranges(thinned(scene.image, self._step), self._colour):
+        for colour in other_ranges(thin_out(scene.image, self._step), self._colour):
             narrowed = scene._replace(gates=replace(scene.gates, colour=colour), refusals=[])
-            ball = self._best(narrowed, find_blobs(scene.image, colour, self._step)[:MAX_OTHER_BLOBS])
+            ball = self._find_best(narrowed, find_blobs(scene.image, colour, self._step)[:MAX_OTHER_BLOBS])
             if ball is not None and ball.quality >= QUALITY_OF_OTHERS:
                 return ball
         return None
 
-    def _other_ways(
+    def _slower_searches(
         self, large: Sequence[Blob], sure: Sequence[Blob]
     ) -> Iterator[tuple[Callable[[_Scene, Blob], FoundBall | None], Blob]]:
         """Yield slower searches around the largest blobs that are no ball beyond doubt."""
@@ -287,33 +287,33 @@ class BallDetector:
         if not doubtful:
             return
         for blob in doubtful:
-            yield self._inscribed, blob
-        for blob in together(large, MAX_SEARCHED_AROUND):
-            yield self._around, blob
+            yield self._search_inscribed, blob
+        for blob in join_patches(large, MAX_SEARCHED_AROUND):
+            yield self._search_around, blob
         for blob in doubtful:
-            yield self._around, blob
+            yield self._search_around, blob
 
-    def _within(self, scene: _Scene, blob: Blob) -> FoundBall | None:
+    def _search_within(self, scene: _Scene, blob: Blob) -> FoundBall | None:
         """Return the ball by the circle around a blob, unless that could not show enough of the ball's colour."""
         if blob.fill < MIN_FILL:
-            scene.refusals.append(too_little_colour(blob.circle, blob.fill))
+            scene.refusals.append(refuse_too_little_colour(blob.circle, blob.fill))
             return None
-        return self._at(scene, blob.circle, max(FIRST_REACH_PX, REACH_OF_STEP * blob.step), blob.coloured_px2)
+        return self._search_at(scene, blob.circle, max(FIRST_REACH_PX, REACH_OF_STEP * blob.step), blob.coloured_px2)
 
-    def _inscribed(self, scene: _Scene, blob: Blob) -> FoundBall | None:
+    def _search_inscribed(self, scene: _Scene, blob: Blob) -> FoundBall | None:
         """Return the ball by the largest circle in a blob, which is wider since other things of its colour touch it."""
         circle = blob.inscribed
         if not self._gates.min_radius_px <= circle.radius_px < NARROWER * blob.circle.radius_px:
             return None
-        return self._at(scene, circle, max(FIRST_REACH_PX, REACH_OF_STEP * blob.step))
+        return self._search_at(scene, circle, max(FIRST_REACH_PX, REACH_OF_STEP * blob.step))
 
-    def _at(
+    def _search_at(
         self, scene: _Scene, start: ImageCircle, reach_px: float, coloured_px2: float | None = None
     ) -> FoundBall | None:
         """Return the ball near a circle; None, and a note of why, if there is none."""
         limb = find_limb(scene.image, start, reach_px, scene.lens)
         if limb is None:
-            scene.refusals.append(without_limb(start))
+            scene.refusals.append(refuse_without_limb(start))
             return None
         judged = scene.gates.judge(
             scene.image,
@@ -328,16 +328,16 @@ class BallDetector:
         scene.refusals.append(judged)
         return None
 
-    def _around(self, scene: _Scene, blob: Blob) -> FoundBall | None:
+    def _search_around(self, scene: _Scene, blob: Blob) -> FoundBall | None:
         """Return the ball by the circle of edges around a blob, unless that is too thin to be part of a ball."""
         if blob.fill < MIN_FILL_AROUND:
             return None
-        circle = edge_circle(scene.image, blob.thinned_px, blob.area_px2)
+        circle = find_edge_circle(scene.image, blob.thinned_px, blob.area_px2)
         if circle is None:
             return None
-        return self._at(scene, circle, within(circle))
+        return self._search_at(scene, circle, within(circle))
 
-    def _found(self, scene: _Scene, ball: FoundBall) -> Detection:
+    def _report_found(self, scene: _Scene, ball: FoundBall) -> Detection:
         circle = ball.limb.circle
         # The apparent size is the ellipse's smaller axis with the lens's distortion undone: that axis alone gives the
         # depth, at any place in the picture (see `stadimeter.ranging.ball`). Diameter and its standard deviation are
@@ -353,12 +353,12 @@ class BallDetector:
             height_px=diameter_px,
             size_sigma_px=2 * ball.limb.radius_sigma_px,
             quality=ball.quality,
-            rejected=most_alike(scene.refusals),
+            rejected=list_most_alike(scene.refusals),
             measured_with=scene.lens if scene.is_lens_known else None,
         )
 
-    def _not_found(self, scene: _Scene, blobs: Sequence[Blob]) -> Detection:
-        rejected = most_alike(scene.refusals)
+    def _report_not_found(self, scene: _Scene, blobs: Sequence[Blob]) -> Detection:
+        rejected = list_most_alike(scene.refusals)
         if not blobs:
             reason = f"no pixel has the ball's colour {self._colour}"
         elif not rejected:
@@ -378,7 +378,7 @@ def _explains(ball: FoundBall | None, blob: Blob) -> bool:
     return ball is not None and ball.is_sure and ball.limb.circle.radius_px >= MIN_SHARE_OF_BLOB * blob.circle.radius_px
 
 
-def _better(one: FoundBall | None, other: FoundBall | None) -> FoundBall | None:
+def _pick_better(one: FoundBall | None, other: FoundBall | None) -> FoundBall | None:
     """Return the ball with the higher score."""
     return one if other is None or (one is not None and one.score >= other.score) else other
 
@@ -392,7 +392,7 @@ def _likely_lens(width_px: int, height_px: int, subsampling: Subsampling) -> Cam
     return replace(CameraModel.with_focal_length(focal_px, width_px, height_px), subsampling=subsampling)
 
 
-def _of_colour(frame: Frame, colour: HsvRange, around_px: tuple[float, float] | None = None) -> Detection:
+def _detect_colour(frame: Frame, colour: HsvRange, around_px: tuple[float, float] | None = None) -> Detection:
     options = BallOptions.model_validate({"diameter": "1 m", "hsv": colour})  # the size changes nothing in a picture
     return BallDetector("ball", options, around_px=around_px).detect(frame)
 

@@ -98,7 +98,7 @@ def find_blobs(image: Image, colour: HsvRange, step: int, region: Region | None 
     region = region or Region.whole(image)
     # Nearest-neighbour thinning first, HSV after: at a quarter of 640x480 both take 0.08 ms, HSV of all pixels 0.5 ms
     # (x86).
-    mask = colour.mask(thinned(region.of(image), step))
+    mask = colour.mask(thin_out(region.of(image), step))
     # Contours, not connected components with statistics, which take 26 times as long on such a mask.
     contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     if len(contours) > MAX_BLOBS:
@@ -106,16 +106,16 @@ def find_blobs(image: Image, colour: HsvRange, step: int, region: Region | None 
         contours = sorted(contours, key=cv2.contourArea, reverse=True)[:MAX_BLOBS]
     boxed = [(contour, cv2.boundingRect(contour)) for contour in contours]
     boxed.sort(key=lambda pair: (-max(pair[1][2:]), pair[1]))
-    return [_blob(contour, box, mask, step, (region.left, region.top)) for contour, box in boxed]
+    return [_make_blob(contour, box, mask, step, (region.left, region.top)) for contour, box in boxed]
 
 
-def together(blobs: Sequence[Blob], most: int) -> list[Blob]:
+def join_patches(blobs: Sequence[Blob], most: int) -> list[Blob]:
     """Return each of the largest blobs with those near it as one: stripes part a ball into patches."""
     found: list[Blob] = []
     for blob in blobs[:most]:
         patches = [each for each in blobs if _may_be_one(blob, each)]
         if len(patches) > 1 and not any(blob.contours[0] is known for one in found for known in one.contours):
-            found.append(_joined(patches))
+            found.append(_join(patches))
     return found
 
 
@@ -127,7 +127,7 @@ def _may_be_one(blob: Blob, other: Blob) -> bool:
     return gap_px < PATCH_GAP * one.radius_px and MIN_PATCH * one.radius_px <= two.radius_px <= one.radius_px
 
 
-def _joined(patches: Sequence[Blob]) -> Blob:
+def _join(patches: Sequence[Blob]) -> Blob:
     # The box around all patches: its longer side is the diameter, since a stripe parts a ball across but seldom both
     # ways.
     circles = [patch.circle for patch in patches]
@@ -145,7 +145,7 @@ def _joined(patches: Sequence[Blob]) -> Blob:
     )
 
 
-def thinned(image: Image, step: int) -> Image:
+def thin_out(image: Image, step: int) -> Image:
     """Return every k-th pixel of every k-th row."""
     if step == 1:
         return image
@@ -156,7 +156,9 @@ def thinned(image: Image, step: int) -> Image:
     return np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_NEAREST), np.uint8)
 
 
-def _blob(contour: cv2.typing.MatLike, box: cv2.typing.Rect, mask: Mask, step: int, origin_px: tuple[int, int]) -> Blob:
+def _make_blob(
+    contour: cv2.typing.MatLike, box: cv2.typing.Rect, mask: Mask, step: int, origin_px: tuple[int, int]
+) -> Blob:
     (x, y, width, height), (left, top) = box, origin_px
     # The pixel that was looked at is the first of its cell; the blob reaches half a cell beyond it on average.
     circle = ImageCircle(

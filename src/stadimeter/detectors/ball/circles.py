@@ -77,7 +77,7 @@ class Edges(NamedTuple):
     strength: Weights
 
 
-def edge_circle(image: Image, blob_px: Points, area_px2: float) -> ImageCircle | None:
+def find_edge_circle(image: Image, blob_px: Points, area_px2: float) -> ImageCircle | None:
     """Find the circle of edges around a blob's outline, shape ``(n, 2)``; None if none has the blob inside."""
     # Radials start at 0.35 of the half size, where a blob that is only the lit part of a ball may have its limb, and
     # end at twice it. Half a pixel is added because points are centres of pixels.
@@ -85,7 +85,7 @@ def edge_circle(image: Image, blob_px: Points, area_px2: float) -> ImageCircle |
     centre, half_px = (low + high) / 2, float((high - low).max()) / 2 + 0.5
     step_px = max(0.5, half_px / STEPS_A_HALF)
     distances = np.arange(MIN_REACH * half_px, MAX_REACH * half_px + 3 * step_px, step_px)
-    return find_circle(_edges(image, centre, distances), blob_px, area_px2, (max(BAND_PX, step_px), BAND_SHARE))
+    return find_circle(_find_edges(image, centre, distances), blob_px, area_px2, (max(BAND_PX, step_px), BAND_SHARE))
 
 
 def find_circle(edges: Edges, around_px: Points, area_px2: float, band: tuple[float, float]) -> ImageCircle | None:
@@ -107,7 +107,7 @@ def find_circle(edges: Edges, around_px: Points, area_px2: float, band: tuple[fl
     # A circle much larger than what fills it is chance; the root keeps a ball of which only the lit part has
     # the colour.
     fill = np.minimum(1.0, area_px2 / (np.pi * circles[:, 2] ** 2))
-    worth = _enclosed(around_px, circles) * np.sqrt(fill)
+    worth = _enclosed_share(around_px, circles) * np.sqrt(fill)
     # What a circle encloses is quickly told; only the best by that are held against all edges.
     tried = np.argsort(-worth, kind="stable")[:MAX_CIRCLES_HELD]
     score = worth[tried] * _support(edges, circles[tried], band)
@@ -118,7 +118,7 @@ def find_circle(edges: Edges, around_px: Points, area_px2: float, band: tuple[fl
     return ImageCircle(x_px=x, y_px=y, radius_px=radius)
 
 
-def _edges(image: Image, centre: Points, distances_px: Points) -> Edges:
+def _find_edges(image: Image, centre: Points, distances_px: Points) -> Edges:
     """Return the strongest edges inside the picture along radials, at even distances from the centre."""
     across, down = _directions()
     (x, y), (height, width) = centre.tolist(), image.shape[:2]
@@ -163,7 +163,7 @@ def _peaks(steepness: Values) -> tuple[Indices, Values]:
     return columns + 1, peak[each[:, None], columns]
 
 
-def most_common_circle(points_px: Points, band_px: float = 1.0) -> ImageCircle | None:
+def find_common_circle(points_px: Points, band_px: float = 1.0) -> ImageCircle | None:
     """Find the circle within a band of which most of the points lie; None if no three of them form one.
 
     Circles through three points each are tried. The same points always give the same circle.
@@ -232,7 +232,7 @@ def _support(edges: Edges, circles: Points, band: tuple[float, float]) -> Values
     return np.asarray(strongest.mean(axis=1), np.float64)
 
 
-def _enclosed(around: Points, circles: Points) -> Weights:
+def _enclosed_share(around: Points, circles: Points) -> Weights:
     """Return for each circle the share of the points that it encloses, give or take 5 % of its radius."""
     dx = around[:, 0] - circles[:, :1]
     dy = around[:, 1] - circles[:, 1:2]

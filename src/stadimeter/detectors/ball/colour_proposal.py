@@ -2,7 +2,7 @@
 
 Ranges of many widths are drawn up around a place (`colour_ranges`), and the detector itself judges them: the range with
 which it sees the best ball there wins. Without a place, the blobs that stand out by a colour of their own are tried
-(`_vivid_blobs`). Several places, and several pictures in several lights, join into one range.
+(`_pick_vivid`). Several places, and several pictures in several lights, join into one range.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 
 from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
 from stadimeter.core.frame import Frame, Image
-from stadimeter.detectors.ball.colour_ranges import Place, joined, ranges_at, smoothed, vivid_ranges_at, widened
+from stadimeter.detectors.ball.colour_ranges import Place, join_ranges, ranges_at, smooth, vivid_ranges_at, widen
 from stadimeter.detectors.hsv import HsvRange, Mask
 from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView
 
@@ -101,22 +101,22 @@ def propose(samples: Sequence[ColourSample], detect: Detect) -> ColourProposal |
     In a picture without a place, the ball is looked for with the range of those before it first.
     """
     found: list[HsvRange] = []
-    for frame, places in map(_smaller, samples):
-        known = places or _place_by(found, frame, detect)
+    for frame, places in map(_shrink, samples):
+        known = places or _find_place(found, frame, detect)
         if known:
             step = 1 if len(known) == 1 else STEP_OF_SEVERAL
-            found += filter(None, (_at(frame, place, detect, step) for place in known))
+            found += filter(None, (_find_range(frame, place, detect, step) for place in known))
         else:
-            found += _standing_out(frame, detect)
+            found += _find_standing_out(frame, detect)
     if not found:
         return None
     # A place on a white stripe, a gloss or a shadow has no hue: it says nothing of a ball that has one elsewhere.
-    colour = joined([each for each in found if not _is_grey(each)] or found)
+    colour = join_ranges([each for each in found if not _is_grey(each)] or found)
     views = tuple(view(frame, colour, detect) for frame, _ in samples)
-    return ColourProposal(colour=str(colour), views=views, hue_margin=_hue_margin(samples, views, colour))
+    return ColourProposal(colour=str(colour), views=views, hue_margin=_find_hue_margin(samples, views, colour))
 
 
-def _smaller(sample: ColourSample) -> ColourSample:
+def _shrink(sample: ColourSample) -> ColourSample:
     """Return a picture that is small enough to be searched many times."""
     (height, width), places = sample.frame.image.shape[:2], sample.places_px
     scale = SEARCH_PX / max(height, width)
@@ -127,43 +127,43 @@ def _smaller(sample: ColourSample) -> ColourSample:
     return ColourSample(replace(sample.frame, image=np.asarray(image, np.uint8)), smaller)
 
 
-def _place_by(found: Sequence[HsvRange], frame: Frame, detect: Detect) -> tuple[Place, ...]:
+def _find_place(found: Sequence[HsvRange], frame: Frame, detect: Detect) -> tuple[Place, ...]:
     """Return where the ball is by the ranges of other pictures; nothing if it is not seen with them."""
-    detection = detect(frame, joined(found)) if found else None
+    detection = detect(frame, join_ranges(found)) if found else None
     return (detection.centre_px,) if detection and detection.status is DetectionStatus.FOUND else ()
 
 
-def _at(frame: Frame, place: Place, detect: Detect, step: int = 1) -> HsvRange | None:
+def _find_range(frame: Frame, place: Place, detect: Detect, step: int = 1) -> HsvRange | None:
     """Return the best range at a place; where no ball is seen with any, one of a middling width; None of background."""
-    hsv = smoothed(frame.image)
+    hsv = smooth(frame.image)
     by_place = list(ranges_at(hsv, place))
-    best = _seen(frame, by_place[::step], place, detect)
+    best = _pick_range(frame, by_place[::step], place, detect)
     if best is None or best.score < SURE_SCORE:
-        near = _seen(frame, islice(vivid_ranges_at(hsv, place), None, None, step), place, detect)
+        near = _pick_range(frame, islice(vivid_ranges_at(hsv, place), None, None, step), place, detect)
         best = near if best is None or (near is not None and near.score > best.score) else best
     if best is not None:
         return best.colour
     return by_place[len(by_place) // 2] if by_place else None
 
 
-def _standing_out(frame: Frame, detect: Detect) -> list[HsvRange]:
+def _find_standing_out(frame: Frame, detect: Detect) -> list[HsvRange]:
     """Return the best range of what stands out in a picture most, as a list; an empty one if that is no ball."""
-    hsv = smoothed(frame.image)
+    hsv = smooth(frame.image)
     best_so_far, place = 0.0, None
-    for blob in _vivid_blobs(frame.image, MAX_VIVID_BLOBS):  # the best first
+    for blob in _pick_vivid(frame.image, MAX_VIVID_BLOBS):  # the best first
         if best_so_far >= PERFECT_SCORE * blob.score:
             break
         ranges = list(islice(ranges_at(hsv, blob.place), MIDDLING_FROM + FIRST_TRIED))[-FIRST_TRIED:]
-        score = max((each.score for each in _tried(frame, ranges, blob.place, detect)), default=0.0)
+        score = max((each.score for each in _try_ranges(frame, ranges, blob.place, detect)), default=0.0)
         if score * blob.score > best_so_far:
             best_so_far, place = score * blob.score, blob.place
-    best_there = None if place is None else _at(frame, place, detect)
+    best_there = None if place is None else _find_range(frame, place, detect)
     return [] if best_there is None else [best_there]
 
 
-def _seen(frame: Frame, ranges: Iterable[HsvRange], place: Place, detect: Detect) -> _Range | None:
+def _pick_range(frame: Frame, ranges: Iterable[HsvRange], place: Place, detect: Detect) -> _Range | None:
     """Return the range with which the best ball is seen at a place, and none elsewhere that is taken for it."""
-    tried = sorted(_tried(frame, ranges, place, detect), key=lambda each: each.score, reverse=True)
+    tried = sorted(_try_ranges(frame, ranges, place, detect), key=lambda each: each.score, reverse=True)
     return next((each for each in tried[:MAX_VERIFIED] if _is_at(place, detect(frame, each.colour))), None)
 
 
@@ -172,7 +172,7 @@ def _is_at(place: Place, detection: Detection) -> bool:
     return is_found and math.dist(detection.centre_px, place) <= AT_PLACE * detection.width_px
 
 
-def _tried(frame: Frame, ranges: Iterable[HsvRange], place: Place, detect: Detect) -> Iterator[_Range]:
+def _try_ranges(frame: Frame, ranges: Iterable[HsvRange], place: Place, detect: Detect) -> Iterator[_Range]:
     """Yield the ranges with which a ball is seen at a place."""
     for number, colour in enumerate(ranges):
         detection = detect(frame, colour, place)
@@ -180,7 +180,7 @@ def _tried(frame: Frame, ranges: Iterable[HsvRange], place: Place, detect: Detec
             continue
         size = math.sqrt(min(1.0, detection.width_px / LARGE_PX))
         score = detection.quality * size * (1 + WIDER_BONUS * number) * (GREY_SHARE if _is_grey(colour) else 1.0)
-        score /= 1 + ELSEWHERE_COSTS * min(_elsewhere(colour.mask(frame.image), detection), MAX_ELSEWHERE)
+        score /= 1 + ELSEWHERE_COSTS * min(_area_elsewhere(colour.mask(frame.image), detection), MAX_ELSEWHERE)
         yield _Range(score, colour)
 
 
@@ -188,13 +188,13 @@ def _is_grey(colour: HsvRange) -> bool:
     return (colour.lower[0], colour.upper[0]) == (0, 179)
 
 
-def _elsewhere(mask: Mask, detection: Detection) -> float:
+def _area_elsewhere(mask: Mask, detection: Detection) -> float:
     """Return how much has the colour beside the ball, as a share of the ball."""
-    rest, ball_px2 = _without(mask, detection)
+    rest, ball_px2 = _mask_out(mask, detection)
     return cv2.countNonZero(rest) / ball_px2
 
 
-def _without(mask: Mask, detection: Detection) -> tuple[Mask, float]:
+def _mask_out(mask: Mask, detection: Detection) -> tuple[Mask, float]:
     """Return the mask without the ball, and the area of the ball; that is 0 if it was not found."""
     if detection.status is DetectionStatus.NOT_FOUND:
         return mask, 0.0
@@ -207,12 +207,12 @@ def _without(mask: Mask, detection: Detection) -> tuple[Mask, float]:
 def view(frame: Frame, colour: HsvRange, detect: Detect) -> ColourView:
     """Return what a range of colours shows in a frame."""
     detection, mask = detect(frame, colour), colour.mask(frame.image)
-    return ColourView(detection=detection, mask=mask, others=_others(mask, detection, THING_SHARE))
+    return ColourView(detection=detection, mask=mask, others=_list_others(mask, detection, THING_SHARE))
 
 
-def _others(mask: Mask, detection: Detection, share: float) -> tuple[RejectedCandidate, ...]:
+def _list_others(mask: Mask, detection: Detection, share: float) -> tuple[RejectedCandidate, ...]:
     """Return what else has the colour and is not too small beside the ball, the largest first."""
-    rest, ball_px2 = _without(mask, detection)
+    rest, ball_px2 = _mask_out(mask, detection)
     _, _, stats, centres = cv2.connectedComponentsWithStats(rest, connectivity=8)
     areas = stats[1:, cv2.CC_STAT_AREA]
     largest = [1 + int(each) for each in np.argsort(-areas) if areas[each] >= max(THING_PX2, share * ball_px2)]
@@ -227,13 +227,13 @@ def _others(mask: Mask, detection: Detection, share: float) -> tuple[RejectedCan
     )
 
 
-def _hue_margin(samples: Sequence[ColourSample], views: Sequence[ColourView], colour: HsvRange) -> int | None:
+def _find_hue_margin(samples: Sequence[ColourSample], views: Sequence[ColourView], colour: HsvRange) -> int | None:
     """Return by how many hues the range can grow at both ends before it covers something else; None for many."""
-    before = [len(_others(view.mask, view.detection, MARGIN_SHARE)) for view in views]
+    before = [len(_list_others(view.mask, view.detection, MARGIN_SHARE)) for view in views]
     for hues in range(2, MAX_HUE_MARGIN + 1, 2):
-        wider = widened(colour, hues)
+        wider = widen(colour, hues)
         masks = (wider.mask(frame.image) for frame, _ in samples)
-        after = [len(_others(mask, view.detection, MARGIN_SHARE)) for mask, view in zip(masks, views, strict=True)]
+        after = [len(_list_others(mask, view.detection, MARGIN_SHARE)) for mask, view in zip(masks, views, strict=True)]
         if any(now > own for now, own in zip(after, before, strict=True)):
             return hues - 2
     return None
@@ -253,7 +253,7 @@ class _VividBlob(NamedTuple):
     radius_px: float
 
 
-def _vivid_blobs(image: Image, most: int) -> list[_VividBlob]:
+def _pick_vivid(image: Image, most: int) -> list[_VividBlob]:
     """Return the blobs that look most like a ball, the best first; none of them in another."""
     scale = min(1.0, SEARCH_WIDTH_PX / max(image.shape[:2]))
     small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else image
@@ -266,10 +266,10 @@ def _vivid_blobs(image: Image, most: int) -> list[_VividBlob]:
             chosen.append(blob)
         if len(chosen) == most:
             break
-    return [_enlarged(blob, 1 / scale) for blob in chosen]
+    return [_enlarge(blob, 1 / scale) for blob in chosen]
 
 
-def _enlarged(blob: _VividBlob, factor: float) -> _VividBlob:
+def _enlarge(blob: _VividBlob, factor: float) -> _VividBlob:
     x_px, y_px = blob.place
     return _VividBlob(blob.score, ((x_px + 0.5) * factor - 0.5, (y_px + 0.5) * factor - 0.5), blob.radius_px * factor)
 

@@ -54,7 +54,7 @@ VIVID_REACHES, VIVID_PERCENT = 4, 60.0
 """So many times as far around, the most vivid pixels are the ball's own colour where the place is on a stripe."""
 
 
-def smoothed(image: Image) -> Image:
+def smooth(image: Image) -> Image:
     """Return hue, saturation and value of a picture without the grain of sensor and surface."""
     sigma_px = max(0.8, image.shape[1] / 800)
     return np.asarray(cv2.cvtColor(cv2.GaussianBlur(image, (0, 0), sigma_px), cv2.COLOR_BGR2HSV), np.uint8)
@@ -63,7 +63,7 @@ def smoothed(image: Image) -> Image:
 def ranges_at(hsv: Image, place: Place) -> Iterator[HsvRange]:
     """Yield ranges of the colour at a place of a smoothed picture, narrow ones first."""
     rows, columns = _around(hsv, place, _reach_px(hsv))
-    yield from _growing(hsv, place, _colours(hsv[rows, columns]))
+    yield from _grow(hsv, place, _colours(hsv[rows, columns]))
 
 
 def vivid_ranges_at(hsv: Image, place: Place) -> Iterator[HsvRange]:
@@ -75,10 +75,10 @@ def vivid_ranges_at(hsv: Image, place: Place) -> Iterator[HsvRange]:
     chroma = near[:, 1] * near[:, 2]
     row, column = divmod(int(np.argmax(chroma)), columns.stop - columns.start)
     vivid = near[chroma >= np.percentile(chroma, VIVID_PERCENT)]
-    yield from _growing(hsv, (columns.start + column, rows.start + row), vivid)
+    yield from _grow(hsv, (columns.start + column, rows.start + row), vivid)
 
 
-def joined(ranges: Sequence[HsvRange]) -> HsvRange:
+def join_ranges(ranges: Sequence[HsvRange]) -> HsvRange:
     """Return the narrowest range that covers several."""
     middles, reaches = zip(*(_hues(each) for each in ranges), strict=True)
     middle = _mean_hue(np.array(middles), np.ones(len(middles)))
@@ -92,7 +92,7 @@ def joined(ranges: Sequence[HsvRange]) -> HsvRange:
     return _range(middle + low, middle + high, (least[0], least[1]), (most[0], most[1]))
 
 
-def loosened(colour: HsvRange, steps: int) -> HsvRange:
+def loosen(colour: HsvRange, steps: int) -> HsvRange:
     """Return a range that covers more colours in every direction, or fewer for negative steps; never none."""
     saturation, value = (min(round(each * (1 - LESS_OF_STEP * steps)), 255) for each in colour.lower[1:])
     if (colour.lower[0], colour.upper[0]) == (0, 179):
@@ -104,18 +104,18 @@ def loosened(colour: HsvRange, steps: int) -> HsvRange:
     return _range(middle - reach, middle + reach, least, colour.upper[1:])
 
 
-def widened(colour: HsvRange, hues: int) -> HsvRange:
+def widen(colour: HsvRange, hues: int) -> HsvRange:
     """Return a range with more hues at both ends."""
     middle, reach = _hues(colour)
     return _range(middle - reach - hues, middle + reach + hues, colour.lower[1:], colour.upper[1:])
 
 
-def _growing(hsv: Image, place: Place, seen: Colours) -> Iterator[HsvRange]:
+def _grow(hsv: Image, place: Place, seen: Colours) -> Iterator[HsvRange]:
     tried = set()
     for margin in MARGINS:
         colours = seen
         for _ in range(GROWTHS):
-            colour = _covering(colours, margin)
+            colour = _cover(colours, margin)
             patch = None if colour in tried else _patch(hsv, colour, place)
             if patch is None:
                 break
@@ -125,7 +125,7 @@ def _growing(hsv: Image, place: Place, seen: Colours) -> Iterator[HsvRange]:
             colours = patch
 
 
-def _covering(colours: Colours, margin: int) -> HsvRange:
+def _cover(colours: Colours, margin: int) -> HsvRange:
     """Return the range of these colours with a margin."""
     hues, saturations, values = colours.T
     (min_saturation, max_saturation), (min_value, max_value) = (

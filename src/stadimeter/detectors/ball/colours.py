@@ -70,7 +70,7 @@ class BallColours(NamedTuple):
     axis: Odds  # the direction from the colours around it to those of the ball, of length 1, shape ``(3,)``
 
 
-def ball_colours(image: Image, circle: ImageCircle) -> BallColours | None:
+def learn_colours(image: Image, circle: ImageCircle) -> BallColours | None:
     """Learn the colours of the ball inside a circle and of what is around it; None from too few pixels."""
     # A square of 1.5 radii each way, thinned to 32 by 32 pixels whatever its size: of a large ball about
     # 280 pixels inside and 550 outside, at a cost that does not grow with the ball.
@@ -97,7 +97,7 @@ def _odds(inside: Image, outside: Image) -> Odds:
     # Histograms over 16³ colours, as shares. Smoothing by (1/2, 1, 1/2) along each channel stands for noise and
     # shading; the added 2 % keeps a colour that was seen once from being certain.
     shares = np.stack([np.bincount(_bins(each), minlength=BINS**3) / len(each) for each in (inside, outside)])
-    ball, around = _smoothed(shares.astype(np.float32)) + RARE_SHARE
+    ball, around = _smooth(shares.astype(np.float32)) + RARE_SHARE
     return np.asarray(np.clip(np.log(ball / around), -MAX_ODDS, MAX_ODDS), np.float32)
 
 
@@ -115,16 +115,16 @@ def likely_drop(codes: Image, colours: BallColours) -> Odds:
 
     Returns:
         Levels of 8 bits along the axis, shape ``(n, k - 2)`` for ``(n, k, 3)``; 0 where it does not fall and where the
-        limb cannot be by `plausible`.
+        limb cannot be by `find_plausible`.
     """
     # Projected on that axis each pixel is one number, larger for the ball's colours. The drop spans two pixels, as a
     # step of a sharp picture does.
     along = codes.astype(np.float32).dot(colours.axis)
     drop = np.maximum(along[:, :-2] - along[:, 2:], 0)
-    return np.asarray(drop * plausible(codes, colours.odds)[:, 1:-1])
+    return np.asarray(drop * find_plausible(codes, colours.odds)[:, 1:-1])
 
 
-def plausible(codes: Image, odds: Odds) -> Flags:
+def find_plausible(codes: Image, odds: Odds) -> Flags:
     """Return where on each spoke the limb may be by the colours on either side, shape ``(n, k)`` for ``(n, k, 3)``.
 
     Where colours say nothing, since ball and surroundings look alike, that is everywhere.
@@ -144,7 +144,7 @@ def _bins(codes: Image) -> NDArray[np.intp]:
     return np.asarray(highest.dot(PLACES.astype(np.float32)).astype(np.intp).reshape(codes.shape[:-1]))
 
 
-def _smoothed(shares: Odds) -> Odds:
+def _smooth(shares: Odds) -> Odds:
     """Spread the counts of each colour to its neighbours: light and noise move colours by more than a bin."""
     blue = SPREAD @ shares.reshape(-1, BINS, BINS * BINS)
     green = SPREAD @ blue.reshape(-1, BINS, BINS)

@@ -151,8 +151,8 @@ class BallGates:
         # passed, by which the closest one is named to the user.
         radius_px = limb.circle.radius_px
         if not self.min_radius_px <= radius_px <= self.max_radius_px:
-            return _refusal(limb.circle, f"lies in a circle of {2 * radius_px:.0f} px, limit {self.limits_text()}", 0.0)
-        agrees = expected is not None and _agree(limb.circle, expected)
+            return _refuse(limb.circle, f"lies in a circle of {2 * radius_px:.0f} px, limit {self.limits_text()}", 0.0)
+        agrees = expected is not None and _agrees(limb.circle, expected)
         needed = _needed_support(limb, is_lens_known=is_lens_known) * (AGREEING_SHARE if agrees else 1.0)
         cut_off = is_cut_off(limb.circle, image)
         # Support is the share of spokes with a step on the limb. Of a ball at the border only the spokes inside the
@@ -160,16 +160,16 @@ class BallGates:
         support = limb.support_inside if cut_off and limb.support >= MIN_CUT_OFF_SUPPORT else limb.support
         if support < needed:
             reason = f"is not round: {support:.0%} of a circle to {limb.scatter_px:.1f} px, limit {needed:.0%}"
-            return _refusal(limb.circle, reason, 1 + support / needed)
+            return _refuse(limb.circle, reason, 1 + support / needed)
         if not agrees and _is_square(limb):
-            return _refusal(limb.circle, "is not round: it has corners, as four waves around it tell", 2.0)
+            return _refuse(limb.circle, "is not round: it has corners, as four waves around it tell", 2.0)
         margin = support - needed
         # Where a ball is expected and seen all around, its colour was judged less than a second ago: see
         # stadimeter.perception.perceiver. To judge it again would take as long as a fifth of all else.
         is_known = expected is not None and margin >= FULL_QUALITY_MARGIN
         fill = 1.0 if is_known else self._fill(image, limb.circle, coloured_px2)
         if fill < MIN_FILL:
-            return too_little_colour(limb.circle, fill, tests_passed=2)
+            return refuse_too_little_colour(limb.circle, fill, tests_passed=2)
         # Only a barely supported limb is held against the colour outside: an arc of an ellipse or the corner of a thing
         # of the ball's colour is round too, but the colour goes on where no step is seen.
         if margin < CLEAR_MARGIN:
@@ -178,7 +178,7 @@ class BallGates:
         least = MIN_QUALITY + QUALITY_OF_SMALL_PX / radius_px
         if ball.quality < least and not agrees:
             reason = f"is hardly round: quality {ball.quality:.2f}, limit {least:.2f}"
-            return _refusal(limb.circle, reason, 3 + ball.quality / least)
+            return _refuse(limb.circle, reason, 3 + ball.quality / least)
         return ball
 
     def _overrun(self, image: Image, limb: Limb, lens: CameraModel) -> float:
@@ -207,7 +207,7 @@ class BallGates:
         return f"{2 * self.min_radius_px:.0f}{most} px"
 
 
-def _agree(circle: ImageCircle, expected: ImageCircle) -> bool:
+def _agrees(circle: ImageCircle, expected: ImageCircle) -> bool:
     """Return whether a circle is just where and as large as one is expected."""
     off_px = math.hypot(circle.x_px - expected.x_px, circle.y_px - expected.y_px)
     larger_px = abs(circle.radius_px - expected.radius_px)
@@ -224,27 +224,27 @@ def _is_square(limb: Limb) -> bool:
     radii_px, turns = np.hypot(x, y), np.outer((1, 2, 4), np.arctan2(y, x))
     waves = np.vstack([np.ones(len(x)), np.cos(turns), np.sin(turns)])
     # What a circle beside the centre and an ellipse leave is compared with what four waves to the turn leave as well.
-    (_, round_px2), (fit, all_px2) = _fitted(waves[[0, 1, 2, 4, 5]], radii_px), _fitted(waves, radii_px)
+    (_, round_px2), (fit, all_px2) = _fit_waves(waves[[0, 1, 2, 4, 5]], radii_px), _fit_waves(waves, radii_px)
     height_px = math.hypot(fit[3], fit[6])
     return height_px > SQUARE_OFF * limb.circle.radius_px and all_px2 < (1 - SQUARE_SHARE) * round_px2
 
 
-def _fitted(waves: NDArray[np.float64], radii_px: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+def _fit_waves(waves: NDArray[np.float64], radii_px: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
     """Return the heights of the waves that come nearest to the radii, and the sum of the squares that they leave."""
     fit = np.asarray(np.linalg.lstsq(waves.T, radii_px, rcond=None)[0], np.float64)
     left_px = radii_px - fit @ waves
     return fit, float(left_px @ left_px)
 
 
-def without_limb(start: ImageCircle) -> Refusal:
+def refuse_without_limb(start: ImageCircle) -> Refusal:
     """Return why there is no ball where no limb was found near a circle."""
-    return _refusal(start, f"has no edge around it, limit {MIN_SUPPORT:.0%} of a circle", 0.0)
+    return _refuse(start, f"has no edge around it, limit {MIN_SUPPORT:.0%} of a circle", 0.0)
 
 
-def too_little_colour(circle: ImageCircle, fill: float, tests_passed: int = 0) -> Refusal:
+def refuse_too_little_colour(circle: ImageCircle, fill: float, tests_passed: int = 0) -> Refusal:
     """Return why there is no ball where this share of a circle has its colour."""
     reason = f"has the ball's colour on {fill:.0%} of it, limit {MIN_FILL:.0%}"
-    return _refusal(circle, reason, tests_passed + fill / MIN_FILL)
+    return _refuse(circle, reason, tests_passed + fill / MIN_FILL)
 
 
 def max_score(radius_px: float) -> float:
@@ -276,7 +276,7 @@ def _needed_support(limb: Limb, *, is_lens_known: bool) -> float:
     return MIN_SUPPORT + SUPPORT_OF_SCATTER * limb.scatter_px / allowance_px
 
 
-def _refusal(circle: ImageCircle, reason: str, tests_passed: float) -> Refusal:
+def _refuse(circle: ImageCircle, reason: str, tests_passed: float) -> Refusal:
     centre_px, size_px = (circle.x_px, circle.y_px), 2 * circle.radius_px
     candidate = RejectedCandidate(centre_px=centre_px, size_px=size_px, reason=reason)
     return Refusal(tests_passed * max_score(circle.radius_px), candidate)
@@ -306,7 +306,7 @@ def colour_share_beside(image: Image, points_px: Points, centre_px: Points, off_
     return cv2.countNonZero(colour.mask(image[None, y, x])) / len(points_px) if len(x) else 0.0
 
 
-def most_alike(refusals: Sequence[Refusal]) -> tuple[RejectedCandidate, ...]:
+def list_most_alike(refusals: Sequence[Refusal]) -> tuple[RejectedCandidate, ...]:
     """Return what is no ball, most like one first."""
     ordered = sorted(refusals, key=lambda each: each.likeness, reverse=True)
     return tuple(each.candidate for each in ordered[:MAX_REJECTED])

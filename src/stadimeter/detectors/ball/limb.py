@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
-from stadimeter.detectors.ball.circles import ImageCircle, most_common_circle
-from stadimeter.detectors.ball.colours import BallColours, ball_colours
+from stadimeter.detectors.ball.circles import ImageCircle, find_common_circle
+from stadimeter.detectors.ball.colours import BallColours, learn_colours
 from stadimeter.detectors.ball.limb_edges import LimbEdges, limb_edges
 from stadimeter.ranging.sphere_cone import MIN_RAYS, ConeFrame, SphereCone, with_ones
 
@@ -154,19 +154,19 @@ def find_limb(image: Image, start: ImageCircle, within_px: float, lens: CameraMo
     Where the steps leave doubt, since they scatter or too few are on one limb, they are looked for once more between
     colours that are the ball's and colours that are not.
     """
-    limb = _settled(image, start, within_px, lens)
-    return _looked_by_colour(image, limb, within_px, lens) if limb is not None and limb.is_doubtful else limb
+    limb = _settle(image, start, within_px, lens)
+    return _look_by_colour(image, limb, within_px, lens) if limb is not None and limb.is_doubtful else limb
 
 
-def _looked_by_colour(image: Image, best: Limb, within_px: float, lens: CameraModel) -> Limb:
+def _look_by_colour(image: Image, best: Limb, within_px: float, lens: CameraModel) -> Limb:
     """Return the best supported limb of the first one and those found by colour, and how much they differ."""
     limb, looks = best, [best]
     for _ in range(LOOKS_BY_COLOUR):
         # Colours are learnt anew around each limb that was found: the first one may include a finger or the shadow.
         # Looks by colour brought the 95th percentile of the error on marked balls from 4.6 to 2.8 %, and cost nothing
         # where the first limb is beyond doubt.
-        colours = ball_colours(image, limb.circle)
-        found = None if colours is None else _settled(image, limb.circle, within_px, lens, colours)
+        colours = learn_colours(image, limb.circle)
+        found = None if colours is None else _settle(image, limb.circle, within_px, lens, colours)
         if found is None:
             break
         limb, within_px = found, _near_px(found)
@@ -180,7 +180,7 @@ def _looked_by_colour(image: Image, best: Limb, within_px: float, lens: CameraMo
     return replace(best, change_px=max(radii_px) - min(radii_px))
 
 
-def _settled(
+def _settle(
     image: Image, circle: ImageCircle, within_px: float, lens: CameraModel, colours: BallColours | None = None
 ) -> Limb | None:
     """Fit the limb near a circle, then around where the fit put it, until the same steps are found."""
@@ -189,7 +189,7 @@ def _settled(
     limb, reach_px = None, within_px + BEYOND_PX
     for _ in range(MAX_LOOKS):
         edges = limb_edges(image, circle, reach_px, within_px, lens, colours)
-        limb = None if edges is None else _fitted(edges, circle, lens)
+        limb = None if edges is None else _fit_limb(edges, circle, lens)
         if edges is None or limb is None:
             return None
         # How far the spokes that were read are now from where they should be, in place and radius together; a pixel to
@@ -228,7 +228,7 @@ def _oblong_px(limb: Limb) -> float:
     return limb.circle.radius_px * (1 / z - 1) if z > 0 else 0.0
 
 
-def _fitted(edges: LimbEdges, circle: ImageCircle, lens: CameraModel) -> Limb | None:
+def _fit_limb(edges: LimbEdges, circle: ImageCircle, lens: CameraModel) -> Limb | None:
     """Return the limb through most of the steps."""
     count = edges.places.shape[1]
     if count < MIN_RAYS:
@@ -237,16 +237,18 @@ def _fitted(edges: LimbEdges, circle: ImageCircle, lens: CameraModel) -> Limb | 
     max_px = _max_miss_px(circle, edges)
     # Least squares first: with few outliers, reweighting finds them. Where too many steps miss the cone, least squares
     # may have settled between the limb and another edge; then the fit starts again from the circle of most votes.
-    fit = _robust(frame, frame.fit(), lens, max_px)
+    fit = _fit_robustly(frame, frame.fit(), lens, max_px)
     if fit is None or fit.usual_px > DOUBTFUL_PX or fit.steps < DOUBTFUL_SHARE * count:
         points = edges.points_px
-        common = most_common_circle(points)
+        common = find_common_circle(points)
         if common is not None:
             # Weights of 1 near the circle of most votes and 0 elsewhere; 5 % of the radius allow for the ellipse off
             # the axis.
             near = np.abs(np.hypot(points[:, 0] - common.x_px, points[:, 1] - common.y_px) - common.radius_px)
-            again = _robust(frame, frame.fit(np.where(near < 0.05 * common.radius_px + 1.0, 1.0, 0.0)), lens, max_px)
-            fit = _better(fit, again)
+            again = _fit_robustly(
+                frame, frame.fit(np.where(near < 0.05 * common.radius_px + 1.0, 1.0, 0.0)), lens, max_px
+            )
+            fit = _pick_better(fit, again)
     return None if fit is None else _limb(fit, edges, lens)
 
 
@@ -275,7 +277,7 @@ class _ConeFit(NamedTuple):
     usual_px: float
 
 
-def _robust(frame: ConeFrame, cone: SphereCone | None, lens: CameraModel, max_px: float) -> _ConeFit | None:
+def _fit_robustly(frame: ConeFrame, cone: SphereCone | None, lens: CameraModel, max_px: float) -> _ConeFit | None:
     """Fit a cone again with Tukey's weights, until what belongs to it is settled."""
     last_px = math.inf
     for _ in range(ROUNDS):
@@ -310,7 +312,7 @@ def _limits(misses: Values, max_px: float) -> tuple[float, float, float]:
     return usual, min(max(OUTLIER_SIGMAS * usual, MIN_OUTLIER_PX), max_px), float(ordered[-1])
 
 
-def _better(one: _ConeFit | None, other: _ConeFit | None) -> _ConeFit | None:
+def _pick_better(one: _ConeFit | None, other: _ConeFit | None) -> _ConeFit | None:
     """Return the fit with more steps that lie closer to it."""
     if one is None or other is None:
         return one or other

@@ -170,13 +170,13 @@ def limb_edges(
     # One gather for all spokes, shape (spokes, pixels, 3), 8-bit code values.
     codes = image.reshape(-1, 3).take(spokes.pixels, axis=0, mode="clip")
     first, last = max(0, math.floor(inside - within_px)), math.ceil(inside + within_px) + 1
-    steepest, is_clear = _steepest(codes[:, first:last], colours)
+    steepest, is_clear = _find_steepest(codes[:, first:last], colours)
     steepest += first
-    steps = _sharp_steps(codes, steepest, light)
+    steps = _measure_sharp(codes, steepest, light)
     # The median width decides for all spokes, so that both ways of reading are never mixed in one fit. Half-level
     # windows of ±1.5 px win on sharp pictures (0.23 % median), wide ones on blur above 8 px.
     if quantile(steps.width) > BLURRED_PX:
-        steps = _blurred_steps(codes, steepest, light)
+        steps = _measure_blurred(codes, steepest, light)
     found = steps.found & is_clear
     width = steps.width.compress(found)
     if not len(width):
@@ -250,10 +250,10 @@ def _spokes(shape: tuple[int, ...], circle: ImageCircle, inside: int, outside: i
     spokes = _Spokes(pixels, start, rose.step, rose.slant, 4 * a_side)
     reach = radius + outside + 1
     is_whole = min(x, y, width - 1 - x, height - 1 - y) >= reach and radius >= inside
-    return spokes if is_whole else _inside(spokes, width, height)
+    return spokes if is_whole else _keep_whole(spokes, width, height)
 
 
-def _inside(spokes: _Spokes, width: int, height: int) -> _Spokes | None:
+def _keep_whole(spokes: _Spokes, width: int, height: int) -> _Spokes | None:
     """Return the spokes that are whole in the picture; None if there are none."""
     # A spoke that leaves the picture is left out as a whole: its outer level would be that of a repeated border pixel.
     ends = spokes.start + spokes.step * (spokes.pixels.shape[1] - 1)
@@ -265,7 +265,7 @@ def _inside(spokes: _Spokes, width: int, height: int) -> _Spokes | None:
     return _Spokes(spokes.pixels[whole], start, step, spokes.slant[whole], spokes.expected)
 
 
-def _steepest(codes: Image, colours: BallColours | None) -> tuple[Indices, Flags]:
+def _find_steepest(codes: Image, colours: BallColours | None) -> tuple[Indices, Flags]:
     """Return where the colour of each spoke changes most, and whether that is more than noise, shape ``(n,)`` each.
 
     Where it is known which colours are the ball's, only the change from these to others counts.
@@ -293,7 +293,7 @@ def _first_of_each(rows: int, length: int) -> Indices:
     return np.arange(0, rows * length, length)
 
 
-def _sharp_steps(codes: Image, steepest: Indices, light: Light) -> _LimbSteps:
+def _measure_sharp(codes: Image, steepest: Indices, light: Light) -> _LimbSteps:
     """Measure steps no wider than a sharp picture has them, from a few pixels about the steepest places."""
     spokes, length = codes.shape[:2]
     # Ten pixels about each steepest place, six inside to three outside, turned so that each offset is a row: then five
@@ -301,7 +301,7 @@ def _sharp_steps(codes: Image, steepest: Indices, light: Light) -> _LimbSteps:
     near = _near(length).take(steepest, axis=1)
     near += _first_of_each(spokes, length)
     near_codes = codes.reshape(-1, 3).take(near, axis=0)
-    levels = LEVELS.dot(_lit(near_codes, light).reshape(len(NEAR), -1))
+    levels = LEVELS.dot(_decode(near_codes, light).reshape(len(NEAR), -1))
     # `way` is the difference of the inner and the outer level as a vector of three channels, in linear light. Every
     # pixel is projected on it, so a step in any colour counts, not only one in brightness. Clipped channels say nothing
     # and are left out.
@@ -333,10 +333,10 @@ def _shade(rise: Profiles, width: Profiles) -> float:
     return min(max(quantile(sharp), 0.0), MAX_SHADE) if len(sharp) else 0.0
 
 
-def _blurred_steps(codes: Image, steepest: Indices, light: Light) -> _LimbSteps:
+def _measure_blurred(codes: Image, steepest: Indices, light: Light) -> _LimbSteps:
     """Measure steps of any width: levels are read beyond their foot, found in a few rounds."""
     spoke, last = np.arange(len(codes)), codes.shape[1] - 1
-    lit = _lit(codes, light)
+    lit = _decode(codes, light)
     way = lit[spoke, np.maximum(steepest - 2, 0)] - lit[spoke, np.minimum(steepest + 2, last)]
     if codes.max() >= CLIPPED:
         # Turned so that each place of all spokes lies in a row, numpy is twenty times as fast.
@@ -358,12 +358,14 @@ def _blurred_steps(codes: Image, steepest: Indices, light: Light) -> _LimbSteps:
         # As far again inside as the level was read, a ball that is lit from there is as much brighter again.
         rise, step = share[spoke, np.maximum(middle - 2 * gap, 0)] - high, np.maximum(high - low, 1e-3)
         shade = np.minimum(np.maximum(rise, MIN_BLURRED_SHADE * step), MAX_BLURRED_SHADE * step)
-        at, found = _passes(share, spoke, middle, (high + low - (shade if rounds >= UNSHADED_ROUNDS else 0.0)) / 2)
+        at, found = _find_passages(
+            share, spoke, middle, (high + low - (shade if rounds >= UNSHADED_ROUNDS else 0.0)) / 2
+        )
         middle = np.where(found, np.rint(at), middle).astype(np.intp)
     return _LimbSteps(at, width, found & (high > low), way)
 
 
-def _passes(share: Profiles, spoke: Indices, middle: Indices, half: Profiles) -> tuple[Profiles, Flags]:
+def _find_passages(share: Profiles, spoke: Indices, middle: Indices, half: Profiles) -> tuple[Profiles, Flags]:
     """Return where each spoke passes half way nearest to its middle, and whether it does."""
     above = share > half[:, None]
     # From above to not above.
@@ -382,6 +384,6 @@ def _nearness(length: int) -> Profiles:
     return np.asarray(length - np.abs(places[:-1] + 0.5 - places[:, None]), np.float32)
 
 
-def _lit(codes: Image, light: Light) -> Profiles:
+def _decode(codes: Image, light: Light) -> Profiles:
     """Return the light of code values of any shape ``(…, 3)``; OpenCV looks it up faster than numpy."""
     return np.asarray(cv2.LUT(codes, light), np.float32)

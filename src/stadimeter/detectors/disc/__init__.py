@@ -28,11 +28,11 @@ from stadimeter.detectors.disc.choice import (
     Judged,
     RefusedDisc,
     colour_share,
-    colour_trouble,
-    doubt,
+    find_colour_trouble,
+    find_doubt,
     likeness,
-    no_ellipse,
-    rejected,
+    list_rejected,
+    refuse_shape,
 )
 from stadimeter.detectors.disc.edges import (
     ROUGHLY,
@@ -42,9 +42,9 @@ from stadimeter.detectors.disc.edges import (
     Trouble,
     diameters_px,
     evidence,
+    find_trouble,
     measure_ellipse,
     quality,
-    trouble_with,
 )
 from stadimeter.detectors.disc.ellipse import Ellipse, Lens
 from stadimeter.detectors.disc.profiles import EdgePicture
@@ -54,7 +54,7 @@ from stadimeter.detectors.disc.search import (
     View,
     find_outlines,
     find_partly_hidden,
-    largest,
+    pick_largest,
 )
 from stadimeter.detectors.hsv import HsvRangeText
 from stadimeter.detectors.protocol import Exercise, check_image
@@ -164,10 +164,10 @@ class DiscDetector:
         """
         check_image(frame)
         through = Lens(camera=lens)
-        near = None if prediction is None else self._near(frame, through, prediction)
-        return near or self._anywhere(frame, through)
+        near = None if prediction is None else self._search_near(frame, through, prediction)
+        return near or self._search_anywhere(frame, through)
 
-    def _near(self, frame: Frame, lens: Lens, prediction: Prediction) -> Detection | None:
+    def _search_near(self, frame: Frame, lens: Lens, prediction: Prediction) -> Detection | None:
         """Return the whole disc most like the prediction; None if there is none around it."""
         # Largest difference along an axis in place, or difference in size, in pixels; the most similar whole ellipse is
         # measured first. One at the border goes to the search of the whole picture.
@@ -183,24 +183,24 @@ class DiscDetector:
             return float(max(apart_px, abs(diameters_px(disc.edges)[0] - prediction.size_px)))
 
         whole = sorted((each for each in judged.discs if not each.truncated), key=unlike_px)
-        found = self._first_of(whole, frame, lens, judged)
-        return None if found is None or found.truncated else self._found(found, judged, lens)
+        found = self._pick_first(whole, frame, lens, judged)
+        return None if found is None or found.truncated else self._report_found(found, judged, lens)
 
-    def _anywhere(self, frame: Frame, lens: Lens) -> Detection:
+    def _search_anywhere(self, frame: Frame, lens: Lens) -> Detection:
         judged = self._judge_all(frame, View.of(frame.image, Region.whole(frame.image)), lens)
-        found = self._first_of(judged.ranked(), frame, lens, judged)
+        found = self._pick_first(judged.ranked(), frame, lens, judged)
         if found is None:
-            return self._not_found(judged, lens)
-        why = doubt(found, judged, lens, colour_share(frame.image, self._colour))
-        return self._ambiguous(found, why, judged, lens) if why else self._found(found, judged, lens)
+            return self._report_not_found(judged, lens)
+        why = find_doubt(found, judged, lens, colour_share(frame.image, self._colour))
+        return self._report_ambiguous(found, why, judged, lens) if why else self._report_found(found, judged, lens)
 
-    def _first_of(self, discs: Iterable[Disc], frame: Frame, lens: Lens, judged: Judged) -> Disc | None:
+    def _pick_first(self, discs: Iterable[Disc], frame: Frame, lens: Lens, judged: Judged) -> Disc | None:
         """Return the first disc that is one still when it is measured thoroughly."""
         for disc in discs:
             judged.discs.remove(disc)
             # Two efforts: 48 lines and 4 looks tell which ellipses may be discs; only the one that is taken is worth
             # 144 lines and a hundredth of a pixel.
-            exact = self._measured(frame, lens, disc.edges.ellipse, REACH_AGAIN_PX, disc.is_bright, THOROUGHLY)
+            exact = self._measure(frame, lens, disc.edges.ellipse, REACH_AGAIN_PX, disc.is_bright, THOROUGHLY)
             if isinstance(exact, Disc):
                 return exact
             judged.refused.append(exact)
@@ -212,13 +212,13 @@ class DiscDetector:
         found = find_outlines(view.grey, min_px, bright=self._bright, dark=self._dark)
         judged = Judged(brightness_range=found.brightness_range, outlines=len(found.others))
         refused = self._judge(frame, view, lens, found.ellipses, judged)
-        others = largest(found.others, MAX_REJECTED)
+        others = pick_largest(found.others, MAX_REJECTED)
         # Pieces of outlines are tried only where no whole disc is: they cost a fit for each, and chance makes ellipses
         # of them.
         if not judged.has_whole:
             height, width = view.grey.shape
             self._judge(frame, view, lens, find_partly_hidden([*refused, *others], (height, width)), judged)
-        judged.refused += [no_ellipse(each, view) for each in others]
+        judged.refused += [refuse_shape(each, view) for each in others]
         return judged
 
     def _judge(
@@ -229,11 +229,11 @@ class DiscDetector:
         for outline in list(outlines)[:MAX_MEASURED]:
             # From here on ellipses are in pixels of the full picture with the lens's distortion undone, where a
             # circle's outline is an ellipse exactly.
-            start = lens.straightened(view.in_full(outline.ellipse))
+            start = lens.straighten(view.in_full(outline.ellipse))
             if start is None:
                 continue
             reach_px = REACH_PX / view.scale + REACH_SHARE * outline.size_px / view.scale
-            result = self._measured(frame, lens, start, reach_px, outline.shape.is_bright, ROUGHLY)
+            result = self._measure(frame, lens, start, reach_px, outline.shape.is_bright, ROUGHLY)
             if isinstance(result, Disc):
                 judged.discs.append(result)
             else:
@@ -241,7 +241,7 @@ class DiscDetector:
                 refused.append(outline)
         return refused
 
-    def _measured(
+    def _measure(
         self, frame: Frame, lens: Lens, start: Ellipse, reach_px: float, is_bright: bool, effort: Effort
     ) -> Disc | RefusedDisc:
         edges = measure_ellipse(
@@ -255,9 +255,9 @@ class DiscDetector:
         if edges is None:
             trouble = Trouble(0, f"has no elliptical edge within {reach_px:.1f} px")
             return RefusedDisc(ellipse=start, is_bright=is_bright, trouble=trouble)
-        failed = trouble_with(edges, self._min_px, lens.light)
+        failed = find_trouble(edges, self._min_px, lens.light)
         if failed is None and self._colour is not None:
-            failed = colour_trouble(frame.image, edges.ellipse, lens, self._colour)
+            failed = find_colour_trouble(frame.image, edges.ellipse, lens, self._colour)
         if failed is not None:
             return RefusedDisc(ellipse=start, is_bright=is_bright, trouble=failed)
         # Back to where the picture shows it: the border cuts off what is seen there.
@@ -269,7 +269,7 @@ class DiscDetector:
             truncated=touches_border(rim, frame.width_px, frame.height_px, BORDER_PX),
         )
 
-    def _found(self, disc: Disc, judged: Judged, lens: Lens) -> Detection:
+    def _report_found(self, disc: Disc, judged: Judged, lens: Lens) -> Detection:
         ellipse = disc.edges.ellipse
         larger_px, smaller_px = diameters_px(disc.edges)
         x, y = lens.bent(ellipse.centre_px)
@@ -284,15 +284,15 @@ class DiscDetector:
             height_px=smaller_px,
             size_sigma_px=_size_sigma_px(disc.edges, compressed=lens.is_compressed),
             quality=quality(disc.edges),
-            rejected=rejected(judged, disc, lens),
+            rejected=list_rejected(judged, disc, lens),
         )
 
-    def _ambiguous(self, disc: Disc, why: str, judged: Judged, lens: Lens) -> Detection:
+    def _report_ambiguous(self, disc: Disc, why: str, judged: Judged, lens: Lens) -> Detection:
         """Return that the disc may be in the picture, but which ellipse it is, or whether it is one, is not known."""
         x, y = lens.bent(disc.edges.ellipse.centre_px).tolist()
         size_px = diameters_px(disc.edges)[0]
         fits = RejectedCandidate(centre_px=(x, y), size_px=size_px, reason="fits, but others may as well")
-        others = rejected(judged, disc, lens)
+        others = list_rejected(judged, disc, lens)
         return Detection(
             target=self._name,
             status=DetectionStatus.NOT_FOUND,
@@ -300,7 +300,7 @@ class DiscDetector:
             rejected=(fits, *others)[:MAX_REJECTED],
         )
 
-    def _not_found(self, judged: Judged, lens: Lens) -> Detection:
+    def _report_not_found(self, judged: Judged, lens: Lens) -> Detection:
         if judged.brightness_range < MIN_RANGE:
             reason = f"the picture is even: its levels differ by {judged.brightness_range}, limit {MIN_RANGE}"
         elif judged.refused:
@@ -311,7 +311,7 @@ class DiscDetector:
             target=self._name,
             status=DetectionStatus.NOT_FOUND,
             reason=reason,
-            rejected=rejected(judged, None, lens),
+            rejected=list_rejected(judged, None, lens),
         )
 
 

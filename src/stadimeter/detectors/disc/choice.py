@@ -92,20 +92,20 @@ class Judged:
         return any(not each.truncated for each in self.discs)
 
 
-def doubt(disc: Disc, judged: Judged, lens: Lens, colour_share: float) -> str:
+def find_doubt(disc: Disc, judged: Judged, lens: Lens, colour_share: float) -> str:
     """Return why it cannot be said that a disc is the one; an empty string if it can."""
     # First the other discs, then the other outlines: both tell that another ellipse may be the one. Without this test
     # another ellipse was taken in 15 to 27 % of cluttered pictures, with it in 1.5 %.
     rival = next((each for each in judged.ranked() if _is_rival(each, disc)), None)
     advice = "name its colour" if colour_share == 1.0 else "look closer"
     if rival is not None:
-        return f"ambiguous: 2 discs fit, {_placed(disc, lens)} and {_placed(rival, lens)}; {advice}"
+        return f"ambiguous: 2 discs fit, {_describe_place(disc, lens)} and {_describe_place(rival, lens)}; {advice}"
     # A named colour leaves as many candidates as have it, so the limit falls by the share of the picture with that
     # colour; texture counts as 100 outlines at most, since in rooms a third of the discs were lost to it.
     limit = EVIDENCE_PER_OUTLINE * min(judged.outlines, MAX_OUTLINES) * colour_share
     if disc.evidence < limit:
         return (
-            f"ambiguous: {_placed(disc, lens)} may be any ellipse among {judged.outlines} outlines: evidence "
+            f"ambiguous: {_describe_place(disc, lens)} may be any ellipse among {judged.outlines} outlines: evidence "
             f"{disc.evidence:.0f}, limit {limit:.0f}; {advice}"
         )
     return ""
@@ -119,7 +119,7 @@ def _is_rival(other: Disc, disc: Disc) -> bool:
     return elsewhere and not other.truncated and other.evidence > RIVAL_SHARE * disc.evidence
 
 
-def _placed(disc: Disc, lens: Lens) -> str:
+def _describe_place(disc: Disc, lens: Lens) -> str:
     x, y = lens.bent(disc.edges.ellipse.centre_px).tolist()
     return f"{diameters_px(disc.edges)[0]:.0f} px at {x:.0f}, {y:.0f}"
 
@@ -133,7 +133,7 @@ def colour_share(image: Image, colour: HsvRange | None) -> float:
     return max(float(share), MIN_PICTURE_COLOUR_SHARE)
 
 
-def colour_trouble(image: Image, ellipse: Ellipse, lens: Lens, colour: HsvRange) -> Trouble | None:
+def find_colour_trouble(image: Image, ellipse: Ellipse, lens: Lens, colour: HsvRange) -> Trouble | None:
     """Return why the inside of an ellipse has not a colour; None if it has."""
     # 64 points on four rings up to three quarters of the half axes, bent to where they appear, nearest pixels.
     last = np.array((image.shape[1], image.shape[0])) - 1
@@ -144,7 +144,7 @@ def colour_trouble(image: Image, ellipse: Ellipse, lens: Lens, colour: HsvRange)
     return Trouble(TESTS, f"has the disc's colour on {share:.0%} of it, limit {MIN_DISC_COLOUR_SHARE:.0%}")
 
 
-def no_ellipse(outline: Outline, view: View) -> RefusedDisc:
+def refuse_shape(outline: Outline, view: View) -> RefusedDisc:
     """Return an outline of another shape as a candidate that is no disc."""
     larger, smaller, _ = outline.ellipse.axes()
     if outline.off_px < math.inf:
@@ -163,16 +163,16 @@ def likeness(refused: RefusedDisc) -> tuple[int, float]:
     return refused.trouble.passed, refused.ellipse.axes()[0]
 
 
-def rejected(judged: Judged, taken: Disc | None, lens: Lens) -> tuple[RejectedCandidate, ...]:
+def list_rejected(judged: Judged, taken: Disc | None, lens: Lens) -> tuple[RejectedCandidate, ...]:
     """Return the other discs, and what is no disc, the most like one first."""
-    found = [] if taken is None else [_less_evident(each, taken, lens) for each in judged.ranked()]
+    found = [] if taken is None else [_describe_less_evident(each, taken, lens) for each in judged.ranked()]
     for each in sorted(judged.refused, key=likeness, reverse=True):
         x, y = lens.bent(each.ellipse.centre_px).tolist()
         found.append(RejectedCandidate(centre_px=(x, y), size_px=2 * each.ellipse.axes()[0], reason=each.trouble.text))
     return tuple(found[:MAX_REJECTED])
 
 
-def _less_evident(disc: Disc, taken: Disc, lens: Lens) -> RejectedCandidate:
+def _describe_less_evident(disc: Disc, taken: Disc, lens: Lens) -> RejectedCandidate:
     x, y = lens.bent(disc.edges.ellipse.centre_px).tolist()
     if disc.truncated:
         reason = "is cut off by the border"

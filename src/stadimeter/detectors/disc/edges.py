@@ -150,14 +150,14 @@ def measure_ellipse(
         reach = min(reach_px if look == 0 else _reach_px(widest_px, smaller), INNER_SHARE * smaller)
         steps = read_steps(picture, rim, reach, is_bright=is_bright, is_first=look == 0)
         off = steps.off_px + _drawn_in_px(rim, steps) - outwards_px
-        fit = _moved(ellipse, rim, off, steps.is_edge, FIRST_FITS if look == 0 else NEXT_FITS)
+        fit = _move_ellipse(ellipse, rim, off, steps.is_edge, FIRST_FITS if look == 0 else NEXT_FITS)
         if fit is None or not _is_near(fit.ellipse, start, reach_px) or not _is_hopeful(fit, steps):
             return None
         ellipse, widest_px, seen = fit.ellipse, steps.widest_px, (fit, steps)
         has_arrived = look > 0 and fit.moved_px < effort.stays_px
         if has_arrived and _reach_px(widest_px, smaller) < NEARLY_REACHED * reach:
             break
-    return None if seen is None else _described(picture, *seen)
+    return None if seen is None else _describe(picture, *seen)
 
 
 def _drawn_in_px(rim: Rim, steps: Steps) -> Values:
@@ -205,7 +205,7 @@ def _is_hopeful(fit: _EllipseFit, steps: Steps) -> bool:
     return int(np.count_nonzero(fit.on_ellipse)) >= MIN_HOPEFUL_SHARE * int(np.count_nonzero(steps.visible))
 
 
-def _moved(ellipse: Ellipse, rim: Rim, off_px: Values, is_edge: Mask, fits: int) -> _EllipseFit | None:
+def _move_ellipse(ellipse: Ellipse, rim: Rim, off_px: Values, is_edge: Mask, fits: int) -> _EllipseFit | None:
     """Move an ellipse to the edges: a step of Gauss and Newton, with Tukey's weights against those that do not fit.
 
     A change of c by dc and of M by dM moves the place at t outwards by ``n · (dc + dM (cos t, sin t))``.
@@ -258,7 +258,7 @@ def _sigma_px(normal: Values, scatter_px: float, ellipse: Ellipse) -> float:
     return 2 * scatter_px * math.sqrt(max(share, 0.0))
 
 
-def _described(picture: EdgePicture, fit: _EllipseFit, steps: Steps) -> EllipseEdges:
+def _describe(picture: EdgePicture, fit: _EllipseFit, steps: Steps) -> EllipseEdges:
     seen = fit.on_ellipse
     contrast = steps.contrast[seen]
     usual = quantile(contrast)
@@ -313,7 +313,7 @@ class Trouble(NamedTuple):
     text: str  # the test that it failed, with the figure and the limit
 
 
-def trouble_with(edges: EllipseEdges, min_px: float, light: Light) -> Trouble | None:
+def find_trouble(edges: EllipseEdges, min_px: float, light: Light) -> Trouble | None:
     """Return the first test of a disc that an outline failed; None if it is a disc, as far as a picture tells."""
     # Cheap and telling tests first; each text has the figure and its limit, for the user.
     larger, smaller = diameters_px(edges)

@@ -156,7 +156,7 @@ class Lens:
         straight = (points_px.reshape(-1, 2) - self._centre()) / self._focal()
         return self.camera.project(straight).reshape(points_px.shape)
 
-    def straightened(self, ellipse: Ellipse) -> Ellipse | None:
+    def straighten(self, ellipse: Ellipse) -> Ellipse | None:
         """Return the ellipse that appears as one; None for one that none appears as."""
         if self.camera is None or not self.camera.distortion:
             return ellipse

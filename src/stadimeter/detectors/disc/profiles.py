@@ -98,10 +98,10 @@ def read_steps(picture: EdgePicture, rim: Rim, reach_px: float, *, is_bright: bo
     light, is_inside = picture.read(rim.points_px[:, None, :] + along[None, :, None] * rim.outward[:, None, :])
     visible: Mask = np.asarray(is_inside.all(axis=1), np.bool_)
     bright = light if is_bright else -light
-    return (_steepest if is_first else _half_way)(bright, visible, along)
+    return (_find_steepest if is_first else _find_half_way)(bright, visible, along)
 
 
-def _steepest(bright: Profiles, visible: Mask, along: Values) -> Steps:
+def _find_steepest(bright: Profiles, visible: Mask, along: Values) -> Steps:
     # Central differences, outwards; a dark disc has its sign turned, so that its edge falls as well.
     fall = bright[:, :-2] - bright[:, 2:]
     best = np.argmax(fall, axis=1)
@@ -124,11 +124,11 @@ def _steepest(bright: Profiles, visible: Mask, along: Values) -> Steps:
     )
 
 
-def _half_way(bright: Profiles, visible: Mask, along: Values) -> Steps:
+def _find_half_way(bright: Profiles, visible: Mask, along: Values) -> Steps:
     lines = np.arange(len(bright))
     # Levels are the means of the two samples at either end of the line; inside the median of nine lines is taken, since
     # print and gloss lie there, outside each line's own, since what is behind the disc changes.
-    inside = _smoothed((bright[:, 0] + bright[:, 1]) / 2)
+    inside = _smooth((bright[:, 0] + bright[:, 1]) / 2)
     outside = (bright[:, -1] + bright[:, -2]) / 2
     contrast = inside - outside
     safe = np.where(contrast > MIN_LIGHT, contrast, np.inf)
@@ -166,7 +166,7 @@ def _deviation_px(spread_px: Values) -> Values:
     return np.asarray(spread_px * (SIGMA_OF_SHARP + (SIGMA_OF_WIDE - SIGMA_OF_SHARP) * wide))
 
 
-def _smoothed(values: Values) -> Values:
+def _smooth(values: Values) -> Values:
     """Return the median of each value and its neighbours, around the outline."""
     side = LEVEL_LINES // 2
     around = np.concatenate((values[-side:], values, values[:side]))

@@ -112,7 +112,7 @@ class Outline(NamedTuple):
         return self.off_px < max_off_px(self.ellipse)
 
 
-class FoundOutlines(NamedTuple):
+class DiscOutlines(NamedTuple):
     """Outlines that were found in a picture."""
 
     ellipses: Sequence[Outline]  # what is elliptical, each of them once, the most promising first
@@ -120,12 +120,12 @@ class FoundOutlines(NamedTuple):
     brightness_range: int  # by how much the brightest and the darkest value differ
 
 
-def find_outlines(grey: Plane, min_px: float, *, bright: bool, dark: bool) -> FoundOutlines:
+def find_outlines(grey: Plane, min_px: float, *, bright: bool, dark: bool) -> DiscOutlines:
     """Find what may be a disc with a larger diameter of `min_px` at least."""
     smooth = np.asarray(cv2.blur(grey, (SMOOTH, SMOOTH)), np.uint8)
     darkest, brightest = (int(each) for each in cv2.minMaxLoc(smooth)[:2])
     if brightest - darkest < MIN_RANGE:
-        return FoundOutlines((), (), brightest - darkest)
+        return DiscOutlines((), (), brightest - darkest)
     ellipses: list[Outline] = []
     others: list[Shape] = []
     # A disc shows as a compact shape at every level between its own brightness and that of what is around it, so the
@@ -135,21 +135,21 @@ def find_outlines(grey: Plane, min_px: float, *, bright: bool, dark: bool) -> Fo
         for shape in _shapes(smooth, float(level), min_px):
             if not (bright if shape.is_bright else dark):
                 continue
-            outline = _outline(shape) if _is_compact(shape) else None
+            outline = _fit_outline(shape) if _is_compact(shape) else None
             if outline is not None and outline.is_elliptical:
                 if outline.size_px > min_px:
                     ellipses.append(outline)
             else:
                 others.append(shape)
-    promising = sorted(distinct(ellipses), key=lambda each: -each.promise)
-    return FoundOutlines(ellipses=promising, others=others, brightness_range=brightest - darkest)
+    promising = sorted(pick_distinct(ellipses), key=lambda each: -each.promise)
+    return DiscOutlines(ellipses=promising, others=others, brightness_range=brightest - darkest)
 
 
-def largest(shapes: Iterable[Shape], count: int) -> list[Outline]:
+def pick_largest(shapes: Iterable[Shape], count: int) -> list[Outline]:
     """Return the largest of shapes that are no ellipses, what was seen at several levels once."""
     looked_at = sorted(shapes, key=lambda each: -each.area)[:MAX_LOOKED_AT]
-    outlines = (_outline(each) for each in looked_at)
-    return distinct([each for each in outlines if each is not None])[:count]
+    outlines = (_fit_outline(each) for each in looked_at)
+    return pick_distinct([each for each in outlines if each is not None])[:count]
 
 
 def max_off_px(ellipse: Ellipse) -> float:
@@ -185,7 +185,7 @@ def _is_compact(shape: Shape) -> bool:
     return 4 * math.pi * shape.area > COMPACT * len(shape.contour) ** 2
 
 
-def _outline(shape: Shape) -> Outline | None:
+def _fit_outline(shape: Shape) -> Outline | None:
     """Return what a shape looks like as an ellipse; None for a line."""
     # Area, centroid and central second moments by Green's theorem from the contour: all in pixels of the reduced
     # picture.
@@ -202,7 +202,7 @@ def _outline(shape: Shape) -> Outline | None:
     return Outline(shape, ellipse, 2 * larger, fill, off_px)
 
 
-def distinct(outlines: Sequence[Outline]) -> list[Outline]:
+def pick_distinct(outlines: Sequence[Outline]) -> list[Outline]:
     """Return what was seen at several levels once, as it is most like an ellipse; the largest first."""
     if not outlines:
         return []
@@ -257,11 +257,11 @@ def find_partly_hidden(outlines: Iterable[Outline], shape: tuple[int, int]) -> l
         outlines: What is not elliptical as a whole.
         shape: Height and width of the picture.
     """
-    found = (_most_of(each, shape) for each in outlines if each.size_px > MIN_SIZE_PX)
-    return distinct([each for each in found if each is not None])
+    found = (_fit_most_of(each, shape) for each in outlines if each.size_px > MIN_SIZE_PX)
+    return pick_distinct([each for each in found if each is not None])
 
 
-def _most_of(outline: Outline, shape: tuple[int, int]) -> Outline | None:
+def _fit_most_of(outline: Outline, shape: tuple[int, int]) -> Outline | None:
     """Return the ellipse that most of an outline lies on; the border of the picture is no part of it."""
     contour = outline.shape.contour
     points = contour[np.arange(POINTS) * len(contour) // POINTS, 0].astype(np.float64)
