@@ -34,24 +34,21 @@ class LiveCamera(ABC):
         name: The camera's name in messages.
     """
 
+    is_live = True  # old frames are worthless
+
     def __init__(self, name: str) -> None:
         self._name = name
         self._lock = threading.Lock()
         self._is_closed = True
         self._delivered = 0
-        self._remarks: tuple[str, ...] = ()
+        self.remarks: tuple[str, ...] = ()  # settings that were not taken when it was last opened, a sentence each
         self._subsampling: Subsampling = "4:4:4"
         self._optics: Optics | None = None
 
     @property
-    def is_live(self) -> bool:
-        """True: old frames are worthless."""
-        return True
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """Settings that were not taken when the camera was last opened, a sentence each."""
-        return self._remarks
+    def not_for_motion(self) -> str:
+        """Why nothing may move on its frames; empty for a camera that knows when it captured each."""
+        return ""
 
     def open(self) -> None:
         """Open the camera with its settings and wait for the first picture.
@@ -65,7 +62,7 @@ class LiveCamera(ABC):
         with self._alone(DeviceHungError):
             self._is_closed = False
             try:
-                self._remarks = self._acquire()
+                self.remarks = self._acquire()
             except BaseException:
                 self._is_closed = True
                 raise

@@ -119,11 +119,6 @@ class Picamera2Camera(LiveCamera):
         self._kernel_time = KernelTime(monotonic)
         self._last_captured_s = -math.inf
 
-    @property
-    def not_for_motion(self) -> str:
-        """An empty string: the camera knows when it captured each frame."""
-        return ""
-
     def _break_off(self) -> None:
         if (device := self._device) is not None:
             device.cancel_all_and_flush()

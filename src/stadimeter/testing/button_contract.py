@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ import pytest
 from stadimeter.actuators.protocol import Button
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverError
 from stadimeter.testing.output_contract import raised_by
-from stadimeter.testing.rig import Rig
+from stadimeter.testing.rig import Contract, Rig
 
 ABSENT, FAILS = "absent", "fails"
 
@@ -36,26 +36,8 @@ class ButtonRig(Rig[Button]):
         return bool(self.timed("is_pressed"))
 
 
-class ButtonContract:
+class ButtonContract(Contract):
     """The tests."""
-
-    @pytest.fixture
-    def make_rig(self) -> Callable[[], ButtonRig]:
-        """Return a function that builds a new rig. Override it."""
-        raise NotImplementedError(f"override the fixture make_rig in {type(self).__name__}")
-
-    @pytest.fixture
-    def rig(self, make_rig: Callable[[], ButtonRig]) -> ButtonRig:
-        """Return a rig that is not open."""
-        return make_rig()
-
-    @pytest.fixture
-    def opened(self, rig: ButtonRig) -> Iterator[ButtonRig]:
-        """Open a rig, and close it at the end."""
-        rig.device.open()
-        yield rig
-        with suppress(DriverError):
-            rig.device.close()
 
     def test_the_constructor_touches_no_hardware(self, rig: ButtonRig) -> None:
         assert not rig.is_held()

@@ -29,6 +29,7 @@ from stadimeter.errors import (
     PictureError,
     StadimeterError,
 )
+from stadimeter.testing.rig import Contract
 
 FRAMES = 3
 """How many frames a recording under test must have, at least."""
@@ -68,13 +69,8 @@ class CameraRig:
         return [self.camera.read() for _ in range(LIVE_FRAMES if self.camera.is_live else FRAMES)]
 
 
-class CameraContract:
+class CameraContract(Contract):
     """The tests."""
-
-    @pytest.fixture
-    def make_rig(self) -> Callable[[], CameraRig]:
-        """Return a function that makes a new rig. Override it."""
-        raise NotImplementedError("subclass CameraContract and override the fixture make_rig")
 
     @pytest.fixture
     def rig(self, make_rig: Callable[[], CameraRig]) -> Iterator[CameraRig]:

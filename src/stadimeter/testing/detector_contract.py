@@ -28,6 +28,7 @@ from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import CalibrationError, PictureError
 from stadimeter.ranging.measure import measure
+from stadimeter.testing.rig import Contract
 
 AMBIGUOUS = "ambiguous: "
 """So begins the reason of a detector that sees the target more than once and cannot tell which one it is."""
@@ -134,18 +135,8 @@ class DetectorRig:
         assert off_m <= SIGMAS * sigma_m, f"{distance_m:.4f} m is off by {off_m / sigma_m:.1f} standard deviations"
 
 
-class DetectorContract:
+class DetectorContract(Contract):
     """The tests."""
-
-    @pytest.fixture
-    def make_rig(self) -> Callable[[], DetectorRig]:
-        """Return a function that makes a new rig. Override it."""
-        raise NotImplementedError("subclass DetectorContract and override the fixture make_rig")
-
-    @pytest.fixture
-    def rig(self, make_rig: Callable[[], DetectorRig]) -> DetectorRig:
-        """Return a rig."""
-        return make_rig()
 
     def test_the_target_is_found_at_its_distance(self, rig: DetectorRig) -> None:
         """The distance is right within a few of the standard deviations that are stated with it."""

@@ -10,7 +10,7 @@ import pytest
 from stadimeter.core.message import Message
 from stadimeter.errors import DeviceClosedError
 from stadimeter.messaging.protocol import Messenger
-from stadimeter.testing.rig import Rig, threads_left
+from stadimeter.testing.rig import Contract, Rig, threads_left
 
 GONE, SILENT = "gone", "silent"
 
@@ -48,18 +48,8 @@ def state(payload: str) -> Message:
     return Message(topic="contract/state", payload=payload)
 
 
-class MessengerContract:
+class MessengerContract(Contract):
     """The tests."""
-
-    @pytest.fixture
-    def make_rig(self) -> Callable[[], MessengerRig]:
-        """Return a function that builds a new rig. Override it."""
-        raise NotImplementedError(f"override the fixture make_rig in {type(self).__name__}")
-
-    @pytest.fixture
-    def rig(self, make_rig: Callable[[], MessengerRig]) -> MessengerRig:
-        """Return a rig that is not open."""
-        return make_rig()
 
     @pytest.fixture
     def messenger(self, rig: MessengerRig) -> Iterator[Messenger]:

@@ -11,7 +11,7 @@ from stadimeter.core.decision import Severity
 from stadimeter.core.notification import Notification
 from stadimeter.errors import DeviceClosedError
 from stadimeter.messaging.protocol import Notifier
-from stadimeter.testing.rig import Rig, threads_left
+from stadimeter.testing.rig import Contract, Rig, threads_left
 
 GONE, SILENT = "gone", "silent"
 
@@ -43,18 +43,8 @@ def notification(body: str) -> Notification:
     return Notification(title="the door", body=body, severity=Severity.ALARM)
 
 
-class NotifierContract:
+class NotifierContract(Contract):
     """The tests."""
-
-    @pytest.fixture
-    def make_rig(self) -> Callable[[], NotifierRig]:
-        """Return a function that builds a new rig. Override it."""
-        raise NotImplementedError(f"override the fixture make_rig in {type(self).__name__}")
-
-    @pytest.fixture
-    def rig(self, make_rig: Callable[[], NotifierRig]) -> NotifierRig:
-        """Return a rig that is not open."""
-        return make_rig()
 
     @pytest.fixture
     def notifier(self, rig: NotifierRig) -> Iterator[Notifier]:

@@ -2,38 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
 import pytest
 
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverError
-from stadimeter.testing.rig import OutputRig
+from stadimeter.testing.rig import Contract, OutputRig
 
 AnyRig = OutputRig[Any]
 
 
-class OutputContract:
+class OutputContract(Contract):
     """The tests. Subclasses name the faults that their devices may have."""
-
-    @pytest.fixture
-    def make_rig(self) -> Callable[[], AnyRig]:
-        """Return a function that builds a new rig. Override it."""
-        raise NotImplementedError(f"override the fixture make_rig in {type(self).__name__}")
-
-    @pytest.fixture
-    def rig(self, make_rig: Callable[[], AnyRig]) -> AnyRig:
-        """Return a rig that is not open."""
-        return make_rig()
-
-    @pytest.fixture
-    def opened(self, rig: AnyRig) -> Iterator[AnyRig]:
-        """Open a rig, and close it at the end."""
-        rig.device.open()
-        yield rig
-        with suppress(DriverError):
-            rig.device.close()
 
     @pytest.fixture
     def opening_fault(self) -> str:

@@ -19,13 +19,14 @@ import time
 from abc import abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Generic, TypeVar
 
 import pytest
 
 from stadimeter.core.command import Command
+from stadimeter.errors import DriverError
 from stadimeter.testing.eventually import eventually
 from stadimeter.testing.manual_clock import ManualClock
 
@@ -195,3 +196,25 @@ class OutputRig(Rig[DeviceT]):
             self.clock.advance_s(TICK_S)
             self.tick()
             each_tick()
+
+
+class Contract:
+    """What every contract suite begins with: rigs of the driver under test."""
+
+    @pytest.fixture
+    def make_rig(self) -> Callable[[], Any]:
+        """Return a function that builds a new rig. Override it."""
+        raise NotImplementedError(f"override the fixture make_rig in {type(self).__name__}")
+
+    @pytest.fixture
+    def rig(self, make_rig: Callable[[], Any]) -> Any:
+        """Return a rig that is not open."""
+        return make_rig()
+
+    @pytest.fixture
+    def opened(self, rig: Any) -> Iterator[Any]:
+        """Open a rig, and close it at the end."""
+        rig.device.open()
+        yield rig
+        with suppress(DriverError):
+            rig.device.close()
