@@ -5,6 +5,7 @@ Links are written for the repository, where most people meet these pages. The si
 
 from __future__ import annotations
 
+import json
 import posixpath
 import re
 from collections import defaultdict
@@ -16,6 +17,8 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 from pymdownx.slugs import slugify
+
+from stadimeter.web.openapi import openapi_document
 
 FROM_ELSEWHERE = {"contributing.md": "CONTRIBUTING.md", "deploy.md": "deploy/README.md"}
 """Pages of the site that are not in this folder, by their path in the repository."""
@@ -35,10 +38,11 @@ CODE = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the pages from elsewhere."""
+    """Add the pages from elsewhere, and the description of the page's API."""
     root = Path(config.config_file_path).parent
     for uri, origin in FROM_ELSEWHERE.items():
         files.append(File.generated(config, uri, abs_src_path=str(root / origin)))
+    files.append(File.generated(config, "openapi.json", content=json.dumps(openapi_document(), indent=1)))
     return files
 
 

@@ -1,8 +1,8 @@
 """How often a ball is found with the range of colours that one click on it gives, or two.
 
 ``python tests/benchmarks/colour_clicks.py`` prints the table of docs/benchmarks/web.md. Each picture goes through the
-operation that the page asks, ``setup-colour``. A person is taken to click near the middle of the ball: at random, with
-a standard deviation of a quarter of its radius, and never further out than two thirds. Where the ball is not found
+page's own operation, ``setup_operations.colour``. A person is taken to click near the middle of the ball: at random,
+with a standard deviation of a quarter of its radius, and never further out than two thirds. Where it is not found
 afterwards, they click once more, elsewhere on it.
 
 Afterwards the ball is looked for as a run does, with the range alone. It counts as found where its centre is off by no

@@ -15,7 +15,7 @@ from stadimeter.app.control.framing import framed
 from stadimeter.testing.eventually import eventually
 from stadimeter.web import serving
 from stadimeter.web.passwords import PasswordFile
-from stadimeter.web.routes import PLACES
+from stadimeter.web.routes import PAGE_OPERATIONS
 from support.browser import ROOM, served
 from support.page import OPERATE, ServedPage, quicken, served_page
 
@@ -183,7 +183,7 @@ BODIES = [b"", b"{}", b"[]", b"{", b'{"rule": {}}', b'{"by": 1e999}', b"0\r\n\r\
 
 def nonsense(chance):
     """Return a request that is nearly one."""
-    path = chance.choice([place.path.encode() for place in PLACES] + WORDS)
+    path = chance.choice([place.path.encode() for place in PAGE_OPERATIONS] + WORDS)
     path += b"".join(chance.choices(WORDS, k=chance.randrange(3)))
     path = path.replace(b"/live", b"/life").replace(b"stream.", b"dream.")  # which end when we hang up, and not before
     lines = [b"Host: localhost"] * chance.randrange(2) + chance.choices(LINES, k=chance.randrange(5))

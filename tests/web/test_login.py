@@ -11,10 +11,10 @@ from stadimeter.web.access import HEADERS, SESSION_S
 from stadimeter.web.attempts import FREE
 from stadimeter.web.ended_sessions import ENDED_MAX, EndedSessions, Session
 from stadimeter.web.passwords import PasswordFile
-from stadimeter.web.routes import PLACES, Right
+from stadimeter.web.routes import PAGE_OPERATIONS, Right
 from support.page import FORM, OPERATE, READ, quicken, served_page
 
-CLOSED = [place for place in PLACES if place.right is not Right.OPEN]
+CLOSED = [place for place in PAGE_OPERATIONS if place.right is not Right.OPEN]
 NAMED = {"rule": "far", "output": "motor", "name": "a.mcap", "id": "1", "file": "app.js"}
 
 

@@ -7,14 +7,20 @@ import struct
 
 import jsonschema
 import pytest
+import typer
 
+from stadimeter.app.control.messages import ARGS
+from stadimeter.cli.operate import register
+from stadimeter.operator_actions import OperatorAction
 from stadimeter.testing.eventually import eventually
-from stadimeter.web.page import HERE
-from stadimeter.web.routes import PLACES, Right
+from stadimeter.web.openapi import openapi_document
+from stadimeter.web.routes import PAGE_OPERATIONS, Right
 from support.browser import served
 
-API = json.loads((HERE / "openapi.json").read_text())
-DESCRIBED = [place for place in PLACES if place.right > Right.OPEN and place.op not in {"index", "static", "openapi"}]
+API = openapi_document()
+DESCRIBED = [
+    place for place in PAGE_OPERATIONS if place.right > Right.OPEN and place.op not in {"index", "static", "openapi"}
+]
 
 
 def validator(name):
@@ -36,6 +42,17 @@ def test_it_tells_the_right_the_names_and_the_kind_of_answer(place):
     assert set(place.query) <= set(names)
     assert place.media in {"", *told["responses"]["200"]["content"]}
     assert "requestBody" not in told or place.body_max
+
+
+def test_every_operator_action_is_a_path_of_the_page_a_request_of_the_run_and_a_command():
+    paths = {each.op for each in PAGE_OPERATIONS if each.to == "run" and each.names_operator}
+    app = typer.Typer()
+    register(app)
+    commands = {each.name for each in app.registered_commands}
+    for action in OperatorAction:
+        assert action.command in paths
+        assert action.command in ARGS
+        assert action.command in commands or action is OperatorAction.RELEASE_OUTPUTS  # stop-outputs --release
 
 
 def test_its_schemas_are_schemas_and_each_is_used():

@@ -120,7 +120,7 @@ def test_the_real_one_is_asked_and_refuses_what_it_does_not_know(tmp_path):
     async def story(link):
         with pytest.raises(PageError, match="there is no operation 'nothing'"):
             await link.ask("nothing", {}, 60)
-        return await link.ask("setup-state", {}, 60)
+        return await link.ask("setup_operations.state", {}, 60)
 
     told = tell(story, command_of_workbench(tmp_path / "room.toml", None)).data
     assert told["folder"] == str(tmp_path)

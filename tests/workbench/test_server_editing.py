@@ -15,11 +15,11 @@ from stadimeter.config.camera_file import camera_file_text
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import ChangedMeanwhileError, ConfigError, NotThereError, StadimeterError
+from stadimeter.web.routes import PAGE_OPERATIONS
 from stadimeter.workbench import saving
 from stadimeter.workbench.saving import save_files
 from stadimeter.workbench.server import editing
-from stadimeter.workbench.server.editing import OPERATIONS
-from stadimeter.workbench.server.operations import MODULES, Desk, operation
+from stadimeter.workbench.server.operations import Desk, find_operation
 from support.saves import CONFIGURATION
 
 HERE = CONFIGURATION.format(below="1 m")
@@ -36,7 +36,7 @@ def desk(tmp_path: Path) -> Desk:
 
 
 def ask(desk: Desk, op: str, **args: object) -> Any:
-    return OPERATIONS[op](desk, args).data
+    return find_operation(f"editing.{op}")(desk, args).data
 
 
 def version(desk: Desk) -> str:
@@ -57,9 +57,12 @@ def test_the_demonstration_stays_as_it_is_and_nothing_is_written_beside_it(
 ) -> None:
     monkeypatch.setattr("stadimeter.config.loader.DEMONSTRATION", desk.configuration)
     before = {path: path.read_bytes() for path in desk.configuration.parent.iterdir()}
-    for name, args in (("save", {"text": THERE, "base_version": version(desk)}), ("setup-begin", {})):
+    for name, args in (
+        ("editing.save", {"text": THERE, "base_version": version(desk)}),
+        ("setup_operations.begin", {}),
+    ):
         with pytest.raises(ConfigError, match=r"in a folder of yours"):
-            operation(name)(desk, args)
+            find_operation(name)(desk, args)
     assert {path: path.read_bytes() for path in desk.configuration.parent.iterdir()} == before
 
 
@@ -121,20 +124,20 @@ def test_the_appliance_is_checked_fast_enough_for_typing() -> None:
 
 def test_a_save_keeps_what_was_there_and_brings_it_back(desk: Desk) -> None:
     first = ask(desk, "save", text=THERE, base_version=version(desk), files={"camera.toml": OTHER_LENS})
-    (former,) = ask(desk, "versions")
+    (former,) = ask(desk, "configuration")["versions"]
     assert former["id"] == first["kept"]
     assert f'line {HERE.split(chr(10)).index("[rules.near]") + 3} was: when = {{ below = "1 m" }}' in former["words"]
     assert ask(desk, "version", id=former["id"])["text"] == HERE
     ask(desk, "restore", id=former["id"], base_version=first["version"])
     assert desk.configuration.read_text() == HERE
     assert (desk.configuration.parent / "camera.toml").read_text() == LENS
-    assert len(ask(desk, "versions")) == 2, "what was restored over is kept, too"
+    assert len(ask(desk, "configuration")["versions"]) == 2, "what was restored over is kept, too"
 
 
 def test_a_version_brings_back_the_camera_file_that_it_had_though_a_later_save_changed_that(desk: Desk) -> None:
     ask(desk, "save", text=THERE, base_version=version(desk))
     ask(desk, "save", text=THERE + "# more\n", base_version=version(desk), files={"camera.toml": OTHER_LENS})
-    oldest = ask(desk, "versions")[-1]
+    oldest = ask(desk, "configuration")["versions"][-1]
     ask(desk, "restore", id=oldest["id"], base_version=version(desk))
     assert (desk.configuration.parent / "camera.toml").read_text() == LENS
 
@@ -230,7 +233,7 @@ def test_a_disk_that_is_full_at_the_second_file_leaves_both_as_they_were(
     assert desk.configuration.read_text() == HERE
     assert (desk.configuration.parent / "camera.toml").read_text() == LENS
     assert not list(desk.configuration.parent.glob(".*"))
-    assert ask(desk, "versions") == [], "nothing was replaced"
+    assert ask(desk, "configuration")["versions"] == [], "nothing was replaced"
 
 
 STRANGE = [
@@ -250,7 +253,9 @@ STRANGE = [
 ]
 
 
-@pytest.mark.parametrize("op", [op for op, module in MODULES.items() if "setup" not in module])
+@pytest.mark.parametrize(
+    "op", [each.op for each in PAGE_OPERATIONS if each.to == "workbench" and "setup" not in each.op]
+)
 def test_whatever_a_browser_sends_is_answered_or_refused_in_a_sentence(desk: Desk, op: str) -> None:
     """Everything is of the wrong type once; a defect would come out as another kind of error."""
     keys = ("text", "files", "base_version", "id", "name", "at_s", "for_s", "tests", "even_if_wrong", "draw")
@@ -259,10 +264,10 @@ def test_whatever_a_browser_sends_is_answered_or_refused_in_a_sentence(desk: Des
     for key in keys:
         for strange in STRANGE:
             try:
-                json.dumps(operation(op)(desk, {**sound, key: strange}).data, allow_nan=False)
+                json.dumps(find_operation(op)(desk, {**sound, key: strange}).data, allow_nan=False)
             except StadimeterError:
                 refused += 1
-    if op not in {"configuration", "versions", "recordings"}:
+    if op not in {"editing.configuration", "recordings.recordings"}:
         assert refused > 10
     assert load_configuration(desk.configuration).rules
 
@@ -297,7 +302,7 @@ def test_the_oldest_versions_go_and_the_newest_stay(desk: Desk, monkeypatch: pyt
     monkeypatch.setattr(os, "fsync", lambda _: None)
     for number in range(6):
         ask(desk, "save", text=f"{HERE}# {number}\n", base_version=version(desk))
-    numbers = [int(each["id"].partition("-")[0]) for each in ask(desk, "versions")]
+    numbers = [int(each["id"].partition("-")[0]) for each in ask(desk, "configuration")["versions"]]
     assert numbers == [6, 5, 4]
 
 

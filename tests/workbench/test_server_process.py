@@ -60,18 +60,18 @@ def asked(tmp_path: Path) -> Iterator[Asked]:
 
 
 def test_the_process_asks_the_questions_of_init_and_shows_what_the_camera_sees(asked: Asked) -> None:
-    assert asked("setup-state")[0]["data"]["question"] is None
-    assert asked("setup-begin")[0]["data"]["question"]["kind"] == "camera"
-    answered, _ = asked("setup-answer", answer="simulated")
+    assert asked("setup_operations.state")[0]["data"]["question"] is None
+    assert asked("setup_operations.begin")[0]["data"]["question"]["kind"] == "camera"
+    answered, _ = asked("setup_operations.answer", answer="simulated")
     assert answered["data"]["question"]["kind"] == "target"
-    answer, jpeg = asked("setup-picture", draw="plain", width_px=320)
+    answer, jpeg = asked("setup_operations.picture", draw="plain", width_px=320)
     picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
     assert picture is not None
     assert picture.shape == (240, 320, 3)
     assert (answer["data"]["width_px"], answer["data"]["height_px"]) == (640, 480)
     for bad in (b"", b"{", b"[]", b'{"op": 1}', b'{"op": "nothing"}', b"x" * (REQUEST_MAX_BYTES + 10), b"[" * 100_000):
         assert asked.send(bad)[0]["status"] == "error"
-    assert asked("setup-back")[0]["data"]["question"]["kind"] == "camera"
+    assert asked("setup_operations.back")[0]["data"]["question"]["kind"] == "camera"
 
 
 def _exchanged(desk: Desk, *lines: bytes) -> list[dict[str, Any]]:
@@ -95,7 +95,9 @@ def test_a_defect_in_an_operation_is_told_and_ends_nothing(
     def fine(_desk: Desk, _args: object) -> Reply:
         return Reply(data="fine")
 
-    monkeypatch.setattr("stadimeter.workbench.server.process.operation", {"divide": divide, "fine": fine}.__getitem__)
+    monkeypatch.setattr(
+        "stadimeter.workbench.server.process.find_operation", {"divide": divide, "fine": fine}.__getitem__
+    )
     first, second = _exchanged(Desk(configuration=tmp_path / "a.toml"), b'{"op": "divide"}', b'{"op": "fine"}')
     assert first["status"] == "error"
     assert first["code"] == "defect"
@@ -113,7 +115,7 @@ def test_the_desk_comes_to_rest_at_the_end_even_if_nobody_reads_the_answer(tmp_p
     in_end, in_start = os.pipe()
     out_end, out_start = os.pipe()
     os.close(out_end)
-    os.write(in_start, b'{"op": "setup-state"}\n')
+    os.write(in_start, b'{"op": "setup_operations.state"}\n')
     with os.fdopen(in_end, "rb", buffering=0) as requests, os.fdopen(out_start, "wb", buffering=0) as answers:
         serve(desk, requests, answers)
     os.close(in_start)

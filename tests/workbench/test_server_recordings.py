@@ -30,7 +30,7 @@ from stadimeter.core.rule import AlarmRule
 from stadimeter.errors import JournalError, NotThereError
 from stadimeter.ranging.ball import BallShape
 from stadimeter.workbench.replay.recording_index import read_index
-from stadimeter.workbench.server.operations import Desk, operation
+from stadimeter.workbench.server.operations import Desk, find_operation
 from support.observing import Rehearsal
 
 TEXT = '[rules.near]\nwhen = { below = "1 m" }\n'
@@ -46,7 +46,7 @@ PERIOD_S = 0.1
 
 
 def ask(desk: Desk, op: str, **args: object) -> Any:
-    return operation(op)(desk, args).data
+    return find_operation(op)(desk, args).data
 
 
 def records(count: int) -> Iterator[tuple[CycleRecord, Frame]]:
@@ -133,7 +133,7 @@ def test_the_newest_recording_is_listed_first_and_a_damaged_one_says_what_is_wro
     (folder / "empty.jsonl").write_bytes(b"")
     (folder / "notes.txt").write_text("not listed")
     (folder / "link.mcap").symlink_to("a.mcap")
-    listed = {each["name"]: each for each in ask(desk, "recordings")["recordings"]}
+    listed = {each["name"]: each for each in ask(desk, "recordings.recordings")["recordings"]}
     assert set(listed) == {"a.mcap", "b.jsonl", "cut.mcap", "noise.mcap", "empty.jsonl"}
     for name in ("a.mcap", "b.jsonl"):
         assert listed[name]["seconds"] == pytest.approx(4.9)
@@ -167,8 +167,8 @@ def test_a_frame_of_a_recording_has_what_was_measured_drawn_in_and_its_values(de
         Frame(np.full((48, 64, 3), 90, np.uint8), 0.0, 0),
     )
     writer.close()
-    drawn = operation("recording-frame")(desk, {"name": "a.mcap", "at_s": 0})
-    plain = operation("recording-frame")(desk, {"name": "a.mcap", "at_s": 0, "draw": "plain"})
+    drawn = find_operation("recorded_frame.recording_frame")(desk, {"name": "a.mcap", "at_s": 0})
+    plain = find_operation("recorded_frame.recording_frame")(desk, {"name": "a.mcap", "at_s": 0, "draw": "plain"})
     images = [cv2.imdecode(np.frombuffer(each.attached, np.uint8), cv2.IMREAD_COLOR) for each in (drawn, plain)]
     assert all(image is not None and image.shape == (48, 64, 3) for image in images)
     change = np.abs(images[0].astype(int) - images[1].astype(int)).max(axis=2)
@@ -202,7 +202,7 @@ def test_a_sheet_is_drawn_with_its_corners_as_they_were_found(desk: Desk, folder
     assert sorted(around) == sorted(map(tuple, corners.tolist()))
     lefts = [int(np.argmin([abs(x - each[0]) + abs(y - each[1]) for each in around])) for x, y in ((10, 10), (12, 34))]
     assert abs(lefts[0] - lefts[1]) in {1, 3}, "neighbours stay neighbours"
-    image = operation("recording-frame")(desk, {"name": "a.mcap", "at_s": 0}).attached
+    image = find_operation("recorded_frame.recording_frame")(desk, {"name": "a.mcap", "at_s": 0}).attached
     drawn = cv2.imdecode(np.frombuffer(image, np.uint8), cv2.IMREAD_COLOR)
     assert drawn is not None
     green = (drawn[:, :, 1].astype(int) - drawn[:, :, 2]) > 50
@@ -213,16 +213,16 @@ def test_a_sheet_is_drawn_with_its_corners_as_they_were_found(desk: Desk, folder
 def test_a_journal_has_no_pictures_and_says_so(desk: Desk, folder: Path) -> None:
     record(folder / "b.jsonl", 3)
     with pytest.raises(JournalError, match="has no pictures"):
-        ask(desk, "recording-frame", name="b.jsonl", at_s=0)
+        ask(desk, "recorded_frame.recording_frame", name="b.jsonl", at_s=0)
 
 
 def test_no_folder_of_recordings_is_an_empty_list(desk: Desk) -> None:
-    assert ask(desk, "recordings")["recordings"] == []
+    assert ask(desk, "recordings.recordings")["recordings"] == []
 
 
 def test_one_recording_says_where_it_is_and_with_which_configuration_it_was_made(desk: Desk, folder: Path) -> None:
     record(folder / "a.mcap")
-    about = ask(desk, "recording", name="a.mcap")
+    about = ask(desk, "recordings.recording", name="a.mcap")
     assert (about["path"], about["text"]) == (str(folder / "a.mcap"), TEXT)
 
 
@@ -230,7 +230,7 @@ def test_one_recording_says_where_it_is_and_with_which_configuration_it_was_made
     "name",
     ["../stadimeter.toml", "../secret.mcap", "/etc/passwd", "", ".", "..", "a.mcap/", "a\0.mcap", "link.mcap", 7],
 )
-@pytest.mark.parametrize("op", ["recording", "recording-frame", "recording-delete"])
+@pytest.mark.parametrize("op", ["recordings.recording", "recorded_frame.recording_frame", "recordings.delete"])
 def test_no_name_leads_out_of_the_folder(desk: Desk, folder: Path, op: str, name: object) -> None:
     record(folder / "a.mcap")
     record(folder.parent / "secret.mcap", 3)
@@ -242,14 +242,14 @@ def test_no_name_leads_out_of_the_folder(desk: Desk, folder: Path, op: str, name
 
 def test_a_recording_is_deleted_unless_it_is_being_written(desk: Desk, folder: Path) -> None:
     with recording_of(folder / "a.mcap", 20):
-        (listed,) = ask(desk, "recordings")["recordings"]
+        (listed,) = ask(desk, "recordings.recordings")["recordings"]
         assert listed["is_growing"]
         assert listed["damage"] == ""
         with pytest.raises(JournalError, match="being recorded"):
-            ask(desk, "recording-delete", name="a.mcap")
-    assert not ask(desk, "recordings")["recordings"][0]["is_growing"]
-    ask(desk, "recording-delete", name="a.mcap")
-    assert ask(desk, "recordings")["recordings"] == []
+            ask(desk, "recordings.delete", name="a.mcap")
+    assert not ask(desk, "recordings.recordings")["recordings"][0]["is_growing"]
+    ask(desk, "recordings.delete", name="a.mcap")
+    assert ask(desk, "recordings.recordings")["recordings"] == []
 
 
 @pytest.mark.parametrize("ending", ["mcap", "jsonl"])
@@ -258,7 +258,7 @@ def test_a_recording_in_progress_is_never_damaged_however_young_it_is(
     desk: Desk, folder: Path, cycles: int, ending: str
 ) -> None:
     with recording_of(folder / f"a.{ending}", cycles):
-        (listed,) = ask(desk, "recordings")["recordings"]
+        (listed,) = ask(desk, "recordings.recordings")["recordings"]
         assert listed["is_growing"]
         assert listed["damage"] == ""
 
@@ -272,5 +272,5 @@ def test_a_recording_that_cannot_be_deleted_says_why(desk: Desk, folder: Path, m
     with monkeypatch.context() as there:
         there.setattr(Path, "unlink", refused)
         with pytest.raises(JournalError, match=r"^a\.mcap cannot be deleted: read-only file system$"):
-            ask(desk, "recording-delete", name="a.mcap")
+            ask(desk, "recordings.delete", name="a.mcap")
     assert (folder / "a.mcap").exists()

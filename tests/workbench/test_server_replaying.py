@@ -17,7 +17,7 @@ from stadimeter.core.observation import Observation
 from stadimeter.errors import ConfigError, NotThereError
 from stadimeter.workbench.replay import lanes
 from stadimeter.workbench.replay.lanes import SPANS_MAX, Lane, thinned
-from stadimeter.workbench.server.operations import Desk, operation
+from stadimeter.workbench.server.operations import Desk, find_operation
 from support.observing import Rehearsal
 from support.saves import CONFIGURATION, LENS
 
@@ -49,7 +49,7 @@ def desk(tmp_path: Path) -> Desk:
 
 
 def diff(desk: Desk, text: str, **args: object) -> Any:
-    return operation("replay-diff")(desk, {"name": "walk.jsonl", "text": text, **args}).data
+    return find_operation("replaying.replay_diff")(desk, {"name": "walk.jsonl", "text": text, **args}).data
 
 
 def test_a_farther_threshold_is_crossed_earlier_and_left_later(desk: Desk) -> None:
@@ -103,7 +103,7 @@ def test_a_recording_that_is_damaged_is_compared_up_to_there(desk: Desk) -> None
 
 def test_a_recording_that_is_not_there_is_a_sentence(desk: Desk) -> None:
     with pytest.raises(NotThereError):
-        operation("replay-diff")(desk, {"name": "../walk.jsonl", "text": BEFORE})
+        find_operation("replaying.replay_diff")(desk, {"name": "../walk.jsonl", "text": BEFORE})
 
 
 def test_a_long_recording_is_answered_in_parts_which_come_to_the_same(

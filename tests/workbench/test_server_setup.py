@@ -21,7 +21,8 @@ from stadimeter.config.loader import DEMONSTRATION, load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.errors import CalibrationError, ConfigError, ControlError, DeviceOpenError, StadimeterError
-from stadimeter.workbench.server.operations import MODULES, Desk, Reply, operation
+from stadimeter.web.routes import PAGE_OPERATIONS
+from stadimeter.workbench.server.operations import Desk, Reply, find_operation
 from stadimeter.workbench.server.process import told
 from stadimeter.workbench.server.setup_operations import setup_of
 from stadimeter.workbench.setup.camera_step import with_exposure, with_resolution
@@ -40,6 +41,13 @@ SKY = [320.0, 20.0]
 BALL_AT = [320.0, 240.0]
 
 
+OPERATION_OF = {
+    each.path.removeprefix("/api/v1/setup").strip("/").partition(".")[0] or "state": each.op
+    for each in PAGE_OPERATIONS
+    if each.path.startswith("/api/v1/setup")
+}
+
+
 class Setup:
     """A workbench process's set-up, without the pipe."""
 
@@ -52,7 +60,7 @@ class Setup:
 
     def reply(self, name: str, **args: object) -> Reply:
         """Return the whole reply."""
-        return operation(f"setup-{name}")(self.desk, args)
+        return find_operation(OPERATION_OF[name])(self.desk, args)
 
     def question(self) -> str:
         """Return the kind of the question that is next; empty for none."""
@@ -115,8 +123,9 @@ def _moved(setup: Setup, distance_m: float) -> None:
 
 
 def test_every_operation_of_the_table_is_there() -> None:
-    for name in MODULES:
-        assert callable(operation(name))
+    for each in PAGE_OPERATIONS:
+        if each.to == "workbench":
+            assert callable(find_operation(each.op))
 
 
 def test_an_answer_is_given_to_the_question_that_it_names_and_to_no_other(setup: Setup) -> None:
@@ -159,7 +168,9 @@ def test_from_nothing_to_files_that_can_be_used(calibrated: Setup) -> None:
     assert [file["name"] for file in made["files"]] == ["stadimeter.toml", "camera.toml"]
     assert made["findings"] == []
     text, camera = (file["text"] for file in made["files"])
-    saved = operation("save")(calibrated.desk, {"text": text, "files": {"camera.toml": camera}, "base_version": ""})
+    saved = find_operation("editing.save")(
+        calibrated.desk, {"text": text, "files": {"camera.toml": camera}, "base_version": ""}
+    )
     configuration = load_configuration(calibrated.desk.configuration)
     assert saved.data["version"]
     assert configuration.camera_model is not None
@@ -513,5 +524,5 @@ def test_a_folder_that_is_gone_leaves_the_set_up_at_its_question(setup: Setup, p
 def test_the_demonstration_is_refused_with_a_code_that_a_page_knows() -> None:
     desk = Desk(configuration=DEMONSTRATION, run_socket=Path("/nonexistent.sock"))
     with pytest.raises(ConfigError) as refused:
-        operation("setup-begin")(desk, {})
+        find_operation("setup_operations.begin")(desk, {})
     assert told(refused.value)["code"] == "demonstration"

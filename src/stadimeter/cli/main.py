@@ -14,8 +14,9 @@ from typer.core import TyperCommand, TyperGroup
 
 import stadimeter
 from stadimeter.cli.glyphs import write_plainly
+from stadimeter.operator_actions import OperatorAction
 
-ALARM_COMMANDS = ("ack", "reset", "shelve", "unshelve", "take-out", "put-back")
+ALARM_COMMANDS = tuple(action.command for action in OperatorAction if not action.is_on_outputs)
 
 PANELS: Mapping[str, Mapping[str, str]] = {
     "Run": {

@@ -22,7 +22,7 @@ from stadimeter.web.answers import as_error, as_json
 from stadimeter.web.attempts import Attempts
 from stadimeter.web.ended_sessions import EndedSessions, Session
 from stadimeter.web.passwords import PasswordFile, Passwords
-from stadimeter.web.routes import PLACES, Place, Right
+from stadimeter.web.routes import PAGE_OPERATIONS, PageOperation, Right
 
 SESSION_S = 14 * 24 * 3600
 """A session lasts this long, on the wall clock."""
@@ -42,7 +42,7 @@ HEADERS = {
 }
 """Of every answer, unless it says otherwise."""
 
-OPEN_PATHS = frozenset(place.path for place in PLACES if place.right is Right.OPEN)
+OPEN_PATHS = frozenset(each.path for each in PAGE_OPERATIONS if each.right is Right.OPEN)
 
 
 class Access:
@@ -101,14 +101,14 @@ class Access:
         except PageError:
             return False
 
-    def check_place(self, place: Place, scope: Scope) -> None:
-        """See that whoever asks may do what a place does, and that a page of ours asks."""
-        if scope["right"] < place.right:
+    def check(self, operation: PageOperation, scope: Scope) -> None:
+        """Check that the session has the right for an operation, and that a page of ours asks for a change."""
+        if scope["right"] < operation.right:
             raise PageError(403, "not-allowed", "this needs the password for operating; you may only watch")
-        if not place.changes:
+        if not operation.changes:
             return
         headers = Headers(scope=scope)
-        is_form = place.right is Right.OPEN
+        is_form = operation.right is Right.OPEN
         wanted = "application/x-www-form-urlencoded" if is_form else "application/json"
         if headers.get("content-type", "").partition(";")[0].strip().lower() != wanted:
             raise PageError(400, "wrong-content", f"a request that changes something has Content-Type: {wanted}")

@@ -1,4 +1,4 @@
-"""The page as an application: every place of the table, who may go there, and what is handed on to whom."""
+"""The page as an application: every path of the table, who may go there, and what is handed on to whom."""
 
 from __future__ import annotations
 
@@ -18,66 +18,67 @@ from stadimeter.errors import PageError
 from stadimeter.web.access import Guard
 from stadimeter.web.answers import as_error, as_json, as_picture, bounded_body
 from stadimeter.web.page import Page, login_form
-from stadimeter.web.routes import NAMED, PLACES, Place
+from stadimeter.web.routes import PAGE_OPERATIONS, PageOperation
 
+_READ_AS: Mapping[str, type] = {"number": float, "integer": int}
 _Endpoint = Callable[[Request], Awaitable[Response]]
 
 
 def application(page: Page) -> ASGIApp:
-    """Return the application: every place of the table, and 404 for all else."""
-    routes = [_route(page, place) for place in PLACES]
+    """Return the application: every path of the table, and 404 for all else."""
+    routes = [_route(page, operation) for operation in PAGE_OPERATIONS]
     handlers: Mapping[Any, Any] = {PageError: _refused, HTTPException: _no_such, Exception: _defect}
     return Guard(Starlette(routes=routes, exception_handlers=handlers), page.access, login_form)
 
 
-def _route(page: Page, place: Place) -> Route:
-    answer: _Endpoint = getattr(page, place.op) if place.to == "own" else _handed_on(page, place)
+def _route(page: Page, operation: PageOperation) -> Route:
+    answer: _Endpoint = getattr(page, operation.op) if operation.to == "own" else _handed_on(page, operation)
 
     async def admitted(request: Request) -> Response:
-        page.access.check_place(place, request.scope)
+        page.access.check(operation, request.scope)
         async with page.until_the_end():
             return await answer(request)
 
-    route = Route(place.path, admitted)
-    route.methods = {place.method}  # and no HEAD with each GET: a stream would not end
+    route = Route(operation.path, admitted)
+    route.methods = {operation.method}  # and no HEAD with each GET: a stream would not end
     return route
 
 
-def _handed_on(page: Page, place: Place) -> _Endpoint:
+def _handed_on(page: Page, operation: PageOperation) -> _Endpoint:
     async def ask(request: Request) -> Response:
-        args = await _args(request, place)
-        if place.to == "run":
-            answer = await page.run.ask(place.op, args, place.wait_s)
+        args = await _args(request, operation)
+        if operation.to == "run":
+            answer = await page.run.ask(operation.op, args, operation.wait_s)
         else:
-            answer = await page.workbench.ask(place.op, args, place.wait_s)
-        return as_picture(answer, place.media) if place.media else as_json(answer.data)
+            answer = await page.workbench.ask(operation.op, args, operation.wait_s)
+        return as_picture(answer, operation.media) if operation.media else as_json(answer.data)
 
     return ask
 
 
-async def _args(request: Request, place: Place) -> dict[str, Any]:
+async def _args(request: Request, operation: PageOperation) -> dict[str, Any]:
     """Return what is handed on: of the body, of the query, and of the path, which has the last word."""
-    args = {**await _body(request, place), **_query(request, place), **request.path_params}
+    args = {**await _body(request, operation), **_query(request, operation), **request.path_params}
     if "ago_s" in args:
         args["at_unix_s"] = time.time() - args.pop("ago_s")
-    if place.op in NAMED:
+    if operation.names_operator:
         args.setdefault("by", f"the page at {request.client.host}" if request.client else "the page")
     return args
 
 
-def _query(request: Request, place: Place) -> dict[str, Any]:
+def _query(request: Request, operation: PageOperation) -> dict[str, Any]:
     query = {}
-    for name, kind in place.query.items():
+    for name, kind in operation.query.items():
         if name in request.query_params:
             try:
-                query[name] = kind(request.query_params[name])
+                query[name] = _READ_AS.get(kind, str)(request.query_params[name])
             except ValueError as error:
                 raise PageError(400, "wrong-query", f"{name}: a number is wanted") from error
     return query
 
 
-async def _body(request: Request, place: Place) -> Mapping[str, Any]:
-    text = await bounded_body(request, place.body_max) if place.body_max else b""
+async def _body(request: Request, operation: PageOperation) -> Mapping[str, Any]:
+    text = await bounded_body(request, operation.body_max) if operation.body_max else b""
     if not text:
         return {}
     try:

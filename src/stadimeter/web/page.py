@@ -23,6 +23,7 @@ from stadimeter.web.access import Access
 from stadimeter.web.answers import Streamed, as_json, as_picture, bounded_body
 from stadimeter.web.exchange import Answer
 from stadimeter.web.live import Feeds, Message
+from stadimeter.web.openapi import openapi_document
 from stadimeter.web.passwords import PasswordFile
 from stadimeter.web.routes import Right
 from stadimeter.web.run_link import RunLink
@@ -115,7 +116,7 @@ class Page:
 
     async def openapi(self, _request: Request) -> Response:
         """The description of the API."""
-        return FileResponse(HERE / "openapi.json", media_type="application/json")
+        return as_json(openapi_document())
 
     async def login_page(self, _request: Request) -> Response:
         """The form for the password."""
@@ -216,7 +217,7 @@ class Page:
     async def _recordings(self) -> Path:
         """Return the folder of recordings, as the run says or, without one, the workbench."""
         folder = (await self._about_run()).get("recordings")
-        return Path(folder or (await self.workbench.ask("recordings", {}, 60.0)).data["folder"])
+        return Path(folder or (await self.workbench.ask("recordings.recordings", {}, 60.0)).data["folder"])
 
 
 def login_form(error: PageError | None = None) -> Response:

@@ -1,4 +1,8 @@
-"""Every path of the page, in one table: what it needs, and who answers it."""
+"""Every path of the page, in one table: the right that it needs, who answers, and what its description says.
+
+The description of the API (`stadimeter.web.openapi`) is made from it. A path of the workbench names its function in
+`stadimeter.workbench.server`, such as ``editing.check``; one of the page's process names a method of `web.page.Page`.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +11,13 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any, Literal
 
+from stadimeter.operator_actions import OperatorAction
+
 KIB, MIB = 1024, 1024 * 1024
 RUN_WAIT_S, CHECK_WAIT_S, WORKBENCH_WAIT_S, LONG_WAIT_S = 10.0, 60.0, 60.0, 300.0
-"""How long is waited for: a cycle of the run; a configuration that is checked; the workbench; a whole recording."""
+"""Time-outs of a cycle of the run, of a check of a configuration, of the workbench, and of a whole recording."""
+
+Method = Literal["GET", "POST", "PUT", "DELETE"]
 
 
 class Right(IntEnum):
@@ -21,28 +29,36 @@ class Right(IntEnum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Place:
+class PageOperation:
     """A path with a method.
 
     Attributes:
         path: Names in braces are handed on as arguments.
         to: Who answers: the run, the workbench, or this process itself.
-        op: The operation that is asked for, or the name of this process's own answer.
-        query: The names of the query that are handed on, each with the type that it becomes.
-        body_max: In bytes; 0 where no body is wanted. Its keys are handed on.
+        op: The operation that is asked for, or the name of this process's own method.
+        summary: One line for the description of the API; empty for what it leaves out.
+        answer: The table of ``answers.toml`` that describes the answer.
+        query: The names of the query that are handed on, each with its kind, as in ``answers.toml``.
+        body: The keys of the body with their kinds, or the name of a table; None where no body is described.
+        body_max: In bytes; 0 where no body is read. Its keys are handed on.
         wait_s: How long the answer may take.
-        media: The kind of the bytes that are attached to the answer; empty where the answer is its data.
+        media: The kind of the answer's bytes; empty where the answer is JSON.
+        names_operator: Whether the operation is told who asked for it, as ``by``.
     """
 
-    method: Literal["GET", "POST", "PUT", "DELETE"]
+    method: Method
     path: str
     right: Right
     to: Literal["run", "workbench", "own"]
     op: str
-    query: Mapping[str, type] = field(default_factory=dict)
+    summary: str = ""
+    answer: str = "Anything"
+    query: Mapping[str, str] = field(default_factory=dict)
+    body: str | Mapping[str, str] | None = None
     body_max: int = 0
     wait_s: float = RUN_WAIT_S
     media: str = ""
+    names_operator: bool = False
 
     @property
     def changes(self) -> bool:
@@ -50,82 +66,151 @@ class Place:
         return self.method != "GET"
 
 
-def _own(method: Literal["GET", "POST", "DELETE"], path: str, right: Right, op: str, body_max: int = 0) -> Place:
-    return Place(method=method, path=path, right=right, to="own", op=op, body_max=body_max, wait_s=CHECK_WAIT_S)
+def _own(method: Method, path: str, right: Right, op: str, summary: str = "", **more: Any) -> PageOperation:
+    how: dict[str, Any] = {"body_max": 4 * KIB if method == "POST" else 0, "wait_s": CHECK_WAIT_S, **more}
+    return PageOperation(method=method, path=path, right=right, to="own", op=op, summary=summary, **how)
 
 
-def _run(path: str, op: str, wait_s: float = RUN_WAIT_S) -> Place:
-    return Place(method="POST", path=path, right=Right.OPERATE, to="run", op=op, body_max=64 * KIB, wait_s=wait_s)
-
-
-def _asked(path: str, op: str, query: Mapping[str, type] | None = None) -> Place:
-    return Place(method="GET", path=path, right=Right.READ, to="run", op=op, query=query or {})
-
-
-def _set_up(step: str, wait_s: float = WORKBENCH_WAIT_S) -> Place:
-    path, op = f"/api/v1/setup/{step}", f"setup-{step}"
-    return Place(
-        method="POST", path=path, right=Right.OPERATE, to="workbench", op=op, body_max=256 * KIB, wait_s=wait_s
+def _read(path: str, op: str, summary: str, answer: str, **more: Any) -> PageOperation:
+    return PageOperation(
+        method="GET", path=f"/api/v1/{path}", right=Right.READ, to="run", op=op, summary=summary, answer=answer, **more
     )
 
 
-def _desk(method: Literal["GET", "POST", "PUT", "DELETE"], path: str, op: str, **more: Any) -> Place:
-    how = {
-        "right": Right.OPERATE,
-        "body_max": 4 * MIB - 16 * KIB if method in {"POST", "PUT"} else 0,
-        "wait_s": WORKBENCH_WAIT_S,
-        **more,
-    }
-    return Place(method=method, path=f"/api/v1/{path}", to="workbench", op=op, **how)
+def _run(path: str, op: str, summary: str, **more: Any) -> PageOperation:
+    how: dict[str, Any] = {"right": Right.OPERATE, "to": "run", "body_max": 64 * KIB, **more}
+    return PageOperation(method="POST", path=f"/api/v1/{path}", op=op, summary=summary, **how)
 
 
-_OF_RULES = ("ack", "reset", "shelve", "unshelve", "take-out", "put-back")
-_OF_OUTPUTS = {"stop": "stop-outputs", "release": "release-outputs"}
-NAMED = frozenset({*_OF_RULES, *_OF_OUTPUTS.values(), "hold-output"})
-"""Operations that are told who wants them."""
+def _set_up(step: str, op: str, summary: str, wait_s: float = WORKBENCH_WAIT_S) -> PageOperation:
+    return _desk("POST", f"setup/{step}", op, summary, body="Anything", body_max=256 * KIB, wait_s=wait_s)
+
+
+def _desk(method: Method, path: str, op: str, summary: str, **more: Any) -> PageOperation:
+    body_max = 4 * MIB - 16 * KIB if method in {"POST", "PUT"} else 0
+    how: dict[str, Any] = {"right": Right.OPERATE, "body_max": body_max, "wait_s": WORKBENCH_WAIT_S, **more}
+    return PageOperation(method=method, path=f"/api/v1/{path}", to="workbench", op=op, summary=summary, **how)
+
+
+def _action(action: OperatorAction) -> PageOperation:
+    """Return the path of an operator action: of a rule, or of all outputs."""
+    path = f"rules/{{rule}}/{action.command}"
+    if action.is_on_outputs:
+        path = f"outputs/{action.command.removesuffix('-outputs')}"
+    body = "TimedAction" if action.is_timed else "Action"
+    return _run(path, action.command, action.summary, body=body, names_operator=True)
+
 
 _JPEG, _SVG = "image/jpeg", "image/svg+xml"
+_DRAWN = {"drawn": "0|1"}
 
-PLACES: tuple[Place, ...] = (
+PAGE_OPERATIONS: tuple[PageOperation, ...] = (
     _own("GET", "/login", Right.OPEN, "login_page"),
     _own("GET", "/login.css", Right.OPEN, "login_style"),
-    _own("POST", "/login", Right.OPEN, "login", 4 * KIB),
-    _own("POST", "/logout", Right.READ, "logout", 4 * KIB),
+    _own("POST", "/login", Right.OPEN, "login"),
+    _own("POST", "/logout", Right.READ, "logout", "End the session of this browser"),
     _own("GET", "/", Right.READ, "index"),
     _own("GET", "/static/{file:path}", Right.READ, "static"),
-    _own("GET", "/snapshot.jpg", Right.READ, "snapshot"),
-    _own("GET", "/stream.mjpg", Right.READ, "stream"),
-    _own("GET", "/api/v1/openapi.json", Right.READ, "openapi"),
-    _own("GET", "/api/v1/session", Right.READ, "session"),
-    _own("GET", "/api/v1/live", Right.READ, "live"),
-    _asked("/api/v1/status", "status"),
-    _asked("/api/v1/alarms", "alarms"),
-    _asked("/api/v1/rules/{rule}/explanation", "explain", {"ago_s": float}),
-    *(_run(f"/api/v1/rules/{{rule}}/{op}", op) for op in _OF_RULES),
-    *(_run(f"/api/v1/outputs/{name}", op) for name, op in _OF_OUTPUTS.items()),
-    _run("/api/v1/outputs/{output}/hold", "hold-output"),
-    _own("POST", "/api/v1/run/start", Right.OPERATE, "start", 4 * KIB),
-    _run("/api/v1/run/restart", "restart", CHECK_WAIT_S),
-    _run("/api/v1/run/reload", "reload", CHECK_WAIT_S),
-    _run("/api/v1/world", "world"),
-    _desk("GET", "recordings", "recordings", right=Right.READ),
-    _run("/api/v1/recordings", "record"),
-    _own("GET", "/api/v1/recordings/{name}", Right.OPERATE, "download"),
-    _desk("GET", "recordings/{name}/about", "recording", wait_s=LONG_WAIT_S),
-    _desk("GET", "recordings/{name}/frame.jpg", "recording-frame", query={"at_s": float, "draw": str}, media=_JPEG),
-    _desk("DELETE", "recordings/{name}", "recording-delete"),
-    _desk("POST", "recordings/{name}/replay-diff", "replay-diff", wait_s=LONG_WAIT_S),
-    _desk("GET", "configuration", "configuration"),
-    _desk("PUT", "configuration", "save"),
-    _desk("POST", "configuration/check", "check"),
-    _desk("GET", "configuration/versions/{id}", "version"),
-    _desk("POST", "configuration/versions/{id}/restore", "restore"),
-    _desk("GET", "setup", "setup-state"),
-    *(
-        _set_up(step)
-        for step in ("answer", "back", "begin", "leave", "colour", "camera", "world", "try", "files", "outlook")
+    _own(
+        "GET", "/snapshot.jpg", Right.READ, "snapshot", "The newest picture, with its values in X-Values",
+        query=_DRAWN, media=_JPEG,
     ),
-    *(_set_up(step, LONG_WAIT_S) for step in ("take", "board")),
-    _desk("GET", "setup/picture.jpg", "setup-picture", query={"draw": str, "width_px": int, "file": str}, media=_JPEG),
-    _desk("GET", "setup/wiring.svg", "setup-wiring", query={"output": str}, media=_SVG),
-)
+    _own(
+        "GET", "/stream.mjpg", Right.READ, "stream", "Pictures as multipart MJPEG",
+        query=_DRAWN, media="multipart/x-mixed-replace",
+    ),
+    _own("GET", "/api/v1/openapi.json", Right.READ, "openapi"),
+    _own(
+        "GET", "/api/v1/session", Right.READ, "session", "The right of this session, and whether the run is there",
+        answer="Session",
+    ),
+    _own(
+        "GET", "/api/v1/live", Right.READ, "live",
+        "Snapshots with their pictures, until the reader hangs up. Repeated: length of the JSON and length of the JPEG "
+        "(each 4 bytes, the highest first), a Snapshot or Gone as JSON, a JPEG",
+        query={"image": "none|plain|drawn"}, media="application/octet-stream",
+    ),
+    _read("status", "status", "The state of every rule, target and output", "Status"),
+    _read("alarms", "alarms", "The alarms, newest first, and the newest 500 events", "Alarms"),
+    _read(
+        "rules/{rule}/explanation", "explain", "Why a rule acts, or does not: now, or some seconds ago", "Explanation",
+        query={"ago_s": "number"},
+    ),
+    *(_action(action) for action in OperatorAction),
+    _run(
+        "outputs/{output}/hold", "hold-output",
+        "Hold an output for 0.5 s, unless safety forbids it; repeat it to hold on",
+        body={"level": "number", "linear_mps": "number", "angular_radps": "number", "release": "boolean", "by": "text"},
+        names_operator=True,
+    ),
+    _own("POST", "/api/v1/run/start", Right.OPERATE, "start", "Start the run"),
+    _run("run/restart", "restart", "Check the configuration, and start the run anew", wait_s=CHECK_WAIT_S),
+    _run(
+        "run/reload", "reload", "Apply the changed configuration, where no restart is needed", wait_s=CHECK_WAIT_S
+    ),
+    _run(
+        "world", "world", "Move the target of a simulated world, or let something go wrong there",
+        body={
+            "target": "text", "x_m": "number", "y_m": "number", "bearing_rad": "number", "distance_m": "number",
+            "fault": "text", "release": "boolean",
+        },
+    ),
+    _desk("GET", "recordings", "recordings.recordings", "The recordings", right=Right.READ, answer="Recordings"),
+    _run("recordings", "record", "Begin or end a recording", body={"do": "start|stop"}),
+    _own(
+        "GET", "/api/v1/recordings/{name}", Right.OPERATE, "download", "A recording as a file",
+        media="application/octet-stream",
+    ),
+    _desk("GET", "recordings/{name}/about", "recordings.recording", "What is in a recording", wait_s=LONG_WAIT_S),
+    _desk(
+        "GET", "recordings/{name}/frame.jpg", "recorded_frame.recording_frame",
+        "A moment of a recording, with its values in X-Values",
+        query={"at_s": "number", "draw": "text"}, media=_JPEG,
+    ),
+    _desk("DELETE", "recordings/{name}", "recordings.delete", "Delete a recording"),
+    _desk(
+        "POST", "recordings/{name}/replay-diff", "replaying.replay_diff",
+        "What a changed configuration would have done on a recording", body={"text": "text"}, wait_s=LONG_WAIT_S,
+    ),
+    _desk(
+        "GET", "configuration", "editing.configuration", "The configuration and its former versions",
+        answer="Configuration",
+    ),
+    _desk(
+        "PUT", "configuration", "editing.save", "Save the configuration; 409 if another has changed it",
+        body={"text": "text", "base_version": "text", "files": "text{}"},
+    ),
+    _desk(
+        "POST", "configuration/check", "editing.check", "What is wrong with a text, and its rules in words",
+        body={"text": "text"},
+    ),
+    _desk("GET", "configuration/versions/{id}", "editing.version", "A former version"),
+    _desk(
+        "POST", "configuration/versions/{id}/restore", "editing.restore", "Bring a former version back",
+        body={"base_version": "text"},
+    ),
+    _desk("GET", "setup", "setup_operations.state", "Where the set-up stands", answer="Setup"),
+    _set_up("answer", "setup_operations.answer", "Answer the question"),
+    _set_up("back", "setup_operations.back", "Go back one question"),
+    _set_up("begin", "setup_operations.begin", "Begin, or take up again"),
+    _set_up("leave", "setup_operations.leave", "Close the camera and keep the answers"),
+    _set_up("colour", "setup_operations.colour", "Fit the range of colours to clicks"),
+    _set_up("camera", "setup_operations.camera", "Look at a camera that is offered, or set its exposure"),
+    _set_up("world", "setup_operations.world", "Put the ball of the simulated room somewhere"),
+    _set_up("try", "setup_results.try_wishes", "Try the wish on the last minute"),
+    _set_up("files", "setup_results.files", "What saving would write"),
+    _set_up(
+        "outlook", "setup_results.show_outlook", "Distance against its standard deviation, for this target and lens"
+    ),
+    _set_up("take", "setup_operations.take", "Measure the focal length at a known distance", LONG_WAIT_S),
+    _set_up("board", "setup_board.board", "Calibrate with a board", LONG_WAIT_S),
+    _desk(
+        "GET", "setup/picture.jpg", "setup_operations.picture",
+        "The newest picture of the set-up's camera, with its values in X-Values",
+        query={"draw": "text", "width_px": "integer", "file": "text"}, media=_JPEG,
+    ),
+    _desk(
+        "GET", "setup/wiring.svg", "setup_results.wiring", "The wiring as a drawing, with its pins in X-Values",
+        query={"output": "text"}, media=_SVG,
+    ),
+)  # fmt: skip

@@ -27,7 +27,7 @@ from stadimeter.errors import ChangedMeanwhileError, ConfigError, ControlError, 
 from stadimeter.workbench.rule_tests.running import RuleTestResult, RuleTests
 from stadimeter.workbench.saving import check_is_not_ours, difference_in_words, files_of, save_files, versions
 from stadimeter.workbench.server.arguments import text, truth
-from stadimeter.workbench.server.operations import Desk, Operation, Reply
+from stadimeter.workbench.server.operations import Desk, Reply, operation
 
 TESTS_MAX_S = 20.0
 """No test of a configuration begins later than this: whoever asks waits, and so do all others."""
@@ -36,6 +36,7 @@ DIFF_LINES_MAX = 400
 """A person reads the first of them."""
 
 
+@operation
 def configuration(desk: Desk, _args: Mapping[str, Any]) -> Reply:
     """Answer the text of the configuration as it is saved, its version, and the former ones."""
     saved = saved_text(desk)
@@ -50,12 +51,14 @@ def configuration(desk: Desk, _args: Mapping[str, Any]) -> Reply:
     )
 
 
+@operation
 def check(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Answer what is wrong with a text and what it does in words; with ``tests``, what its tests come to."""
     typed, files, with_tests = _text(args), files_with(args), truth(args, "tests")
     return Reply(data=_checked(desk, typed, files, with_tests=with_tests))
 
 
+@operation
 def save(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Save a text, and files such as the camera file with it; keep what was there."""
     typed, files = _text(args), files_with(args)
@@ -64,30 +67,17 @@ def save(desk: Desk, args: Mapping[str, Any]) -> Reply:
     return _saved(desk, {**files, desk.configuration.name: typed}, args)
 
 
+@operation
 def version(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Answer the text of a former version."""
     wanted = text(args, "id")
     return Reply(data={"id": wanted, "text": files_of(desk.configuration, wanted)[desk.configuration.name]})
 
 
-def list_versions(desk: Desk, _args: Mapping[str, Any]) -> Reply:
-    """Answer the former versions, newest first."""
-    return Reply(data=_versions(desk, saved_text(desk) or ""))
-
-
+@operation
 def restore(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Bring a former version back, with the files that were saved with it; what it replaces is kept in turn."""
     return _saved(desk, files_of(desk.configuration, text(args, "id")), args)
-
-
-OPERATIONS: dict[str, Operation] = {
-    "configuration": configuration,
-    "check": check,
-    "save": save,
-    "version": version,
-    "versions": list_versions,
-    "restore": restore,
-}
 
 
 def saved_text(desk: Desk) -> str | None:

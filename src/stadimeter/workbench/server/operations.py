@@ -1,10 +1,11 @@
-"""What may be asked of the workbench process: one table of operations, each a function of its arguments."""
+"""Operations of the workbench process: functions of their arguments, which the page's table of paths names."""
 
 from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -44,30 +45,20 @@ class Desk:
 Operation = Callable[[Desk, Mapping[str, Any]], Reply]
 """Raises `StadimeterError`; the sentence is shown on the page. An error of another kind is a defect."""
 
-_EDITING = "stadimeter.workbench.server.editing"
-_RECORDINGS = "stadimeter.workbench.server.recordings"
-_SETUP = "stadimeter.workbench.server.setup_operations"
-
-_SETUP_RESULTS = "stadimeter.workbench.server.setup_results"
-
-_SETUP_NAMES = "state begin answer back leave picture camera colour take world"
-
-MODULES: dict[str, str] = {
-    **dict.fromkeys(("configuration", "check", "save", "version", "versions", "restore"), _EDITING),
-    **dict.fromkeys(("recordings", "recording", "recording-delete"), _RECORDINGS),
-    **{f"setup-{name}": _SETUP for name in _SETUP_NAMES.split()},
-    "setup-board": "stadimeter.workbench.server.setup_board",
-    **dict.fromkeys(("setup-outlook", "setup-try", "setup-wiring", "setup-files"), _SETUP_RESULTS),
-    "replay-diff": "stadimeter.workbench.server.replaying",
-    "recording-frame": "stadimeter.workbench.server.recorded_frame",
-}
-"""The module of each operation, which is loaded when it is first asked for. Its ``OPERATIONS`` holds it."""
+_KNOWN: dict[str, Operation] = {}
 
 
-def operation(name: str) -> Operation:
-    """Return an operation by its name; a `ConfigError` if there is none."""
-    module = MODULES.get(name)
-    if module is None:
-        raise ConfigError(f"there is no operation {name!r}; there are {', '.join(MODULES)}")
-    found: Operation = importlib.import_module(module).OPERATIONS[name]
-    return found
+def operation(function: Operation) -> Operation:
+    """Let a function of this package be asked for, by its module and its name, such as ``editing.check``."""
+    _KNOWN[f"{function.__module__.rpartition('.')[2]}.{function.__name__}"] = function
+    return function
+
+
+def find_operation(name: str) -> Operation:
+    """Return an operation; a `ConfigError` if there is none. Its module is loaded when it is first asked for."""
+    module = name.partition(".")[0]
+    if name not in _KNOWN and module.isidentifier() and find_spec(f"{__package__}.{module}"):
+        importlib.import_module(f"{__package__}.{module}")
+    if name not in _KNOWN:
+        raise ConfigError(f"there is no operation {name!r}")
+    return _KNOWN[name]

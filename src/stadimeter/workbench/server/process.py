@@ -12,7 +12,7 @@ from typing import Any, BinaryIO
 
 from stadimeter.app.control.framing import framed
 from stadimeter.errors import ConfigError, Problem, StadimeterError
-from stadimeter.workbench.server.operations import Desk, operation
+from stadimeter.workbench.server.operations import Desk, find_operation
 
 REQUEST_MAX_BYTES = 4 * 1024 * 1024
 """A configuration within JSON, with room for one that is much too long; a longer line is passed over."""
@@ -68,7 +68,7 @@ def _answered(desk: Desk, line: bytes) -> bytes:
     transaction: Any = None
     try:
         transaction, name, args = _request(line)
-        reply = operation(name)(desk, args)
+        reply = find_operation(name)(desk, args)
         return framed({"transaction": transaction, "status": "ok", "data": reply.data}, reply.attached)
     except StadimeterError as error:
         return framed({"transaction": transaction, **told(error)})
@@ -85,7 +85,7 @@ def _request(line: bytes) -> tuple[Any, str, dict[str, Any]]:
         request = json.loads(line)
         transaction, name, args = request.get("transaction"), request["op"], request.get("args") or {}
     except (ValueError, KeyError, AttributeError, RecursionError) as error:
-        raise ConfigError('a request is an object of JSON such as {"op": "setup-state", "args": {}}') from error
+        raise ConfigError('a request is an object of JSON such as {"op": "editing.check", "args": {}}') from error
     if not isinstance(name, str) or not isinstance(args, dict):
         raise ConfigError("op is the name of an operation, and args an object")
     return transaction, name, args

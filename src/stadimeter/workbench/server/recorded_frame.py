@@ -21,7 +21,7 @@ from stadimeter.core.plan import Plan
 from stadimeter.errors import ConfigError, JournalError
 from stadimeter.workbench.replay.recording_index import RecordedMoment, RecordingIndex
 from stadimeter.workbench.server.arguments import number
-from stadimeter.workbench.server.operations import Desk, Operation, Reply
+from stadimeter.workbench.server.operations import Desk, Reply, operation
 from stadimeter.workbench.server.recordings import began_unix_s, index_of, path_of
 
 QUALITY = 80
@@ -33,6 +33,7 @@ SHOWN = ("frame", "targets", "rules", "outputs", "safety")
 """The parts of a live snapshot that a recording has, too."""
 
 
+@operation
 def recording_frame(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Answer the picture of a moment of a recording, as JPEG, and what was known and decided then.
 
@@ -46,9 +47,6 @@ def recording_frame(desk: Desk, args: Mapping[str, Any]) -> Reply:
     seen = None if moment.seen is None else Seen(_with_detections(moment), moment.frame)
     jpeg = Pictures().jpeg(seen, "plain" if args.get("draw") == "plain" else "drawn", QUALITY) if seen else b""
     return Reply(data=_values(desk, index, moment, seen), attached=jpeg)
-
-
-OPERATIONS: dict[str, Operation] = {"recording-frame": recording_frame}
 
 
 def _values(desk: Desk, index: RecordingIndex, moment: RecordedMoment, seen: Seen | None) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from stadimeter.errors import ControlError, JournalError, NotThereError, Stadime
 from stadimeter.workbench.replay.recording_index import RecordingIndex, read_index
 from stadimeter.workbench.replay.replay import read_recording
 from stadimeter.workbench.server.editing import run_socket
-from stadimeter.workbench.server.operations import Desk, Operation, Reply
+from stadimeter.workbench.server.operations import Desk, Reply, operation
 
 ENDINGS = frozenset({".mcap", ".jsonl"})
 """Of recordings with pictures, and of journals."""
@@ -34,6 +34,7 @@ _NOW_WITHIN = 120
 """The time of a cycle stands at the beginning of its line."""
 
 
+@operation
 def recordings(desk: Desk, _args: Mapping[str, Any]) -> Reply:
     """Answer the recordings that there are, newest first."""
     folder = folder_of(desk)
@@ -46,6 +47,7 @@ def recordings(desk: Desk, _args: Mapping[str, Any]) -> Reply:
     return Reply(data={"folder": str(folder), "recordings": listed, "left_out": max(0, len(newest) - LISTED_MAX)})
 
 
+@operation
 def recording(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Answer what there is to say about one recording; with its configuration and where it is."""
     path = path_of(desk, args)
@@ -54,6 +56,7 @@ def recording(desk: Desk, args: Mapping[str, Any]) -> Reply:
     return Reply(data={**told, "path": str(path), "text": header.configuration if header else ""})
 
 
+@operation
 def delete(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Delete a recording, unless it is being written."""
     path = path_of(desk, args)
@@ -66,13 +69,6 @@ def delete(desk: Desk, args: Mapping[str, Any]) -> Reply:
             raise JournalError(f"{path.name} cannot be deleted: {(error.strerror or str(error)).lower()}") from error
     desk.kept.pop("recording", None)
     return Reply(data={"name": path.name})
-
-
-OPERATIONS: dict[str, Operation] = {
-    "recordings": recordings,
-    "recording": recording,
-    "recording-delete": delete,
-}
 
 
 def folder_of(desk: Desk) -> Path:

@@ -14,7 +14,7 @@ from stadimeter.workbench.replay.lanes import CYCLES_MAX, Lane, Point, SideBySid
 from stadimeter.workbench.replay.replay import ReplayRun, read_recording, replay_run
 from stadimeter.workbench.server.arguments import number, text
 from stadimeter.workbench.server.editing import files_with, loaded
-from stadimeter.workbench.server.operations import Desk, Operation, Reply
+from stadimeter.workbench.server.operations import Desk, Reply, operation
 from stadimeter.workbench.server.recordings import about, path_of
 
 FOR_S = 20.0
@@ -26,6 +26,7 @@ KEPT_MAX = 3
 """Comparisons that go on beside each other: of several tabs, each would begin that of the other anew."""
 
 
+@operation
 def replay_diff(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Answer what a text would have done on a recording, beside what was decided then.
 
@@ -37,9 +38,6 @@ def replay_diff(desk: Desk, args: Mapping[str, Any]) -> Reply:
     if not side_by_side.is_done:
         side_by_side.go_on(min(FOR_MAX_S, max(0.05, number(args, "for_s", FOR_S))))
     return Reply(data=_told(side_by_side, about(desk, path)))
-
-
-OPERATIONS: dict[str, Operation] = {"replay-diff": replay_diff}
 
 
 def _kept(desk: Desk, path: Path, wanted: str, files: Mapping[str, str]) -> SideBySide:

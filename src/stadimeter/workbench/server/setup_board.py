@@ -11,7 +11,7 @@ from stadimeter.errors import CalibrationError, ConfigError
 from stadimeter.ranging.board_calibration import coverage
 from stadimeter.workbench.calibration.board_session import Board, BoardSession, CharucoBoard, Chessboard
 from stadimeter.workbench.server.arguments import number, text
-from stadimeter.workbench.server.operations import Desk, Operation, Reply
+from stadimeter.workbench.server.operations import Desk, Reply, operation
 from stadimeter.workbench.server.setup_operations import lens_as_json, setup_of
 from stadimeter.workbench.setup.lens import today
 from stadimeter.workbench.setup.question import BOARD_FILE
@@ -20,6 +20,7 @@ FEWEST, MOST = 3, 60
 """Corners or squares along a side of a board."""
 
 
+@operation
 def board(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Begin with a board (``do`` is ``start``), look at the newest picture (``look``), or take the lens (``finish``).
 
@@ -38,9 +39,6 @@ def board(desk: Desk, args: Mapping[str, Any]) -> Reply:
         case "finish":
             return _finish(desk)
     raise ConfigError("do is one of start, look and finish")
-
-
-OPERATIONS: dict[str, Operation] = {"setup-board": board}
 
 
 def _wanted(args: Mapping[str, Any]) -> Board:

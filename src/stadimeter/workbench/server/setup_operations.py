@@ -1,7 +1,7 @@
 """The set-up, one question at a time: the interview of `stadimeter init` with a live picture beside it.
 
 A picture takes less than a tenth of a second on a desktop computer. These take a second or more on a small Pi: to open
-a camera (``setup-camera``, and ``setup-begin`` where answers are taken up again), ``setup-take``, and ``setup-colour``
+a camera (``camera``, and ``begin`` where answers are taken up again), ``take``, and ``colour``
 with clicks or ``look``. Answers come in order, so no picture comes meanwhile.
 """
 
@@ -17,7 +17,7 @@ from stadimeter.errors import ConfigError
 from stadimeter.workbench.colour_aids import NOTHING_STANDS_OUT, colour_picture
 from stadimeter.workbench.picture_quality import better_exposure_s
 from stadimeter.workbench.server.arguments import number, places, text, texts, truth
-from stadimeter.workbench.server.operations import Desk, Operation, Reply
+from stadimeter.workbench.server.operations import Desk, Reply, operation
 from stadimeter.workbench.server.setup_desk import SetupDesk
 from stadimeter.workbench.setup import colour_step
 from stadimeter.workbench.setup.camera_step import PLAYED_KEYS, table_of, with_exposure, with_playing, with_resolution
@@ -40,11 +40,13 @@ def setup_of(desk: Desk) -> SetupDesk:
     return found
 
 
+@operation
 def state(desk: Desk, _args: Mapping[str, Any]) -> Reply:
     """Answer the answers so far, and the question that is next."""
     return Reply(data=setup_of(desk).state())
 
 
+@operation
 def begin(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Begin, or go on where it was left."""
     setup = setup_of(desk)
@@ -52,6 +54,7 @@ def begin(desk: Desk, args: Mapping[str, Any]) -> Reply:
     return Reply(data=setup.state())
 
 
+@operation
 def answer(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Answer the question; a doubtful answer is asked again, once, unless ``confirm`` is false.
 
@@ -64,6 +67,7 @@ def answer(desk: Desk, args: Mapping[str, Any]) -> Reply:
     return Reply(data={**setup.state(), "notes": list(accepted.notes)})
 
 
+@operation
 def back(desk: Desk, _args: Mapping[str, Any]) -> Reply:
     """Take back the last answer."""
     setup = setup_of(desk)
@@ -72,6 +76,7 @@ def back(desk: Desk, _args: Mapping[str, Any]) -> Reply:
     return Reply(data=setup.state())
 
 
+@operation
 def leave(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Close the camera, and keep the answers. With ``camera_only`` the set-up stays at its question."""
     setup = setup_of(desk)
@@ -82,6 +87,7 @@ def leave(desk: Desk, args: Mapping[str, Any]) -> Reply:
     return Reply(data=setup.state())
 
 
+@operation
 def picture(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Answer what the camera sees now: figures, and a JPEG that may be smaller than they are about.
 
@@ -107,11 +113,12 @@ def picture(desk: Desk, args: Mapping[str, Any]) -> Reply:
     return Reply(data=values_of(frame, found, measured), attached=jpeg_of(image, width_px))
 
 
+@operation
 def camera(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Look through a camera that is offered; with ``exposure``, lock that at a time such as ``10 ms``.
 
     ``resolution`` is one to ask it for, such as ``1280x720``; ``played``, how files are played. The answer to give,
-    with all of it, is in the reply; ``setup-picture`` shows what it sees.
+    with all of it, is in the reply; ``picture`` shows what it sees.
     """
     setup, wanted = setup_of(desk), text(args, "camera")
     exposure, resolution, played = text(args, "exposure", ""), text(args, "resolution", ""), texts(args, "played")
@@ -140,6 +147,7 @@ def camera(desk: Desk, args: Mapping[str, Any]) -> Reply:
     return Reply(data={**values_of(frame, None, None), **told})
 
 
+@operation
 def colour(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Try a range of colours: from clicks on the picture that was shown last, or a given one, widened or narrowed.
 
@@ -183,6 +191,7 @@ def colour(desk: Desk, args: Mapping[str, Any]) -> Reply:
     )
 
 
+@operation
 def take(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Take frames of the target at a known distance, and say what lens follows; takes a second or more."""
     setup = setup_of(desk)
@@ -203,6 +212,7 @@ def lens_as_json(model: CameraModel | None) -> dict[str, Any]:
     return {"focal_px": model.fx_px, "focal_sigma_px": sigma_px, "edge_bias_px": model.edge_bias_px}
 
 
+@operation
 def world(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Put the ball of the simulated room somewhere: so far ahead, and to the left."""
     room = setup_of(desk).camera.room
@@ -210,17 +220,3 @@ def world(desk: Desk, args: Mapping[str, Any]) -> Reply:
         raise ConfigError("there is no simulated room before this camera; move the real thing")
     room.place(number(args, "x_m"), number(args, "y_m", 0.0))
     return Reply(data=room.where())
-
-
-OPERATIONS: dict[str, Operation] = {
-    "setup-state": state,
-    "setup-begin": begin,
-    "setup-answer": answer,
-    "setup-back": back,
-    "setup-leave": leave,
-    "setup-picture": picture,
-    "setup-camera": camera,
-    "setup-colour": colour,
-    "setup-take": take,
-    "setup-world": world,
-}

@@ -14,7 +14,7 @@ from stadimeter.workbench.drawing import svg_of
 from stadimeter.workbench.rule_tests.running import lanes_of
 from stadimeter.workbench.server import editing
 from stadimeter.workbench.server.arguments import text, texts
-from stadimeter.workbench.server.operations import Desk, Operation, Reply
+from stadimeter.workbench.server.operations import Desk, Reply, operation
 from stadimeter.workbench.server.setup_operations import setup_of
 from stadimeter.workbench.setup.files import configuration_files
 from stadimeter.workbench.setup.question import CONFIGURATION, Known
@@ -24,11 +24,13 @@ from stadimeter.workbench.wiring.circuits import CIRCUITS, header_labels, parts_
 from stadimeter.workbench.wiring.drawings import circuits_picture, wiring_picture
 
 
+@operation
 def show_outlook(desk: Desk, _args: Mapping[str, Any]) -> Reply:
     """Answer how sure the distance to this target will be, near and far."""
     return Reply(data=outlook(setup_of(desk).known))
 
 
+@operation
 def try_wishes(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Answer what the wishes would do, on what the camera saw lately and on a target that is made up.
 
@@ -50,6 +52,7 @@ def try_wishes(desk: Desk, args: Mapping[str, Any]) -> Reply:
     )
 
 
+@operation
 def wiring(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """Answer the header and the circuits as SVG: of a text, or of the outputs that are chosen.
 
@@ -77,6 +80,7 @@ def wiring(desk: Desk, args: Mapping[str, Any]) -> Reply:
     return Reply(data={"pins": pins, "wires": wires, "notes": notes}, attached=svg_of(drawing).encode())
 
 
+@operation
 def files(desk: Desk, _args: Mapping[str, Any]) -> Reply:
     """Answer the files that Save would write, what `check` finds in them, and what their tests come to."""
     setup = setup_of(desk)
@@ -94,14 +98,6 @@ def files(desk: Desk, _args: Mapping[str, Any]) -> Reply:
             "base_version": editing.version_of(editing.saved_text(desk)),
         }
     )
-
-
-OPERATIONS: dict[str, Operation] = {
-    "setup-outlook": show_outlook,
-    "setup-try": try_wishes,
-    "setup-wiring": wiring,
-    "setup-files": files,
-}
 
 
 def _as_text(known: Known, answers: Mapping[str, str], *, with_tests: bool) -> dict[str, Any]:
