@@ -7,8 +7,8 @@ kernel of Raspberry Pi OS gives the same number, in hexadecimal, in a file of it
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 THERMAL = "sys/class/thermal/thermal_zone0/temp"
 THROTTLED = "sys/bus/platform/drivers/raspberrypi-firmware/*/get_throttled"
@@ -22,8 +22,7 @@ SINCE_START = 16
 """The same bits, this much higher, stay set from their first time until the next start."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Throttling:
+class Throttling(NamedTuple):
     """What the firmware says of supply and heat, in words: at this moment, and at any time since the start."""
 
     now: tuple[str, ...]

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
 
 from stadimeter.app.freeze import FreezeDetector
 from stadimeter.cameras.protocol import Camera
@@ -70,8 +69,7 @@ Answer = TypeVar("Answer")
 Wait = Callable[[threading.Event, float], bool]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outage:
+class Outage(NamedTuple):
     """A camera that failed and has given no new frame since.
 
     Attributes:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from stadimeter.app.reporting import is_state
 from stadimeter.core import templates
@@ -116,8 +116,7 @@ LocalTime = Callable[[], str]
 MAX_TITLE_CHARACTERS = 120
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outgoing:
+class Outgoing(NamedTuple):
     """What is to be sent after a cycle; notifications go with the name of their notifier."""
 
     messages: tuple[Message, ...] = ()

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
 from stadimeter.app.bootstrap import EndedWhileOpening, OpenParts, Parts
 from stadimeter.app.cycle import CycleRecord
@@ -45,8 +45,7 @@ PUBLISHED_MAX = 50
 """Number of published messages that are kept, for the views."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Limits:
+class Limits(NamedTuple):
     """When a run ends by itself: after a number of frames, or after a time on the run's clock; None for never."""
 
     frames: int | None = None

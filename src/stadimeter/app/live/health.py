@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 from stadimeter.app.board_health import HOT_C, temperature_c, throttled_now
 from stadimeter.app.health import percentile
@@ -25,8 +26,7 @@ SLOW_PACE = 0.9
 """Below this share of its speed, a simulation or a recording is slow for all who watch it."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Note:
+class Note(NamedTuple):
     """One thing about a run's health, in words."""
 
     what: str
@@ -34,8 +34,7 @@ class Note:
     is_good: bool = True
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BoardState:
+class BoardState(NamedTuple):
     """What a board says of itself; None where it does not."""
 
     temperature_c: float | None = None

@@ -8,6 +8,7 @@ from bisect import bisect_right
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.core.decision import Event
@@ -33,8 +34,7 @@ TIMES_MAX = 300
 _FIELDS = 3
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DistanceSample:
+class DistanceSample(NamedTuple):
     """A distance at a moment.
 
     Attributes:
