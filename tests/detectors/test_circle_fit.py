@@ -68,7 +68,7 @@ def test_points_on_a_line_are_no_circle() -> None:
 
 def test_circles_are_fitted_without_loading_random_generators() -> None:
     program = (
-        "import sys, numpy as np; from stadimeter.detectors.ball.circles import most_common_circle as fit;"
+        "import sys, numpy as np; from stadimeter.detectors.ball.circles import find_common_circle as fit;"
         "a = np.arange(9.0); fit(np.column_stack([np.cos(a), np.sin(a)]) * 9); sys.exit('numpy.random' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0

@@ -1,4 +1,4 @@
-"""By how much the targets of a run are blurred by their motion, and which exposure would do.
+"""Motion blur of the targets of a run, and the exposure that avoids it.
 
 A target that moves at v pixels a second is smeared by b = v·t while it is exposed for t. Measured on rendered pictures,
 smeared along one side, of targets of s pixels: up to b/s = 0.03 distances are off by 0.5 % at most; at 0.1 those of a
@@ -57,7 +57,7 @@ class _Watched:
 
 
 class MotionBlur:
-    """Watches the targets of a run, in frames of which the exposure is known; of others it says nothing."""
+    """Watches the targets of a run, in frames of known exposure; others are left out."""
 
     def __init__(self) -> None:
         self._targets: dict[str, _Watched] = {}
@@ -103,6 +103,7 @@ def _speed_px_s(before: _Sighting | None, now: _Sighting) -> float | None:
     apart_s = now.captured_at_s - before.captured_at_s
     if not 0 < apart_s <= APART_MAX_S:
         return None
+    # An approach moves opposite edges apart: each by half of what the size grows.
     grown_px = max(abs(now.found.width_px - before.found.width_px), abs(now.found.height_px - before.found.height_px))
     return (math.dist(now.found.centre_px, before.found.centre_px) + grown_px / 2) / apart_s
 

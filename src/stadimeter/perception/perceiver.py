@@ -46,7 +46,7 @@ INNOVATION_DECAY = 0.85
 """The innovation of one prediction counts for the next ones too, by this factor less with each."""
 
 JUMP_SIGMAS = 4.0
-"""A target further off than this many of those standard deviations has jumped; its motion before says nothing."""
+"""A target further off than this many of those standard deviations has jumped, and its motion is unknown again."""
 
 EVEN_STEPS = 2.0
 """A motion is taken to go on for this many times the step that it was seen in; then only the uncertainty goes on."""
@@ -107,6 +107,7 @@ class Perceiver:
     def lens_of(self, frame: Frame) -> CameraModel:
         """Return the camera model for the frame, whose resolution, subsampling and optics hardly ever change."""
         lens = self._lens
+        # Scaling a lens takes longer than this comparison, and detector and ranging must get the same object.
         is_same = (lens.width_px, lens.height_px) == (frame.width_px, frame.height_px) and frame.optics is self._optics
         if not is_same or lens.subsampling != (self._camera_model.subsampling or frame.subsampling):
             lens = self._lens = self._camera_model.for_frame(frame)
@@ -115,7 +116,7 @@ class Perceiver:
 
 
 class LastOutline(NamedTuple):
-    """Where the corners of a target were when it was last seen, around which centre, and how far away that was."""
+    """The corners and the centre of a target when it was last seen, in pixels, and its depth then."""
 
     outline_px: Points
     centre_px: tuple[float, float]
@@ -148,6 +149,8 @@ class Expectations:
         if track is None:
             return None
         motion = self._motions[track.target] = follow(self._motions.get(track.target), track)
+        # Capture time, not frames: the period holds at any frame rate, and in replays. A clock that goes back searches
+        # the whole frame.
         since_s = at_s - self._searched_at_s.get(track.target, -math.inf)
         expected = predict(track, shape, camera, at_s, motion) if 0 <= since_s < SEARCH_EVERY_S else None
         if expected is None:
@@ -280,6 +283,8 @@ def _direction(known: _Known, motion: AngularMotion | None) -> tuple[float, floa
     loose_radps = _loose_radps(known.distance_m)
     if motion is None or motion.step_s <= 0:
         return known.bearing_rad, known.elevation_rad, loose_radps * unseen_s
+    # The rate goes on for two steps at most; beyond that only the uncertainty grows, by 1 m/s across at the target's
+    # distance and 0.5 rad/s of the camera's own turning.
     on_s = min(unseen_s, EVEN_STEPS * motion.step_s)
     return (
         known.bearing_rad + motion.bearing_radps * on_s,
@@ -303,6 +308,7 @@ def _size_share(known: _Known, shape: TargetShape, lens_share: float) -> float:
 def _check_useful(expected: Prediction, camera: CameraModel) -> Prediction | None:
     """Return a prediction whose figures are finite, that is in the picture, and that leaves anything out."""
     x_px, y_px = expected.centre_px
+    # The picture begins half a pixel before the centre of its first one.
     is_seen = -0.5 <= x_px <= camera.width_px - 0.5 and -0.5 <= y_px <= camera.height_px - 0.5
     is_sure = expected.sigma_px <= USEFUL_SHARE * max(camera.width_px, camera.height_px)
     return expected if is_seen and is_sure and expected.size_px > 0 else None

@@ -69,7 +69,7 @@ class FocalEstimate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FocalFit:
-    """What all pictures give together."""
+    """The focal length and the edge bias from all pictures."""
 
     focal_px: float
     focal_sigma_px: float  # its standard deviation: what follows from that of the pictures, or more if they disagree
@@ -166,7 +166,7 @@ class FocalLength:
 
     @property
     def reads(self) -> str:
-        """What the model measures in this picture, in words."""
+        """The distance that the model measures in this picture, in words."""
         return f"reads {round(self.residual_share, 4) + 0.0:+.2%}"  # adding zero turns -0.0 into 0.0
 
     def __str__(self) -> str:

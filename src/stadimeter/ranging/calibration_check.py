@@ -116,7 +116,7 @@ class DistanceError:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationCheck:
-    """What new pictures say about a camera model."""
+    """How well a camera model measures new pictures of known distance."""
 
     pictures: tuple[DistanceError, ...]  # one for each picture, in their order
     bias_share: float  # the mean error, as a share of the distance

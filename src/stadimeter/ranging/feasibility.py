@@ -36,7 +36,7 @@ class Expectation:
 
 
 def expect(shape: TargetShape, camera: CameraModel, distance_m: float) -> Expectation:
-    """Return what to expect of a target at a distance, in the middle of the picture.
+    """Return the expected size and uncertainty of a target at a distance, at the centre of the picture.
 
     Raises:
         ValueError: The distance is not a finite number above zero.

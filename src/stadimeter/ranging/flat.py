@@ -52,7 +52,7 @@ across the edges. Fitted on rendered pictures of such cameras."""
 
 
 class _Flat:
-    """What flat shapes have in common. Their outline is their rim, however they are turned."""
+    """Base of flat shapes. Their outline is their rim, however they are turned."""
 
     __slots__ = ()
 

@@ -36,7 +36,7 @@ _KEPT, _FRESH = math.sqrt(1 - FRESH_SHARE), FRESH_SHARE
 
 
 class FilterState(NamedTuple):
-    """What the filter knows at one moment. A tuple, because several are made for each frame.
+    """State and covariance of the filter at one moment. A tuple, because several are made for each frame.
 
     Attributes:
         distance_m: The distance.

@@ -29,15 +29,15 @@ MIN_CONSTANT_VELOCITY_SHARE = 0.5
 """A target that keeps its speed has a probability of the constant-velocity model above this."""
 
 RESTLESS_S = 2.0
-"""A target that made a leap may make another for so long, and is believed at once."""
+"""For this long after a leap another one is believed at once."""
 
 _AS_STATED = NoiseEstimate()
 
 MIN_RATIO = 0.5
-"""Of an expected and a measured distance that are further apart, the noise of one says nothing of that of the other."""
+"""Least ratio of expected and measured distance, either way, that the noise of a measurement is corrected by."""
 
 AGREEING_FRAMES = 3
-"""So many measurements in a row that contradict the track, and agree with each other, are the target."""
+"""This many measurements in a row that contradict the track, and agree with each other, are the target."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,14 +88,14 @@ def step(state: TrackState, measurement: Measurement | None, now_s: float, setti
 
 
 def after_gap(state: TrackState, now_s: float, reason: str) -> TrackState:
-    """Return a target as it is after time in which nobody looked: what was known of it is too old to go on with.
+    """Return the state after a gap without frames: the old estimate is too old to go on with.
 
     It must be confirmed anew, and for how long it is in sight or out of sight is counted from now.
 
     Args:
         state: What was known before.
         now_s: The run's monotonic clock.
-        reason: Why nobody looked.
+        reason: Why there were no frames.
     """
     track = replace(state.track, since_s=now_s)
     if track.is_valid:
@@ -130,7 +130,7 @@ def _lose_if_late(state: TrackState, now_s: float, settings: Tracking, reason: s
 
 
 def _miss(state: TrackState, measurement: Measurement, settings: Tracking) -> TrackState:
-    """A frame without the target: predict for a moment, then give up."""
+    """Coast through a frame without the target; the track is lost after `coast`."""
     reason = measurement.reason or "the measurement holds no usable figures"
     if not state.track.is_valid:
         return replace(state, track=replace(state.track, reason=reason), candidate=None)
@@ -140,7 +140,7 @@ def _miss(state: TrackState, measurement: Measurement, settings: Tracking) -> Tr
 
 
 def _consider(state: TrackState, sighting: Sighting, settings: Tracking) -> TrackState:
-    """The target is seen, but does not count yet."""
+    """Take in a sighting of a target that is not confirmed."""
     found = extend_tentative(state.candidate, sighting, _noise_m(state, sighting, settings), settings)
     if found.frames >= settings.confirm_frames:
         return _begin(state, found, settings)
@@ -150,13 +150,14 @@ def _consider(state: TrackState, sighting: Sighting, settings: Tracking) -> Trac
 
 
 def _follow(state: TrackState, sighting: Sighting, settings: Tracking) -> TrackState:
-    """The target is seen while it counts: take the sighting in, unless it is an outlier."""
+    """Take in a sighting of a confirmed target, unless it is an outlier."""
     # Prediction to the capture time, innovation of each model, then the innovation gate: `gate` of the configuration in
     # standard deviations. What fails is refused, and coasts.
     moved = _predict(state, sighting.at_s, settings)
     noise_m = _noise_m(state, sighting, settings) * _noise_weight(moved.distance_m, sighting.distance_m)
     innovation = motion.compare(moved, sighting.distance_m, noise_m)
     noise = _learn_noise(state, motion.normalise(moved, innovation), sighting, settings)
+    # `sigmas` is the smallest of the three models: what any of them explains is no outlier.
     is_outlier = innovation.sigmas > settings.gate_sigmas
     if is_outlier or _may_be_feigned(state, moved, sighting, innovation, settings):
         return _refuse(replace(state, noise=noise), moved, sighting, innovation, settings)
@@ -175,7 +176,7 @@ def _follow(state: TrackState, sighting: Sighting, settings: Tracking) -> TrackS
 def _refuse(
     state: TrackState, moved: MotionState, sighting: Sighting, innovation: Innovation, settings: Tracking
 ) -> TrackState:
-    """What is seen contradicts the track. If that goes on, or agrees with itself for some frames, it is the target."""
+    """Refuse a sighting that contradicts the track; begin anew if that goes on, or if such sightings agree."""
     rival = extend_tentative(state.candidate, sighting, _noise_m(state, sighting, settings), settings)
     rejected = state.track.rejected + 1
     if rejected > settings.outliers_max or rival.frames >= AGREEING_FRAMES:
@@ -192,7 +193,7 @@ def _refuse(
 
 
 def _begin(state: TrackState, found: TentativeTrack, settings: Tracking) -> TrackState:
-    """A candidate is the target: the track begins, or begins anew."""
+    """Begin the track, or begin it anew, with a tentative one that was confirmed."""
     sighting = found.sighting
     return TrackState(
         track=_track(state.track, found.motion, sighting, state.noise, settings, TrackStatus.TRACKING),
@@ -214,6 +215,7 @@ def _may_be_feigned(
     """
     if not settings.outliers_max or innovation.constant_sigmas <= settings.gate_sigmas:
         return False
+    # Only a target that kept its speed so far, and has not leapt in the last two seconds, is held back for one frame.
     if moved.constant_share < MIN_CONSTANT_VELOCITY_SHARE or sighting.at_s - state.leapt_at_s < RESTLESS_S:
         return False
     if state.candidate is None or not state.is_doubted:

@@ -38,7 +38,7 @@ manoeuvring filter goes where it is seen."""
 
 
 class MotionState(NamedTuple):
-    """What the filters know at one moment.
+    """State of all three filters at one moment.
 
     Attributes:
         constant: The constant-velocity filter.

@@ -53,7 +53,7 @@ _MIN_AUTOCORRELATION = -0.2
 
 
 class NoiseEstimate(NamedTuple):
-    """What is known of a target's noise.
+    """The learnt noise of a target.
 
     Attributes:
         level: The logarithm of its variance over the stated one.

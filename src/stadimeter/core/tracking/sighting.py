@@ -1,7 +1,7 @@
-"""What one frame says of a target, and a target that does not count yet: what some frames in a row say of it.
+"""Sightings, the usable measurements of a target, and tentative tracks made of some in a row.
 
 A new target is tentative, and so is what contradicts a target that is tracked: if its frames agree, the target is
-there. A first sighting says nothing of speed; the second agrees with it if the target may have moved as targets mostly
+there. A first sighting gives no speed; the second agrees with it if the target may have moved as targets mostly
 do. Two that contradict each other may be errors, or a fast target: then a third on the line through both decides. This
 is two-point differencing: Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and Navigation", Wiley
 2001, section 5.5.3.
@@ -76,7 +76,7 @@ def sighting_of(measurement: Measurement) -> Sighting | None:
 
 
 class TentativeTrack(NamedTuple):
-    """What was seen, and how it may move.
+    """A target that is not confirmed yet.
 
     Attributes:
         sighting: The newest sighting.

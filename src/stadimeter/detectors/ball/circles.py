@@ -203,7 +203,7 @@ def _circles_through_triples(points: Points, tries: int) -> Points:
 
 @lru_cache(maxsize=256)
 def _picks(tries: int, points: int) -> Indices:
-    """Return which of so many points each triple takes, shape ``(3, tries)``."""
+    """Return the indices of the points that each triple takes, shape ``(3, tries)``."""
     return np.ascontiguousarray((_spread(tries) * points).astype(np.intp).T)
 
 

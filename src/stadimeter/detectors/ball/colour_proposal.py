@@ -32,7 +32,7 @@ WIDER_BONUS, GREY_SHARE = 0.03, 0.7
 """A wider range is better if the ball is as good with it. Grey is a ball's colour less often than a gloss on it."""
 
 ELSEWHERE_COSTS, MAX_ELSEWHERE = 0.1, 10.0
-"""What it costs a range to cover as much elsewhere as the ball covers; beyond a multiple of that it costs no more."""
+"""Cost of covering an area elsewhere as large as the ball; areas beyond the second figure, in balls, cost no more."""
 
 LARGE_PX = 40.0
 """A ball of this diameter is no less likely than a larger one."""
@@ -43,13 +43,13 @@ MIDDLING_FROM, FIRST_TRIED = 5, 3
 18 in all, and how many are tried."""
 
 PERFECT_SCORE = 1 + WIDER_BONUS * (FIRST_TRIED - 1)
-"""What the best ball of all would be given with one of those: what cannot reach the best so far is not tried."""
+"""The highest possible score of a ball with one of those ranges: a place that cannot beat the best is not tried."""
 
 STEP_OF_SEVERAL = 2
 """Where several places are given, every second range is tried at each: they join into one that is wide enough."""
 
 MAX_VERIFIED = 5
-"""The best so many ranges at a place are looked at in the whole picture, where clutter may be a better ball."""
+"""Number of ranges at a place, the best, that are tried in the whole picture, where clutter may be a better ball."""
 
 SEARCH_PX = 800
 """Pictures with a longer side than this are searched smaller."""
@@ -110,7 +110,7 @@ def propose(samples: Sequence[ColourSample], detect: Detect) -> ColourProposal |
             found += _find_standing_out(frame, detect)
     if not found:
         return None
-    # A place on a white stripe, a gloss or a shadow has no hue: it says nothing of a ball that has one elsewhere.
+    # A place on a white stripe, a gloss or a shadow has no hue: a ball that has a hue elsewhere is not grey.
     colour = join_ranges([each for each in found if not _is_grey(each)] or found)
     views = tuple(view(frame, colour, detect) for frame, _ in samples)
     return ColourProposal(colour=str(colour), views=views, hue_margin=_find_hue_margin(samples, views, colour))

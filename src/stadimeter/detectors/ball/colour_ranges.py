@@ -36,7 +36,7 @@ MIN_CHROMA = 24.0
 """Where the channels of most pixels differ by fewer levels, the thing is grey, white or black: every hue counts."""
 
 GREY_SATURATION, GREY_VALUE = 12.0, 0.08
-"""What each step of the margin adds to grey: levels of saturation, and a share of the value."""
+"""Each step of the margin adds this to grey: levels of saturation, and a share of the value."""
 
 SEEN_PERCENT = (2.0, 98.0)
 MAX_PICTURE_SHARE = 0.4

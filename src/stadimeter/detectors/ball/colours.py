@@ -34,7 +34,7 @@ REACH_SHARE, REACH_PX = 1.5, 3.0
 INSIDE_SHARE, INSIDE_PX = 0.12, 1.2
 OUTSIDE_SHARE, OUTSIDE_PX = 0.15, 2.0
 """Pixels this near to the circle are not counted: a share of the radius, or pixels if that is more. The first circle
-may be wrong by so much, and pixels on the limb are a mixture."""
+may be wrong by this much, and pixels on the limb are a mixture."""
 
 MIN_COUNTED = 8
 """Fewer pixels on either side tell no colours."""
@@ -62,7 +62,7 @@ PLACES = np.array([BINS * BINS, BINS, 1], np.intp)
 
 
 class BallColours(NamedTuple):
-    """What tells a ball and its surroundings apart."""
+    """Colours by which a ball is told apart from its surroundings."""
 
     # How much each colour speaks for the ball, negative for what is around it: logarithms by the index of `_bins`,
     # shape ``(4096,)``.

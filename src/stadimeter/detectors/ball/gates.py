@@ -29,7 +29,7 @@ the width of a step; and without a camera model, another share of the radius, si
 the middle of the picture is then not known."""
 
 MIN_CUT_OFF_SUPPORT = 0.25
-"""Of a ball that the border cuts off, so much must be seen of the whole limb, and as much as of others of the rest."""
+"""Least share of the whole limb that a ball cut off by the border must show; the rest is judged as of other balls."""
 
 MARGIN_PX = 1.0
 """A limb this near to the outermost pixels is cut off."""
@@ -71,7 +71,7 @@ GRID = 16
 """Pixels each way from which the share of a circle with the ball's colour is estimated."""
 
 FULL_QUALITY_MARGIN = 0.6
-"""With so much more of the limb seen than is asked for, a ball has the best quality."""
+"""A ball has quality 1 if this much more of its limb is seen than needed."""
 
 SURE_QUALITY = 0.4
 """With this quality, smaller blobs need not be looked at."""

@@ -93,6 +93,7 @@ def read_steps(picture: EdgePicture, rim: Rim, reach_px: float, *, is_bright: bo
     At the first look the steepest place is taken, since both ends of the line may be anywhere, instead of that half way
     from inside to outside.
     """
+    # Samples from -reach to +reach, 17 at most, outwards positive, in pixels without distortion.
     half = min(MAX_STEPS, math.ceil(reach_px / STEP_PX))
     along: Values = np.arange(-half, half + 1, dtype=np.float64) * (reach_px / half)
     light, is_inside = picture.read(rim.points_px[:, None, :] + along[None, :, None] * rim.outward[:, None, :])

@@ -57,7 +57,7 @@ SAME_PLACE, SAME_SIZE = 0.2, 0.15
 """Outlines are one if their centres are nearer than this share of the size, and their sizes differ by less."""
 
 MAX_LOOKED_AT = 40
-"""Of outlines that are no ellipses, only the largest are looked at."""
+"""Number of outlines that are no ellipses, the largest, that are looked at."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -169,6 +169,7 @@ def _shapes(smooth: Plane, level: float, min_px: float) -> Iterator[Shape]:
     OpenCV goes around what is bright and around its holes in opposite ways, so the sign of the area tells them apart. A
     tree of the contours tells the same, but OpenCV takes a minute to grow it where there are a hundred thousand holes.
     """
+    # All contours in a flat list; the least area is that of the flattest ellipse of this length that is looked at.
     parted = cv2.threshold(smooth, level, 255, cv2.THRESH_BINARY)[1]
     contours, _ = cv2.findContours(parted, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     min_area = MIN_ASPECT * math.pi / 4 * min_px**2
@@ -216,6 +217,8 @@ def pick_distinct(outlines: Sequence[Outline]) -> list[Outline]:
     kept = []
     for number, outline in enumerate(order):
         if is_left[number]:
+            # Same place within a fifth of the size, and same size within 15 %: shapes of neighbouring levels differ by
+            # the width of the edge.
             near = (np.abs(places - places[number]) < SAME_PLACE * sizes[number]).all(axis=1)
             alike = np.abs(sizes / sizes[number] - 1) < SAME_SIZE
             same = is_left & near & alike & (shades == shades[number])
@@ -291,6 +294,8 @@ def _on_best_piece(points: Points, inner: NDArray[np.bool_]) -> NDArray[np.bool_
     size_px = max(math.sqrt(float(np.mean((points - middle) ** 2))), 1.0)
     x, y = ((points - middle) / size_px).T
     rows = np.stack((x * x, x * y, y * y, x, y), axis=1)
+    # One row for each of the 16 pieces, one column for each of the 96 points: all pieces are held against all points at
+    # once.
     a, b, c, d, e = (each[:, None] for each in _conics(rows * inner[:, None]).T)
     off = a * x * x + b * x * y + c * y * y + d * x + e * y - 1
     # How far off a point is in space, to first order (P. Sampson, 1982).
