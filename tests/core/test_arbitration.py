@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from stadimeter.core.plan import BaseOutput, LevelOutput
 from stadimeter.core.rule_step import LevelRequest, TwistRequest
-from stadimeter.core.rules.arbitration import arbitrate, rearranged
+from stadimeter.core.rules.arbitration import arbitrate, rearrange
 
 RESTRICTIVE = {"base": BaseOutput(name="base", combine="most_restrictive")}
 speeds = st.floats(-2, 2)
@@ -122,5 +122,5 @@ def test_rearranging_a_few_requests_gives_what_sorting_all_of_them_gives(before,
     def in_order(found):
         return sorted(found, key=lambda request: positions[request.rule])
 
-    wanted = rearranged(arbitrate(in_order(was)), was - now, now - was, positions)
+    wanted = rearrange(arbitrate(in_order(was)), was - now, now - was, positions)
     assert wanted == dict(arbitrate(in_order(now)))

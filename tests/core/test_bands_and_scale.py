@@ -16,7 +16,7 @@ from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan, Tracking
 from stadimeter.core.rule import AlarmRule, OnDelay, RampRule, Severity
-from stadimeter.core.rules.ramp_level import ramp_level
+from stadimeter.core.rules.ramp import ramp_level
 from stadimeter.core.track import Track, TrackStatus
 from support.observing import measured
 

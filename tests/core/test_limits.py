@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stadimeter.core.outputs import limit_speed, limit_twist, slew_level
 from stadimeter.core.plan import BaseOutput, LevelOutput
 from stadimeter.core.rule_step import LevelRequest
 from stadimeter.core.rules.arbitration import arbitrate
-from stadimeter.core.rules.limits import limited_speed, limited_twist, slewed_level
 
 levels = st.floats(0, 1)
 speeds = st.floats(-2, 2)
@@ -18,18 +18,18 @@ speeds = st.floats(-2, 2)
 @given(levels, levels, st.floats(0.01, 10), st.floats(0.01, 10), st.floats(0, 1))
 def test_a_level_never_changes_faster_than_its_limits_nor_overshoots(before, wanted, rise, fall, step):
     output = LevelOutput(name="motor", rise_per_s=rise, fall_per_s=fall)
-    level = slewed_level(output, before, wanted, step)
+    level = slew_level(output, before, wanted, step)
     assert -fall * step - 1e-12 <= level - before <= rise * step + 1e-12
     assert min(before, wanted) <= level <= max(before, wanted)
 
 
 def test_without_limits_a_level_jumps_even_in_the_first_cycle():
-    assert slewed_level(LevelOutput(name="motor"), 0.0, 0.7, 0.0) == 0.7
+    assert slew_level(LevelOutput(name="motor"), 0.0, 0.7, 0.0) == 0.7
 
 
 @given(speeds, speeds, st.floats(0, 1))
 def test_a_base_slows_down_at_once_and_speeds_up_gently(before, wanted, step):
-    speed = limited_speed(before, wanted, 1.0, 0.5, step)
+    speed = limit_speed(before, wanted, 1.0, 0.5, step)
     assert abs(speed) <= 1.0
     assert abs(speed) <= abs(before) + 0.5 * step + 1e-12 or abs(before) > 1.0
     if abs(wanted) <= abs(before) and (wanted > 0) is (before > 0) and abs(wanted) <= 1:
@@ -37,11 +37,11 @@ def test_a_base_slows_down_at_once_and_speeds_up_gently(before, wanted, step):
 
 
 def test_a_base_that_shall_reverse_passes_through_zero():
-    assert limited_speed(0.4, -0.4, 1.0, 0.5, 0.1) == pytest.approx(-0.05)
+    assert limit_speed(0.4, -0.4, 1.0, 0.5, 0.1) == pytest.approx(-0.05)
 
 
 def test_stopping_is_immediate():
-    assert limited_twist(BaseOutput(name="base"), (0.5, 1.0), (0.0, 0.0), 0.001) == (0.0, 0.0)
+    assert limit_twist(BaseOutput(name="base"), (0.5, 1.0), (0.0, 0.0), 0.001) == (0.0, 0.0)
 
 
 def test_the_highest_priority_wins_and_the_first_of_equals():

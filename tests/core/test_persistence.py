@@ -13,7 +13,7 @@ from stadimeter.core.alarms.machine import AlarmState, Phase
 from stadimeter.core.alarms.state import Inhibits, Leg, Resumed, Timers
 from stadimeter.core.condition import AllOf, DistanceCondition, PresenceCondition
 from stadimeter.core.decision import Event, EventKind, Severity
-from stadimeter.core.persistence import absent, kept, meaning_of, restored, shifted
+from stadimeter.core.persistence import find_absences, meaning_of, restore_alarms, shift_times, snapshot_alarms
 from stadimeter.core.rule import EscalationStep, LostPolicy, OnDelay
 from support.observing import Rehearsal
 from support.two_rules import FAR, NEAR, plan_of, rehearse
@@ -41,13 +41,15 @@ class Life:
             self.run.see(self.distance_m(self.time_s))
 
     def restart(self, down_s, clock_s):
-        memories, absences, saved_s = kept(self.run.state), absent(self.run.state), self.run.now_s
+        memories, absences, saved_s = snapshot_alarms(self.run.state), find_absences(self.run.state), self.run.now_s
         self.past += self.events_of_this_run()
         self.time_s = round(self.time_s + down_s, 9)
         fresh = Rehearsal(self.plan)
         fresh.now_s = clock_s
         from_s = clock_s - down_s
-        fresh.state = restored(fresh.state, memories, absences, shift_s=from_s - saved_s, from_s=from_s, now_s=clock_s)
+        fresh.state = restore_alarms(
+            fresh.state, memories, absences, shift_s=from_s - saved_s, from_s=from_s, now_s=clock_s
+        )
         self.offset_s = clock_s - self.time_s
         self.run = fresh
 
@@ -242,12 +244,12 @@ def test_a_timer_that_was_written_long_before_a_crash_goes_on_from_there():
     rule = replace(NEAR, on_delay=OnDelay(hold_s=5.0))
     run = rehearse(rule)
     run.see(3, 3, 0.6, 0.6)
-    memories, saved_s = kept(run.state), run.now_s
+    memories, saved_s = snapshot_alarms(run.state), run.now_s
     run.see(*[0.6] * 20)
     crashed_s = run.now_s
     again = rehearse(rule)
     again.now_s = crashed_s + 0.5
-    again.state = restored(again.state, memories, shift_s=0.0, from_s=saved_s, now_s=again.now_s)
+    again.state = restore_alarms(again.state, memories, shift_s=0.0, from_s=saved_s, now_s=again.now_s)
     again.see(*[0.6] * 30)
     (raised_s,) = [event.at_s for _, decision in again.decisions for event in decision.events if event.source == "near"]
     assert raised_s == pytest.approx(0.3 + 5.0, abs=0.11)
@@ -266,7 +268,7 @@ def test_a_rule_that_means_something_else_starts_anew():
     run = rehearse(NEAR)
     run.see(3, 0.6, 0.6, 0.6)
     other = rehearse(replace(NEAR, condition=DistanceCondition(below_m=0.9)))
-    state = restored(other.state, kept(run.state), shift_s=0.0, from_s=1.0, now_s=1.0)
+    state = restore_alarms(other.state, snapshot_alarms(run.state), shift_s=0.0, from_s=1.0, now_s=1.0)
     assert state.rules.steps[0].state == AlarmState()
 
 
@@ -274,7 +276,7 @@ def test_the_first_of_a_group_stays_the_first():
     plan = plan_of(replace(NEAR, group="door"), replace(NEAR, name="nearer", group="door", output=None))
     run = Rehearsal(plan)
     run.see(3, 0.6, 0.6)
-    state = restored(Rehearsal(plan).state, kept(run.state), shift_s=0.0, from_s=1.0, now_s=1.0)
+    state = restore_alarms(Rehearsal(plan).state, snapshot_alarms(run.state), shift_s=0.0, from_s=1.0, now_s=1.0)
     assert state.rules.first_out == {"door": "near"}
 
 
@@ -347,8 +349,8 @@ EVERYTHING = AlarmState(
 
 
 def test_times_move_to_the_new_clock_and_durations_and_lengths_do_not():
-    moved = [name for name, value in everything_in(shifted(EVERYTHING, 100.0)) if value == 101.0]
-    stayed = [name for name, value in everything_in(shifted(EVERYTHING, 100.0)) if value == 1.0]
+    moved = [name for name, value in everything_in(shift_times(EVERYTHING, 100.0)) if value == 101.0]
+    stayed = [name for name, value in everything_in(shift_times(EVERYTHING, 100.0)) if value == 1.0]
     times = "at_s at_s began_s from_s notified_at_s raised_at_s reported_at_s shelved_until_s unknown_since_s"
     assert sorted(moved) == times.split()
     assert sorted(stayed) == ["distance_m", "ended_s", "held_s", "sigma_m"]
@@ -356,6 +358,6 @@ def test_times_move_to_the_new_clock_and_durations_and_lengths_do_not():
 
 @given(shift_s=st.floats(-1e6, 1e6))
 def test_moving_there_and_back_changes_nothing_that_matters(shift_s):
-    there_and_back = shifted(shifted(EVERYTHING, shift_s), -shift_s)
+    there_and_back = shift_times(shift_times(EVERYTHING, shift_s), -shift_s)
     for (name, value), (_, expected) in zip(everything_in(there_and_back), everything_in(EVERYTHING), strict=True):
         assert math.isclose(value, expected, abs_tol=1e-6), name

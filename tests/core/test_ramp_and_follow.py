@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.rule import FollowRule, RampRule
 from stadimeter.core.rules.follow import follow_twist, new_follow, step_follow
-from stadimeter.core.rules.ramp import new_ramp, step_ramp
-from stadimeter.core.rules.ramp_level import ramp_level
+from stadimeter.core.rules.ramp import new_ramp, ramp_level, step_ramp
 from stadimeter.core.track import Track, TrackStatus
 
 FAR = RampRule(name="far", target="ball", output="motor", start_m=3.0, full_m=6.0, level_min=0.25)

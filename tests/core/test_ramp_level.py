@@ -8,8 +8,7 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from stadimeter.core.rule import RampRule
-from stadimeter.core.rules.ramp import new_ramp, rest_of_ramp, step_ramp, why
-from stadimeter.core.rules.ramp_level import ramp_level
+from stadimeter.core.rules.ramp import new_ramp, ramp_level, rest_of_ramp, step_ramp, why
 from stadimeter.core.track import Track, TrackStatus
 
 TABLE = RampRule(

@@ -8,7 +8,7 @@ from stadimeter.core.alarms.machine import AlarmState
 from stadimeter.core.alarms.state import Inhibits
 from stadimeter.core.condition import DistanceCondition, PresenceCondition, RuleCondition
 from stadimeter.core.decision import EventKind
-from stadimeter.core.persistence import Change, change
+from stadimeter.core.persistence import SnapshotChange, classify_change
 from stadimeter.core.reload import reload
 from stadimeter.core.rule import OnDelay
 from support.two_rules import FAR, NEAR, plan_of, rehearse
@@ -21,25 +21,25 @@ def turns(run, *distances_m, **how):
     for distance_m in distances_m:
         before = run.state
         run.see(distance_m, **how)
-        found.append(change(before, run.state))
+        found.append(classify_change(before, run.state))
     return found
 
 
 def test_a_quiet_scene_is_nothing_to_write_down():
     run = rehearse(NEAR, FAR)
     run.see(3, 3, 3)
-    assert set(turns(run, *[3.0, 3.01, 2.99] * 20)) == {Change.NOTHING}
+    assert set(turns(run, *[3.0, 3.01, 2.99] * 20)) == {SnapshotChange.NOTHING}
 
 
 def test_a_timer_that_runs_is_nothing_and_one_that_begins_is_passing():
     run = rehearse(replace(NEAR, on_delay=OnDelay(hold_s=5.0)))
     run.see(3, 3, 3)
     found = turns(run, *[0.6] * 10)
-    assert found.count(Change.PASSING) == 1
-    assert Change.LASTING not in found
+    assert found.count(SnapshotChange.PASSING) == 1
+    assert SnapshotChange.LASTING not in found
 
 
-@pytest.mark.parametrize(("for_s", "expected"), [(20.0, Change.PASSING), (0.0, Change.NOTHING)])
+@pytest.mark.parametrize(("for_s", "expected"), [(20.0, SnapshotChange.PASSING), (0.0, SnapshotChange.NOTHING)])
 def test_that_a_target_goes_is_worth_it_if_a_rule_counts_the_time(for_s, expected):
     rule = replace(NEAR, condition=PresenceCondition(seen=False, for_s=for_s), on_delay=OnDelay(hold_s=1e6))
     run = rehearse(rule)
@@ -48,13 +48,13 @@ def test_that_a_target_goes_is_worth_it_if_a_rule_counts_the_time(for_s, expecte
     while run.state.tracks[0].track.is_valid:
         before = run.state
         run.see(None)
-    assert change(replace(before, rules=run.state.rules), run.state) is expected
+    assert classify_change(replace(before, rules=run.state.rules), run.state) is expected
 
 
 def test_what_people_are_told_of_is_lasting():
     run = rehearse(NEAR)
     run.see(3, 3, 3)
-    assert max(turns(run, 0.6, 0.6)) is Change.LASTING
+    assert max(turns(run, 0.6, 0.6)) is SnapshotChange.LASTING
 
 
 def test_what_people_say_is_lasting():
@@ -62,7 +62,7 @@ def test_what_people_say_is_lasting():
     run.see(3, 3, 3)
     before = run.state
     run.tell("shelve", "near", for_s=60)
-    assert change(before, run.state) is Change.LASTING
+    assert classify_change(before, run.state) is SnapshotChange.LASTING
 
 
 def test_every_field_of_what_alarms_remember_is_judged_to_be_lasting_passing_or_nothing():

@@ -24,7 +24,7 @@ from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.bounds import MAX_FIGURE, MAX_TIME_S
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.observation import Observation
-from stadimeter.core.persistence import absent, kept
+from stadimeter.core.persistence import find_absences, snapshot_alarms
 from stadimeter.core.plan import Plan
 from stadimeter.errors import ConfigError, ControlError, StateError
 from support.simulated_run import SIMULATED_BALL
@@ -237,7 +237,9 @@ def remembered(folder: Path) -> tuple[Plan, str]:
     loop = Loop(build(configuration, speed=None))
     loop.run(Limits(seconds=3))
     assert loop.state is not None
-    resumption = Resumption(alarms=kept(loop.state), absent=absent(loop.state), shift_s=-3.25, from_s=0.25, now_s=9.5)
+    resumption = Resumption(
+        alarms=snapshot_alarms(loop.state), absent=find_absences(loop.state), shift_s=-3.25, from_s=0.25, now_s=9.5
+    )
     return configuration.plan, resumption.text()
 
 

@@ -8,7 +8,7 @@ from stadimeter.core.decide import State, decide, initial_state
 from stadimeter.core.decision import Decision
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.observation import FrameStamp, Observation
-from stadimeter.core.operator import Answer, OperatorCommand
+from stadimeter.core.operator import OperatorAnswer, OperatorCommand
 from stadimeter.core.plan import Plan
 from stadimeter.operator_actions import OperatorAction
 
@@ -83,7 +83,7 @@ class Rehearsal:
 
     def tell(
         self, action: str, rule: str = "", by: str = "Ada", why: str = "", *, for_s: float | None = None, **how: bool
-    ) -> Answer:
+    ) -> OperatorAnswer:
         """Tell a rule something, in a cycle of its own without a new frame."""
         self.now_s = round(self.now_s + 0.001, 9)
         command = OperatorCommand(

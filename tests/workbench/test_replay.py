@@ -11,7 +11,7 @@ from stadimeter.app.recordings.cycle_json import CycleEncoder, RecordedCycle
 from stadimeter.app.recordings.journal import JournalWriter, read_journal
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 from stadimeter.core.condition import DistanceCondition
-from stadimeter.core.persistence import kept
+from stadimeter.core.persistence import snapshot_alarms
 from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule
 from stadimeter.errors import JournalError
@@ -151,7 +151,7 @@ def test_a_cycle_that_repeats_its_rules_can_be_read_alone():
 def test_what_a_run_took_over_from_an_earlier_one_is_taken_over_by_its_replay(tmp_path):
     earlier = Rehearsal(plan())
     earlier.see(*[0.8] * 5)
-    resumption = Resumption(alarms=kept(earlier.state), shift_s=-0.5, from_s=0.0, now_s=0.0)
+    resumption = Resumption(alarms=snapshot_alarms(earlier.state), shift_s=-0.5, from_s=0.0, now_s=0.0)
     later = Rehearsal(plan())
     later.state = resumption.of(later.state)
     observations = []

@@ -14,7 +14,7 @@ from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.decision import Decision, Event, EventKind, SafetyMode, Severity
 from stadimeter.core.holding import Hold, step_holds, with_holds
 from stadimeter.core.observation import Observation, OutputFault
-from stadimeter.core.operator import Answer, HoldCommand, OperatorCommand
+from stadimeter.core.operator import HoldCommand, OperatorAnswer, OperatorCommand
 from stadimeter.core.outputs import OutputStep, command_all, forbidden_outputs, new_output
 from stadimeter.core.plan import Plan
 from stadimeter.core.rules.reasons import Reasons
@@ -80,7 +80,7 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
     stopped, told, stop_events = step_stop(state.stopped, observation.operator_commands, observation.now_s)
     demanded = while_stopped(safety, stopped)
     holds, answers, outputs = _act(state, observation, demanded, rules, is_after_gap=gap_s is not None)
-    events = _numbered(
+    events = _number(
         state.due
         + _track_events(state, track_states, observation.now_s, in_words(gap_s, plan.safety) if gap_s else "")
         + outcome.events
@@ -119,7 +119,7 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
 
 def _act(
     state: State, observation: Observation, safety: SafetyState, rules: EvaluatedRules, *, is_after_gap: bool
-) -> tuple[tuple[Hold, ...], tuple[Answer, ...], tuple[OutputStep, ...]]:
+) -> tuple[tuple[Hold, ...], tuple[OperatorAnswer, ...], tuple[OutputStep, ...]]:
     """Return who holds outputs, the answers to those who asked for it, and what each output does."""
     plan, now_s = state.plan, observation.now_s
     step_s = 0.0 if state.now_s is None else now_s - state.now_s
@@ -222,7 +222,7 @@ def _fault_event(kind: EventKind, source: str, at_s: float, reason: str) -> Even
     return Event(kind=kind, source=source, at_s=at_s, severity=severity, reason=reason)
 
 
-def _numbered(events: tuple[Event, ...], first: int) -> tuple[Event, ...]:
+def _number(events: tuple[Event, ...], first: int) -> tuple[Event, ...]:
     if not events:
         return events
     return tuple(replace(event, sequence=first + index) for index, event in enumerate(events))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from stadimeter.core.command import Command
-from stadimeter.core.operator import Answer
+from stadimeter.core.operator import OperatorAnswer
 from stadimeter.core.track import Track
 
 
@@ -186,5 +186,5 @@ class Decision:
     outputs: tuple[OutputTrace, ...]
     rules: tuple[RuleTrace, ...]
     notices: tuple[Notice, ...] = ()
-    answers: tuple[Answer, ...] = ()
+    answers: tuple[OperatorAnswer, ...] = ()
     reasons: Mapping[str, str] = field(default_factory=dict, compare=False, repr=False)

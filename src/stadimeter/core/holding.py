@@ -20,7 +20,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from stadimeter.core.decision import Severity
-from stadimeter.core.operator import Answer, HoldCommand
+from stadimeter.core.operator import HoldCommand, OperatorAnswer
 from stadimeter.core.plan import BaseOutput, Output
 from stadimeter.core.rule import AnyRule
 from stadimeter.core.rule_step import LevelRequest, Request, TwistRequest
@@ -56,7 +56,7 @@ def step_holds(
     outputs: Sequence[Output],
     forbidden: Mapping[str, str],
     now_s: float,
-) -> tuple[tuple[Hold, ...], tuple[Answer, ...]]:
+) -> tuple[tuple[Hold, ...], tuple[OperatorAnswer, ...]]:
     """Return who holds what in this cycle, and the answer to each command.
 
     Args:
@@ -66,7 +66,7 @@ def step_holds(
     if not before and not commands:
         return (), ()
     held = {each.request.output: each for each in before if now_s < each.until_s}
-    answers = tuple([_obeyed(command, held, outputs, forbidden, now_s) for command in commands])
+    answers = tuple([_obey(command, held, outputs, forbidden, now_s) for command in commands])
     return tuple(each for name, each in held.items() if name not in forbidden), answers
 
 
@@ -85,30 +85,32 @@ def with_holds(wanted: Wanted, holds: tuple[Hold, ...], rules: Sequence[AnyRule]
     return after
 
 
-def _obeyed(
+def _obey(
     command: HoldCommand,
     held: dict[str, Hold],
     outputs: Sequence[Output],
     forbidden: Mapping[str, str],
     now_s: float,
-) -> Answer:
+) -> OperatorAnswer:
     """Hold an output, or let go of it; return the answer."""
     name = command.output
     if command.is_release:
         was_held = held.pop(name, None) is not None
-        return Answer(id=command.id, accepted=True, words=f"{name}: {'let go' if was_held else 'it was not held'}")
+        return OperatorAnswer(
+            id=command.id, accepted=True, words=f"{name}: {'let go' if was_held else 'it was not held'}"
+        )
     output = next((each for each in outputs if each.name == name), None)
     if output is None:
         known = ", ".join(each.name for each in outputs) or "none"
-        return _refused(command, f"there is no output '{name}'; the outputs are: {known}")
+        return _refuse(command, f"there is no output '{name}'; the outputs are: {known}")
     if name in forbidden:
         held.pop(name, None)
-        return _refused(command, f"{name} is kept at its safe value: {forbidden[name]}")
+        return _refuse(command, f"{name} is kept at its safe value: {forbidden[name]}")
     request = _base_request(output, command) if isinstance(output, BaseOutput) else _level_request(command)
     if isinstance(request, str):
-        return _refused(command, request)
+        return _refuse(command, request)
     held[name] = Hold(request=request, until_s=now_s + HOLD_S)
-    return Answer(id=command.id, accepted=True, words=_words(request))
+    return OperatorAnswer(id=command.id, accepted=True, words=_words(request))
 
 
 def _level_request(command: HoldCommand) -> LevelRequest | str:
@@ -143,8 +145,8 @@ def _within(speed: float, largest: float) -> float:
     return min(max(speed, -largest), largest)
 
 
-def _refused(command: HoldCommand, words: str) -> Answer:
-    return Answer(id=command.id, accepted=False, words=words)
+def _refuse(command: HoldCommand, words: str) -> OperatorAnswer:
+    return OperatorAnswer(id=command.id, accepted=False, words=words)
 
 
 def _words(request: Request) -> str:

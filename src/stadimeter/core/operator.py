@@ -58,7 +58,7 @@ AnyCommand = OperatorCommand | HoldCommand
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
+class OperatorAnswer:
     """What became of an operator's command.
 
     Attributes:

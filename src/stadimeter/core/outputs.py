@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -10,7 +11,6 @@ from stadimeter.core.decision import OutputTrace, SafetyMode
 from stadimeter.core.observation import OutputFault
 from stadimeter.core.plan import BaseOutput, LevelOutput, Output
 from stadimeter.core.rule_step import LevelRequest, Request, TwistRequest
-from stadimeter.core.rules.limits import limited_twist, slewed_level
 from stadimeter.core.safety import SafetyState
 
 NOBODY = "no rule drives it"
@@ -103,7 +103,7 @@ def _command(output: Output, before: Command, request: Request | None, captured_
     if isinstance(output, LevelOutput) and isinstance(before, LevelCommand):
         return _level(output, before, request, captured_at_s, step_s)
     if isinstance(output, BaseOutput) and isinstance(before, TwistCommand) and isinstance(request, TwistRequest):
-        linear_mps, angular_radps = limited_twist(
+        linear_mps, angular_radps = limit_twist(
             output,
             (before.linear_mps, before.angular_radps),
             (request.linear_mps, request.angular_radps),
@@ -121,7 +121,43 @@ def _level(
     if request is None and before.level == output.safe_level and before.captured_at_s is None:
         return before  # at rest, and nobody asks for more
     wanted = request.level if isinstance(request, LevelRequest) else output.safe_level
-    level = slewed_level(output, before.level, wanted, step_s)
+    level = slew_level(output, before.level, wanted, step_s)
     if request is None and level == output.safe_level:
         return safe_command(output)
     return LevelCommand(output=output.name, level=level, captured_at_s=captured_at_s)
+
+
+# How fast an output may change, and how far it may go
+
+
+def slew_level(output: LevelOutput, before: float, wanted: float, step_s: float) -> float:
+    """Return the level that an actuator may have now on its way from the one before to the one that is wanted."""
+    per_s = output.rise_per_s if wanted > before else output.fall_per_s
+    if math.isinf(per_s):
+        return wanted
+    step = per_s * max(step_s, 0.0)
+    return min(max(wanted, before - step), before + step)
+
+
+def limit_speed(before: float, wanted: float, largest: float, acceleration: float, step_s: float) -> float:
+    """Return the speed that a base may have now on its way to the one that is wanted.
+
+    Only speeding up is limited: slowing down always helps. A base that shall go the other way passes through zero.
+    """
+    wanted = min(max(wanted, -largest), largest)
+    start = before if (before > 0) is (wanted > 0) else 0.0
+    gain = acceleration * max(step_s, 0.0)
+    if wanted > start:
+        return min(wanted, start + gain) if wanted > 0 else wanted
+    if wanted < start:
+        return max(wanted, start - gain) if wanted < 0 else wanted
+    return wanted
+
+
+def limit_twist(
+    output: BaseOutput, before: tuple[float, float], wanted: tuple[float, float], step_s: float
+) -> tuple[float, float]:
+    """Return the speed forwards in m/s and the rate of turn in rad/s that a base may have now."""
+    linear_mps = limit_speed(before[0], wanted[0], output.linear_max_mps, output.linear_accel_mps2, step_s)
+    angular_radps = limit_speed(before[1], wanted[1], output.angular_max_radps, output.angular_accel_radps2, step_s)
+    return linear_mps, angular_radps

@@ -54,7 +54,7 @@ class Absence:
     since_s: float
 
 
-class Change(IntEnum):
+class SnapshotChange(IntEnum):
     """How much a cycle has changed of what alarms remember, least first."""
 
     NOTHING = 0
@@ -90,7 +90,7 @@ def _is_set(value: object, field: Any) -> bool:
     return bool(getattr(value, field.name) != default)
 
 
-def kept(state: State) -> tuple[AlarmSnapshot, ...]:
+def snapshot_alarms(state: State) -> tuple[AlarmSnapshot, ...]:
     """Return a snapshot of the alarms of a run, in the order of the configuration."""
     return tuple(
         AlarmSnapshot(rule=rule.name, meaning=meaning_of(rule), state=step.state, is_first_out=step.trace.first_out)
@@ -99,7 +99,7 @@ def kept(state: State) -> tuple[AlarmSnapshot, ...]:
     )
 
 
-def absent(state: State) -> tuple[Absence, ...]:
+def find_absences(state: State) -> tuple[Absence, ...]:
     """Return which targets are out of sight."""
     tracks = [each.track for each in state.tracks]
     return tuple(
@@ -109,11 +109,11 @@ def absent(state: State) -> tuple[Absence, ...]:
     )
 
 
-def change(before: State, after: State) -> Change:
+def classify_change(before: State, after: State) -> SnapshotChange:
     """Return the greatest change of what alarms remember that a cycle has made, by the same rules."""
     if before.stopped != after.stopped:
-        return Change.LASTING
-    found = Change.PASSING if _begins_an_absence(before, after) else Change.NOTHING
+        return SnapshotChange.LASTING
+    found = SnapshotChange.PASSING if _begins_an_absence(before, after) else SnapshotChange.NOTHING
     if before.rules.steps is after.rules.steps:
         return found
     for last, step in zip(before.rules.steps, after.rules.steps, strict=True):
@@ -135,12 +135,12 @@ def _begins_an_absence(before: State, after: State) -> bool:
     )
 
 
-def _change(before: AlarmState, after: AlarmState) -> Change:
+def _change(before: AlarmState, after: AlarmState) -> SnapshotChange:
     if before is after:
-        return Change.NOTHING
+        return SnapshotChange.NOTHING
     if _lasting(before) != _lasting(after):
-        return Change.LASTING
-    return Change.PASSING if _passing(before) != _passing(after) else Change.NOTHING
+        return SnapshotChange.LASTING
+    return SnapshotChange.PASSING if _passing(before) != _passing(after) else SnapshotChange.NOTHING
 
 
 def _lasting(state: AlarmState) -> tuple[object, ...]:
@@ -169,7 +169,7 @@ def _passing(state: AlarmState) -> tuple[object, ...]:
     return state.phase, is_unknown, state.is_given_up, state.held_from_start, is_suppressed, raises_s
 
 
-def restored(
+def restore_alarms(
     state: State,
     memories: Iterable[AlarmSnapshot],
     absences: Iterable[Absence] = (),
@@ -187,13 +187,13 @@ def restored(
         from_s: As of when they remembered it, on this run's clock.
     """
     by_rule = {memory.rule: memory for memory in memories}
-    moved = _Move(shift_s=shift_s, from_s=from_s, now_s=now_s)
+    clocks = _ClockShift(shift_s=shift_s, from_s=from_s, now_s=now_s)
     steps, first_out = list(state.rules.steps), {}
     for index, rule in enumerate(state.plan.rules):
         memory = by_rule.get(rule.name)
         if memory is None or not isinstance(rule, AlarmRule) or memory.meaning != meaning_of(rule):
             continue
-        steps[index] = with_state(rule, new_alarm(rule), moved.of(rule, memory.state))
+        steps[index] = with_state(rule, new_alarm(rule), clocks.shift(rule, memory.state))
         if memory.is_first_out:
             first_out[rule.group] = rule.name
     since_s = {absence.target: absence.since_s + shift_s for absence in absences}
@@ -206,16 +206,16 @@ def _absent_since(tracked: TrackState, since_s: float | None) -> TrackState:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Move:
+class _ClockShift:
     """From an earlier run to this one."""
 
     shift_s: float
     from_s: float
     now_s: float
 
-    def of(self, rule: AlarmRule, state: AlarmState) -> AlarmState:
+    def shift(self, rule: AlarmRule, state: AlarmState) -> AlarmState:
         """Return what an alarm remembers, as of the beginning of this run."""
-        before = shifted(state, self.shift_s)
+        before = shift_times(state, self.shift_s)
         from_s = before.resumed.from_s if before.resumed is not None else self.from_s
         timers = before.timers
         if before.unknown_since_s is not None:
@@ -225,7 +225,7 @@ class _Move:
         return replace(before, timers=timers, resumed=Resumed(from_s=from_s, at_s=self.now_s))
 
 
-def shifted(value: _T, shift_s: float) -> _T:
+def shift_times(value: _T, shift_s: float) -> _T:
     """Return what was remembered, a dataclass with others in it, with every time shifted to another clock."""
     if not is_dataclass(value) or isinstance(value, type) or shift_s == 0:
         return value
@@ -235,5 +235,5 @@ def shifted(value: _T, shift_s: float) -> _T:
 
 def _shifted(name: str, value: Any, shift_s: float) -> Any:
     if not _TIME.fullmatch(name) or value is None:
-        return shifted(value, shift_s)
+        return shift_times(value, shift_s)
     return tuple([at_s + shift_s for at_s in value]) if isinstance(value, tuple) else value + shift_s

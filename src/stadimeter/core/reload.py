@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from stadimeter.core.alarms.actions import dismissed
+from stadimeter.core.alarms.actions import dismiss
 from stadimeter.core.alarms.alarm import AlarmStep
 from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.decide import State
@@ -54,7 +54,7 @@ def reload(state: State, plan: Plan) -> ReloadedState:
             state,
             plan=plan,
             rules=with_steps(plan, steps, first_out),
-            due=state.due + _cleared(state, old, gone),
+            due=state.due + _clear_dropped(state, old, gone),
         ),
         kept=tuple(name for name, same in is_kept.items() if same),
         changed=tuple(name for name, same in is_kept.items() if not same),
@@ -63,11 +63,13 @@ def reload(state: State, plan: Plan) -> ReloadedState:
     )
 
 
-def _cleared(state: State, old: Mapping[str, tuple[AnyRule, RuleStep]], gone: Mapping[str, str]) -> tuple[Event, ...]:
+def _clear_dropped(
+    state: State, old: Mapping[str, tuple[AnyRule, RuleStep]], gone: Mapping[str, str]
+) -> tuple[Event, ...]:
     now_s = 0.0 if state.now_s is None else state.now_s
     inputs = RuleInputs(tracks={each.track.target: each.track for each in state.tracks}, now_s=now_s)
     events: tuple[Event, ...] = ()
     for name, (rule, step) in old.items():
         if name in gone and isinstance(rule, AlarmRule) and isinstance(step, AlarmStep):
-            events += dismissed(rule, step.state, inputs, gone[name])
+            events += dismiss(rule, step.state, inputs, gone[name])
     return events

@@ -53,10 +53,10 @@ def trace_of(rule: Rule, status: RuleStatus, before: RuleTrace | None = None) ->
     active = None if status is RuleStatus.UNKNOWN else status is RuleStatus.ACTIVE
     gates = (OBSERVED,) if rule.observe else ()
     now = RuleTrace(rule=rule.name, status=status, output=rule.output, gates=gates, active=active)
-    return now if before is None else renewed(now, before)
+    return now if before is None else keep_if_same(now, before)
 
 
-def renewed(now: RuleTrace, before: RuleTrace) -> RuleTrace:
+def keep_if_same(now: RuleTrace, before: RuleTrace) -> RuleTrace:
     """Return a trace; that of the cycle before if it says the same. Which alarm came first is marked elsewhere."""
     if now.first_out is not before.first_out:
         now = replace(now, first_out=before.first_out)

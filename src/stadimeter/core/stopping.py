@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from stadimeter.core.decision import Event, EventKind, Severity
-from stadimeter.core.operator import Answer, AnyCommand, OperatorCommand
+from stadimeter.core.operator import AnyCommand, OperatorAnswer, OperatorCommand
 from stadimeter.operator_actions import OperatorAction
 
 OUTPUTS = "outputs"
 """Stands in events for all of them."""
 
-Stepped = tuple[str, tuple[Answer, ...], tuple[Event, ...]]
+Stepped = tuple[str, tuple[OperatorAnswer, ...], tuple[Event, ...]]
 
 
 def step_stop(stopped: str, commands: Sequence[AnyCommand], now_s: float) -> Stepped:
@@ -24,13 +24,13 @@ def step_stop(stopped: str, commands: Sequence[AnyCommand], now_s: float) -> Ste
     Args:
         stopped: Who has done it before, and why, in words; empty while nobody has.
     """
-    answers: list[Answer] = []
+    answers: list[OperatorAnswer] = []
     events: list[Event] = []
     for command in commands:
         if not isinstance(command, OperatorCommand) or not command.action.is_on_outputs:
             continue
         is_stop = command.action is OperatorAction.STOP_OUTPUTS
-        answers.append(Answer(id=command.id, accepted=True, words=_words(stopped, is_stop=is_stop)))
+        answers.append(OperatorAnswer(id=command.id, accepted=True, words=_words(stopped, is_stop=is_stop)))
         if is_stop is not bool(stopped):
             stopped = command.said if is_stop else ""
             events.append(_event(command, now_s, is_stop=is_stop))

@@ -23,7 +23,7 @@ from stadimeter.core.decision import Event
 from stadimeter.core.holding import Hold
 from stadimeter.core.observation import OutputFault
 from stadimeter.core.outputs import OutputStep
-from stadimeter.core.persistence import Absence, AlarmSnapshot, meaning_of, restored
+from stadimeter.core.persistence import Absence, AlarmSnapshot, meaning_of, restore_alarms
 from stadimeter.core.rule import AnyRule
 from stadimeter.core.rules.follow import FollowStep
 from stadimeter.core.rules.ramp import RampStep
@@ -123,7 +123,9 @@ class Resumption:
     def of(self, state: State) -> State:
         """Return the state with which to begin: that of a run that has not begun, with alarms that remember."""
         begun = replace(state, stopped=self.stopped)
-        return restored(begun, self.alarms, self.absent, shift_s=self.shift_s, from_s=self.from_s, now_s=self.now_s)
+        return restore_alarms(
+            begun, self.alarms, self.absent, shift_s=self.shift_s, from_s=self.from_s, now_s=self.now_s
+        )
 
     def text(self) -> str:
         """Return it as text, for a recording."""

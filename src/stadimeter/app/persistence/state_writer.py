@@ -23,7 +23,7 @@ from stadimeter.app.persistence.resumption import ClockReading, Memory, Resumpti
 from stadimeter.app.reporting import SYSTEM_EVENTS
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Event
-from stadimeter.core.persistence import Change, absent, change, kept
+from stadimeter.core.persistence import SnapshotChange, classify_change, find_absences, snapshot_alarms
 from stadimeter.errors import StateError
 
 PASSING_EVERY_S = 10.0
@@ -112,11 +112,11 @@ class StateWriter:
                 with self._turned:
                     self._turned.wait_for(lambda: self._newest is None and not self._is_writing, ALARM_WAIT_S)
             return
-        found = change(before, after)
-        if found is Change.NOTHING and not self._is_owed:
+        found = classify_change(before, after)
+        if found is SnapshotChange.NOTHING and not self._is_owed:
             return
         now_s = after.now_s or 0.0
-        if found is Change.LASTING or now_s - self._submitted_s >= PASSING_EVERY_S:
+        if found is SnapshotChange.LASTING or now_s - self._submitted_s >= PASSING_EVERY_S:
             self.keep(after)
         else:
             self._is_owed = True
@@ -212,8 +212,8 @@ class StateWriter:
             moment = self._moment_of(state.now_s or 0.0)
             memory = Memory(
                 moment=moment,
-                alarms=kept(state),
-                absent=absent(state),
+                alarms=snapshot_alarms(state),
+                absent=find_absences(state),
                 undelivered=undelivered,
                 stopped=state.stopped,
             )

@@ -385,7 +385,7 @@ def policy_in_words(rule: AlarmRule, state: AlarmState, now_s: float) -> str:
     return "" if decided is None else ", which counts as danger" if decided else ", which counts as over"
 
 
-def dismissed(rule: AlarmRule, state: AlarmState, inputs: RuleInputs, reason: str) -> tuple[Event, ...]:
+def dismiss(rule: AlarmRule, state: AlarmState, inputs: RuleInputs, reason: str) -> tuple[Event, ...]:
     """Return the event of an alarm that ceases to be, with its rule: that it cleared, if it was active."""
     evaluation = Evaluation(rule, state, inputs)
     if state.is_active:

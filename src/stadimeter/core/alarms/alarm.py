@@ -29,9 +29,9 @@ from stadimeter.core.conditions import verdict as conditions
 from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.conditions.leaf import Rest
 from stadimeter.core.decision import Event, EventKind, Notice, RuleStatus, RuleTrace, Severity
-from stadimeter.core.operator import Answer, OperatorCommand
+from stadimeter.core.operator import OperatorAnswer, OperatorCommand
 from stadimeter.core.rule import ROUNDING_S, AlarmRule
-from stadimeter.core.rule_step import OBSERVED, Step, renewed, trace_of
+from stadimeter.core.rule_step import OBSERVED, Step, keep_if_same, trace_of
 from stadimeter.core.track import TrackStatus
 from stadimeter.core.words import duration
 from stadimeter.operator_actions import OperatorAction
@@ -255,7 +255,7 @@ def _trace(rule: AlarmRule, state: AlarmState, status: RuleStatus, active: bool 
         active=active,
         chattering=state.is_chattering,
     )
-    return renewed(now, before)
+    return keep_if_same(now, before)
 
 
 # ---- Operator commands: what is done, what is refused, and why ----
@@ -263,9 +263,9 @@ def _trace(rule: AlarmRule, state: AlarmState, status: RuleStatus, active: bool 
 Refusal = str  # why a command is not done; empty if it is
 
 
-def operated(
+def operate(
     alarms: Mapping[str, tuple[int, AlarmRule, AlarmState]], inputs: RuleInputs, command: OperatorCommand
-) -> tuple[Answer, list[tuple[int, Evaluation]]]:
+) -> tuple[OperatorAnswer, list[tuple[int, Evaluation]]]:
     """Do what an operator wants of one alarm, or of all.
 
     Args:
@@ -276,7 +276,7 @@ def operated(
     """
     if command.rule and command.rule not in alarms:
         words = f"there is no alarm '{command.rule}'; there are: {', '.join(alarms) or 'none'}"
-        return Answer(id=command.id, accepted=False, words=words), []
+        return OperatorAnswer(id=command.id, accepted=False, words=words), []
     chosen = [command.rule] if command.rule else list(alarms)
     found = [(alarms[name][0], Evaluation(alarms[name][1], alarms[name][2], inputs)) for name in chosen]
     if not command.rule:
@@ -284,9 +284,9 @@ def operated(
     refusals = [(each.rule.name, _operate(each, command)) for _, each in found]
     refused = [f"{name}: {refusal}" for name, refusal in refusals if refusal]
     if refused:
-        return Answer(id=command.id, accepted=False, words="; ".join(refused)), found
+        return OperatorAnswer(id=command.id, accepted=False, words="; ".join(refused)), found
     done = ", ".join(_done(each, command.action) for _, each in found) or "no alarm needs it"
-    return Answer(id=command.id, accepted=bool(refusals), words=f"{command.action.value}: {done}"), found
+    return OperatorAnswer(id=command.id, accepted=bool(refusals), words=f"{command.action.value}: {done}"), found
 
 
 def _done(evaluation: Evaluation, action: OperatorAction) -> str:
@@ -323,9 +323,8 @@ def _acknowledge(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
     if evaluation.state.is_acknowledged:
         return "there is nothing to acknowledge"
     evaluation.add_event(EventKind.ACKNOWLEDGED, command.said, notify=not evaluation.is_quiet, by=command.by)
-    said = Acknowledgement(at_s=evaluation.inputs.now_s, by=command.by, why=command.why)
     machine.acknowledge(evaluation.rule, evaluation.state)
-    evaluation.state.acknowledgement = said
+    evaluation.state.acknowledgement = Acknowledgement(at_s=evaluation.inputs.now_s, by=command.by, why=command.why)
     evaluation.report(command.said, command.by)
     return ""
 

@@ -24,8 +24,7 @@ from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from operator import attrgetter
 
-from stadimeter.core.alarms.chattering import MINUTE_S, is_too_frequent, with_raise
-from stadimeter.core.alarms.delays import counted
+from stadimeter.core.alarms.delays import MINUTE_S, count_sample, is_too_frequent, with_raise
 from stadimeter.core.alarms.state import NO_INHIBITS, Acknowledgement, Inhibits, Leg, Resumed, Sample, Timers
 from stadimeter.core.rule import ROUNDING_S, AlarmRule, LostPolicy
 
@@ -127,7 +126,7 @@ def after(phase: Phase, trigger: Trigger) -> Phase:
     return TRANSITIONS[phase].get(trigger, phase)
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, unsafe_hash=True)
 class AlarmState:
     """What an alarm remembers. Times are on the run's clock. Only the evaluation that made a copy changes it."""
 
@@ -232,7 +231,7 @@ def _while_normal(
 ) -> None:
     """Count towards the on-delay: in seconds, or in frames of the newest ones."""
     delay = rule.on_delay
-    state.timers = timers = counted(rule, state.timers, since_s, holds, leaves, is_active=False)
+    state.timers = timers = count_sample(rule, state.timers, since_s, holds, leaves, is_active=False)
     if holds and timers.held_s + ROUNDING_S >= delay.hold_s and sum(timers.recent) >= delay.frames:
         _raise(rule, state, now_s)
     else:
@@ -250,7 +249,7 @@ def _while_active(
         state.timers = Timers(held_last=True, was_judged=True, leaves=leaves)
         fire(state, Trigger.HOLDS)
         return
-    state.timers = counted(rule, state.timers, since_s, holds, leaves, is_active=True)
+    state.timers = count_sample(rule, state.timers, since_s, holds, leaves, is_active=True)
     fire(state, Trigger.HOLDS if holds else Trigger.ENDS)
     if not holds:
         _clear_when_due(rule, state, state.timers.ended_s, now_s)

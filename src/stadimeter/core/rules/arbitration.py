@@ -29,13 +29,11 @@ def arbitrate(requests: Iterable[Request], outputs: Mapping[str, Output] | None 
         by_output[request.output].append(request)
     for name, output in (outputs or {}).items():
         if len(by_output.get(name, ())) > 1:
-            by_output[name] = _combined(by_output[name], output)
+            by_output[name] = _combine(by_output[name], output)
     return by_output
 
 
-def rearranged(
-    wanted: Wanted, gone: Iterable[Request], come: Iterable[Request], positions: Mapping[str, int]
-) -> Wanted:
+def rearrange(wanted: Wanted, gone: Iterable[Request], come: Iterable[Request], positions: Mapping[str, int]) -> Wanted:
     """Return what `arbitrate` returns when only a few requests have changed, without sorting all of them.
 
     Lists in which nothing has changed are the same objects.
@@ -65,7 +63,7 @@ def rearranged(
     return after
 
 
-def _combined(wanted: list[Request], output: Output) -> list[Request]:
+def _combine(wanted: list[Request], output: Output) -> list[Request]:
     equals = [request for request in wanted if request.priority == wanted[0].priority]
     if len(equals) == 1:
         return wanted

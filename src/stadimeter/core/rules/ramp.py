@@ -1,7 +1,13 @@
-"""An output that grows with distance, or with nearness."""
+"""An output that grows with distance, or with nearness: along a curve, or by a table of points.
+
+How fast a level may change is a matter of the output (`rise_per_s`, `fall_per_s`), not of the ramp: an output that two
+rules drive in turn has one motor, and one answer to how fast that may speed up.
+"""
 
 from __future__ import annotations
 
+import math
+from bisect import bisect_right
 from dataclasses import dataclass
 
 from stadimeter.core.condition_words import describe_unseen
@@ -11,9 +17,12 @@ from stadimeter.core.conditions.leaf import UNKNOWN, Rest
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.rule import RampRule
 from stadimeter.core.rule_step import LevelRequest, Step, trace_of
-from stadimeter.core.rules.ramp_level import flat_interval_m, ramp_level
 from stadimeter.core.track import Track
 from stadimeter.core.words import metres
+
+HOLD_ON_SIGMAS = 2.0
+"""An output that has begun goes on until the target is this far back, in standard deviations of the noise: noise at the
+start must not switch it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,3 +80,97 @@ def _step(rule: RampRule, before: RampStep, status: RuleStatus, level: float) ->
         requests = (LevelRequest(rule=rule.name, output=rule.output, priority=rule.priority, level=level),)
     trace = before.trace if status is before.trace.status else trace_of(rule, status, before.trace)
     return RampStep(trace=trace, requests=requests, level=level)
+
+
+# The level at a distance
+
+
+def ramp_level(rule: RampRule, value_m: float, sigma_m: float, noise_m: float, *, is_on: bool) -> float:
+    """Return the level that a ramp gives.
+
+    Along the curve, with u the share of the way from start to full, limited to 0…1: 0 where u = 0, else
+    min + u^gamma · (max − min). By the table: between two points in proportion, beyond the ends as at the ends. What is
+    below the dead zone is 0.
+
+    Args:
+        value_m: Distance or depth.
+        sigma_m: Its standard deviation; the bias is within that.
+        noise_m: The part of that which differs from frame to frame.
+        is_on: Whether the output is above zero now.
+    """
+    if rule.bias == "neutral":
+        level = _level(rule, value_m)
+    elif rule.bias == "cautious":
+        level = max(_levels_within(rule, value_m, sigma_m))
+    else:
+        level = min(_levels_within(rule, value_m, sigma_m))
+    if level > 0 or not is_on:
+        return level
+    held = max(rule.dead_zone, 0.0 if rule.points else rule.level_min)
+    return held if _is_near_start(rule, value_m, sigma_m, noise_m) else 0.0
+
+
+def flat_interval_m(rule: RampRule, value_m: float) -> tuple[float, float] | None:
+    """Return the distances, ends included, between which the level stays as it is at one of them; None if it does not.
+
+    It never does with a bias, since then the standard deviation counts too.
+    """
+    if rule.bias != "neutral":
+        return None
+    if rule.points:
+        (before_m, before), (after_m, after) = _neighbours(rule, value_m)
+    else:
+        first_m, last_m = sorted((rule.start_m, rule.full_m))
+        before_m = -math.inf if value_m <= first_m else first_m if value_m <= last_m else last_m
+        after_m = first_m if value_m <= first_m else last_m if value_m <= last_m else math.inf
+        before, after = 0.0, float(math.isfinite(before_m) and math.isfinite(after_m))  # flat beyond both ends
+    if before != after or value_m in {before_m, after_m}:
+        return None
+    return math.nextafter(before_m, math.inf), math.nextafter(after_m, -math.inf)
+
+
+def _is_near_start(rule: RampRule, value_m: float, sigma_m: float, noise_m: float) -> bool:
+    """Return whether noise alone may have taken a target there from where the output begins."""
+    reach_m = HOLD_ON_SIGMAS * noise_m + {"neutral": 0.0, "cautious": sigma_m, "quiet": -sigma_m}[rule.bias]
+    if reach_m >= 0:
+        return max(_levels_within(rule, value_m, reach_m)) > 0
+    # A quiet ramp begins well within its range, and gives that up only as far as the noise goes.
+    return min(_levels_within(rule, value_m, -reach_m)) > 0
+
+
+def _level(rule: RampRule, value_m: float) -> float:
+    level = _by_table(rule, value_m) if rule.points else _along_curve(rule, value_m)
+    return level if level >= rule.dead_zone else 0.0
+
+
+def _levels_within(rule: RampRule, value_m: float, reach_m: float) -> list[float]:
+    """Return the levels among which the least and the greatest within some distance of a value are."""
+    near_m, far_m = value_m - reach_m, value_m + reach_m
+    between = [at_m for at_m, _ in rule.points if near_m < at_m < far_m]
+    return [_level(rule, at_m) for at_m in (near_m, *between, far_m)]
+
+
+def _along_curve(rule: RampRule, value_m: float) -> float:
+    share = (value_m - rule.start_m) / (rule.full_m - rule.start_m)
+    if share <= 0:
+        return 0.0
+    if share >= 1:
+        return rule.level_max  # exactly: a sum may be rounded to more, and more than 1 is no level
+    level = rule.level_min + math.pow(share, rule.gamma) * (rule.level_max - rule.level_min)
+    return min(level, max(rule.level_min, rule.level_max))
+
+
+def _by_table(rule: RampRule, value_m: float) -> float:
+    (before_m, before), (after_m, after) = _neighbours(rule, value_m)
+    if before == after:
+        return before
+    level = before + (after - before) * (value_m - before_m) / (after_m - before_m)
+    return min(max(level, min(before, after)), max(before, after))  # whatever was rounded
+
+
+def _neighbours(rule: RampRule, value_m: float) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the points around a value; beyond the ends, the same level goes on for ever."""
+    index = bisect_right(rule.points, (value_m, math.inf))
+    before = rule.points[index - 1] if index > 0 else (-math.inf, rule.points[0][1])
+    after = rule.points[index] if index < len(rule.points) else (math.inf, rule.points[-1][1])
+    return before, after

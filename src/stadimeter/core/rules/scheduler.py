@@ -15,15 +15,15 @@ from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 from stadimeter.core.alarms.actions import Evaluation
-from stadimeter.core.alarms.alarm import AlarmStep, Stepped, new_alarm, operated, step_alarm, with_state
+from stadimeter.core.alarms.alarm import AlarmStep, Stepped, new_alarm, operate, step_alarm, with_state
 from stadimeter.core.alarms.state import Sample
 from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.conditions.leaf import Rest
 from stadimeter.core.decision import Event, EventKind, Notice, RuleTrace
-from stadimeter.core.operator import Answer, OperatorCommand
+from stadimeter.core.operator import OperatorAnswer, OperatorCommand
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule
-from stadimeter.core.rules.arbitration import Wanted, arbitrate, rearranged
+from stadimeter.core.rules.arbitration import Wanted, arbitrate, rearrange
 from stadimeter.core.rules.follow import FollowStep, new_follow, step_follow
 from stadimeter.core.rules.layout import Layout, layout_of
 from stadimeter.core.rules.quiescence import Quiescence, all_active
@@ -61,7 +61,7 @@ class Outcome:
 
     events: tuple[Event, ...] = ()
     notices: tuple[Notice, ...] = ()
-    answers: tuple[Answer, ...] = ()
+    answers: tuple[OperatorAnswer, ...] = ()
 
 
 _NOTHING = Outcome()
@@ -147,14 +147,14 @@ class _Evaluation:
         self.events: list[Event] = []
         self.notices: list[Notice] = []
 
-    def operate(self, command: OperatorCommand, active: set[int]) -> Answer:
+    def operate(self, command: OperatorCommand, active: set[int]) -> OperatorAnswer:
         """Do what an operator wants, before the rules are judged."""
         alarms = {
             rule.name: (index, rule, step.state)
             for index, rule in enumerate(self.rules)
             if isinstance(rule, AlarmRule) and isinstance(step := self._step(index), AlarmStep)
         }
-        answer, evaluations = operated(alarms, self.inputs, command)
+        answer, evaluations = operate(alarms, self.inputs, command)
         for index, evaluation in evaluations:
             self._remember(index, evaluation)
             self.events += evaluation.events
@@ -196,7 +196,7 @@ class _Evaluation:
             layout=before.layout,
         )
 
-    def outcome(self, answers: tuple[Answer, ...]) -> Outcome:
+    def outcome(self, answers: tuple[OperatorAnswer, ...]) -> Outcome:
         """Return what came of it."""
         if not (self.events or self.notices or answers):
             return _NOTHING
@@ -301,7 +301,7 @@ def _wanted(before: EvaluatedRules, changed: Mapping[int, RuleStep], steps: tupl
     layout = before.layout
     if layout.combined and any(request.output in layout.combined for request in (*gone, *come)):
         return arbitrate((request for step in steps for request in step.requests), layout.combined)
-    return rearranged(before.wanted, gone, come, layout.positions)
+    return rearrange(before.wanted, gone, come, layout.positions)
 
 
 def _new_step(rule: AnyRule) -> RuleStep:
