@@ -18,8 +18,8 @@ from stadimeter.messaging.link_events import LinkEvents
 from stadimeter.messaging.mqtt_client import (
     OFFLINE,
     ONLINE,
-    BombError,
     MqttSettings,
+    OversizedPacketError,
     Secrets,
     make_client,
     publish_properties,
@@ -43,11 +43,11 @@ def serve(client: Client, events: LinkEvents, wait_s: float) -> bool:
     """Let paho read and write; return whether the connection still stands."""
     try:
         return client.loop(wait_s) == MQTTErrorCode.MQTT_ERR_SUCCESS
-    except BombError:
-        events.bomb_came()
+    except OversizedPacketError:
+        events.note_oversized_packet()
         return False
     except (LookupError, TypeError, ValueError, struct.error, MQTTException):  # from paho 2.1, and not caught there
-        events.nonsense_came()
+        events.note_nonsense()
         return False
 
 
@@ -154,7 +154,7 @@ class BrokerLink:
         try:
             self._client.reconnect()
         except OSError as error:
-            self._events.could_not_connect(error)
+            self._events.note_connect_error(error)
             return
         self._stay()
         if self._stopping.is_set():
@@ -171,7 +171,7 @@ class BrokerLink:
         while not self._stopping.is_set():
             left_s = until_s - time.monotonic()
             if not self._events.is_accepted and left_s < 0:
-                self._events.no_answer_came()
+                self._events.note_no_answer()
                 return
             if not self._loop(self._wait_s() if self._events.is_accepted else max(0.0, left_s)):
                 return
@@ -225,7 +225,7 @@ class BrokerLink:
 
     def _begin_to_read(self) -> None:
         """Subscribe to the list of retained topics, unless an oversized packet came that way before."""
-        if self._retained.is_wanted and not self._events.was_bombed:
+        if self._retained.is_wanted and not self._events.had_oversized_packet:
             self._client.subscribe(f"{self._options.base}/{self._options.retained_topic}/+", qos=0)
             self._is_reading = True
 

@@ -32,7 +32,7 @@ class LinkEvents:
         ending: Why the newest attempt to connect failed, or the connection ended, in words.
         suspects_version: Whether the broker seems not to speak the version of MQTT that was tried.
         was_taken_over: Whether another program with our client id took our place.
-        was_bombed: Whether the other side ever announced more than a broker has to say to us.
+        had_oversized_packet: Whether the other side ever announced more than a broker has to say to us.
         refusal: Why the broker would not take a message over this connection, in words.
         subscribed_at_s: When the broker answered our subscription; None before.
     """
@@ -43,7 +43,7 @@ class LinkEvents:
         self._short_lives = 0
         self._was_ever_accepted = False
         self._pages: deque[tuple[str, bytes]] = deque(maxlen=PAGES_MAX)
-        self.was_bombed = False
+        self.had_oversized_packet = False
         self.refusal = ""
         self.begin()
 
@@ -75,26 +75,26 @@ class LinkEvents:
         client.on_subscribe = self._on_subscribe
         client.on_message = self._on_message
 
-    def could_not_connect(self, error: OSError) -> None:
+    def note_connect_error(self, error: OSError) -> None:
         """Note that there is no connection at all."""
-        self.ending = unreachable(self._options, error)
+        self.ending = describe_connect_error(self._options, error)
 
-    def no_answer_came(self) -> None:
+    def note_no_answer(self) -> None:
         """Note that the broker took the connection and then said nothing."""
-        self.ending = silent(self._options, had_answered=False)
+        self.ending = describe_silence(self._options, had_answered=False)
         self.suspects_version = not self._was_ever_accepted
 
-    def bomb_came(self) -> None:
+    def note_oversized_packet(self) -> None:
         """Note that the other side announced more than a broker has to say to us."""
-        self.was_bombed = True
+        self.had_oversized_packet = True
         if not self.is_accepted:
-            self.nonsense_came()
+            self.note_nonsense()
         else:
-            self.ending = too_much(self._options)
+            self.ending = describe_oversized(self._options)
 
-    def nonsense_came(self) -> None:
+    def note_nonsense(self) -> None:
         """Note that the other side sent what is not MQTT."""
-        self.ending = no_broker(self._options)
+        self.ending = describe_non_mqtt(self._options)
         self.suspects_version = not self._was_ever_accepted
 
     def take_done(self) -> Iterator[tuple[int, bool]]:
@@ -109,7 +109,7 @@ class LinkEvents:
 
     def _on_connect(self, _client: Client, _data: Any, _flags: ConnectFlags, reason: ReasonCode, _more: Any) -> None:
         if reason.is_failure:
-            self.ending = refused(self._options, reason)
+            self.ending = describe_refusal(self._options, reason)
             self.suspects_version = reason.value == UNSUPPORTED_VERSION
             return
         self._accepted_at_s = time.monotonic()
@@ -124,17 +124,17 @@ class LinkEvents:
             self._short_lives = 0 if self.was_stable else self._short_lives + 1
         if self.ending:
             return
-        guess = shared_name(self._options) if self._short_lives >= SUSPICIOUS else ""
+        guess = guess_shared_client_id(self._options) if self._short_lives >= SUSPICIOUS else ""
         if flags.is_disconnect_packet_from_server:
             self.was_taken_over = reason.value == TAKEN_OVER
-            self.ending = sent_away(self._options, reason) + ("" if self.was_taken_over else guess)
+            self.ending = describe_disconnect(self._options, reason) + ("" if self.was_taken_over else guess)
             return
         self.suspects_version = not self._was_ever_accepted
-        self.ending = broke_off(self._options, reason, had_answered=self.is_accepted) + guess
+        self.ending = describe_loss(self._options, reason, had_answered=self.is_accepted) + guess
 
     def _on_publish(self, _client: Client, _data: Any, number: int, reason: ReasonCode, _more: Any) -> None:
         if reason.is_failure:
-            self.refusal = would_not_take(self._options, reason)
+            self.refusal = describe_rejection(self._options, reason)
         self._done.append((number, reason.is_failure))
 
     def _on_subscribe(self, *_: Any) -> None:
@@ -153,7 +153,7 @@ KEEPALIVE = 0x8D
 TAKEN_OVER = 0x8E
 
 
-def unreachable(options: MqttSettings, error: OSError) -> str:
+def describe_connect_error(options: MqttSettings, error: OSError) -> str:
     """Say why there is no connection at all, in one line."""
     place = options.place
     if isinstance(error, ssl.SSLCertVerificationError):
@@ -175,7 +175,7 @@ def _trouble(error: OSError) -> str:
     return f"cannot be reached: {error.strerror or error}"
 
 
-def refused(options: MqttSettings, reason: ReasonCode) -> str:
+def describe_refusal(options: MqttSettings, reason: ReasonCode) -> str:
     """Say why the broker would not have us."""
     if reason.value in {NOT_AUTHORISED, BAD_LOGIN}:
         who = f"the login of '{options.username}'" if options.username else "a connection without a login"
@@ -185,35 +185,35 @@ def refused(options: MqttSettings, reason: ReasonCode) -> str:
     return f"{options.place} refused the client '{options.client_id}' ({reason})"
 
 
-def sent_away(options: MqttSettings, reason: ReasonCode) -> str:
+def describe_disconnect(options: MqttSettings, reason: ReasonCode) -> str:
     """Say why the broker ended the connection."""
     if reason.value == TAKEN_OVER:
         return f"another program uses the client id '{options.client_id}' at {options.place}; give each its own node"
     return f"{options.place} ended the connection ({reason})"
 
 
-def broke_off(options: MqttSettings, reason: ReasonCode, *, had_answered: bool) -> str:
+def describe_loss(options: MqttSettings, reason: ReasonCode, *, had_answered: bool) -> str:
     """Say how a connection ended without a word from the broker."""
     if reason.value == KEEPALIVE:
-        return silent(options, had_answered=had_answered)
+        return describe_silence(options, had_answered=had_answered)
     if reason.value == NO_MQTT:
-        return no_broker(options)
+        return describe_non_mqtt(options)
     if not had_answered:
         return f"{options.place} hung up without an answer (is it an MQTT broker, with TLS as configured?)"
     return f"the connection to {options.place} was lost"
 
 
-def no_broker(options: MqttSettings) -> str:
+def describe_non_mqtt(options: MqttSettings) -> str:
     """Say, in one line, that what was received is not MQTT."""
     return f"{options.place} does not answer as an MQTT broker does"
 
 
-def too_much(options: MqttSettings) -> str:
+def describe_oversized(options: MqttSettings) -> str:
     """Say, in one line, that a message came that is far larger than any answer to us."""
     return f"{options.place} sent a message that is too large to be an answer to this program"
 
 
-def shared_name(options: MqttSettings) -> str:
+def guess_shared_client_id(options: MqttSettings) -> str:
     """Guess, for the end of a line, at two programs that take the connection from each other.
 
     Few brokers say so, and with MQTT 3.1.1 none can.
@@ -221,11 +221,11 @@ def shared_name(options: MqttSettings) -> str:
     return f" (does another program use the client id '{options.client_id}'?)"
 
 
-def silent(options: MqttSettings, *, had_answered: bool) -> str:
+def describe_silence(options: MqttSettings, *, had_answered: bool) -> str:
     """Say that the broker says nothing."""
     return f"{options.place} has stopped answering" if had_answered else f"{options.place} does not answer"
 
 
-def would_not_take(options: MqttSettings, reason: ReasonCode) -> str:
+def describe_rejection(options: MqttSettings, reason: ReasonCode) -> str:
     """Say that the broker took us but not a message."""
     return f"{options.place} refused a message below '{options.base}' ({reason}); check the broker's access list"

@@ -55,7 +55,7 @@ def _attempt(client: Client, version: MQTTProtocolVersion, events: LinkEvents) -
     try:
         client.reconnect()
     except OSError as error:
-        events.could_not_connect(error)
+        events.note_connect_error(error)
         return
     until_s = time.monotonic() + ASKED_S
     while not events.is_accepted and (left_s := until_s - time.monotonic()) > 0 and serve(client, events, left_s):
@@ -64,7 +64,7 @@ def _attempt(client: Client, version: MQTTProtocolVersion, events: LinkEvents) -
         say_goodbye(client, version)
         serve(client, events, 0.0)
     elif not events.ending:
-        events.no_answer_came()
+        events.note_no_answer()
     if (connection := client.socket()) is not None:
         connection.close()
 

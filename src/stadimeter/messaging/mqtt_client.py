@@ -149,7 +149,7 @@ ONLINE = Message(topic="availability", payload="online", qos=1, retain=True)
 OFFLINE = Message(topic="availability", payload="offline", qos=1, retain=True)
 
 
-class BombError(Exception):
+class OversizedPacketError(Exception):
     """The other side announces a packet that is larger than anything it has to say."""
 
 
@@ -158,7 +158,7 @@ class _Client(Client):
 
     def _sock_recv(self, bufsize: int) -> bytes:
         if bufsize > PACKET_MAX:
-            raise BombError(bufsize)
+            raise OversizedPacketError(bufsize)
         return super()._sock_recv(bufsize)
 
 
