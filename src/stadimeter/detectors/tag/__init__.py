@@ -270,7 +270,7 @@ class TagDetector:
         weakest = min(abs(each) for each in sides.contrast)
         if weakest < MIN_CONTRAST or not all((each > 0) == (sides.contrast[0] > 0) for each in sides.contrast):
             return f"does not stand out on all four sides: {weakest:.1%} of full light, limit {MIN_CONTRAST:.0%}"
-        straight = min(sides.support)
+        straight = min(sides.lines.support)
         if straight < MIN_SUPPORT:
             return f"has a side of which {straight:.0%} is straight, limit {MIN_SUPPORT:.0%}"
         return ""
@@ -289,7 +289,7 @@ class TagDetector:
             width_px=width_px,
             height_px=height_px,
             size_sigma_px=sigma_px,
-            quality=min(sides.support) * (1 - tag.errors / (2 * self._family.max_errors + 1)),
+            quality=min(sides.lines.support) * (1 - tag.errors / (2 * self._family.max_errors + 1)),
         )
 
     def _choice(self, tag: SeenTag, tags: Sequence[SeenTag]) -> str:
@@ -326,10 +326,12 @@ def _without_bias(corners: Points, sides: TagSides, edge_bias_px: float) -> Poin
 def _size_sigma_px(sides: TagSides, cell_px: float, *, compressed: bool) -> float:
     """Return the standard deviation of a side's length."""
     # The mean variance of the four lines, in px^2; see the constants above for the other terms.
-    variances_px2 = [scatter**2 / max(steps, 1) for scatter, steps in zip(sides.scatter_px, sides.steps, strict=True)]
+    variances_px2 = [
+        scatter**2 / max(steps, 1) for scatter, steps in zip(sides.lines.scatter_px, sides.lines.steps, strict=True)
+    ]
     of_steps = SIGMA_FACTOR * math.sqrt(sum(variances_px2) / len(variances_px2))
     of_crowding = SIGMA_CROWDING_PX * (max(*sides.edge_px, MIN_EDGE_PX) / cell_px) ** CROWDING_POWER
-    of_bends = SIGMA_BEND * sides.bend_px
+    of_bends = SIGMA_BEND * sides.lines.bend_px
     return math.hypot(of_steps, SIGMA_FLOOR_PX, of_crowding, SIGMA_COMPRESSED_PX * compressed, of_bends)
 
 

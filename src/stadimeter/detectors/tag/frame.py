@@ -78,10 +78,10 @@ class SideFrame:
     sides: list[SideLine]  # the straight lines between the corners
     middle: Values  # where along is the middle of the steps of each side, shape ``(4, 1)``
     from_middle: Values  # where the steps are looked for, whole pixels along less the middle, shape ``(4, n)``
-    # Which pixel of the picture, counted row by row, the side is expected in there, or the nearest one around which so
-    # far can be looked, shape ``(4, n)``.
+    # The pixel in which the side is expected there, counted row by row, or the nearest one with room for the reach
+    # around it, shape ``(4, n)``.
     place: NDArray[np.intp]
-    # How much further across than the middle of this pixel, shape ``(4, n)``; bent as the lens bends it.
+    # How much further across than the middle of this pixel the side is, shape ``(4, n)``; bent as the lens bends it.
     off_pixel: Values
     stride: NDArray[np.intp]  # how many places further on the next pixel outwards is, shape ``(4, 1)``
     outward: Values  # which way across leads out of the tag, 1 or -1, shape ``(4, 1)``
@@ -97,8 +97,8 @@ class SideFrame:
     def left_px(self, edges_px: OfSides) -> float:
         """Return how many pixels are looked at beyond edges of these widths, on the side with the fewest.
 
-        At its steepest a Gaussian edge rises as if it took √(2π) = 2.5 standard deviations. So far from its middle it
-        is over: it is black or white but for 0.6 %.
+        At its steepest a Gaussian edge rises as if it took √(2π) = 2.5 standard deviations. At that distance from its
+        middle it is over: black or white but for 0.6 %.
         """
         return min([reach - edge_px for edge_px, reach in zip(edges_px, self.reach, strict=True)])
 
@@ -168,7 +168,7 @@ def _reaches(sides: list[SideLine], area_of_cells_px2: float, look: Look) -> tup
 
 
 def _with_room(pixel: Values, sides: list[SideLine], reach: int, shape: tuple[int, ...]) -> Values:
-    """Return the nearest pixels to these around which so far can be looked without leaving the picture."""
+    """Return the nearest pixels to these that are at least `reach` pixels inside the picture."""
     # Across is y for flat sides, so they may go down to the last row, and the others to the last column.
     last = np.array([[shape[0] if side.flat else shape[1]] for side in sides]) - 1
     return np.asarray(np.minimum(np.maximum(pixel, reach), last - reach))

@@ -46,13 +46,14 @@ ROUND = np.array((1, 2, 3, 0))
 # Number of outlines that a look may show: rooms show ten, shelves and keyboards a hundred.
 MAX_OUTLINES = 250
 
-# Pictures with a shorter long side than this have no room for so many outlines that it would take long.
+# Outlines are counted in pictures with at least this long side; too few have room in smaller ones to matter.
 COUNTED_FROM_PX = 400
 
 # Outlines are counted at a half of the size that they are looked for at, which takes a twentieth of the time.
 COUNTING_SCALE = 2
 
-# At full size an outline is at most so many times as long as at half, and a pixel a side: a floor's are all alike.
+# At full size an outline is at most this many times as long as counted at half, plus a pixel a side. Without it a floor
+# whose outlines are all alike would lose them all.
 COUNTING_ERROR = 1.1
 
 # A picture with more contours than this at half its size is noise: 12.5 megapixels of it have 135,000, and the busiest
@@ -66,7 +67,7 @@ HALVED_FROM_PX = 128.0
 HOLLOW = 0.25
 
 
-class FoundOutlines(NamedTuple):
+class TagOutlines(NamedTuple):
     """What a look found."""
 
     corners_px: Points  # clockwise, the largest first, shape ``(k, 4, 2)``
@@ -80,20 +81,20 @@ class _Crowd(NamedTuple):
     contours: int = 0  # how many contours there are at half the size, of any length
 
 
-def find_outlines(grey: Plane, smallest_perimeter_px: float, long_side_px: int, *, thorough: bool) -> FoundOutlines:
+def find_outlines(grey: Plane, smallest_perimeter_px: float, long_side_px: int, *, thorough: bool) -> TagOutlines:
     """Return outlines of four corners that differ from what is around.
 
     What costs time is what is found, so small ones are left out early: OpenCV's limit is a share of the picture's long
     side and its default, 0.03, means nothing in a small part of a picture.
 
     Args:
-        smallest_perimeter_px: FoundOutlines that are shorter than this around are left out.
+        smallest_perimeter_px: TagOutlines that are shorter than this around are left out.
         long_side_px: The picture is searched with its long side reduced to this.
         thorough: Whether three window sizes are tried instead of one, but for noise.
     """
     nothing = np.zeros((0, 4, 2))
     if min(grey.shape) < MIN_PICTURE_PX:
-        return FoundOutlines(nothing)
+        return TagOutlines(nothing)
     small, scale = reduced(grey, long_side_px, cv2.INTER_LINEAR)
     crowd = _crowd(small, smallest_perimeter_px * scale)
     crowded_px = crowd.perimeter_px / scale
@@ -107,7 +108,7 @@ def find_outlines(grey: Plane, smallest_perimeter_px: float, long_side_px: int, 
     named, _, others = cv2.aruco.ArucoDetector(_no_dictionary(), parameters).detectMarkers(small)
     found = (*named, *others)
     outlines = distinct(_around_dark(np.concatenate(found), scale)) if found else nothing
-    return FoundOutlines(outlines[:MAX_OUTLINES], crowded_px)
+    return TagOutlines(outlines[:MAX_OUTLINES], crowded_px)
 
 
 def _crowd(grey: Plane, smallest_perimeter_px: float) -> _Crowd:

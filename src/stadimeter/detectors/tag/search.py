@@ -20,7 +20,7 @@ from stadimeter.detectors.region import Region
 from stadimeter.detectors.sampling import Light, grey_of
 from stadimeter.detectors.sides import side_lengths
 from stadimeter.detectors.tag.codes import SMALL_TAG_FAMILIES, SeenTag, TagFamily, Unread, read_tag
-from stadimeter.detectors.tag.outlines import MIN_PICTURE_PX, FoundOutlines, find_outlines
+from stadimeter.detectors.tag.outlines import MIN_PICTURE_PX, TagOutlines, find_outlines
 from stadimeter.detectors.tag.sides import measure_sides
 
 Plane = NDArray[np.uint8]
@@ -181,7 +181,7 @@ class TagSearch:
         crowded_px = outlines.left_out_px / 4
         return replace(seen, left_out_px=max(min_px, crowded_px), is_crowded=crowded_px > min_px)
 
-    def _read_all(self, grey: Plane, left_top: Points, outlines: FoundOutlines, count: int) -> LookResult:
+    def _read_all(self, grey: Plane, left_top: Points, outlines: TagOutlines, count: int) -> LookResult:
         """Read the code in outlines; each tag of the picture counts once."""
         tags: list[SeenTag] = []
         unread: list[tuple[Points, Unread]] = []

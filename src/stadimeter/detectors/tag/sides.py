@@ -66,11 +66,8 @@ class TagSides:
     # How much more light comes from outside each side than from inside, as a share of the brightest that a picture can
     # hold; negative for a white border on black.
     contrast: OfSides
-    support: OfSides  # the share of the steps along each side that lie on its line
-    scatter_px: OfSides  # standard deviation of the steps about each line
-    steps: tuple[int, ...]  # how many steps each line was fitted to
     edge_px: OfSides  # how many pixels each side takes from black to white at its steepest
-    bend_px: float  # by how much the sides are bent, as by a curled corner, all together
+    lines: TagLines  # how well the steps fit to the lines
 
 
 class _SideSteps(NamedTuple):
@@ -122,11 +119,8 @@ def _fit(grey: Plane, frame: SideFrame, look: Look, light: Light) -> TagSides | 
     return TagSides(
         corners_px=met,
         contrast=steps.contrast,
-        support=lines.support,
-        scatter_px=lines.scatter_px,
-        steps=lines.steps,
         edge_px=steps.edge_px,
-        bend_px=lines.bend_px,
+        lines=lines,
     )
 
 
