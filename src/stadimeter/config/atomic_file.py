@@ -117,7 +117,7 @@ def _open_locked(path: Path) -> BinaryIO:
 
 
 def _take_after(path: Path, descriptor: int) -> None:
-    """Give an open file the owner and mode of another, so that whoever could read that one can read this one."""
+    """Give an open file the owner and mode of another, so that the same users can read it."""
     with suppress(FileNotFoundError, PermissionError):
         old = path.stat()
         os.fchmod(descriptor, stat.S_IMODE(old.st_mode))

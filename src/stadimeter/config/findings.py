@@ -18,7 +18,7 @@ from stadimeter.config.toml_lines import KeyPath, SourceSpan, find_span
 from stadimeter.errors import Problem
 
 OTHER = "other"
-"""The code of what has none of its own."""
+"""The code of a finding that has none of its own."""
 
 MAX_EXPLAINED = 1000
 """More wrong keys of one table than this are only counted: to look for similar words takes 0.1 ms for each."""
@@ -27,7 +27,7 @@ _MAX_LENGTH = 600
 """The longest messages list what could have been written; longer ones repeat what was."""
 
 OF_A_TEST = "test"
-"""The code of what is wrong in a test of rules."""
+"""The code of a mistake in a test of rules."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -200,26 +200,6 @@ class HoverTable(Section):
         return [(0.0, self.at), (self.duration, self.at)]
 
 
-class TravelTable(Section):
-    """Stand, go from one distance to another at a steady speed, and stand again."""
-
-    start: Annotated[Length, Field(alias="from")]
-    """In metres, written ``from``."""
-    end: Annotated[Length, Field(alias="to")]
-    """In metres, written ``to``."""
-    speed: Annotated[Speed, Field(gt=0)]
-    """In m/s."""
-    wait: Duration = STAND_S
-    """How long to stand at first, in seconds."""
-    stay: Duration = STAND_S
-    """How long to stand at the end, in seconds."""
-
-    def legs(self) -> list[tuple[float, float]]:
-        """Return times in seconds and distances in metres."""
-        there_s = self.wait + abs(self.end - self.start) / self.speed
-        return [(0.0, self.start), (self.wait, self.start), (there_s, self.end), (there_s + self.stay, self.end)]
-
-
 class SkipTable(Section):
     """Stand at one distance, and from one frame to the next at another."""
 
@@ -232,9 +212,27 @@ class SkipTable(Section):
     stay: Duration = STAND_S
     """How long to stand at the end, in seconds."""
 
+    @property
+    def going_s(self) -> float:
+        """How long it takes from one distance to the other, in seconds."""
+        return 0.0
+
     def legs(self) -> list[tuple[float, float]]:
         """Return times in seconds and distances in metres."""
-        return [(0.0, self.start), (self.wait, self.start), (self.wait, self.end), (self.wait + self.stay, self.end)]
+        there_s = self.wait + self.going_s
+        return [(0.0, self.start), (self.wait, self.start), (there_s, self.end), (there_s + self.stay, self.end)]
+
+
+class TravelTable(SkipTable):
+    """Stand, go from one distance to another at a steady speed, and stand again."""
+
+    speed: Annotated[Speed, Field(gt=0)]
+    """In m/s."""
+
+    @property
+    def going_s(self) -> float:
+        """How long it takes at that speed, in seconds."""
+        return abs(self.end - self.start) / self.speed
 
 
 class PathPointTable(Section):

@@ -90,7 +90,9 @@ def configuration_schema() -> JsonSchema:
     for section, kind in (_ONE | _MANY).items():
         table = _driver_table(section, [driver for driver in drivers if driver.kind is kind], by_model, definitions)
         sections[section] = table if section in _ONE else _named(table)
-    sections |= {section: {**by_model[model], "description": described(model)} for section, model in _TABLES.items()}
+    sections |= {
+        section: {**by_model[model], "description": describe_model(model)} for section, model in _TABLES.items()
+    }
     sections["rules"] = _named(_rule(by_model, definitions))
     sections["tests"] = {"type": "array", "items": by_model[RuleTestTable]}
     return _without_unused(
@@ -228,7 +230,7 @@ def schemas_of(models: Sequence[type[BaseModel]]) -> tuple[dict[type[BaseModel],
     return {model: _tidy(made[model, mode]) for model in unique}, definitions
 
 
-def described(model: type[BaseModel]) -> str:
+def describe_model(model: type[BaseModel]) -> str:
     """Return the first sentence of a model's docstring, without what is meant for those who read the code."""
     first = (inspect.getdoc(model) or "").partition("\n")[0]
     return _for_writers(_plain(first.partition("; see `")[0].rstrip(".") + "."), model)
@@ -245,7 +247,7 @@ class _Generator(GenerateJsonSchema):
             written = made.get("properties", {}).get(field.alias or name)
             if written is not None and name in documented:
                 written.setdefault("description", _for_writers(documented[name]))
-        made["description"] = described(model)
+        made["description"] = describe_model(model)
         return made
 
     def function_before_schema(self, schema: core_schema.BeforeValidatorFunctionSchema) -> JsonSchemaValue:

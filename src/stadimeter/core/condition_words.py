@@ -27,7 +27,7 @@ from stadimeter.core.condition import (
 )
 from stadimeter.core.conditions.contact import SpeedKnowledge, approach_of
 from stadimeter.core.conditions.inputs import RuleInputs
-from stadimeter.core.conditions.leaf import Reading
+from stadimeter.core.conditions.leaf import JudgedFigure
 from stadimeter.core.conditions.limits import LimitsCondition
 from stadimeter.core.conditions.verdict import JudgedLeaf, judged_leaves
 from stadimeter.core.track import Track
@@ -201,7 +201,7 @@ def _unread_words(leaf: Leaf, inputs: RuleInputs, named: str) -> str:
     return " and ".join(describe_unseen(track) for track in away or tracks)
 
 
-def _value_words(leaf: Leaf, reading: Reading) -> str:
+def _value_words(leaf: Leaf, reading: JudgedFigure) -> str:
     value, sigma = reading.value, reading.sigma or 0.0
     match leaf:
         case DistanceCondition():
@@ -218,7 +218,7 @@ def _value_words(leaf: Leaf, reading: Reading) -> str:
             return f"{leaf.noun} {value:.2f} {leaf.unit}"
 
 
-def _threshold_words(reading: Reading, unit: str) -> str:
+def _threshold_words(reading: JudgedFigure, unit: str) -> str:
     scale, digits, unit = (math.degrees(1.0), 1, "°") if unit == "rad" else (1.0, 2, f" {unit}")
     low, high = reading.low * scale, reading.high * scale
     if math.isinf(low):

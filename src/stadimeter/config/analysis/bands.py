@@ -86,7 +86,7 @@ def holding_errors(subject: Subject) -> Iterator[Finding]:
     """Find conditions that can never hold."""
     for declared, _ in subject.alarms:
         for written in declared.conditions():
-            if not any(empty_leaves(written)):  # which is said by itself
+            if not any(empty_leaves(written)):  # reported by `band_errors`
                 yield from _never(written, subject.logic)
 
 

@@ -59,7 +59,7 @@ def _watched(alarm: AlarmRule) -> str:
 def _approach(target: Mapping[str, Any], frame_s: float) -> _Approach:
     try:
         return _Approach(speed_mps=parse_speed(target.get("max_closing_speed")), is_stated=True, frame_s=frame_s)
-    except ValueError:  # not written, or not a speed, which is said elsewhere
+    except ValueError:  # not written, or not a speed: reported where tables are read
         return _Approach(speed_mps=ASSUMED_CLOSING_MPS, is_stated=False, frame_s=frame_s)
 
 

@@ -92,7 +92,7 @@ def _swallowed(loser: CompiledRule, winner: CompiledRule, condition: DistanceCon
 
 
 def _rivals(subject: Subject) -> Iterator[list[CompiledRule]]:
-    """Go through the outputs, each with the rules that drive it; without those that very many rules drive."""
+    """Yield the rules that drive each output, except for outputs with more than `MAX_RIVALS`."""
     by_output: dict[str, list[CompiledRule]] = defaultdict(list)
     for declared in subject.every_rule:
         if declared.rule.output is not None and not declared.rule.observe:
@@ -113,7 +113,7 @@ def _shadowed(subject: Subject) -> Iterator[tuple[CompiledRule, Finding]]:
 def _winners_over(loser: AnyRule, rivals: list[CompiledRule], subject: Subject) -> list[CompiledRule]:
     """Return the rules of which one at least goes before a rule wherever it holds; none if there are no such."""
     winners = [each for each in rivals if _goes_before(each.rule, loser)]
-    if not winners or not subject.logic.can_be(*_drives(loser, region_of(loser))):  # or it never holds, which is said
+    if not winners or not subject.logic.can_be(*_drives(loser, region_of(loser))):  # never-true is reported elsewhere
         return []
     if not _covered(loser, winners, subject):
         return []

@@ -26,7 +26,7 @@ from stadimeter.core import condition as core
 from stadimeter.core.decision import Severity
 
 MAX_DEPTH = 20
-"""So many conditions may stand inside each other. Nobody understands more."""
+"""Greatest depth of nested conditions."""
 
 _DISTANCE = core.DistanceCondition()
 

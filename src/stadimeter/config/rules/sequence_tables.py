@@ -67,7 +67,7 @@ class PatternTable(Section):
     steps: Annotated[list[PatternStepTable], Field(min_length=1, max_length=100)] | None = None
     """Several levels instead of on and off."""
     times: Annotated[int, Field(ge=0)] = 0
-    """How often all of it is gone through; 0 for as long as the alarm stands."""
+    """How often to repeat all of it; 0 for as long as the alarm stands."""
 
     @model_validator(mode="after")
     def _one_form_only(self) -> Self:
@@ -80,7 +80,7 @@ class PatternTable(Section):
 
     @property
     def period_s(self) -> float:
-        """How long it takes to go through all of it, in seconds."""
+        """How long one pass takes, in seconds."""
         return sum(for_s for _, for_s in self.to_plan(level=1.0).steps)
 
     def to_plan(self, level: float) -> rule.Pattern:
@@ -146,7 +146,7 @@ class StepTable(Section):
     on: Literal["raised", "cleared"] = _STEP.on
     """After being raised, or after being cleared."""
     only_unacknowledged: bool = _STEP.only_unacknowledged
-    """Not if somebody has acknowledged the alarm by then."""
+    """Skipped if the alarm has been acknowledged by then."""
     actuator: str | None = None
     """An actuator that it drives, or ``base``."""
     level: Share = _STEP.level

@@ -137,9 +137,9 @@ class RuleTable(Section):
     at_start: Literal["act", "announce"] = _ALARM.at_start
     """Whether an alarm that is raised by the very first sight of the target moves its output."""
     latch: bool | Literal["until-acknowledged"] = _ALARM.latch
-    """Whether it stays active until somebody resets it, or acknowledges it."""
+    """Whether it stays active until an operator resets it, or acknowledges it."""
     ack: Literal["required", "none"] = _ALARM.ack
-    """Whether somebody must acknowledge it."""
+    """Whether an operator must acknowledge it."""
     realarm: DurationAboveZero | None = None
     """After being active for this long, in seconds, it is reported again; None for never."""
     cooldown: Duration | None = None
@@ -152,7 +152,7 @@ class RuleTable(Section):
     group: str = _ALARM.group
     """Of the alarms of one group, the first one is marked; empty for none."""
     suppress_when: WhenTable | None = None
-    """While this holds, it drives nothing and notifies nobody."""
+    """While this holds, it drives nothing and sends no notification."""
     notify: str | None = None
     """The notifier that tells people at once: short for a step of the escalation."""
     escalation: list[StepTable] = Field(default_factory=list)

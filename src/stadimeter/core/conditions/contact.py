@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from stadimeter.core.conditions.figures import probability_below
 from stadimeter.core.conditions.inputs import RuleInputs
-from stadimeter.core.conditions.leaf import UNKNOWN, Figure, Leaf, Reading, Rest
+from stadimeter.core.conditions.leaf import UNKNOWN, Figure, JudgedFigure, Leaf, Rest
 from stadimeter.core.conditions.limits import FAR_SIGMAS, turning_point
 from stadimeter.core.track import Track
 
@@ -209,14 +209,14 @@ class TimeToContactCondition(Leaf):
         side = (_KNOWN_S, math.nextafter(self.below_s, -math.inf)) if is_on else _later_than(self.below_s)
         return Rest(((earliest, _KNOWN_S, _KNOWN_S), (time, *side)))
 
-    def reading(self, inputs: RuleInputs, is_on: bool) -> Reading | None:
+    def reading(self, inputs: RuleInputs, is_on: bool) -> JudgedFigure | None:
         """Return the time to contact; None also while the speed is not known well enough to tell."""
         approach = self._known_approach(inputs)
         if approach is None:
             return None
         time_s, limit_s = approach.time_s(self.contact_m), self._limit_s(approach, is_on=is_on)
         likely = None if self.probability_on is None else self._likely(approach, limit_s)
-        return Reading(value=time_s, sigma=approach.time_sigma_s(time_s), high=limit_s, probability=likely)
+        return JudgedFigure(value=time_s, sigma=approach.time_sigma_s(time_s), high=limit_s, probability=likely)
 
     def turning_points(self, inputs: RuleInputs, *, is_on: bool) -> tuple[float, ...]:
         """Return the time to contact at which it begins, or ends, at the speed that the target has."""

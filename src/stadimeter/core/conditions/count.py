@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from stadimeter.core.conditions.inputs import RuleInputs
-from stadimeter.core.conditions.leaf import Figure, Leaf, Reading, Rest
+from stadimeter.core.conditions.leaf import Figure, JudgedFigure, Leaf, Rest
 from stadimeter.core.conditions.limits import ends_of
 
 
@@ -50,10 +50,10 @@ class CountCondition(Leaf):
         """Return how many of its targets are in sight."""
         return _in_sight(inputs, *self.targets)
 
-    def reading(self, inputs: RuleInputs, is_on: bool) -> Reading:  # noqa: ARG002
+    def reading(self, inputs: RuleInputs, is_on: bool) -> JudgedFigure:  # noqa: ARG002
         """Return the count."""
         low, high = ends_of(self.at_least, self.at_most)
-        return Reading(value=self.count(inputs), low=low, high=high)
+        return JudgedFigure(value=self.count(inputs), low=low, high=high)
 
 
 def _in_sight(inputs: RuleInputs, *targets: str) -> float:

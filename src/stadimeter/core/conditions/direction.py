@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from stadimeter.core.conditions.figures import Direction, Uncertain, direction_of
 from stadimeter.core.conditions.inputs import RuleInputs
-from stadimeter.core.conditions.leaf import Figure, Reading
+from stadimeter.core.conditions.leaf import Figure, JudgedFigure
 from stadimeter.core.conditions.limits import LimitsCondition, ends_of, value_of
 
 
@@ -54,7 +54,7 @@ class DirectionCondition(LimitsCondition):
         """Return the angle; see `LimitsCondition.uncertain`."""
         return direction_of(inputs.tracks[self.target], self.quantity)
 
-    def reading(self, inputs: RuleInputs, is_on: bool) -> Reading | None:
+    def reading(self, inputs: RuleInputs, is_on: bool) -> JudgedFigure | None:
         """Return the angle, without a standard deviation: that is not known."""
         reading = LimitsCondition.reading(self, inputs, is_on)
         return None if reading is None else replace(reading, sigma=None)

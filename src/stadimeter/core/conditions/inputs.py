@@ -19,7 +19,7 @@ class RuleInputs:
         wall: The local time of day; None while it is not known.
         active: Whether each rule is active, by its name; None for one that has nothing to judge by.
         before: The targets as they were in the cycle before, by name.
-        is_after_gap: Whether the program stood still before this cycle: time that nobody observed counts for no timer.
+        is_after_gap: Whether the program stood still before this cycle: unobserved time counts for no timer.
     """
 
     tracks: Mapping[str, Track]

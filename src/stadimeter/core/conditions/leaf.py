@@ -42,7 +42,7 @@ class Rest(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reading:
+class JudgedFigure:
     """The figure that a condition was judged by and what it was compared with, in the SI unit.
 
     Attributes:
@@ -110,7 +110,7 @@ class Leaf:
         """Return for how long it surely stays as it is; None if it must be judged in every cycle."""
         raise NotImplementedError
 
-    def reading(self, inputs: RuleInputs, is_on: bool) -> Reading | None:  # noqa: ARG002
+    def reading(self, inputs: RuleInputs, is_on: bool) -> JudgedFigure | None:  # noqa: ARG002
         """Return the figure behind `holds`; None where there is none."""
         return None
 

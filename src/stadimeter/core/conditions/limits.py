@@ -17,7 +17,7 @@ from collections.abc import Callable
 
 from stadimeter.core.conditions.figures import Uncertain, probability_between
 from stadimeter.core.conditions.inputs import RuleInputs
-from stadimeter.core.conditions.leaf import UNKNOWN, Figure, Leaf, Reading, Rest
+from stadimeter.core.conditions.leaf import UNKNOWN, Figure, JudgedFigure, Leaf, Rest
 
 FAR_SIGMAS = 12.0
 """Nothing is in doubt this many standard deviations from a threshold."""
@@ -115,7 +115,7 @@ class LimitsCondition(Leaf):
             return None
         return math.nextafter(low, math.inf), math.nextafter(high, -math.inf)
 
-    def reading(self, inputs: RuleInputs, is_on: bool) -> Reading | None:
+    def reading(self, inputs: RuleInputs, is_on: bool) -> JudgedFigure | None:
         """Return the figure behind `holds`; None while there is no finite figure to act on."""
         figures = self.uncertain(inputs)
         if figures is None:
@@ -123,7 +123,7 @@ class LimitsCondition(Leaf):
         value, sigma, noise = figures
         low, high = self.widened_limits(value, noise) if is_on else self.limits
         likely = None if self.probability_on is None else probability_between(low, high, value, sigma)
-        return Reading(value=value, sigma=sigma, low=low, high=high, probability=likely)
+        return JudgedFigure(value=value, sigma=sigma, low=low, high=high, probability=likely)
 
     def turning_points(self, inputs: RuleInputs, *, is_on: bool) -> tuple[float, ...]:
         """Return the figures at which it begins, or ends; see `Leaf.turning_points`."""

@@ -22,5 +22,5 @@ class RuleCondition(Leaf):
         return inputs.active.get(self.rule)
 
     def rest(self, inputs: RuleInputs, is_on: bool) -> Rest:  # noqa: ARG002
-        """Return that it stays as it is: whoever judges the other rule judges those that ask for it after it."""
+        """Return that it stays as it is: the scheduler evaluates it when the other rule changes."""
         return Rest()

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from stadimeter.core.conditions.inputs import RuleInputs
-from stadimeter.core.conditions.leaf import Figure, Leaf, Reading, Rest
+from stadimeter.core.conditions.leaf import Figure, JudgedFigure, Leaf, Rest
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,14 +55,14 @@ class PresenceCondition(Leaf):
             due_s = track.since_s + self.for_s
         return Rest(((self.figures()[0], seen, seen),), due_s if inputs.now_s < due_s else math.inf)
 
-    def reading(self, inputs: RuleInputs, is_on: bool) -> Reading | None:  # noqa: ARG002
+    def reading(self, inputs: RuleInputs, is_on: bool) -> JudgedFigure | None:  # noqa: ARG002
         """Return for how many seconds it has been so, for one that takes time."""
         if not self.for_s:
             return None
         track = inputs.tracks[self.target]
         is_so = track.is_valid is self.seen and track.since_s is not None
         held_s = inputs.now_s - track.since_s if is_so and track.since_s is not None else 0.0
-        return Reading(value=held_s, low=self.for_s)
+        return JudgedFigure(value=held_s, low=self.for_s)
 
 
 def _is_seen(inputs: RuleInputs, target: str) -> float:

@@ -58,7 +58,7 @@ def judge(condition: Condition, inputs: RuleInputs, held: tuple[bool, ...], *, i
     if isinstance(condition, Leaf):
         return _SIMPLE[condition.holds(inputs, is_active)]
     memory: list[bool] = []
-    value = _judged(condition, inputs, held, memory, is_active, False)
+    value = _judge_part(condition, inputs, held, memory, is_active, False)
     return Verdict(value, tuple(memory))
 
 
@@ -73,7 +73,7 @@ def judged_leaves(condition: Condition, held: tuple[bool, ...], *, is_active: bo
     """Return the simple parts of a condition, from left to right, and how `judge` judges each of them."""
     if isinstance(condition, Leaf):
         return (JudgedLeaf(condition, is_on=is_active, is_inverted=False),)
-    parts = enumerate(_listed(condition, is_inverted=False))
+    parts = enumerate(_list_leaves(condition, is_inverted=False))
     return tuple(
         [
             JudgedLeaf(leaf, _is_on(held, index, is_active, is_inverted), is_inverted)
@@ -87,7 +87,7 @@ def judged_by_cycle(condition: Condition) -> bool:
     return any(leaf.is_by_cycle for leaf in leaves(condition))
 
 
-def _judged(  # without keywords, which cost time: most of what a cycle costs is spent here
+def _judge_part(  # positional arguments: the hot path of a cycle
     condition: Condition,
     inputs: RuleInputs,
     held: tuple[bool, ...],
@@ -102,12 +102,12 @@ def _judged(  # without keywords, which cost time: most of what a cycle costs is
         memory.append(is_on if value is None else value)
         return value
     if isinstance(condition, Not):
-        value = _judged(condition.condition, inputs, held, memory, is_active, not is_inverted)
+        value = _judge_part(condition.condition, inputs, held, memory, is_active, not is_inverted)
         return None if value is None else not value
     decisive = isinstance(condition, AnyOf)
     whole: bool | None = not decisive
     for part in condition.conditions:  # to the end, since each part has a memory to keep
-        value = _judged(part, inputs, held, memory, is_active, is_inverted)
+        value = _judge_part(part, inputs, held, memory, is_active, is_inverted)
         if value is decisive:
             whole = decisive
         elif value is None and whole is not decisive:
@@ -133,7 +133,7 @@ def _rest(
     is_active: bool,
     is_inverted: bool,
 ) -> tuple[bool | None, Rest | None]:
-    """Return whether a part of a condition holds, and for how long; `gone` counts the parts gone through."""
+    """Return whether a part of a condition holds, and for how long; `gone` has one entry for each part visited."""
     if isinstance(condition, Leaf):
         is_on = _is_on(held, len(gone), is_active, is_inverted)
         gone.append(None)
@@ -157,11 +157,11 @@ def _rest(
     return whole, together if is_active or decided is None else decided
 
 
-def _listed(condition: Condition, *, is_inverted: bool) -> Iterator[tuple[Leaf, bool]]:
+def _list_leaves(condition: Condition, *, is_inverted: bool) -> Iterator[tuple[Leaf, bool]]:
     if isinstance(condition, Leaf):
         yield condition, is_inverted
     elif isinstance(condition, Not):
-        yield from _listed(condition.condition, is_inverted=not is_inverted)
+        yield from _list_leaves(condition.condition, is_inverted=not is_inverted)
     else:
         for part in condition.conditions:
-            yield from _listed(part, is_inverted=is_inverted)
+            yield from _list_leaves(part, is_inverted=is_inverted)
