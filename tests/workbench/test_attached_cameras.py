@@ -8,7 +8,7 @@ from stadimeter.cameras.protocol import AttachedCamera
 from stadimeter.config.plugins import CAMERAS, DriverOptions, load_driver
 from stadimeter.errors import DriverUnavailableError
 from stadimeter.workbench import run_camera as module
-from stadimeter.workbench.run_camera import attached_cameras
+from stadimeter.workbench.run_camera import list_cameras
 
 
 def _camera(driver: str) -> AttachedCamera:
@@ -30,7 +30,7 @@ def test_every_driver_that_can_list_cameras_is_asked(monkeypatch: pytest.MonkeyP
         return type("Listing", (Listing,), {"name": found[name]}) if name in found else load_driver(group, name)
 
     monkeypatch.setattr(module, "load_driver", load)
-    assert [camera.choice for camera in attached_cameras()] == ["opencv,serial=42", "another,serial=42"]
+    assert [camera.choice for camera in list_cameras()] == ["opencv,serial=42", "another,serial=42"]
 
 
 def test_a_driver_that_lacks_a_library_has_no_cameras(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -40,7 +40,7 @@ def test_a_driver_that_lacks_a_library_has_no_cameras(monkeypatch: pytest.Monkey
         return load_driver(group, name)
 
     monkeypatch.setattr(module, "load_driver", load)
-    assert attached_cameras() == ()
+    assert list_cameras() == ()
 
 
 def test_the_driver_of_video4linux_lists_its_cameras() -> None:

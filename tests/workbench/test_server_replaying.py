@@ -16,7 +16,7 @@ from stadimeter.core.decision import Decision
 from stadimeter.core.observation import Observation
 from stadimeter.errors import ConfigError, NotThereError
 from stadimeter.workbench.replay import lanes
-from stadimeter.workbench.replay.lanes import SPANS_MAX, Lane, thinned
+from stadimeter.workbench.replay.lanes import SPANS_MAX, Lane, thin_points
 from stadimeter.workbench.server.operations import Desk, find_operation
 from support.observing import Rehearsal
 from support.saves import CONFIGURATION, LENS
@@ -145,7 +145,7 @@ def test_what_is_left_out_of_a_drawing_is_no_peak_and_no_gap() -> None:
     points[7_777] = (7777.0, 0.1, 0.1)
     points[9_999] = (9999.0, 9.0, 0.1)
     points[15_000] = (15000.0, None, 0.0)
-    kept = thinned(points)
+    kept = thin_points(points)
     assert len(kept) <= lanes.POINTS_MAX
     assert {points[7_777], points[9_999], points[15_000], points[0]} <= set(kept)
     assert kept == sorted(kept)

@@ -15,7 +15,7 @@ from stadimeter.errors import ConfigError
 from stadimeter.workbench.rule_tests.running import RuleTests
 from stadimeter.workbench.setup.files import configuration_files
 from stadimeter.workbench.setup.question import Known
-from stadimeter.workbench.setup.wish_steps import BlankStep, seen_up_to_m
+from stadimeter.workbench.setup.wish_steps import BlankStep, reliable_range_m
 from stadimeter.workbench.setup.wishes import WISHES, Wish, ready_answers
 
 LENS = CameraModel.with_focal_length(600.0, 640, 480)
@@ -31,7 +31,7 @@ CAMERA = {"camera": "/dev/video0", "calibration": "1 m"}
 
 def answers(kind: str, *wishes: Wish, output: str = "") -> dict[str, str]:
     given = {**CAMERA, **TARGETS[kind], "wish": " ".join(wish.key for wish in wishes)}
-    seen_m = seen_up_to_m(Known(folder=Path(), answers=given, frames=(FRAME,), camera_model=LENS))
+    seen_m = reliable_range_m(Known(folder=Path(), answers=given, frames=(FRAME,), camera_model=LENS))
     for wish in wishes:
         given |= {f"{wish.key}_{key}": ready for key, ready in ready_answers(wish, seen_m).items()}
         given |= {"base": {"base": "screen"}, "mqtt": {"broker": "127.0.0.1"}}.get(

@@ -12,7 +12,7 @@ from stadimeter.errors import ConfigError, JournalError
 from stadimeter.workbench.replay.replay import read_recording
 from stadimeter.workbench.tuning import candidates as tuning_candidates
 from stadimeter.workbench.tuning import proposing as tuning
-from stadimeter.workbench.tuning.candidates import Rate, Settings, beginnings, rule_to_tune
+from stadimeter.workbench.tuning.candidates import Rate, Settings, candidate_beginnings, rule_to_tune
 from stadimeter.workbench.tuning.noise import noise_of, series_of, stretches_of
 from stadimeter.workbench.tuning.proposing import Beginning, Ending, choose_beginning, choose_ending, tune
 from stadimeter.workbench.tuning.trials import (
@@ -275,7 +275,7 @@ def test_of_two_limits_the_one_nearer_to_the_target_is_tuned(configuration):
 
 
 def test_a_safety_alarm_is_never_told_to_wait(configuration):
-    tried = beginnings(rule_to_tune(configuration, "danger"))
+    tried = candidate_beginnings(rule_to_tune(configuration, "danger"))
     assert {settings.on_delay for settings in tried} == {OnDelay()}
 
 

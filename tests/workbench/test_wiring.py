@@ -15,7 +15,7 @@ from stadimeter.config.plugins import ACTUATORS, DriverChoice, DriverOptions, lo
 from stadimeter.config.units import Pin
 from stadimeter.core.drawing import Text
 from stadimeter.workbench.drawing import svg_of
-from stadimeter.workbench.wiring.circuits import wired_outputs
+from stadimeter.workbench.wiring.circuits import find_outputs
 from stadimeter.workbench.wiring.drawings import wiring_picture, wiring_text
 
 CONFIGURATIONS = Path(__file__).parents[2] / "config"
@@ -57,11 +57,11 @@ def test_each_output_begins_at_its_pin_of_the_header() -> None:
 
 
 def test_the_wires_of_several_outputs_get_pins_of_their_own_while_there_are_any() -> None:
-    grounds = [output.supplies[GROUND] for output in wired_outputs(EVERY_KIND) if GROUND in output.supplies]
+    grounds = [output.supplies[GROUND] for output in find_outputs(EVERY_KIND) if GROUND in output.supplies]
     assert {HEADER[pin - 1] for pin in grounds} == {GROUND}
     assert len(set(grounds)) == len(grounds)
     many = [actuator(f"led{gpio}", "led", pin=gpio) for gpio in range(4, 28)]
-    assert all(HEADER[output.supplies[GROUND] - 1] == GROUND for output in wired_outputs(many))
+    assert all(HEADER[output.supplies[GROUND] - 1] == GROUND for output in find_outputs(many))
 
 
 def test_a_motor_has_a_diode_a_resistor_that_keeps_it_off_and_a_supply_of_its_own() -> None:

@@ -20,7 +20,7 @@ from stadimeter.config.units import parse_duration
 from stadimeter.errors import ConfigError, Problem, reason_of
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.frame_source import OTHER_PROGRAMS, CameraShot, snapshots
-from stadimeter.workbench.run_camera import NONE_FOUND, attached_cameras, choice_of, first_picture
+from stadimeter.workbench.run_camera import NONE_FOUND, choice_of, first_picture, list_cameras
 
 
 def register(app: typer.Typer) -> None:
@@ -63,7 +63,7 @@ def cameras(
         like = camera_choice(str(config)) if config is not None else None
         _make(folder)
         seen = []
-        for number, camera in enumerate(attached_cameras(), start=1):
+        for number, camera in enumerate(list_cameras(), start=1):
             if not as_json:
                 _list(number, camera)
             picture = folder / f"camera-{number}.png" if folder is not None else None

@@ -34,7 +34,7 @@ ByOption = Annotated[
 WhyOption = Annotated[str, typer.Option("--why", metavar="TEXT", help="Why; it is recorded with the event.")]
 
 
-def asked(
+def ask_instance(
     op: str,
     args: Mapping[str, object],
     config: Path | None,
@@ -45,10 +45,10 @@ def asked(
     return ask(_place(config, socket), op, args, wait_s)
 
 
-def asked_of(
+def ask_and_introduce(
     op: str, args: Mapping[str, object], config: Path | None, socket: Path | None
 ) -> tuple[Mapping[str, Any], str]:
-    """Ask the running instance as `asked` does; return its answer with who gave it, also in a line for people."""
+    """Ask the running instance as `ask_instance` does; return its answer with its name, also as a line for people."""
     place = _place(config, socket)
     instance = introduced(place)
     data = ask(place, op, args)
@@ -61,24 +61,24 @@ def asked_of(
     return {"instance": told, **data}, _in_words(instance, is_changed=is_changed)
 
 
-def asked_of_all(op: str, args: Mapping[str, object]) -> Mapping[str, Any]:
+def ask_all(op: str, args: Mapping[str, object]) -> Mapping[str, Any]:
     """Ask every running instance at once to stop its outputs; raise `ControlError` if one does not answer.
 
     A stop must not wait until it is said whose: it asks even if another instance was killed, or hangs.
     """
     sockets = running()
     if len(sockets) < 2:
-        answer: Mapping[str, Any] = ask(sockets[0], op, args) if sockets else asked(op, args, None, None)
+        answer: Mapping[str, Any] = ask(sockets[0], op, args) if sockets else ask_instance(op, args, None, None)
         return answer
     with ThreadPoolExecutor(len(sockets)) as pool:
-        answers = [*zip(sockets, pool.map(lambda socket: _tried(socket, op, args), sockets), strict=True)]
+        answers = [*zip(sockets, pool.map(lambda socket: _try_to_ask(socket, op, args), sockets), strict=True)]
     words = "\n".join(f"{socket.stem}: {answer['words']}" for socket, answer in answers)
     if any("error" in answer for _, answer in answers):
         raise ControlError(words)
     return {"words": words, "unconfirmed": [each for _, answer in answers for each in answer.get("unconfirmed", ())]}
 
 
-def _tried(socket: Path, op: str, args: Mapping[str, object]) -> Mapping[str, Any]:
+def _try_to_ask(socket: Path, op: str, args: Mapping[str, object]) -> Mapping[str, Any]:
     """Return the answer of an instance, or in words why there is none."""
     try:
         return dict(ask(socket, op, args))

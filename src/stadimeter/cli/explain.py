@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from stadimeter.app.control.messages import as_data
-from stadimeter.cli.control_options import JsonOption, SocketOption, asked_of, print_answer
+from stadimeter.cli.control_options import JsonOption, SocketOption, ask_and_introduce, print_answer
 from stadimeter.cli.exits import plain_errors
 from stadimeter.config.findings import did_you_mean_or_list
 from stadimeter.config.units import parse_duration
@@ -68,7 +68,7 @@ def explain_command(
     """
     with plain_errors():
         if journal is None:
-            answer, who_answers = asked_of("explain", {"rule": rule, **_moment(at)}, config, socket)
+            answer, who_answers = ask_and_introduce("explain", {"rule": rule, **_moment(at)}, config, socket)
             lines = (who_answers, *(_in_words(each) for each in answer["rules"]))
             print_answer(answer, "\n".join(lines), as_json=as_json)
             return

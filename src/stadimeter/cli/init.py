@@ -32,8 +32,8 @@ from stadimeter.workbench.setup.answers import example as load_example
 from stadimeter.workbench.setup.files import configuration_files, rule_names
 from stadimeter.workbench.setup.interview import Interview, all_answered, check_keys
 from stadimeter.workbench.setup.question import CONFIGURATION, PICTURES, Accepted, Known, Question
-from stadimeter.workbench.setup.target import chosen_target
-from stadimeter.workbench.wiring.circuits import parts_of, wired_outputs
+from stadimeter.workbench.setup.target import build_target
+from stadimeter.workbench.wiring.circuits import find_outputs, parts_of
 
 BACK = "back"
 WIRING = f"{PICTURES}/wiring.svg"
@@ -281,7 +281,7 @@ def _check_and_show(console: Console, known: Known) -> int:
     """Check what was written, measure, run its tests, name the next commands, and return the exit code."""
     console.print()
     check(known.file)
-    if wired_outputs(parts_of(load_configuration(known.file))):
+    if find_outputs(parts_of(load_configuration(known.file))):
         console.print()
         wiring(known.file, output=None)
         wiring(known.file, output=known.path(WIRING))
@@ -299,7 +299,7 @@ def _is_measured(console: Console, known: Known) -> bool:
     """Measure the target in the last picture, and return whether it is there."""
     if known.camera_model is None:
         return False
-    targets = build_detectors([chosen_target(known)], known.camera_model)
+    targets = build_detectors([build_target(known)], known.camera_model)
     (result,) = Measuring(targets, known.camera_model).measure(known.frame, "").targets
     seen = result.measurement
     if seen.distance_m is None:

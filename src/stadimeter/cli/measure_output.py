@@ -37,7 +37,7 @@ class _JsonPrinter:
     def result(self, result: TargetResult) -> None:
         further = explanation_record(result) if self.explain else {}
         typer.echo(json.dumps({**result.record(), **further}))
-        _tell_error(result)
+        _print_error(result)
 
     def separation(self, result: PictureResult, names: tuple[str, str], found: Separation | None) -> None:
         place = result.targets[0]
@@ -60,7 +60,7 @@ class _LinePrinter:
     explain: bool
 
     def result(self, result: TargetResult) -> None:
-        if not _tell_error(result):
+        if not _print_error(result):
             typer.echo(f"{self._head(result, result.label)}  {_in_words(result, self.unit)}")
             for line in explanation(result) if self.explain else ():
                 typer.echo(line)
@@ -94,7 +94,7 @@ def printer_of(names: Sequence[str], wanted: WantedTargets, *, as_json: bool, ex
     )
 
 
-def _tell_error(result: TargetResult) -> bool:
+def _print_error(result: TargetResult) -> bool:
     """Tell a bad picture on standard error; return whether it is one."""
     is_error = result.measurement.status is MeasurementStatus.ERROR
     if is_error:

@@ -16,9 +16,9 @@ from stadimeter.cli.control_options import (
     JsonOption,
     SocketOption,
     WhyOption,
-    asked,
-    asked_of,
-    asked_of_all,
+    ask_all,
+    ask_and_introduce,
+    ask_instance,
     print_answer,
     who,
 )
@@ -101,7 +101,7 @@ def stop_outputs(
         _operate(action.command, args, config, socket, as_json=as_json)
         return
     with plain_errors():
-        data = asked_of_all(action.command, args)
+        data = ask_all(action.command, args)
     print_answer(data, data["words"], as_json=as_json)
 
 
@@ -121,7 +121,7 @@ def reload(config: ConfigOption = None, socket: SocketOption = None, as_json: Js
     **Exit code**: 0 reloaded; 2 the file is wrong or needs a restart, or no instance runs.
     """
     with plain_errors():
-        data = asked("reload", {}, config, socket, CHECK_WAIT_S)
+        data = ask_instance("reload", {}, config, socket, CHECK_WAIT_S)
     for warning in data["warnings"]:
         typer.echo(f"warning: {warning}", err=True)
     print_answer(data, f"reloaded: {in_words(data)}", as_json=as_json)
@@ -139,13 +139,13 @@ def status(config: ConfigOption = None, socket: SocketOption = None, as_json: Js
     **Exit code**: 0 done; 2 no instance runs, or several do, or the one that began last was killed.
     """
     with plain_errors():
-        data, who_answers = asked_of("status", {}, config, socket)
+        data, who_answers = ask_and_introduce("status", {}, config, socket)
     print_answer(data, "\n".join((who_answers, *_lines(data))), as_json=as_json)
 
 
 def _operate(op: str, args: Mapping[str, object], config: Path | None, socket: Path | None, *, as_json: bool) -> None:
     with plain_errors():
-        data = asked(op, args, config, socket)
+        data = ask_instance(op, args, config, socket)
     print_answer(data, data["words"], as_json=as_json)
 
 

@@ -14,7 +14,7 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.drawing import write_drawings
-from stadimeter.workbench.wiring.circuits import parts_of, wired_outputs
+from stadimeter.workbench.wiring.circuits import find_outputs, parts_of
 from stadimeter.workbench.wiring.drawings import wiring_picture, wiring_text
 
 
@@ -48,7 +48,7 @@ def wiring(
     with plain_errors():
         configuration = load_configuration(configuration_path(config))
         parts = parts_of(configuration)
-        if not wired_outputs(parts):
+        if not find_outputs(parts):
             raise ConfigError(f"{configuration.path}: no part is on a pin of the header, so there is nothing to wire")
         for warning in configuration.warnings:
             if warning.code == "pin-taken":

@@ -146,7 +146,7 @@ NONE_FOUND = (
 """The message where there are no cameras."""
 
 
-def attached_cameras() -> tuple[AttachedCamera, ...]:
+def list_cameras() -> tuple[AttachedCamera, ...]:
     """Return the cameras that are there, without taking a picture; one that is in use or not ours says so.
 
     A driver that lacks a library cannot be used, so it has no cameras.

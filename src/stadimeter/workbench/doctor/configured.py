@@ -14,7 +14,7 @@ from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.plugins import marked_options
 from stadimeter.config.units import PortMark
 from stadimeter.errors import Problem
-from stadimeter.workbench.wiring.circuits import parts_of, wired_outputs
+from stadimeter.workbench.wiring.circuits import find_outputs, parts_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class Configured:
     @property
     def pins(self) -> frozenset[int]:
         """The GPIOs of its outputs and buttons."""
-        return frozenset(output.gpio for output in wired_outputs(parts_of(self.configuration)))
+        return frozenset(output.gpio for output in find_outputs(parts_of(self.configuration)))
 
     @property
     def ports(self) -> tuple[str, ...]:

@@ -141,7 +141,7 @@ class SideBySide:
                 return
 
 
-def thinned(points: list[Point]) -> list[Point]:
+def thin_points(points: list[Point]) -> list[Point]:
     """Return no more than `POINTS_MAX` of them, with the lowest and the highest of each short span, and each gap."""
     if len(points) <= POINTS_MAX:
         return points

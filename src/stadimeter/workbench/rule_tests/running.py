@@ -17,7 +17,7 @@ from stadimeter.core.observation import FrameStamp, Observation, WallTime
 from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.plan import Plan
 from stadimeter.errors import ConfigError, JournalError, Problem, StadimeterError
-from stadimeter.workbench.replay.lanes import Lane, Point, thinned
+from stadimeter.workbench.replay.lanes import Lane, Point, thin_points
 from stadimeter.workbench.replay.replay import read_recording
 from stadimeter.workbench.rule_tests.expecting import watches
 from stadimeter.workbench.rule_tests.synthetic_track import Nuisances, SensorModel, SyntheticTrack, sensor_models
@@ -277,7 +277,7 @@ class Lanes:
             "outputs": [
                 {"output": name, "steps": [list(step) for step in steps]} for name, steps in self.steps.items()
             ],
-            "samples": {name: list(map(list, thinned(points))) for name, points in self.samples.items()},
+            "samples": {name: list(map(list, thin_points(points))) for name, points in self.samples.items()},
             "events": [
                 {"at_s": at_s, "kind": event.kind.value, "source": event.source, "reason": event.reason}
                 for at_s, event in self.events[:EVENTS_MAX]

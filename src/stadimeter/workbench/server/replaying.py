@@ -10,7 +10,7 @@ from stadimeter.app.live.snapshot import limits_m
 from stadimeter.core.plan import BaseOutput, Plan
 from stadimeter.core.words import duration
 from stadimeter.workbench.replay.comparison import EventChange, ReplayDiff, RuleChange
-from stadimeter.workbench.replay.lanes import CYCLES_MAX, Lane, Point, SideBySide, thinned
+from stadimeter.workbench.replay.lanes import CYCLES_MAX, Lane, Point, SideBySide, thin_points
 from stadimeter.workbench.replay.replay import ReplayRun, read_recording, replay_run
 from stadimeter.workbench.server.arguments import number, text
 from stadimeter.workbench.server.editing import files_with, loaded
@@ -72,7 +72,7 @@ def _told(found: SideBySide, recording: Mapping[str, Any]) -> dict[str, Any]:
         "to_s": found.seconds,
         "seconds": whole_s,
         "progress": 1.0 if found.is_done else round(min(0.99, found.seconds / whole_s if whole_s else 0.0), 3),
-        "samples": {name: thinned(points) for name, points in found.samples.items()},
+        "samples": {name: thin_points(points) for name, points in found.samples.items()},
         "thresholds_m": limits,
         "lanes": [
             {"rule": rule, "before": _spans(found.old.rules.get(rule)), "after": _spans(found.new.rules.get(rule))}
@@ -100,7 +100,7 @@ def _output(found: SideBySide, plan: Plan, name: str) -> dict[str, Any]:
 
 
 def _levels(points: list[Point]) -> list[tuple[float, float | None]]:
-    return [(round(at_s, 3), level) for at_s, level, _ in thinned(points)]
+    return [(round(at_s, 3), level) for at_s, level, _ in thin_points(points)]
 
 
 def _words(found: SideBySide, difference: ReplayDiff, recording: Mapping[str, Any]) -> Iterator[str]:

@@ -20,7 +20,7 @@ from stadimeter.workbench.setup.files import configuration_files
 from stadimeter.workbench.setup.question import CONFIGURATION, Known
 from stadimeter.workbench.setup.trying import complete_answers, outlook, recent_observations, simulate_approach
 from stadimeter.workbench.setup.wish_steps import NOTHING, SCREEN, actuator_table
-from stadimeter.workbench.wiring.circuits import CIRCUITS, header_labels, parts_of, pin_name, wired_outputs
+from stadimeter.workbench.wiring.circuits import CIRCUITS, find_outputs, header_labels, parts_of, pin_name
 from stadimeter.workbench.wiring.drawings import circuits_picture, wiring_picture
 
 
@@ -61,7 +61,7 @@ def wiring(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """
     written, proposed = text(args, "text", ""), text(args, "output", "")
     parts = parts_of(editing.loaded(desk, written, {})) if written else _chosen_parts(desk, proposed)
-    outputs = wired_outputs(parts)
+    outputs = find_outputs(parts)
     alone = outputs[-1:] if proposed and not written else ()
     labels = header_labels(outputs)
     pins = [

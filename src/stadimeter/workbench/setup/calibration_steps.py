@@ -37,7 +37,7 @@ from stadimeter.workbench.setup.question import (
     Question,
     SetupStep,
 )
-from stadimeter.workbench.setup.target import chosen_target, look, why_not_measured
+from stadimeter.workbench.setup.target import build_target, look, why_not_measured
 
 GUESS = "60 deg"
 """The width of what a usual webcam sees."""
@@ -115,7 +115,7 @@ class ProofStep(SetupStep):
             _check_apart(known, text)
         second, seen = ([text], ()) if "@" in text else _picture_now(known, text)
         pictures = [known.answers["calibration"], *second]
-        why = contradiction([picture_at(known.folder, each) for each in pictures], chosen_target(known))
+        why = contradiction([picture_at(known.folder, each) for each in pictures], build_target(known))
         if why:
             raise CalibrationError(why)
         return _from_pictures(known, pictures, second[0], (*seen, "The two distances agree."))
@@ -195,7 +195,7 @@ def _far(known: Known) -> str:
 
 
 def _limb_radius_m(known: Known) -> float:
-    (named,) = build_detectors([chosen_target(known)], None)
+    (named,) = build_detectors([build_target(known)], None)
     return named.detector.target_shape.limb_radius_m
 
 
@@ -232,7 +232,7 @@ def _from_file(known: Known, text: str) -> Accepted:
 
 def _from_pictures(known: Known, pictures: list[str], answer: str, seen: tuple[str, ...]) -> Accepted:
     taken = [picture_at(known.folder, each) for each in pictures]
-    model, notes = lens_from(taken, chosen_target(known))
+    model, notes = lens_from(taken, build_target(known))
     model.for_frame(known.frame)  # refuses pictures of another aspect than the camera's
     return _accept_lens(known, model, answer, (*seen, *notes))
 
@@ -266,7 +266,7 @@ def _picture_now(known: Known, text: str) -> tuple[list[str], tuple[str, ...]]:
 def _take_live(known: Known, distance_m: float) -> tuple[Frame, str]:
     if known.camera is None:
         raise ConfigError("there is no camera")
-    with LiveDistance(known.opening(known.camera), chosen_target(known), date=today()) as session:
+    with LiveDistance(known.opening(known.camera), build_target(known), date=today()) as session:
         take = session.take(distance_m)
         frame = session.pictures[take.name]
     known.frames = (frame,)
@@ -275,7 +275,7 @@ def _take_live(known: Known, distance_m: float) -> tuple[Frame, str]:
 
 
 def _take_shown(known: Known) -> tuple[Frame, str]:
-    found, words = look(known, chosen_target(known))
+    found, words = look(known, build_target(known))
     if found.status is not DetectionStatus.FOUND:
         raise ConfigError(words)
     return known.frame, words

@@ -28,7 +28,7 @@ from stadimeter.workbench.frame_source import (
 )
 from stadimeter.workbench.measuring import is_video_file
 from stadimeter.workbench.picture_quality import picture_remarks
-from stadimeter.workbench.run_camera import NONE_FOUND, attached_cameras
+from stadimeter.workbench.run_camera import NONE_FOUND, list_cameras
 from stadimeter.workbench.setup.answers import words_of
 from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Option, Question, SetupStep
 
@@ -66,7 +66,7 @@ class CameraStep(SetupStep):
 
     def question(self, known: Known) -> Question:
         """List the cameras that are there, each with a picture of it."""
-        cameras = attached_cameras()
+        cameras = list_cameras()
         listed = [(each, _try(known, each, number)) for number, each in enumerate(cameras, start=1)]
         pictures = _pictures_in(known.folder)
         options = [Option(each.choice, f"{each.name}: {words}") for each, words in listed]

@@ -26,7 +26,7 @@ from stadimeter.workbench.measuring import open_picture
 from stadimeter.workbench.setup.answers import words_of
 from stadimeter.workbench.setup.camera_step import SHOWN
 from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Question, SetupStep
-from stadimeter.workbench.setup.target import chosen_target, is_doubtful, look
+from stadimeter.workbench.setup.target import build_target, is_doubtful, look
 
 MAX_PICTURES = 6
 """Pictures that are kept with their clicks; the oldest makes room for another."""
@@ -234,7 +234,7 @@ class ColourStep(SetupStep):
         """Take a range, or find one for places and pictures."""
         if ":" in text and "@" not in text:
             self._proposed = None
-            found, words = look(known, chosen_target(known, colour=text))
+            found, words = look(known, build_target(known, colour=text))
             return Accepted(answer=text, notes=(words,), doubt=is_doubtful(found))
         samples = _samples(known, text)
         proposal = ball_colours().propose_colour(samples)

@@ -65,7 +65,7 @@ def _tag_keys(text: str) -> dict[str, Any]:
     return keys
 
 
-def chosen_target(known: Known, **answers: str) -> DriverChoice:
+def build_target(known: Known, **answers: str) -> DriverChoice:
     """Return the target with further answers; a `ConfigError` says what is wrong with them, in people's units too."""
     table = target_table({**known.answers, **answers})
     choice = known.chosen(TARGET, ("targets", table["detector"]), table)
@@ -102,7 +102,7 @@ def look(known: Known, choice: DriverChoice, size: str = "") -> tuple[Detection,
             break
     frame, found = next((each for each in seen if each[1].status is DetectionStatus.FOUND), seen[0])
     known.frames = (frame, *(each for each in known.frames if each is not frame))
-    words = f"{found_in_words(choice.name, found)}"
+    words = f"{describe_detection(choice.name, found)}"
     words += _remedy_in_words(choice, found, frame, known.camera_model, size or known.answers["size"])
     mark = Mark(detection=found, headline=choice.name, lines=(words,))
     write_picture(known.path(FOUND), annotate(frame.image, [mark]))
@@ -114,7 +114,7 @@ def why_not_measured(known: Known, lens: CameraModel) -> str:
 
     Before a live camera it need not be there now: only what is found without the lens contradicts it.
     """
-    choice, why = chosen_target(known), ""
+    choice, why = build_target(known), ""
     (named,) = build_detectors([choice], lens)
     for frame in known.frames:
         found = named.detector.detect(frame, lens=lens.for_frame(frame))
@@ -122,7 +122,7 @@ def why_not_measured(known: Known, lens: CameraModel) -> str:
             return ""
         if not why and not (known.is_live and named.detector.detect(frame).status is not DetectionStatus.FOUND):
             remedy = _remedy_in_words(choice, found, frame, lens, known.answers["size"])
-            why = f"Through this lens nothing is measured. {found_in_words(choice.name, found)}{remedy}"
+            why = f"Through this lens nothing is measured. {describe_detection(choice.name, found)}{remedy}"
     return why
 
 
@@ -136,7 +136,7 @@ def _remedy_in_words(
     return f" It is found with the size {' or '.join(answers)}." if answers else ""
 
 
-def found_in_words(name: str, found: Detection) -> str:
+def describe_detection(name: str, found: Detection) -> str:
     """Say what was found, or why it was not."""
     x_px, y_px = found.centre_px
     number = "" if found.number is None else f" number {found.number}"
@@ -159,7 +159,7 @@ def family_in_view(known: Known) -> str:
     """Return the family and the number of a tag in the pictures, or an empty text."""
     for family in FAMILIES:
         try:
-            choice = chosen_target(known, tag=family)
+            choice = build_target(known, tag=family)
         except StadimeterError:
             continue
         (named,) = build_detectors([choice], None)
@@ -232,7 +232,7 @@ class SizeStep(SetupStep):
 
     def accept(self, known: Known, text: str) -> Accepted:
         """Check the size, and look for what needs no more to be found."""
-        choice = chosen_target(known, size=text)
+        choice = build_target(known, size=text)
         named = (_in_figures(choice.options),) if text[:1].isalpha() else ()
         if known.answers["target"] not in {"sheet", "disc"}:
             return Accepted(answer=text, notes=named)
@@ -262,7 +262,7 @@ class TagStep(SetupStep):
 
     def accept(self, known: Known, text: str) -> Accepted:
         """Check the family, and look for the tag."""
-        found, words = look(known, chosen_target(known, tag=text))
+        found, words = look(known, build_target(known, tag=text))
         return Accepted(answer=text, notes=(words,), doubt=is_doubtful(found))
 
 

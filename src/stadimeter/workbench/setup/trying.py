@@ -27,8 +27,8 @@ from stadimeter.workbench.picture_quality import picture_remarks
 from stadimeter.workbench.rule_tests.running import WAIT_S, observations
 from stadimeter.workbench.rule_tests.synthetic_track import sensor_models
 from stadimeter.workbench.setup.question import Known
-from stadimeter.workbench.setup.target import chosen_target, found_in_words
-from stadimeter.workbench.setup.wish_steps import SCREEN, chosen_wishes, seen_up_to_m
+from stadimeter.workbench.setup.target import build_target, describe_detection
+from stadimeter.workbench.setup.wish_steps import SCREEN, chosen_wishes, reliable_range_m
 from stadimeter.workbench.setup.wishes import figure_si, ready_answers
 
 LAST_S = 60.0
@@ -58,7 +58,7 @@ def complete_answers(known: Known, changed: Mapping[str, str]) -> dict[str, str]
         raise ConfigError("first choose what shall happen")
     answers = {**known.answers, **changed}
     for wish in chosen_wishes(answers):
-        for key, ready in ready_answers(wish, seen_up_to_m(known)).items():
+        for key, ready in ready_answers(wish, reliable_range_m(known)).items():
             answers.setdefault(f"{wish.key}_{key}", ready)
         match wish.output:
             case "base":
@@ -145,7 +145,7 @@ def outlook(known: Known) -> dict[str, Any]:
     """
     if known.camera_model is None:
         raise ConfigError("the camera is not calibrated yet")
-    (named,) = build_detectors([chosen_target(known)], None)
+    (named,) = build_detectors([build_target(known)], None)
     shape, lens = named.detector.target_shape, known.camera_model.for_frame(known.frame)
     nearest_m = farthest_m(shape, lens, WHOLE_SHARE * min(lens.width_px, lens.height_px))
     reaches_m = farthest_m(shape, lens)
@@ -191,7 +191,7 @@ def target_so_far(known: Known, colour: str = "") -> DriverChoice | None:
     if answers["target"] == "ball" and not (colour or "colour" in answers):
         return None
     try:
-        return chosen_target(known, **({"colour": colour} if colour else {}))
+        return build_target(known, **({"colour": colour} if colour else {}))
     except StadimeterError:
         return None
 
@@ -214,7 +214,7 @@ def values_of(frame: Frame, seen: Detection | None, measured: Measurement | None
         "height_px": frame.height_px,
         "exposure_s": frame.exposure_s,
         "remarks": remarks,
-        "words": found_in_words(seen.target, seen) if seen else "",
+        "words": describe_detection(seen.target, seen) if seen else "",
         "status": seen.status.value if seen else None,
         "found": is_found,
         "distance_m": measured.distance_m if measured else None,

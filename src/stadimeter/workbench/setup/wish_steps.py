@@ -15,7 +15,7 @@ from stadimeter.errors import ConfigError
 from stadimeter.ranging.feasibility import farthest_m
 from stadimeter.workbench.setup.answers import words_of
 from stadimeter.workbench.setup.question import Accepted, Known, Option, Question, SetupStep
-from stadimeter.workbench.setup.target import chosen_target
+from stadimeter.workbench.setup.target import build_target
 from stadimeter.workbench.setup.wishes import WISHES, Blank, Wish, figure_si, ready_answers
 
 SCREEN = "screen"
@@ -73,11 +73,11 @@ def wish_steps(answers: Mapping[str, str]) -> Iterator[SetupStep]:
             yield WheelsStep()
 
 
-def seen_up_to_m(known: Known) -> float:
+def reliable_range_m(known: Known) -> float:
     """Return how far away the camera finds the target reliably."""
     if known.camera_model is None:
         return math.inf
-    (named,) = build_detectors([chosen_target(known)], None)
+    (named,) = build_detectors([build_target(known)], None)
     return farthest_m(named.detector.target_shape, known.camera_model.for_frame(known.frame))
 
 
@@ -94,7 +94,7 @@ class BlankStep(SetupStep):
 
     def question(self, known: Known) -> Question:
         """Ask for it, with an answer ready that this camera can serve."""
-        seen_m, name = seen_up_to_m(known), f"the {known.answers['target']}"
+        seen_m, name = reliable_range_m(known), f"the {known.answers['target']}"
         ready = ready_answers(self.wish, seen_m)
         return Question(
             key=self.key,
@@ -115,7 +115,7 @@ class BlankStep(SetupStep):
             self._compare(known, text, value)
         except ValueError as error:
             raise ConfigError(str(error)) from error
-        seen_m = seen_up_to_m(known)
+        seen_m = reliable_range_m(known)
         if not self.blank.is_length or value <= seen_m:
             return Accepted(answer=text)
         far = f"That is farther than the {known.answers['target']} is found reliably, {seen_m:.2g} m."
@@ -202,9 +202,9 @@ class SecondTargetStep(SetupStep):
             family, _, first = known.answers["tag"].partition(" ")
             if not first or first.strip() == text.strip():
                 raise ConfigError("two tags need two numbers; go back and give the first tag's too, such as 36h11 3")
-            chosen_target(known, tag=f"{family} {text}")
+            build_target(known, tag=f"{family} {text}")
         else:
-            chosen_target(known, colour=text)
+            build_target(known, colour=text)
         return Accepted(answer=text)
 
 

@@ -98,7 +98,7 @@ class Tuned:
         )
 
 
-def beginnings(tuned: Tuned) -> list[Settings]:
+def candidate_beginnings(tuned: Tuned) -> list[Settings]:
     """Return the settings to try for when the alarm begins, its own first; a safety alarm does not wait."""
     delays = ON_DELAYS[:1] if tuned.rule.severity is Severity.SAFETY else ON_DELAYS
     tried = [
@@ -108,7 +108,7 @@ def beginnings(tuned: Tuned) -> list[Settings]:
     return _with_first(tuned.settings, tried)
 
 
-def endings(begin: Settings) -> list[Settings]:
+def candidate_endings(begin: Settings) -> list[Settings]:
     """Return the settings to try for when the alarm ends, its own first, with the chosen beginning."""
     tried = [
         replace(begin, deadband_sigmas=band, off_delay_s=off_s)

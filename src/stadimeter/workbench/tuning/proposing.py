@@ -26,8 +26,8 @@ from stadimeter.workbench.tuning.candidates import (
     Settings,
     Tuned,
     at_most,
-    beginnings,
-    endings,
+    candidate_beginnings,
+    candidate_endings,
     rate_at,
     slope_of,
 )
@@ -216,7 +216,7 @@ class _Search:
         self._trials = Trials(plan, noise, random)
 
     def beginnings(self, points: OperatingPoints, recorded: Callable[[Tried], Mapping[str, int]]) -> list[Beginning]:
-        tried = _with_names(beginnings(self._tuned))
+        tried = _with_names(candidate_beginnings(self._tuned))
         counts, late, raises = self._counts(tried, CLEARANCES), self._late(tried), recorded(tried)
         slope, far = slope_of(counts.values()), self._far(tried, float(np.median(points.clearances)))
         return [
@@ -240,7 +240,7 @@ class _Search:
         return counts
 
     def endings(self, begin: Settings) -> list[Ending]:
-        tried = _with_names(endings(begin))
+        tried = _with_names(candidate_endings(begin))
         hovering, duration_s = self._trials.standing(self._rules(tried), self._tuned.threshold_m, HOVER_FRAMES)
         ends = self._crossings(tried, -self._speed_mps, CROSSINGS // 2, ENDS_WITHIN_S)
         return [

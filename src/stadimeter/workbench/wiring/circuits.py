@@ -237,7 +237,7 @@ CIRCUITS = {
 """By the name that a driver's plugin gives; the last is for drivers that give none."""
 
 
-def wired_outputs(parts: Iterable[DriverChoice]) -> tuple[Output, ...]:
+def find_outputs(parts: Iterable[DriverChoice]) -> tuple[Output, ...]:
     """Return every part on a pin, in the order given. Wires get pins of their own as long as there are any."""
     used: set[int] = set()
     return tuple(_output(choice, name, gpio, used) for choice in parts for name, gpio in _pins(choice))

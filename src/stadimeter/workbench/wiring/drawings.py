@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from stadimeter.config.gpio_header import GROUND, HEADER, POWER_3V3, POWER_5V
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.core.drawing import BLACK, WHITE, Circle, Drawing, Line, Rectangle, Shape, Text
-from stadimeter.workbench.wiring.circuits import CIRCUITS, Output, header_labels, pin_name, wired_outputs
+from stadimeter.workbench.wiring.circuits import CIRCUITS, Output, find_outputs, header_labels, pin_name
 
 ORIENTATION = "The header as you see it with the USB sockets at the bottom: pin 2 is in the corner of the board."
 _BOX = str.maketrans("─│┌┐└┘├┤┬┴┼●○", "-|+++++++++*o")
@@ -23,7 +23,7 @@ def wiring_text(parts: Sequence[DriverChoice], *, width: int = 80, ascii_only: b
         width: Columns of the terminal. Circuits that do not fit are lists of connections instead.
         ascii_only: Whether the terminal knows only ASCII.
     """
-    outputs = wired_outputs(parts)
+    outputs = find_outputs(parts)
     if not outputs:
         return "no part is on a pin of the header"
     text = "\n".join([*_wrap(ORIENTATION, width), "", *_header(outputs, width), *_circuits(outputs, width)])
@@ -111,7 +111,7 @@ _RUN = re.compile(r"\[[^]]*\]|[^\s─│┌┐└┘├┤┬┴┼\[]+(?: [^\s�
 
 def wiring_picture(parts: Sequence[DriverChoice]) -> Drawing:
     """Return a drawing of the header and of the circuit of every part on a pin."""
-    outputs = wired_outputs(parts)
+    outputs = find_outputs(parts)
     shapes: list[Shape] = [*_draw_header(outputs)]
     top_m = HEADER_TOP_M + 20 * PITCH_M + ROW_M
     for output in outputs:
@@ -122,7 +122,7 @@ def wiring_picture(parts: Sequence[DriverChoice]) -> Drawing:
 
 def circuit_picture(part: DriverChoice) -> Drawing:
     """Return a drawing of a part's circuits by themselves, for parts lists."""
-    return circuits_picture(wired_outputs([part]))
+    return circuits_picture(find_outputs([part]))
 
 
 def circuits_picture(outputs: Sequence[Output]) -> Drawing:
