@@ -61,6 +61,11 @@ class _Flat:
         """None: the outline is the rim."""
         return 0.0
 
+    @property
+    def has_corners(self) -> bool:
+        """Yes, four, unless the shape is round."""
+        return True
+
     def size_sigma_px(self, size_px: float) -> float:  # noqa: ARG002 - the same for all sizes
         """Return the standard deviation of the apparent size in a good picture."""
         return _SIGMA_FLOOR_PX
@@ -141,11 +146,6 @@ class SheetShape(_Flat):
     def shortest_m(self) -> float:
         """The shorter side."""
         return min(self.width_m, self.height_m)
-
-    @property
-    def has_corners(self) -> bool:
-        """Yes, four."""
-        return True
 
     def locate(self, detection: Detection, camera: CameraModel) -> Reading:
         """Return where the centre is. Four corners tell how a sheet is turned, so its distance is right at any tilt.
@@ -273,11 +273,6 @@ class TagShape(_Flat):
     def shortest_m(self) -> float:
         """The side."""
         return self.side_m
-
-    @property
-    def has_corners(self) -> bool:
-        """Yes, four."""
-        return True
 
     def size_sigma_px(self, size_px: float) -> float:
         """Return the standard deviation of the apparent side in a good picture."""

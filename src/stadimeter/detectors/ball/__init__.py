@@ -26,6 +26,8 @@ from stadimeter.core.detection import Detection, DetectionStatus, Points, Predic
 from stadimeter.core.frame import Frame, Image, Subsampling
 from stadimeter.detectors.ball.blobs import Blob, find_blobs, join_patches, search_step, thin_out
 from stadimeter.detectors.ball.circles import ImageCircle, find_edge_circle
+from stadimeter.detectors.ball.colour_proposal import propose, view
+from stadimeter.detectors.ball.colour_ranges import loosen
 from stadimeter.detectors.ball.gates import (
     MIN_FILL,
     BallGates,
@@ -110,22 +112,16 @@ class BallOptions(DriverOptions):
     @staticmethod
     def propose_colour(samples: Sequence[ColourSample]) -> ColourProposal | None:
         """Return a range for all the pictures; None if nothing stands out."""
-        from stadimeter.detectors.ball.colour_proposal import propose  # noqa: PLC0415 - not for a run
-
         return propose(samples, _detect_colour)
 
     @staticmethod
     def view_colour(frame: Frame, colour: str) -> ColourView:
         """Return what a range shows in a frame; raises ValueError if it is none."""
-        from stadimeter.detectors.ball.colour_proposal import view  # noqa: PLC0415 - not for a run
-
         return view(frame, parse_hsv_range(colour), _detect_colour)
 
     @staticmethod
     def widen_colour(colour: str, steps: int) -> str:
         """Return a range that covers more by a number of steps."""
-        from stadimeter.detectors.ball.colour_ranges import loosen  # noqa: PLC0415 - not for a run
-
         return str(loosen(parse_hsv_range(colour), steps))
 
 
