@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from stadimeter.web import passwords
-from stadimeter.web.page import Options, Page
+from stadimeter.web.page import Page, PageOptions
 from stadimeter.web.passwords import PasswordFile
 from stadimeter.web.serving import listen, server_of
 
@@ -90,7 +90,7 @@ def served_page(
     file = folder / "page.passwords"
     for right, word in zip(("operate", "read"), words, strict=False):
         PasswordFile(file).set(right, word)
-    options = Options(
+    options = PageOptions(
         configuration=folder / "page.toml",
         passwords=file,
         socket=socket or folder / "no-run.sock",

@@ -6,7 +6,7 @@ import json
 import pytest
 
 from stadimeter.errors import PageError
-from stadimeter.web.exchange import Answer
+from stadimeter.web.exchange import PageAnswer
 from stadimeter.web.live import SAMPLES_KEPT_S, Feed
 
 
@@ -39,7 +39,7 @@ def snapshot(number, events=(), samples=(), started=1.0):
         "events": [{"number": each} for each in events],
         "samples": {"ball": [[at_s, 1.0, 0.1] for at_s in samples]},
     }
-    return Answer(data, b"jpeg %d" % number)
+    return PageAnswer(data, b"jpeg %d" % number)
 
 
 async def settle():

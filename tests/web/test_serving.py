@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.app.restarts import OF_RUN
+from stadimeter.app.restarts import ENV_PARENT_RUN_PID
 from stadimeter.config.extras import install_line
 from stadimeter.errors import PageError
 from stadimeter.testing.eventually import eventually
@@ -289,7 +289,7 @@ def test_a_service_starts_the_run_itself(tmp_path):
     [
         ({}, True),
         ({"INVOCATION_ID": "7", "SYSTEMD_EXEC_PID": str(os.getpid())}, False),
-        ({"INVOCATION_ID": "7", "SYSTEMD_EXEC_PID": "1", OF_RUN: "1"}, False),
+        ({"INVOCATION_ID": "7", "SYSTEMD_EXEC_PID": "1", ENV_PARENT_RUN_PID: "1"}, False),
         ({"INVOCATION_ID": "7", "SYSTEMD_EXEC_PID": "1"}, True),
     ],
     ids=["a shell", "a service", "the page of a service", "a terminal that is a service"],

@@ -16,7 +16,7 @@ import pytest
 
 from stadimeter.app.control.framing import attached_bytes
 from stadimeter.errors import DriverError
-from stadimeter.workbench.server.operations import Desk, Reply
+from stadimeter.workbench.server.operations import Desk, DeskReply
 from stadimeter.workbench.server.process import REQUEST_MAX_BYTES, serve
 
 pytestmark = pytest.mark.vision
@@ -89,11 +89,11 @@ def _exchanged(desk: Desk, *lines: bytes) -> list[dict[str, Any]]:
 def test_a_defect_in_an_operation_is_told_and_ends_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    def divide(_desk: Desk, _args: object) -> Reply:
-        return Reply(data=1 / 0)
+    def divide(_desk: Desk, _args: object) -> DeskReply:
+        return DeskReply(data=1 / 0)
 
-    def fine(_desk: Desk, _args: object) -> Reply:
-        return Reply(data="fine")
+    def fine(_desk: Desk, _args: object) -> DeskReply:
+        return DeskReply(data="fine")
 
     monkeypatch.setattr(
         "stadimeter.workbench.server.process.find_operation", {"divide": divide, "fine": fine}.__getitem__

@@ -22,7 +22,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.errors import CalibrationError, ConfigError, ControlError, DeviceOpenError, StadimeterError
 from stadimeter.web.routes import PAGE_OPERATIONS
-from stadimeter.workbench.server.operations import Desk, Reply, find_operation
+from stadimeter.workbench.server.operations import Desk, DeskReply, find_operation
 from stadimeter.workbench.server.process import told
 from stadimeter.workbench.server.setup_operations import setup_of
 from stadimeter.workbench.setup.camera_step import with_exposure, with_resolution
@@ -58,7 +58,7 @@ class Setup:
         """Return the data of an operation."""
         return self.reply(name, **args).data
 
-    def reply(self, name: str, **args: object) -> Reply:
+    def reply(self, name: str, **args: object) -> DeskReply:
         """Return the whole reply."""
         return find_operation(OPERATION_OF[name])(self.desk, args)
 

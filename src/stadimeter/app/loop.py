@@ -30,7 +30,7 @@ from stadimeter.messaging.protocol import Retaining
 if TYPE_CHECKING:  # few runs have these, and what they need takes long to load
     from stadimeter.app.control.alarm_list import AlarmList
     from stadimeter.app.control.recording import RecordingOnRequest
-    from stadimeter.app.control.reloading import Change
+    from stadimeter.app.control.reloading import CheckedConfiguration
     from stadimeter.app.control.requests import Control
     from stadimeter.app.control.restarting import Restarter
     from stadimeter.app.persistence.state_writer import StateWriter
@@ -285,7 +285,7 @@ class Loop:
             parts.status_led.show(record)
         return after, record, frame
 
-    def _reload(self, state: State, change: Change) -> State:
+    def _reload(self, state: State, change: CheckedConfiguration) -> State:
         """Apply another configuration to every part; return the state with which the run goes on."""
         from stadimeter.core.reload import reload  # noqa: PLC0415 - few runs are reloaded
 

@@ -18,13 +18,13 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stadimeter.app.restarts import HANDED_ON, OF_RUN, RESTARTED
+from stadimeter.app.restarts import ENV_PAGE_LEFT, ENV_PARENT_RUN_PID, ENV_RESTARTED
 
 if TYPE_CHECKING:
     from stadimeter.config.models import WebTable
 
 FIRST_WAIT_S = 1.0
-LONGEST_WAIT_S = 60.0
+MAX_WAIT_S = 60.0
 """Before a page that ended is started again: the first wait, doubled each time, up to the longest."""
 
 PROVEN_S = 60.0
@@ -41,7 +41,7 @@ READY = "The page: "
 
 UNBUFFERED = {"PYTHONUNBUFFERED": "1"}
 
-_OF_RUN = ("NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID", RESTARTED, HANDED_ON)
+_ENV_OF_THIS_PROCESS = ("NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID", ENV_RESTARTED, ENV_PAGE_LEFT)
 """These variables of the environment are about this process, and not the page's."""
 
 
@@ -74,7 +74,7 @@ class PageProcess:
         self._lock = threading.Lock()
         self._pid = 0  # of the page; 0 for none
         self._words = -1  # what the page says, as a file descriptor
-        self._left = os.environ.pop(HANDED_ON, "").split()
+        self._left = os.environ.pop(ENV_PAGE_LEFT, "").split()
         self._thread = threading.Thread(target=self._keep, name="page", daemon=True)
 
     def start(self) -> None:
@@ -101,7 +101,7 @@ class PageProcess:
         self._is_over.set()
         with self._lock:
             if self._pid:
-                os.environ[HANDED_ON] = f"{self._words} {self._pid} {_digest(self._command)}"
+                os.environ[ENV_PAGE_LEFT] = f"{self._words} {self._pid} {_digest(self._command)}"
 
     def _keep(self) -> None:
         wait_s = FIRST_WAIT_S
@@ -115,7 +115,7 @@ class PageProcess:
                 wait_s = FIRST_WAIT_S
             self._say(f"warning: the page has ended and is started again: {said or 'it did not say why'}")
             self._is_over.wait(wait_s)
-            wait_s = min(2 * wait_s, LONGEST_WAIT_S)
+            wait_s = min(2 * wait_s, MAX_WAIT_S)
 
     def _take_over(self) -> None:
         """Go on with the page of the program that this one has replaced, if it is the same; else end that one."""
@@ -165,8 +165,8 @@ class PageProcess:
 
 def _begun(command: list[str]) -> tuple[int, int]:
     """Start a page; return what it says, as a file descriptor, and its process id."""
-    environment = {name: value for name, value in os.environ.items() if name not in _OF_RUN}
-    environment |= {**UNBUFFERED, OF_RUN: str(os.getpid())}
+    environment = {name: value for name, value in os.environ.items() if name not in _ENV_OF_THIS_PROCESS}
+    environment |= {**UNBUFFERED, ENV_PARENT_RUN_PID: str(os.getpid())}
     words, end = os.pipe()
     actions = [
         (os.POSIX_SPAWN_OPEN, 0, os.devnull, os.O_RDONLY, 0),

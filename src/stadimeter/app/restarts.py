@@ -7,16 +7,16 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
-RESTARTED = "STADIMETER_RESTARTED"
+ENV_RESTARTED = "STADIMETER_RESTARTED"
 """This variable of the environment tells a program that it began anew."""
 
-HANDED_ON = "STADIMETER_PAGE"
+ENV_PAGE_LEFT = "STADIMETER_PAGE"
 """This one says which page the program before has left: what it says (a file descriptor), its process id, and more."""
 
-HAS_PAGE = "STADIMETER_HAS_PAGE"
+ENV_PARENT_PAGE_PID = "STADIMETER_HAS_PAGE"
 """A run that was started by a page finds here the process id of that page. It ends with it, and starts none."""
 
-OF_RUN = "STADIMETER_OF_RUN"
+ENV_PARENT_RUN_PID = "STADIMETER_OF_RUN"
 """A page that was started by a run finds here the process id of that run, with which it ends. A restart keeps it."""
 
 RESTARTING = "restart, as asked"
@@ -30,14 +30,14 @@ def begin_anew() -> None:
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):
             stream.flush()
-    kept = {"0", "1", "2", *os.environ.get(HANDED_ON, "").split()[:1]}
+    kept = {"0", "1", "2", *os.environ.get(ENV_PAGE_LEFT, "").split()[:1]}
     for descriptor in Path("/proc/self/fd").iterdir():
         with suppress(OSError):
             os.set_inheritable(int(descriptor.name), descriptor.name in kept)
-    os.environ[RESTARTED] = "1"
+    os.environ[ENV_RESTARTED] = "1"
     os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])  # noqa: S606 - our own command line
 
 
 def was_restarted() -> bool:
     """Return whether this program began anew."""
-    return RESTARTED in os.environ
+    return ENV_RESTARTED in os.environ

@@ -15,7 +15,7 @@ import typer
 from stadimeter.app.bootstrap import build
 from stadimeter.app.ending import end_with, stopping_on_signals
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.app.restarts import HAS_PAGE, begin_anew
+from stadimeter.app.restarts import ENV_PARENT_PAGE_PID, begin_anew
 from stadimeter.cli.exits import DONE, ConfigArgument, configuration_path, plain_errors
 from stadimeter.cli.keyboard import RunKeys
 from stadimeter.cli.run_options import (
@@ -132,7 +132,7 @@ def run_loop(
             showing.keys.keyboard.restore()
 
     with stopping_on_signals(stop, loop.services.reload, loop.give_up, loop.make_safe), _telling_of_threads(loop):
-        end_with(os.environ.get(HAS_PAGE, ""))
+        end_with(os.environ.get(ENV_PARENT_PAGE_PID, ""))
         try:
             with plain_errors():
                 _run_to_the_end(loop, limits, recording, services, showing)

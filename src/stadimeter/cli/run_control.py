@@ -18,7 +18,7 @@ from stadimeter.app.persistence.alarm_store import AlarmStore
 from stadimeter.app.persistence.resumption import clock_name, moment
 from stadimeter.app.persistence.state_file import state_file
 from stadimeter.app.persistence.state_writer import StateWriter
-from stadimeter.app.restarts import HAS_PAGE
+from stadimeter.app.restarts import ENV_PARENT_PAGE_PID
 from stadimeter.config.extras import missing
 from stadimeter.errors import ControlError
 
@@ -55,7 +55,7 @@ def open_control_socket(loop: Loop, socket: Path | None, web: WebTable | None, c
         loop.services.tell(f"warning: {error}; this run takes no operator commands")
     else:
         closing.enter_context(attend_to_requests(loop, listener))
-        if (web := web or configuration.web) is not None and HAS_PAGE not in os.environ:
+        if (web := web or configuration.web) is not None and ENV_PARENT_PAGE_PID not in os.environ:
             closing.enter_context(_page(loop, path, web))
 
 

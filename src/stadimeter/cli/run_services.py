@@ -14,7 +14,7 @@ import typer
 import stadimeter
 from stadimeter.app.event_log import EventLog, event_log_path
 from stadimeter.app.page_process import PageProcess
-from stadimeter.app.restarts import HANDED_ON
+from stadimeter.app.restarts import ENV_PAGE_LEFT
 from stadimeter.app.safe_outputs import safe_outputs_path, write_safe_outputs
 from stadimeter.app.service import Service, service
 from stadimeter.app.service_folders import runtime_directory, state_directory
@@ -59,7 +59,7 @@ def open_services(loop: Loop, options: ServiceOptions) -> Iterator[None]:
                 run_control.open_alarm_store(loop, options.state, is_right)
             if listens:
                 run_control.open_control_socket(loop, options.socket, options.web, closing)
-        if HANDED_ON in os.environ:
+        if ENV_PAGE_LEFT in os.environ:
             _end_previous_page(services.tell)
         yield
 

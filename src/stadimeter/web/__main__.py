@@ -11,7 +11,7 @@ from pathlib import Path
 
 from stadimeter.errors import PageError
 from stadimeter.web.access import shown_address
-from stadimeter.web.page import Options
+from stadimeter.web.page import PageOptions
 from stadimeter.web.serving import check_certificate, listen, serve
 
 
@@ -20,7 +20,7 @@ def main() -> None:
     given = json.loads(sys.argv[1])
     paths = {name: Path(path) if path else None for name, path in given["paths"].items()}
     certificate, key = paths.pop("certificate"), paths.pop("key")
-    options = Options(**paths, allowed_hosts=tuple(given["allowed_hosts"]))  # type: ignore[arg-type]
+    options = PageOptions(**paths, allowed_hosts=tuple(given["allowed_hosts"]))  # type: ignore[arg-type]
     try:
         check_certificate(certificate, key)
         listener = listen(given["address"], given["port"], options.passwords)

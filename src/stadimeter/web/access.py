@@ -171,7 +171,7 @@ class Access:
         return session if self._unix_s() < session.until_s and not self.ended.has(session) else None
 
 
-class Guard:
+class AccessGuard:
     """Stands before the application: sets headers, and lets nobody past the login who may not."""
 
     def __init__(self, app: ASGIApp, access: Access, ask_to_log_in: Callable[[PageError], Response]) -> None:

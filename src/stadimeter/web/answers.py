@@ -14,7 +14,7 @@ from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
 from stadimeter.errors import PageError
-from stadimeter.web.exchange import Answer
+from stadimeter.web.exchange import PageAnswer
 
 BODY_MAX_S = 30.0
 """A body that takes longer to come is not waited for."""
@@ -28,7 +28,7 @@ def as_json(data: Any, status: int = 200) -> Response:
     return Response(json.dumps(data, separators=(",", ":")), status, media_type="application/json")
 
 
-def as_picture(answer: Answer, media: str) -> Response:
+def as_picture(answer: PageAnswer, media: str) -> Response:
     """Return what is attached to an answer, and its data in a header."""
     values = quote(json.dumps(answer.data, separators=(",", ":")), safe="")
     return Response(answer.attached, media_type=media, headers={VALUES: values})
@@ -69,7 +69,7 @@ class Streamed(Response):
         self._parts = parts
 
     async def __call__(self, _scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request."""
+        """PageAnswer a request."""
         await send({"type": "http.response.start", "status": 200, "headers": self.raw_headers})
         tasks = {asyncio.create_task(self._send(send)), asyncio.create_task(_gone(receive))}
         try:

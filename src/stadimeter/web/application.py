@@ -15,7 +15,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp
 
 from stadimeter.errors import PageError
-from stadimeter.web.access import Guard
+from stadimeter.web.access import AccessGuard
 from stadimeter.web.answers import as_error, as_json, as_picture, bounded_body
 from stadimeter.web.page import Page, login_form
 from stadimeter.web.routes import PAGE_OPERATIONS, PageOperation
@@ -28,7 +28,7 @@ def application(page: Page) -> ASGIApp:
     """Return the application: every path of the table, and 404 for all else."""
     routes = [_route(page, operation) for operation in PAGE_OPERATIONS]
     handlers: Mapping[Any, Any] = {PageError: _refused, HTTPException: _no_such, Exception: _defect}
-    return Guard(Starlette(routes=routes, exception_handlers=handlers), page.access, login_form)
+    return AccessGuard(Starlette(routes=routes, exception_handlers=handlers), page.access, login_form)
 
 
 def _route(page: Page, operation: PageOperation) -> Route:

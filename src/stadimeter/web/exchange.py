@@ -21,7 +21,7 @@ _OF_THE_FRAMING = frozenset({"transaction", "status", "error", "code", "bytes", 
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class PageAnswer:
     """What a run or the workbench answered, and the bytes that belong to it, such as a picture."""
 
     data: Any
@@ -38,7 +38,7 @@ async def put(writer: StreamWriter, op: str, args: Mapping[str, Any]) -> None:
     await writer.drain()
 
 
-async def take(reader: StreamReader) -> Answer:
+async def take(reader: StreamReader) -> PageAnswer:
     """Read an answer.
 
     Raises:
@@ -56,7 +56,7 @@ async def take(reader: StreamReader) -> Answer:
     attached = await reader.readexactly(attached_bytes(found))
     if found.get("status") == "error":
         raise refusal(found)
-    return Answer(found.get("data"), attached)
+    return PageAnswer(found.get("data"), attached)
 
 
 def refusal(answer: Mapping[str, Any]) -> PageError:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from stadimeter.errors import PageError
-from stadimeter.web.exchange import Answer
+from stadimeter.web.exchange import PageAnswer
 from stadimeter.web.run_link import RunLink
 
 KINDS = ("none", "plain", "drawn")
@@ -31,7 +31,7 @@ SAMPLES_KEPT_S = 300.0
 
 
 @dataclass(frozen=True, slots=True)
-class Message:
+class LiveMessage:
     """A snapshot as JSON, and its picture as JPEG."""
 
     snapshot: bytes
@@ -93,7 +93,7 @@ class Feed:
         self._history = History()
         self._number = 0
         self._snapshot: Mapping[str, Any] | None = None
-        self._newest = Message(b"")
+        self._newest = LiveMessage(b"")
         self._in_words: dict[int, bytes] = {}
         self._arrived = asyncio.Event()
         self._arrived_s = 0.0
@@ -101,7 +101,7 @@ class Feed:
         self._task: asyncio.Task[None] | None = None
         self._is_closed = False
 
-    async def watch(self) -> AsyncGenerator[Message, None]:
+    async def watch(self) -> AsyncGenerator[LiveMessage, None]:
         """Yield a message whenever there is a newer one. Ends when the page does."""
         self._watchers += 1
         if self._task is None:
@@ -147,7 +147,7 @@ class Feed:
                 self._publish({"gone": words, "code": "odd-run"}, b"")
             await asyncio.sleep(RETRY_S)
 
-    def _take(self, answer: Answer, *, is_first: bool) -> None:
+    def _take(self, answer: PageAnswer, *, is_first: bool) -> None:
         if not isinstance(answer.data, dict):
             raise TypeError("a snapshot is an object")
         self._history.add(self._number + 1, answer.data)
@@ -159,12 +159,12 @@ class Feed:
         self._number += 1
         self._arrived_s = time.monotonic()
         self._snapshot = snapshot
-        self._newest = Message(_json(snapshot), picture)
+        self._newest = LiveMessage(_json(snapshot), picture)
         self._in_words = {self._number - 1: self._newest.snapshot}
         arrived, self._arrived = self._arrived, asyncio.Event()
         arrived.set()
 
-    def _message(self, seen: int) -> Message:
+    def _message(self, seen: int) -> LiveMessage:
         """Return the newest message for one who has seen that of a number, and none of those between.
 
         Whoever comes while the run hangs is given the last one there was: it says for how long it has been here.
@@ -176,7 +176,7 @@ class Feed:
         words = self._in_words[seen]
         if "gone" not in snapshot:
             words = b'{"waited_s":%.3f,' % (time.monotonic() - self._arrived_s) + words[1:]
-        return Message(words, self._newest.picture)
+        return LiveMessage(words, self._newest.picture)
 
 
 class Feeds:

@@ -21,8 +21,8 @@ import stadimeter
 from stadimeter.errors import PageError
 from stadimeter.web.access import Access
 from stadimeter.web.answers import Streamed, as_json, as_picture, bounded_body
-from stadimeter.web.exchange import Answer
-from stadimeter.web.live import Feeds, Message
+from stadimeter.web.exchange import PageAnswer
+from stadimeter.web.live import Feeds, LiveMessage
 from stadimeter.web.openapi import openapi_document
 from stadimeter.web.passwords import PasswordFile
 from stadimeter.web.routes import Right
@@ -44,7 +44,7 @@ mimetypes.add_type("text/javascript", ".js")  # a system's own table may say oth
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Options:
+class PageOptions:
     """How the page is served.
 
     Attributes:
@@ -67,7 +67,7 @@ class Page:
         listens: The address and the port that it is served at.
     """
 
-    def __init__(self, options: Options, listens: tuple[str, int]) -> None:
+    def __init__(self, options: PageOptions, listens: tuple[str, int]) -> None:
         self.configuration = options.configuration.resolve()
         self.access = Access(PasswordFile(options.passwords), listens, options.allowed_hosts)
         self.run = RunLink(self.configuration, options.socket)
@@ -75,7 +75,7 @@ class Page:
         self.run_process = RunProcess(self.run)
         self.feeds = Feeds(self.run, self.run_process.explained)
         self._static = StaticFiles(directory=HERE / "static", check_dir=False)
-        self._shots: dict[str, tuple[float, Answer]] = {}
+        self._shots: dict[str, tuple[float, PageAnswer]] = {}
         self._shooting = asyncio.Lock()
         self._limits: set[asyncio.Timeout] = set()
         self._is_ending = False
@@ -188,11 +188,11 @@ class Page:
             raise PageError(404, "not-found", f"there is no recording {name!r}")
         return FileResponse(path, media_type="application/octet-stream", filename=name)
 
-    def _watched(self, image: str, request: Request) -> AsyncGenerator[Message, None]:
+    def _watched(self, image: str, request: Request) -> AsyncGenerator[LiveMessage, None]:
         """Return the messages of a feed, for as long as whoever asks may read: a new password ends that."""
         feed = self.feeds[image]
 
-        async def watched() -> AsyncGenerator[Message, None]:
+        async def watched() -> AsyncGenerator[LiveMessage, None]:
             async with aclosing(feed.watch()) as messages:
                 async for message in messages:
                     if not self.access.may_read(request.scope):
@@ -232,13 +232,13 @@ def _image(request: Request) -> str:
     return "drawn" if request.query_params.get("drawn", "0") in {"1", "true"} else "plain"
 
 
-async def _framed(messages: AsyncGenerator[Message, None]) -> AsyncGenerator[bytes, None]:
+async def _framed(messages: AsyncGenerator[LiveMessage, None]) -> AsyncGenerator[bytes, None]:
     async with aclosing(messages):
         async for message in messages:
             yield message.framed()
 
 
-async def _parts(messages: AsyncGenerator[Message, None]) -> AsyncGenerator[bytes, None]:
+async def _parts(messages: AsyncGenerator[LiveMessage, None]) -> AsyncGenerator[bytes, None]:
     async with aclosing(messages):
         async for message in messages:
             if message.picture:

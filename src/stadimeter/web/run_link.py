@@ -12,7 +12,7 @@ from typing import Any
 from stadimeter.app.control.client import ANSWER_WAIT_S, HELLO_WAIT_S, find
 from stadimeter.app.control.places import check_peer
 from stadimeter.errors import ControlError, PageError
-from stadimeter.web.exchange import LINE_MAX_BYTES, UNREADABLE, Answer, put, take
+from stadimeter.web.exchange import LINE_MAX_BYTES, UNREADABLE, PageAnswer, put, take
 
 SILENCE_MAX_S = 10.0
 """A run that is subscribed to and sends nothing for this long is taken for hung."""
@@ -33,7 +33,7 @@ class RunLink:
         self._given = socket
         self._found: Path | None = None
 
-    async def ask(self, op: str, args: Mapping[str, Any] | None = None, wait_s: float = ANSWER_WAIT_S) -> Answer:
+    async def ask(self, op: str, args: Mapping[str, Any] | None = None, wait_s: float = ANSWER_WAIT_S) -> PageAnswer:
         """Ask for an operation; `PageError` if it is refused, or no run answers."""
         try:
             async with asyncio.timeout(wait_s), self._connected() as streams:
@@ -41,7 +41,7 @@ class RunLink:
         except TimeoutError as error:
             raise PageError(503, "no-answer", f"the run did not answer within {wait_s:g} s; does it hang?") from error
 
-    async def subscription(self, args: Mapping[str, Any]) -> AsyncGenerator[Answer, None]:
+    async def subscription(self, args: Mapping[str, Any]) -> AsyncGenerator[PageAnswer, None]:
         """Yield snapshots until the run ends or is silent, which is a `PageError`."""
         async with self._connected() as (reader, writer):
             try:
@@ -95,7 +95,7 @@ class RunLink:
         return None
 
 
-async def _asked(streams: _Streams, op: str, args: Mapping[str, Any]) -> Answer:
+async def _asked(streams: _Streams, op: str, args: Mapping[str, Any]) -> PageAnswer:
     try:
         await put(streams[1], op, args)
         return await take(streams[0])

@@ -16,7 +16,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
-from stadimeter.app.restarts import HAS_PAGE, OF_RUN
+from stadimeter.app.restarts import ENV_PARENT_PAGE_PID, ENV_PARENT_RUN_PID
 from stadimeter.errors import PageError
 from stadimeter.web import python
 from stadimeter.web.run_link import RunLink
@@ -41,7 +41,7 @@ class RunProcess:
         self._link = link
         self._is_of_service = _is_of_service(environ)
         self._process: Process | None = None
-        self._seen = _Seen()
+        self._last_run = _LastRun()
         self._said: Any = None
         self._files = ExitStack()
         self._turn = asyncio.Lock()
@@ -56,9 +56,9 @@ class RunProcess:
         async with self._turn:
             if await self._is_running():
                 raise PageError(409, "is-running", "the run is there already")
-            if self._seen.is_there() and not self._is_ours(self._seen.pid):
+            if self._last_run.is_there() and not self._is_ours(self._last_run.pid):
                 words = "is there, but does not answer: wait until it has begun anew; if it hangs, end it first"
-                raise PageError(409, "is-running", f"the run (process {self._seen.pid}) {words}")
+                raise PageError(409, "is-running", f"the run (process {self._last_run.pid}) {words}")
             if self._is_of_service:
                 words = "the service starts the run: `sudo systemctl start stadimeter`"
                 raise PageError(409, "is-service", words)
@@ -93,7 +93,7 @@ class RunProcess:
     async def about(self) -> dict[str, Any]:
         """Return what the run says of itself, whoever started it; `PageError` if none answers."""
         told: dict[str, Any] = (await self._link.ask("hello")).data
-        self._seen.see(told.get("pid", 0))
+        self._last_run.see(told.get("pid", 0))
         return told
 
     async def _is_running(self) -> bool:
@@ -130,10 +130,10 @@ def _is_of_service(environ: Mapping[str, str]) -> bool:
     if "INVOCATION_ID" not in environ:
         return False
     started = environ.get("SYSTEMD_EXEC_PID")  # as of version 248
-    return started in {None, str(os.getpid()), environ.get(OF_RUN)}
+    return started in {None, str(os.getpid()), environ.get(ENV_PARENT_RUN_PID)}
 
 
-class _Seen:
+class _LastRun:
     """The process that answered last as the run. One that restarts keeps its number, and answers nothing meanwhile."""
 
     def __init__(self) -> None:
@@ -170,7 +170,7 @@ async def _begun(configuration: Path, said: Any) -> Process:
             stdout=DEVNULL,
             stderr=said,
             start_new_session=True,
-            env={**os.environ, HAS_PAGE: str(os.getpid())},
+            env={**os.environ, ENV_PARENT_PAGE_PID: str(os.getpid())},
         )
     except (OSError, subprocess.SubprocessError) as error:
         raise PageError(503, "not-started", f"the run cannot be started: {error}") from error

@@ -21,12 +21,12 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from stadimeter.app.ending import heeds_hangup
 from stadimeter.app.parent import watched_parent
-from stadimeter.app.restarts import OF_RUN
+from stadimeter.app.restarts import ENV_PARENT_RUN_PID
 from stadimeter.errors import PageError
 from stadimeter.web.access import is_loopback
 from stadimeter.web.application import application
 from stadimeter.web.attempts import network_of
-from stadimeter.web.page import Options, Page
+from stadimeter.web.page import Page, PageOptions
 from stadimeter.web.passwords import PasswordFile
 
 CONNECTIONS_MAX = 256
@@ -87,7 +87,7 @@ def check_certificate(certificate: Path | None, key: Path | None) -> None:
 
 
 def serve(
-    options: Options,
+    options: PageOptions,
     listener: socket.socket,
     tls: tuple[Path | None, Path | None] = (None, None),
     ready: Callable[[], None] = lambda: None,
@@ -126,7 +126,7 @@ async def _serve(
 @contextmanager
 def at_end_of_run(end: Callable[[], None], environ: Mapping[str, str] = os.environ) -> Generator[None]:
     """Call ``end`` when the run that started this process is gone, however it went; nothing if no run did."""
-    run = watched_parent(environ.get(OF_RUN, ""))
+    run = watched_parent(environ.get(ENV_PARENT_RUN_PID, ""))
     if run is None:
         yield
         return

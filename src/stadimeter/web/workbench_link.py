@@ -11,7 +11,7 @@ from typing import Any
 
 from stadimeter.errors import PageError
 from stadimeter.web import python
-from stadimeter.web.exchange import LINE_MAX_BYTES, UNREADABLE, Answer, put, take
+from stadimeter.web.exchange import LINE_MAX_BYTES, UNREADABLE, PageAnswer, put, take
 
 IDLE_MAX_S = 300.0
 """The process ends after this long without a question: what it has loaded takes a small Pi a third of its memory."""
@@ -40,7 +40,7 @@ class WorkbenchLink:
         self._idle: asyncio.TimerHandle | None = None
         self._work: set[asyncio.Task[Any]] = set()
 
-    async def ask(self, op: str, args: Mapping[str, Any], wait_s: float) -> Answer:
+    async def ask(self, op: str, args: Mapping[str, Any], wait_s: float) -> PageAnswer:
         """Ask for an operation; `PageError` if it is refused, takes too long, or its process dies."""
         if self._waiting >= WAITING_MAX:
             raise PageError(503, "busy", f"{WAITING_MAX} questions wait already for the workbench; try again later")
@@ -60,14 +60,14 @@ class WorkbenchLink:
         task.add_done_callback(self._work.discard)
         return task
 
-    async def _ask(self, op: str, args: Mapping[str, Any], wait_s: float) -> Answer:
+    async def _ask(self, op: str, args: Mapping[str, Any], wait_s: float) -> PageAnswer:
         try:
             async with self._turn:
                 return await self._answer(op, args, wait_s)
         finally:
             self._waiting -= 1
 
-    async def _answer(self, op: str, args: Mapping[str, Any], wait_s: float) -> Answer:
+    async def _answer(self, op: str, args: Mapping[str, Any], wait_s: float) -> PageAnswer:
         if self._idle is not None:
             self._idle.cancel()
         reader, writer = await self._streams()

@@ -20,7 +20,7 @@ from stadimeter.core.rule import AlarmRule
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Course:
+class _AlarmTimes:
     """What has happened to an alarm since it was last raised; times on the run's clock."""
 
     raised_at_s: float | None = None
@@ -44,7 +44,7 @@ class AlarmList:
         self._events = events
         self._events_json = events_json
         self._unix_s = unix_s
-        self._courses: dict[str, _Course] = {}
+        self._courses: dict[str, _AlarmTimes] = {}
         self._state: State | None = None
         self._decision: Decision | None = None
 
@@ -52,9 +52,9 @@ class AlarmList:
         """Take in a cycle."""
         self._state, self._decision = state, record.decision
         for event in record.decision.events:
-            course = self._courses.get(event.source, _Course())
+            course = self._courses.get(event.source, _AlarmTimes())
             if event.kind is EventKind.RAISED:
-                self._courses[event.source] = _Course(raised_at_s=event.at_s)
+                self._courses[event.source] = _AlarmTimes(raised_at_s=event.at_s)
             elif event.kind is EventKind.CLEARED:
                 self._courses[event.source] = replace(course, cleared_at_s=event.at_s)
 
@@ -74,16 +74,18 @@ class AlarmList:
         answer(reply)
 
 
-def _alarms(state: State, decision: Decision, courses: dict[str, _Course], offset_s: float) -> list[dict[str, Any]]:
+def _alarms(state: State, decision: Decision, courses: dict[str, _AlarmTimes], offset_s: float) -> list[dict[str, Any]]:
     alarms = [
-        _alarm(rule, step, courses.get(rule.name, _Course()), decision, offset_s)
+        _alarm(rule, step, courses.get(rule.name, _AlarmTimes()), decision, offset_s)
         for rule, step in zip(state.plan.rules, state.rules.steps, strict=True)
         if isinstance(rule, AlarmRule) and isinstance(step, AlarmStep)
     ]
     return sorted(alarms, key=lambda alarm: -(alarm["raised_unix_s"] or 0.0))
 
 
-def _alarm(rule: AlarmRule, step: AlarmStep, course: _Course, decision: Decision, offset_s: float) -> dict[str, Any]:
+def _alarm(
+    rule: AlarmRule, step: AlarmStep, course: _AlarmTimes, decision: Decision, offset_s: float
+) -> dict[str, Any]:
     def unix_s(at_s: float | None) -> float | None:
         return None if at_s is None or math.isnan(at_s) else round(at_s + offset_s, 3)
 

@@ -29,7 +29,7 @@ _SECTIONS = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Change:
+class CheckedConfiguration:
     """A configuration that is sound, to be applied between two cycles.
 
     Attributes:
@@ -51,7 +51,7 @@ class Reloader:
         self.running = configuration
         self._lock = threading.Lock()
         self._is_busy = False
-        self._ready: Change | None = None
+        self._ready: CheckedConfiguration | None = None
 
     def ask(self, answer: Answer) -> None:
         """Have the file read and checked. Returns at once; ``answer`` may be called from another thread."""
@@ -62,7 +62,7 @@ class Reloader:
             return
         threading.Thread(target=self._check, args=(answer,), name="reload", daemon=True).start()
 
-    def take(self) -> Change | None:
+    def take(self) -> CheckedConfiguration | None:
         """Return the configuration that is ready to be applied, once; None if there is none. Never waits."""
         if self._ready is None:
             return None
@@ -84,7 +84,7 @@ class Reloader:
             self.done()
             answer(Reply(error=f"nothing was changed: the file could not be checked: {type(error).__name__}: {error}"))
 
-    def _change(self, answer: Answer) -> Change | None:
+    def _change(self, answer: Answer) -> CheckedConfiguration | None:
         from stadimeter.app.feasibility import feasibility_warnings  # noqa: PLC0415 - no run needs it to start
 
         configuration = load_configuration(self.running.path)
@@ -95,7 +95,7 @@ class Reloader:
             return None
         new_rules(configuration.plan)  # what a plan may not be comes out here, and not in the loop
         found = (*configuration.warnings, *feasibility_warnings(configuration))
-        return Change(
+        return CheckedConfiguration(
             configuration=configuration,
             recorded=to_be_recorded(configuration),
             warnings=tuple(map(str, found)),

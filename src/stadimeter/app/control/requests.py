@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 from stadimeter.app.control.client import in_words
 from stadimeter.app.control.messages import ExplainArgs, HoldArgs, OutputsArgs, Reply, operator_command
-from stadimeter.app.control.reloading import Change, Reloader
+from stadimeter.app.control.reloading import CheckedConfiguration, Reloader
 from stadimeter.app.control.socket_server import Answer, Asked
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.config.findings import did_you_mean_or_list
@@ -82,11 +82,11 @@ class Control:
             self._reloader.ask(answer)
         return tuple(command for asked in self._requests.take() if (command := self._dispatch(asked)) is not None)
 
-    def change(self) -> Change | None:
+    def change(self) -> CheckedConfiguration | None:
         """Return the configuration to apply now, if there is one."""
         return self._reloader.take()
 
-    def changed(self, change: Change, taken: ReloadedState) -> None:
+    def changed(self, change: CheckedConfiguration, taken: ReloadedState) -> None:
         """Answer whoever asked that a configuration was reloaded."""
         self._reloader.done(change.configuration)
         data = {name: getattr(taken, name) for name in ("kept", "changed", "added", "removed")}

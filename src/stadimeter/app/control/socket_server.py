@@ -102,13 +102,13 @@ class ControlSocket:
         self.idle_max_s = idle_max_s
         self.speaking = threading.Lock()  # one thread at a time takes the processor from the loop
         self._asked: deque[Asked] = deque()
-        self._server: _Server | None = None
+        self._server: _SocketServer | None = None
 
     def open(self) -> None:
         """Begin to listen; `ControlError` if that is impossible, or another user could listen there in our place."""
         checked_folder(self.path.parent.resolve())
         try:
-            self._server = _Server(self)
+            self._server = _SocketServer(self)
         except OSError as error:
             raise ControlError(f"{self.path}: cannot listen there: {error.strerror or error}") from error
 
@@ -131,7 +131,7 @@ class ControlSocket:
 
 
 @dataclass(eq=False)
-class _Connection:
+class _ControlClient:
     """A client that is connected.
 
     Attributes:
@@ -163,7 +163,7 @@ class _Connection:
 class _Handler(socketserver.StreamRequestHandler):
     """Serves one connection: line by line, one answer after the other."""
 
-    server: _Server
+    server: _SocketServer
 
     def setup(self) -> None:
         """Limit how long one read, and one write, may take."""
@@ -181,7 +181,7 @@ class _Handler(socketserver.StreamRequestHandler):
         if len(line) > LINE_MAX_BYTES:
             self.wfile.write(Reply(error=f"a line of more than {LINE_MAX_BYTES} bytes is no request").line(None))
 
-    def _answer(self, line: bytes, connection: _Connection) -> bool:
+    def _answer(self, line: bytes, connection: _ControlClient) -> bool:
         """Answer a line; return whether more may be asked on this connection."""
         with self.server.control.speaking:
             transaction = transaction_of(line)
@@ -202,7 +202,7 @@ class _Handler(socketserver.StreamRequestHandler):
             end()
         return False
 
-    def _begin(self, request: Request, connection: _Connection) -> Callable[[], None] | None:
+    def _begin(self, request: Request, connection: _ControlClient) -> Callable[[], None] | None:
         """See to it that a request will be answered; return what ends a subscription, None for any other request."""
         control, answer = self.server.control, connection.replies.put
         if request.op == "subscribe":
@@ -221,7 +221,7 @@ class _Handler(socketserver.StreamRequestHandler):
             raise ControlError("this run cannot be watched")
         return watched
 
-    def _tell_until_hung_up(self, transaction: Transaction, connection: _Connection) -> None:
+    def _tell_until_hung_up(self, transaction: Transaction, connection: _ControlClient) -> None:
         """Write each snapshot. What ends it is an error of writing, or a connection that was closed by us.
 
         It counts as owed all the time, so that no connection which says nothing takes its place; one that is not read
@@ -244,14 +244,14 @@ class _Handler(socketserver.StreamRequestHandler):
             self.wfile.write(attached)
 
 
-class _Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
+class _SocketServer(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
     """Accepts connections, in a thread of its own, and bounds how many there are."""
 
     request_queue_size = 128
 
     def __init__(self, control: ControlSocket) -> None:
         self.control = control
-        self.connections: dict[Any, _Connection] = {}
+        self.connections: dict[Any, _ControlClient] = {}
         super().__init__(os.fspath(control.path), _Handler)
         self._thread = threading.Thread(target=self.serve_forever, args=(60.0,), name="control socket", daemon=True)
         self._thread.start()
@@ -290,7 +290,7 @@ class _Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
         """Serve a connection in a thread of its own, which keeps no process alive."""
         while len(self.connections) >= CONNECTIONS_MAX:
             self._make_room()
-        connection = self.connections[request] = _Connection(request)
+        connection = self.connections[request] = _ControlClient(request)
         serve = partial(self.process_request_thread, request, client_address)
         connection.thread = threading.Thread(target=serve, name="control client", daemon=True)
         connection.thread.start()

@@ -26,8 +26,8 @@ from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untru
 from stadimeter.errors import ChangedMeanwhileError, ConfigError, ControlError, Problem, UnreadableError
 from stadimeter.workbench.rule_tests.running import RuleTestResult, RuleTests
 from stadimeter.workbench.saving import check_is_not_ours, difference_in_words, files_of, save_files, versions
-from stadimeter.workbench.server.arguments import text, truth
-from stadimeter.workbench.server.operations import Desk, Reply, operation
+from stadimeter.workbench.server.arguments import get_bool, get_text
+from stadimeter.workbench.server.operations import Desk, DeskReply, operation
 
 TESTS_MAX_S = 20.0
 """No test of a configuration begins later than this: whoever asks waits, and so do all others."""
@@ -37,10 +37,10 @@ DIFF_LINES_MAX = 400
 
 
 @operation
-def configuration(desk: Desk, _args: Mapping[str, Any]) -> Reply:
+def configuration(desk: Desk, _args: Mapping[str, Any]) -> DeskReply:
     """Answer the text of the configuration as it is saved, its version, and the former ones."""
     saved = saved_text(desk)
-    return Reply(
+    return DeskReply(
         data={
             "text": saved or "",
             "version": version_of(saved),
@@ -52,32 +52,32 @@ def configuration(desk: Desk, _args: Mapping[str, Any]) -> Reply:
 
 
 @operation
-def check(desk: Desk, args: Mapping[str, Any]) -> Reply:
+def check(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
     """Answer what is wrong with a text and what it does in words; with ``tests``, what its tests come to."""
-    typed, files, with_tests = _text(args), files_with(args), truth(args, "tests")
-    return Reply(data=_checked(desk, typed, files, with_tests=with_tests))
+    typed, files, with_tests = _text(args), files_with(args), get_bool(args, "tests")
+    return DeskReply(data=_checked(desk, typed, files, with_tests=with_tests))
 
 
 @operation
-def save(desk: Desk, args: Mapping[str, Any]) -> Reply:
+def save(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
     """Save a text, and files such as the camera file with it; keep what was there."""
     typed, files = _text(args), files_with(args)
-    if not truth(args, "even_if_wrong"):
+    if not get_bool(args, "even_if_wrong"):
         loaded(desk, typed, files)
     return _saved(desk, {**files, desk.configuration.name: typed}, args)
 
 
 @operation
-def version(desk: Desk, args: Mapping[str, Any]) -> Reply:
+def version(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
     """Answer the text of a former version."""
-    wanted = text(args, "id")
-    return Reply(data={"id": wanted, "text": files_of(desk.configuration, wanted)[desk.configuration.name]})
+    wanted = get_text(args, "id")
+    return DeskReply(data={"id": wanted, "text": files_of(desk.configuration, wanted)[desk.configuration.name]})
 
 
 @operation
-def restore(desk: Desk, args: Mapping[str, Any]) -> Reply:
+def restore(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
     """Bring a former version back, with the files that were saved with it; what it replaces is kept in turn."""
-    return _saved(desk, files_of(desk.configuration, text(args, "id")), args)
+    return _saved(desk, files_of(desk.configuration, get_text(args, "id")), args)
 
 
 def saved_text(desk: Desk) -> str | None:
@@ -110,7 +110,7 @@ def _texts(desk: Desk, text: str, files: Mapping[str, str]) -> Texts:
 
 
 def _text(args: Mapping[str, Any]) -> str:
-    return _writable(text(args, "text")).replace("\r\n", "\n")
+    return _writable(get_text(args, "text")).replace("\r\n", "\n")
 
 
 def _writable(words: str) -> str:
@@ -176,14 +176,14 @@ def _told(result: RuleTestResult) -> dict[str, Any]:
     }
 
 
-def _saved(desk: Desk, files: Mapping[str, str], args: Mapping[str, Any]) -> Reply:
+def _saved(desk: Desk, files: Mapping[str, str], args: Mapping[str, Any]) -> DeskReply:
     place = desk.configuration
     check_is_not_ours(place)
     needs = _needed(desk, files)
-    base = text(args, "base_version", "")
+    base = get_text(args, "base_version", "")
     _, kept = save_files(place.parent, files, lambda: _refuse_if_changed(desk, base, files[place.name]))
     data = {"version": version_of(files[place.name]), "kept": kept.name if kept else None, "needs": needs}
-    return Reply(data=data)
+    return DeskReply(data=data)
 
 
 def _refuse_if_changed(desk: Desk, base_version: str, ours: str) -> None:

@@ -13,7 +13,7 @@ from stadimeter.errors import ConfigError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reply:
+class DeskReply:
     """What an operation gives back.
 
     Attributes:
@@ -42,7 +42,7 @@ class Desk:
     at_rest: list[Callable[[], None]] = field(default_factory=list)
 
 
-Operation = Callable[[Desk, Mapping[str, Any]], Reply]
+Operation = Callable[[Desk, Mapping[str, Any]], DeskReply]
 """Raises `StadimeterError`; the sentence is shown on the page. An error of another kind is a defect."""
 
 _KNOWN: dict[str, Operation] = {}

@@ -20,8 +20,8 @@ from stadimeter.core.detection import Detection, DetectionStatus, Points
 from stadimeter.core.plan import Plan
 from stadimeter.errors import ConfigError, JournalError
 from stadimeter.workbench.replay.recording_index import RecordedMoment, RecordingIndex
-from stadimeter.workbench.server.arguments import number
-from stadimeter.workbench.server.operations import Desk, Reply, operation
+from stadimeter.workbench.server.arguments import get_number
+from stadimeter.workbench.server.operations import Desk, DeskReply, operation
 from stadimeter.workbench.server.recordings import began_unix_s, index_of, path_of
 
 QUALITY = 80
@@ -34,7 +34,7 @@ SHOWN = ("frame", "targets", "rules", "outputs", "safety")
 
 
 @operation
-def recording_frame(desk: Desk, args: Mapping[str, Any]) -> Reply:
+def recording_frame(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
     """Answer the picture of a moment of a recording, as JPEG, and what was known and decided then.
 
     ``at_s`` is since its beginning; ``draw`` is ``plain`` to draw nothing.
@@ -43,10 +43,10 @@ def recording_frame(desk: Desk, args: Mapping[str, Any]) -> Reply:
     if path.suffix != ".mcap":
         raise JournalError(f"{path.name} is a journal, and has no pictures; its decisions can be replayed")
     index = index_of(desk, path)
-    moment = index.moment(number(args, "at_s", 0.0))
+    moment = index.moment(get_number(args, "at_s", 0.0))
     seen = None if moment.seen is None else Seen(_with_detections(moment), moment.frame)
     jpeg = Pictures().jpeg(seen, "plain" if args.get("draw") == "plain" else "drawn", QUALITY) if seen else b""
-    return Reply(data=_values(desk, index, moment, seen), attached=jpeg)
+    return DeskReply(data=_values(desk, index, moment, seen), attached=jpeg)
 
 
 def _values(desk: Desk, index: RecordingIndex, moment: RecordedMoment, seen: Seen | None) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from stadimeter.errors import ControlError, JournalError, NotThereError, Stadime
 from stadimeter.workbench.replay.recording_index import RecordingIndex, read_index
 from stadimeter.workbench.replay.replay import read_recording
 from stadimeter.workbench.server.editing import run_socket
-from stadimeter.workbench.server.operations import Desk, Reply, operation
+from stadimeter.workbench.server.operations import Desk, DeskReply, operation
 
 ENDINGS = frozenset({".mcap", ".jsonl"})
 """Of recordings with pictures, and of journals."""
@@ -35,7 +35,7 @@ _NOW_WITHIN = 120
 
 
 @operation
-def recordings(desk: Desk, _args: Mapping[str, Any]) -> Reply:
+def recordings(desk: Desk, _args: Mapping[str, Any]) -> DeskReply:
     """Answer the recordings that there are, newest first."""
     folder = folder_of(desk)
     found = {path: about_file for path in folder.glob("*") if path.suffix in ENDINGS and (about_file := _file(path))}
@@ -44,20 +44,20 @@ def recordings(desk: Desk, _args: Mapping[str, Any]) -> Reply:
     for path in newest[:LISTED_MAX]:
         with suppress(FileNotFoundError):  # deleted since, or removed by a run that recorded nothing
             listed.append(about(desk, path))
-    return Reply(data={"folder": str(folder), "recordings": listed, "left_out": max(0, len(newest) - LISTED_MAX)})
+    return DeskReply(data={"folder": str(folder), "recordings": listed, "left_out": max(0, len(newest) - LISTED_MAX)})
 
 
 @operation
-def recording(desk: Desk, args: Mapping[str, Any]) -> Reply:
+def recording(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
     """Answer what there is to say about one recording; with its configuration and where it is."""
     path = path_of(desk, args)
     told = about(desk, path)
     header = None if told["damage"] and not told["seconds"] else read_recording(path).header
-    return Reply(data={**told, "path": str(path), "text": header.configuration if header else ""})
+    return DeskReply(data={**told, "path": str(path), "text": header.configuration if header else ""})
 
 
 @operation
-def delete(desk: Desk, args: Mapping[str, Any]) -> Reply:
+def delete(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
     """Delete a recording, unless it is being written."""
     path = path_of(desk, args)
     with open_untrusted(path) as file:
@@ -68,7 +68,7 @@ def delete(desk: Desk, args: Mapping[str, Any]) -> Reply:
         except OSError as error:
             raise JournalError(f"{path.name} cannot be deleted: {(error.strerror or str(error)).lower()}") from error
     desk.kept.pop("recording", None)
-    return Reply(data={"name": path.name})
+    return DeskReply(data={"name": path.name})
 
 
 def folder_of(desk: Desk) -> Path:

@@ -12,9 +12,9 @@ from stadimeter.core.words import duration
 from stadimeter.workbench.replay.comparison import EventChange, ReplayDiff, RuleChange
 from stadimeter.workbench.replay.lanes import CYCLES_MAX, Lane, Point, SideBySide, thin_points
 from stadimeter.workbench.replay.replay import ReplayRun, read_recording, replay_run
-from stadimeter.workbench.server.arguments import number, text
+from stadimeter.workbench.server.arguments import get_number, get_text
 from stadimeter.workbench.server.editing import files_with, loaded
-from stadimeter.workbench.server.operations import Desk, Reply, operation
+from stadimeter.workbench.server.operations import Desk, DeskReply, operation
 from stadimeter.workbench.server.recordings import about, path_of
 
 FOR_S = 20.0
@@ -27,17 +27,17 @@ KEPT_MAX = 3
 
 
 @operation
-def replay_diff(desk: Desk, args: Mapping[str, Any]) -> Reply:
+def replay_diff(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
     """Answer what a text would have done on a recording, beside what was decided then.
 
     A long recording takes a while. The answer comes after ``for_s`` with what there is by then; the same question again
     goes on from there. ``progress`` is 1 when it is at its end.
     """
-    path, wanted, files = path_of(desk, args), text(args, "text"), files_with(args)
+    path, wanted, files = path_of(desk, args), get_text(args, "text"), files_with(args)
     side_by_side = _kept(desk, path, wanted, files)
     if not side_by_side.is_done:
-        side_by_side.go_on(min(FOR_MAX_S, max(0.05, number(args, "for_s", FOR_S))))
-    return Reply(data=_told(side_by_side, about(desk, path)))
+        side_by_side.go_on(min(FOR_MAX_S, max(0.05, get_number(args, "for_s", FOR_S))))
+    return DeskReply(data=_told(side_by_side, about(desk, path)))
 
 
 def _kept(desk: Desk, path: Path, wanted: str, files: Mapping[str, str]) -> SideBySide:

@@ -10,18 +10,18 @@ from stadimeter.config.units import parse_length
 from stadimeter.errors import CalibrationError, ConfigError
 from stadimeter.ranging.board_calibration import coverage
 from stadimeter.workbench.calibration.board_session import Board, BoardSession, CharucoBoard, Chessboard
-from stadimeter.workbench.server.arguments import number, text
-from stadimeter.workbench.server.operations import Desk, Reply, operation
+from stadimeter.workbench.server.arguments import get_number, get_text
+from stadimeter.workbench.server.operations import Desk, DeskReply, operation
 from stadimeter.workbench.server.setup_operations import lens_as_json, setup_of
 from stadimeter.workbench.setup.lens import today
 from stadimeter.workbench.setup.question import BOARD_FILE
 
-FEWEST, MOST = 3, 60
+MIN_CORNERS, MAX_CORNERS = 3, 60
 """Corners or squares along a side of a board."""
 
 
 @operation
-def board(desk: Desk, args: Mapping[str, Any]) -> Reply:
+def board(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
     """Begin with a board (``do`` is ``start``), look at the newest picture (``look``), or take the lens (``finish``).
 
     A board has ``columns`` and ``rows``, and ``square``, such as ``25 mm``: of a chessboard its inner corners count.
@@ -30,7 +30,7 @@ def board(desk: Desk, args: Mapping[str, Any]) -> Reply:
     """
     if setup_of(desk).interview.next_key != "calibration":
         raise ConfigError("no calibration is asked for now")
-    match text(args, "do", "look"):
+    match get_text(args, "do", "look"):
         case "start":
             desk.kept["board"] = BoardSession(_wanted(args), date=today(), must_be_steady=True)
             return _look(desk)
@@ -42,17 +42,17 @@ def board(desk: Desk, args: Mapping[str, Any]) -> Reply:
 
 
 def _wanted(args: Mapping[str, Any]) -> Board:
-    columns, rows = int(number(args, "columns")), int(number(args, "rows"))
-    if not (FEWEST <= columns <= MOST and FEWEST <= rows <= MOST):
-        raise ConfigError(f"a board has {FEWEST} to {MOST} columns and rows, not {columns} and {rows}")
+    columns, rows = int(get_number(args, "columns")), int(get_number(args, "rows"))
+    if not (MIN_CORNERS <= columns <= MAX_CORNERS and MIN_CORNERS <= rows <= MAX_CORNERS):
+        raise ConfigError(f"a board has {MIN_CORNERS} to {MAX_CORNERS} columns and rows, not {columns} and {rows}")
     try:
-        square_m = parse_length(text(args, "square"))
-        marker_m = parse_length(text(args, "marker")) if "marker" in args else 0.0
+        square_m = parse_length(get_text(args, "square"))
+        marker_m = parse_length(get_text(args, "marker")) if "marker" in args else 0.0
     except ValueError as error:
         raise ConfigError(str(error)) from error
     if not marker_m:
         return Chessboard(columns=columns, rows=rows, square_m=square_m)
-    dictionary = text(args, "dictionary")
+    dictionary = get_text(args, "dictionary")
     return CharucoBoard(columns=columns, rows=rows, square_m=square_m, marker_m=marker_m, dictionary=dictionary)
 
 
@@ -63,12 +63,12 @@ def _session(desk: Desk) -> BoardSession:
     return session
 
 
-def _look(desk: Desk) -> Reply:
+def _look(desk: Desk) -> DeskReply:
     session, frame = _session(desk), setup_of(desk).newest()
     why_not = session.look(frame)
     share, uncovered = coverage(session.views, frame.width_px, frame.height_px) if session.views else (0.0, ())
     made = session.calibration
-    return Reply(
+    return DeskReply(
         data={
             "taken": not why_not,
             "words": f"{why_not[0].upper()}{why_not[1:]}." if why_not else f"View {len(session.views)} is taken.",
@@ -85,11 +85,11 @@ def _look(desk: Desk) -> Reply:
     )
 
 
-def _finish(desk: Desk) -> Reply:
+def _finish(desk: Desk) -> DeskReply:
     setup, session = setup_of(desk), _session(desk)
     if session.calibration is None:
         raise CalibrationError(f"the views do not tell the lens yet; still missing: {'; '.join(session.missing())}")
     save_camera_model(setup.known.path(BOARD_FILE), session.calibration.camera_model)
     accepted = setup.answer(BOARD_FILE, confirm=False)
     del desk.kept["board"]
-    return Reply(data={**setup.state(), **lens_as_json(setup.known.camera_model), "notes": list(accepted.notes)})
+    return DeskReply(data={**setup.state(), **lens_as_json(setup.known.camera_model), "notes": list(accepted.notes)})

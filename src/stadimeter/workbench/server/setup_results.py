@@ -13,8 +13,8 @@ from stadimeter.errors import ConfigError
 from stadimeter.workbench.drawing import svg_of
 from stadimeter.workbench.rule_tests.running import lanes_of
 from stadimeter.workbench.server import editing
-from stadimeter.workbench.server.arguments import text, texts
-from stadimeter.workbench.server.operations import Desk, Reply, operation
+from stadimeter.workbench.server.arguments import get_text, get_texts
+from stadimeter.workbench.server.operations import Desk, DeskReply, operation
 from stadimeter.workbench.server.setup_operations import setup_of
 from stadimeter.workbench.setup.files import configuration_files
 from stadimeter.workbench.setup.question import CONFIGURATION, Known
@@ -25,23 +25,23 @@ from stadimeter.workbench.wiring.drawings import circuits_picture, wiring_pictur
 
 
 @operation
-def show_outlook(desk: Desk, _args: Mapping[str, Any]) -> Reply:
+def show_outlook(desk: Desk, _args: Mapping[str, Any]) -> DeskReply:
     """Answer how sure the distance to this target will be, near and far."""
-    return Reply(data=outlook(setup_of(desk).known))
+    return DeskReply(data=outlook(setup_of(desk).known))
 
 
 @operation
-def try_wishes(desk: Desk, args: Mapping[str, Any]) -> Reply:
+def try_wishes(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
     """Answer what the wishes would do, on what the camera saw lately and on a target that is made up.
 
     ``answers`` may hold answers that are not given yet, by their keys, such as blanks that are being filled in.
     """
     setup = setup_of(desk)
-    answers = complete_answers(setup.known, texts(args, "answers"))
+    answers = complete_answers(setup.known, get_texts(args, "answers"))
     configuration = _loaded(desk, setup.known, answers)
     seen = lanes_of(configuration.plan, recent_observations(setup.history))
     checked = editing.check(desk, _as_text(setup.known, answers, with_tests=True)).data
-    return Reply(
+    return DeskReply(
         data={
             "words": checked["words"],
             "problems": checked["problems"],
@@ -53,13 +53,13 @@ def try_wishes(desk: Desk, args: Mapping[str, Any]) -> Reply:
 
 
 @operation
-def wiring(desk: Desk, args: Mapping[str, Any]) -> Reply:
+def wiring(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
     """Answer the header and the circuits as SVG: of a text, or of the outputs that are chosen.
 
     ``output`` is one that is not chosen yet, such as ``buzzer 23``. Then the drawing is its circuit alone: ``wires``
     has the pins of the header that it goes to, and ``notes`` what is to be minded.
     """
-    written, proposed = text(args, "text", ""), text(args, "output", "")
+    written, proposed = get_text(args, "text", ""), get_text(args, "output", "")
     parts = parts_of(editing.loaded(desk, written, {})) if written else _chosen_parts(desk, proposed)
     outputs = find_outputs(parts)
     alone = outputs[-1:] if proposed and not written else ()
@@ -77,11 +77,11 @@ def wiring(desk: Desk, args: Mapping[str, Any]) -> Reply:
     wires = [{"number": number, "name": pin_name(number)} for number in sorted(header_labels(alone))]
     notes = [note for each in alone for note in CIRCUITS[each.circuit].notes_on(each)]
     drawing = circuits_picture(alone) if alone else wiring_picture(parts)
-    return Reply(data={"pins": pins, "wires": wires, "notes": notes}, attached=svg_of(drawing).encode())
+    return DeskReply(data={"pins": pins, "wires": wires, "notes": notes}, attached=svg_of(drawing).encode())
 
 
 @operation
-def files(desk: Desk, _args: Mapping[str, Any]) -> Reply:
+def files(desk: Desk, _args: Mapping[str, Any]) -> DeskReply:
     """Answer the files that Save would write, what `check` finds in them, and what their tests come to."""
     setup = setup_of(desk)
     if setup.interview.next_key:
@@ -89,7 +89,7 @@ def files(desk: Desk, _args: Mapping[str, Any]) -> Reply:
     asked = _as_text(setup.known, setup.known.answers, with_tests=True)
     others = [{"name": name, "text": each} for name, each in asked["files"].items()]
     checked = editing.check(desk, asked).data
-    return Reply(
+    return DeskReply(
         data={
             "files": [{"name": desk.configuration.name, "text": asked["text"]}, *others],
             "findings": checked["problems"],
