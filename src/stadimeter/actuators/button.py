@@ -49,6 +49,3 @@ class GpiozeroButton:
         if device is not None:
             with plain_words(self._context.name, self._pin, "let go of"):
                 device.close()
-
-
-PLUGIN = ButtonOptions

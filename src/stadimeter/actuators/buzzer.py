@@ -131,6 +131,3 @@ class GpiozeroBuzzer:
 
     def _drive(self, now_s: float) -> None:
         self._pin.write(FULL_PERCENT if self._pattern.sounds(self._level, now_s) else 0)
-
-
-PLUGIN = BuzzerOptions

@@ -101,6 +101,3 @@ def _nearest_percent(level: float) -> int:
 
 def _on_from(on_at: float) -> Callable[[float], int]:
     return lambda level: FULL_PERCENT if level >= on_at else 0
-
-
-LED_PLUGIN, RELAY_PLUGIN = LedOptions, RelayOptions

@@ -102,6 +102,3 @@ class GpiozeroVibrationMotor:
     def _drive(self, now_s: float) -> None:
         kicks = self._percent > 0 and now_s < self._kick_ends_s
         self._pin.write(FULL_PERCENT if kicks else self._percent)
-
-
-PLUGIN = VibrationMotorOptions

@@ -365,6 +365,3 @@ class RosArduinoBase:
             raise LinkLostError(
                 f"the base at {link.path} has acknowledged nothing for {LOST_AFTER_S} s; check its cable and its power"
             )
-
-
-PLUGIN = RosArduinoOptions

@@ -140,6 +140,3 @@ def _size_px(file: Path, _changed_ns: int) -> tuple[int, int]:
     """Return width and height, remembered until the file changes: an editor has its text checked at each pause."""
     height_px, width_px = load_picture(file).image.shape[:2]
     return width_px, height_px
-
-
-PLUGIN = ImageFilesOptions

@@ -257,6 +257,3 @@ def _why_not_ours(source: str, name: str) -> str:
     if not os.access(source, os.R_OK | os.W_OK):
         return f"the camera {name} cannot be opened: {NOT_OURS}"
     return ""
-
-
-PLUGIN = OpenCvOptions

@@ -299,6 +299,3 @@ def _acquired(kind: Any, number: int) -> Any:
 def _close(device: Any) -> None:
     with suppress(Exception):  # a camera that was lost cannot be stopped, and there is nothing to be done about it
         device.close()
-
-
-PLUGIN = Picamera2Options

@@ -101,6 +101,3 @@ class VideoFileCamera(RecordedCamera):
         if self._capture is not None:
             self._capture.release()
             self._capture = None
-
-
-PLUGIN = VideoFileOptions

@@ -143,6 +143,3 @@ class PahoMessenger:
         self._dropped_before += self._link.dropped
         self._given_up_before += self._link.given_up
         self._link = None
-
-
-PLUGIN = MqttOptions

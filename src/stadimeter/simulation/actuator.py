@@ -87,6 +87,3 @@ class SimulatedActuator:
     def _check_open(self) -> None:
         if not self._is_open:
             raise DeviceClosedError(f"the simulated actuator '{self._name}' is not open")
-
-
-PLUGIN = SimulatedActuatorOptions

@@ -108,6 +108,3 @@ class SimulatedBase:
         self._is_lost = self._is_lost or self._world.faults.base_unplugged
         if self._is_lost:
             raise LinkLostError(f"the simulated base '{self._name}' no longer answers: it was unplugged")
-
-
-PLUGIN = SimulatedBaseOptions

@@ -66,6 +66,3 @@ class SimulatedButton:
     def close(self) -> None:
         """Be closed. May be called any number of times."""
         self.is_open = False
-
-
-PLUGIN = SimulatedButtonOptions

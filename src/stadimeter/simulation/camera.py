@@ -300,6 +300,3 @@ def lens(context: DriverContext) -> CameraModel:
     if context.camera_model is None:
         raise ConfigError(f"'{context.name}' is simulated and needs a lens to look through; set model in [camera]")
     return context.camera_model
-
-
-PLUGIN = SimulatedCameraOptions

@@ -159,6 +159,3 @@ def _check_diameter(stated_m: float | None, true_m: float, target: str) -> None:
             f"target '{target}': diameter is {stated_m:g} m, but the ball in [world] has {true_m:g} m; "
             "leave it out here, or set ball_diameter there"
         )
-
-
-PLUGIN = IdealDetectorOptions

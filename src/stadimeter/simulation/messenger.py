@@ -120,6 +120,3 @@ class SimulatedMessenger:
                 self._sent.append(SentMessage(at_s=now_s, message=waiting.message))
             else:
                 self.given_up += 1
-
-
-PLUGIN = SimulatedMessengerOptions

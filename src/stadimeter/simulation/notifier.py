@@ -92,6 +92,3 @@ class SimulatedNotifier:
             return
         while self._waiting:
             self._sent.append(SentNotification(at_s=self._clock.now_s(), notification=self._waiting.popleft()))
-
-
-PLUGIN = SimulatedNotifierOptions

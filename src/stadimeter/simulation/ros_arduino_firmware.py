@@ -231,6 +231,3 @@ class EmulatedPortOptions(DriverOptions):
     def build(self, context: DriverContext) -> str:
         """Return the path of the pseudo-terminal."""
         return emulated_ros_arduino(context).port.path
-
-
-PLUGIN = EmulatedPortOptions

@@ -336,6 +336,3 @@ def shared_world(context: DriverContext) -> World:
         raise ConfigError(f"'{context.name}' is simulated and needs a world to be in; add a table [world]")
 
     return context.share(SHARED_NAME, missing)
-
-
-PLUGIN = WorldOptions

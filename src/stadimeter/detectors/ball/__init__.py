@@ -391,6 +391,3 @@ def _likely_lens(width_px: int, height_px: int, subsampling: Subsampling) -> Cam
 def _detect_colour(frame: Frame, colour: HsvRange, around_px: tuple[float, float] | None = None) -> Detection:
     options = BallOptions.model_validate({"diameter": "1 m", "hsv": colour})  # the size changes nothing in a picture
     return BallDetector("ball", options, around_px=around_px).detect(frame)
-
-
-PLUGIN = BallOptions

@@ -330,6 +330,3 @@ def _size_sigma_px(edges: EllipseEdges, *, compressed: bool) -> float:
         SIGMA_CURVE * edges.edge_px**2 * larger / smaller**2,
         SIGMA_COMPRESSED_PX * compressed,
     )
-
-
-PLUGIN = DiscOptions

@@ -317,6 +317,3 @@ def _misfit_px(corners_px: Points, size: SheetShape, lens: CameraModel, enough_p
         if min_px <= enough_px:
             break
     return min_px
-
-
-PLUGIN = SheetOptions

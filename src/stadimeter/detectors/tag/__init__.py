@@ -346,6 +346,3 @@ def _small_tags(options: TagOptions, name: str) -> ApriltagFinder | None:
             f"target {name}: finder = 'pyapriltags' needs a library: {missing('tags') or error}, "
             "or write finder = 'opencv'"
         ) from error
-
-
-PLUGIN = TagOptions
