@@ -9,8 +9,8 @@ import threading
 from contextlib import suppress
 from typing import TextIO
 
+# A command that has written nothing for this long says that it is starting: loading libraries may take long.
 FIRST_SIGN_S = 1.0
-"""A command that has written nothing for this long says that it is starting: loading libraries may take long."""
 
 
 def main() -> None:

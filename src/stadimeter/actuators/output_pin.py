@@ -30,8 +30,8 @@ from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import Pin
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverError, DriverUnavailableError
 
+# Under this name the drivers of a run share the factory; tests put a factory of their own there.
 SHARED_KEY = "pin factory"
-"""Under this name the drivers of a run share the factory; tests put a factory of their own there."""
 
 _TRY_WITHOUT = "to try without hardware, set GPIOZERO_PIN_FACTORY=mock"
 
@@ -183,8 +183,8 @@ def _hint(error: Exception) -> str:
 
 FULL_PERCENT = 100
 
+# lgpio begins a new duty, off among them, where a pulse ends: at 1 Hz a stop would take a second, and here 50 ms.
 MIN_PULSES_HZ = 20.0
-"""lgpio begins a new duty, off among them, where a pulse ends: at 1 Hz a stop would take a second, and here 50 ms."""
 
 
 class OutputPin:

@@ -10,16 +10,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
+# From here on a Raspberry Pi slows its processor; a 3B+ from 60 °C.
 THERMAL = "sys/class/thermal/thermal_zone0/temp"
 THROTTLED = "sys/bus/platform/drivers/raspberrypi-firmware/*/get_throttled"
 HOT_C = 70.0
 THROTTLED_C = 80.0
-"""From here on a Raspberry Pi slows its processor; a 3B+ from 60 °C."""
 
+# The same bits, this much higher, stay set from their first time until the next start.
 SUPPLY_BITS = {0: "under-voltage"}
 HEAT_BITS = {1: "its clock is capped", 2: "throttled", 3: "slowed by heat"}
 SINCE_START = 16
-"""The same bits, this much higher, stay set from their first time until the next start."""
 
 
 class Throttling(NamedTuple):

@@ -50,19 +50,19 @@ class Mailbox:
             self._changed.notify_all()
 
 
+# How long to wait before a failed camera is opened again: this at first, doubled each time, up to that. A
+# camera that is back is then used within five seconds, with the two that it may take to open it.
 FIRST_DELAY_S = 0.25
 MAX_DELAY_S = 3.0
-"""How long to wait before a failed camera is opened again: this at first, doubled each time, up to that. A
-camera that is back is then used within five seconds, with the two that it may take to open it."""
 
+# A camera that gave no new frame for longer than this is worth a word.
 QUIET_S = 0.3
-"""A camera that gave no new frame for longer than this is worth a word."""
 
+# A driver that has not come back for longer than this hangs: a minute is the longest read time-out there is.
 HUNG_AFTER_S = 70.0
-"""A driver that has not come back for longer than this hangs: a minute is the longest read time-out there is."""
 
+# How long `CaptureThread.stop` waits for the thread after it closed the camera, which may take 1.5 s by itself.
 STOP_WAIT_S = 0.4
-"""How long `CaptureThread.stop` waits for the thread after it closed the camera, which may take 1.5 s by itself."""
 
 RECOVERABLE = (DriverError, PictureError)
 Answer = TypeVar("Answer")

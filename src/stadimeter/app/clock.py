@@ -11,15 +11,15 @@ from dataclasses import dataclass
 
 from stadimeter.core.clock import TaskEndedError
 
+# A paced clock that is this far behind real time no longer tries to catch up.
 LATE_S = 0.2
-"""A paced clock that is this far behind real time no longer tries to catch up."""
 
 
+# What a thread that runs beside others goes by: its ``end_flag`` on a real clock, its ``task`` on a stepped one.
 _THREAD = threading.local()
-"""What a thread that runs beside others goes by: its ``end_flag`` on a real clock, its ``task`` on a stepped one."""
 
+# A task in its own thread looks this often whether it is still wanted.
 NOTICED_WITHIN_S = 0.05
-"""A task in its own thread looks this often whether it is still wanted."""
 
 
 @dataclass(slots=True)

@@ -25,12 +25,12 @@ from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import DriverError
 from stadimeter.perception.perceiver import Perceiver
 
+# A cycle waits this long for a frame; without one it runs all the same, so that rules and safety see time pass.
 FRAME_WAIT_S = 0.1
-"""A cycle waits this long for a frame; without one it runs all the same, so that rules and safety see time pass."""
 
 
+# A cycle that waits for a frame to become too old ends this long after that.
 JUST_AFTER_S = 0.001
-"""A cycle that waits for a frame to become too old ends this long after that."""
 
 
 class _Stopwatch:
@@ -151,8 +151,8 @@ class Cycle:
         return tuple(command for command in applied if command is not None)
 
 
+# For what is in no journal: pydantic need not know how to write it.
 _NotWritten = GetPydanticSchema(lambda _type, handler: handler(Any))
-"""For what is in no journal: pydantic need not know how to write it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from stadimeter.messaging.protocol import Messenger, Notifier
 
 
+# Stands for the messenger where else the name of a notifier stands.
 MESSENGER = ""
-"""Stands for the messenger where else the name of a notifier stands."""
 
+# Who has not delivered it yet, `MESSENGER` or the name of a notifier; and what.
 Undelivered = tuple[str, Message | Notification]
-"""Who has not delivered it yet, `MESSENGER` or the name of a notifier; and what."""
 
 
 class Deliveries:

@@ -27,13 +27,13 @@ from types import FrameType
 from stadimeter.app.parent import watched_parent
 from stadimeter.errors import DriverError
 
+# After the end was asked for, nothing is waited for any longer than this.
 END_WITHIN_S = 1.3
-"""After the end was asked for, nothing is waited for any longer than this."""
 
 LOOK_EVERY_S = 0.02
 
+# What is closed one after the other, the last one first, with the name of each.
 Steps = list[tuple[str, Callable[[], object]]]
-"""What is closed one after the other, the last one first, with the name of each."""
 
 
 class Deadline:
@@ -99,15 +99,25 @@ def _close(steps: Steps, troubles: list[str]) -> None:
         steps.pop()
 
 
+# A process that still runs this long after a signal is ended, whatever it does.
 LAST_RESORT_S = END_WITHIN_S + 0.2
-"""A process that still runs this long after a signal is ended, whatever it does."""
 
+# The last resort takes this long at most: to stop the outputs once more, keep the state and say why.
 LAST_WORDS_S = 0.25
-"""The last resort takes this long at most: to stop the outputs once more, keep the state and say why."""
 
+# After everything was stopped, the guard goes on for this long: a stop without acknowledgement is repeated.
 SETTLE_S = 0.2
-"""After everything was stopped, the guard goes on for this long: a stop without acknowledgement is repeated."""
 
+# Every signal but SIGHUP, by what a run makes of it. Without a handler, each but the harmless ones would end or stop
+# the process with its outputs on.
+#
+# ==========  ==========================================================================================================
+# asking      ends the run
+# unasked     ends the run, unless it is ignored or has a handler already: a timer, a limit, a signal sent by mistake
+# suspending  puts outputs at their safe values, and then stops the process until SIGCONT; as unasked otherwise
+# harmless    nothing: Python ignores the first two, which then are errors of a write, and the system the others
+# beyond us   kills or stops the process, or says that it has crashed, after which no code of ours can be relied on
+# ==========  ==========================================================================================================
 ASKING = (signal.SIGINT, signal.SIGTERM)
 UNASKED = (
     *(signal.SIGQUIT, signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM, signal.SIGVTALRM, signal.SIGPROF),
@@ -120,17 +130,6 @@ BEYOND_US = (
     *(signal.SIGKILL, signal.SIGSTOP),
     *(signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT, signal.SIGTRAP, signal.SIGSYS),
 )
-"""Every signal but SIGHUP, by what a run makes of it. Without a handler, each but the harmless ones would end or stop
-the process with its outputs on.
-
-==========  ==========================================================================================================
-asking      ends the run
-unasked     ends the run, unless it is ignored or has a handler already: a timer, a limit, a signal sent by mistake
-suspending  puts outputs at their safe values, and then stops the process until SIGCONT; as unasked otherwise
-harmless    nothing: Python ignores the first two, which then are errors of a write, and the system the others
-beyond us   kills or stops the process, or says that it has crashed, after which no code of ours can be relied on
-==========  ==========================================================================================================
-"""
 
 Handler = Callable[[int, FrameType | None], None]
 

@@ -34,28 +34,28 @@ FILE_BYTES_MAX = 1_000_000
 FILES_MAX = 5
 ENDING = ".log"
 
+# Lines that must not wait are written at once, but no sooner than this after the last ones: a loose contact would else
+# wear out a memory card.
 LOOK_EVERY_S = 1.0
 BATCH_EVERY_S = 60.0
 URGENT_EVERY_S = 10.0
-"""Lines that must not wait are written at once, but no sooner than this after the last ones: a loose contact would else
-wear out a memory card."""
 
+# Lines that a disk does not take are kept up to this many, the newest.
 WAITING_MAX = 2000
-"""Lines that a disk does not take are kept up to this many, the newest."""
 
 CLOSE_WAIT_S = 0.5
 
+# A camera that has given nothing for this long after the start is worth a line.
 MISSING_AFTER_S = 10.0
-"""A camera that has given nothing for this long after the start is worth a line."""
 
+# A clock that was set by more than this is worth a line.
 SET_BY_S = 1.0
-"""A clock that was set by more than this is worth a line."""
 
 _ENDED = "ended: "
 _LINE_BYTES_MAX = 4096
 
+# What targets do is no event of a rule, and may happen many times a minute.
 LEFT_OUT = frozenset({EventKind.TARGET_SEEN, EventKind.TARGET_LOST})
-"""What targets do is no event of a rule, and may happen many times a minute."""
 
 URGENT = frozenset({EventKind.FAULT, EventKind.FAULT_CLEARED, EventKind.STOPPED, EventKind.RELEASED})
 

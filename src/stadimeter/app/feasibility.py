@@ -72,8 +72,8 @@ def feasibility_warnings(configuration: Configuration) -> tuple[Problem, ...]:
     return problems([*slow, *unique], str(configuration.path), configuration.spans)
 
 
+# Outputs go on through one frame that is missing if they may act for this many periods on one.
 FRAMES_OF_AGE = 2.5
-"""Outputs go on through one frame that is missing if they may act for this many periods on one."""
 
 
 def _frames_too_slow(configuration: Configuration) -> Iterator[Finding]:

@@ -17,18 +17,19 @@ Kind = TypeVar("Kind", bound=np.generic)
 
 FROZEN_AFTER_S = 1.0
 
+# How many pictures are remembered. Drivers cycle through 3 to 10 buffers.
 REMEMBERED = 16
-"""How many pictures are remembered. Drivers cycle through 3 to 10 buffers."""
 
+# One of this many rows is hashed: 0.04 ms at 640 × 480 and 0.3 ms at 1920 × 1080, a seventh of all rows.
 HASHED_ROWS = 8
-"""One of this many rows is hashed: 0.04 ms at 640 × 480 and 0.3 ms at 1920 × 1080, a seventh of all rows."""
 
+# A run of this many pixels in a row, one MCU of a JPEG, is what either changes or does not.
 BANDS = 32
 RUN_PX = 16
-"""A run of this many pixels in a row, one MCU of a JPEG, is what either changes or does not."""
+
+# A run is evidence if its grey levels differ by this and none is near black or white, where noise is cut off.
 CONTRAST = 12
 UNCLIPPED = (8, 247)
-"""A run is evidence if its grey levels differ by this and none is near black or white, where noise is cut off."""
 RUNS_EQUAL = 20
 RUNS_COMPARED = 10
 CHANGED = 0.5

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from stadimeter.app.cycle import CycleRecord
 
+# Percentiles are over this many of the newest cycles: a run of weeks needs no more memory than one of minutes.
 LATEST = 10_000
-"""Percentiles are over this many of the newest cycles: a run of weeks needs no more memory than one of minutes."""
 
 
 def _latest() -> deque[float]:

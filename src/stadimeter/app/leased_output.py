@@ -22,18 +22,18 @@ from stadimeter.core.clock import Clock, TaskEndedError
 from stadimeter.core.command import Command
 from stadimeter.errors import DriverError
 
+# A stop waits this long for a driver that is busy in another thread.
 BUSY_WAIT_S = 0.2
-"""A stop waits this long for a driver that is busy in another thread."""
 
+# Closing waits this long.
 CLOSE_WAIT_S = 1.0
-"""Closing waits this long."""
 
+# Before a driver that failed is opened again: the first wait, doubled each time, up to the longest.
 FIRST_WAIT_S = 0.5
 MAX_WAIT_S = 8.0
-"""Before a driver that failed is opened again: the first wait, doubled each time, up to the longest."""
 
+# A driver that was opened again stays at its safe value for this long.
 REST_S = 3.0
-"""A driver that was opened again stays at its safe value for this long."""
 
 RESTING = f"it answers again, and stays at its safe value for {REST_S:g} s before it may act"
 

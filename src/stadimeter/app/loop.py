@@ -41,8 +41,8 @@ if TYPE_CHECKING:  # few runs have these, and what they need takes long to load
 Listener = Callable[[CycleRecord, Frame | None], None]
 
 
+# Number of published messages that are kept, for the views.
 PUBLISHED_MAX = 50
-"""Number of published messages that are kept, for the views."""
 
 
 class Limits(NamedTuple):

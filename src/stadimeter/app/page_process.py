@@ -23,26 +23,26 @@ from stadimeter.app.restarts import ENV_PAGE_LEFT, ENV_PARENT_RUN_PID, ENV_RESTA
 if TYPE_CHECKING:
     from stadimeter.config.models import WebTable
 
+# Before a page that ended is started again: the first wait, doubled each time, up to the longest.
 FIRST_WAIT_S = 1.0
 MAX_WAIT_S = 60.0
-"""Before a page that ended is started again: the first wait, doubled each time, up to the longest."""
 
+# After a page that lived this long, the waits begin anew.
 PROVEN_S = 60.0
-"""After a page that lived this long, the waits begin anew."""
 
+# A page that is asked to end has this long; then it is killed. Its workbench ends by the end of its input then.
 END_WAIT_S = 0.8
-"""A page that is asked to end has this long; then it is killed. Its workbench ends by the end of its input then."""
 
+# No more characters of a line of the page are told.
 LINE_MAX = 500
-"""No more characters of a line of the page are told."""
 
+# Begins the line in which a page says where it is.
 READY = "The page: "
-"""Begins the line in which a page says where it is."""
 
 UNBUFFERED = {"PYTHONUNBUFFERED": "1"}
 
+# These variables of the environment are about this process, and not the page's.
 _ENV_OF_THIS_PROCESS = ("NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID", ENV_RESTARTED, ENV_PAGE_LEFT)
-"""These variables of the environment are about this process, and not the page's."""
 
 
 def page_command(configuration: Path, socket: Path, web: WebTable) -> list[str]:

@@ -36,19 +36,19 @@ from stadimeter.core.track import TrackStatus
 from stadimeter.errors import DriverError
 from stadimeter.operator_actions import OperatorAction
 
+# Contacts bounce for a few milliseconds; a level counts when it has held for this long.
 PERIOD_S = 0.02
 DEBOUNCE_S = 0.03
-"""Contacts bounce for a few milliseconds; a level counts when it has held for this long."""
 
+# A button that is held for longer was not pressed by a finger.
 STUCK_S = 10.0
-"""A button that is held for longer was not pressed by a finger."""
 
+# After a longer pause between two readings, what the button did meanwhile is unknown. A shorter one cannot turn a tap
+# into a long press, which takes a second at least.
 UNSEEN_S = 0.5
-"""After a longer pause between two readings, what the button did meanwhile is unknown. A shorter one cannot turn a tap
-into a long press, which takes a second at least."""
 
+# A button whose driver failed is opened again this often.
 OPEN_AGAIN_S = 5.0
-"""A button whose driver failed is opened again this often."""
 
 
 class Presses:
@@ -175,8 +175,8 @@ class PushButton:
         )
 
 
+# The LED goes dark when the newest cycle is older than this.
 LEASE_S = 2.0
-"""The LED goes dark when the newest cycle is older than this."""
 
 
 def _flashes(count: int, *, lit: float = 1.0) -> Pattern:

@@ -7,17 +7,17 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
+# This variable of the environment tells a program that it began anew.
 ENV_RESTARTED = "STADIMETER_RESTARTED"
-"""This variable of the environment tells a program that it began anew."""
 
+# This one says which page the program before has left: what it says (a file descriptor), its process id, and more.
 ENV_PAGE_LEFT = "STADIMETER_PAGE"
-"""This one says which page the program before has left: what it says (a file descriptor), its process id, and more."""
 
+# A run that was started by a page finds here the process id of that page. It ends with it, and starts none.
 ENV_PARENT_PAGE_PID = "STADIMETER_HAS_PAGE"
-"""A run that was started by a page finds here the process id of that page. It ends with it, and starts none."""
 
+# A page that was started by a run finds here the process id of that run, with which it ends. A restart keeps it.
 ENV_PARENT_RUN_PID = "STADIMETER_OF_RUN"
-"""A page that was started by a run finds here the process id of that run, with which it ends. A restart keeps it."""
 
 RESTARTING = "restart, as asked"
 

@@ -30,28 +30,28 @@ from stadimeter.core.decision import Decision, SafetyMode
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CaptureTimeoutError
 
+# Without a new frame for this long, the process restarts: after the first of these, or the second if nothing but
+# another process can use the camera; doubled with each start in a row, up to the longest.
 PATIENCE_S = 300.0
 PATIENCE_IF_HUNG_S = 30.0
 MAX_PATIENCE_S = 3600.0
-"""Without a new frame for this long, the process restarts: after the first of these, or the second if nothing but
-another process can use the camera; doubled with each start in a row, up to the longest."""
 
+# From the third start in a row on, a process waits before it opens anything: 1 s, doubled each time, up to this.
 MAX_PAUSE_S = 30.0
-"""From the third start in a row on, a process waits before it opens anything: 1 s, doubled each time, up to this."""
 
+# After this long with pictures, the next restart is the first in a row again.
 PROVEN_S = 300.0
-"""After this long with pictures, the next restart is the first in a row again."""
 
+# A longer time without a new frame interrupts `PROVEN_S`.
 GAP_S = 2.0
-"""A longer time without a new frame interrupts `PROVEN_S`."""
 
 STATUS_EVERY_S = 1.0
 
+# The watchdog waits this long for a program that begins anew: it loads its libraries, and opens its devices.
 RESTART_WITHIN_S = 30.0
-"""The watchdog waits this long for a program that begins anew: it loads its libraries, and opens its devices."""
 
+# The watchdog is fed this many times within its period.
 FEEDS = 4
-"""The watchdog is fed this many times within its period."""
 
 
 class NotifySocket:

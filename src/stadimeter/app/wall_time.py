@@ -25,9 +25,9 @@ from stadimeter.core.observation import WallTime
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule
 
+# The kernel sets its estimate to this when nothing has corrected the clock for long, or ever.
 TIMESYNC_FILE = Path("/run/systemd/timesync/synchronized")
 ERROR_MAX_US = 16_000_000
-"""The kernel sets its estimate to this when nothing has corrected the clock for long, or ever."""
 
 ASKED_EVERY_S = 1.0
 

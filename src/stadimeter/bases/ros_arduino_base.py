@@ -104,8 +104,8 @@ class Handshake:
 
 STOP_REPEATED_AFTER_S = 0.1
 
+# The time between two looks at the line counts as silence up to this.
 LOOK_S = 0.05
-"""The time between two looks at the line counts as silence up to this."""
 
 
 class Acknowledgements:

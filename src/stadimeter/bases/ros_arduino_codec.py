@@ -20,11 +20,11 @@ ASK_BAUD_RATE = b"b" + END
 ASK_ENCODERS = b"e" + END
 RESET_ENCODERS = b"r" + END
 
+# Length of one frame of the firmware's speed control: 30 a second are meant, and ``1000 / 30`` is 33 ms in C.
 FRAME_S = 0.033
-"""Length of one frame of the firmware's speed control: 30 a second are meant, and ``1000 / 30`` is 33 ms in C."""
 
+# The firmware reads arguments into 16 bits.
 MAX_TICKS_PER_FRAME = 32767
-"""The firmware reads arguments into 16 bits."""
 
 _MAX_LINE_BYTES = 64
 _NUMBER = re.compile(r"-?\d{1,11}")

@@ -15,8 +15,8 @@ from serial.tools import list_ports
 
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, LinkLostError
 
+# A port that still holds bytes back after this long is a port whose other end does not read.
 UNTAKEN_AFTER_S = 0.05
-"""A port that still holds bytes back after this long is a port whose other end does not read."""
 
 DRAIN_TIMEOUT_S = 0.1
 

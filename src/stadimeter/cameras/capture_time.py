@@ -15,31 +15,30 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+# Time that a pace must last to be believed.
 SETTLE_S = 0.3
-"""Time that a pace must last to be believed."""
 
+# A stream whose lag still falls by this within `SETTLE_S` is delivering what waited.
 FALL_S = 0.05
-"""A stream whose lag still falls by this within `SETTLE_S` is delivering what waited."""
 
+# After a pause longer than this many usual periods, and longer than one by this much, pictures may have waited.
 GAP_PERIODS = 3.0
 GAP_S = 0.1
-"""After a pause longer than this many usual periods, and longer than one by this much, pictures may have waited."""
 
+# A pace that lasts for this long is believed, whatever it is: the camera has become faster.
 MAX_CATCH_UP_S = 10.0
-"""A pace that lasts for this long is believed, whatever it is: the camera has become faster."""
 
+# Pictures that come after less than this part of the usual period, on the average, come faster than captured.
 FAST = 0.85
-"""Pictures that come after less than this part of the usual period, on the average, come faster than captured."""
 
+# Stamps are trusted after this many sane ones in a row.
 PICTURES_NEEDED = 3
 GOOD_STAMPS_NEEDED = 3
-"""Stamps are trusted after this many sane ones in a row."""
 
+# Greatest rise of the smallest lag, in seconds a second: two clocks without a common time run apart by this at most.
+#
+# A quartz is off by 0.05 in a thousand, a clock that is being corrected by 0.5 for some minutes.
 DRIFT = 2e-4
-"""Greatest rise of the smallest lag, in seconds a second: two clocks without a common time run apart by this at most.
-
-A quartz is off by 0.05 in a thousand, a clock that is being corrected by 0.5 for some minutes.
-"""
 
 
 class StreamTime:
@@ -198,11 +197,11 @@ class ArrivalPace:
         return not (is_steady or is_faster)
 
 
+# A stamp that is older than this before any was trusted belongs to another clock.
 MAX_FIRST_AGE_S = 1.0
-"""A stamp that is older than this before any was trusted belongs to another clock."""
 
+# The run's clock and the kernel's stand apart by this much more than before when the computer was suspended.
 SUSPENDED_S = 0.05
-"""The run's clock and the kernel's stand apart by this much more than before when the computer was suspended."""
 
 
 class KernelTime:

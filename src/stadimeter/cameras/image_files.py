@@ -20,8 +20,8 @@ from stadimeter.core.clock import Clock
 from stadimeter.core.frame import Image
 from stadimeter.errors import CalibrationError, EndOfFramesError, PictureError
 
+# Pictures that `check` opens to compare their sizes: some seconds at most.
 CHECKED_MAX = 100
-"""Pictures that `check` opens to compare their sizes: some seconds at most."""
 
 
 def _one_or_many(value: object) -> object:

@@ -11,8 +11,8 @@ from typing import NamedTuple
 from stadimeter.core.frame import Frame, Image, Optics, Subsampling
 from stadimeter.errors import CaptureTimeoutError, DeviceClosedError, DeviceHungError, DriverError
 
+# Time that `LiveCamera.close` waits for a read to end, and a driver for its device to be let go.
 CLOSE_WAIT_S = 1.5
-"""Time that `LiveCamera.close` waits for a read to end, and a driver for its device to be let go."""
 
 
 class CapturedPicture(NamedTuple):

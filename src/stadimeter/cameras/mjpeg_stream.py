@@ -25,8 +25,8 @@ from stadimeter.cameras.picture import decode_whole_jpeg
 from stadimeter.core.frame import Image
 from stadimeter.errors import DeviceOpenError, LinkLostError, PictureError
 
+# A larger picture is none: a JPEG of 60 megapixels at high quality is smaller.
 PART_MAX_BYTES = 20_000_000
-"""A larger picture is none: a JPEG of 60 megapixels at high quality is smaller."""
 
 HEAD_MAX_BYTES = 16_384
 
@@ -123,9 +123,9 @@ class Multipart:
 
 READ_BYTES = 1 << 16
 
+# Greatest amount of waiting data that is passed over at a time: more than the kernel's buffers hold, and less than for
+# ever.
 DRAIN_MAX_BYTES = 32 << 20
-"""Greatest amount of waiting data that is passed over at a time: more than the kernel's buffers hold, and less than for
-ever."""
 
 SNIFFED_BYTES = 1024
 

@@ -34,17 +34,17 @@ from stadimeter.core.clock import Clock
 from stadimeter.core.frame import Image
 from stadimeter.errors import CaptureTimeoutError, DeviceOpenError, LinkLostError
 
+# Time limit for a device's first frame: USB cameras start slowly.
 FIRST_FRAME_S = 3.0
-"""Time limit for a device's first frame: USB cameras start slowly."""
 
+# Time limit for a stream's answer.
 STREAM_OPEN_S = 5.0
-"""Time limit for a stream's answer."""
 
+# Time limit for FFmpeg to deliver what waited while it opened a stream without time stamps.
 FFMPEG_SETTLE_S = 2.0
-"""Time limit for FFmpeg to deliver what waited while it opened a stream without time stamps."""
 
+# Time that OpenCV waits for a device's frame at a time, as set above.
 DEVICE_WAIT_S = 1.0
-"""Time that OpenCV waits for a device's frame at a time, as set above."""
 
 
 class OpenCvOptions(OpenCvSettings):

@@ -16,16 +16,16 @@ from stadimeter.config.units import Duration, FilePath, Frequency
 from stadimeter.core.frame import Image, Subsampling
 from stadimeter.errors import DeviceOpenError
 
+# The unit of V4L2_CID_EXPOSURE_ABSOLUTE (Linux Media API, camera control reference).
 EXPOSURE_UNIT_S = 100e-6
-"""The unit of V4L2_CID_EXPOSURE_ABSOLUTE (Linux Media API, camera control reference)."""
 
+# The menu values of V4L2_CID_EXPOSURE_AUTO: manual, and aperture priority, which is what UVC cameras offer.
 AUTO_EXPOSURE_MANUAL = 1
 AUTO_EXPOSURE_ON = 3
-"""The menu values of V4L2_CID_EXPOSURE_AUTO: manual, and aperture priority, which is what UVC cameras offer."""
 
 
+# Schemes of addresses whose bytes all arrive, or none after the first that is lost. RTSP is asked for over TCP.
 RELIABLE_TRANSPORTS = frozenset({"file", "http", "https", "rtmp", "rtmps", "rtsp", "rtsps", "tcp", "tls"})
-"""Schemes of addresses whose bytes all arrive, or none after the first that is lost. RTSP is asked for over TCP."""
 
 FFMPEG_OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"
 # OpenCV would ask for RTSP over TCP, and take UDP if the sender has nothing else. A user's own setting is kept.

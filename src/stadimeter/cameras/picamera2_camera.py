@@ -39,26 +39,26 @@ from stadimeter.errors import (
     LinkLostError,
 )
 
+# libcamera names a format by its bytes in a little-endian word: in memory blue comes first, as OpenCV has it.
 PICTURE_FORMAT = "RGB888"
-"""libcamera names a format by its bytes in a little-endian word: in memory blue comes first, as OpenCV has it."""
 
+# Buffers that libcamera fills in turn. One is held while a frame is copied, two are needed for full rate.
 BUFFERS = 4
-"""Buffers that libcamera fills in turn. One is held while a frame is copied, two are needed for full rate."""
 
+# A frame that arrives later than this many frame durations, and this, after its read-out began has waited: reading out
+# takes up to one frame, the image processor up to another, and a busy computer a little.
 LATE_FRAMES = 2.0
 LATE_S = 0.05
-"""A frame that arrives later than this many frame durations, and this, after its read-out began has waited: reading out
-takes up to one frame, the image processor up to another, and a busy computer a little."""
 
+# From the beginning of its read-out to its arrival a frame takes this many frame durations: one to be read out, and a
+# part of another in the image processor. The stamps of a run say exactly how long; this is for `check`.
 WAY_FRAMES = 1.5
-"""From the beginning of its read-out to its arrival a frame takes this many frame durations: one to be read out, and a
-part of another in the image processor. The stamps of a run say exactly how long; this is for `check`."""
 
+# Time limit for the first frames, beside the time that they last.
 FIRST_FRAME_S = 3.0
-"""Time limit for the first frames, beside the time that they last."""
 
+# Frames in which a control must show its effect: sensors apply one two frames later, lenses move for some frames.
 SETTLING_FRAMES = 10
-"""Frames in which a control must show its effect: sensors apply one two frames later, lenses move for some frames."""
 
 
 class Picamera2Options(Picamera2Settings):

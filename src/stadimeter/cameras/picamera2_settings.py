@@ -13,22 +13,22 @@ from stadimeter.config.units import Duration, Frequency, Length
 from stadimeter.core.frame import Optics
 from stadimeter.errors import DeviceOpenError
 
+# What libcamera says of one frame, by the names of its controls.
 Metadata = Mapping[str, Any]
-"""What libcamera says of one frame, by the names of its controls."""
 
+# The controls that a camera has: the least, greatest and default value of each.
 Controls = Mapping[str, tuple[Any, Any, Any]]
-"""The controls that a camera has: the least, greatest and default value of each."""
 
+# Picamera2's own size of video frames.
 SIZE_PX = (1280, 720)
-"""Picamera2's own size of video frames."""
 
+# Picamera2's own rate of video frames.
 RATE_HZ = 30.0
-"""Picamera2's own rate of video frames."""
 
 MAX_EXPOSURE_S = 0.5
 
+# The names of libcamera's ``AwbModeEnum``, in small letters.
 WhiteBalance = Literal["auto", "incandescent", "tungsten", "fluorescent", "indoor", "daylight", "cloudy"]
-"""The names of libcamera's ``AwbModeEnum``, in small letters."""
 
 
 class Picamera2Settings(DriverOptions):

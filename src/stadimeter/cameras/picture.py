@@ -24,11 +24,11 @@ from stadimeter.config.untrusted_file import (
 from stadimeter.core.frame import Image, Optics, Subsampling
 from stadimeter.errors import PictureError, UnreadableError
 
+# Endings of the names of pictures in a folder, in lower case.
 PICTURE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".pbm", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"})
-"""Endings of the names of pictures in a folder, in lower case."""
 
+# libjpeg's warning about the filling that some USB cameras put before the end marker: all pixels are there.
 _PADDING = re.compile(r"[1-8] extraneous bytes before marker 0xd9")
-"""libjpeg's warning about the filling that some USB cameras put before the end marker: all pixels are there."""
 
 _JPEG_START = b"\xff\xd8"
 _JPEG_LENGTHS = re.compile(rb"\xff+([^\x00\xff])")

@@ -24,38 +24,43 @@ ENUM_FRAMESIZES = 0xC02C564A
 ENUM_FRAMEINTERVALS = 0xC034564B
 REQBUFS = 0xC0145608
 
+# ``v4l2_capability``: driver, card, bus, version, capabilities of the device and of this node, reserved.
 CAPABILITY = struct.Struct("=16s32s32s6I")
-"""``v4l2_capability``: driver, card, bus, version, capabilities of the device and of this node, reserved."""
-FORMAT = struct.Struct("=3I32s5I")
-"""``v4l2_fmtdesc``: index, type, flags, description, pixel format, bus code, reserved."""
-FRAME_SIZE = struct.Struct("=3I6I2I")
-"""``v4l2_frmsizeenum``: index, pixel format, type, then width and height or their ranges, reserved."""
-FRAME_INTERVAL = struct.Struct("=5I6I2I")
-"""``v4l2_frmivalenum``: index, pixel format, width, height, type, then a fraction of a second or a range, reserved."""
-BUFFERS = struct.Struct("=5I")
-"""``v4l2_requestbuffers``: count, type, memory, capabilities, flags."""
 
+# ``v4l2_fmtdesc``: index, type, flags, description, pixel format, bus code, reserved.
+FORMAT = struct.Struct("=3I32s5I")
+
+# ``v4l2_frmsizeenum``: index, pixel format, type, then width and height or their ranges, reserved.
+FRAME_SIZE = struct.Struct("=3I6I2I")
+
+# ``v4l2_frmivalenum``: index, pixel format, width, height, type, then a fraction of a second or a range, reserved.
+FRAME_INTERVAL = struct.Struct("=5I6I2I")
+
+# ``v4l2_requestbuffers``: count, type, memory, capabilities, flags.
+BUFFERS = struct.Struct("=5I")
+
+# The capabilities of this node are stated beside those of the whole device.
 CAPTURES = 0x00000001
 THIS_NODE = 0x80000000
-"""The capabilities of this node are stated beside those of the whole device."""
+
+# The node is a part of a pipeline that another program has to set up, as a Pi's ribbon camera is by libcamera.
 NEEDS_MEDIA_CONTROLLER = 0x20000000
-"""The node is a part of a pipeline that another program has to set up, as a Pi's ribbon camera is by libcamera."""
 VIDEO_CAPTURE, MMAP, DISCRETE = 1, 1, 1
 
+# Drivers whose nodes convert pictures of others, though they look like cameras.
 NO_CAMERAS = frozenset({"bcm2835-isp"})
-"""Drivers whose nodes convert pictures of others, though they look like cameras."""
 
+# Pixel formats that OpenCV turns into pictures (its cap_v4l.cpp).
 READABLE = frozenset(
     {"MJPG", "JPEG", "YUYV", "UYVY", "YU12", "YV12", "NV12", "NV21", "411P", "BGR3", "RGB3", "XR24", "AR24"}
     | {"GREY", "Y16", "Y10", "Y12", "BA81", "GBRG", "GRBG", "RGGB"}
 )
-"""Pixel formats that OpenCV turns into pictures (its cap_v4l.cpp)."""
 
+# Which sizes to name of a device that scales to any.
 USUAL_SIZES = ((640, 480), (1280, 720), (1920, 1080))
-"""Which sizes to name of a device that scales to any."""
 
+# Nothing is asked for more often, lest a broken driver never ends its list.
 MAX_ANSWERS = 256
-"""Nothing is asked for more often, lest a broken driver never ends its list."""
 
 
 class Ioctl(Protocol):

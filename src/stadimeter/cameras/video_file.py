@@ -19,11 +19,11 @@ from stadimeter.core.clock import Clock
 from stadimeter.core.frame import Image
 from stadimeter.errors import EndOfFramesError, PictureError
 
+# A frame rate outside this range in a video's header is a mistake of the program that wrote it.
 SANE_RATES_HZ = (0.01, 1000.0)
-"""A frame rate outside this range in a video's header is a mistake of the program that wrote it."""
 
+# A video that ends before this part of the frames it announces is damaged. Headers may be a few frames out.
 ENOUGH_OF_THE_FRAMES = 0.9
-"""A video that ends before this part of the frames it announces is damaged. Headers may be a few frames out."""
 
 
 class VideoFileOptions(DriverOptions):

@@ -51,8 +51,8 @@ def _calibrate() -> None:
     """Find out a camera's focal length, write its camera file, and check it."""
 
 
+# Further from the middle of the picture than this, depth and straight line differ by more than 1.5 %.
 FAR_OFF_AXIS_RAD = math.radians(10)
-"""Further from the middle of the picture than this, depth and straight line differ by more than 1.5 %."""
 
 MISFIT_SIGMAS = 3.0
 

@@ -208,8 +208,8 @@ def _advice(made: BoardCalibration) -> list[str]:
     return advice
 
 
+# Why no view is taken is said this often at most, in time of capture.
 SAY_EVERY_S = 2.0
-"""Why no view is taken is said this often at most, in time of capture."""
 
 
 def views_from_camera(live: str, board: Board) -> BoardSession:

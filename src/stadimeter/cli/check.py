@@ -23,14 +23,14 @@ from stadimeter.errors import ConfigError, Problem, UnreadableError
 
 Kind = Literal["error", "warning"]
 
+# The exit code where a warning counts, with ``--strict``.
 WARNED = 1
-"""The exit code where a warning counts, with ``--strict``."""
 
 _MAX_LINE = 240
 _COLOURS = {"error": "red", "warning": "yellow"}
 
+# What may hold a password or a token, and is not for every eye that sees a screen or a log.
 _ADDRESS = re.compile(r"""(?<=://)[^\s"']+""")
-"""What may hold a password or a token, and is not for every eye that sees a screen or a log."""
 
 
 def register(app: typer.Typer) -> None:

@@ -17,25 +17,25 @@ from stadimeter.cli.viewing import Showing, live_or_plain
 from stadimeter.config.extras import missing
 from stadimeter.config.models import WebTable
 
+# Keys, what they do and undo, and the fault of the simulated world.
 FAULTS = (
     ("h", "hide ball", "show ball", "hide-target"),
     ("f", "freeze camera", "thaw camera", "freeze-camera"),
     ("u", "unplug robot", "plug robot in", "unplug-base"),
 )
-"""Keys, what they do and undo, and the fault of the simulated world."""
 
+# Where the page of the demonstration is: at this port, or at the next free one.
 LOOPBACK, PORT = "127.0.0.1", 8080
-"""Where the page of the demonstration is: at this port, or at the next free one."""
 
+# A demonstration that is restarted finds its port here, which its own page has taken.
 KEPT_PORT = "STADIMETER_DEMO_PORT"
-"""A demonstration that is restarted finds its port here, which its own page has taken."""
 
+# The end of the demonstration.
 NEXT = """\
 Next, with your own camera and ball:
   stadimeter init                 asks a few questions, writes a configuration
   stadimeter calibrate distance   finds out the focal length, from one distance
   stadimeter check CONFIG         says what it does, and every mistake in it"""
-"""The end of the demonstration."""
 
 
 def demonstrate(

@@ -14,8 +14,8 @@ from stadimeter.app.event_log import ENDING, log_files
 from stadimeter.cli.exits import plain_errors
 from stadimeter.errors import JournalError
 
+# Where the service of the package keeps its state.
 SERVICE_STATE = Path("/var/lib/stadimeter")
-"""Where the service of the package keeps its state."""
 
 _LINE = re.compile(r"(?P<time>\d{4}-\d\d-\d\d [\d:.]+[+-]\d\d:\d\d)(?P<mark>[ ?]) (?P<text>.*)")
 

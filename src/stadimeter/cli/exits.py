@@ -19,14 +19,14 @@ DONE = 0
 NOT_FOUND = 1
 WRONG = 2
 
+# Error numbers of writing to a closed pipe or terminal. Devices may fail with the same numbers.
 WRITING_FAILS = frozenset({errno.EPIPE, errno.EIO})
-"""Error numbers of writing to a closed pipe or terminal. Devices may fail with the same numbers."""
 
+# OpenCV's ``StsNoMem``, the code of its error.
 CV_NO_MEMORY = -4
-"""OpenCV's ``StsNoMem``, the code of its error."""
 
+# More lines than this are not read, and a file that is no configuration may have ten thousand errors.
 MAX_SHOWN = 100
-"""More lines than this are not read, and a file that is no configuration may have ten thousand errors."""
 
 
 @contextmanager
@@ -88,8 +88,8 @@ def _is_out_of_memory(error: BaseException) -> bool:
     return isinstance(error, MemoryError) or is_cv or str(error) == "can't start new thread"
 
 
+# The configuration that `stadimeter init` writes.
 USUAL = Path("stadimeter.toml")
-"""The configuration that `stadimeter init` writes."""
 
 ConfigArgument = Annotated[
     Path | None,

@@ -12,11 +12,11 @@ from stadimeter.config.units import FOOT_M, INCH_M
 from stadimeter.core.detection import RejectedCandidate
 from stadimeter.errors import ConfigError
 
+# Stands where there is no figure.
 UNKNOWN = "—"
-"""Stands where there is no figure."""
 
+# Nothing is as much as this, whatever the unit; a little more cannot even be rounded.
 NO_FIGURE = 1e300
-"""Nothing is as much as this, whatever the unit; a little more cannot even be rounded."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -186,11 +186,11 @@ def format_best(reason: str, rejected: Sequence[RejectedCandidate]) -> str:
     return words if not best.reason or best.reason in reason else f"{words}: {best.reason}"
 
 
+# A length or a speed as reasons have it: ``2.43 m ± 0.04``, ``3.05 m (10.0 ft)`` or ``0.21 m/s``.
 _LENGTH_IN_WORDS = re.compile(
     r"(?<![\w.])(?P<value>-?\d+(?:\.(?P<decimals>\d+))?) m(?P<speed>/s)?\b"
     r"(?: ± (?P<sigma>\d+\.\d+))?(?: \(-?[\d.]+ ft\))?"
 )
-"""A length or a speed as reasons have it: ``2.43 m ± 0.04``, ``3.05 m (10.0 ft)`` or ``0.21 m/s``."""
 
 
 def in_unit(words: str, unit: LengthUnit) -> str:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:  # the plain view starts sooner without rich
     from rich.console import Console
     from rich.text import Text
 
+# What stands for a character where a terminal or file cannot take it.
 PLAIN = {
     "±": "+-", "°": " deg", "…": "...", "²": "2", "³": "3", "—": "-", "–": "-", "−": "-", "·": "-", "•": "*", "→": "->",
     "←": "<-", "≥": ">=", "≤": "<=", "≈": "~", "×": "x", "÷": "/", "σ": "sigma", "µ": "u", "μ": "u", "π": "pi",
@@ -21,10 +22,9 @@ PLAIN = {
     "━": "=", "│": "|", "┃": "|", "█": "#", "▀": "#", "▄": "#", "✓": "ok", "✗": "x",
     "\N{NO-BREAK SPACE}": " ", "\N{NARROW NO-BREAK SPACE}": " ",
 }  # fmt: skip
-"""What stands for a character where a terminal or file cannot take it."""
 
+# The name of the error handler for encodings that puts `plain` in place of what an encoding lacks.
 PLAIN_ERRORS = "stadimeter.plain"
-"""The name of the error handler for encodings that puts `plain` in place of what an encoding lacks."""
 
 
 def plain(character: str) -> str:
@@ -56,8 +56,8 @@ def _plain_codec(name: str) -> codecs.CodecInfo | None:
     )
 
 
+# ASCII under a name of its own. Typer takes a stream of the other name for a mistake, and writes UTF-8 to it.
 _PLAIN_ASCII = "plain_ascii"
-"""ASCII under a name of its own. Typer takes a stream of the other name for a mistake, and writes UTF-8 to it."""
 
 codecs.register_error(PLAIN_ERRORS, _write_plain)
 codecs.register(_plain_codec)

@@ -16,8 +16,8 @@ from stadimeter.app.live.snapshot import RunSnapshot
 from stadimeter.app.loop import Loop
 from stadimeter.cli.formatting import METRE, LengthUnit
 
+# While a run is paused, its view is drawn this often, for a window that changes its size.
 LOOK_EVERY_S = 0.2
-"""While a run is paused, its view is drawn this often, for a window that changes its size."""
 
 
 class Keyboard:

@@ -37,12 +37,12 @@ from stadimeter.cli.run_panels import (
 from stadimeter.cli.strip_chart import WINDOW_S
 from stadimeter.cli.target_panel import figure_rows, target_lines
 
+# The screen is drawn anew this often at most.
 REFRESH_S = 0.1
-"""The screen is drawn anew this often at most."""
 
+# Drawing takes at most this share of the time: on a slow computer the screen is drawn less often, and the loop goes
+# on as before.
 SHARE_MAX = 0.2
-"""Drawing takes at most this share of the time: on a slow computer the screen is drawn less often, and the loop goes
-on as before."""
 
 
 class LiveView:
@@ -129,11 +129,11 @@ class LiveView:
         )
 
 
+# From this many rows on there is room for the narration and the keys.
 FRAMED_HEIGHT = 10
-"""From this many rows on there is room for the narration and the keys."""
 
+# From this many columns on, targets are on the left and the rest on the right.
 WIDE = 100
-"""From this many columns on, targets are on the left and the rest on the right."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -248,8 +248,8 @@ def _targets(shown: Shown, record: CycleRecord, width: int, rows: int, glyphs: G
     ]
 
 
+# A rule or an output, and all its lines.
 _Wrapped = tuple[Block, list[Text]]
-"""A rule or an output, and all its lines."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,6 +18,7 @@ from stadimeter.operator_actions import OperatorAction
 
 ALARM_COMMANDS = tuple(action.command for action in OperatorAction if not action.is_on_outputs)
 
+# The first sentence of the help of each command, by heading; below no heading are old names, which are not listed.
 PANELS: Mapping[str, Mapping[str, str]] = {
     "Run": {
         "demo": "Watch a simulated ball being measured, followed and reported. Needs no hardware.",
@@ -54,7 +55,6 @@ PANELS: Mapping[str, Mapping[str, str]] = {
     },
     "": {name: f"`stadimeter alarm {name}`." for name in ALARM_COMMANDS},
 }
-"""The first sentence of the help of each command, by heading; below no heading are old names, which are not listed."""
 
 _MODULES = {
     "print": "print_target",

@@ -36,8 +36,8 @@ from stadimeter.workbench.colour_profile import profile_notes
 from stadimeter.workbench.measuring import Measuring, PictureResult, failed_results, is_video_file, measure_picture
 from stadimeter.workbench.remedies import remedy_notes
 
+# Of more pictures than this it is shown how many are done.
 MANY_PICTURES = 5
-"""Of more pictures than this it is shown how many are done."""
 
 EXIT_CODES = {
     MeasurementStatus.MEASURED: DONE,

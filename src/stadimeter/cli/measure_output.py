@@ -78,8 +78,8 @@ class _LinePrinter:
         return f"{result.file:<{self.file_width}}{place}  {label:<{self.target_width}}"
 
 
+# Prints results on standard output, and what is wrong on standard error.
 Printer = _JsonPrinter | _LinePrinter
-"""Prints results on standard output, and what is wrong on standard error."""
 
 
 def printer_of(names: Sequence[str], wanted: WantedTargets, *, as_json: bool, explain: bool) -> Printer:
@@ -121,11 +121,11 @@ def _in_words(result: TargetResult, unit: LengthUnit) -> str:
 INDENT = 4
 LABEL_WIDTH = 11
 
+# From this ambiguity on it is said that another tilt explains the picture nearly as well.
 UNSURE = 0.5
-"""From this ambiguity on it is said that another tilt explains the picture nearly as well."""
 
+# A smaller share of the distance is written as no uncertainty.
 _NO_SHARE = 5e-6
-"""A smaller share of the distance is written as no uncertainty."""
 
 
 def explanation(result: TargetResult) -> list[str]:
@@ -223,11 +223,11 @@ def _rejected_lines(result: TargetResult, found: Detection) -> list[tuple[str, s
     ]
 
 
+# A copy is of the same kind as the picture where that is one of these, else a PNG.
 KEPT_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
-"""A copy is of the same kind as the picture where that is one of these, else a PNG."""
 
+# Characters of a target's name beside it in an annotated copy, and of a line of its reason.
 MAX_NAME, WRAPPED_AT = 24, 64
-"""Characters of a target's name beside it in an annotated copy, and of a line of its reason."""
 
 _WORDS = {
     MeasurementStatus.NOT_FOUND: "not found",

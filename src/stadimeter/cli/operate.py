@@ -37,8 +37,8 @@ OneShot = Annotated[
 ]
 All = Annotated[bool, typer.Option("--all", help="Every rule that it applies to, instead of RULE.")]
 
+# A configuration with many targets takes a small computer some seconds to check.
 CHECK_WAIT_S = 60.0
-"""A configuration with many targets takes a small computer some seconds to check."""
 
 ALARM = """Acknowledge, reset or shelve an alarm of a running instance, and more.
 

@@ -13,14 +13,14 @@ from typing import Any, TextIO, TypeVar
 
 import typer
 
+# Work that ends sooner is not announced, in seconds.
 FIRST_AFTER_S = 0.5
-"""Work that ends sooner is not announced, in seconds."""
 
+# This variable of the environment, set to ``off``, keeps it quiet: for logs, and for pages that show output.
 SWITCH = "STADIMETER_PROGRESS"
-"""This variable of the environment, set to ``off``, keeps it quiet: for logs, and for pages that show output."""
 
+# Seconds between lines of progress where the output is no terminal.
 EVERY_S = 15.0
-"""Seconds between lines of progress where the output is no terminal."""
 
 _T = TypeVar("_T")
 Say = Callable[[str], None]

@@ -200,8 +200,8 @@ def _lines(outcome: _Outcome, *, same_rules: bool) -> Iterator[str]:
         yield from comparison_lines(outcome.result, same_rules=same_rules)
 
 
+# At most this many events that changed are listed; ``--json`` has all of them.
 SHOWN_CHANGES = 40
-"""At most this many events that changed are listed; ``--json`` has all of them."""
 
 _FIGURES: tuple[tuple[str, Callable[[RuleFigures], str]], ...] = (
     ("raised", lambda rule: str(rule.raised)),

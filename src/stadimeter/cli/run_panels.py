@@ -26,6 +26,7 @@ from stadimeter.core.command import Command, LevelCommand, TwistCommand
 from stadimeter.core.decision import Event, OutputTrace, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.message import Message
 
+# What the parts of the screen show.
 RULE_STYLES = {
     RuleStatus.IDLE: "dim",
     RuleStatus.PENDING: "yellow",
@@ -58,16 +59,15 @@ SCREEN = (
     ("messages", "what was sent to other programs"),
     ("health", "frames, cycle time, board and broker"),
 )
-"""What the parts of the screen show."""
 
+# Names longer than this are cut, so that what comes behind them stays in sight.
 NAMES_WIDTH_MAX = 16
-"""Names longer than this are cut, so that what comes behind them stays in sight."""
 
+# Keys of a message that a person does not look at.
 PROGRAMS_ONLY = frozenset({"v", "ts", "seq", "id", "since"})
-"""Keys of a message that a person does not look at."""
 
+# From this many columns on the top line has room for what is known of the frames.
 FRAMES_WIDTH = 56
-"""From this many columns on the top line has room for what is known of the frames."""
 
 
 def header_lines(shown: Shown, width: int, glyphs: Glyphs) -> list[Text]:
@@ -156,11 +156,11 @@ class Block:
         return Text.assemble(self.figures, "  ", self.words)
 
 
+# From this many columns on, words that take several lines stand behind the figures; in fewer, below.
 JOINED_WIDTH = 76
-"""From this many columns on, words that take several lines stand behind the figures; in fewer, below."""
 
+# Words below figures begin with this many spaces.
 BELOW = 5
-"""Words below figures begin with this many spaces."""
 
 
 def rule_blocks(record: CycleRecord, unit: LengthUnit, glyphs: Glyphs) -> list[Block]:

@@ -26,14 +26,14 @@ BAND = Layer(style="blue", character=":")
 LIMIT = Layer(style="yellow", character="-")
 LINE = Layer(style="bright_cyan", character="*")
 
+# A chart shows this long.
 WINDOW_S = 30.0
-"""A chart shows this long."""
 
+# The scale spans at least this much, so that the noise of a target at rest looks like rest.
 SPAN_MIN_M = 0.4
-"""The scale spans at least this much, so that the noise of a target at rest looks like rest."""
 
+# In fewer columns nothing can be read.
 PLOT_WIDTH_MIN = 12
-"""In fewer columns nothing can be read."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,9 +115,9 @@ class StripChart:
                 canvas.dot(x, y, LINE)
 
 
+# The bit of each dot, by column and row in the cell, as Unicode numbers them (chapter 21.1, Braille).
 BRAILLE_BLANK = 0x2800
 BRAILLE_BITS = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
-"""The bit of each dot, by column and row in the cell, as Unicode numbers them (chapter 21.1, Braille)."""
 
 
 class DotCanvas:
@@ -173,9 +173,9 @@ class DotCanvas:
         return (layer.character if self._ascii_only else chr(BRAILLE_BLANK + bits)), layer.style
 
 
+# With few rows a step that is too large wastes half of them, so less round ones are taken too.
 FACTORS = (1, 2, 5)
 FINE_FACTORS = (1, 2, 3, 4, 5, 6, 8)
-"""With few rows a step that is too large wastes half of them, so less round ones are taken too."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -235,11 +235,11 @@ def _round_steps(least: float, factors: tuple[int, ...]) -> Iterator[float]:
         power += 1
 
 
+# Distances further apart than this are not joined: the loop stood still, and nothing is known of the time between.
 JOIN_S = 1.0
-"""Distances further apart than this are not joined: the loop stood still, and nothing is known of the time between."""
 
+# No camera measures further than this; such a figure would only squeeze all others together.
 MAX_DISTANCE_M = 1e5
-"""No camera measures further than this; such a figure would only squeeze all others together."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -114,6 +114,7 @@ class _Option:
     default: Any = None
 
 
+# The options that describe a target, in the order of the help.
 _OPTIONS = {
     "--sheet": _Option(
         "WIDTH,HEIGHT|NAME", "Look for a sheet of this size, such as 11in,8.5in, A4, letter or 'business card'."
@@ -151,10 +152,9 @@ _OPTIONS = {
         "How well the target's size is known, one standard deviation, such as 1mm; it widens the ±.",
     ),
 }
-"""The options that describe a target, in the order of the help."""
 
+# The values of the options that describe a target, by option, such as ``{"--disc": "12cm"}``.
 GivenTarget = Mapping[str, Any]
-"""The values of the options that describe a target, by option, such as ``{"--disc": "12cm"}``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

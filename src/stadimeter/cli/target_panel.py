@@ -32,17 +32,17 @@ STATUS_STYLES = {
     TrackStatus.LOST: "red",
 }
 
+# The bearing's scale reaches this far to either side: about what a common lens sees.
 BEARING_END_RAD = math.radians(30)
-"""The bearing's scale reaches this far to either side: about what a common lens sees."""
 
+# From this size on there is room for large digits.
 BIG_WIDTH, BIG_ROWS = 48, 14
-"""From this size on there is room for large digits."""
 
+# In fewer columns the distance and the bearing stand on a line each.
 SPLIT_WIDTH = 60
-"""In fewer columns the distance and the bearing stand on a line each."""
 
+# The reason why a target is not measured has this many lines of its own at most, if there is room for all of it.
 WHY_ROWS = 4
-"""The reason why a target is not measured has this many lines of its own at most, if there is room for all of it."""
 
 
 def target_lines(shown: Shown, track: Track, width: int, rows: int, glyphs: Glyphs) -> list[Text]:

@@ -25,8 +25,8 @@ from stadimeter.workbench.tuning.noise import Series, series_of
 from stadimeter.workbench.tuning.plot import draw_plot, on_delay_in_words, require_matplotlib
 from stadimeter.workbench.tuning.proposing import FLAPS_A_MINUTE, Beginning, Ending, Proposal, tune
 
+# A target that was at its threshold for this share of the time is reported: raises there look like false alarms.
 AT_THRESHOLD_TOLD = 0.05
-"""A target that was at its threshold for this share of the time is reported: raises there look like false alarms."""
 
 
 def register(app: typer.Typer) -> None:

@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     from stadimeter.cli.live_view import LiveView
 
 
+# Rules that do nothing are not named in each line.
 SILENT = frozenset({RuleStatus.IDLE, RuleStatus.UNKNOWN})
-"""Rules that do nothing are not named in each line."""
 
 
 class PlainView:
@@ -151,8 +151,8 @@ def _event_words(event: Event) -> str:
 View = Literal["live", "plain", "json"]
 _NO_SCREEN = nullcontext()
 
+# Cycles that may wait to be shown: about ten seconds of a camera.
 WAITING_MAX = 300
-"""Cycles that may wait to be shown: about ten seconds of a camera."""
 
 STOP_WAIT_S = 1.0
 

@@ -13,12 +13,12 @@ from pathlib import Path
 from stadimeter.config.untrusted_file import SECRET_MAX_BYTES, read_untrusted_text
 from stadimeter.errors import DeviceOpenError, UnreadableError
 
+# Stands in place of the secret parts of an address.
 LEFT_OUT = "…"
-"""Stands in place of the secret parts of an address."""
 
+# The beginning of the parameters of an address. Some cameras have them in the path: ``/user=me&password=secret``.
 _ADDRESS = re.compile(r"""://([^\s"'`<>\\]+)""")
 _PARAMETERS = re.compile(r"[?#;]|(?<=/)[^/?#;]*=")
-"""The beginning of the parameters of an address. Some cameras have them in the path: ``/user=me&password=secret``."""
 
 
 def address_for_people(address: str) -> str:

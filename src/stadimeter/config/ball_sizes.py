@@ -10,6 +10,8 @@ from pydantic import BeforeValidator, WithJsonSchema
 
 from stadimeter.config.units import parse_length
 
+# The middle of what each sport's rules allow, which is about a hundredth of it to either side. A measured diameter is
+# better: an old tennis ball may be 64 mm.
 BALLS = {
     "table tennis ball": "40 mm",
     "golf ball": "42.7 mm",
@@ -23,8 +25,6 @@ BALLS = {
     "football": "22 cm",
     "basketball": "24.3 cm",
 }
-"""The middle of what each sport's rules allow, which is about a hundredth of it to either side. A measured diameter is
-better: an old tennis ball may be 64 mm."""
 
 _ALSO = {"ping pong ball": "table tennis ball", "soccer ball": "football", "billiard ball": "pool ball"}
 _BY_KEY = {name: name for name in BALLS} | _ALSO
@@ -50,9 +50,9 @@ def _known() -> str:
     return f"Known names: {', '.join(BALLS)}"
 
 
+# A length, or the name of a ball, as `BALLS` has it.
 BallDiameter = Annotated[
     float,
     BeforeValidator(parse_ball_diameter),
     WithJsonSchema({"type": "string", "examples": ["6.4 cm", *BALLS], "title": "Diameter of a ball", "x-unit": "m"}),
 ]
-"""A length, or the name of a ball, as `BALLS` has it."""

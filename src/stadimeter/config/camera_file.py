@@ -19,15 +19,15 @@ from stadimeter.core.frame import Optics, Subsampling
 from stadimeter.core.lens_uncertainty import PARAMETERS, LensUncertainty
 from stadimeter.errors import CalibrationError, ConfigError, Problem, reason_of
 
+# Ten times as many as any camera has.
 MAX_PIXELS_ACROSS = 100_000
-"""Ten times as many as any camera has."""
 
+# Cameras have some tenths of a pixel; with more than this, small targets would have no size left.
 MAX_EDGE_BIAS_PX = 5.0
-"""Cameras have some tenths of a pixel; with more than this, small targets would have no size left."""
 
 
+# The hint where there is no camera file.
 HOW_TO_MAKE_ONE = "make it with `stadimeter calibrate distance PICTURE@DISTANCE -o FILE`"
-"""The hint where there is no camera file."""
 
 
 def _date_text(value: object) -> object:

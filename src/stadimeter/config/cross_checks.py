@@ -19,8 +19,8 @@ from stadimeter.config.rules.checks import rule_findings, written_findings
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.units import PinMark, PortMark
 
+# Nothing acts on a frame that is older than this. A robot at 0.5 m/s has gone half a metre by then.
 MAX_BLIND_S = 1.0
-"""Nothing acts on a frame that is older than this. A robot at 0.5 m/s has gone half a metre by then."""
 
 
 def error_findings(draft: Draft) -> Iterator[Finding]:

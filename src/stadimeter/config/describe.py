@@ -25,14 +25,14 @@ from stadimeter.core.rule import (
 from stadimeter.core.rules.layout import contested_outputs
 from stadimeter.core.words import duration, length
 
+# What an output does when it acts, such as ``lights``, by its name.
 Verb = Callable[[str], str]
-"""What an output does when it acts, such as ``lights``, by its name."""
 
 _RAISES_MAX = AlarmRule.__dataclass_fields__["raises_per_min_max"].default
 _TOLERANCE = DelayTolerance()
 
+# Of more rules than these, the rest are counted: a list of hundreds is of no use.
 NAMED_MAX = 10
-"""Of more rules than these, the rest are counted: a list of hundreds is of no use."""
 
 
 def describe(configuration: Configuration) -> tuple[str, ...]:

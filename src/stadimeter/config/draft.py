@@ -24,9 +24,10 @@ from stadimeter.errors import ConfigError, Problem
 if TYPE_CHECKING:
     from stadimeter.config.rule_test_tables import RuleTestTable
 
+# The name of the base in rules.
 BASE_NAME = "base"
-"""The name of the base in rules."""
 
+# Names that mean something else in events and traces.
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
 _TAKEN: dict[str, set[str]] = {
     "targets": {"camera"},
@@ -35,7 +36,6 @@ _TAKEN: dict[str, set[str]] = {
     "notifiers": set(),
     "rules": {"safety", "safe", "operator"},
 }
-"""Names that mean something else in events and traces."""
 
 
 class ChosenDrivers:

@@ -8,6 +8,7 @@ from importlib.util import find_spec
 
 from stadimeter.errors import DriverUnavailableError
 
+# The library of each extra, by the extra's name.
 LIBRARIES = {
     "notify": "apprise",
     "pi": "lgpio",
@@ -16,32 +17,34 @@ LIBRARIES = {
     "tags": "pyapriltags",
     "web": "uvicorn",
 }
-"""The library of each extra, by the extra's name."""
 
+# The first version that can give up waiting for a camera (`cancel_all_and_flush`).
 PICAMERA2 = "`sudo apt install python3-picamera2`"
 OLDEST_PICAMERA2 = "0.3.20"
-"""The first version that can give up waiting for a camera (`cancel_all_and_flush`)."""
+
+# Where apt puts it, which a Python environment of its own does not see.
 PICAMERA2_TOO_OLD = (
     f"this picamera2 is too old: before {OLDEST_PICAMERA2} it cannot give up waiting for a camera; `sudo apt update &&"
     " sudo apt full-upgrade`"
 )
 PICAMERA2_UNSEEN = "/usr/lib/python3/dist-packages/picamera2"
-"""Where apt puts it, which a Python environment of its own does not see."""
+
+# What pip has to install beside libraries from apt that were built for numpy 1, as on Raspberry Pi OS 12.
 SEE_SYSTEM = (  # the Debian package's environment sees them
     "make the environment anew with `python3 -m venv --system-site-packages`, so that it sees the system's packages"
 )
 NUMPY_1 = "'numpy<2' 'opencv-python-headless<4.12'"
-"""What pip has to install beside libraries from apt that were built for numpy 1, as on Raspberry Pi OS 12."""
 
 
+# Where the Debian package has its environment, which has no pip and sees the system's packages.
 PACKAGED = "/opt/stadimeter"
-"""Where the Debian package has its environment, which has no pip and sees the system's packages."""
-PACKAGE_AGAIN = "`sudo apt install --reinstall ./stadimeter_VERSION.deb`, the package's file"
-"""No repository has it, so apt needs the file."""
 
+# No repository has it, so apt needs the file.
+PACKAGE_AGAIN = "`sudo apt install --reinstall ./stadimeter_VERSION.deb`, the package's file"
+
+# What the package brings itself. Anything else goes beside drivers of one's own, which survive an upgrade.
 _OF_DEBIAN = {"pi": "python3-lgpio", "plots": "python3-matplotlib"}
 _OF_PACKAGE = ("notify", "record", "web")
-"""What the package brings itself. Anything else goes beside drivers of one's own, which survive an upgrade."""
 
 
 def install_line(extra: str) -> str:

@@ -17,17 +17,17 @@ from stadimeter.config.addresses import words_for_people
 from stadimeter.config.toml_lines import KeyPath, SourceSpan, find_span
 from stadimeter.errors import Problem
 
+# The code of a finding that has none of its own.
 OTHER = "other"
-"""The code of a finding that has none of its own."""
 
+# More wrong keys of one table than this are only counted: to look for similar words takes 0.1 ms for each.
 MAX_EXPLAINED = 1000
-"""More wrong keys of one table than this are only counted: to look for similar words takes 0.1 ms for each."""
 
+# The longest messages list what could have been written; longer ones repeat what was.
 _MAX_LENGTH = 600
-"""The longest messages list what could have been written; longer ones repeat what was."""
 
+# The code of a mistake in a test of rules.
 OF_A_TEST = "test"
-"""The code of a mistake in a test of rules."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +84,7 @@ def _readable(text: str) -> str:
 
 _MAX_VALUE_LENGTH = 60
 
+# Complaints about the kind of a value, by the beginning of pydantic's name for the error.
 _KINDS = {
     "bool": "neither true nor false",
     "bytes": "not text; put it in quotes",
@@ -101,8 +102,8 @@ _KINDS = {
     "string": "not text; put it in quotes",
     "tuple": "not a list; write it as [ … ]",
 }
-"""Complaints about the kind of a value, by the beginning of pydantic's name for the error."""
 
+# The same for limits, by pydantic's full name for the error.
 _LIMITS = {
     "finite_number": "not a finite number",
     "greater_than": "not above {gt}",
@@ -116,7 +117,6 @@ _LIMITS = {
     "too_long": "a list of more than {max_length} entries",
     "too_short": "a list of fewer than {min_length} entries",
 }
-"""The same for limits, by pydantic's full name for the error."""
 
 
 def findings_of(

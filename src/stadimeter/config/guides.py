@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+# A system may leave it out: `path-exclude` of dpkg.
 CHECKOUT = Path(__file__).parents[3] / "docs"
 OF_PACKAGE = Path("/usr/share/doc/stadimeter")
-"""A system may leave it out: `path-exclude` of dpkg."""
 ON_THE_WEB = "https://github.com/stadimeter/stadimeter/blob/main/docs"
 
 

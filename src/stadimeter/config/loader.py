@@ -35,8 +35,8 @@ if TYPE_CHECKING:  # loaded only for configurations whose tests are asked for
 
 __all__ = ["Configuration", "DriverChoice", "is_demonstration", "load_camera_choice", "load_configuration"]
 
+# The configuration of the demonstration: ``config/demo.toml`` of the checkout, or its copy in a package.
 DEMONSTRATION = Path(stadimeter.__file__).parent / "configurations" / "demo.toml"
-"""The configuration of the demonstration: ``config/demo.toml`` of the checkout, or its copy in a package."""
 
 
 def is_demonstration(configuration: Path) -> bool:

@@ -20,22 +20,22 @@ from stadimeter.config.units import (
 from stadimeter.core import plan
 from stadimeter.operator_actions import OperatorAction
 
+# How old the frame behind a command may grow before the output goes to its safe state.
 LEASE_S = 0.3
-"""How old the frame behind a command may grow before the output goes to its safe state."""
 
+# The longest that a long press may have to be: a button that is held for much longer is stuck.
 HOLD_MAX_S = 5.0
-"""The longest that a long press may have to be: a button that is held for much longer is stuck."""
 
 _LEVEL = plan.LevelOutput(name="")
 _BASE = plan.BaseOutput(name="")
 _TRACKING = plan.Tracking()
 _SAFETY = plan.Safety()
 
+# Every section that a configuration may have.
 SECTIONS = (
     "camera", "targets", "actuators", "base", "status_led", "buttons", "messenger", "notifiers", "world", "tracking",
     "safety", "web", "rules", "tests",
 )  # fmt: skip
-"""Every section that a configuration may have."""
 
 
 class Section(BaseModel):

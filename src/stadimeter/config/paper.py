@@ -8,6 +8,7 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, WithJsonSchema
 
+# Width and height by name: ISO 216, ANSI/ASME Y14.1 and its relatives, and ISO/IEC 7810 ID-1.
 PAPER = {
     "A1": ("594 mm", "841 mm"),
     "A2": ("420 mm", "594 mm"),
@@ -23,7 +24,6 @@ PAPER = {
     "US business card": ("3.5 in", "2 in"),
     "credit card": ("85.6 mm", "53.98 mm"),
 }
-"""Width and height by name: ISO 216, ANSI/ASME Y14.1 and its relatives, and ISO/IEC 7810 ID-1."""
 
 _ALSO = {"us letter": "letter", "us legal": "legal", "bank card": "credit card"}
 _BY_KEY = {name.casefold(): name for name in PAPER} | _ALSO
@@ -43,7 +43,7 @@ def _parse_paper(text: object) -> str:
     raise ValueError(f"{text!r} is no sheet with a name{guess} Known names: {', '.join(PAPER)}")
 
 
+# The name of a sheet, as `PAPER` has it.
 Paper = Annotated[
     str, BeforeValidator(_parse_paper), WithJsonSchema({"type": "string", "examples": [*PAPER], "title": "Paper"})
 ]
-"""The name of a sheet, as `PAPER` has it."""

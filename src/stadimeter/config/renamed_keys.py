@@ -10,14 +10,14 @@ from stadimeter.config.findings import Finding
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.toml_source import TomlSource
 
+# Stands for every name of a table of tables.
 _ANY = "*"
-"""Stands for every name of a table of tables."""
 
+# The new name of each key, by its old path.
 RENAMED: Mapping[tuple[str, ...], str] = {
     ("rules", _ANY, "then"): "escalation",
     ("tracking", "correlation"): "autocorrelation",
 }
-"""The new name of each key, by its old path."""
 
 _LENGTHS = sorted({len(path) for path in RENAMED})
 

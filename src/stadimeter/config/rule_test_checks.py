@@ -24,9 +24,9 @@ from stadimeter.config.untrusted_file import is_file
 from stadimeter.core.condition import DistanceCondition
 from stadimeter.core.rule import AlarmRule
 
+# Keys of which a recording has its own.
 _MADE_UP = (*MOTIONS, "targets", "target", "bearing", "elevation", "lost", "noise", "dropouts", "outliers", "rate")
 _MADE_UP_TOO = ("seed", "frozen", "clock", "day", "operator")
-"""Keys of which a recording has its own."""
 _MAX_RATE_HZ = 30.0
 _EXAMPLE = "expect.RULE = { raised = 1 }"
 

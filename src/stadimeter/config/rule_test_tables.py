@@ -13,8 +13,8 @@ from stadimeter.config.units import Angle, Duration, FilePath, Frequency, Length
 from stadimeter.core.decision import RuleStatus
 from stadimeter.operator_actions import OperatorAction
 
+# How far a level may be from the expected one, unless the test says otherwise.
 TOLERANCE = 0.05
-"""How far a level may be from the expected one, unless the test says otherwise."""
 
 
 class SpanTable(Section):
@@ -39,12 +39,12 @@ def _as_list(value: Any) -> Any:
     return value if isinstance(value, list) else [value]
 
 
+# Moments such as ``"3 s"``, stretches of time such as ``{ from = "3 s", for = "2 s" }``, or a list of both.
 Moment = Annotated[
     Annotated[SpanTable, Tag("throughout")] | Annotated[Duration, Tag("at")],
     Discriminator(lambda value: "throughout" if isinstance(value, dict | SpanTable) else "at"),
 ]
 Moments = Annotated[list[Moment], BeforeValidator(_as_list), Field(min_length=1)]
-"""Moments such as ``"3 s"``, stretches of time such as ``{ from = "3 s", for = "2 s" }``, or a list of both."""
 Count = Annotated[int, Field(ge=0)]
 
 
@@ -140,14 +140,14 @@ class ExpectTable(Section):
         return named
 
 
+# Keys of the table, by what they can be expected of.
 OF_ACTUATORS = ("level_at", "level_max", "level_reaches")
 OF_BASES = ("speed_max", "speed_reaches")
 OF_OUTPUTS = ("stopped_at", "acts_at")
 OF_RULES = tuple(key for key in ExpectTable.model_fields if key not in {*OF_ACTUATORS, *OF_BASES, *OF_OUTPUTS})
-"""Keys of the table, by what they can be expected of."""
 
+# The longest test, in frames: nine hours at 30 a second. More is a slip of the pen.
 FRAMES_MAX = 1_000_000
-"""The longest test, in frames: nine hours at 30 a second. More is a slip of the pen."""
 
 
 def _parse_noise(value: object) -> float:
@@ -162,12 +162,12 @@ Noise = Annotated[float, BeforeValidator(_parse_noise)]
 Rate = Annotated[Frequency, Field(gt=0, le=1000)]
 Rare = Annotated[float, Field(ge=0, lt=1)]
 
+# How long a target that comes or goes stands still before and after, unless the test says otherwise: long enough for a
+# track to be sure that it stands.
 STAND_S = 1.0
-"""How long a target that comes or goes stands still before and after, unless the test says otherwise: long enough for a
-track to be sure that it stands."""
 
+# The ways to move; a motion has exactly one of them.
 MOTIONS = ("hover", "approach", "recede", "skip", "points")
-"""The ways to move; a motion has exactly one of them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -28,8 +28,8 @@ from stadimeter.errors import DriverError
 
 JsonSchema = dict[str, Any]
 
+# The unit of a figure once it was read; it is written with a unit of its own.
 _IN_UNITS = re.compile(r"^In (?:metres|seconds|radians|hertz|m/s²?|rad/s²?)\b(?: since midnight)?(?:[;,] |\.$)")
-"""The unit of a figure once it was read; it is written with a unit of its own."""
 _FOR_NUMBERS = ("exclusiveMinimum", "exclusiveMaximum", "minimum", "maximum", "multipleOf")
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"

@@ -20,16 +20,16 @@ from stadimeter.config.findings import Finding
 from stadimeter.config.renamed_keys import current_keys
 from stadimeter.config.toml_lines import KeyPath, SourceSpan
 
+# Stands in place of a secret in the text that is recorded.
 HIDDEN = "hidden://"
-"""Stands in place of a secret in the text that is recorded."""
 
+# Words in an address that most likely holds a secret. Others, such as ``?action=stream``, deserve no warning.
 _TEXT_VALUE = re.compile(r"""(?:^|(?<==))\s*("(?:[^"\\]|\\.)*"|'[^']*')\s*$""")
 _SCHEME = re.compile(r"\s*[\w+.-]+://")
 _TELLING = re.compile(r"@|\w*(?:pass|pw|token|key|secret|auth|sig|cred)\w*=", re.IGNORECASE)
-"""Words in an address that most likely holds a secret. Others, such as ``?action=stream``, deserve no warning."""
 
+# The sections in which an address is a part of a sentence.
 _TEXT_FOR_PEOPLE = frozenset({"rules", "tests"})
-"""The sections in which an address is a part of a sentence."""
 
 
 def secret_warnings(draft: Draft) -> Iterator[Finding]:

@@ -12,8 +12,8 @@ from bisect import bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+# The path of a value: keys, and for entries of an array their numbers, counted from 0.
 KeyPath = tuple[str | int, ...]
-"""The path of a value: keys, and for entries of an array their numbers, counted from 0."""
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 _BLANK = re.compile(r"[ \t]*")

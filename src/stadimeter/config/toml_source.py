@@ -22,14 +22,14 @@ from stadimeter.config.untrusted_file import read_untrusted_text, size_text
 from stadimeter.core.bounds import MAX_PLAIN
 from stadimeter.errors import ConfigError, Problem, UnreadableError
 
+# The code of a file of which not even the text could be read.
 UNREADABLE = "unreadable"
-"""The code of a file of which not even the text could be read."""
 
+# Enough for 20 conditions inside each other, in lists, in the table of a rule.
 MAX_DEPTH = 64
-"""Enough for 20 conditions inside each other, in lists, in the table of a rule."""
 
+# Enough for every number and for every name that is written without quotes.
 MAX_WORD_LENGTH = 200
-"""Enough for every number and for every name that is written without quotes."""
 
 _MARK = re.compile(
     r'"""(?:[^"\\]|\\.|"(?!""))*"{3,5}|'
@@ -43,8 +43,8 @@ _MARK = re.compile(
 )
 _OPENING, _CLOSING, _NEXT, _TEXT = frozenset("[{"), frozenset("]}"), frozenset(",\n"), frozenset("\"'#")
 
+# The integers that every reader of TOML must take (TOML 1.0, section Integer); no key means more.
 _INTEGERS = range(-(2**63), 2**63)
-"""The integers that every reader of TOML must take (TOML 1.0, section Integer); no key means more."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,8 +56,8 @@ class TomlSource:
     spans: Mapping[KeyPath, SourceSpan]
 
 
+# What is to be read in place of files, by their paths: what was typed and not saved yet, or stands in a recording.
 Texts = Mapping[Path, str]
-"""What is to be read in place of files, by their paths: what was typed and not saved yet, or stands in a recording."""
 
 
 def read_toml(path: Path, most_bytes: int, missing_hint: str = "", texts: Texts | None = None) -> TomlSource:
@@ -117,8 +117,8 @@ def key_and_value(text: str) -> tuple[str, Any]:
         return key.strip(), value.strip()
 
 
+# A comma between two options. One in brackets stands between the parts of a list.
 _OPTION_ENDS = re.compile(r",(?![^\[]*\])")
-"""A comma between two options. One in brackets stands between the parts of a list."""
 
 
 def camera_table(text: str) -> dict[str, Any]:

@@ -75,10 +75,10 @@ FREQUENCIES_HZ = Units(MAX_FREQUENCY_HZ, {"Hz": 1.0, "hz": 1.0, "kHz": 1e3})
 
 DAY_S = 24 * 3600.0
 
+# A number whose comma some read as decimal, others as the one of thousands.
 _TIME_OF_DAY = re.compile(r"\s*(\d{1,2}):(\d{2})(?::(\d{2}(?:\.\d+)?))?\s*")
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+(?:\.\d*|,\d+)?|[.,]\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
-"""A number whose comma some read as decimal, others as the one of thousands."""
 _BETWEEN_QUANTITIES = re.compile(r"(?<!\d),|,(?!\d)")
 
 
@@ -234,8 +234,8 @@ Pin = Annotated[
 ]
 SerialPort = Annotated[str, PortMark()]
 
+# The key of the validation context under which the loader names the configuration's folder.
 FOLDER = "folder"
-"""The key of the validation context under which the loader names the configuration's folder."""
 
 
 def validation_context(file: Path) -> dict[str, Any]:
@@ -266,5 +266,5 @@ def _resolve(value: object, info: ValidationInfo) -> Path:
     return path_from((info.context or {}).get(FOLDER, Path()), value)
 
 
+# A path that is relative to the configuration's folder. Without a validation context it stays as it is written.
 FilePath = Annotated[Path, BeforeValidator(_resolve)]
-"""A path that is relative to the configuration's folder. Without a validation context it stays as it is written."""

@@ -20,31 +20,31 @@ from typing import BinaryIO
 
 from stadimeter.errors import PictureError, UnreadableError
 
+# Ten thousand rules fit in. Nothing of that size takes more than 300 MB, or more than some seconds to refuse.
 CONFIGURATION_MAX_BYTES = 850_000
-"""Ten thousand rules fit in. Nothing of that size takes more than 300 MB, or more than some seconds to refuse."""
 
+# One that `calibrate` writes takes a hundredth of it.
 CAMERA_FILE_MAX_BYTES = 250_000
-"""One that `calibrate` writes takes a hundredth of it."""
 
+# A password, or the URL of a service.
 SECRET_MAX_BYTES = 50_000
-"""A password, or the URL of a service."""
 
+# The certificates of every public authority take a twentieth of it.
 CERTIFICATES_MAX_BYTES = 4_000_000
-"""The certificates of every public authority take a twentieth of it."""
 
+# A line of a journal, or a message of a recording that is no picture. The longest holds a configuration and its camera
+# file, with twice their characters where each is escaped; the objects that it is read into are ten times as large.
 JSON_MAX_BYTES = 4_000_000
-"""A line of a journal, or a message of a recording that is no picture. The longest holds a configuration and its camera
-file, with twice their characters where each is escaped; the objects that it is read into are ten times as large."""
 
+# A chunk of a recording, decompressed: one second of a run, or one picture of 18 MB.
 CHUNK_MAX_BYTES = 24_000_000
-"""A chunk of a recording, decompressed: one second of a run, or one picture of 18 MB."""
 
+# 25 megapixels without compression take 75 MB.
 PICTURE_MAX_BYTES = 80_000_000
-"""25 megapixels without compression take 75 MB."""
 
+# 25 million, as `stadimeter.__init__` says to OpenCV. Decoding takes up to 9 bytes for each. Cameras of a Raspberry Pi
+# have 12 to 16 megapixels.
 PICTURE_MAX_PIXELS = int(os.environ["OPENCV_IO_MAX_IMAGE_PIXELS"])
-"""25 million, as `stadimeter.__init__` says to OpenCV. Decoding takes up to 9 bytes for each. Cameras of a Raspberry Pi
-have 12 to 16 megapixels."""
 
 
 def open_untrusted(path: Path) -> BinaryIO:
@@ -128,30 +128,30 @@ def _reason(error: OSError | ValueError) -> str:
     return (getattr(error, "strerror", None) or str(error)).lower()
 
 
+# The kinds of pictures that are read.
 KINDS = "JPEG, PNG, BMP, TIFF, WebP, PBM, PGM or PPM"
-"""The kinds of pictures that are read."""
 
+# So much of a file is needed to know its kind.
 HEAD_BYTES = 12
-"""So much of a file is needed to know its kind."""
 
 _JPEG_START = b"\xff\xd8"
 _JPEG_END = 0xD9
 _JPEG_SCAN = 0xDA
 _JPEG_WITHOUT_LENGTH = (0x01, 0xD8)
 # Inside compressed data FF is followed by 00 or by a restart marker, D0 to D7; FF before a marker is padding.
+# Progressive pictures have about ten. Each costs a pass over all pixels, and may be as short as a dozen bytes.
 _JPEG_MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
 _JPEG_SCANS_MAX = 100
-"""Progressive pictures have about ten. Each costs a pass over all pixels, and may be as short as a dozen bytes."""
 
+# Chunks of remarks, colour profiles and animations. A thousand remarks of 8 MB each may be packed into a few MB.
 _PNG_START = b"\x89PNG\r\n\x1a\n"
 _PNG_NOT_PICTURE = frozenset({b"tEXt", b"zTXt", b"iTXt", b"iCCP", b"acTL", b"fcTL", b"fdAT"})
-"""Chunks of remarks, colour profiles and animations. A thousand remarks of 8 MB each may be packed into a few MB."""
 
+# A tile or strip is decoded as a whole, however little of it the picture shows, and with up to 8 bytes a pixel.
 _TIFF_ORDERS = {b"II*\0": "<", b"MM\0*": ">"}
 _TIFF_SIZES = _WIDTH, _HEIGHT, _STRIP_HEIGHT, _TILE_WIDTH, _TILE_HEIGHT = 256, 257, 278, 322, 323
 _TIFF_NUMBERS = {3: "H", 4: "L"}
 _TIFF_PIECE_MAX_PIXELS = 16_000_000
-"""A tile or strip is decoded as a whole, however little of it the picture shows, and with up to 8 bytes a pixel."""
 
 _WEBP_ANIMATED = 0x02
 _CUT_SHORT = "is cut short: its end is missing; copy it again"
@@ -163,8 +163,8 @@ def is_picture(head: bytes) -> bool:
     return head.startswith(_STARTS) and (not head.startswith(b"RIFF") or head[8:12] == b"WEBP")
 
 
+# Matroska and WebM, Flash, Ogg, Windows Media, MPEG, and H.264 without a container.
 _VIDEO_STARTS = (b"\x1aE\xdf\xa3", b"FLV", b"OggS", b"0&\xb2u", b"\0\0\x01\xba", b"\0\0\x01\xb3", b"\0\0\0\x01")
-"""Matroska and WebM, Flash, Ogg, Windows Media, MPEG, and H.264 without a container."""
 _PICTURE_BRANDS = (b"heic", b"heix", b"mif1", b"msf1", b"avif")
 
 

@@ -21,11 +21,11 @@ from stadimeter.config.secrets import secret_warnings
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.units import PinMark
 
+# Three frames at 30 a second: with less, every hiccup of a network stops the outputs.
 LEFT_FOR_FRAMES_S = 0.1
-"""Three frames at 30 a second: with less, every hiccup of a network stops the outputs."""
 
+# A contact of a hundred thousand switchings that switches more often than this lasts for less than two weeks.
 MIN_WEAR_PERIOD_S = 5.0
-"""A contact of a hundred thousand switchings that switches more often than this lasts for less than two weeks."""
 
 
 def warning_findings(draft: Draft) -> Iterator[Finding]:

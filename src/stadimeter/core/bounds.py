@@ -6,29 +6,31 @@ overflows, and no time that is added to another loses its milliseconds: a float 
 
 from __future__ import annotations
 
+# Beyond the moon; a camera sees no target there.
 MAX_LENGTH_M = 1e9
-"""Beyond the moon; a camera sees no target there."""
+
+# A thousand turns.
 MAX_SPEED_MPS = 1e6
 MAX_ACCELERATION_MPS2 = 1e6
 MAX_ANGLE_RAD = 1e4
-"""A thousand turns."""
 MAX_TURN_RATE_RADPS = 1e4
 MAX_TURN_ACCELERATION_RADPS2 = 1e6
 MAX_FREQUENCY_HZ = 1e9
 
+# A hundred years.
 MAX_DURATION_S = 3.2e9
-"""A hundred years."""
+
+# On a clock that began when the computer was switched on, or in 1970: it is the year 2286 then.
 MAX_TIME_S = 1e10
-"""On a clock that began when the computer was switched on, or in 1970: it is the year 2286 then."""
 
+# Of a measurement, in metres or radians; also of its standard deviation.
 MAX_FIGURE = 1e6
-"""Of a measurement, in metres or radians; also of its standard deviation."""
 
+# Of a number without a unit.
 MAX_PLAIN = 1e18
-"""Of a number without a unit."""
 
+# A quantity that is nearer to zero is zero, and written as that.
 MIN_QUANTITY = 1e-12
-"""A quantity that is nearer to zero is zero, and written as that."""
 
 
 def is_time(*times_s: float) -> bool:

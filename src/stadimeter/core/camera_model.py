@@ -14,20 +14,20 @@ from stadimeter.core.lens_distortion import check_coefficients, distorted, disto
 from stadimeter.core.lens_uncertainty import LensUncertainty, SharesByPlace, sensitivities
 from stadimeter.errors import CalibrationError
 
+# How code values follow from light: as in sRGB, which nearly every camera imitates, or in proportion to it.
 ToneCurve = Literal["srgb", "linear"]
-"""How code values follow from light: as in sRGB, which nearly every camera imitates, or in proportion to it."""
 
 TONE_CURVES: tuple[ToneCurve, ...] = get_args(ToneCurve)
 
+# Two resolutions have the same aspect if they differ by no more than this share: rounding to whole pixels, no crop.
 ASPECT_TOLERANCE = 0.01
-"""Two resolutions have the same aspect if they differ by no more than this share: rounding to whole pixels, no crop."""
 
+# Standard deviation of the edge bias of a camera of whose tone curve and sharpening nothing is known.
 UNKNOWN_EDGE_BIAS_SIGMA_PX = 0.1
-"""Standard deviation of the edge bias of a camera of whose tone curve and sharpening nothing is known."""
 
+# Focal lengths as shares of the picture's long side: at the shortest it spans 175 degrees, at the longest 20 arc
+# seconds. The focal length in millimetres, written by mistake, is shorter.
 SHORTEST_FOCAL, LONGEST_FOCAL = 0.02, 1e4
-"""Focal lengths as shares of the picture's long side: at the shortest it spans 175 degrees, at the longest 20 arc
-seconds. The focal length in millimetres, written by mistake, is shorter."""
 
 
 def is_one_aspect(one_px: tuple[int, int], other_px: tuple[int, int]) -> bool:

@@ -10,21 +10,21 @@ from numpy.typing import NDArray
 
 Image = NDArray[np.uint8]
 
+# How coarsely colour is stored beside brightness (ITU-R BT.601): for every pixel, for every second one across, or for
+# every second one across and down.
 Subsampling = Literal["4:4:4", "4:2:2", "4:2:0"]
-"""How coarsely colour is stored beside brightness (ITU-R BT.601): for every pixel, for every second one across, or for
-every second one across and down."""
 
 SUBSAMPLINGS: tuple[Subsampling, ...] = get_args(Subsampling)
 
+# How many pixels share one sample of colour, across and down.
 CHROMA_PITCH_PX: dict[Subsampling, tuple[int, int]] = {"4:4:4": (1, 1), "4:2:2": (2, 1), "4:2:0": (2, 2)}
-"""How many pixels share one sample of colour, across and down."""
 
 
+# Crops that differ by no more than this share of their longer side count as the same: they are rounded to blocks.
 CROP_TOLERANCE = 0.002
-"""Crops that differ by no more than this share of their longer side count as the same: they are rounded to blocks."""
 
+# Lens positions that differ by no more than this do too: it changes the focal length by 0.03 % in a small camera.
 LENS_TOLERANCE_DPT = 0.05
-"""Lens positions that differ by no more than this do too: it changes the focal length by 0.03 % in a small camera."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

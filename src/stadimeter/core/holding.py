@@ -26,15 +26,15 @@ from stadimeter.core.rule import AnyRule
 from stadimeter.core.rule_step import LevelRequest, Request, TwistRequest
 from stadimeter.core.rules.arbitration import Wanted
 
+# A hold that is not repeated ends after this long on the run's clock.
 HOLD_S = 0.5
-"""A hold that is not repeated ends after this long on the run's clock."""
 
+# A base is tried no faster than this, or than its own limits.
 LINEAR_MAX_MPS = 0.2
 ANGULAR_MAX_RADPS = 0.5
-"""A base is tried no faster than this, or than its own limits."""
 
+# Stands in traces for the rule that commands an output while a person holds it.
 OPERATOR = "operator"
-"""Stands in traces for the rule that commands an output while a person holds it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

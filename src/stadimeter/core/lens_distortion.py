@@ -26,14 +26,14 @@ Coefficients = tuple[float, ...]
 Points = NDArray[np.float64]
 Numbers = TypeVar("Numbers", float, Points)
 
+# Newton's method needs three to six steps on real lenses; what needs more does not arrive.
 _STEPS = 20
-"""Newton's method needs three to six steps on real lenses; what needs more does not arrive."""
 
+# Coefficients of real lenses stay below a few hundred.
 _BEYOND_REASON = 1e6
-"""Coefficients of real lenses stay below a few hundred."""
 
+# Per unit of depth: far below a millionth of a pixel.
 _CLOSE_ENOUGH = 1e-11
-"""Per unit of depth: far below a millionth of a pixel."""
 
 
 def check_coefficients(coefficients: Coefficients) -> None:

@@ -24,12 +24,12 @@ from stadimeter.errors import CalibrationError
 
 PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
+# Correlations that are written with few digits may miss being possible by this.
 _ABOVE_DIAGONAL = np.triu_indices(len(PARAMETERS), 1)
 _CELLS = (24, 18)
 _STEP = 1e-4
 _NO_BENDING = (0.0, 0.0, 0.0, 0.0, 0.0)
 _NEGATIVE_MAX = 1e-4
-"""Correlations that are written with few digits may miss being possible by this."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -24,15 +24,15 @@ from stadimeter.core.tracking.life_cycle import TrackState
 
 _T = TypeVar("_T")
 
+# How the names of times on the run's clock end. What ends otherwise is a duration, or no time at all.
 _TIME = re.compile(r"(?:.*_)?(?:at|until|since|from|began)_s")
-"""How the names of times on the run's clock end. What ends otherwise is a duration, or no time at all."""
 
+# Phases that noise leads into and out of, and what an alarm is apart from that.
 _SHORTLY = {
     Phase.PENDING: Phase.NORMAL,
     Phase.CLEARING: Phase.ACKNOWLEDGED,
     Phase.CLEARING_UNACKNOWLEDGED: Phase.UNACKNOWLEDGED,
 }
-"""Phases that noise leads into and out of, and what an alarm is apart from that."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,8 +10,8 @@ from typing import Literal
 from stadimeter.core.condition import Condition, Quantity, about
 from stadimeter.core.decision import Severity
 
+# What is due this soon is due, however a sum of times was rounded.
 ROUNDING_S = 1e-6
-"""What is due this soon is due, however a sum of times was rounded."""
 
 
 class LostPolicy(StrEnum):

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from stadimeter.core.decision import RuleStatus, RuleTrace
 from stadimeter.core.rule import Rule
 
+# The gate of a rule that is only observed.
 OBSERVED = "observed"
-"""The gate of a rule that is only observed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,8 +12,8 @@ from stadimeter.core.decision import Event, EventKind, Severity
 from stadimeter.core.operator import AnyCommand, OperatorAnswer, OperatorCommand
 from stadimeter.operator_actions import OperatorAction
 
+# Stands in events for all of them.
 OUTPUTS = "outputs"
-"""Stands in events for all of them."""
 
 Stepped = tuple[str, tuple[OperatorAnswer, ...], tuple[Event, ...]]
 

@@ -19,29 +19,30 @@ from stadimeter.core.track import Track
 
 Value = str | float | bool | None
 
+# What a number that is not known is in a text. In JSON it is null.
 UNKNOWN = "unknown"
-"""What a number that is not known is in a text. In JSON it is null."""
 
+# No template is longer than this.
 TEXT_LONGEST = 4000
-"""No template is longer than this."""
 
 INCH_M = 0.0254
 FOOT_M = 0.3048
 
+# The numbers, and how many decimals they have in a text that does not say.
 TEXT_FIELDS = ("rule", "target", "event", "severity", "reason", "by", "group", "time", "time_of_day")
 NUMBER_FIELDS = {
     "distance_m": 2, "distance_cm": 0, "distance_mm": 0, "distance_ft": 1, "distance_in": 1,
     "sigma_m": 3, "sigma_cm": 1, "depth_m": 2, "closing_mps": 2, "closing_kmh": 1, "closing_mph": 1,
     "bearing_deg": 0, "elevation_deg": 0, "sequence": 0, "count": 0,
 }  # fmt: skip
-"""The numbers, and how many decimals they have in a text that does not say."""
+
+# Every field that a template may name.
 _COUNTS = ("sequence", "count")
 FLAG_FIELDS = ("first_out",)
 FIELDS = (*TEXT_FIELDS, *NUMBER_FIELDS, *FLAG_FIELDS)
-"""Every field that a template may name."""
 
+# A number that stands alone in JSON is rounded to this.
 JSON_DECIMALS = 3
-"""A number that stands alone in JSON is rounded to this."""
 
 # Widths and precisions of two digits: a template must not fill the memory.
 _NUMBER_FORM = re.compile(r"[<>^=]?[+\- ]?0?\d{0,2},?(\.\d{1,2})?[feg]?")

@@ -28,11 +28,11 @@ from stadimeter.core.notification import Notification
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverUnavailableError
 from stadimeter.messaging.back_off import BackOff, Patience
 
+# The names that apprise has for each severity.
 KINDS = {Severity.INFO: "info", Severity.WARNING: "warning", Severity.ALARM: "failure", Severity.SAFETY: "failure"}
-"""The names that apprise has for each severity."""
 
+# The end of a run may take two seconds in all.
 PATIENCE = Patience(goodbye_s=0.6)
-"""The end of a run may take two seconds in all."""
 
 _MAX_REASON_CHARACTERS = 200
 _SECRET = re.compile(r"[^/:@?&=,;\s]{3,}")
@@ -206,8 +206,8 @@ def _overheard() -> Iterator[list[str]]:
         logger.removeHandler(ear)
 
 
+# More than this do not wait: then the oldest is given up for the newest.
 QUEUE_MAX = 100
-"""More than this do not wait: then the oldest is given up for the newest."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,16 +27,16 @@ from stadimeter.messaging.mqtt_client import (
 from stadimeter.messaging.outbox import MemoryOutbox
 from stadimeter.messaging.retained import RetainedList
 
+# Interval, during a pause, of looking for messages of QoS 1, which shorten the pause.
 LOOK_EVERY_S = 0.5
-"""Interval, during a pause, of looking for messages of QoS 1, which shorten the pause."""
 
 V5, V311 = MQTTProtocolVersion.MQTTv5, MQTTProtocolVersion.MQTTv311
 
+# Time after the confirmed subscription within which every page of the list of retained topics arrives.
 LIST_ENDS_S = 0.5
-"""Time after the confirmed subscription within which every page of the list of retained topics arrives."""
 
+# First words of the topics of the link's own messages. A later run does not send them again.
 _OURS = ("availability", "retained")
-"""First words of the topics of the link's own messages. A later run does not send them again."""
 
 
 def serve(client: Client, events: LinkEvents, wait_s: float) -> bool:

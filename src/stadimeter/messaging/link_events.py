@@ -16,10 +16,11 @@ from paho.mqtt.reasoncodes import ReasonCode
 from stadimeter.messaging.mqtt_client import MqttSettings
 from stadimeter.messaging.retained import PAGES_MAX
 
+# A connection that ends sooner is not taken for a sign that all is well.
 STABLE_S = 10.0
-"""A connection that ends sooner is not taken for a sign that all is well."""
+
+# After this many connections in a row that ended soon, two programs with one name are suspected.
 SUSPICIOUS = 3
-"""After this many connections in a row that ended soon, two programs with one name are suspected."""
 
 
 class LinkEvents:

@@ -134,16 +134,15 @@ class MqttSettings(DriverOptions):
         return f"stadimeter-{self.node}"
 
 
+# A drop of the link that is shorter than this is not reported as offline. MQTT 5 only.
 SESSION_EXPIRY_S = 3600
 WILL_DELAY_S = 5
-"""A drop of the link that is shorter than this is not reported as offline. MQTT 5 only."""
 
+# We subscribe to short pages of our own only, so all that a broker has to say is short. No larger packet is read.
+#
+# MQTT allows 256 MiB. A broker of MQTT 5 hears of this bound; for one that does not heed it, and with 3.1.1, `_Client`
+# sees to it. Even 65,535 messages of QoS 2 that are never completed then fit into 64 MiB.
 PACKET_MAX = 1024
-"""We subscribe to short pages of our own only, so all that a broker has to say is short. No larger packet is read.
-
-MQTT allows 256 MiB. A broker of MQTT 5 hears of this bound; for one that does not heed it, and with 3.1.1, `_Client`
-sees to it. Even 65,535 messages of QoS 2 that are never completed then fit into 64 MiB.
-"""
 
 ONLINE = Message(topic="availability", payload="online", qos=1, retain=True)
 OFFLINE = Message(topic="availability", payload="offline", qos=1, retain=True)

@@ -12,12 +12,12 @@ from collections.abc import Iterable, Iterator
 
 from stadimeter.core.message import Message, clearing
 
+# No more is read of a list, nor written: that many pages hold over a thousand rules.
 PAGES_MAX = 200
-"""No more is read of a list, nor written: that many pages hold over a thousand rules."""
 
+# Topics of the program that are no rule's; see `stadimeter.config.rules.sequence_tables.OWN_TOPICS`.
 _OF_RULE = re.compile(r"rule/[^/]+/(?:state|availability)")
 _OWN = re.compile(r"(?:availability|event|retained|rule|target)(?:/.*)?", re.DOTALL)
-"""Topics of the program that are no rule's; see `stadimeter.config.rules.sequence_tables.OWN_TOPICS`."""
 
 
 class RetainedList:

@@ -16,22 +16,22 @@ from stadimeter.core.detection import Detection
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement
 
+# A target is blurred by motion if it is smeared by more than this share of its size, and by more than this.
 BLURRED_SHARE = 0.03
 BLURRED_PX = 1.0
-"""A target is blurred by motion if it is smeared by more than this share of its size, and by more than this."""
 
+# The exposure that is advised leaves a smear of this share: less cannot be seen in the distance.
 WANTED_SHARE = 0.02
-"""The exposure that is advised leaves a smear of this share: less cannot be seen in the distance."""
 
+# Blur is worth a word in more than this share of the sightings, and if it was seen this often.
 BLURRED_OF_SIGHTINGS = 0.05
 SIGHTINGS_MIN = 5
-"""Blur is worth a word in more than this share of the sightings, and if it was seen this often."""
 
+# The exposure is advised for what is blurred less than the worst tenth of the blurred sightings.
 SPEED_PERCENTILE = 0.9
-"""The exposure is advised for what is blurred less than the worst tenth of the blurred sightings."""
 
+# Two sightings further apart than this do not tell a speed.
 APART_MAX_S = 0.2
-"""Two sightings further apart than this do not tell a speed."""
 
 KEPT = 500
 

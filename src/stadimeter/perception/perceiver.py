@@ -29,37 +29,37 @@ from stadimeter.detectors.protocol import Detector
 from stadimeter.perception.motion_blur import MotionBlur
 from stadimeter.ranging.measure import measure
 
+# Each target is looked for in the whole frame this often, in time of capture.
 SEARCH_EVERY_S = 1.0
-"""Each target is looked for in the whole frame this often, in time of capture."""
 
+# A target that was not measured for longer than this may be anywhere.
 UNSEEN_MAX_S = 0.5
-"""A target that was not measured for longer than this may be anywhere."""
 
+# How fast targets move across the line of sight, as a standard deviation: a person walks at 1.4 m/s. It counts while
+# nothing is known of the motion.
 LATERAL_MPS = 1.0
-"""How fast targets move across the line of sight, as a standard deviation: a person walks at 1.4 m/s. It counts while
-nothing is known of the motion."""
 
+# How fast the camera turns, as a standard deviation: a robot that follows turns at about 1 rad/s at most.
 TURN_RADPS = 0.5
-"""How fast the camera turns, as a standard deviation: a robot that follows turns at about 1 rad/s at most."""
 
+# The innovation of one prediction counts for the next ones too, by this factor less with each.
 INNOVATION_DECAY = 0.85
-"""The innovation of one prediction counts for the next ones too, by this factor less with each."""
 
+# A target further off than this many of those standard deviations has jumped, and its motion is unknown again.
 JUMP_SIGMAS = 4.0
-"""A target further off than this many of those standard deviations has jumped, and its motion is unknown again."""
 
+# A motion is taken to go on for this many times the step that it was seen in; then only the uncertainty goes on.
 EVEN_STEPS = 2.0
-"""A motion is taken to go on for this many times the step that it was seen in; then only the uncertainty goes on."""
 
+# However still everything is, a prediction is taken to err by this, in pixels and as a share of the size.
 FLOOR_PX = 1.0
 FLOOR_SHARE = 0.02
-"""However still everything is, a prediction is taken to err by this, in pixels and as a share of the size."""
 
+# A standard deviation beyond this share of the picture's longer side leaves nothing out, so it is no prediction.
 USEFUL_SHARE = 0.25
-"""A standard deviation beyond this share of the picture's longer side leaves nothing out, so it is no prediction."""
 
+# A target that appears larger than this per unit of depth, over 126 degrees, is too near to be seen whole.
 MAX_SIZE_PER_DEPTH = 4.0
-"""A target that appears larger than this per unit of depth, over 126 degrees, is too near to be seen whole."""
 
 _SIDEWAYS_RAD = math.radians(85)
 

@@ -11,9 +11,9 @@ from stadimeter.core.target import Reading
 from stadimeter.ranging.similar_triangles import size_noise_share
 from stadimeter.ranging.sphere_cone import fit_cone
 
+# The detector's standard deviation on rendered pictures: a floor, and a part inverse to the apparent radius.
 _SIGMA_FLOOR_PX = 0.05
 _SIGMA_OF_SMALL_PX2 = 0.85
-"""The detector's standard deviation on rendered pictures: a floor, and a part inverse to the apparent radius."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

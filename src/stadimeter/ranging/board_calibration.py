@@ -24,14 +24,14 @@ from stadimeter.core.lens_uncertainty import LensUncertainty
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.fit_covariance import PlacedBoard, lens_covariance
 
+# Fewer views do not fix focal length, centre and distortion.
 VIEWS_MIN = 3
-"""Fewer views do not fix focal length, centre and distortion."""
 
+# A focal length less sure than this is no calibration.
 FOCAL_SIGMA_MAX = 0.2
-"""A focal length less sure than this is no calibration."""
 
+# Two views are the same if their corners are on average no further apart than this share of the picture's width.
 SAME_VIEW_SHARE = 0.005
-"""Two views are the same if their corners are on average no further apart than this share of the picture's width."""
 
 _OUTLIER_MADS = 5.0
 _OUTLIER_MEDIANS = 2.5
@@ -312,11 +312,11 @@ _PLACES = (
 )
 
 
+# From this angle on a board counts as tilted.
 TILTED_RAD = math.radians(20)
-"""From this angle on a board counts as tilted."""
 
+# The edges of a board that can be turned away from the camera, as the picture shows them.
 EDGES = ("left", "right", "upper", "lower")
-"""The edges of a board that can be turned away from the camera, as the picture shows them."""
 
 
 def edges_away(view: BoardView, width_px: int, height_px: int) -> frozenset[str]:

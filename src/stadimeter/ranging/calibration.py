@@ -32,30 +32,30 @@ from stadimeter.core.target import TargetShape
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.measure import measure
 
+# Edge biases are mostly below this; a fit that is less sure of its bias than this says less than to assume none.
 BIAS_SIGMA_LIMIT_PX = 0.3
-"""Edge biases are mostly below this; a fit that is less sure of its bias than this says less than to assume none."""
 
+# How well a distance is known that a person measures with a tape, as a share of it: 6 mm at 60 cm.
 DISTANCE_RELATIVE_SIGMA = 0.01
-"""How well a distance is known that a person measures with a tape, as a share of it: 6 mm at 60 cm."""
 
+# A focal length less sure than this is no calibration.
 FOCAL_SIGMA_MAX = 0.3
-"""A focal length less sure than this is no calibration."""
 
+# The focal length is found by bisection; this many halvings of a factor of two leave a relative error of 1e-13.
 _DOUBLINGS = 30
 _HALVINGS = 44
-"""The focal length is found by bisection; this many halvings of a factor of two leave a relative error of 1e-13."""
 
+# The edge bias with which detectors are asked what an edge bias changes.
 BIAS_STEP_PX = 0.25
-"""The edge bias with which detectors are asked what an edge bias changes."""
 
+# Distances that differ by less than this factor count as one.
 _ONE_DISTANCE = 1.05
-"""Distances that differ by less than this factor count as one."""
 
+# How many times the largest distance to try when asked where to take one more picture.
 _FARTHER = (1.5, 2, 3, 4, 6, 8)
-"""How many times the largest distance to try when asked where to take one more picture."""
 
+# No picture is advised in which the target would appear smaller than this.
 _ADVISED_MIN_PX = 25.0
-"""No picture is advised in which the target would appear smaller than this."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

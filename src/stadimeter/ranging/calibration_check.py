@@ -25,14 +25,14 @@ from stadimeter.ranging.calibration import (
     tape_share,
 )
 
+# Pictures without a mistake disagree by more than this many standard deviations once in 400 times.
 ALLOWED_SIGMAS = 3.0
-"""Pictures without a mistake disagree by more than this many standard deviations once in 400 times."""
 
+# An error beyond this many standard deviations comes by chance in 1 of 370 pictures.
 PICTURE_LIMIT_SIGMAS = 3.0
-"""An error beyond this many standard deviations comes by chance in 1 of 370 pictures."""
 
+# A mean error beyond this many standard deviations comes by chance in 1 of 80 checks.
 MEAN_LIMIT_SIGMAS = 2.5
-"""A mean error beyond this many standard deviations comes by chance in 1 of 80 checks."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -25,8 +25,8 @@ from stadimeter.core.detection import Points
 
 Matrix = NDArray[np.float64]
 
+# An ellipse has five unknowns.
 MIN_POINTS = 5
-"""An ellipse has five unknowns."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.target import TargetShape
 
+# Smaller targets are hardly distinguished from clutter, whatever kind they are.
 RELIABLE_PX = 12.0
-"""Smaller targets are hardly distinguished from clutter, whatever kind they are."""
 
 _MIN_M2 = 1e-12
 

@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 
 Matrix = NDArray[np.float64]
 
+# As a share of the largest: smaller ones are rounding errors.
 _OF_POSE = 6
 _OF_LENS = slice(_OF_POSE, _OF_POSE + 9)
 _MIN_EIGENVALUE = 1e-13
-"""As a share of the largest: smaller ones are rounding errors."""
 
 _MAX_LEVERAGE = 0.9999
 

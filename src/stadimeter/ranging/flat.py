@@ -26,29 +26,29 @@ from stadimeter.ranging.similar_triangles import read_by_one_length, size_noise_
 
 KnownSide = Literal["auto", "width", "height"]
 
+# The ambiguity of every disc: its outline fits two mirrored poses equally well.
 NO_IDEA = 1.0
-"""The ambiguity of every disc: its outline fits two mirrored poses equally well."""
 
+# Poses are ordered by how likely they are; of two that are so to rounding, the one as the sheet hangs comes first.
 CLOSER = 1e-9
-"""Poses are ordered by how likely they are; of two that are so to rounding, the one as the sheet hangs comes first."""
 
+# How a sheet hangs is decided before its pose is refined, where the other way is this many times as far off.
 CONTENDER = 10.0
-"""How a sheet hangs is decided before its pose is refined, where the other way is this many times as far off."""
 
+# Standard deviation of the tilt of sheets: mostly they face the camera. Chosen on rendered cards cut by hand, of which
+# without it one in five was taken to hang the other way, turned away by 50 to 60 degrees.
 _USUAL_TILT_RAD = math.radians(25)
-"""Standard deviation of the tilt of sheets: mostly they face the camera. Chosen on rendered cards cut by hand, of which
-without it one in five was taken to hang the other way, turned away by 50 to 60 degrees."""
 
+# The detectors' standard deviation on rendered pictures: a floor, and for tags a part inverse to the apparent side.
 _SIGMA_FLOOR_PX = 0.015
 _SIGMA_OF_SMALL_TAG_PX2 = 1.35
-"""The detectors' standard deviation on rendered pictures: a floor, and for tags a part inverse to the apparent side."""
 
 
+# Standard deviation of the place of a sheet's edges that all four have in common and that stays from frame to frame,
+# from sharpening, glare and tone curves that are not quite those assumed; and where colour is subsampled, which smears
+# it across the edges. Fitted on rendered pictures of such cameras.
 _EDGE_BIAS_PX = 0.03
 _EDGE_BIAS_OF_CHROMA_PX = 0.05
-"""Standard deviation of the place of a sheet's edges that all four have in common and that stays from frame to frame,
-from sharpening, glare and tone curves that are not quite those assumed; and where colour is subsampled, which smears it
-across the edges. Fitted on rendered pictures of such cameras."""
 
 
 class _Flat:

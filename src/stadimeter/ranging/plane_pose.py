@@ -30,16 +30,16 @@ Vector = tuple[float, float, float]
 Seen = Sequence[Sequence[float]]
 Values = NDArray[np.float64]
 
+# The corners of a square with a side of 1 in its own frame, x right, y up, from the top left one on.
 SQUARE = np.array(((-0.5, 0.5, 0.0), (0.5, 0.5, 0.0), (0.5, -0.5, 0.0), (-0.5, -0.5, 0.0)))
-"""The corners of a square with a side of 1 in its own frame, x right, y up, from the top left one on."""
 
+# Corners that are seen anywhere: how they change with the pose does not depend on it.
 NOWHERE = ((0.0, 0.0),) * 4
-"""Corners that are seen anywhere: how they change with the pose does not depend on it."""
 
 COORDINATES = 8
 
+# Derivatives are differences over this share of an outline's size.
 STEP = 1e-4
-"""Derivatives are differences over this share of an outline's size."""
 
 _SHIFTS = np.concatenate((np.zeros((1, COORDINATES)), np.eye(COORDINATES))).reshape(-1, 1, 4, 2)
 

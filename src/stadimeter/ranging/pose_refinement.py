@@ -18,12 +18,12 @@ Vector = tuple[float, float, float]
 Seen = Sequence[Sequence[float]]
 Values = NDArray[np.float64]
 
+# A step that would take less than this share off the sum of squares is the last one.
 MAX_STEPS = 8
 SETTLED_SHARE = 1e-3
-"""A step that would take less than this share off the sum of squares is the last one."""
 
+# The first damping, a share of the normal matrix's diagonal, and what it grows by where a step makes things worse.
 DAMPING, GROWTH = 1e-6, 30.0
-"""The first damping, a share of the normal matrix's diagonal, and what it grows by where a step makes things worse."""
 
 
 class PlanePose(NamedTuple):

@@ -32,11 +32,11 @@ from stadimeter.core.detection import Points
 Values = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
+# Square of the tangent of the half angle beyond which rays form no cone around a sphere: it would fill 168 degrees.
 MAX_EXCESS = 100.0
-"""Square of the tangent of the half angle beyond which rays form no cone around a sphere: it would fill 168 degrees."""
 
+# Fewer rays say too little about three unknowns.
 MIN_RAYS = 6
-"""Fewer rays say too little about three unknowns."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -18,8 +18,8 @@ from stadimeter.simulation.robot import Pose
 
 ORIGIN = Pose(x_m=0.0, y_m=0.0, heading_rad=0.0)
 
+# The newest beginnings of the path are remembered, for questions about a moment that has passed.
 ROUNDS_MAX = 16
-"""The newest beginnings of the path are remembered, for questions about a moment that has passed."""
 
 
 def parse_coordinate(text: object) -> float:
@@ -135,14 +135,14 @@ def _speed_between(spans: tuple[float, float], slopes: tuple[float, float]) -> f
     return sum(weights) / (weights[0] / slopes[0] + weights[1] / slopes[1])
 
 
+# The ball takes this long to a new place: a mouse that draws it gives ten places a second or more.
 GLIDE_S = 0.1
-"""The ball takes this long to a new place: a mouse that draws it gives ten places a second or more."""
 
+# It takes this long back to its path.
 RETURN_S = 1.0
-"""It takes this long back to its path."""
 
+# The newest moves are remembered, for questions about a moment that has passed.
 MOVES_MAX = 256
-"""The newest moves are remembered, for questions about a moment that has passed."""
 
 Point = tuple[float, float, float]
 

@@ -28,6 +28,7 @@ from stadimeter.simulation.world import World, shared_world
 Plane = NDArray[np.float32]
 Floats = NDArray[np.floating]
 
+# No yellow, no green, nothing dark: a colour range that finds the ball must find nothing else.
 WALL_DISTANCE_M = 5.0
 TILE_M = 0.5
 MAX_PANORAMA_WIDTH_PX = 4096
@@ -43,13 +44,12 @@ THINGS_BGR = (
     (70, 78, 92),
     (172, 140, 118),
 )
-"""No yellow, no green, nothing dark: a colour range that finds the ball must find nothing else."""
 
+# Pixels by which the noise is larger than a picture each way: 4096 places to cut it from.
 SPARE_PX = 64
-"""Pixels by which the noise is larger than a picture each way: 4096 places to cut it from."""
 
+# The time that a reader of a blocked camera waits.
 TIMEOUT_S = 0.1
-"""The time that a reader of a blocked camera waits."""
 
 
 class Room:

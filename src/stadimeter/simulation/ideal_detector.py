@@ -22,8 +22,8 @@ from stadimeter.simulation.noise import gaussian_pair
 from stadimeter.simulation.silhouette import Silhouette, Vector, hits, silhouette
 from stadimeter.simulation.world import shared_world
 
+# A stated diameter may differ from the world's by this share.
 DIAMETER_TOLERANCE = 1e-3
-"""A stated diameter may differ from the world's by this share."""
 
 _ANGLES = np.arange(16) * (2 * math.pi / 16)
 _CIRCLE: Points = np.stack((np.cos(_ANGLES), np.sin(_ANGLES)), axis=1)

@@ -29,10 +29,11 @@ class StoryLine(OptionsTable):
         return is_near_enough and (self.beyond is None or distance_m > self.beyond)
 
 
+# The ball is not where the camera looks. Like the kinds of faults, it is said while it lasts and when it is over.
 OUT_OF_SIGHT = "out-of-sight"
-"""The ball is not where the camera looks. Like the kinds of faults, it is said while it lasts and when it is over."""
 
 
+# What is said while a fault lasts, by its kind.
 DURING = {
     "hide-target": "The ball is hidden on purpose: the robot must stop.",
     "freeze-camera": "The camera is frozen on purpose: old pictures must move nothing.",
@@ -41,8 +42,8 @@ DURING = {
     "broker-gone": "The message broker is away on purpose: messages must wait for it.",
     OUT_OF_SIGHT: "The ball is out of the camera's sight: the robot stands still until the ball comes back.",
 }
-"""What is said while a fault lasts, by its kind."""
 
+# What is said when it is over.
 AFTER = {
     "hide-target": "The ball is back in sight: the robot may go on.",
     "freeze-camera": "The camera sends new pictures again: the robot may go on.",
@@ -51,13 +52,12 @@ AFTER = {
     "broker-gone": "The message broker is back: what waited is delivered.",
     OUT_OF_SIGHT: "The ball has come back to the camera: the robot may go on.",
 }
-"""What is said when it is over."""
 
+# For how long that is said.
 AFTER_S = 4.0
-"""For how long that is said."""
 
+# What is said in place of the story while the ball is not on its path.
 BY_HAND = "The ball is where a hand has put it: the robot goes by where it sees it."
-"""What is said in place of the story while the ball is not on its path."""
 
 
 class Narrator:

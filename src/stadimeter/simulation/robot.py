@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from stadimeter.core.clock import Clock
 from stadimeter.errors import CommandRangeError, DriverError
 
+# Changes of speed that a robot remembers: 20 s of one every 20 ms.
 MEMORY = 1000
-"""Changes of speed that a robot remembers: 20 s of one every 20 ms."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

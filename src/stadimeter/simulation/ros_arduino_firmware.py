@@ -16,8 +16,8 @@ from stadimeter.errors import DeviceOpenError
 from stadimeter.simulation.emulated_port import EmulatedPort
 from stadimeter.simulation.world import World, shared_world
 
+# Under this name a run keeps its emulated board, so that its faults can be reached.
 SHARED_NAME = "emulated port"
-"""Under this name a run keeps its emulated board, so that its faults can be reached."""
 
 AUTO_STOP_S = 2.0
 FRAME_S = 0.033

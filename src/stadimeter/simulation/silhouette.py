@@ -25,19 +25,19 @@ from stadimeter.core.frame import Image
 Vector = tuple[float, float, float]
 Plane = NDArray[np.float32]
 
+# Nearer to the axis than this, rounding leaves nothing of the direction, and the outline is a circle anyway.
 NO_DIRECTION_M = 1e-12
-"""Nearer to the axis than this, rounding leaves nothing of the direction, and the outline is a circle anyway."""
 
+# The yellowish green of a tennis ball. Shading scales all three alike, so hue and saturation hold on the dark side.
 BALL_BGR = (52, 232, 190)
-"""The yellowish green of a tennis ball. Shading scales all three alike, so hue and saturation hold on the dark side."""
 
+# The direction of the light, in the camera frame: from above, from the left and from behind the camera.
 LIGHT = (-0.37, -0.83, -0.42)
-"""The direction of the light, in the camera frame: from above, from the left and from behind the camera."""
 
 MIN_SHADE = 0.42
 
+# A ball of fewer samples across is sampled more finely.
 FINE_PX = 96
-"""A ball of fewer samples across is sampled more finely."""
 
 SHADOW_DEPTH = 0.5
 

@@ -24,8 +24,8 @@ from stadimeter.simulation.ball import Ball, Coordinate, Hand, WayPoint
 from stadimeter.simulation.narration import OUT_OF_SIGHT, Narrator, StoryLine
 from stadimeter.simulation.robot import DifferentialRobot, Pose
 
+# Under this name the drivers of a run share the world.
 SHARED_NAME = "world"
-"""Under this name the drivers of a run share the world."""
 
 
 class FaultKind(StrEnum):
@@ -138,8 +138,8 @@ KNOBS = {
 }
 
 
+# A fault that a person makes ends by itself after this long; the next try to open a base again comes soon after.
 BY_HAND_S = 7.0
-"""A fault that a person makes ends by itself after this long; the next try to open a base again comes soon after."""
 
 
 class FaultSchedule:

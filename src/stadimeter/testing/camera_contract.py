@@ -31,14 +31,14 @@ from stadimeter.errors import (
 )
 from stadimeter.testing.rig import Contract
 
+# How many frames a recording under test must have, at least.
 FRAMES = 3
-"""How many frames a recording under test must have, at least."""
 
+# How many are read of a live camera: more than the buffers of a driver that uses them in turn.
 LIVE_FRAMES = 12
-"""How many are read of a live camera: more than the buffers of a driver that uses them in turn."""
 
+# How often a camera that lost its device may be read before it must have noticed.
 MAX_READS = 200
-"""How often a camera that lost its device may be read before it must have noticed."""
 
 CLOSE_LIMIT_S = 5.0
 

@@ -30,14 +30,14 @@ from stadimeter.errors import CalibrationError, PictureError
 from stadimeter.ranging.measure import measure
 from stadimeter.testing.rig import Contract
 
+# So begins the reason of a detector that sees the target more than once and cannot tell which one it is.
 AMBIGUOUS = "ambiguous: "
-"""So begins the reason of a detector that sees the target more than once and cannot tell which one it is."""
 
+# A distance may be wrong by this many of the standard deviations stated with it.
 SIGMAS = 4.0
-"""A distance may be wrong by this many of the standard deviations stated with it."""
 
+# A standard deviation above this share of the distance says nothing: no error would be too large for it.
 MAX_SIGMA_SHARE = 0.2
-"""A standard deviation above this share of the distance says nothing: no error would be too large for it."""
 
 PREDICTION_SIGMA_PX = 2.0
 

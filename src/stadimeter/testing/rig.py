@@ -33,20 +33,20 @@ from stadimeter.testing.manual_clock import ManualClock
 DeviceT = TypeVar("DeviceT")
 ResultT = TypeVar("ResultT")
 
+# The runtime ticks its outputs this often.
 TICK_S = 0.02
-"""The runtime ticks its outputs this often."""
 
+# One slow call may be the fault of a busy computer; this many in a row are the driver's.
 SLOW_CALL_S = 0.05
 SLOW_IN_A_ROW = 3
-"""One slow call may be the fault of a busy computer; this many in a row are the driver's."""
 
 HUNG_AFTER_S = 5.0
 
+# Begins with True and ends with False.
 Fault = Callable[[bool], None]
-"""Begins with True and ends with False."""
 
+# Drivers that were found too slow, with the message: the rest of their suite fails at once, without waiting again.
 _too_slow: dict[str, str] = {}
-"""Drivers that were found too slow, with the message: the rest of their suite fails at once, without waiting again."""
 
 
 def impossible(reason: str) -> Fault:

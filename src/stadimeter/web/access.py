@@ -24,12 +24,13 @@ from stadimeter.web.ended_sessions import EndedSessions, Session
 from stadimeter.web.passwords import PasswordFile, Passwords
 from stadimeter.web.routes import PAGE_OPERATIONS, PageOperation, Right
 
+# A session lasts this long, on the wall clock.
 SESSION_S = 14 * 24 * 3600
-"""A session lasts this long, on the wall clock."""
 
+# As many logins may wait for each other: one password is hashed at a time.
 LOGINS_MAX = 4
-"""As many logins may wait for each other: one password is hashed at a time."""
 
+# Of every answer, unless it says otherwise.
 HEADERS = {
     "Content-Security-Policy": "default-src 'self'; img-src 'self' blob: data:; object-src 'none'; base-uri 'none'; "
     "form-action 'self'; frame-ancestors 'none'",
@@ -40,7 +41,6 @@ HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-"""Of every answer, unless it says otherwise."""
 
 OPEN_PATHS = frozenset(each.path for each in PAGE_OPERATIONS if each.right is Right.OPEN)
 

@@ -16,11 +16,11 @@ from starlette.types import Receive, Scope, Send
 from stadimeter.errors import PageError
 from stadimeter.web.exchange import PageAnswer
 
+# A body that takes longer to come is not waited for.
 BODY_MAX_S = 30.0
-"""A body that takes longer to come is not waited for."""
 
+# The header of a picture that holds what it shows, as JSON with percent signs for what no header may have.
 VALUES = "X-Values"
-"""The header of a picture that holds what it shows, as JSON with percent signs for what no header may have."""
 
 
 def as_json(data: Any, status: int = 200) -> Response:

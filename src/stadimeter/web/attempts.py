@@ -10,25 +10,25 @@ from math import ceil
 
 from stadimeter.errors import PageError
 
+# So many failures in a row cost no time. Each further one doubles the wait.
 FREE = 5
-"""So many failures in a row cost no time. Each further one doubles the wait."""
 
+# After this long without a failure, those before count no more.
 FIRST_WAIT_S, LONGEST_WAIT_S = 10.0, 900.0
 FORGOTTEN_S = 24 * 3600.0
-"""After this long without a failure, those before count no more."""
 
+# So many attempts at once, and then one in so much time, are taken from all addresses together that are not known: a
+# network of computers guesses no faster than one.
 IN_ALL, EVERY_S = 30, 2.0
-"""So many attempts at once, and then one in so much time, are taken from all addresses together that are not known: a
-network of computers guesses no faster than one."""
 
+# So long an attempt waits for its turn among them, before it is refused. So five wait at most.
 TURN_MAX_S = 10.0
-"""So long an attempt waits for its turn among them, before it is refused. So five wait at most."""
 
+# Of so many addresses the failures are remembered; the oldest is forgotten first.
 ADDRESSES_MAX = 1000
-"""Of so many addresses the failures are remembered; the oldest is forgotten first."""
 
+# Of so many it is remembered that somebody who may operate has logged in from there.
 KNOWN_MAX = 100
-"""Of so many it is remembered that somebody who may operate has logged in from there."""
 
 
 class Attempts:

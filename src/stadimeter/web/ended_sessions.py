@@ -13,8 +13,8 @@ from stadimeter.errors import PageError
 from stadimeter.web.passwords import replace_file
 from stadimeter.web.routes import Right
 
+# Of so many sessions of a right it is remembered that they were ended. One more ends others, and lets none go on.
 ENDED_MAX = 1000
-"""Of so many sessions of a right it is remembered that they were ended. One more ends others, and lets none go on."""
 
 
 @dataclass(frozen=True, slots=True)

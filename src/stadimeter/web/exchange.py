@@ -11,11 +11,11 @@ from typing import Any
 from stadimeter.app.control.framing import attached_bytes
 from stadimeter.errors import PageError
 
+# A longer line is no answer. The first snapshot holds the distances of some minutes.
 LINE_MAX_BYTES = 8 * 1024 * 1024
-"""A longer line is no answer. The first snapshot holds the distances of some minutes."""
 
+# What HTTP has for the codes of errors; all others are a request that makes no sense just now: 400.
 STATUS_OF_CODE = {"conflict": 409, "not-found": 404, "busy": 503}
-"""What HTTP has for the codes of errors; all others are a request that makes no sense just now: 400."""
 
 _OF_THE_FRAMING = frozenset({"transaction", "status", "error", "code", "bytes", "data"})
 
@@ -68,5 +68,5 @@ def refusal(answer: Mapping[str, Any]) -> PageError:
     return PageError(STATUS_OF_CODE.get(code, 400), code, str(answer.get("error", "refused")), details)
 
 
+# What `take` may raise besides a refusal: the other side is gone, or says what makes no sense.
 UNREADABLE = (OSError, EOFError, ValueError, IncompleteReadError)
-"""What `take` may raise besides a refusal: the other side is gone, or says what makes no sense."""

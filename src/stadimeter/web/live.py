@@ -20,8 +20,8 @@ from stadimeter.errors import PageError
 from stadimeter.web.exchange import PageAnswer
 from stadimeter.web.run_link import RunLink
 
+# The pictures that a subscription may have.
 KINDS = ("none", "plain", "drawn")
-"""The pictures that a subscription may have."""
 
 Explained: TypeAlias = Callable[[PageError], PageError]
 

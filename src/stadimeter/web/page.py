@@ -30,15 +30,15 @@ from stadimeter.web.run_link import RunLink
 from stadimeter.web.run_process import RunProcess
 from stadimeter.web.workbench_link import WorkbenchLink, command_of_workbench
 
+# What the run says of itself that is for those alone who may operate.
 HERE = Path(__file__).parent
 NOT_FOR_WATCHERS = frozenset({"pid", "recordings"})
-"""What the run says of itself that is for those alone who may operate."""
 
+# A picture that was asked for by one is given to others for this long: they cost the run nothing.
 FRESH_S = 0.1
-"""A picture that was asked for by one is given to others for this long: they cost the run nothing."""
 
+# The browser keeps a file and asks each time whether it has changed, so that none is older than the others.
 REVALIDATED = {"Cache-Control": "no-cache"}
-"""The browser keeps a file and asks each time whether it has changed, so that none is older than the others."""
 
 mimetypes.add_type("text/javascript", ".js")  # a system's own table may say otherwise, and then no module is loaded
 

@@ -15,12 +15,12 @@ from typing import Any
 from stadimeter.errors import PageError
 from stadimeter.web.routes import Right
 
+# In characters. Longer ones would cost the time of whoever is asked, and no one types them.
 SHORTEST = 8
 LONGEST = 500
-"""In characters. Longer ones would cost the time of whoever is asked, and no one types them."""
 
+# What OWASP recommends for 8 MiB of memory (Password Storage Cheat Sheet): half a second on a Raspberry Pi 4.
 SCRYPT = {"n": 2**13, "r": 8, "p": 10}
-"""What OWASP recommends for 8 MiB of memory (Password Storage Cheat Sheet): half a second on a Raspberry Pi 4."""
 
 SERVICE_FOLDER = Path("/var/lib/stadimeter")
 NAMES = {"operate": Right.OPERATE, "read": Right.READ}

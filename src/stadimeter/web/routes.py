@@ -13,9 +13,9 @@ from typing import Any, Literal
 
 from stadimeter.operator_actions import OperatorAction
 
+# Time-outs of a cycle of the run, of a check of a configuration, of the workbench, and of a whole recording.
 KIB, MIB = 1024, 1024 * 1024
 RUN_WAIT_S, CHECK_WAIT_S, WORKBENCH_WAIT_S, LONG_WAIT_S = 10.0, 60.0, 60.0, 300.0
-"""Time-outs of a cycle of the run, of a check of a configuration, of the workbench, and of a whole recording."""
 
 Method = Literal["GET", "POST", "PUT", "DELETE"]
 

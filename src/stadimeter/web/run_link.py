@@ -14,8 +14,8 @@ from stadimeter.app.control.places import check_peer
 from stadimeter.errors import ControlError, PageError
 from stadimeter.web.exchange import LINE_MAX_BYTES, UNREADABLE, PageAnswer, put, take
 
+# A run that is subscribed to and sends nothing for this long is taken for hung.
 SILENCE_MAX_S = 10.0
-"""A run that is subscribed to and sends nothing for this long is taken for hung."""
 
 _Streams = tuple[asyncio.StreamReader, asyncio.StreamWriter]
 

@@ -21,8 +21,8 @@ from stadimeter.errors import PageError
 from stadimeter.web import python
 from stadimeter.web.run_link import RunLink
 
+# Loading takes a small Pi many seconds, and some cameras take five to open.
 START_MAX_S = 45.0
-"""Loading takes a small Pi many seconds, and some cameras take five to open."""
 
 ASK_EVERY_S = 0.1
 END_WAIT_S = 5.0

@@ -29,15 +29,15 @@ from stadimeter.web.attempts import network_of
 from stadimeter.web.page import Page, PageOptions
 from stadimeter.web.passwords import PasswordFile
 
+# A connection without a request, or with one that is not whole, is ended after this long.
 CONNECTIONS_MAX = 256
 IDLE_MAX_S = 15.0
-"""A connection without a request, or with one that is not whole, is ended after this long."""
 
+# So is one that takes nothing of what we send.
 STUCK_MAX_S = 30.0
-"""So is one that takes nothing of what we send."""
 
+# More than this does not wait in the kernel for a slow browser: what waits there is old when it is seen.
 UNSENT_MAX_BYTES = 128 * 1024
-"""More than this does not wait in the kernel for a slow browser: what waits there is old when it is seen."""
 
 HEADERS_MAX_BYTES = 16 * 1024
 EVERYWHERE = ("::", "0.0.0.0")  # noqa: S104 - only with a password

@@ -13,14 +13,14 @@ from stadimeter.errors import PageError
 from stadimeter.web import python
 from stadimeter.web.exchange import LINE_MAX_BYTES, UNREADABLE, PageAnswer, put, take
 
+# The process ends after this long without a question: what it has loaded takes a small Pi a third of its memory.
 IDLE_MAX_S = 300.0
-"""The process ends after this long without a question: what it has loaded takes a small Pi a third of its memory."""
 
+# It is given this long to close its camera when it shall end.
 END_WAIT_S = 2.0
-"""It is given this long to close its camera when it shall end."""
 
+# As many questions may wait for it; it answers one after the other.
 WAITING_MAX = 32
-"""As many questions may wait for it; it answers one after the other."""
 
 
 class WorkbenchLink:

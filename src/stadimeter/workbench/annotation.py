@@ -23,27 +23,27 @@ RED: Colour = (90, 90, 255)
 YELLOW: Colour = (60, 240, 255)
 GREY: Colour = (215, 190, 170)
 
+# The long side of a picture in which a line is two pixels thick; in others everything grows and shrinks with it.
 REFERENCE_PX = 900.0
-"""The long side of a picture in which a line is two pixels thick; in others everything grows and shrinks with it."""
 
+# Smaller pictures are enlarged: letters need pixels, and those of many labels twice as many.
 MIN_LONG_SIDE_PX = 600
-"""Smaller pictures are enlarged: letters need pixels, and those of many labels twice as many."""
 
 FEW_MARKS = 4
 
 JPEG_QUALITY = 93
 SUBPIXEL_BITS = 4
 
+# Sizes of the letters of labels that are tried, until all labels find room.
 LABEL_SIZES = (1.0, 0.75, 0.55, 0.45)
-"""Sizes of the letters of labels that are tried, until all labels find room."""
 
+# Between a target and its label, in units of the picture's scale; from this many gaps on a line joins them. Where
+# one is further away than this share of the picture's longer side, all are written smaller.
 LEGEND_SIZE = 0.7
 GAP, LEADER_FROM, MAX_LABEL_SHARE = 12.0, 2.0, 0.08
-"""Between a target and its label, in units of the picture's scale; from this many gaps on a line joins them. Where
-one is further away than this share of the picture's longer side, all are written smaller."""
 
+# Beyond this nothing is drawn: OpenCV's drawing counts in whole numbers of 32 bits.
 REACH_MAX_PX = 1e5
-"""Beyond this nothing is drawn: OpenCV's drawing counts in whole numbers of 32 bits."""
 
 _COLOURS = {DetectionStatus.FOUND: GREEN, DetectionStatus.TRUNCATED: ORANGE, DetectionStatus.NOT_FOUND: RED}
 

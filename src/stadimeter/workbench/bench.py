@@ -45,13 +45,15 @@ from stadimeter.workbench.board_figures import (
     this_computer,
 )
 
+# The share of the time that the simulated run gets; the detectors get the rest.
 SIZES_PX = ((640, 480), (1280, 720), (1920, 1080))
 SHARE_OF_RUN = 0.3
-"""The share of the time that the simulated run gets; the detectors get the rest."""
+
+# A tracked target is expected within this share of its size.
 EXPECTED_WITHIN = 0.03
-"""A tracked target is expected within this share of its size."""
 
 
+# A run of the program as a user starts it. It reads its pictures: to draw a room takes more memory than a camera.
 OWN_RUN_FRAMES = 300
 OWN_RUN = """
 [camera]
@@ -78,7 +80,6 @@ driver = "simulated"
 actuator = "buzzer"
 when = {{ below = "2 m" }}
 """
-"""A run of the program as a user starts it. It reads its pictures: to draw a room takes more memory than a camera."""
 
 
 def measure(seconds: float, sizes_px: Sequence[tuple[int, int]] = SIZES_PX, note: str = "") -> Figures:
@@ -204,8 +205,8 @@ def _milliseconds(seconds: float | None) -> float | None:
     return None if seconds is None else seconds * 1e3
 
 
+# Focal length divided by width: about 56° wide, as most cameras are.
 FIELD_OF_VIEW_FACTOR = 0.94
-"""Focal length divided by width: about 56° wide, as most cameras are."""
 PICTURES = 6
 
 _PATH_S = 5

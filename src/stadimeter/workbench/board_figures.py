@@ -25,8 +25,8 @@ from stadimeter.config.untrusted_file import JSON_MAX_BYTES, read_untrusted
 from stadimeter.errors import UnreadableError
 from stadimeter.workbench.doctor.computer import Computer
 
+# Version 1 had neither this number nor a start, a temperature or a processor limit, and rates instead of times.
 SCHEMA_VERSION: Literal[2] = 2
-"""Version 1 had neither this number nor a start, a temperature or a processor limit, and rates instead of times."""
 
 CGROUPS = Path("/sys/fs/cgroup")
 

@@ -47,8 +47,8 @@ def colour_notes(result: PictureResult, choices: Sequence[DriverChoice], noted: 
             )
 
 
+# Brightness of what has another colour, beside how it was.
 BEHIND = 0.35
-"""Brightness of what has another colour, beside how it was."""
 
 
 def colour_picture(image: Image, view: ColourView, colour: str) -> Image:

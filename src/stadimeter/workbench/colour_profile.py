@@ -16,20 +16,20 @@ from pathlib import Path
 from stadimeter.config.untrusted_file import open_untrusted
 from stadimeter.errors import UnreadableError
 
+# Profiles stand before the pixels; those of cameras have some kilobytes.
 _HEAD_MAX_BYTES = 1 << 20
-"""Profiles stand before the pixels; those of cameras have some kilobytes."""
 
 _PROFILE_MAX_BYTES = 1 << 22
 _ICC = b"ICC_PROFILE\0"
 _HEADER_BYTES = 128
 _TAGS_MAX = 100
 
+# Of sRGB, adapted to the D50 of profiles (IEC 61966-2-1).
 _SRGB_PRIMARIES = {
     b"rXYZ": (0.4361, 0.2225, 0.0139),
     b"gXYZ": (0.3851, 0.7169, 0.0971),
     b"bXYZ": (0.1431, 0.0606, 0.7141),
 }
-"""Of sRGB, adapted to the D50 of profiles (IEC 61966-2-1)."""
 
 _SAME_PRIMARY = 0.01
 

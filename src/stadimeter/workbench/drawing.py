@@ -13,9 +13,10 @@ from stadimeter.errors import ConfigError, reason_of
 
 POINTS_PER_M = 72 / 0.0254
 
+# Four Bézier curves with control points this share of the radius away are a circle to 0.03 % of its radius.
 KAPPA = 0.5522847498
-"""Four Bézier curves with control points this share of the radius away are a circle to 0.03 % of its radius."""
 
+# Widths of Helvetica from space on, in thousandths of its size (Adobe's font metrics); others count as 556.
 WIDTHS = (
     278, 278, 355, 556, 556, 889, 667, 191, 333, 333, 389, 584, 278, 333, 278, 278, 556, 556, 556, 556, 556, 556, 556,
     556, 556, 556, 278, 278, 584, 584, 584, 556, 1015, 667, 667, 722, 722, 667, 611, 778, 722, 278, 500, 667, 556, 833,
@@ -23,7 +24,6 @@ WIDTHS = (
     556, 278, 556, 556, 222, 222, 500, 222, 833, 556, 556, 556, 556, 333, 500, 278, 556, 500, 722, 500, 500, 500, 334,
     260, 334, 584,
 )  # fmt: skip
-"""Widths of Helvetica from space on, in thousandths of its size (Adobe's font metrics); others count as 556."""
 
 FIXED_WIDTH = 600
 
@@ -136,8 +136,8 @@ def _number(value: float) -> str:
     return f"{value:.4f}".rstrip("0").rstrip(".")
 
 
+# A unit of the picture is a millimetre.
 PER_M = 1000.0
-"""A unit of the picture is a millimetre."""
 
 _HEAD = '<svg xmlns="http://www.w3.org/2000/svg" width="{0}mm" height="{1}mm" viewBox="0 0 {0} {1}">'
 

@@ -23,13 +23,13 @@ from stadimeter.workbench.picture_quality import picture_remarks
 if TYPE_CHECKING:
     from stadimeter.simulation.protocol import StagedWorld
 
+# The diameter of the ball in the room.
 BALL = "20 cm"
-"""The diameter of the ball in the room."""
 
 CAMERA_HEIGHT = "25 cm"
 
+# Beyond this nothing is put: the ball would be a few pixels.
 MAX_DISTANCE_M = 8.0
-"""Beyond this nothing is put: the ball would be a few pixels."""
 
 _LENS = CameraModel.with_focal_length(600.0, 640, 480)
 
@@ -65,11 +65,12 @@ class SimulatedRoom:
         return {"x_m": x_m, "y_m": y_m, "distance_m": math.hypot(x_m, y_m) - self._radius_m}
 
 
+# A live camera sets its exposure in its first frames, unless that is fixed.
 FRAME_WAIT_S = 0.5
 SETTLING_FRAMES = 10
-"""A live camera sets its exposure in its first frames, unless that is fixed."""
+
+# Some cameras take seconds to give their first frame.
 SETTLING_WAIT_S = 5.0
-"""Some cameras take seconds to give their first frame."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -170,8 +171,8 @@ def open_camera(choice: DriverChoice) -> Iterator[Source]:
         source.capture.close()
 
 
+# Gives a camera that is open and has settled: `open_camera`, or something that keeps it open.
 Opening = Callable[[DriverChoice], AbstractContextManager[Source]]
-"""Gives a camera that is open and has settled: `open_camera`, or something that keeps it open."""
 
 
 def take_frame(choice: DriverChoice, opening: Opening = open_camera) -> Frame:
@@ -184,11 +185,11 @@ def take_frame(choice: DriverChoice, opening: Opening = open_camera) -> Frame:
         return source.capture.latest(SETTLING_WAIT_S)
 
 
+# A note for people who calibrate from pictures.
 OTHER_PROGRAMS = (
     "a photograph by another program may have another focal length: take pictures for calibration in this way, with"
     " the camera's settings of the configuration"
 )
-"""A note for people who calibrate from pictures."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -20,10 +20,10 @@ from stadimeter.core.frame import Image
 
 Colour = tuple[int, int, int]
 
+# How much of what is behind a text is darkened.
 WHITE: Colour = (245, 245, 245)
 DARK: Colour = (28, 24, 20)
 BACKING = 0.72
-"""How much of what is behind a text is darkened."""
 
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 MIN_FONT = 0.05
@@ -99,15 +99,15 @@ def _text_width(text: str, font: float, thickness: int) -> int:
     return int(sum(widths) + plus * (len(parts) - 1))
 
 
+# Along the longer side of a picture.
 MAX_CELLS = 320
-"""Along the longer side of a picture."""
 
+# What a covered cell costs: of a target or another label, and of something that may be covered if it must.
 TAKEN, USEFUL = 1.0, 3e-5
-"""What a covered cell costs: of a target or another label, and of something that may be covered if it must."""
 
+# What a place costs for each cell between label and target, for each by which its middle is not below the target's,
+# and above the target instead of below.
 A_CELL_AWAY, A_CELL_ASIDE, ABOVE = 2e-3, 4e-4, 4e-3
-"""What a place costs for each cell between label and target, for each by which its middle is not below the target's,
-and above the target instead of below."""
 
 _BITS = 4
 

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from stadimeter.workbench.frame_source import Source
 
 
+# Endings of the names of videos, in lower case.
 VIDEO_SUFFIXES = frozenset(
     [
         ".avi",
@@ -46,7 +47,6 @@ VIDEO_SUFFIXES = frozenset(
         ".wmv",
     ]
 )
-"""Endings of the names of videos, in lower case."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -45,9 +45,9 @@ def _charuco(board: CharucoBoard) -> Drawing:
     return Drawing(squares.width_m, squares.height_m, tuple(shapes))
 
 
+# What printers leave white, and a little more.
 PAPERS = ("A4", "letter", "A3", "legal", "tabloid", "A2", "A1")
 MARGIN_M = 0.008
-"""What printers leave white, and a little more."""
 
 FOOTER_M = 0.017
 LABEL_M = 0.005

@@ -14,8 +14,8 @@ from stadimeter.core.frame import Frame
 from stadimeter.detectors.protocol import KnowsRemedies, Remedy
 from stadimeter.workbench.measuring import PictureResult
 
+# Looks for a target with other options; returns None where it cannot be used.
 Look = Callable[[DriverChoice], Detection | None]
-"""Looks for a target with other options; returns None where it cannot be used."""
 
 
 def remedies_for(

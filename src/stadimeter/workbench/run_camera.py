@@ -28,8 +28,8 @@ from stadimeter.errors import (
 )
 from stadimeter.workbench.frame_source import CameraShot, Source, open_source, snapshots
 
+# While the run has no newer picture, it is asked again this often.
 ASK_EVERY_S = 0.02
-"""While the run has no newer picture, it is asked again this often."""
 
 
 class RunCamera:
@@ -138,12 +138,12 @@ def _device(choice: DriverChoice) -> str:
     return path if "://" in path else os.path.realpath(path)
 
 
+# The message where there are no cameras.
 NONE_FOUND = (
     "no camera is found. Is its cable plugged in, and does `ls /dev/video*` list it? A ribbon camera of a Raspberry Pi"
     " needs `sudo apt install python3-picamera2` and an environment that sees the system's packages; a camera in the"
     f" network is read as a stream ({guide('cameras.md')}), which no list can show"
 )
-"""The message where there are no cameras."""
 
 
 def list_cameras() -> tuple[AttachedCamera, ...]:

@@ -23,14 +23,14 @@ from stadimeter.config.loader import is_demonstration
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text, size_text
 from stadimeter.errors import ConfigError, DemonstrationError, NotThereError, Problem, UnreadableError, reason_of
 
+# The folder of former versions, beside a configuration.
 VERSIONS = "versions"
-"""The folder of former versions, beside a configuration."""
 
+# The number of versions that are kept; the oldest is deleted first.
 KEPT_MAX = 100
-"""The number of versions that are kept; the oldest is deleted first."""
 
+# All versions together. Usual ones have some kilobytes; the newest is kept whatever its size.
 KEPT_MAX_BYTES = 20_000_000
-"""All versions together. Usual ones have some kilobytes; the newest is kept whatever its size."""
 
 _ID = re.compile(r"(\d{4,9})-(\d{8}T\d{6}Z)")
 _STAMP = "%Y%m%dT%H%M%SZ"

@@ -15,8 +15,8 @@ from stadimeter.app.control.framing import attached_bytes
 from stadimeter.app.control.places import check_peer, left_out, left_since, running
 from stadimeter.errors import ControlError
 
+# A loop that runs answers within a cycle.
 ANSWER_WAIT_S = 10.0
-"""A loop that runs answers within a cycle."""
 
 CONNECT_WAIT_S = 2.0
 HELLO_WAIT_S = 2.0

@@ -9,8 +9,8 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+# More bytes than this never follow a line.
 BYTES_MAX = 64 * 1024 * 1024
-"""More bytes than this never follow a line."""
 
 
 def framed(answer: Mapping[str, Any], attached: bytes = b"") -> bytes:

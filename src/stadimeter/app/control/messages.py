@@ -25,8 +25,8 @@ from stadimeter.core.rules.explaining import Explanation
 from stadimeter.errors import ControlError, Problem
 from stadimeter.operator_actions import OperatorAction
 
+# A longer line is no request.
 LINE_MAX_BYTES = 64 * 1024
-"""A longer line is no request."""
 
 _Words = Annotated[str, StringConstraints(max_length=500, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
 _Name = Annotated[str, StringConstraints(max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
@@ -135,6 +135,7 @@ class FrameArgs(_Strict):
     """Quality of the JPEG."""
 
 
+# The operations that may be asked for, each with its arguments.
 ARGS: Mapping[str, type[_Strict]] = {
     **{
         action.command: OutputsArgs if action.is_on_outputs else ShelveArgs if action.is_timed else RuleArgs
@@ -148,7 +149,6 @@ ARGS: Mapping[str, type[_Strict]] = {
     "subscribe": SubscribeArgs,
     "frame": FrameArgs,
 }
-"""The operations that may be asked for, each with its arguments."""
 
 ACTIONS = {action.command: action for action in OperatorAction}
 
@@ -179,8 +179,8 @@ class Request:
         return self.op in ACTIONS or self.op == "hold-output"
 
 
+# What follows the line of an answer; a view of bytes that others hold is not copied.
 Attached = bytes | memoryview
-"""What follows the line of an answer; a view of bytes that others hold is not copied."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,15 +13,15 @@ from pathlib import Path
 from stadimeter.app.service_folders import runtime_directory
 from stadimeter.errors import ControlError
 
+# The kernel takes no longer path of a socket.
 ENDING = ".sock"
 PATH_MAX_BYTES = 107
-"""The kernel takes no longer path of a socket."""
 
+# Where the service of deploy/ listens. Only root and systemd can make it, so that its owner can be believed.
 SERVICE_FOLDER = Path("/run/stadimeter")
-"""Where the service of deploy/ listens. Only root and systemd can make it, so that its owner can be believed."""
 
+# Where other runs of root listen. Among the temporary files, any user could make the folder first.
 ROOT_FOLDER = Path("/run/stadimeter-root")
-"""Where other runs of root listen. Among the temporary files, any user could make the folder first."""
 
 
 def runtime_folder(environ: Mapping[str, str] = os.environ) -> Path:

@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 FOLDER = "recordings"
 ENDING = ".mcap"
 
+# How often a recording looks how full the disk is.
 LOOK_EVERY_S = 2.0
-"""How often a recording looks how full the disk is."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

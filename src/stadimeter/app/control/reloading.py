@@ -17,8 +17,8 @@ from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.rules.scheduler import new_rules
 from stadimeter.errors import StadimeterError
 
+# What a reload can change, and what is compared by its parts: plan and drivers. Everything else needs a restart.
 _LIVE = frozenset({"path", "text", "plan", "tests", "drivers"})
-"""What a reload can change, and what is compared by its parts: plan and drivers. Everything else needs a restart."""
 
 _SECTIONS = {
     "camera_model": "camera.model",

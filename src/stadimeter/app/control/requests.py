@@ -19,8 +19,8 @@ from stadimeter.core.operator import AnyCommand
 from stadimeter.core.reload import ReloadedState
 from stadimeter.core.rules.explaining import explain
 
+# The decisions of this many seconds can be explained afterwards.
 REMEMBERED_S = 60.0
-"""The decisions of this many seconds can be explained afterwards."""
 
 
 class Requests(Protocol):
@@ -31,14 +31,14 @@ class Requests(Protocol):
         ...
 
 
+# A stop is answered this late at most, however slow the disk is; the outputs are stopped before that.
 KEPT_WITHIN_S = 1.0
-"""A stop is answered this late at most, however slow the disk is; the outputs are stopped before that."""
 
 NOT_KEPT = "this run keeps no state, so the next one begins without the stop"
 NOT_YET_KEPT = "the disk has not taken it yet, so if this run is killed, the next one may begin without the stop"
 
+# Does what a request with these arguments asks for, and answers. Called between two cycles; it never waits.
 Act = Callable[[Any, Answer], None]
-"""Does what a request with these arguments asks for, and answers. Called between two cycles; it never waits."""
 
 
 class Control:

@@ -39,23 +39,28 @@ from stadimeter.app.control.messages import (
 from stadimeter.app.control.places import checked_folder, is_alive
 from stadimeter.errors import ControlError
 
+# This many requests may wait for the loop, which takes them all once a cycle.
 CONNECTIONS_MAX = 32
 WAITING_MAX = 64
-"""This many requests may wait for the loop, which takes them all once a cycle."""
-IDLE_MAX_S = 30.0
-"""A client that sends no line, or does not read its answer, for this long is hung up on."""
-ANSWER_MAX_S = 90.0
-"""The loop is waited for this long; a reload takes longest."""
-END_WAIT_S = 0.5
-"""Closing waits this long for the threads of connections, which end as soon as their sockets are shut down."""
-UNREAD_MAX_S = 5.0
-"""Whoever has subscribed and does not read a snapshot for this long is hung up on."""
-RETRY_S = 0.05
-"""After a connection that could not be accepted: the process has no file descriptors left, and no loop must spin."""
 
+# A client that sends no line, or does not read its answer, for this long is hung up on.
+IDLE_MAX_S = 30.0
+
+# The loop is waited for this long; a reload takes longest.
+ANSWER_MAX_S = 90.0
+
+# Closing waits this long for the threads of connections, which end as soon as their sockets are shut down.
+END_WAIT_S = 0.5
+
+# Whoever has subscribed and does not read a snapshot for this long is hung up on.
+UNREAD_MAX_S = 5.0
+
+# After a connection that could not be accepted: the process has no file descriptors left, and no loop must spin.
+RETRY_S = 0.05
+
+# Gives the answer to a request. May be called from any thread, once; it never waits. An answer that takes long to put
+# into words is given as a function, which is called in the thread of the connection.
 Answer = Callable[[Reply | Callable[[], Reply]], None]
-"""Gives the answer to a request. May be called from any thread, once; it never waits. An answer that takes long to put
-into words is given as a function, which is called in the thread of the connection."""
 
 
 class Watched(Protocol):

@@ -13,17 +13,17 @@ from stadimeter.app.board_health import HOT_C, temperature_c, throttled_now
 from stadimeter.app.health import percentile
 from stadimeter.app.live.history import RunHistory
 
+# The board is looked at this often: its files take up to a millisecond each, and nothing there changes faster.
 LOOK_EVERY_S = 5.0
-"""The board is looked at this often: its files take up to a millisecond each, and nothing there changes faster."""
 
+# With less room than this, recordings and logs come to an end soon.
 DISK_FREE_MIN_BYTES = 200e6
-"""With less room than this, recordings and logs come to an end soon."""
 
+# A picture older than this is no longer a live one.
 OLD_S = 0.5
-"""A picture older than this is no longer a live one."""
 
+# Below this share of its speed, a simulation or a recording is slow for all who watch it.
 SLOW_PACE = 0.9
-"""Below this share of its speed, a simulation or a recording is slow for all who watch it."""
 
 
 class Note(NamedTuple):

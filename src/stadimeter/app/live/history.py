@@ -15,21 +15,21 @@ from stadimeter.core.decision import Event
 from stadimeter.core.frame import Frame
 from stadimeter.core.track import Track
 
+# For how long distances are remembered.
 WINDOW_S = 300.0
-"""For how long distances are remembered."""
 
+# Distances are kept this far apart: a chart of half a minute in a terminal, or of five on a page, has no room for
+# more.
 SAMPLE_PERIOD_S = 0.1
-"""Distances are kept this far apart: a chart of half a minute in a terminal, or of five on a page, has no room for
-more."""
 
+# The rate of frames is counted over this time.
 RATE_WINDOW_S = 2.0
-"""The rate of frames is counted over this time."""
 
+# Limit of remembered events. One who watches and does not read for long gets the newest of them.
 EVENTS_MAX = 500
-"""Limit of remembered events. One who watches and does not read for long gets the newest of them."""
 
+# Percentiles are over this many of the newest frames: ten seconds of a camera.
 TIMES_MAX = 300
-"""Percentiles are over this many of the newest frames: ten seconds of a camera."""
 
 _FIELDS = 3
 

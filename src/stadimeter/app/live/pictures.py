@@ -18,8 +18,8 @@ from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame, Image
 from stadimeter.core.track import Track
 
+# A larger picture is made smaller before it is encoded: no page shows more, and to encode it takes long.
 SHOWN_MAX_PX = 1280
-"""A larger picture is made smaller before it is encoded: no page shows more, and to encode it takes long."""
 
 Kind = Literal["none", "plain", "drawn"]
 
@@ -30,11 +30,11 @@ ORANGE: _Colour = (40, 160, 255)
 WHITE: _Colour = (255, 255, 255)
 DARK: _Colour = (20, 20, 20)
 
+# Lines and letters are meant for a picture this wide; in others they grow and shrink with it.
 REFERENCE_PX = 640.0
-"""Lines and letters are meant for a picture this wide; in others they grow and shrink with it."""
 
+# Beyond this nothing is drawn: OpenCV counts in whole numbers of 32 bits.
 FAR_OUT_PX = 1e5
-"""Beyond this nothing is drawn: OpenCV counts in whole numbers of 32 bits."""
 
 SUBPIXEL_BITS = 3
 RULES_MAX = 4

@@ -23,8 +23,8 @@ from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule
 from stadimeter.core.rules.explaining import explain
 from stadimeter.core.rules.reasons import Reasons
 
+# This many messages to other programs are shown at most.
 MESSAGES_MAX = 50
-"""This many messages to other programs are shown at most."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -23,16 +23,16 @@ from stadimeter.core.plan import BaseOutput, Plan
 from stadimeter.core.rule import AlarmRule
 from stadimeter.core.track import Track
 
+# After this many the interpreter is given to the loop, if it waits for it: else it would wait for up to 5 ms.
 OUTLINE_POINTS_MAX = 64
 REJECTED_MAX = 8
 MESSAGES_MAX = 10
 SAMPLES_AT_ONCE = 200
-"""After this many the interpreter is given to the loop, if it waits for it: else it would wait for up to 5 ms."""
 
 GIVE_WAY_S = 1e-5
 
+# Of more rules than this, those that do not change say in turn why: to work that out takes up to 0.1 ms each.
 REASONS_AT_ONCE = 12
-"""Of more rules than this, those that do not change say in turn why: to work that out takes up to 0.1 ms each."""
 
 _JSON = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
 

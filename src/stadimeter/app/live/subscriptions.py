@@ -32,25 +32,25 @@ from stadimeter.errors import ControlError
 
 PERIOD_S = 0.1
 
+# A frame that comes this much before it is time counts as in time: frames never come evenly.
 EARLY_S = 0.015
-"""A frame that comes this much before it is time counts as in time: frames never come evenly."""
 
+# A frame is looked for this long after it is expected, so as not to take the interpreter from the loop.
 AFTER_S = 0.0015
-"""A frame is looked for this long after it is expected, so as not to take the interpreter from the loop."""
 
+# From then on it is looked for this often.
 LOOK_EVERY_S = 0.003
-"""From then on it is looked for this often."""
 
+# Without a new frame a snapshot is sent after this long: the age of the picture grows.
 WITHOUT_FRAME_S = 0.3
-"""Without a new frame a snapshot is sent after this long: the age of the picture grows."""
 
 SUBSCRIPTIONS_MAX = 16
 
+# The first snapshot has this many events; a reader who was slow may get more later.
 FIRST_EVENTS_MAX = 100
-"""The first snapshot has this many events; a reader who was slow may get more later."""
 
+# Takes what makes the next message, and calls it in a thread of its own. It never waits.
 Wake = Callable[[Callable[[], Reply]], None]
-"""Takes what makes the next message, and calls it in a thread of its own. It never waits."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

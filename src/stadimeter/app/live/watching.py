@@ -38,8 +38,8 @@ def live_feed(loop: Loop) -> LiveFeed:
     return feed
 
 
+# What a run says of itself that no view shows: a page hands snapshots on to people who may only watch.
 _NOT_FOR_WATCHERS = ("pid", "recordings", "configuration_age_s")
-"""What a run says of itself that no view shows: a page hands snapshots on to people who may only watch."""
 
 
 def introduction(loop: Loop) -> dict[str, object]:

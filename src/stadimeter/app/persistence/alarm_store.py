@@ -36,11 +36,11 @@ from stadimeter.errors import StateError
 
 FORMAT = 3
 
+# Pages of 4 KiB after which SQLite moves the log into the file.
 LOG_PAGES_MAX = 64
-"""Pages of 4 KiB after which SQLite moves the log into the file."""
 
+# No value in the file is longer.
 VALUE_BYTES_MAX = 2 * 2**20
-"""No value in the file is longer."""
 
 _MOMENT = TypeAdapter(ClockReading)
 _ITEM: TypeAdapter[Message | Notification] = TypeAdapter(Message | Notification)
@@ -49,6 +49,7 @@ _ROW: TypeAdapter[tuple[AlarmSnapshot]] = TypeAdapter(
     tuple[AlarmSnapshot], config=ConfigDict(ser_json_inf_nan="constants")
 )
 
+# What SQLite says when nothing is wrong with the file, but with the disk or with us.
 _UNWRITABLE = frozenset(
     {
         sqlite3.SQLITE_CANTOPEN,
@@ -58,19 +59,18 @@ _UNWRITABLE = frozenset(
         sqlite3.SQLITE_IOERR,
     }
 )
-"""What SQLite says when nothing is wrong with the file, but with the disk or with us."""
 
+# As SQLite keeps them, to the letter: a flipped one may change what a column takes, or how long a query runs.
 _TABLES = (
     "CREATE TABLE alarm (rule TEXT PRIMARY KEY, memory TEXT NOT NULL) WITHOUT ROWID",
     "CREATE TABLE undelivered (number INTEGER PRIMARY KEY, name TEXT NOT NULL, item TEXT NOT NULL)",
     "CREATE TABLE saved (one INTEGER PRIMARY KEY, moment TEXT NOT NULL, absent TEXT NOT NULL, sha256 TEXT NOT NULL)",
     "CREATE TABLE stopped (one INTEGER PRIMARY KEY, said TEXT NOT NULL)",
 )
-"""As SQLite keeps them, to the letter: a flipped one may change what a column takes, or how long a query runs."""
 
 
+# Who has not delivered it yet, and what, as JSON.
 Queued = tuple[str, str]
-"""Who has not delivered it yet, and what, as JSON."""
 
 
 class _DamagedError(Exception):

@@ -32,8 +32,8 @@ from stadimeter.core.safety import SafetyState
 from stadimeter.core.tracking.life_cycle import TrackState
 from stadimeter.errors import StateError
 
+# The name of the clock of simulations and recordings: it begins at the same time in each run.
 STEPPED = "stepped"
-"""The name of the clock of simulations and recordings: it begins at the same time in each run."""
 
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
@@ -132,8 +132,8 @@ class Resumption:
         return _RESUMPTION.dump_json((self,)).decode()
 
 
+# pydantic takes a configuration for a tuple, and not for a dataclass: each adapter is of a tuple with one element.
 _CONFIG = ConfigDict(ser_json_inf_nan="constants", defer_build=True)
-"""pydantic takes a configuration for a tuple, and not for a dataclass: each adapter is of a tuple with one element."""
 
 _RESUMPTION: TypeAdapter[tuple[Resumption]] = TypeAdapter(tuple[Resumption], config=_CONFIG)
 
@@ -160,8 +160,8 @@ class Restored(Protocol):
         ...
 
 
+# How the JSON of a `Continuation` begins, and that of a `Resumption` does not.
 CONTINUATION_BEGINS = '[{"continued":'
-"""How the JSON of a `Continuation` begins, and that of a `Resumption` does not."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,24 +18,24 @@ from stadimeter.app.service_folders import state_directory
 from stadimeter.config.atomic_file import rename_to_free_name
 from stadimeter.errors import StateError
 
+# Says whose file it is: ``Stad``.
 APPLICATION_ID = 0x53746164
-"""Says whose file it is: ``Stad``."""
 
+# A full state file has about 2 MiB, with the longest texts ten. What is larger we did not write, and do not read.
 SIZE_MAX = 32 * 2**20
-"""A full state file has about 2 MiB, with the longest texts ten. What is larger we did not write, and do not read."""
 
 ENDING = ".sqlite3"
 
+# What SQLite keeps beside a file.
 BESIDE = ("-wal", "-shm", "-journal")
-"""What SQLite keeps beside a file."""
 
+# Where a SQLite file has its application id; see https://www.sqlite.org/fileformat.html#the_database_header.
 _HEADER_BYTES = 100
 _MAGIC = b"SQLite format 3\0"
 _ID_AT = 68
-"""Where a SQLite file has its application id; see https://www.sqlite.org/fileformat.html#the_database_header."""
 
+# So many bytes of those by which we know our own may be wrong: a memory card that flips one makes it no stranger's.
 _FLIPPED_MAX = 1
-"""So many bytes of those by which we know our own may be wrong: a memory card that flips one makes it no stranger's."""
 
 
 class Kind(Enum):

@@ -26,28 +26,27 @@ from stadimeter.core.decision import Event
 from stadimeter.core.persistence import SnapshotChange, classify_change, find_absences, snapshot_alarms
 from stadimeter.errors import StateError
 
+# What could not be written is tried again after this long.
 PASSING_EVERY_S = 10.0
 RETRY_S = 60.0
-"""What could not be written is tried again after this long."""
 
+# Period of the check for messages that are not acknowledged.
 LOOK_EVERY_S = 0.5
-"""Period of the check for messages that are not acknowledged."""
 
+# So long the loop waits at most until an alarm is in the file. A program that is killed after that has kept it.
+#
+# The operating system takes a write in a millisecond or two; only a power cut can lose what is not flushed yet. The
+# outputs have their commands by then, and a disk that hangs costs a third of a cycle.
 ALARM_WAIT_S = 0.01
-"""So long the loop waits at most until an alarm is in the file. A program that is killed after that has kept it.
 
-The operating system takes a write in a millisecond or two; only a power cut can lose what is not flushed yet. The
-outputs have their commands by then, and a disk that hangs costs a third of a cycle.
-"""
-
+# Upper limit of stored undelivered messages; the newest are kept.
 UNDELIVERED_MAX = 1000
-"""Upper limit of stored undelivered messages; the newest are kept."""
 
+# At the end of a run the disk is waited for this long; it has had the time of closing everything before.
 END_WAIT_S = 1.0
-"""At the end of a run the disk is waited for this long; it has had the time of closing everything before."""
 
+# Returns this moment, given what the run's clock shows.
 ReadClocks = Callable[[float], ClockReading]
-"""Returns this moment, given what the run's clock shows."""
 
 
 class StateWriter:

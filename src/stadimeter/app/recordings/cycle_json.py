@@ -22,9 +22,10 @@ from stadimeter.core.decision import Decision, Event, RuleTrace
 from stadimeter.core.observation import Observation
 from stadimeter.errors import JournalError
 
+# Stands for the rules of a decision that are those of the cycle before.
 AS_BEFORE = b'"as before"'
-"""Stands for the rules of a decision that are those of the cycle before."""
 
+# The frame comes second in an observation, after one number.
 _RECORD = TypeAdapter(CycleRecord)
 _OBSERVATION = TypeAdapter(Observation)
 _EVENTS = TypeAdapter(tuple[Event, ...])
@@ -33,7 +34,6 @@ _LEFT_OUT: Mapping[str, bool | set[str]] = {"decision": {"rules", "reasons"}, "r
 _NO_EVENTS = b'"events":[],'
 _NO_FRAME = b'"frame":null,'
 _FRAME_BEFORE = 80
-"""The frame comes second in an observation, after one number."""
 
 _OPENING = b'{"observation":'
 _APPLIED = b',"applied":'
@@ -54,8 +54,8 @@ class _Reloaded:
     reloaded: _RecordedReload
 
 
+# A decision alone, written as it is in a whole record: numbers can be configured for a tuple, not for a dataclass.
 _DECIDED: TypeAdapter[tuple[Decision]] = TypeAdapter(tuple[Decision], config=ConfigDict(ser_json_inf_nan="strings"))
-"""A decision alone, written as it is in a whole record: numbers can be configured for a tuple, not for a dataclass."""
 
 _DECIDED_LEFT_OUT: Mapping[int, set[str]] = {0: {"rules", "reasons"}}
 _RELOADED = TypeAdapter(_Reloaded)

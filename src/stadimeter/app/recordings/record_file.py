@@ -19,14 +19,14 @@ from pathlib import Path
 from stadimeter.config.atomic_file import rename_to_free_name
 from stadimeter.errors import JournalError
 
+# The length of the beginning of a file that tells whose it is.
 HEAD_BYTES = 4096
-"""The length of the beginning of a file that tells whose it is."""
 
+# The longest file name that Linux takes.
 NAME_BYTES_MAX = 255
-"""The longest file name that Linux takes."""
 
+# Without waiting: the opening of a pipe that has no reader would never end.
 _OPENING = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOCTTY | os.O_NONBLOCK
-"""Without waiting: the opening of a pipe that has no reader would never end."""
 
 
 class RecordFile:
@@ -165,17 +165,17 @@ def _numbered(path: Path, number: int) -> str:
     return stem + ending
 
 
+# The first bytes of an MCAP file, and its last ones if it was finished.
 MAGIC = b"\x89MCAP0\r\n"
-"""The first bytes of an MCAP file, and its last ones if it was finished."""
 
+# How the name of the program begins that recordings say they were written by.
 LIBRARY = "stadimeter"
-"""How the name of the program begins that recordings say they were written by."""
 
+# Up to the end of the program's name: before it, an opcode and the lengths of record, profile and name.
 HEADER_BYTES_MIN = len(MAGIC) + 1 + 8 + 4 + 4 + len(LIBRARY)
-"""Up to the end of the program's name: before it, an opcode and the lengths of record, profile and name."""
 
+# The opcode of the first record of an MCAP file.
 _HEADER = 1
-"""The opcode of the first record of an MCAP file."""
 
 
 def writer_of(head: bytes) -> str | None:

@@ -19,17 +19,17 @@ from stadimeter.app.recordings.recorded_configuration import RecordedConfigurati
 from stadimeter.core.frame import Frame
 from stadimeter.errors import StadimeterError
 
+# The most cycles that wait for the disk: two minutes at 30 a second. A memory card that pauses needs a few seconds.
 WAITING_MAX = 4096
-"""The most cycles that wait for the disk: two minutes at 30 a second. A memory card that pauses needs a few seconds."""
 
+# While more cycles than this wait, pictures are left out: they take the time and the memory.
 IMAGES_WAITING_MAX = 8
-"""While more cycles than this wait, pictures are left out: they take the time and the memory."""
 
+# How long the end of a run waits for the disk.
 END_WAIT_S = 30.0
-"""How long the end of a run waits for the disk."""
 
+# How long it waits if the run was asked to end, by SIGTERM for example.
 GOODBYE_S = 0.7
-"""How long it waits if the run was asked to end, by SIGTERM for example."""
 
 _STEP_S = 0.1
 

@@ -32,6 +32,7 @@ from stadimeter.core.target import TargetShape
 if TYPE_CHECKING:
     from mcap.writer import Writer
 
+# Begins the name of an attachment that holds a file that the configuration names.
 FORMAT = 1
 CYCLES = "/cycle"
 CONFIGURATION = "/configuration"
@@ -42,16 +43,15 @@ LOG = "/log"
 TARGETS = "/targets/"
 METADATA = "stadimeter"
 CAMERA_FILE = "camera file: "
-"""Begins the name of an attachment that holds a file that the configuration names."""
 
+# The name of the attachment that holds what the run restored from an earlier one.
 RESUMED_NAME = "resumed.json"
-"""The name of the attachment that holds what the run restored from an earlier one."""
 
+# What is newer than this may be lost if the program is killed.
 FLUSH_S = 1.0
-"""What is newer than this may be lost if the program is killed."""
 
+# Message counters of MCAP have 32 bits.
 SEQUENCE_MAX = 2**32
-"""Message counters of MCAP have 32 bits."""
 
 ImageChoice = Literal["none", "events", "all"]
 

@@ -86,6 +86,7 @@ _LABEL = _object(
     metadata=_METADATA,
 )
 
+# By name. That of a cycle is not here: it follows from `CycleRecord`.
 SCHEMAS: dict[str, Schema] = {
     COMPRESSED_IMAGE: _object(
         timestamp=_TIME, frame_id=_TEXT, data={**_TEXT, "contentEncoding": "base64"}, format=_TEXT
@@ -115,7 +116,6 @@ SCHEMAS: dict[str, Schema] = {
     ),
     CONFIGURATION: _object(reloaded=_object(at_s=_NUMBER, configuration=_object(text=_TEXT, files=_object()))),
 }
-"""By name. That of a cycle is not here: it follows from `CycleRecord`."""
 for _name, _schema in SCHEMAS.items():
     _schema["title"] = _name
 
@@ -145,10 +145,11 @@ def _joined(schemas: list[Schema]) -> Schema:
     return _object(**{name: part for schema in schemas for name, part in schema.get("properties", {}).items()})
 
 
+# Of foxglove.Log: info, warning, error, fatal.
 CAMERA_FRAME = "camera"
 _LEVELS = {Severity.INFO: 2, Severity.WARNING: 3, Severity.ALARM: 4, Severity.SAFETY: 5}
-"""Of foxglove.Log: info, warning, error, fatal."""
 
+# JPEGs mostly have colour at half the resolution; edges that only colour shows then move by a part of a pixel.
 _GREEN = {"r": 0.2, "g": 0.9, "b": 0.4, "a": 1.0}
 _ORANGE = {"r": 1.0, "g": 0.65, "b": 0.15, "a": 1.0}
 _RED = {"r": 1.0, "g": 0.35, "b": 0.35, "a": 1.0}
@@ -157,15 +158,14 @@ _SHADE = {"r": 0.0, "g": 0.0, "b": 0.0, "a": 0.6}
 _THICKNESS_PX = 2.0
 _FONT_PX = 14.0
 _WHOLE_COLOUR = (cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
-"""JPEGs mostly have colour at half the resolution; edges that only colour shows then move by a part of a pixel."""
 
+# Of foxglove.PointsAnnotation: the last point is joined to the first.
 _LINE_LOOP = 2
-"""Of foxglove.PointsAnnotation: the last point is joined to the first."""
 
 _OUTLINE_POINTS_MAX = 64
 
+# Foxglove has (0, 0) at the corner of the first pixel, not at its centre.
 _FIRST_PIXEL = 0.5
-"""Foxglove has (0, 0) at the corner of the first pixel, not at its centre."""
 
 
 def stamp(time_ns: int) -> dict[str, int]:

@@ -22,8 +22,8 @@ from stadimeter.core.condition import (
 )
 from stadimeter.core.conditions.limits import ends_of
 
+# Pairs of parts that are tried at most to name the two that clash: those of some sixty parts.
 _MAX_PAIRS = 2000
-"""Pairs of parts that are tried at most to name the two that clash: those of some sixty parts."""
 
 
 def band_errors(subject: Subject) -> Iterator[Finding]:

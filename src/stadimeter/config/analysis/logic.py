@@ -19,9 +19,9 @@ from enum import Enum
 from stadimeter.config.analysis.situations import GONE, SEEN, Axis, Box, Truth, interval, situations
 from stadimeter.core.condition import AllOf, AnyOf, Condition, Leaf, Not
 
+# How many boxes one analysis may look at: some seconds on a small computer. A configuration that people write needs
+# some hundreds; beyond the limit everything counts as possible, so that nothing wrong is said.
 STEPS = 60_000
-"""How many boxes one analysis may look at: some seconds on a small computer. A configuration that people write needs
-some hundreds; beyond the limit everything counts as possible, so that nothing wrong is said."""
 
 
 class Wanted(Enum):
@@ -33,6 +33,7 @@ class Wanted(Enum):
     NOT_FALSE = (Truth.TRUE, Truth.UNKNOWN)
 
 
+# Goals that need every operand; the others need one.
 _OPPOSITE = {
     Wanted.TRUE: Wanted.FALSE,
     Wanted.FALSE: Wanted.TRUE,
@@ -40,11 +41,10 @@ _OPPOSITE = {
     Wanted.NOT_FALSE: Wanted.NOT_TRUE,
 }
 _NEEDS_ALL = {AllOf: (Wanted.TRUE, Wanted.NOT_FALSE), AnyOf: (Wanted.FALSE, Wanted.NOT_TRUE)}
-"""Goals that need every operand; the others need one."""
 
+# The goals that are left: the first, and those after it. A chain is not copied when a goal is put before it.
 Goal = tuple[Condition, Wanted]
 _Goals = tuple[Goal, "_Goals"] | None
-"""The goals that are left: the first, and those after it. A chain is not copied when a goal is put before it."""
 
 
 @dataclass(slots=True, kw_only=True)

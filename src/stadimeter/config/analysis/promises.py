@@ -25,8 +25,8 @@ from stadimeter.core.condition import (
 from stadimeter.core.decision import Severity
 from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, LostPolicy
 
+# A condition that never holds.
 _NEVER = AnyOf(conditions=())
-"""A condition that never holds."""
 
 
 def promise_errors(subject: Subject) -> Iterator[Finding]:

@@ -17,8 +17,8 @@ from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.rule import AlarmRule
 from stadimeter.core.words import duration
 
+# A longer ring is written with a gap.
 _MAX_NAMES = 8
-"""A longer ring is written with a gap."""
 _CONDITIONS = ("when", "suppress_when")
 
 

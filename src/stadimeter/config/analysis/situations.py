@@ -70,17 +70,18 @@ def union_of(parts: Iterable[tuple[float, float]]) -> Intervals:
     return Intervals(tuple(merged))
 
 
+# Such as ``("distance", "ball")``. The axis ``("in sight", TARGET)`` is for how many seconds the target has been in
+# sight, and below zero for how many it has been lost.
 Axis = tuple[Any, ...]
-"""Such as ``("distance", "ball")``. The axis ``("in sight", TARGET)`` is for how many seconds the target has been in
-sight, and below zero for how many it has been lost."""
 
+# A set of situations: for each axis a union of intervals. Axes that it does not name are free.
 Box = Mapping[Axis, Intervals]
-"""A set of situations: for each axis a union of intervals. Axes that it does not name are free."""
 
+# Answers, as intervals on an axis of their own.
 YES, NO, NOT_KNOWN = interval(0.0, 1.0), interval(-1.0, 0.0), interval(1.0, 2.0)
-"""Answers, as intervals on an axis of their own."""
+
+# On the axis ``("in sight", TARGET)``.
 SEEN, GONE = interval(0.0, None), interval(None, 0.0)
-"""On the axis ``("in sight", TARGET)``."""
 ALL, LENGTHS = interval(None, None), interval(0.0, None)
 
 

@@ -10,8 +10,8 @@ from stadimeter.config.draft import BASE_NAME, Draft
 from stadimeter.config.rules.compiled import CompiledRule
 from stadimeter.core.rule import AlarmRule
 
+# Frames in a second where the camera does not say: what a small computer manages.
 ASSUMED_RATE_HZ = 15.0
-"""Frames in a second where the camera does not say: what a small computer manages."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

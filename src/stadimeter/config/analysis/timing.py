@@ -15,11 +15,11 @@ from stadimeter.config.units import parse_speed
 from stadimeter.core.condition import DistanceCondition, TimeToContactCondition, leaves
 from stadimeter.core.rule import AlarmRule, LostPolicy
 
+# Assumed closing speed where none is stated: faster than people walk, slower than they run.
 ASSUMED_CLOSING_MPS = 2.0
-"""Assumed closing speed where none is stated: faster than people walk, slower than they run."""
 
+# A longer delay is no debounce: what is meant is a target that stays.
 MAX_DEBOUNCE_S = 2.0
-"""A longer delay is no debounce: what is meant is a target that stays."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,11 +16,11 @@ from stadimeter.core.condition import Condition, DistanceCondition
 from stadimeter.core.decision import Severity
 from stadimeter.core.rule import AlarmRule, AnyRule, LostPolicy
 
+# A rule that wins an output for no longer than this, because the winner waits longer, has hardly any effect.
 MOMENT_S = 1.0
-"""A rule that wins an output for no longer than this, because the winner waits longer, has hardly any effect."""
 
+# Outputs that more rules drive are not looked at: every rule is held against every other one.
 MAX_RIVALS = 200
-"""Outputs that more rules drive are not looked at: every rule is held against every other one."""
 
 
 def priority_warnings(subject: Subject) -> Iterator[Finding]:

@@ -17,6 +17,7 @@ from stadimeter.config.rules.condition_tables import (
 from stadimeter.config.rules.tables import KINDS, FramesTable, RuleTable
 from stadimeter.config.toml_lines import KeyPath
 
+# What a condition can be; a table with keys of several of these groups is short for all of them.
 _BEEPS = "leave it out: a buzzer on a ramp beeps by itself, the faster the higher the level"
 _ONLY_FOR_WHEN = (
     "targets", "on_delay", "off_delay", "delay_tolerance", "level", "pattern", "at_start", "latch", "ack", "realarm",
@@ -24,11 +25,10 @@ _ONLY_FOR_WHEN = (
 )  # fmt: skip
 _LIMITS = (("above", "below"), ("between",))
 _CONDITION_KINDS = (*_LIMITS, *((key,) for key in (*KEYS_OF_A_TARGET, *KEYS_OF_NO_TARGET, *KEYS_OF_OTHERS)))
-"""What a condition can be; a table with keys of several of these groups is short for all of them."""
 
+# Conditions that are a table of their own, in which their deadbands and probabilities stand.
 _BETWEEN_LIMITS = ("bearing", "elevation", "closing_speed", "separation")
 _INSIDE = ("bearing", "elevation", "closing_speed", "time_to_contact", "separation")
-"""Conditions that are a table of their own, in which their deadbands and probabilities stand."""
 
 _LIMITS_FORM = "write above, below, both of these, or between"
 _NAMED = [key for group in _CONDITION_KINDS for key in group]

@@ -17,9 +17,9 @@ from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.condition import AllOf, AnyOf, Condition, Leaf, Not, RuleCondition, targets_of
 from stadimeter.core.rule import AlarmRule, AnyRule
 
+# Conditions that are a table of their own inside the table of the condition.
 _MAX_LENGTH = 70
 _OF_ONE_QUANTITY = ("bearing", "elevation", "closing_speed", "time_to_contact", "separation", "count", "time")
-"""Conditions that are a table of their own inside the table of the condition."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

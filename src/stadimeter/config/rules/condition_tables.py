@@ -25,8 +25,8 @@ from stadimeter.config.units import Duration, Length, LengthOrZero
 from stadimeter.core import condition as core
 from stadimeter.core.decision import Severity
 
+# Greatest depth of nested conditions.
 MAX_DEPTH = 20
-"""Greatest depth of nested conditions."""
 
 _DISTANCE = core.DistanceCondition()
 
@@ -141,6 +141,7 @@ def _parts(tables: list[WhenTable] | None, severity: Severity) -> tuple[core.Con
 
 _Conversion = Callable[[Any, Severity], core.Condition]
 
+# Each key that makes a condition something else than one on the distance, and its conversion.
 _OF_A_TARGET: dict[str, _Conversion] = {
     "seen": lambda when, _: _presence(when, seen=True),
     "lost": lambda when, _: _presence(when, seen=False),
@@ -163,10 +164,9 @@ _OF_OTHERS: dict[str, _Conversion] = {
     "not": lambda when, severity: core.Not(condition=when.negated.to_plan(severity)),
 }
 _CONVERSIONS = _OF_A_TARGET | _OF_NO_TARGET | _OF_OTHERS
-"""Each key that makes a condition something else than one on the distance, and its conversion."""
 
+# The keys of conditions on one target, on several or none, and on other conditions.
 KEYS_OF_A_TARGET, KEYS_OF_NO_TARGET, KEYS_OF_OTHERS = map(tuple, (_OF_A_TARGET, _OF_NO_TARGET, _OF_OTHERS))
-"""The keys of conditions on one target, on several or none, and on other conditions."""
 
+# The keys that belong to limits on the distance.
 KEYS_ABOUT_DISTANCE = ("of", "deadband", "deadband_sigmas", "probability", "probability_off")
-"""The keys that belong to limits on the distance."""

@@ -11,17 +11,17 @@ from stadimeter.config.units import Angle, AngleOrZero, Duration, Length, Length
 from stadimeter.core import condition as core
 from stadimeter.core.decision import Severity
 
+# A safety rule acts as soon as danger is as likely as not.
 PROBABILITY_FOR_SAFETY = 0.5
-"""A safety rule acts as soon as danger is as likely as not."""
 
+# A speed is estimated from many frames, and overshoots for some tenths of a second after a target has set off. At even
+# odds the estimate alone decides, and every third target that sets off to 70 % of a limit is taken to be above it; at
+# 0.8 its standard deviation, which says that it has not settled, keeps all but 1 in 50 out. A target at twice the limit
+# is found 0.1 s later, one at 1.1 times 0.3 to 0.6 s. Measured by ``tests/benchmarks/closing_speeds.py``.
 PROBABILITY_OF_SPEED_FOR_SAFETY = 0.8
-"""A speed is estimated from many frames, and overshoots for some tenths of a second after a target has set off. At even
-odds the estimate alone decides, and every third target that sets off to 70 % of a limit is taken to be above it; at 0.8
-its standard deviation, which says that it has not settled, keeps all but 1 in 50 out. A target at twice the limit is
-found 0.1 s later, one at 1.1 times 0.3 to 0.6 s. Measured by ``tests/benchmarks/closing_speeds.py``."""
 
+# The days of the week as they are written, Monday first.
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
-"""The days of the week as they are written, Monday first."""
 
 _DISTANCE = core.DistanceCondition()
 _DIRECTION = core.DirectionCondition()

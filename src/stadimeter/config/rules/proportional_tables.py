@@ -15,8 +15,8 @@ from stadimeter.core.decision import Severity
 _FOLLOW = rule.FollowRule(name="", target="", distance_m=1.0)
 _RAMP = rule.RampRule(name="", target="", start_m=1.0, full_m=2.0)
 
+# The fields that say what a table of points says by itself, and how they are written.
 _OF_A_CURVE = {"start": "from", "full": "to", "min": "min", "max": "max", "gamma": "gamma"}
-"""The fields that say what a table of points says by itself, and how they are written."""
 
 
 Factor = Annotated[float, Field(gt=0)]

@@ -15,25 +15,25 @@ from stadimeter.config.models import DurationAboveZero, Section, Share
 from stadimeter.config.units import Duration
 from stadimeter.core import rule, templates
 
+# A level changes with a frame at the earliest: at 30 frames a second a shorter one may be passed over.
 MIN_STEP_S = 0.05
-"""A level changes with a frame at the earliest: at 30 frames a second a shorter one may be passed over."""
 
+# Greatest depth of lists and tables in a JSON template.
 JSON_MAX_DEPTH = 20
-"""Greatest depth of lists and tables in a JSON template."""
 
+# First words of the topics that the program itself publishes below its base topic.
 OWN_TOPICS = ("availability", "event", "retained", "rule", "target")
-"""First words of the topics that the program itself publishes below its base topic."""
 
 DEFAULT_TITLE = "{rule}: {event}"
 DEFAULT_TEXT = "{reason}"
 
+# For each key, those of `_DOES` beside which it has a meaning.
 _STEP = rule.EscalationStep()
 _DOES = ("actuator", "notify", "topic")
 _ONLY_FOR = {
     "level": ("actuator",), "pattern": ("actuator",), "for_": ("actuator",),
     "title": ("notify",), "text": ("notify", "topic"), "json_": ("topic",), "retain": ("topic",),
 }  # fmt: skip
-"""For each key, those of `_DOES` beside which it has a meaning."""
 
 
 def _long_enough(seconds: float) -> float:

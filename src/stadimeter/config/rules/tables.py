@@ -23,13 +23,13 @@ _RULE = rule.Rule(name="", target="")
 _DISTANCE = condition.DistanceCondition()
 _ALARM = rule.AlarmRule(name="", target="", condition=_DISTANCE)
 
+# One wrong frame raises nothing, and one missing frame delays nothing.
 FRAMES_TO_RAISE = rule.OnDelay(frames=3, of_frames=5)
-"""One wrong frame raises nothing, and one missing frame delays nothing."""
 
 UNTIL_ACKNOWLEDGED = "until-acknowledged"
 
+# The kinds of rules: exactly one of these keys is in the table of one.
 KINDS = ("when", "ramp", "follow")
-"""The kinds of rules: exactly one of these keys is in the table of one."""
 
 
 class LostTable(Section):
@@ -61,8 +61,8 @@ class FramesTable(Section):
     """Of this many newest frames."""
 
 
+# More to the contrary in a row than this are no noise, at any rate of a camera: at 30 Hz they last 3 s.
 MAX_TOLERATED_FRAMES = 100
-"""More to the contrary in a row than this are no noise, at any rate of a camera: at 30 Hz they last 3 s."""
 
 
 class ToleratedFramesTable(Section):

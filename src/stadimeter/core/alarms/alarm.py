@@ -36,8 +36,8 @@ from stadimeter.core.track import TrackStatus
 from stadimeter.core.words import duration
 from stadimeter.operator_actions import OperatorAction
 
+# At the start of a run, and after a restart, a target may take this long to be seen: until then it is not lost.
 AWAITED_S = 10.0
-"""At the start of a run, and after a restart, a target may take this long to be seen: until then it is not lost."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

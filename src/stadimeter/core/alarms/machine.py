@@ -68,6 +68,7 @@ class Trigger(StrEnum):
     """It has stood for so long that it must be acknowledged again."""
 
 
+# Where a trigger leads from a phase. A trigger that is not there changes nothing.
 _P, _T = Phase, Trigger
 TRANSITIONS: Mapping[Phase, Mapping[Trigger, Phase]] = {
     _P.NORMAL: {_T.HOLDS: _P.PENDING, _T.RAISE: _P.UNACKNOWLEDGED, _T.RAISE_ACKNOWLEDGED: _P.ACKNOWLEDGED},
@@ -104,19 +105,18 @@ TRANSITIONS: Mapping[Phase, Mapping[Trigger, Phase]] = {
         _T.ACKNOWLEDGE: _P.NORMAL,
     },
 }
-"""Where a trigger leads from a phase. A trigger that is not there changes nothing."""
 
+# The alarm is active: it drives its output.
 ACTIVE = frozenset(Phase) - {Phase.NORMAL, Phase.PENDING, Phase.RTN_UNACKNOWLEDGED}
-"""The alarm is active: it drives its output."""
 
+# The alarm waits for an acknowledgement.
 TO_ACKNOWLEDGE = frozenset(phase for phase in Phase if phase.value.endswith("unacknowledged"))
-"""The alarm waits for an acknowledgement."""
 
+# Only a reset ends the alarm; or its condition holds again.
 LATCHED = frozenset({Phase.LATCHED_UNACKNOWLEDGED, Phase.LATCHED})
-"""Only a reset ends the alarm; or its condition holds again."""
 
+# The condition is judged by what ends it. One that latched has ended: to hold again it must begin again.
 JUDGED_BY_ITS_END = ACTIVE - LATCHED
-"""The condition is judged by what ends it. One that latched has ended: to hold again it must begin again."""
 
 _HOLDING = frozenset({Phase.UNACKNOWLEDGED, Phase.ACKNOWLEDGED})
 

@@ -237,8 +237,8 @@ class TimeToContactCondition(Leaf):
         return approach if approach and self.speed_knowledge(approach) is SpeedKnowledge.KNOWN else None
 
 
+# In place of an earliest time, while the time itself is known: the least number above `UNKNOWN`.
 _KNOWN_S = -math.nextafter(math.inf, 0.0)
-"""In place of an earliest time, while the time itself is known: the least number above `UNKNOWN`."""
 
 
 def _later_than(time_s: float) -> tuple[float, float]:

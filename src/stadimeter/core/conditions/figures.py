@@ -13,8 +13,8 @@ from stadimeter.core.track import Track, TrackStatus
 Quantity = Literal["distance", "depth"]
 Direction = Literal["bearing", "elevation"]
 
+# A value, its standard deviation, and the part of that which differs from frame to frame (noise).
 Uncertain = tuple[float, float, float]
-"""A value, its standard deviation, and the part of that which differs from frame to frame (noise)."""
 
 _TRACKING, _COASTING = TrackStatus.TRACKING, TrackStatus.COASTING
 _ROOT_2 = math.sqrt(2)

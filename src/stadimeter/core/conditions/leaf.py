@@ -14,8 +14,8 @@ from typing import Any, ClassVar, NamedTuple
 
 from stadimeter.core.conditions.inputs import RuleInputs
 
+# The value of a figure that is not known. No figure that is known has it.
 UNKNOWN = -math.inf
-"""The value of a figure that is not known. No figure that is known has it."""
 
 
 class Figure(NamedTuple):

@@ -19,8 +19,8 @@ from stadimeter.core.conditions.figures import Uncertain, probability_between
 from stadimeter.core.conditions.inputs import RuleInputs
 from stadimeter.core.conditions.leaf import UNKNOWN, Figure, JudgedFigure, Leaf, Rest
 
+# Nothing is in doubt this many standard deviations from a threshold.
 FAR_SIGMAS = 12.0
-"""Nothing is in doubt this many standard deviations from a threshold."""
 
 _BISECTIONS = 48
 

@@ -11,8 +11,8 @@ from operator import attrgetter
 from stadimeter.core.plan import BaseOutput, Output
 from stadimeter.core.rule_step import LevelRequest, Request, TwistRequest
 
+# The requests for each output that has any, the winner first.
 Wanted = Mapping[str, Sequence[Request]]
-"""The requests for each output that has any, the winner first."""
 
 
 def arbitrate(requests: Iterable[Request], outputs: Mapping[str, Output] | None = None) -> dict[str, list[Request]]:

@@ -86,8 +86,8 @@ def explain(decision: Decision, name: str, *, with_probability: bool = True) -> 
     )
 
 
+# Noise that was found to be larger than stated by this factor is told.
 NOISY_FACTOR = 1.5
-"""Noise that was found to be larger than stated by this factor is told."""
 
 
 def _noisiness(inputs: RuleInputs, rule: AnyRule) -> Iterator[str]:

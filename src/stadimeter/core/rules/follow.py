@@ -29,8 +29,8 @@ def new_follow(rule: FollowRule) -> FollowStep:
     return FollowStep(trace=trace_of(rule, RuleStatus.UNKNOWN))
 
 
+# A base does not drive by a distance whose standard deviation is more than this share of it.
 UNSURE_SHARE = 0.3
-"""A base does not drive by a distance whose standard deviation is more than this share of it."""
 
 
 def follow_twist(rule: FollowRule, distance_m: float, bearing_rad: float) -> tuple[float, float]:

@@ -20,9 +20,9 @@ from stadimeter.core.rule_step import LevelRequest, Step, trace_of
 from stadimeter.core.track import Track
 from stadimeter.core.words import metres
 
+# An output that has begun goes on until the target is this far back, in standard deviations of the noise: noise at the
+# start must not switch it.
 HOLD_ON_SIGMAS = 2.0
-"""An output that has begun goes on until the target is this far back, in standard deviations of the noise: noise at the
-start must not switch it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -23,14 +23,14 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+# Standard deviation of the rate of a target that was just seen for the first time.
 RATE_AT_START_MPS = 1.5
-"""Standard deviation of the rate of a target that was just seen for the first time."""
 
+# No measurement is taken to be better than this; a claim of zero would make the filter deaf.
 NOISE_FLOOR_M = 1e-4
-"""No measurement is taken to be better than this; a claim of zero would make the filter deaf."""
 
+# The share of the noise's variance that is new in each frame, whatever the autocorrelation of the rest.
 FRESH_SHARE = 0.1
-"""The share of the noise's variance that is new in each frame, whatever the autocorrelation of the rest."""
 
 _KEPT, _FRESH = math.sqrt(1 - FRESH_SHARE), FRESH_SHARE
 

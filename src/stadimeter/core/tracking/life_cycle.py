@@ -25,19 +25,19 @@ from stadimeter.core.tracking.motion import Innovation, MotionState
 from stadimeter.core.tracking.noise_level import NoiseEstimate
 from stadimeter.core.tracking.sighting import Sighting, TentativeTrack, extend_tentative, sighting_of
 
+# A target that keeps its speed has a probability of the constant-velocity model above this.
 MIN_CONSTANT_VELOCITY_SHARE = 0.5
-"""A target that keeps its speed has a probability of the constant-velocity model above this."""
 
+# For this long after a leap another one is believed at once.
 RESTLESS_S = 2.0
-"""For this long after a leap another one is believed at once."""
 
 _AS_STATED = NoiseEstimate()
 
+# Least ratio of expected and measured distance, either way, that the noise of a measurement is corrected by.
 MIN_RATIO = 0.5
-"""Least ratio of expected and measured distance, either way, that the noise of a measurement is corrected by."""
 
+# This many measurements in a row that contradict the track, and agree with each other, are the target.
 AGREEING_FRAMES = 3
-"""This many measurements in a row that contradict the track, and agree with each other, are the target."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,21 +20,23 @@ from typing import NamedTuple
 from stadimeter.core.tracking import filter as kalman
 from stadimeter.core.tracking.filter import FilterState
 
+# Process noise of each model, as a share of the configured acceleration.
 CONSTANT_VELOCITY_SHARE, SWAYING_SHARE, MANOEUVRING_SHARE = 0.025, 0.3, 2.0
-"""Process noise of each model, as a share of the configured acceleration."""
-USUAL = (0.83, 0.15, 0.02)
-"""The share of time that targets keep to each model."""
-KEEPS_FOR_S = 2.0
-"""The mean time after which a target takes a model anew, which may be the same."""
 
+# The share of time that targets keep to each model.
+USUAL = (0.83, 0.15, 0.02)
+
+# The mean time after which a target takes a model anew, which may be the same.
+KEEPS_FOR_S = 2.0
+
+# No filter is ever written off more than this: a target may change at any time.
 _SURELY = 1e-3
-"""No filter is ever written off more than this: a target may change at any time."""
 _exp, _sqrt = math.exp, math.sqrt
 
+# A measurement whose normalised square is larger pulls the first two filters no further than one of that size: Huber's
+# estimate of a mean, see `stadimeter.core.tracking.noise_level`. Noise with heavy tails counts for what it is worth.
+# The manoeuvring filter goes where it is seen.
 TRUSTED_SQUARE = 4.0
-"""A measurement whose normalised square is larger pulls the first two filters no further than one of that size: Huber's
-estimate of a mean, see `stadimeter.core.tracking.noise_level`. Noise with heavy tails counts for what it is worth. The
-manoeuvring filter goes where it is seen."""
 
 
 class MotionState(NamedTuple):

@@ -32,24 +32,27 @@ from stadimeter.core.tracking.filter import FRESH_SHARE
 from stadimeter.core.tracking.motion import SWAYING_SHARE
 from stadimeter.core.tracking.sighting import Sighting
 
+# Time constants of learning.
 LEVEL_WITHIN_S, AUTOCORRELATION_WITHIN_S = 1.0, 5.0
-"""Time constants of learning."""
 
+# 98.6 % of normally distributed figures have a smaller normalised square.
 MAX_SQUARE = 6.0
-"""98.6 % of normally distributed figures have a smaller normalised square."""
+
+# The mean of a normalised square that is cut there.
 _USUAL_SQUARE = 0.974
-"""The mean of a normalised square that is cut there."""
 
+# How far below the stated noise it is followed.
 MIN_LEVEL = -2.0
-"""How far below the stated noise it is followed."""
-STAYS_BELOW = 0.4
-"""Below this share of the stated variance, a figure varies surely less than stated."""
 
+# Below this share of the stated variance, a figure varies surely less than stated.
+STAYS_BELOW = 0.4
+
+# Sightings that are further apart say nothing of each other.
 LINE_WITHIN_S = 1.0
-"""Sightings that are further apart say nothing of each other."""
+
+# The figure that is learnt may be somewhat below zero, so that zero is not its lower end but what it hovers around.
 _MAX_SIGMAS = 2.5
 _MIN_AUTOCORRELATION = -0.2
-"""The figure that is learnt may be somewhat below zero, so that zero is not its lower end but what it hovers around."""
 
 
 class NoiseEstimate(NamedTuple):

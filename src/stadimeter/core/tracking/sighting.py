@@ -20,11 +20,11 @@ from stadimeter.core.tracking import motion
 from stadimeter.core.tracking.filter import NOISE_FLOOR_M
 from stadimeter.core.tracking.motion import MotionState
 
+# Two sightings that are further apart than a target of this speed could come are not of one target.
 MAX_SPEED_MPS = 40.0
-"""Two sightings that are further apart than a target of this speed could come are not of one target."""
 
+# The frames that agree when a third is on the line through two.
 ON_A_LINE = 3
-"""The frames that agree when a third is on the line through two."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,19 +20,19 @@ from stadimeter.detectors.ball.circles import ImageCircle
 from stadimeter.detectors.hsv import HsvRange, Mask
 from stadimeter.detectors.region import Region
 
+# Pixels are left out only as long as the smallest accepted ball still has this radius in what remains.
 MIN_SEARCHED_RADIUS_PX = 1.25
-"""Pixels are left out only as long as the smallest accepted ball still has this radius in what remains."""
 
 MAX_STEP = 8
 
+# Number of blobs that are looked at: the largest.
 MAX_BLOBS = 16
-"""Number of blobs that are looked at: the largest."""
 
+# Number of points of an outline, evenly spaced, used where fewer will do.
 MAX_POINTS = 60
-"""Number of points of an outline, evenly spaced, used where fewer will do."""
 
+# Greatest gap between two patches of one ball, and least size of the smaller one, as shares of the larger's size.
 PATCH_GAP, MIN_PATCH = 0.5, 0.25
-"""Greatest gap between two patches of one ball, and least size of the smaller one, as shares of the larger's size."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -21,43 +21,43 @@ Values = NDArray[np.float64]
 Weights = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
+# In how many directions the limb is looked for.
 RADIALS = 96
-"""In how many directions the limb is looked for."""
 
+# Half the size of the blob is this many steps along a radial.
 STEPS_A_HALF = 40
-"""Half the size of the blob is this many steps along a radial."""
 
+# Edges kept in each: the limb is not always the strongest.
 EDGES_PER_RADIAL = 3
-"""Edges kept in each: the limb is not always the strongest."""
 
+# Range of the search for the limb, in half sizes of the blob from its centre.
 MIN_REACH, MAX_REACH = 0.35, 2.0
-"""Range of the search for the limb, in half sizes of the blob from its centre."""
 
+# Edges of fewer levels of 8 bits a pixel are noise.
 MIN_STEP = 6.0
-"""Edges of fewer levels of 8 bits a pixel are noise."""
 
+# Greatest distance of points from the circle: for pixels, felt and blur; and for the ellipse that a ball looks like
+# away from the optical axis.
 BAND_PX = 1.5
 BAND_SHARE = 0.08
-"""Greatest distance of points from the circle: for pixels, felt and blur; and for the ellipse that a ball looks like
-away from the optical axis."""
 
 
+# With a quarter of the points on the circle, 400 triples miss it twice in a thousand times; with a third, never.
 TRIES = 400
-"""With a quarter of the points on the circle, 400 triples miss it twice in a thousand times; with a third, never."""
 
+# With half of the points on the circle, 64 triples miss it twice in ten thousand times.
 FEW_TRIES = 64
-"""With half of the points on the circle, 64 triples miss it twice in ten thousand times."""
 
+# Number of circles that are held against all edges.
 MAX_CIRCLES_HELD = 128
-"""Number of circles that are held against all edges."""
 
 MIN_EDGES = 6
 
+# The product with these is the sum over the channels, several times as fast as numpy's.
 CHANNELS = np.ones(3, np.float32)
-"""The product with these is the sum over the channels, several times as fast as numpy's."""
 
+# Steps of three sequences that fill a cube evenly: powers of the root of ``x⁴ = x + 1``.
 EVENLY = 1 / 1.2207440846057596 ** np.arange(1, 4)
-"""Steps of three sequences that fill a cube evenly: powers of the root of ``x⁴ = x + 1``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -22,60 +22,60 @@ from stadimeter.detectors.ball.colour_ranges import Place, join_ranges, ranges_a
 from stadimeter.detectors.hsv import HsvRange, Mask
 from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView
 
+# A place that gives a better ball than this by its own colour is on no stripe.
 SURE_SCORE = 0.6
-"""A place that gives a better ball than this by its own colour is on no stripe."""
 
+# Greatest distance of a ball's centre from the place that was pointed at, as a share of the diameter.
 AT_PLACE = 0.55
-"""Greatest distance of a ball's centre from the place that was pointed at, as a share of the diameter."""
 
+# A wider range is better if the ball is as good with it. Grey is a ball's colour less often than a gloss on it.
 WIDER_BONUS, GREY_SHARE = 0.03, 0.7
-"""A wider range is better if the ball is as good with it. Grey is a ball's colour less often than a gloss on it."""
 
+# Cost of covering an area elsewhere as large as the ball; areas beyond the second figure, in balls, cost no more.
 ELSEWHERE_COSTS, MAX_ELSEWHERE = 0.1, 10.0
-"""Cost of covering an area elsewhere as large as the ball; areas beyond the second figure, in balls, cost no more."""
 
+# A ball of this diameter is no less likely than a larger one.
 LARGE_PX = 40.0
-"""A ball of this diameter is no less likely than a larger one."""
 
+# At each of those, some ranges of a middling width tell whether it is a ball: the number of narrower ones, of up to
+# 18 in all, and how many are tried.
 MAX_VIVID_BLOBS = 8
 MIDDLING_FROM, FIRST_TRIED = 5, 3
-"""At each of those, some ranges of a middling width tell whether it is a ball: the number of narrower ones, of up to
-18 in all, and how many are tried."""
 
+# The highest possible score of a ball with one of those ranges: a place that cannot beat the best is not tried.
 PERFECT_SCORE = 1 + WIDER_BONUS * (FIRST_TRIED - 1)
-"""The highest possible score of a ball with one of those ranges: a place that cannot beat the best is not tried."""
 
+# Where several places are given, every second range is tried at each: they join into one that is wide enough.
 STEP_OF_SEVERAL = 2
-"""Where several places are given, every second range is tried at each: they join into one that is wide enough."""
 
+# Number of ranges at a place, the best, that are tried in the whole picture, where clutter may be a better ball.
 MAX_VERIFIED = 5
-"""Number of ranges at a place, the best, that are tried in the whole picture, where clutter may be a better ball."""
 
+# Pictures with a longer side than this are searched smaller.
 SEARCH_PX = 800
-"""Pictures with a longer side than this are searched smaller."""
 
+# Other things of the colour count from this area on, and from this share of the ball's.
 THING_PX2, THING_SHARE, MAX_THINGS = 25.0, 0.05, 8
-"""Other things of the colour count from this area on, and from this share of the ball's."""
 
 MARGIN_SHARE, MAX_HUE_MARGIN = 0.25, 20
 
+# Blobs are looked for in ranges of hues that overlap: this far apart, and reaching so far to either side.
 SEARCH_WIDTH_PX = 320.0
 HUES_APART, HUE_REACH = 8, 9
-"""Blobs are looked for in ranges of hues that overlap: this far apart, and reaching so far to either side."""
 
+# In each range, among pixels whose channels differ by as many levels: vivid things touch paler ones of their hue.
 CHROMA_LEVELS = (20, 40, 70, 110)
-"""In each range, among pixels whose channels differ by as many levels: vivid things touch paler ones of their hue."""
 
+# Width of the ring around a blob that its colour is compared with.
 MAX_BLOBS_PER_HUE = 6
 AREA_PX2, MAX_PICTURE_SHARE = 30, 0.3
 RING_PX = 4
-"""Width of the ring around a blob that its colour is compared with."""
 
+# A difference of the colours of a blob and its surroundings that begins to show, in levels of a* and b*.
 APART_LEVELS = 5.0
-"""A difference of the colours of a blob and its surroundings that begins to show, in levels of a* and b*."""
 
+# Blobs of a greater radius are no better for that.
 LARGE_BLOB_RADIUS_PX = 30.0
-"""Blobs of a greater radius are no better for that."""
 
 OVERLAP = 0.7
 

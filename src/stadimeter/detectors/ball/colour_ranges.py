@@ -17,41 +17,42 @@ from numpy.typing import NDArray
 from stadimeter.core.frame import Image
 from stadimeter.detectors.hsv import HsvRange
 
+# Where something is in a picture: x and y in pixels.
 Place = tuple[float, float]
-"""Where something is in a picture: x and y in pixels."""
-Colours = NDArray[np.float64]
-"""Hue, saturation and value of pixels, shape ``(n, 3)``."""
 
+# Hue, saturation and value of pixels, shape ``(n, 3)``.
+Colours = NDArray[np.float64]
+
+# Hues on either side of those that were seen, and those that each step of the margin adds.
 MARGINS = (1, 2, 3, 4, 5, 6)
 HUE_MARGIN, HUE_OF_MARGIN = 2.0, 2.0
-"""Hues on either side of those that were seen, and those that each step of the margin adds."""
 
+# Share that the least saturation and value go down by for each step of the margin: a ball is darker on one side.
 LESS_OF_MARGIN = 0.1
-"""Share that the least saturation and value go down by for each step of the margin: a ball is darker on one side."""
 
+# The same for each step by which a person widens a range, and as much more where it is made narrower.
 LESS_OF_STEP = 0.06
-"""The same for each step by which a person widens a range, and as much more where it is made narrower."""
 
+# Where the channels of most pixels differ by fewer levels, the thing is grey, white or black: every hue counts.
 MIN_CHROMA = 24.0
-"""Where the channels of most pixels differ by fewer levels, the thing is grey, white or black: every hue counts."""
 
+# Each step of the margin adds this to grey: levels of saturation, and a share of the value.
 GREY_SATURATION, GREY_VALUE = 12.0, 0.08
-"""Each step of the margin adds this to grey: levels of saturation, and a share of the value."""
 
+# A patch that is larger than this share of the picture is the background.
 SEEN_PERCENT = (2.0, 98.0)
 MAX_PICTURE_SHARE = 0.4
-"""A patch that is larger than this share of the picture is the background."""
 
 GROWTHS = 3
 MAX_COLOURS = 20_000
 
 HUES = np.arange(180.0)
 
+# How far around a place its colour is taken from, as a share of the picture's width.
 REACH_OF_WIDTH = 1 / 320
-"""How far around a place its colour is taken from, as a share of the picture's width."""
 
+# So many times as far around, the most vivid pixels are the ball's own colour where the place is on a stripe.
 VIVID_REACHES, VIVID_PERCENT = 4, 60.0
-"""So many times as far around, the most vivid pixels are the ball's own colour where the place is on a stripe."""
 
 
 def smooth(image: Image) -> Image:

@@ -25,38 +25,38 @@ from stadimeter.detectors.ball.circles import ImageCircle
 Odds = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
+# Pixels each way from which the colours are counted.
 GRID = 32
-"""Pixels each way from which the colours are counted."""
 
+# Half the side of the square that is counted: a multiple of the radius, and pixels.
 REACH_SHARE, REACH_PX = 1.5, 3.0
-"""Half the side of the square that is counted: a multiple of the radius, and pixels."""
 
+# Pixels this near to the circle are not counted: a share of the radius, or pixels if that is more. The first circle
+# may be wrong by this much, and pixels on the limb are a mixture.
 INSIDE_SHARE, INSIDE_PX = 0.12, 1.2
 OUTSIDE_SHARE, OUTSIDE_PX = 0.15, 2.0
-"""Pixels this near to the circle are not counted: a share of the radius, or pixels if that is more. The first circle
-may be wrong by this much, and pixels on the limb are a mixture."""
 
+# Fewer pixels on either side tell no colours.
 MIN_COUNTED = 8
-"""Fewer pixels on either side tell no colours."""
 
+# Colours are told apart by the highest bits of each channel.
 BITS = 4
 BINS = 1 << BITS
-"""Colours are told apart by the highest bits of each channel."""
 
+# Each count, and half of those of either neighbour.
 SPREAD = np.eye(BINS, dtype=np.float32) + 0.5 * (np.eye(BINS, k=1) + np.eye(BINS, k=-1)).astype(np.float32)
-"""Each count, and half of those of either neighbour."""
 
+# A share of pixels that counts as chance, added to both sides of the ratio.
 RARE_SHARE = 0.02
-"""A share of pixels that counts as chance, added to both sides of the ratio."""
 
+# No pixel says more than this for either side: speckles and scratches are a few pixels.
 MAX_ODDS = 1.0
-"""No pixel says more than this for either side: speckles and scratches are a few pixels."""
 
+# A place on a spoke whose sum is lower than the greatest by more than this is not the limb.
 PLAUSIBLE_ODDS = 2.0
-"""A place on a spoke whose sum is lower than the greatest by more than this is not the limb."""
 
+# Variance of each channel that is added to that of the colours, in squared levels: noise, and that few were seen.
 SPREAD_OF_NOISE = 30.0
-"""Variance of each channel that is added to that of the colours, in squared levels: noise, and that few were seen."""
 
 PLACES = np.array([BINS * BINS, BINS, 1], np.intp)
 

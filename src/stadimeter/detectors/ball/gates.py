@@ -18,66 +18,66 @@ from stadimeter.detectors.ball.circles import ImageCircle
 from stadimeter.detectors.ball.limb import SHARP_PX, Limb
 from stadimeter.detectors.hsv import HsvRange
 
+# Least share of the limb that must be seen: the first if its steps lie on it exactly, more as they scatter, up to
+# the sum of both for the allowance below. Clutter has many circles with few steps near them, and some that are round by
+# half, but hardly any with most of its steps close by.
 MIN_SUPPORT, SUPPORT_OF_SCATTER = 0.3, 0.7
-"""Least share of the limb that must be seen: the first if its steps lie on it exactly, more as they scatter, up to
-the sum of both for the allowance below. Clutter has many circles with few steps near them, and some that are round by
-half, but hardly any with most of its steps close by."""
 
+# The allowance for scatter: pixels for noise, a share of the radius for felt and fingers, a share of what blur adds to
+# the width of a step; and without a camera model, another share of the radius, since how oblong the outline is away
+# from the middle of the picture is then not known.
 SCATTER_PX, SCATTER_SHARE, SCATTER_OF_BLUR, UNKNOWN_LENS_SHARE = 0.3, 0.07, 0.3, 0.02
-"""The allowance for scatter: pixels for noise, a share of the radius for felt and fingers, a share of what blur adds to
-the width of a step; and without a camera model, another share of the radius, since how oblong the outline is away from
-the middle of the picture is then not known."""
 
+# Least share of the whole limb that a ball cut off by the border must show; the rest is judged as of other balls.
 MIN_CUT_OFF_SUPPORT = 0.25
-"""Least share of the whole limb that a ball cut off by the border must show; the rest is judged as of other balls."""
 
+# A limb this near to the outermost pixels is cut off.
 MARGIN_PX = 1.0
-"""A limb this near to the outermost pixels is cut off."""
 
+# A limb that is off by less than these shares of the radius, in place and size, from what was expected is supported by
+# that as well: a circle that chance puts together is hardly ever there and as large. A hand moves a ball by half its
+# radius in a frame, but not that much nearer. So the last share of what is asked for is enough.
 AGREEING_PLACE, AGREEING_SIZE, AGREEING_SHARE = 0.5, 0.08, 0.7
-"""A limb that is off by less than these shares of the radius, in place and size, from what was expected is supported by
-that as well: a circle that chance puts together is hardly ever there and as large. A hand moves a ball by half its
-radius in a frame, but not that much nearer. So the last share of what is asked for is enough."""
 
+# A limb is that of something with four corners if waves of four to the turn have more than this share of the variance
+# of its steps, and are higher than this share of the radius.
 SQUARE_SHARE, SQUARE_OFF = 0.3, 0.06
-"""A limb is that of something with four corners if waves of four to the turn have more than this share of the variance
-of its steps, and are higher than this share of the radius."""
 
+# With less scatter, as a share of the radius, there are no such waves; of fewer steps they are not seen.
 SQUARE_SCATTER, MIN_SQUARE_STEPS = 0.04, 12
-"""With less scatter, as a share of the radius, there are no such waves; of fewer steps they are not seen."""
 
+# Least share of the ball that has its colour.
 MIN_FILL = 0.3
-"""Least share of the ball that has its colour."""
 
+# Circles that chance puts together from the edges of other things have less: the first, and the second over the radius
+# in pixels, since chance makes small ones more often.
 MIN_QUALITY, QUALITY_OF_SMALL_PX = 0.06, 0.3
-"""Circles that chance puts together from the edges of other things have less: the first, and the second over the radius
-in pixels, since chance makes small ones more often."""
 
+# Greatest allowance without blur: steps of texture scatter more, and lie near to any large circle.
 MAX_SCATTER_PX = 3.0
-"""Greatest allowance without blur: steps of texture scatter more, and lie near to any large circle."""
 
+# With less of the limb seen than is asked for and this, twice the share outside of which the ball's colour goes on
+# counts against it: an ellipse or a corner of that colour has an arc that is round, and reaches beyond it elsewhere.
 CLEAR_MARGIN, OVERRUN_WEIGHT = 0.25, 2.0
-"""With less of the limb seen than is asked for and this, twice the share outside of which the ball's colour goes on
-counts against it: an ellipse or a corner of that colour has an arc that is round, and reaches beyond it elsewhere."""
 
+# Distance outside the limb: pixels, or a share of the radius if that is more, and a share of what blur adds to the
+# width of a step.
 BESIDE_PX, BESIDE_SHARE, BESIDE_OF_BLUR = 2.0, 0.05, 0.5
-"""Distance outside the limb: pixels, or a share of the radius if that is more, and a share of what blur adds to the
-width of a step."""
 
+# Points of the limb at which that is looked for.
 OUTLINE_POINTS = 48
-"""Points of the limb at which that is looked for."""
 
+# Pixels each way from which the share of a circle with the ball's colour is estimated.
 GRID = 16
-"""Pixels each way from which the share of a circle with the ball's colour is estimated."""
 
+# A ball has quality 1 if this much more of its limb is seen than needed.
 FULL_QUALITY_MARGIN = 0.6
-"""A ball has quality 1 if this much more of its limb is seen than needed."""
 
+# With this quality, smaller blobs need not be looked at.
 SURE_QUALITY = 0.4
-"""With this quality, smaller blobs need not be looked at."""
 
+# A ball further from its prediction than this, in its place or its size, may be something else.
 AGREE_SIGMAS, AGREE_PX = 3.0, 1.0
-"""A ball further from its prediction than this, in its place or its size, may be something else."""
 
 MAX_REJECTED = 8
 

@@ -25,86 +25,86 @@ from stadimeter.ranging.sphere_cone import MIN_RAYS, ConeFrame, SphereCone, with
 
 Values = NDArray[np.float64]
 
+# Pixels read in the first look beyond where the limb may be, for the levels beside it.
 BEYOND_PX = 2.5
-"""Pixels read in the first look beyond where the limb may be, for the levels beside it."""
 
+# Least and greatest reach on either side of the circle of the last fit.
 MIN_REACH_PX, MAX_REACH_PX = 6.0, 24.0
-"""Least and greatest reach on either side of the circle of the last fit."""
 
+# Half of a step, and some room, must be within reach on either side of it.
 REACH_OF_WIDTH = 0.6
-"""Half of a step, and some room, must be within reach on either side of it."""
 
+# Pixels that must be left of the reach beside the step: the pixels that its levels are read from, and the rounding.
 REACH_SPARE_PX = 4.0
-"""Pixels that must be left of the reach beside the step: the pixels that its levels are read from, and the rounding."""
 
+# Once a circle was fitted, the limb is looked for so near to it: pixels, a share of the radius for an oblong outline,
+# and a share of how wide the steps are. Further away is the edge of a hand or of what lies behind.
 WITHIN_PX, WITHIN_SHARE, WITHIN_OF_WIDTH = 2.0, 0.06, 0.3
-"""Once a circle was fitted, the limb is looked for so near to it: pixels, a share of the radius for an oblong outline,
-and a share of how wide the steps are. Further away is the edge of a hand or of what lies behind."""
 
+# Once it was fitted to steps between the ball's colours and others, so near: pixels, and a share of the radius.
 NEAR_PX, NEAR_SHARE = 2.0, 0.02
-"""Once it was fitted to steps between the ball's colours and others, so near: pixels, and a share of the radius."""
 
+# Greatest number of looks for steps between the ball's colours and others. They are taken where a smaller share of
+# the spokes has a step on the limb, or where these scatter by more: pixels, and a share of what blur adds to their
+# width.
 LOOKS_BY_COLOUR, LOOK_SUPPORT = 2, 0.85
 LOOK_SCATTER_PX, LOOK_SCATTER_OF_BLUR = 0.25, 0.2
-"""Greatest number of looks for steps between the ball's colours and others. They are taken where a smaller share of
-the spokes has a step on the limb, or where these scatter by more: pixels, and a share of what blur adds to their
-width."""
 
+# Where neither the first look nor one by colour sees more of a limb than this, a second one by colour does not find
+# it either: of 530 balls it found one.
 HOPELESS_SUPPORT = 0.35
-"""Where neither the first look nor one by colour sees more of a limb than this, a second one by colour does not find
-it either: of 530 balls it found one."""
 
+# A look that is supported this well, as a share of the best one, may be right as well.
 RIVAL_SHARE = 0.7
-"""A look that is supported this well, as a share of the best one, may be right as well."""
 
+# Greatest number of looks, each around the last fit, until the same steps are found.
 MAX_LOOKS = 4
-"""Greatest number of looks, each around the last fit, until the same steps are found."""
 
+# Greatest number of reweighted fits of the cone; they end once the limit for outliers shrinks by less, nor
+# where all steps are so near that they count fully.
 ROUNDS, SETTLED_SHARE = 5, 0.8
-"""Greatest number of reweighted fits of the cone; they end once the limit for outliers shrinks by less, nor
-where all steps are so near that they count fully."""
 
+# Steps no further from the cone than this always count fully: noise alone puts them there.
 MIN_OUTLIER_PX = 0.25
-"""Steps no further from the cone than this always count fully: noise alone puts them there."""
 
+# Steps further from the cone than this many of their usual distances are outliers.
 OUTLIER_SIGMAS = 4.0
-"""Steps further from the cone than this many of their usual distances are outliers."""
 
+# Nor do steps further away than this, however far they usually are: pixels, a share of the radius for felt, and a
+# share of what blur adds to their width.
 OFF_PX, OFF_SHARE, OFF_OF_WIDTH = 1.0, 0.015, 0.6
-"""Nor do steps further away than this, however far they usually are: pixels, a share of the radius for felt, and a
-share of what blur adds to their width."""
 
+# Of normal errors, 30 % are smaller than 0.385 standard deviations; more than half of the steps may be outliers.
 RANK, RANK_SIGMAS = 0.3, 0.385
-"""Of normal errors, 30 % are smaller than 0.385 standard deviations; more than half of the steps may be outliers."""
 
+# A usual distance above the one, or a share of steps on the cone below the other, may be a fit to the wrong steps.
 DOUBTFUL_PX = 0.3
 DOUBTFUL_SHARE = 0.75
-"""A usual distance above the one, or a share of steps on the cone below the other, may be a fit to the wrong steps."""
 
+# Pieces of the limb, compared with each other to see how far the errors of neighbouring steps reach.
 BLOCKS = 8
-"""Pieces of the limb, compared with each other to see how far the errors of neighbouring steps reach."""
 
+# Points of the outline from which its circle follows where the lens distorts.
 OUTLINE_POINTS = 16
-"""Points of the outline from which its circle follows where the lens distorts."""
 
+# Spokes cross the limb at up to 45 degrees, so steps are wider along them; this is the mean.
 SQUARENESS = 1.11
-"""Spokes cross the limb at up to 45 degrees, so steps are wider along them; this is the mean."""
 
+# Width of a sharp step.
 SHARP_PX = 2.6
-"""Width of a sharp step."""
 
+# The standard deviation of a radius r is ``hypot(1.6 s, 0.01, 0.35 / r, 0.5 e, 0.8 c)`` pixels. s is what the fit
+# gives, with how far the errors of neighbouring steps reach taken from the frame itself; small balls suffer from what
+# is behind them; sharpening and a tone curve other than the assumed one move all steps alike, the more the more they
+# scatter, e, and colour that is stored more coarsely than brightness does so by 0.7 e; and where looking by colour
+# changed the radius by c, either may be wrong. Fitted to 3,700 rendered balls: with markings on floors and in hands,
+# and plain ones on clutter under twenty troubles. First by maximum likelihood, with heavy tails for wrong limbs and the
+# same weight for each condition, then rounded so that every condition holds 90 % or more.
 SIGMA_FACTOR = 1.6
 SIGMA_FLOOR_PX = 0.01
 SIGMA_SMALL_PX2 = 0.35
 SIGMA_OF_SCATTER, SIGMA_OF_COARSE_CHROMA = 0.5, 0.7
 SIGMA_OF_CHANGE = 0.8
-"""The standard deviation of a radius r is ``hypot(1.6 s, 0.01, 0.35 / r, 0.5 e, 0.8 c)`` pixels. s is what the fit
-gives, with how far the errors of neighbouring steps reach taken from the frame itself; small balls suffer from what is
-behind them; sharpening and a tone curve other than the assumed one move all steps alike, the more the more they
-scatter, e, and colour that is stored more coarsely than brightness does so by 0.7 e; and where looking by colour
-changed the radius by c, either may be wrong. Fitted to 3,700 rendered balls: with markings on floors and in hands, and
-plain ones on clutter under twenty troubles. First by maximum likelihood, with heavy tails for wrong limbs and the same
-weight for each condition, then rounded so that every condition holds 90 % or more."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -38,20 +38,23 @@ Profiles = NDArray[np.float32]
 Indices = NDArray[np.intp]
 Flags = NDArray[np.bool_]
 
+# Spokes across each of the four sides for each pixel of the radius: no row or column is read twice.
 MAX_SPOKES_A_SIDE = 16
 SPOKES_A_PIXEL = 1.2
-"""Spokes across each of the four sides for each pixel of the radius: no row or column is read twice."""
 
+# A smaller circle is looked around as if it had this radius.
 MIN_RADIUS_PX = 2.0
-"""A smaller circle is looked around as if it had this radius."""
 
+# Least change over two pixels: in levels of 8 bits, of all channels or along one axis of colours, and as a share of
+# the upper quartile of all spokes.
 MIN_CHANGE, MIN_DROP, CLEAR_SHARE = 12.0, 5.0, 0.12
-"""Least change over two pixels: in levels of 8 bits, of all channels or along one axis of colours, and as a share of
-the upper quartile of all spokes."""
 
+# The pixels beside the steepest place that tell where a sharp step is.
 NEAR = np.arange(-6, 4)[:, None]
-"""The pixels beside the steepest place that tell where a sharp step is."""
 
+# Weights of these pixels, a row for each figure: how much brighter it is inside, two to three pixels before the
+# steepest place, than outside, two to three pixels behind it; how much brighter still it is further inside; and how
+# much brighter than outside the pixels before, at and behind the steepest place are.
 LEVELS = np.array(
     [
         [0.0, 0.0, 0.0, 0.5, 0.5, 0.0, 0.0, 0.0, -0.5, -0.5],
@@ -62,41 +65,38 @@ LEVELS = np.array(
     ],
     np.float32,
 )
-"""Weights of these pixels, a row for each figure: how much brighter it is inside, two to three pixels before the
-steepest place, than outside, two to three pixels behind it; how much brighter still it is further inside; and how much
-brighter than outside the pixels before, at and behind the steepest place are."""
 
+# The product with these is the sum over the channels, several times as fast as numpy's.
 CHANNELS = np.ones(3, np.float32)
-"""The product with these is the sum over the channels, several times as fast as numpy's."""
 
+# A channel with such a code value holds more light than it tells; the others must do. JPEG leaves it below 255.
 CLIPPED = 251
-"""A channel with such a code value holds more light than it tells; the others must do. JPEG leaves it below 255."""
 
+# Least squared difference of inside and outside; less is noise of dark pixels.
 MIN_LIGHT = 2e-5
-"""Least squared difference of inside and outside; less is noise of dark pixels."""
 
+# Steps up to the first width tell how a ball is shaded. If most are wider than the second, levels are read further
+# off.
 SHARP_PX, BLURRED_PX = 3.0, 3.2
-"""Steps up to the first width tell how a ball is shaded. If most are wider than the second, levels are read further
-off."""
 
+# A ball's limb is not darker than this, as a share of the step; more is a seam or a hand.
 MAX_SHADE = 0.2
-"""A ball's limb is not darker than this, as a share of the step; more is a seam or a hand."""
 
+# The same for blurred steps, whose levels are read further off, so that one side may be shaded more than the other.
 MIN_BLURRED_SHADE, MAX_BLURRED_SHADE = -0.1, 0.4
-"""The same for blurred steps, whose levels are read further off, so that one side may be shaded more than the other."""
 
+# Distance from a blurred step at which its levels are read: half its width, and what point spread adds.
 GAP_PX, GAP_OF_WIDTH, MAX_GAP_PX = 0.7, 0.5, 10.7
-"""Distance from a blurred step at which its levels are read: half its width, and what point spread adds."""
 
+# Greatest number of times that the levels of a blurred step are read, each time from further away; and of the first of
+# them, in which a wide step would look like shade.
 MAX_ROUNDS, UNSHADED_ROUNDS = 4, 2
-"""Greatest number of times that the levels of a blurred step are read, each time from further away; and of the first of
-them, in which a wide step would look like shade."""
 
+# Distance from the steepest place at which the light on either side of it is compared, for the edge bias.
 BESIDE_PX = 3
-"""Distance from the steepest place at which the light on either side of it is compared, for the edge bias."""
 
+# Standard deviation of the blur as a share of how wide a step is.
 BLUR_OF_WIDTH = 0.3
-"""Standard deviation of the blur as a share of how wide a step is."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -61,26 +61,35 @@ from stadimeter.detectors.protocol import Exercise, check_image
 from stadimeter.detectors.region import Region, touches_border
 from stadimeter.ranging.flat import DiscShape
 
+# Number of candidates whose outlines are measured: the most promising.
 MAX_MEASURED = 12
-"""Number of candidates whose outlines are measured: the most promising."""
 
+# A disc nearer to the border of the picture than this may be cut off.
 BORDER_PX = 1.5
-"""A disc nearer to the border of the picture than this may be cut off."""
 
+# The least size of outlines: in pixels of the reduced picture, and as a share of the least diameter of a disc. Parted
+# at another level than half way, a disc is smaller.
 MIN_SEARCH_PX, MIN_SEARCH_SHARE = 6.0, 0.75
-"""The least size of outlines: in pixels of the reduced picture, and as a share of the least diameter of a disc. Parted
-at another level than half way, a disc is smaller."""
 
+# Reach of the search for an outline around a candidate: in pixels of the reduced picture, and as a share of its
+# size.
 REACH_PX, REACH_SHARE = 2.5, 0.04
-"""Reach of the search for an outline around a candidate: in pixels of the reduced picture, and as a share of its
-size."""
 
+# Reach around where it was measured roughly.
 REACH_AGAIN_PX = 2.5
-"""Reach around where it was measured roughly."""
 
+# Reach of the search around a prediction: in sizes, standard deviations and pixels.
 AROUND_SIZES, AROUND_SIGMAS, AROUND_PX = 0.75, 4.0, 8.0
-"""Reach of the search around a prediction: in sizes, standard deviations and pixels."""
 
+# The standard deviation of the larger diameter is the root of the sum of the squares of ``1.4 s``, ``0.004``, ``0.6
+# b``, ``min(0.008 e⁴, 0.03 e)``, ``0.05 e² k`` and q in px, times ``1 + 2.5 h``: s is what follows from the scatter of
+# the edges if each errs on its own, b how far the outline is from an ellipse, e the blur of the edge, k the curvature
+# where the outline bends most, q 0.035 where colour is stored at a lower resolution, as in JPEG and MJPEG, which makes
+# a white disc 0.02 px too small in all frames, and h the share of the outline that is hidden, where the rest is carried
+# on.
+#
+# Fitted on rendered discs of 24 to 240 px, tilted by 0 to 60 degrees: clean, before clutter, with noise, moved by 3 and
+# 6 px, in JPEG, hidden by 20 %.
 OUTLINE_POINTS = 64
 SIGMA_FACTOR = 1.4
 SIGMA_FLOOR_PX = 0.004
@@ -89,18 +98,9 @@ SIGMA_BLUR, SIGMA_MUCH_BLUR = 0.008, 0.03
 SIGMA_CURVE = 0.05
 SIGMA_COMPRESSED_PX = 0.035
 SIGMA_HIDDEN = 2.5
-"""The standard deviation of the larger diameter is the root of the sum of the squares of ``1.4 s``, ``0.004``,
-``0.6 b``, ``min(0.008 e⁴, 0.03 e)``, ``0.05 e² k`` and q in px, times ``1 + 2.5 h``: s is what follows from the scatter
-of the edges if each errs on its own, b how far the outline is from an ellipse, e the blur of the edge, k the curvature
-where the outline bends most, q 0.035 where colour is stored at a lower resolution, as in JPEG and MJPEG, which makes a
-white disc 0.02 px too small in all frames, and h the share of the outline that is hidden, where the rest is carried on.
 
-Fitted on rendered discs of 24 to 240 px, tilted by 0 to 60 degrees: clean, before clutter, with noise, moved by 3 and
-6 px, in JPEG, hidden by 20 %.
-"""
-
+# White around a printed disc, as a share of its diameter.
 PRINTED_RIM = 0.1
-"""White around a printed disc, as a share of its diameter."""
 
 Shade = Literal["bright", "dark", "any"]
 

@@ -22,24 +22,24 @@ from stadimeter.detectors.hsv import HsvRange
 
 MAX_REJECTED = 8
 
+# Least evidence for a disc for each other outline in the picture. Chosen on rendered clutter of which one shape in
+# five is an ellipse: another one is taken in 2 to 3 % of the pictures then.
 EVIDENCE_PER_OUTLINE = 5.2
-"""Least evidence for a disc for each other outline in the picture. Chosen on rendered clutter of which one shape in
-five is an ellipse: another one is taken in 2 to 3 % of the pictures then."""
 
+# More outlines than this are texture, which is not elliptical, instead of more things.
 MAX_OUTLINES = 100
-"""More outlines than this are texture, which is not elliptical, instead of more things."""
 
+# Another disc with this share of the evidence may as well be the one.
 RIVAL_SHARE = 0.75
-"""Another disc with this share of the evidence may as well be the one."""
 
+# Every eighth pixel tells which share of the picture has the disc's colour; it counts as this at least. So much of the
+# disc must have it.
 COLOUR_STEP = 8
 MIN_PICTURE_COLOUR_SHARE = 0.02
 MIN_DISC_COLOUR_SHARE = 0.6
-"""Every eighth pixel tells which share of the picture has the disc's colour; it counts as this at least. So much of the
-disc must have it."""
 
+# Number of tests that an outline has passed before its colour is looked at.
 TESTS = 10
-"""Number of tests that an outline has passed before its colour is looked at."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

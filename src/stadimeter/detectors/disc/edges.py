@@ -18,71 +18,71 @@ from stadimeter.detectors.disc.ellipse import Ellipse, Rim, Values, turns
 from stadimeter.detectors.disc.profiles import MIN_LIGHT, EdgePicture, Mask, Steps, read_steps
 from stadimeter.detectors.sampling import CODES, Light, quantile
 
+# Across how many lines the light is read at least; if the effort allows, one for each pixel of the outline.
 MIN_LINES = 40
-"""Across how many lines the light is read at least; if the effort allows, one for each pixel of the outline."""
 
+# Number of fits in a look, each with weights that follow from the last.
 FIRST_FITS, NEXT_FITS = 3, 2
-"""Number of fits in a look, each with weights that follow from the last."""
 
+# Reach on both sides of the outline: past the blur of the edge, and no further.
 MIN_REACH_PX = 2.2
 REACH_SIGMAS = 2.6
 REACH_MORE_PX = 0.8
-"""Reach on both sides of the outline: past the blur of the edge, and no further."""
 
+# Light is read no further inside than this share of the smaller half axis.
 NEARLY_REACHED = 1.2
 INNER_SHARE = 0.6
-"""Light is read no further inside than this share of the smaller half axis."""
 
+# Edges this far from the ellipse do not count for it: what hides a part of the disc, or lies beside it.
 MIN_BAND_PX, BAND_SCATTERS = 0.35, 3.5
-"""Edges this far from the ellipse do not count for it: what hides a part of the disc, or lies beside it."""
 
+# Looking ends if the edges on the ellipse are less than this share of the lines, or fewer than that number.
 MIN_EDGES = 12
 MIN_HOPEFUL_SHARE = 0.4
-"""Looking ends if the edges on the ellipse are less than this share of the lines, or fewer than that number."""
 
+# It ends as well if they scatter by more than the sum of these: pixels, blurs, and shares of the larger diameter.
 HOPELESS_PX, HOPELESS_BLURS, HOPELESS_SHARE = 0.6, 0.4, 0.015
-"""It ends as well if they scatter by more than the sum of these: pixels, blurs, and shares of the larger diameter."""
 
+# The standard deviation of a normal distribution in units of its median absolute deviation.
 MAD_SIGMAS = 1.4826
-"""The standard deviation of a normal distribution in units of its median absolute deviation."""
 
+# Parts of the outline, of 10 degrees, in which its distance from an ellipse is averaged.
 BEND_PARTS = 36
-"""Parts of the outline, of 10 degrees, in which its distance from an ellipse is averaged."""
 
+# Points at which the light inside is read, for an ellipse that is the unit circle.
 INSIDE = np.concatenate([share * turns(16) for share in (0.15, 0.4, 0.6, 0.75)])
-"""Points at which the light inside is read, for an ellipse that is the unit circle."""
 
+# The rest may be hidden, or printed on.
 EVEN_SHARE = 0.7
-"""The rest may be hidden, or printed on."""
 
+# A disc turned away further from the line of sight is not accepted: it would be seen at a fourth of its height.
 MAX_TILT_RAD = math.radians(75)
-"""A disc turned away further from the line of sight is not accepted: it would be seen at a fourth of its height."""
 
+# Least contrast of a disc, in levels of 8 bits, on nine tenths of its outline.
 MIN_CONTRAST = 8.0
-"""Least contrast of a disc, in levels of 8 bits, on nine tenths of its outline."""
 
+# Least share of the outline that is seen, and greatest share hidden in one place, such as by a finger.
 MIN_SUPPORT = 0.6
 MAX_GAP = 0.36
-"""Least share of the outline that is seen, and greatest share hidden in one place, such as by a finger."""
 
+# Edges may scatter about the ellipse by the sum of these: pixels, widths of the edge, and shares of the diameter.
 SCATTER_PX, SCATTER_BLURS, SCATTER_SHARE = 0.15, 0.15, 0.004
-"""Edges may scatter about the ellipse by the sum of these: pixels, widths of the edge, and shares of the diameter."""
 
+# The outline may differ from an ellipse by the sum of these pixels and share of the diameter: an octagon does by
+# 1.1 % of its diameter, a regular polygon of twelve corners by 0.5 %.
 BEND_PX, BEND_SHARE = 0.12, 0.003
-"""The outline may differ from an ellipse by the sum of these pixels and share of the diameter: an octagon does by
-1.1 % of its diameter, a regular polygon of twelve corners by 0.5 %."""
 
+# The outline of a true disc is this far from an ellipse in a good picture.
 EXACT_PX = 0.05
-"""The outline of a true disc is this far from an ellipse in a good picture."""
 
+# The light inside may differ from that along the rim by this share of the contrast: that of a ball does by more.
 MAX_UNEVENNESS = 0.12
-"""The light inside may differ from that along the rim by this share of the contrast: that of a ball does by more."""
 
+# Greatest blur of the edge, as a share of the smaller diameter: a glow without an edge is no disc.
 MAX_BLUR_SHARE = 0.18
-"""Greatest blur of the edge, as a share of the smaller diameter: a glow without an edge is no disc."""
 
+# The least smaller diameter, as a share of the least larger one: the end of a bar looks like an ellipse.
 MIN_HEIGHT = 0.6
-"""The least smaller diameter, as a share of the least larger one: the end of a bar looks like an ellipse."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -15,16 +15,16 @@ from stadimeter.core.detection import Points
 from stadimeter.detectors.sampling import Light, light_table
 from stadimeter.ranging.circle_pose import cone_through
 
+# Takes points from where they would be without the lens's distortion to where they are in the picture.
 Values = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Bend = Callable[[Points], Points]
-"""Takes points from where they would be without the lens's distortion to where they are in the picture."""
 
+# An ellipse is taken through the lens by this many points around it.
 RIM_POINTS = 32
-"""An ellipse is taken through the lens by this many points around it."""
 
+# Half axes shorter than this are no ellipse in a picture.
 MIN_HALF_AXIS_PX = 0.5
-"""Half axes shorter than this are no ellipse in a picture."""
 
 
 @cache

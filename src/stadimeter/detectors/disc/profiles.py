@@ -17,34 +17,34 @@ from stadimeter.detectors.sampling import Light, quantile
 Profiles = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+# Shares of blue, green and red in the light (ITU-R BT.709). Channels are decoded one by one and added as light: the
+# luma of a pixel that is half white and half blue stands for too much of it.
 LUMINANCE = np.array((0.0722, 0.7152, 0.2126), np.float32)
-"""Shares of blue, green and red in the light (ITU-R BT.709). Channels are decoded one by one and added as light: the
-luma of a pixel that is half white and half blue stands for too much of it."""
 
+# Spacing of the samples on a line; on long lines more, so that there are no more than 17 of them.
 STEP_PX = 0.5
 MAX_STEPS = 8
-"""Spacing of the samples on a line; on long lines more, so that there are no more than 17 of them."""
 
+# The blur that the reach follows from: that many edges are sharper. What moves is blurred on two sides only.
 WIDE_BLUR_QUANTILE = 0.85
-"""The blur that the reach follows from: that many edges are sharper. What moves is blurred on two sides only."""
 
+# The standard deviation of a distribution in units of its mean absolute value: 1.25 if it is normal, as that of a
+# sharp lens, 1.18 out of focus, 1.15 for a straight motion.
 SHARP_SPREAD_PX, WIDE_SPREAD_PX = 0.75, 1.75
 SIGMA_OF_SHARP, SIGMA_OF_WIDE = 1.25, 1.17
-"""The standard deviation of a distribution in units of its mean absolute value: 1.25 if it is normal, as that of a
-sharp lens, 1.18 out of focus, 1.15 for a straight motion."""
 
+# The standard deviation of a normal distribution, times its greatest value.
 SIGMA_OF_STEEPNESS = 1 / math.sqrt(2 * math.pi)
-"""The standard deviation of a normal distribution, times its greatest value."""
 
+# An edge that seems more times as blurred as usual has something beside it.
 MAX_BLUR_FACTOR = 3.0
-"""An edge that seems more times as blurred as usual has something beside it."""
 
+# Least change of the light from one sample to the next at the edge, as a share of that from inside to outside.
 MIN_RISE = 0.02
-"""Least change of the light from one sample to the next at the edge, as a share of that from inside to outside."""
 
+# Lines over which the median of the light inside is taken.
 MIN_LIGHT = 1e-4
 LEVEL_LINES = 9
-"""Lines over which the median of the light inside is taken."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

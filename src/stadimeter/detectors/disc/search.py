@@ -28,36 +28,36 @@ from stadimeter.detectors.sampling import grey_of, reduced, to_full_scale
 Plane = NDArray[np.uint8]
 Contour = NDArray[np.int32]
 
+# Outlines are looked for in a picture of this size, and measured in the full one.
 SEARCH_LONG_SIDE_PX = 800
-"""Outlines are looked for in a picture of this size, and measured in the full one."""
 
+# A disc is found if one of these levels lies between it and all that is around it.
 LEVELS = 10
-"""A disc is found if one of these levels lies between it and all that is around it."""
 
+# A picture whose brightest and darkest values differ by less holds nothing.
 MIN_RANGE = 6
-"""A picture whose brightest and darkest values differ by less holds nothing."""
 
+# Side of the mean filter, in pixels. Without it noise gives thousands of specks at every level.
 SMOOTH = 3
-"""Side of the mean filter, in pixels. Without it noise gives thousands of specks at every level."""
 
+# The least area of an outline that is measured, as a share of that of a circle with its length.
 COMPACT = 0.5
-"""The least area of an outline that is measured, as a share of that of a circle with its length."""
 
+# The least area of an outline, as a share of that of the ellipse with its moments: a square has 0.955.
 MIN_FILL = 0.93
-"""The least area of an outline, as a share of that of the ellipse with its moments: a square has 0.955."""
 
+# Flatter outlines are not looked at; the limit for a disc is applied to its measured outline.
 MIN_ASPECT = 0.2
-"""Flatter outlines are not looked at; the limit for a disc is applied to its measured outline."""
 
+# Greatest distance of an outline from its ellipse, root mean square: in pixels, and as a share of the mean half
+# axis.
 OFF_PX, OFF_SHARE = 0.8, 0.025
-"""Greatest distance of an outline from its ellipse, root mean square: in pixels, and as a share of the mean half
-axis."""
 
+# Outlines are one if their centres are nearer than this share of the size, and their sizes differ by less.
 SAME_PLACE, SAME_SIZE = 0.2, 0.15
-"""Outlines are one if their centres are nearer than this share of the size, and their sizes differ by less."""
 
+# Number of outlines that are no ellipses, the largest, that are looked at.
 MAX_LOOKED_AT = 40
-"""Number of outlines that are no ellipses, the largest, that are looked at."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -227,22 +227,22 @@ def pick_distinct(outlines: Sequence[Outline]) -> list[Outline]:
     return sorted(kept, key=lambda each: -each.size_px)
 
 
+# The pieces of smaller outlines are too short to tell an ellipse from.
 MIN_SIZE_PX = 16.0
-"""The pieces of smaller outlines are too short to tell an ellipse from."""
 
+# Least share of an outline that must be left.
 MIN_SHARE_LEFT = 0.55
-"""Least share of an outline that must be left."""
 
+# Points taken of an outline, the lengths of pieces of it, and how many of each length there are.
 POINTS = 96
 PIECE_POINTS = (24, 48)
 PIECES = 8
-"""Points taken of an outline, the lengths of pieces of it, and how many of each length there are."""
 
+# Points within this multiple of what a whole outline may be off are on the ellipse.
 TIMES_OFF = 1.5
-"""Points within this multiple of what a whole outline may be off are on the ellipse."""
 
+# Points that are off by less are on the ellipse through a piece.
 ON_PIECE_PX = 2.0
-"""Points that are off by less are on the ellipse through a piece."""
 
 FITS = 3
 BORDER_PX = 2

@@ -34,8 +34,8 @@ from stadimeter.ranging.board_calibration import (
     in_common,
 )
 
+# Larger pictures are searched at a smaller scale; the corners are refined at full scale.
 MAX_SEARCH_PX = 2048
-"""Larger pictures are searched at a smaller scale; the corners are refined at full scale."""
 
 CHARUCO_CORNERS_MIN = 6
 
@@ -141,27 +141,27 @@ class CharucoBoard:
 Board = Chessboard | CharucoBoard
 
 
+# So many views at least; fewer may fit by chance.
 VIEWS_ENOUGH = 10
-"""So many views at least; fewer may fit by chance."""
 
+# Before this many views show a tilted board, nothing is calibrated.
 TILTED_MIN = 2
-"""Before this many views show a tilted board, nothing is calibrated."""
 
+# After this many views it ends: more add nothing, and each makes the fit slower.
 VIEWS_MAX = 40
-"""After this many views it ends: more add nothing, and each makes the fit slower."""
 
+# Enough is a focal length that is known to 1 %, from corners in half of the picture.
 GOOD_FOCAL_SHARE = 0.01
 GOOD_COVERAGE = 0.5
-"""Enough is a focal length that is known to 1 %, from corners in half of the picture."""
 
+# From frame to frame the corners may move by this share of the picture's width: 1.3 of 640 pixels. Faster, pictures
+# blur, and sensors that are read row by row bend the board.
 STEADY_SHARE = 0.002
-"""From frame to frame the corners may move by this share of the picture's width: 1.3 of 640 pixels. Faster, pictures
-blur, and sensors that are read row by row bend the board."""
 
+# A view is new if the board is elsewhere than in every other, by this share of the picture's width, or looks other,
+# by this share of its size: its corners have moved about their middle, since it was tilted, turned or brought nearer.
 NEW_PLACE_SHARE = 0.1
 NEW_SHAPE_SHARE = 0.08
-"""A view is new if the board is elsewhere than in every other, by this share of the picture's width, or looks other,
-by this share of its size: its corners have moved about their middle, since it was tilted, turned or brought nearer."""
 
 
 class BoardSession:
@@ -283,16 +283,16 @@ def _is_like(view: BoardView, other: BoardView, width_px: int) -> bool:
 Grey = NDArray[Any]
 Corners = NDArray[np.float64]
 
+# Half the window around a corner, as shares of the distance to the nearest other corner.
 WINDOW_SHARES = (0.3, 0.4, 0.45)
-"""Half the window around a corner, as shares of the distance to the nearest other corner."""
 
 WINDOW_MIN_PX, WINDOW_MAX_PX = 2, 30
 
+# Corners that scatter by more than this are compared with those of ``findChessboardCornersSB``.
 ROUGH_PX = 0.15
-"""Corners that scatter by more than this are compared with those of ``findChessboardCornersSB``."""
 
+# Their errors are alike for neighbours, so larger than they scatter by this factor: measured on rendered boards.
 SECTOR_DOUBT = 3.0
-"""Their errors are alike for neighbours, so larger than they scatter by this factor: measured on rendered boards."""
 
 _REFINED = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-4)
 

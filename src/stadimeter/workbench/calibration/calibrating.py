@@ -14,11 +14,11 @@ from stadimeter.ranging.board_calibration import BoardView
 from stadimeter.workbench.calibration.board_session import Board
 from stadimeter.workbench.measuring import open_picture
 
+# Settings that differ by no more than this share count as the same: cameras round them.
 SAME_ZOOM = 0.005
-"""Settings that differ by no more than this share count as the same: cameras round them."""
 
+# Focusing this many times nearer or farther can change the focal length by some tenths of a per cent.
 FOCUS_FACTOR = 3.0
-"""Focusing this many times nearer or farther can change the focal length by some tenths of a per cent."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,9 +114,9 @@ _SUBJECT_DISTANCE = 0x9206
 _DIGITAL_ZOOM = 0xA404
 _FOCAL_LENGTH_35MM = 0xA405
 
+# EXIF data stand in the first segments of a file, each of which has 64 KiB at most.
 _SHORT, _LONG, _RATIONAL = 3, 4, 5
 _HEADER_MAX_BYTES = 1 << 18
-"""EXIF data stand in the first segments of a file, each of which has 64 KiB at most."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

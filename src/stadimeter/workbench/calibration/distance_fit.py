@@ -22,8 +22,8 @@ from stadimeter.ranging.calibration import (
 )
 from stadimeter.workbench.remedies import remedies_for
 
+# Returns the picture of a name: reads its file, or has kept it. It may raise `StadimeterError`.
 FrameOf = Callable[[str], Frame]
-"""Returns the picture of a name: reads its file, or has kept it. It may raise `StadimeterError`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -28,30 +28,30 @@ from stadimeter.workbench.calibration.distance_fit import fit_distances, look_at
 from stadimeter.workbench.frame_source import SETTLING_WAIT_S, Source
 from stadimeter.workbench.picture_quality import picture_remarks
 
+# How many frames to take at each distance.
 FRAMES = 9
-"""How many frames to take at each distance."""
 
+# The frames of one distance are kept until their median is known; of very large ones fewer are taken.
 FRAMES_MAX_BYTES = 150_000_000
-"""The frames of one distance are kept until their median is known; of very large ones fewer are taken."""
 
+# Below this share of frames with the target, a find may be anything.
 FOUND_SHARE_MIN = 0.5
-"""Below this share of frames with the target, a find may be anything."""
 
+# If sizes spread more than by this share, and by this many times what the detector expects, something moved.
 SPREAD_SHARE_MAX = 0.01
 SPREAD_SIGMAS_MAX = 4.0
-"""If sizes spread more than by this share, and by this many times what the detector expects, something moved."""
 
+# A second distance proves the first only if it is this many times as far, or as near.
 APART_MIN = 1.5
-"""A second distance proves the first only if it is this many times as far, or as near."""
 
+# Ratios of the second to the first distance, best first; the target must still appear large enough at it.
 TIMES_AS_FAR = (3.0, 2.0, APART_MIN)
-"""Ratios of the second to the first distance, best first; the target must still appear large enough at it."""
 
+# The size of a target below which its edges say little about a distance of 1 %.
 LARGE_ENOUGH_PX = 20.0
-"""The size of a target below which its edges say little about a distance of 1 %."""
 
+# An offset of the distances beyond this is no mistake of the tape.
 NO_MISTAKE_M = 0.2
-"""An offset of the distances beyond this is no mistake of the tape."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -189,11 +189,12 @@ class Computer:
         return self.root / path.lstrip("/")
 
 
+# Of these, lgpio is looked for and not imported: it leaves a named pipe in the working directory.
 IMPORT_S = 15.0
 LIBRARIES = ("numpy", "cv2", "simplejpeg", "pydantic", "picamera2")
 OPTIONAL = ("picamera2", "lgpio")
-"""Of these, lgpio is looked for and not imported: it leaves a named pipe in the working directory."""
 
+# Prints a line of JSON on the Python, one before each library and one after it; what crashes leaves out the latter.
 PROBE = """
 import importlib, importlib.util, json, sys
 bits = 64 if sys.maxsize > 2**32 else 32
@@ -212,12 +213,11 @@ for name in sys.argv[1:]:
             found["error"] = f"{type(error).__name__}: {error}"
     print(json.dumps(found), flush=True)
 """
-"""Prints a line of JSON on the Python, one before each library and one after it; what crashes leaves out the latter."""
 
+# What an extension says that was built for another major version of numpy.
 _NUMPY_MIX = re.compile(
     r"dtype size changed|compiled (?:using|against) (?:NumPy|API)|_ARRAY_API|multiarray", re.IGNORECASE
 )
-"""What an extension says that was built for another major version of numpy."""
 
 
 def python_command() -> tuple[str, ...]:

@@ -17,15 +17,15 @@ from stadimeter.config.extras import LIBRARIES, PACKAGED, PICAMERA2, PICAMERA2_U
 from stadimeter.workbench.doctor.computer import Computer, Diagnosis, fine, python_command, unknown, warning, wrong
 from stadimeter.workbench.doctor.examined import UNIT, Examined
 
+# The drivers of cameras that are plugged in.
 GROUPS = {"video": "cameras", "dialout": "serial ports", "gpio": "pins"}
 LIST_S = 20.0
 IN_USE = "another program is using it"
 ATTACHED = ("opencv", "picamera2")
-"""The drivers of cameras that are plugged in."""
 
+# The serial ports of GPIO 14 and 15. The console of a Pi 5 is on a connector of its own, as ttyAMA10.
 CONFIG_TXT = ("/boot/firmware/config.txt", "/boot/config.txt")
 ON_HEADER = ("ttyAMA0", "ttyS0")
-"""The serial ports of GPIO 14 and 15. The console of a Pi 5 is on a connector of its own, as ttyAMA10."""
 
 
 def groups(examined: Examined) -> Iterator[Diagnosis]:

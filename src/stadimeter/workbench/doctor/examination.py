@@ -31,11 +31,11 @@ class Check:
     find: Callable[[Examined], Iterable[Diagnosis]]
 
 
+# The findings of ``check`` that keep a configuration from running on this computer.
 ELSEWHERE = frozenset({"driver-lacks", "will-not-run"})
-"""The findings of ``check`` that keep a configuration from running on this computer."""
 
+# What the service runs; ``check`` of it goes on as the service's user.
 PROGRAM = f"{PACKAGED}/bin/stadimeter"
-"""What the service runs; ``check`` of it goes on as the service's user."""
 CHECK_S = 30.0
 
 

@@ -25,8 +25,8 @@ if TYPE_CHECKING:  # reading a configuration loads the libraries that may be bro
     from stadimeter.workbench.doctor.configured import Configured
 
 
+# The configuration of the service, which is looked at if no other is named.
 INSTALLED = "/etc/stadimeter/appliance.toml"
-"""The configuration of the service, which is looked at if no other is named."""
 
 UNIT = "stadimeter.service"
 SUDO = "call doctor with `sudo`"

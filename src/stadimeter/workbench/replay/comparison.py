@@ -13,9 +13,9 @@ from stadimeter.core.decision import Decision, Event
 from stadimeter.core.observation import Observation
 from stadimeter.workbench.replay.replay_figures import RuleFigures, Tally
 
+# At most this many decisions that differ are compared field by field; of later ones only the bytes are.
 SHOWN_DIFFERENCES = 10
 LOOKED_INTO = 1000
-"""At most this many decisions that differ are compared field by field; of later ones only the bytes are."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -147,11 +147,11 @@ def _compare_target(target: str, pairs: list[tuple[float | None, float | None]])
     )
 
 
+# Two events of one kind and source that are further apart than this are different events.
 SAME_WITHIN_S = 5.0
-"""Two events of one kind and source that are further apart than this are different events."""
 
+# Events that are nearer than this are at the same time.
 MOVED_S = 1e-9
-"""Events that are nearer than this are at the same time."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,17 +20,17 @@ from stadimeter.workbench.replay.comparison import ReplayDiff, compare
 from stadimeter.workbench.replay.replay import ReplayRun, without_collector
 from stadimeter.workbench.replay.replay_figures import Tally
 
+# A chart as wide as a screen has no more pixels.
 POINTS_MAX = 1500
-"""A chart as wide as a screen has no more pixels."""
 
+# The number of spans of a lane; more cannot be told apart on a screen.
 SPANS_MAX = 500
-"""The number of spans of a lane; more cannot be told apart on a screen."""
 
+# Nearly four hours at 30 a second: what is gone through is kept, and a small Pi has little memory.
 CYCLES_MAX = 400_000
-"""Nearly four hours at 30 a second: what is gone through is kept, and a small Pi has little memory."""
 
+# A time, a distance or None, and its standard deviation.
 Point = tuple[float, float | None, float]
-"""A time, a distance or None, and its standard deviation."""
 
 
 @dataclass(slots=True)

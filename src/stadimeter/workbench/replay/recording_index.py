@@ -30,14 +30,14 @@ from stadimeter.workbench.replay.recording_reader import (
     read_mcap,
 )
 
+# A chunk begins with the times of its first and its last message, in nanoseconds.
 _TIMES = struct.Struct("<QQ")
-"""A chunk begins with the times of its first and its last message, in nanoseconds."""
 
+# The newest picture before a moment is searched in this many chunks: about a minute.
 _BACK_MAX = 60
-"""The newest picture before a moment is searched in this many chunks: about a minute."""
 
+# The number of decompressed chunks that are kept; one of full HD takes 10 MB.
 _KEPT_MAX = 2
-"""The number of decompressed chunks that are kept; one of full HD takes 10 MB."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,12 +40,12 @@ with suppress(ImportError):  # an extra; without it `read_mcap` raises
     from mcap.stream_reader import breakup_chunk
     from zstandard import ZstdDecompressor  # mcap depends on it
 
+# The opcodes of the records that matter here.
 RECORD_HEAD = struct.Struct("<BQ")
 CHUNK, MESSAGE_INDEX, _ATTACHMENT, _METADATA, DATA_END = 0x06, 0x07, 0x09, 0x0C, 0x0F
-"""The opcodes of the records that matter here."""
 
+# How far back compressed data may refer, and so how much of them is kept: to the beginning of the longest chunk.
 _WINDOW_MAX_BYTES = 2**25
-"""How far back compressed data may refer, and so how much of them is kept: to the beginning of the longest chunk."""
 
 _IMAGE_BEGINS = b'"data":"'
 

@@ -71,8 +71,8 @@ BATCH_CYCLES = 32
 
 Replayed = tuple[RecordedCycle, Observation, Decision]
 
+# Returns the state with which to go on by another configuration, as a run does at a reload.
 OnReload = Callable[[State, RecordedConfiguration], State]
-"""Returns the state with which to go on by another configuration, as a run does at a reload."""
 
 
 @runtime_checkable

@@ -16,14 +16,14 @@ from stadimeter.core.observation import Observation
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule
 
+# A distance is the mean of those measured within this before and after.
 HALF_WINDOW_S = 0.25
-"""A distance is the mean of those measured within this before and after."""
 
+# Where nothing was measured for longer than this, nothing is known of the time between.
 GAP_S = 1.0
-"""Where nothing was measured for longer than this, nothing is known of the time between."""
 
+# What is shorter than this is no crossing, but noise: inside as well as outside.
 BRIEF_S = 0.5
-"""What is shorter than this is no crossing, but noise: inside as well as outside."""
 
 Values = NDArray[np.float64]
 
@@ -101,8 +101,8 @@ def _merge(found: Sequence[Stay]) -> list[Stay]:
     return joined
 
 
+# An alarm that is raised at most this long before its distance was truly crossed was raised by that crossing.
 EARLY_S = 0.5
-"""An alarm that is raised at most this long before its distance was truly crossed was raised by that crossing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -23,10 +23,11 @@ from stadimeter.workbench.rule_tests.expecting import watches
 from stadimeter.workbench.rule_tests.synthetic_track import Nuisances, SensorModel, SyntheticTrack, sensor_models
 from stadimeter.workbench.rule_tests.watching import DecidedCycle, Failure, Watcher
 
+# The frame rate where neither the test nor the camera names one.
 RATE_HZ = 30.0
-"""The frame rate where neither the test nor the camera names one."""
+
+# Without a frame there is a cycle this often, as in a run.
 WAIT_S = 0.1
-"""Without a frame there is a cycle this often, as in a run."""
 _DAY_S = 86400.0
 _ROUNDING_S = 1e-9
 
@@ -232,8 +233,8 @@ def _words(problem: Problem) -> str:
     return f"{problem.key}: {problem.message}" if problem.key else problem.message
 
 
+# The number of events that are listed beside a chart.
 EVENTS_MAX = 100
-"""The number of events that are listed beside a chart."""
 
 
 @dataclass(slots=True)

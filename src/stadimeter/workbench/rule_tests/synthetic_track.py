@@ -26,8 +26,8 @@ from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import ConfigError, Problem, StadimeterError
 from stadimeter.ranging.feasibility import expect
 
+# Nothing smaller is found, however good the picture.
 MIN_SIZE_PX = 3.0
-"""Nothing smaller is found, however good the picture."""
 
 
 class SensorModel:
@@ -89,10 +89,11 @@ def _problem(configuration: Configuration, key: str, message: str) -> Problem:
     return Problem(message, str(configuration.path), key=key)
 
 
+# A gross error makes a distance up to this many times as large, or as small.
 OUTLIER_FACTOR = 3.0
-"""A gross error makes a distance up to this many times as large, or as small."""
+
+# A noisy distance below this share of the true one counts as missed: its small stated sigma would mislead.
 DROWNED_SHARE = 0.2
-"""A noisy distance below this share of the true one counts as missed: its small stated sigma would mislead."""
 
 _NORMAL = NormalDist()
 

@@ -29,11 +29,11 @@ from stadimeter.workbench.saving import check_is_not_ours, difference_in_words, 
 from stadimeter.workbench.server.arguments import get_bool, get_text
 from stadimeter.workbench.server.operations import Desk, DeskReply, operation
 
+# No test of a configuration begins later than this: whoever asks waits, and so do all others.
 TESTS_MAX_S = 20.0
-"""No test of a configuration begins later than this: whoever asks waits, and so do all others."""
 
+# A person reads the first of them.
 DIFF_LINES_MAX = 400
-"""A person reads the first of them."""
 
 
 @operation

@@ -42,8 +42,8 @@ class Desk:
     at_rest: list[Callable[[], None]] = field(default_factory=list)
 
 
+# Raises `StadimeterError`; the sentence is shown on the page. An error of another kind is a defect.
 Operation = Callable[[Desk, Mapping[str, Any]], DeskReply]
-"""Raises `StadimeterError`; the sentence is shown on the page. An error of another kind is a defect."""
 
 _KNOWN: dict[str, Operation] = {}
 

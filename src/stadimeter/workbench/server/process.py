@@ -14,11 +14,11 @@ from stadimeter.app.control.framing import framed
 from stadimeter.errors import ConfigError, Problem, StadimeterError
 from stadimeter.workbench.server.operations import Desk, find_operation
 
+# A configuration within JSON, with room for one that is much too long; a longer line is passed over.
 REQUEST_MAX_BYTES = 4 * 1024 * 1024
-"""A configuration within JSON, with room for one that is much too long; a longer line is passed over."""
 
+# If nothing was asked for this long, a camera is not held any longer.
 REST_AFTER_S = 60.0
-"""If nothing was asked for this long, a camera is not held any longer."""
 
 CHUNK_BYTES = 65536
 

@@ -24,13 +24,13 @@ from stadimeter.workbench.server.arguments import get_number
 from stadimeter.workbench.server.operations import Desk, DeskReply, operation
 from stadimeter.workbench.server.recordings import began_unix_s, index_of, path_of
 
+# The messages have (0, 0) at the corner of the first pixel, not at its centre.
 QUALITY = 80
 RIM_POINTS = 48
 FIRST_PIXEL = 0.5
-"""The messages have (0, 0) at the corner of the first pixel, not at its centre."""
 
+# The parts of a live snapshot that a recording has, too.
 SHOWN = ("frame", "targets", "rules", "outputs", "safety")
-"""The parts of a live snapshot that a recording has, too."""
 
 
 @operation

@@ -23,15 +23,15 @@ from stadimeter.workbench.replay.replay import read_recording
 from stadimeter.workbench.server.editing import run_socket
 from stadimeter.workbench.server.operations import Desk, DeskReply, operation
 
+# Of recordings with pictures, and of journals.
 ENDINGS = frozenset({".mcap", ".jsonl"})
-"""Of recordings with pictures, and of journals."""
 
+# The newest of them; a folder that nobody tidies up has thousands.
 LISTED_MAX = 500
-"""The newest of them; a folder that nobody tidies up has thousands."""
 
+# The time of a cycle stands at the beginning of its line.
 _NOW = re.compile(rb'"now_s":(-?[0-9.eE+-]+)')
 _NOW_WITHIN = 120
-"""The time of a cycle stands at the beginning of its line."""
 
 
 @operation

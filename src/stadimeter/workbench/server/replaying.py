@@ -17,13 +17,13 @@ from stadimeter.workbench.server.editing import files_with, loaded
 from stadimeter.workbench.server.operations import Desk, DeskReply, operation
 from stadimeter.workbench.server.recordings import about, path_of
 
+# Unless it is said otherwise, an answer comes at the latest after this time.
 FOR_S = 20.0
-"""Unless it is said otherwise, an answer comes at the latest after this time."""
 
+# Comparisons that go on beside each other: of several tabs, each would begin that of the other anew.
 FOR_MAX_S = 60.0
 CHANGES_MAX = 40
 KEPT_MAX = 3
-"""Comparisons that go on beside each other: of several tabs, each would begin that of the other anew."""
 
 
 @operation

@@ -16,8 +16,8 @@ from stadimeter.workbench.server.setup_operations import lens_as_json, setup_of
 from stadimeter.workbench.setup.lens import today
 from stadimeter.workbench.setup.question import BOARD_FILE
 
+# Corners or squares along a side of a board.
 MIN_CORNERS, MAX_CORNERS = 3, 60
-"""Corners or squares along a side of a board."""
 
 
 @operation

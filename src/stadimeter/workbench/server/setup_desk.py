@@ -24,8 +24,8 @@ from stadimeter.workbench.setup.colour_step import ColourTrial
 from stadimeter.workbench.setup.interview import Interview
 from stadimeter.workbench.setup.question import Accepted, Known, Question
 
+# The last minute of what was measured, at 30 pictures a second.
 HISTORY_FRAMES = 2000
-"""The last minute of what was measured, at 30 pictures a second."""
 
 
 class SetupDesk:

@@ -15,8 +15,8 @@ from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES
 from stadimeter.errors import ConfigError, Problem, reason_of
 from stadimeter.workbench.saving import save_files
 
+# The file in the folder in which answers are kept.
 ANSWERS = "init-answers.toml"
-"""The file in the folder in which answers are kept."""
 
 _ANSWERS_TITLE = "# Answers to the questions of `stadimeter init`. `stadimeter init --answers FILE` gives them again.\n"
 

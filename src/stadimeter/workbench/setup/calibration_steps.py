@@ -39,8 +39,8 @@ from stadimeter.workbench.setup.question import (
 )
 from stadimeter.workbench.setup.target import build_target, look, why_not_measured
 
+# The width of what a usual webcam sees.
 GUESS = "60 deg"
-"""The width of what a usual webcam sees."""
 
 SKIP = "skip"
 

@@ -32,30 +32,30 @@ from stadimeter.workbench.run_camera import NONE_FOUND, list_cameras
 from stadimeter.workbench.setup.answers import words_of
 from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Option, Question, SetupStep
 
+# The picture in which places are meant that answers name.
 SHOWN = f"{PICTURES}/camera.png"
-"""The picture in which places are meant that answers name."""
 
+# How a run plays files until it ends: each picture long enough for a person to see the detection.
 PLAYED: Mapping[str, Mapping[str, Any]] = {
     "images": {"rate": "5 Hz", "dwell": "2 s", "loop": True},
     "video": {"loop": True},
 }
-"""How a run plays files until it ends: each picture long enough for a person to see the detection."""
 
+# The number of a folder's pictures that are shown one by one.
 PICTURES_MAX = 60
-"""The number of a folder's pictures that are shown one by one."""
 
+# The camera in the simulated room.
 SIMULATED = "simulated"
-"""The camera in the simulated room."""
 
+# The number of pictures of a recording that are kept, spread over it.
 MAX_FRAMES = 4
-"""The number of pictures of a recording that are kept, spread over it."""
 
+# Later frames of a recording are ignored.
 MAX_RECORDED_FRAMES = 2000
-"""Later frames of a recording are ignored."""
 
+# A file or a pattern that needs no quotation marks.
 _DRIVER = re.compile(r"[a-z][\w-]*")
 _PLAIN = re.compile(r"[\w@%+=:,./*?\[\]~-]+")
-"""A file or a pattern that needs no quotation marks."""
 
 
 class CameraStep(SetupStep):

@@ -28,11 +28,11 @@ from stadimeter.workbench.setup.camera_step import SHOWN
 from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Question, SetupStep
 from stadimeter.workbench.setup.target import build_target, is_doubtful, look
 
+# Pictures that are kept with their clicks; the oldest makes room for another.
 MAX_PICTURES = 6
-"""Pictures that are kept with their clicks; the oldest makes room for another."""
 
+# By how many steps a range can be widened or narrowed.
 MAX_STEPS = 12
-"""By how many steps a range can be widened or narrowed."""
 
 NOT_THERE = "No ball is seen where you point: click on another part of it, or bring it nearer."
 MISSED = "No ball is seen with this range."

@@ -25,8 +25,8 @@ from stadimeter.workbench.setup.wish_steps import (
 )
 from stadimeter.workbench.setup.wishes import WISHES
 
+# After another answer to one of these, later answers of an earlier interview mean nothing.
 _CHANGES_ALL = frozenset({CameraStep.key, TargetStep.key})
-"""After another answer to one of these, later answers of an earlier interview mean nothing."""
 
 
 class Interview:

@@ -22,14 +22,14 @@ from stadimeter.workbench.calibration.distance_fit import fit_distances, look_at
 from stadimeter.workbench.measuring import open_picture
 from stadimeter.workbench.setup.target import PLUS_OR_MINUS
 
+# Relative standard deviation of a focal length from a guessed width of the view.
 GUESS_RELATIVE_SIGMA = 0.1
-"""Relative standard deviation of a focal length from a guessed width of the view."""
 
+# Nobody measures from a lens better than this share of a distance; and worse than that says nothing.
 BEST_KNOWN, WORST_KNOWN = 0.001, 0.2
-"""Nobody measures from a lens better than this share of a distance; and worse than that says nothing."""
 
+# A camera that sees more or less than this is unusual: a size or a distance may be in another unit than was meant.
 NARROWEST_RAD, WIDEST_RAD = math.radians(20), math.radians(130)
-"""A camera that sees more or less than this is unusual: a size or a distance may be in another unit than was meant."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,12 +16,13 @@ from stadimeter.core.frame import Frame
 from stadimeter.errors import ConfigError, Problem, reason_of
 from stadimeter.workbench.frame_source import Opening, open_camera
 
+# The folder for the pictures that show what was found.
 CONFIGURATION = "stadimeter.toml"
 CAMERA_FILE = "camera.toml"
 PICTURES = "init"
-"""The folder for the pictures that show what was found."""
+
+# The camera file of views of a board, which is no answer yet; saving makes it the one of the configuration.
 BOARD_FILE = f"{PICTURES}/board.toml"
-"""The camera file of views of a board, which is no answer yet; saving makes it the one of the configuration."""
 
 
 @dataclass(slots=True, kw_only=True)

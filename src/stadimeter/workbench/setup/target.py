@@ -24,14 +24,14 @@ from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Optio
 
 FOUND = f"{PICTURES}/found.png"
 
+# How ``±`` is typed.
 PLUS_OR_MINUS = re.compile(r"\+/?-")
-"""How ``±`` is typed."""
 
+# The range of a ball before its colour is known.
 ANY_COLOUR = "0,0,0:179,255,255"
-"""The range of a ball before its colour is known."""
 
+# Sizes beyond these are written in another unit than was meant.
 SMALLEST_M, LARGEST_M = 0.005, 3.0
-"""Sizes beyond these are written in another unit than was meant."""
 
 
 def target_table(answers: Mapping[str, str]) -> dict[str, Any]:
@@ -170,8 +170,8 @@ def family_in_view(known: Known) -> str:
     return ""
 
 
+# Families that are looked for, those that are least often seen in mere clutter first.
 FAMILIES = ("36h11", "5x5-50", "4x4-50", "6x6-50", "25h9", "16h5", "aruco-original")
-"""Families that are looked for, those that are least often seen in mere clutter first."""
 
 KINDS = (
     Option("ball", "a ball of one colour"),
@@ -180,6 +180,7 @@ KINDS = (
     Option("disc", "a flat disc of one brightness, such as a lid or a plate"),
 )
 
+# The ready answer, and how one may look.
 _SIZES = {
     "ball": ("tennis ball", f"its diameter, such as 6.4 cm, or a name: {', '.join(BALLS)}"),
     "sheet": (
@@ -189,7 +190,6 @@ _SIZES = {
     "tag": ("8 cm", "the side of its black square, such as 8 cm"),
     "disc": ("12 cm", "its diameter, such as 12 cm"),
 }
-"""The ready answer, and how one may look."""
 
 
 _NAMES = {"ball": tuple(BALLS), "sheet": tuple(PAPER)}

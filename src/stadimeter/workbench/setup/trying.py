@@ -31,19 +31,19 @@ from stadimeter.workbench.setup.target import build_target, describe_detection
 from stadimeter.workbench.setup.wish_steps import SCREEN, chosen_wishes, reliable_range_m
 from stadimeter.workbench.setup.wishes import figure_si, ready_answers
 
+# The rules are tried on this many seconds of the camera's past measurements.
 LAST_S = 60.0
-"""The rules are tried on this many seconds of the camera's past measurements."""
 
+# With fewer seconds of them, a simulated target is used.
 ENOUGH_S = 2.0
-"""With fewer seconds of them, a simulated target is used."""
 
+# The simulated target's times: to come or to go, to stand at both ends, and out of sight at the end, in seconds.
 WALK_S, STAND_S, GONE_S = 6.0, 2.0, 3.0
-"""The simulated target's times: to come or to go, to stand at both ends, and out of sight at the end, in seconds."""
 
 MAX_DURATION_S = 700.0
 
+# Where nothing was seen for longer, time went on without frames.
 GAP_S = 1.0
-"""Where nothing was seen for longer, time went on without frames."""
 
 
 def complete_answers(known: Known, changed: Mapping[str, str]) -> dict[str, str]:
@@ -128,11 +128,11 @@ def _figures(answers: Mapping[str, str]) -> tuple[list[float], list[float]]:
     return lengths_m, times_s
 
 
+# Nearer than where a target fills this share of the picture's shorter side, it is cut off sooner or later.
 WHOLE_SHARE = 0.9
-"""Nearer than where a target fills this share of the picture's shorter side, it is cut off sooner or later."""
 
+# Distances that people think in, for each power of ten.
 STEPS = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0)
-"""Distances that people think in, for each power of ten."""
 
 ROWS_MAX = 9
 

@@ -18,11 +18,11 @@ from stadimeter.workbench.setup.question import Accepted, Known, Option, Questio
 from stadimeter.workbench.setup.target import build_target
 from stadimeter.workbench.setup.wishes import WISHES, Blank, Wish, figure_si, ready_answers
 
+# An output that only the views show.
 SCREEN = "screen"
-"""An output that only the views show."""
 
+# No output: the rule reports and drives nothing.
 NOTHING = "nothing"
-"""No output: the rule reports and drives nothing."""
 
 _BY_KEY = {wish.key: wish for wish in WISHES}
 

@@ -11,8 +11,8 @@ from typing import Any
 
 from stadimeter.config.units import DURATIONS_S, LENGTHS_M, SPEEDS_MPS, parse_length, parse_quantity
 
+# Ready distances are within this share of how far away the target is found reliably: hysteresis needs the rest.
 WITHIN_REACH = 0.8
-"""Ready distances are within this share of how far away the target is found reliably: hysteresis needs the rest."""
 
 _UNITS = {"m": LENGTHS_M, "s": DURATIONS_S, "m/s": SPEEDS_MPS}
 

@@ -151,16 +151,17 @@ def _problem(configuration: Configuration, message: str, hint: str) -> Problem:
     return Problem(message, file=str(configuration.path), hint=hint)
 
 
+# Bootstrap draws of the counts, for the confidence of the line.
 DAY_S = 86400.0
 SURE = 0.95
 DRAWS = 400
-"""Bootstrap draws of the counts, for the confidence of the line."""
 
+# Where nothing was counted, half a count stands for it: the logarithm of zero is not a number.
 _SIGMAS_OF_SURE = 1.645
 _HALF = 0.5
-"""Where nothing was counted, half a count stands for it: the logarithm of zero is not a number."""
+
+# An alarm gets rare where it is raised less than this share as often as anywhere.
 OFTEN_SHARE = 0.5
-"""An alarm gets rare where it is raised less than this share as often as anywhere."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -23,28 +23,37 @@ from stadimeter.core.tracking.filter import NOISE_FLOOR_M
 from stadimeter.errors import JournalError
 from stadimeter.workbench.replay.replay import AnyRecording
 
+# Length of a stretch: many times as long as noise lasts, and short enough for a target that never stands for long.
 STRETCH_S = 5.0
-"""Length of a stretch: many times as long as noise lasts, and short enough for a target that never stands for long."""
+
+# After a pause of this long, a new stretch begins.
 GAP_S = 1.0
-"""After a pause of this long, a new stretch begins."""
+
+# A stretch counts if the target was measured in this share of its frames; else it may simply not have been there.
 SEEN_SHARE = 0.5
-"""A stretch counts if the target was measured in this share of its frames; else it may simply not have been there."""
+
+# A stretch is calm if its spread is at most this many times that of the calmest quarter.
 CALM_TIMES = 2.0
-"""A stretch is calm if its spread is at most this many times that of the calmest quarter."""
+
+# Errors differ from movement by their duration: a median over this time leaves little of noise and outliers.
 LASTING_S = 0.5
-"""Errors differ from movement by their duration: a median over this time leaves little of noise and outliers."""
+
+# A target whose distance differs from the line by more than this for `LASTING_S` moves, in units of its jitter, or of
+# the stated standard deviation if that is larger. Noise that keeps 0.9 of itself from frame to frame stays below it.
 MOVES_SIGMAS = 4.0
-"""A target whose distance differs from the line by more than this for `LASTING_S` moves, in units of its jitter, or of
-the stated standard deviation if that is larger. Noise that keeps 0.9 of itself from frame to frame stays below it."""
+
+# Errors that are clearly larger than stated and keep more than this from frame to frame are a movement as well, or are
+# like one: the two cannot be told apart.
 MOVES_CORRELATION = 0.9
-"""Errors that are clearly larger than stated and keep more than this from frame to frame are a movement as well, or are
-like one: the two cannot be told apart."""
+
+# With less than this, nothing can be said of noise.
 MIN_CALM_S = 20.0
-"""With less than this, nothing can be said of noise."""
+
+# Further than this from the line, in standard deviations of the noise as it truly is, is grossly wrong.
 GROSS_SIGMAS = 6.0
-"""Further than this from the line, in standard deviations of the noise as it truly is, is grossly wrong."""
+
+# Noise that is larger than stated by less than this is learnt by the tracker soon enough.
 CLEARLY_LARGER = 1.25
-"""Noise that is larger than stated by less than this is learnt by the tracker soon enough."""
 
 _MAD_TO_SIGMA = 1.4826
 _FIT_ROUNDS = 4

@@ -47,24 +47,26 @@ from stadimeter.workbench.tuning.trials import (
     raises_apart,
 )
 
+# An alarm with its target at the threshold may end and begin again at most this often, or it chatters.
 CLEARANCES = (-1.5, -0.75, 0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5)
 FRAMES_A_CLEARANCE = 3000
 CROSSINGS = 60
 HOVER_FRAMES = 8_000
 FLAPS_A_MINUTE = 0.1
-"""An alarm with its target at the threshold may end and begin again at most this often, or it chatters."""
+
+# Raises that follow on each other at once are one.
 APART_S = 1.0
-"""Raises that follow on each other at once are one."""
+
+# Settings that differ by less than this are as late as each other.
 ENDS_WITHIN_S = 5.0
 AS_LATE_S = 0.002
-"""Settings that differ by less than this are as late as each other."""
 
 
+# Settings by the name of the alarm that has them.
 Tried = Mapping[str, Settings]
-"""Settings by the name of the alarm that has them."""
 
+# The transitions of each alarm, by its name, once for each time that the target crossed its threshold.
 Crossings = dict[str, list[Sequence[Transition]]]
-"""The transitions of each alarm, by its name, once for each time that the target crossed its threshold."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

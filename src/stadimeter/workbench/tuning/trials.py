@@ -27,16 +27,17 @@ from stadimeter.workbench.tuning.noise import Floats, RecordedNoise, Series
 
 Truths = NDArray[np.bool_]
 
+# A raise this close to a marked time is a true alarm.
 EVENT_S = 5.0
-"""A raise this close to a marked time is a true alarm."""
 POINTS = 20
 
+# An operating point is the median of this time: shorter, and noise that lasts would count as one.
 _CLEARLY_SIGMAS = 1.0
 _TRUTH_S = 1.0
 _STANDING_S = 5.0
-"""An operating point is the median of this time: shorter, and noise that lasts would count as one."""
+
+# A target that crosses the threshold is clearly beyond it only a moment later.
 _AROUND_S = 1.5
-"""A target that crosses the threshold is clearly beyond it only a moment later."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -139,9 +140,9 @@ def operating_points_of(
     )
 
 
+# A target comes no nearer than this share of the threshold; one that goes away has stood there.
 APPROACH_S, AFTER_S = 3.0, 2.0
 MIN_DISTANCE_SHARE = 0.3
-"""A target comes no nearer than this share of the threshold; one that goes away has stood there."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -152,8 +153,8 @@ class Transition:
     is_raise: bool
 
 
+# The transitions of each alarm, by its name.
 Transitions = Mapping[str, Sequence[Transition]]
-"""The transitions of each alarm, by its name."""
 
 
 class Trials:

@@ -187,6 +187,7 @@ def _draw_signal(output: Output) -> tuple[str, ...]:
     return (f"{output.at()} ── its input, for 3.3 V", f"{output.at(GROUND)} ── its ground")
 
 
+# By the name that a driver's plugin gives; the last is for drivers that give none.
 CIRCUITS = {
     "motor": Circuit(
         "a motor on a transistor",
@@ -234,7 +235,6 @@ CIRCUITS = {
         ("Its driver does not say what hangs on it. A pin gives a few milliamperes, and 5 V on it kills it.",),
     ),
 }
-"""By the name that a driver's plugin gives; the last is for drivers that give none."""
 
 
 def find_outputs(parts: Iterable[DriverChoice]) -> tuple[Output, ...]:

@@ -80,30 +80,30 @@ def _wrap(text: str, width: int, indent: str = "") -> list[str]:
     return textwrap.wrap(text, width, subsequent_indent=indent)
 
 
+# The cell of a character.
 COLUMN_M, ROW_M = 0.0019, 0.0042
-"""The cell of a character."""
 
+# From one pin of the header to the next.
 SIZE_M = 0.0031
 PITCH_M = 0.0058
-"""From one pin of the header to the next."""
 
+# The widest circuit, that of a motor.
 MARGIN_M = 0.008
 WIDTH_M = 0.122
-"""The widest circuit, that of a motor."""
 
+# As many letters as a phone shows of the page's drawing.
 NOTE_COLUMNS = 60
-"""As many letters as a phone shows of the page's drawing."""
 
 HEADER_TOP_M = 2 * MARGIN_M + ROW_M
 UNUSED, GREY = "#9aa0a6", "#666666"
 COLOURS = {POWER_3V3: "#d9822b", POWER_5V: "#c62828", GROUND: BLACK}
 SIGNAL = "#1565c0"
 
+# Which sides of its cell a box character reaches.
 ENDS = {
     "─": "we", "│": "ns", "┌": "se", "┐": "sw", "└": "ne", "┘": "nw", "├": "nse", "┤": "nsw", "┬": "wes", "┴": "wen",
     "┼": "nswe",
 }  # fmt: skip
-"""Which sides of its cell a box character reaches."""
 
 _WAY = {"n": (0.0, -0.5), "s": (0.0, 0.5), "w": (-0.5, 0.0), "e": (0.5, 0.0)}
 _RUN = re.compile(r"\[[^]]*\]|[^\s─│┌┐└┘├┤┬┴┼\[]+(?: [^\s─│┌┐└┘├┤┬┴┼\[]+)*")
