@@ -51,7 +51,7 @@ class StadimeterError(Exception):
 class UnreadableError(StadimeterError, OSError):
     """A file is not there, is no regular file, is larger than its kind can be, or is not text.
 
-    Whoever reads the file knows what it should be, and raises an error of its own from this one.
+    The reader of the file knows what it should be, and raises an error of its own from this one.
 
     Attributes:
         reason: What is wrong, without the path, such as ``there is no such file``.
@@ -98,7 +98,7 @@ class ConfigError(StadimeterError, ValueError):
     """A configuration, a camera file or an option of the command line is wrong.
 
     Attributes:
-        warnings: What else deserves a look, as far as that can be told of a configuration that is wrong.
+        warnings: What else deserves a look, as far as a wrong configuration allows.
     """
 
     def __init__(self, problems: Iterable[Problem] | str, warnings: Iterable[Problem] = ()) -> None:
@@ -168,7 +168,7 @@ class StateError(StadimeterError, OSError):
 
 
 class ControlError(StadimeterError, ConnectionError):
-    """A running instance is not there, does not answer, or refuses what it is told."""
+    """A running instance is not there, does not answer, or refuses a command."""
 
 
 class PageError(StadimeterError):
@@ -177,7 +177,7 @@ class PageError(StadimeterError):
     Attributes:
         status: The status that HTTP has for it.
         code: The kind of error, for programs; it stays the same when the words change.
-        details: What else is told: ``problems``, or how another's text differs.
+        details: What else is known: ``problems``, or how another's text differs.
     """
 
     def __init__(self, status: int, code: str, message: str, details: Mapping[str, object] | None = None) -> None:
@@ -204,7 +204,7 @@ class DriverUnavailableError(DriverError, ImportError):
 
 
 class DeviceOpenError(DriverError, OSError):
-    """A device is absent, in use by another program, or not ours to open."""
+    """A device is absent, in use by another program, or this user may not open it."""
 
 
 class DeviceHungError(DeviceOpenError):

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
-from stadimeter.config.findings import findings_of, known_keys, shown
+from stadimeter.config.findings import findings_of, format_value, known_keys
 from stadimeter.config.plugins import DriverOptions
 from stadimeter.config.units import Duration, Length, Pin
 
@@ -121,9 +121,9 @@ def test_known_keys_are_written_as_in_the_file() -> None:
 
 
 def test_a_long_value_is_shortened() -> None:
-    assert shown("x" * 1000) == f"'{'x' * 59}…"
-    assert shown({"a": 1}) == "a table"
-    assert shown([True, 1.5]) == "[true, 1.5]"
+    assert format_value("x" * 1000) == f"'{'x' * 59}…"
+    assert format_value({"a": 1}) == "a table"
+    assert format_value([True, 1.5]) == "[true, 1.5]"
 
 
 VALUES = st.recursive(

@@ -2,6 +2,7 @@
 
 import ast
 import re
+from collections import Counter
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -24,6 +25,24 @@ UNWANTED = {
     "this user may not use it": r"\bours to open\b",
 }
 """Phrases that readers stumble over, by the words to use in their place."""
+
+UNWANTED_IN_SOURCES = {
+    "the thing by its name": r"\bwhoever\b|\bhis own\b|\bwhat is so of\b|\bthe \w+ of before\b",
+}
+"""The same, for docstrings."""
+
+SUPERLATIVE = re.compile(
+    r"(?:.*_)?(?:MOST|LEAST|(?:DEEP|FEW|GREAT|HIGH|LARG|LONG|LOW|NARROW|SHORT|SMALL|WID)EST)(?:_.*)?$"
+)
+"""Names of bounds that are called `MAX_…` and `MIN_…`."""
+
+NO_VERBS = frozenset({
+    "answered", "asked", "given", "judged", "kept", "known", "made", "operated", "said", "served", "shown", "taken",
+    "told", "tried", "wanted",
+})  # fmt: skip
+"""Participles that were functions once."""
+
+HOLDERS = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 
 SEARCHED = (
     "hysteresis", "debounce", "threshold", "latency", "median", "95th percentile", "accuracy", "false alarm",
@@ -48,14 +67,43 @@ def messages(path):
     ]
 
 
+def docstrings(path):
+    """Return the docstrings of a source, as one text."""
+    holders = (node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, HOLDERS))
+    return "\n".join(ast.get_docstring(node) or "" for node in holders)
+
+
+def odd_names(path):
+    """Return the names of a source that say in another way what the house says in one."""
+    tree = ast.parse(path.read_text())
+    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
+    constants = [
+        name.id
+        for node in tree.body
+        if isinstance(node, ast.Assign | ast.AnnAssign)
+        for name in ast.walk(node)
+        if isinstance(name, ast.Name) and isinstance(name.ctx, ast.Store)
+    ]
+    arguments = [each.arg for node in functions for each in (*node.args.args, *node.args.kwonlyargs)]
+    return [
+        *(name for name in constants if SUPERLATIVE.match(name)),
+        *(node.name for node in functions if node.name.strip("_") in NO_VERBS and not is_property(node)),
+        *(name for name in arguments if name == "otherwise"),
+    ]
+
+
+def is_property(node):
+    return any("property" in ast.unparse(each) for each in node.decorator_list)
+
+
 def is_command(node):
     return isinstance(node, ast.FunctionDef) and "**Exit code**" in (ast.get_docstring(node) or "")
 
 
-def unwanted(text):
+def unwanted(text, patterns=UNWANTED):
     return {
         found[0]: instead
-        for instead, pattern in UNWANTED.items()
+        for instead, pattern in patterns.items()
         for found in re.finditer(pattern, text, re.IGNORECASE)
     }
 
@@ -68,6 +116,26 @@ def test_documentation_uses_words_that_readers_know():
 def test_messages_use_words_that_readers_know():
     found = {path: unwanted("\n".join(messages(path))) for path in SOURCES}
     assert {path: words for path, words in found.items() if words} == {}
+
+
+def test_docstrings_use_words_that_readers_know():
+    found = {path: unwanted(docstrings(path), {**UNWANTED, **UNWANTED_IN_SOURCES}) for path in SOURCES}
+    assert {path: words for path, words in found.items() if words} == {}
+
+
+def test_functions_are_verbs_and_bounds_are_max_and_min():
+    found = {path: odd_names(path) for path in SOURCES}
+    assert {path: names for path, names in found.items() if names} == {}
+
+
+def test_a_class_name_means_one_thing():
+    classes = Counter(
+        node.name
+        for path in SOURCES
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.ClassDef)
+    )
+    assert {name for name, count in classes.items() if count > 1} <= set()
 
 
 def test_words_that_readers_search_for_are_found():

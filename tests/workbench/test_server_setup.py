@@ -23,7 +23,7 @@ from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.errors import CalibrationError, ConfigError, ControlError, DeviceOpenError, StadimeterError
 from stadimeter.web.routes import PAGE_OPERATIONS
 from stadimeter.workbench.server.operations import Desk, DeskReply, find_operation
-from stadimeter.workbench.server.process import told
+from stadimeter.workbench.server.process import error_fields
 from stadimeter.workbench.server.setup_operations import setup_of
 from stadimeter.workbench.setup.camera_step import with_exposure, with_resolution
 from stadimeter.workbench.setup.lens import parse_distance
@@ -525,4 +525,4 @@ def test_the_demonstration_is_refused_with_a_code_that_a_page_knows() -> None:
     desk = Desk(configuration=DEMONSTRATION, run_socket=Path("/nonexistent.sock"))
     with pytest.raises(ConfigError) as refused:
         find_operation("setup_operations.begin")(desk, {})
-    assert told(refused.value)["code"] == "demonstration"
+    assert error_fields(refused.value)["code"] == "demonstration"

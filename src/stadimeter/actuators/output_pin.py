@@ -122,8 +122,8 @@ def _open_lgpio() -> PiFactory:
 def _notification_pipe_elsewhere() -> Iterator[None]:
     """Import lgpio in here, so that it leaves nothing behind and changes nothing.
 
-    On import lgpio makes a named pipe in the working directory, and fails where it may not write. Told of another
-    directory by ``LG_WD``, it makes that one the working directory of the whole program, which would break every
+    On import lgpio makes a named pipe in the working directory, and fails where it may not write. If ``LG_WD``
+    names another directory, it makes that one the working directory of the whole program, which would break every
     relative path. Once lgpio has opened the pipe at both ends, its name is no longer needed.
     """
     here, asked = Path.cwd(), os.environ.get("LG_WD")

@@ -19,7 +19,7 @@ class Actuator(Protocol):
         """Acquire the device, switched off.
 
         Raises:
-            DeviceOpenError: It is absent, busy, or not ours to open.
+            DeviceOpenError: It is absent, busy, or this user may not open it.
         """
         ...
 
@@ -69,7 +69,7 @@ class Button(Protocol):
         """Acquire the device. Does nothing when open.
 
         Raises:
-            DeviceOpenError: It is absent, busy, or not ours to open.
+            DeviceOpenError: It is absent, busy, or this user may not open it.
         """
         ...
 

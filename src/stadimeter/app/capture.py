@@ -198,7 +198,7 @@ class Capture(Protocol):
         """Open the camera.
 
         Raises:
-            DeviceOpenError: It is absent, busy, or not ours to open.
+            DeviceOpenError: It is absent, busy, or this user may not open it.
             PictureError: A recording cannot be read.
         """
         ...

@@ -20,7 +20,7 @@ class NamedDetector:
 
 
 def build_detectors(choices: Sequence[DriverChoice], camera_model: CameraModel | None) -> tuple[NamedDetector, ...]:
-    """Build the detectors of targets, in the same order. Without a lens, only what needs none can be told."""
+    """Build the detectors of targets, in the same order. Without a lens, only what needs none can be measured."""
     clock = SteppedClock()
     return tuple(
         NamedDetector(

@@ -1,6 +1,6 @@
 """The end of a run: on a signal the outputs stop at once, inside the handler; then one deadline holds for all.
 
-Whoever asks for the end (SIGTERM, Ctrl-C) waits two seconds at most: then systemd kills. Each part of the end
+An end that is asked for (SIGTERM, Ctrl-C) takes two seconds at most: then systemd kills. Each part of the end
 takes what it needs of that time, and no part has a limit of its own that another one could add to. Parts are closed
 side by side; one that does not come back is left behind, with a warning.
 

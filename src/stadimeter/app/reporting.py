@@ -246,11 +246,11 @@ class _RuleReports:
 
     @property
     def is_held_back(self) -> bool:
-        """Whether the newest state is not told yet."""
+        """Whether the newest state is not published yet."""
         return self._newest != self._told
 
     def is_due(self, now_s: float, wall_clock: str, trace: RuleTrace, events: list[EventKind]) -> bool:
-        """Take in a cycle, and return whether it is to be told."""
+        """Take in a cycle, and return whether it is to be published."""
         state, before = self._state(trace, events), self._newest
         if state.is_active is not before.is_active or not self._since:
             self._since = wall_clock

@@ -268,7 +268,7 @@ def _measured(decision: Decision) -> Iterator[str]:
 
 
 def is_service(environ: Mapping[str, str] = os.environ) -> bool:
-    """Return whether systemd waits to be told how this process is."""
+    """Return whether systemd expects notifications of this process's state."""
     return bool(environ.get("NOTIFY_SOCKET"))
 
 

@@ -21,7 +21,7 @@ class MobileBase(Protocol):
         """Connect, wait until the base answers, and stop it.
 
         Raises:
-            DeviceOpenError: The port is absent, busy or not ours to open, or nothing answers.
+            DeviceOpenError: The port is absent or busy, this user may not open it, or nothing answers.
             ProtocolError: The base answers, but will not drive.
         """
         ...

@@ -144,13 +144,13 @@ class Acknowledgements:
 
     def acknowledged(self) -> None:
         """Note that a command was done. With the last one that is waited for, a stop is known to have arrived."""
-        self._answered()
+        self._note_answer()
         if not self._unanswered:
             self._stop_sent_s = None
 
     def refused(self) -> None:
         """Note that a command was answered, but not done: a stop must be repeated."""
-        self._answered()
+        self._note_answer()
 
     def stop_is_overdue(self, now_s: float) -> bool:
         """Return whether a stop was sent at least `STOP_REPEATED_AFTER_S` ago and is not acknowledged."""
@@ -161,7 +161,7 @@ class Acknowledgements:
         """For how long commands have been sent and the line was read without any answer; 0 if none is waited for."""
         return self._silent_s or 0.0
 
-    def _answered(self) -> None:
+    def _note_answer(self) -> None:
         self._unanswered = max(0, self._unanswered - 1)
         self._silent_s = None
 

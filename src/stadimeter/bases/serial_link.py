@@ -63,12 +63,12 @@ class SerialLink:
                 find it full nor come after commands from before.
         """
         deadline_s = time.monotonic() + UNTAKEN_AFTER_S
-        left = frame[self._taken(frame) :]
+        left = frame[self._offer(frame) :]
         while left:
             wait_s = deadline_s - time.monotonic()
             if wait_s > 0:
                 self._wait_for_room(wait_s)
-            left = left[self._taken(left) :]
+            left = left[self._offer(left) :]
             if left and wait_s <= 0:
                 self._discard()
                 raise LinkLostError(
@@ -104,7 +104,7 @@ class SerialLink:
         if port:
             port.close()
 
-    def _taken(self, data: bytes) -> int:
+    def _offer(self, data: bytes) -> int:
         """Offer bytes to the port, and return how many it took."""
         descriptor = self._opened().fileno()
         try:

@@ -55,7 +55,7 @@ class LiveCamera(ABC):
 
         Raises:
             DeviceHungError: It was not let go after it was used before.
-            DeviceOpenError: It is absent, busy, not ours to open, or gives no picture.
+            DeviceOpenError: It is absent or busy, this user may not open it, or it gives no picture.
             DriverUnavailableError: A library that it needs is missing.
         """
         self.close()

@@ -89,7 +89,7 @@ class Camera(Protocol):
         """Acquire the device and apply its settings.
 
         Raises:
-            DeviceOpenError: It is absent, busy, or not ours to open.
+            DeviceOpenError: It is absent, busy, or this user may not open it.
             PictureError: A recording cannot be read.
         """
         ...

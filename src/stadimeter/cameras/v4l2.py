@@ -88,7 +88,7 @@ def ask_node(path: Path, ioctl: Ioctl = fcntl.ioctl) -> NodeAnswer:
     """Return what a node says of itself. It may be in use meanwhile.
 
     Raises:
-        OSError: It is not there, not ours to open, or no Video4Linux node.
+        OSError: It is absent, this user may not open it, or it is no Video4Linux node.
     """
     with _opened(path) as node:
         driver, card, _, _, device, this_node, *_ = CAPABILITY.unpack(
@@ -101,7 +101,7 @@ def ask_node(path: Path, ioctl: Ioctl = fcntl.ioctl) -> NodeAnswer:
 
 
 def is_in_use(path: Path, ioctl: Ioctl = fcntl.ioctl) -> bool:
-    """Return whether another program takes pictures with a node, as far as that can be told.
+    """Return whether another program takes pictures with a node, as far as the system shows it.
 
     To give back no buffers changes nothing, but the kernel allows it only to the program that took the device.
     """

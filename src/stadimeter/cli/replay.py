@@ -258,12 +258,12 @@ def _rule_lines(change: RuleChange) -> Iterator[str]:
     yield ""
     yield f"{change.rule:<28} {'old':>10} {'new':>10}"
     for name, shown in _FIGURES:
-        old, new = (_shown(shown, figures) for figures in (change.old, change.new))
+        old, new = (_format_figures(shown, figures) for figures in (change.old, change.new))
         if {old, new} != {"-"}:
             yield f"  {name:<26} {old:>10} {new:>10}"
 
 
-def _shown(shown: Callable[[RuleFigures], str], figures: RuleFigures | None) -> str:
+def _format_figures(shown: Callable[[RuleFigures], str], figures: RuleFigures | None) -> str:
     return "-" if figures is None else shown(figures)
 
 

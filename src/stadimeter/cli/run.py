@@ -151,7 +151,7 @@ def run_loop(
 
 @contextmanager
 def _telling_of_threads(loop: Loop) -> Iterator[None]:
-    """Say it if a thread ends by an error that nobody has caught. Of a ``SystemExit``, Python would say nothing."""
+    """Report a thread that ends by an uncaught error. Of a ``SystemExit``, Python would say nothing."""
     before = threading.excepthook
 
     def tell(args: threading.ExceptHookArgs) -> None:

@@ -211,7 +211,7 @@ def targets_from_options(given: GivenTarget, config: Path | None = None) -> Want
     _check_companions(said, names[0])
     if config is None:
         described = _target_by_name(said["--target"]) if names == ["--target"] else _target_by_shorthand(names[0], said)
-        return described.wanted(said.get("--tolerance"))
+        return described.with_tolerance(said.get("--tolerance"))
     if "--tolerance" in said:
         raise ConfigError("--tolerance says how well a size is known; with --config it stands in the target's table")
     loaded = _loader().load_configuration(config)
@@ -242,7 +242,7 @@ class _Described:
     table: dict[str, Any]
     options: Mapping[str, str]
 
-    def wanted(self, tolerance: str | None) -> WantedTargets:
+    def with_tolerance(self, tolerance: str | None) -> WantedTargets:
         """Return it with how well its size is known."""
         table, options = self.table, {**self.options}
         if tolerance is not None:

@@ -43,10 +43,10 @@ def parse_ball_diameter(text: object) -> float:
         return parse_length(BALLS[_BY_KEY[key]])
     close = difflib.get_close_matches(key, _BY_KEY, n=1)
     guess = f"; did you mean {_BY_KEY[close[0]]!r}?" if close else "."
-    raise ValueError(f"{text!r} is neither a length such as '6.4 cm' nor a ball with a name{guess} {_known()}")
+    raise ValueError(f"{text!r} is neither a length such as '6.4 cm' nor a ball with a name{guess} {_list_names()}")
 
 
-def _known() -> str:
+def _list_names() -> str:
     return f"Known names: {', '.join(BALLS)}"
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from stadimeter.config import driver_tables, models
 from stadimeter.config.camera_file import camera_model_from_table, load_camera_model
 from stadimeter.config.driver_tables import CommonT, DriverKind, read_driver_table, validate
-from stadimeter.config.findings import MAX_EXPLAINED, Finding, did_you_mean_or_list, shown
+from stadimeter.config.findings import MAX_EXPLAINED, Finding, did_you_mean_or_list, format_value
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.rules.compiled import CompiledRule, compile_rules
 from stadimeter.config.rules.tables import RuleTable
@@ -200,7 +200,7 @@ class _Reader:
             elif isinstance(value, Mapping):
                 self.draft.camera_model = camera_model_from_table(dict(value))
             elif value is not None:
-                self._found(("camera", "model"), f"{shown(value)} is neither a camera file nor a table")
+                self._found(("camera", "model"), f"{format_value(value)} is neither a camera file nor a table")
         except ConfigError as error:
             for problem in error.problems:
                 key = tuple(problem.key.split(".")) if problem.key else ()
@@ -251,7 +251,7 @@ class _Reader:
         for position, table in enumerate(tables):
             at = ("tests", position)
             if not isinstance(table, Mapping):
-                self._found(at, f"{shown(table)} is not a table", "write it below [[tests]]")
+                self._found(at, f"{format_value(table)} is not a table", "write it below [[tests]]")
             elif (test := self._validated(RuleTestTable, at, table)) is not None:
                 self.draft.tests[position] = test
 

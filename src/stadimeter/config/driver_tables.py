@@ -10,7 +10,7 @@ from typing import Any, Generic, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from stadimeter.config import models, plugins
-from stadimeter.config.findings import Finding, did_you_mean, findings_of, known_keys, shown
+from stadimeter.config.findings import Finding, did_you_mean, findings_of, format_value, known_keys
 from stadimeter.config.plugins import DriverChoice, DriverOptions
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.errors import DriverError
@@ -133,7 +133,7 @@ def _driver(
     driver = table.get(kind.key, kind.default)
     path = (*at, kind.key)
     if not isinstance(driver, str):
-        findings.append(Finding(path, f"{shown(driver)} is not text; put it in quotes", code="bad-value"))
+        findings.append(Finding(path, f"{format_value(driver)} is not text; put it in quotes", code="bad-value"))
     elif not driver:
         findings.append(_no_driver(kind, path, table))
     else:

@@ -65,15 +65,15 @@ def missing(extra: str) -> str:
     return "" if find_spec(library) else f"the library {library} is not installed: run {install_line(extra)}"
 
 
-def require(extra: str, what: str, otherwise: str = "") -> None:
+def require(extra: str, what: str, instead: str = "") -> None:
     """Make sure that the library of an extra is installed, before any work that would be lost without it.
 
     Args:
         what: What needs it.
-        otherwise: What to do instead, such as ``leave out --plot``.
+        instead: What to do instead, such as ``leave out --plot``.
 
     Raises:
         DriverUnavailableError: It is not.
     """
     if trouble := missing(extra):
-        raise DriverUnavailableError(f"{what} needs a library: {trouble}{f', or {otherwise}' if otherwise else ''}")
+        raise DriverUnavailableError(f"{what} needs a library: {trouble}{f', or {instead}' if instead else ''}")

@@ -182,14 +182,14 @@ def _elsewhere(model: type[BaseModel]) -> Mapping[str, str]:
     return getattr(model, "written_elsewhere", {})
 
 
-def shown(value: object) -> str:
+def format_value(value: object) -> str:
     """Write a value of TOML shortly, such as ``'35 cm'``, ``true`` or ``[1, 2]``."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, Mapping):
         return "a table"
     if isinstance(value, list):
-        text = f"[{', '.join(shown(entry) for entry in value)}]"
+        text = f"[{', '.join(format_value(entry) for entry in value)}]"
     else:
         text = repr(value) if isinstance(value, str) else str(value)
     return text if len(text) <= _MAX_VALUE_LENGTH else f"{text[:_MAX_VALUE_LENGTH]}…"
@@ -237,7 +237,7 @@ def _finding(
     if any(sentences):
         return Finding(path, "; ".join(filter(None, sentences)), code="bad-value")
     wrong = " and ".join(_unique(_complaint(details, written) for details in complaints))
-    return Finding(path, f"{shown(written)} is {wrong}", _suggestion(written, complaints), "bad-value")
+    return Finding(path, f"{format_value(written)} is {wrong}", _suggestion(written, complaints), "bad-value")
 
 
 def _unique(texts: Iterable[str]) -> list[str]:

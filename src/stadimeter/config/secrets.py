@@ -40,7 +40,7 @@ def secret_warnings(draft: Draft) -> Iterator[Finding]:
             hint = f'put it into a file of its own and write {path[-1]}_file = "…"'
             yield Finding(path, message, hint, "secret")
     for path, text in _addresses(draft):
-        if path[0] not in _TEXT_FOR_PEOPLE and text != _shown(path, text) and _TELLING.search(text):
+        if path[0] not in _TEXT_FOR_PEOPLE and text != _without_secrets(path, text) and _TELLING.search(text):
             message = "this address holds a password or a token, and configurations are shown and shared"
             yield Finding(path, f"{message}; journals and recordings leave it out", _hint(draft, path), "secret")
 
@@ -51,7 +51,7 @@ def without_secrets(draft: Draft, text: str, spans: Mapping[KeyPath, SourceSpan]
     Returns:
         The text with something else for each secret; and what is wrong with a secret that cannot be taken out.
     """
-    safe = {path: shown for path, value in _addresses(draft) if (shown := _shown(path, value)) != value}
+    safe = {path: shown for path, value in _addresses(draft) if (shown := _without_secrets(path, value)) != value}
     safe |= dict.fromkeys(_secrets(draft), HIDDEN)
     lines = text.split("\n")
     for path in sorted(safe.keys() & spans.keys(), key=lambda path: spans[path].column, reverse=True):
@@ -65,11 +65,11 @@ def without_secrets(draft: Draft, text: str, spans: Mapping[KeyPath, SourceSpan]
     return safe_text, tuple(
         Finding(path, "this may hold a secret that cannot be left out", hint, "secret")
         for path, shown in safe.items()
-        if (value := _value(table, path)) != shown and (shown == HIDDEN or value != _shown(path, str(value)))
+        if (value := _value(table, path)) != shown and (shown == HIDDEN or value != _without_secrets(path, str(value)))
     )
 
 
-def _shown(path: KeyPath, text: str) -> str:
+def _without_secrets(path: KeyPath, text: str) -> str:
     """Return a text of a configuration without secrets: one that begins as an address is one, with all its blanks."""
     is_address = path[0] not in _TEXT_FOR_PEOPLE and _SCHEME.match(text)
     return address_for_people(text) if is_address else words_for_people(text)

@@ -27,7 +27,7 @@ UNKNOWN_EDGE_BIAS_SIGMA_PX = 0.1
 
 # Focal lengths as shares of the picture's long side: at the shortest it spans 175 degrees, at the longest 20 arc
 # seconds. The focal length in millimetres, written by mistake, is shorter.
-SHORTEST_FOCAL, LONGEST_FOCAL = 0.02, 1e4
+MIN_FOCAL, MAX_FOCAL = 0.02, 1e4
 
 
 def is_one_aspect(one_px: tuple[int, int], other_px: tuple[int, int]) -> bool:
@@ -129,7 +129,7 @@ class CameraModel:
     def _check_focal_length(self, name: str, value: float) -> None:
         if not (math.isfinite(value) and value > 0):
             raise CalibrationError(f"focal length {name} = {value} is not a positive number", name)
-        shortest, longest = (share * max(self.width_px, self.height_px) for share in (SHORTEST_FOCAL, LONGEST_FOCAL))
+        shortest, longest = (share * max(self.width_px, self.height_px) for share in (MIN_FOCAL, MAX_FOCAL))
         if not shortest <= value <= longest:
             raise CalibrationError(
                 f"focal length {name} = {value:g} is not that of a lens: for {self.width_px}x{self.height_px} px it is "

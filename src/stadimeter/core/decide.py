@@ -37,7 +37,7 @@ class State:
         events: How many events there were in the run.
         due: Events of what happened between two cycles; they are part of the next decision.
         holds: The outputs that people hold.
-        stopped: Who has stopped every output, and why, in words; empty while nobody has.
+        stopped: Who has stopped every output, and why, in words; empty while no one has.
     """
 
     plan: Plan
@@ -74,7 +74,7 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
     track_states = _step_tracks(state, observation, is_new=is_new, gap_s=gap_s)
     tracks = {tracked.track.target: tracked.track for tracked in track_states}
     cycle = Sample(at_s=observation.now_s, since_s=step_s)
-    inputs = _known(state, tracks, observation, is_after_gap=gap_s is not None)
+    inputs = _rule_inputs(state, tracks, observation, is_after_gap=gap_s is not None)
     sample = _sample(state, safety)
     rules, outcome = judge(plan.rules, state.rules, inputs, sample, cycle, _for_rules(observation))
     stopped, told, stop_events = step_stop(state.stopped, observation.operator_commands, observation.now_s)
@@ -139,7 +139,9 @@ def _for_rules(observation: Observation) -> tuple[OperatorCommand, ...]:
     return tuple([each for each in commands if not each.action.is_on_outputs])
 
 
-def _known(state: State, tracks: Mapping[str, Track], observation: Observation, *, is_after_gap: bool) -> RuleInputs:
+def _rule_inputs(
+    state: State, tracks: Mapping[str, Track], observation: Observation, *, is_after_gap: bool
+) -> RuleInputs:
     before = {tracked.track.target: tracked.track for tracked in state.tracks}
     return RuleInputs(
         tracks=tracks, now_s=observation.now_s, wall=observation.wall, before=before, is_after_gap=is_after_gap

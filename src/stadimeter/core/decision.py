@@ -62,9 +62,9 @@ class Event:
         source: The rule, target or output it happened to, ``outputs`` for all of them, or ``camera``.
         at_s: When, on the run's monotonic clock.
         sequence: Counts the events of the run, from 0.
-        notify: Whether people are to be told: not while the rule is shelved, suppressed, out of service or only
+        notify: Whether people are to be notified: not while the rule is shelved, suppressed, out of service or only
             observed, nor within its cooldown.
-        by: Who caused it; empty where nobody did.
+        by: Who caused it; empty where no one did.
     """
 
     kind: EventKind
@@ -118,7 +118,7 @@ class RuleTrace:
     """What one rule did in one cycle. Why is in `Decision.reasons`, and whether it won its output in `OutputTrace`.
 
     Attributes:
-        acknowledged: Whether nobody needs to acknowledge it, or somebody has.
+        acknowledged: Whether no one needs to acknowledge it, or someone has.
         gates: What keeps it from acting: ``shelved``, ``suppressed``, ``out of service``, ``observed``.
         active: Whether the rule is active: of an alarm, whether it is raised, clearing or latched. None if it is not
             and there is nothing to judge by. This is the one answer: for other rules, messages, tests and figures.
@@ -140,10 +140,10 @@ class OutputTrace:
     """Who commands one output in one cycle, and who would have liked to.
 
     Attributes:
-        winner: The rule that commands it, ``safety``, ``operator``, or ``safe`` if nobody asks for anything.
-        reason: Why safety commands it, or nobody; empty if a rule does, whose reason is in `Decision.reasons`.
+        winner: The rule that commands it, ``safety``, ``operator``, or ``safe`` if no rule makes a request.
+        reason: Why safety commands it, or no rule does; empty if one does, whose reason is in `Decision.reasons`.
         losers: The rules that asked too, with less priority.
-        held_by: Who holds it to try it; empty if nobody does.
+        held_by: Who holds it to try it; empty if no one does.
     """
 
     output: str
@@ -174,7 +174,7 @@ class Decision:
         safety_reason: Why they may not; empty if they may.
         rules: What each rule did, in the order of the configuration.
         reasons: Why each rule did so, by its name, in words with figures. They follow from the plan and the other
-            fields, so they are put into words only when somebody reads them, are in no journal, and do not count when
+            fields, so they are put into words only when they are read, are in no journal, and do not count when
             decisions are compared.
     """
 

@@ -1,6 +1,6 @@
 """Holding an output for a moment, so that a person can try it.
 
-A hold lasts `HOLD_S` and no longer: whoever tests an output repeats the command while they keep a button down. It ends
+A hold lasts `HOLD_S` and no longer: a page repeats the command while its button is held down. It ends
 by itself when they let go, when their connection is gone, or when the program stood still.
 
 ==================================  ==================================================

@@ -14,7 +14,7 @@ class Message:
         topic: Where it goes, below the messenger's base topic, such as ``target/ball/state``.
         qos: 0, at most once, or 1, at least once.
         retain: Whether a broker keeps it for those who subscribe later.
-        expires_s: After how long nobody wants it any more; None for never.
+        expires_s: After how long it is of no use any more; None for never.
     """
 
     topic: str

@@ -1,4 +1,4 @@
-"""What people are told."""
+"""A notification: the message that people get."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ class OnDelay:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DelayTolerance:
-    """Which samples to the contrary are forgiven as noise while a delay runs: so many in a row, or for so long.
+    """Which samples to the contrary are forgiven as noise while a delay runs: this many in a row, or for this long.
 
     Attributes:
         samples: This many in a row, however far they are apart.
@@ -162,7 +162,7 @@ class EscalationStep:
     Attributes:
         on: After being raised, or after being cleared.
         after_s: How long after.
-        only_unacknowledged: Not if somebody has acknowledged the alarm by then.
+        only_unacknowledged: Not if the alarm was acknowledged by then.
         output: An output that it drives; None for none.
         level: The level that an actuator gets. A base gets a stop.
         pattern: Levels that change by themselves, in place of `level`; None for none.
@@ -193,7 +193,7 @@ class AlarmRule(Rule):
         at_start: Whether an alarm that is raised by the very first sight of the target moves its output, or is only
             announced.
         pattern: Levels that change by themselves while the alarm is active, in place of `level`; None for none.
-        latch: It stays active until somebody resets it, though its condition may have ended.
+        latch: It stays active until it is reset, though its condition may have ended.
         ack_resets: Of one that latches, an acknowledgement resets it too, now or as soon as its condition ends.
         ack: Whether a person must acknowledge it; until then it is not over, even when its condition has ended.
         realarm_s: After being active for this long it is reported again, and unacknowledged again; None for never.
@@ -202,7 +202,7 @@ class AlarmRule(Rule):
         raises_per_min_max: An alarm that came so often within a minute chatters: it stays active until it has calmed
             down. 0 for no such limit.
         group: Of the alarms of one group, the first one is marked until all have cleared; empty for none.
-        suppress_when: While this holds, the alarm drives nothing and notifies nobody; None for never.
+        suppress_when: While this holds, the alarm drives nothing and notifies no one; None for never.
         escalation: What else it does, and when.
     """
 

@@ -101,7 +101,7 @@ def while_stopped(state: SafetyState, stopped: str) -> SafetyState:
     """Return what safety demands now, though a person may have stopped every output.
 
     Args:
-        stopped: Who has, and why, in words; empty if nobody has.
+        stopped: Who has, and why, in words; empty if no one has.
     """
     if not stopped:
         return state

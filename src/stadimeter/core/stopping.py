@@ -22,7 +22,7 @@ def step_stop(stopped: str, commands: Sequence[AnyCommand], now_s: float) -> Ste
     """Return who has stopped every output by now, the answers to those who want it or end it, and what happened.
 
     Args:
-        stopped: Who has done it before, and why, in words; empty while nobody has.
+        stopped: Who has done it before, and why, in words; empty while no one has.
     """
     answers: list[OperatorAnswer] = []
     events: list[Event] = []

@@ -23,7 +23,7 @@ Value = str | float | bool | None
 UNKNOWN = "unknown"
 
 # No template is longer than this.
-TEXT_LONGEST = 4000
+MAX_TEXT_CHARACTERS = 4000
 
 INCH_M = 0.0254
 FOOT_M = 0.3048
@@ -68,8 +68,8 @@ def check(template: Template) -> None:
     Raises:
         TemplateError: It cannot; the message says what is wrong.
     """
-    if len(template.text) > TEXT_LONGEST:
-        raise TemplateError(f"the template has {len(template.text)} characters, and may have {TEXT_LONGEST}")
+    if len(template.text) > MAX_TEXT_CHARACTERS:
+        raise TemplateError(f"the template has {len(template.text)} characters, and may have {MAX_TEXT_CHARACTERS}")
     for text in _texts_in(json.loads(template.text)) if template.is_json else (template.text,):
         _parts(text)
 
@@ -93,7 +93,7 @@ def fields(rule: Rule, notice: Notice, track: Track | None, time: str, group: st
     """Return what a template may tell of an event.
 
     Args:
-        track: The rule's target now; only figures that may be acted on are told.
+        track: The rule's target now; only figures that may be acted on are filled in.
         time: The local time, as RFC 3339 has it.
 
     Returns:

@@ -25,13 +25,13 @@ def main() -> None:
         check_certificate(certificate, key)
         listener = listen(given["address"], given["port"], options.passwords)
     except PageError as error:
-        sys.exit(_said(error))
+        sys.exit(_print_error(error))
     scheme = "https" if certificate else "http"
     address = shown_address(*listener.getsockname()[:2])
     serve(options, listener, (certificate, key), lambda: print(f"The page: {scheme}://{address}/", flush=True))
 
 
-def _said(error: PageError) -> int:
+def _print_error(error: PageError) -> int:
     print(f"error: {error}", file=sys.stderr)
     return 2
 

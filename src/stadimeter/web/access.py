@@ -87,7 +87,7 @@ class Access:
         raise PageError(400, "unknown-host", words if name else "a request names one host")
 
     def right_of(self, scope: Scope) -> Right:
-        """Return what whoever asks may do."""
+        """Return what the sender of a request may do."""
         passwords = self.file.passwords()
         if passwords is None:
             return Right.OPERATE if self._is_local else Right.OPEN
@@ -95,7 +95,7 @@ class Access:
         return Right.OPEN if session is None else session.right
 
     def may_read(self, scope: Scope) -> bool:
-        """Return whether whoever asks may read, now: a stream may have begun before that ended."""
+        """Return whether the reader of a stream may still read: it may have begun before that right ended."""
         try:
             return self.right_of(scope) >= Right.READ
         except PageError:
@@ -140,7 +140,7 @@ class Access:
         self._set_cookie(response, f"{told}.{_signature(passwords, told)}", SESSION_S, scope)
 
     async def end_session(self, scope: Scope) -> Response:
-        """End a session for good, also for whoever has a copy of its cookie; return the answer, without a cookie."""
+        """End a session for good, also for copies of its cookie; return the answer, without a cookie."""
         passwords = self.file.passwords()
         session = self._session(passwords, Headers(scope=scope)) if passwords is not None else None
         response = as_json({})
@@ -172,7 +172,7 @@ class Access:
 
 
 class AccessGuard:
-    """Stands before the application: sets headers, and lets nobody past the login who may not."""
+    """Stands before the application: sets headers, and lets no one past the login without the right."""
 
     def __init__(self, app: ASGIApp, access: Access, ask_to_log_in: Callable[[PageError], Response]) -> None:
         self._app = app

@@ -1,4 +1,4 @@
-"""How often somebody may try a password: few times in a row from one address, and few times a minute in all."""
+"""How often a password may be tried: few times in a row from one address, and few times a minute in all."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from stadimeter.errors import PageError
 FREE = 5
 
 # After this long without a failure, those before count no more.
-FIRST_WAIT_S, LONGEST_WAIT_S = 10.0, 900.0
+FIRST_WAIT_S, MAX_WAIT_S = 10.0, 900.0
 FORGOTTEN_S = 24 * 3600.0
 
 # So many attempts at once, and then one in so much time, are taken from all addresses together that are not known: a
@@ -45,7 +45,7 @@ class Attempts:
         self._paid_until_s = 0.0
 
     def knows(self, address: str) -> bool:
-        """Return whether somebody who may operate has logged in from there: no stranger elsewhere is in their way."""
+        """Return whether an operator has logged in from there: attempts from elsewhere do not hold them up."""
         return network_of(address) in self._known
 
     def begin(self, address: str) -> float:
@@ -66,7 +66,7 @@ class Attempts:
             self._paid_until_s = max(self._paid_until_s, now_s) + EVERY_S
         count += 1
         doubled = 2.0 ** min(count - FREE, 20)
-        wait_s = min(LONGEST_WAIT_S, FIRST_WAIT_S * doubled) if count >= FREE else 0.0
+        wait_s = min(MAX_WAIT_S, FIRST_WAIT_S * doubled) if count >= FREE else 0.0
         self._failures[of] = (count, now_s + wait_s)
         self._failures.move_to_end(of)
         while len(self._failures) > ADDRESSES_MAX:
@@ -81,7 +81,7 @@ class Attempts:
 
         Args:
             forgets: Whether those are forgotten at once, and the address is known from now on. Not for a password that
-                there is more to gain than: whoever has it could guess that other one without a wait, with theirs in
+                there is more to gain than: its owner could guess that other one without a wait, with theirs in
                 between.
         """
         of = network_of(address)

@@ -80,7 +80,7 @@ class History:
 
 
 class Feed:
-    """The messages of one kind of picture. It is subscribed to while somebody watches.
+    """The messages of one kind of picture. It is subscribed to while it has watchers.
 
     Args:
         explained: Says more of why there is no run.
@@ -167,7 +167,7 @@ class Feed:
     def _message(self, seen: int) -> LiveMessage:
         """Return the newest message for one who has seen that of a number, and none of those between.
 
-        Whoever comes while the run hangs is given the last one there was: it says for how long it has been here.
+        A watcher who comes while the run hangs gets the last message, with its age.
         """
         snapshot = self._snapshot or {}
         if seen not in self._in_words:

@@ -95,7 +95,7 @@ class Page:
             self._limits.discard(limit)
 
     def end(self) -> None:
-        """Let go whoever watches, or waits for an answer."""
+        """End all streams, and all requests that wait for an answer."""
         self._is_ending = True
         self.feeds.close()
         while self._limits:
@@ -143,7 +143,7 @@ class Page:
         return await self.access.end_session(request.scope)
 
     async def session(self, request: Request) -> Response:
-        """Tell what whoever asks may do, and what is there."""
+        """Answer what the session may do, and what is there."""
         right: Right = request.scope["right"]
         hidden = frozenset() if right is Right.OPERATE else NOT_FOR_WATCHERS
         return as_json(
@@ -189,7 +189,7 @@ class Page:
         return FileResponse(path, media_type="application/octet-stream", filename=name)
 
     def _watched(self, image: str, request: Request) -> AsyncGenerator[LiveMessage, None]:
-        """Return the messages of a feed, for as long as whoever asks may read: a new password ends that."""
+        """Return the messages of a feed, for as long as the session may read: a new password ends that."""
         feed = self.feeds[image]
 
         async def watched() -> AsyncGenerator[LiveMessage, None]:

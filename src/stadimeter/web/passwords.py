@@ -16,8 +16,8 @@ from stadimeter.errors import PageError
 from stadimeter.web.routes import Right
 
 # In characters. Longer ones would cost the time of whoever is asked, and no one types them.
-SHORTEST = 8
-LONGEST = 500
+MIN_CHARACTERS = 8
+MAX_CHARACTERS = 500
 
 # What OWASP recommends for 8 MiB of memory (Password Storage Cheat Sheet): half a second on a Raspberry Pi 4.
 SCRYPT = {"n": 2**13, "r": 8, "p": 10}
@@ -63,7 +63,7 @@ class PasswordFile:
         self._passwords: Passwords | None = None
 
     def passwords(self) -> Passwords | None:
-        """Return what the file holds; None without a file. `PageError` if it cannot be read: nobody may enter then."""
+        """Return what the file holds; None without a file. `PageError` if it cannot be read: no one may enter then."""
         try:
             found = self.path.stat()
             seen = (found.st_mtime_ns, found.st_ino, found.st_size)
@@ -83,8 +83,8 @@ class PasswordFile:
 
     def set(self, right: str, password: str) -> None:
         """Set the password of a right, and end all sessions; `PageError` if it is too short, or that of the other."""
-        if not SHORTEST <= len(password) <= LONGEST:
-            raise PageError(400, "password", f"a password has {SHORTEST} to {LONGEST} characters")
+        if not MIN_CHARACTERS <= len(password) <= MAX_CHARACTERS:
+            raise PageError(400, "password", f"a password has {MIN_CHARACTERS} to {MAX_CHARACTERS} characters")
         before = self.passwords() or Passwords(SCRYPT, secrets.token_bytes(16), b"", {})
         hashed = before.hash_of(password)
         if any(hashed == other for name, other in before.hashes.items() if name != right):

@@ -43,7 +43,7 @@ class PageOperation:
         body_max: In bytes; 0 where no body is read. Its keys are handed on.
         wait_s: How long the answer may take.
         media: The kind of the answer's bytes; empty where the answer is JSON.
-        names_operator: Whether the operation is told who asked for it, as ``by``.
+        names_operator: Whether the operation gets the operator's name, as ``by``.
     """
 
     method: Method

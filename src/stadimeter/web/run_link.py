@@ -37,7 +37,7 @@ class RunLink:
         """Ask for an operation; `PageError` if it is refused, or no run answers."""
         try:
             async with asyncio.timeout(wait_s), self._connected() as streams:
-                return await _asked(streams, op, args or {})
+                return await _exchange(streams, op, args or {})
         except TimeoutError as error:
             raise PageError(503, "no-answer", f"the run did not answer within {wait_s:g} s; does it hang?") from error
 
@@ -85,7 +85,7 @@ class RunLink:
             return None
         try:
             async with asyncio.timeout(HELLO_WAIT_S):
-                told = await _asked(streams, "hello", {})
+                told = await _exchange(streams, "hello", {})
             is_ours = Path(told.data["configuration"]) == self.configuration.resolve()
         except (PageError, TimeoutError, KeyError, TypeError):
             is_ours = False
@@ -95,7 +95,7 @@ class RunLink:
         return None
 
 
-async def _asked(streams: _Streams, op: str, args: Mapping[str, Any]) -> PageAnswer:
+async def _exchange(streams: _Streams, op: str, args: Mapping[str, Any]) -> PageAnswer:
     try:
         await put(streams[1], op, args)
         return await take(streams[0])

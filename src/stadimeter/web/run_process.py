@@ -1,6 +1,6 @@
 """The run that the page starts when there is none: a process of its own, which the page ends when it ends itself.
 
-If the page is killed, the run notices that and ends by itself: no outputs go on that nobody could end.
+If the page is killed, the run notices that and ends by itself: no output goes on that no one could end.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class RunProcess:
             await process.wait()
 
     async def about(self) -> dict[str, Any]:
-        """Return what the run says of itself, whoever started it; `PageError` if none answers."""
+        """Return what the run says of itself, started here or elsewhere; `PageError` if none answers."""
         told: dict[str, Any] = (await self._link.ask("hello")).data
         self._last_run.see(told.get("pid", 0))
         return told

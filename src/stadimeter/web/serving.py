@@ -94,7 +94,7 @@ def serve(
 ) -> None:
     """Serve the page until SIGTERM, SIGINT or SIGHUP, or the end of the run that started it.
 
-    Each ends it at once: streams end, and who waits for an answer is told that there will be none.
+    Each ends it at once: streams end, and requests that wait for an answer get an error.
     """
     asyncio.run(_serve(Page(options, listener.getsockname()[:2]), listener, tls, ready))
 

@@ -105,7 +105,7 @@ def find(
 
 
 def _none(silent: int) -> str:
-    """Say that no instance runs; of one that does not answer, nobody knows with which configuration it does."""
+    """Say that no instance runs; the configuration of one that does not answer is unknown."""
     if not silent:
         return "no instance runs"
     which = "one that runs does" if silent == 1 else f"{silent} that run do"

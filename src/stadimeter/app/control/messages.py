@@ -114,7 +114,7 @@ class WorldArgs(_Strict):
 
 
 class SubscribeArgs(_Strict):
-    """What somebody who watches a run wants to get, and how often."""
+    """What a watcher of a run receives, and how often."""
 
     rate_hz: Annotated[float, Field(gt=0, le=10, strict=False)] = 10.0
     """How many snapshots a second, at most."""

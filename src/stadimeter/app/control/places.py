@@ -134,13 +134,13 @@ def left_out(environ: Mapping[str, str] = os.environ) -> str:
 
 
 def check_peer(path: Path, connection: socket.socket) -> None:
-    """See that it is an instance of ours that a connection leads to, before it is told anything.
+    """Check that a connection leads to an instance of this program, before anything is sent.
 
     Another local user can listen at any path that is open to them, or put a link to a socket of root there. So the
     folder, the socket and the process that listens must all belong to a user whom we can believe.
 
     Raises:
-        ControlError: It may be somebody else.
+        ControlError: It may be another program.
         OSError: The socket is gone.
     """
     folder = checked_folder(path.parent.resolve())

@@ -90,7 +90,7 @@ class _Begun:
 
 
 class RecordingOnRequest:
-    """Records a run while somebody wants it. A listener of the loop.
+    """Records a run between a request to start and one to stop. A listener of the loop.
 
     Args:
         state: Returns what the run remembers of its newest cycle.

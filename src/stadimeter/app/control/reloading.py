@@ -1,7 +1,7 @@
-"""Taking over a changed configuration while a run goes on.
+"""Reloading: applying a changed configuration while a run goes on.
 
 The file is read and checked apart from the control loop. If it is sound, and asks for nothing that only a restart can
-change, the loop applies it between two cycles. Else nothing changes at all, and whoever asked learns why: a run
+change, the loop applies it between two cycles. Else nothing changes at all, and the answer says why: a run
 always goes by one file, and never by half of one and half of another.
 """
 
@@ -35,7 +35,7 @@ class CheckedConfiguration:
     Attributes:
         recorded: What a recording keeps of it.
         warnings: What is allowed in it and hardly meant, a line each.
-        answer: Answers whoever asked what came of it.
+        answer: Answers the request with what came of it.
     """
 
     configuration: Configuration

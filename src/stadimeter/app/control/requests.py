@@ -87,7 +87,7 @@ class Control:
         return self._reloader.take()
 
     def changed(self, change: CheckedConfiguration, taken: ReloadedState) -> None:
-        """Answer whoever asked that a configuration was reloaded."""
+        """Answer the request that a configuration was reloaded."""
         self._reloader.done(change.configuration)
         data = {name: getattr(taken, name) for name in ("kept", "changed", "added", "removed")}
         change.answer(Reply({**data, "warnings": change.warnings}))
@@ -164,7 +164,7 @@ class Control:
 
 
 def _stopped(words: str, record: CycleRecord) -> dict[str, Any]:
-    """Return what whoever stopped or released the outputs must know: of a stop, which of them did not obey."""
+    """Return what the operator who stopped or released the outputs must know: which outputs did not obey a stop."""
     if record.decision.safety is not SafetyMode.STOPPED:
         return {"words": words}
     obeyed = {command.output for command in record.applied}

@@ -1,8 +1,8 @@
-"""Starting anew in the same process, with a configuration that a reload cannot take over.
+"""Restarts in the same process, with a configuration that a reload cannot apply.
 
-The file is read and checked first, and everything that it names is built: whoever asks learns what is wrong, and the
+The file is read and checked first, and everything that it names is built: the answer says what is wrong, and the
 run goes on. Only then the run ends as at SIGTERM, its outputs first, and the program begins again with the same command
-line. It keeps its process id, so that systemd, and whoever started it, see one process all the time.
+line. It keeps its process id, so that systemd, and the shell that started it, see one process all the time.
 """
 
 from __future__ import annotations

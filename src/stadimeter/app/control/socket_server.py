@@ -240,7 +240,7 @@ class _Handler(socketserver.StreamRequestHandler):
     def _put_into_words(self, reply: Reply | Callable[[], Reply], transaction: Transaction) -> tuple[bytes, Attached]:
         """Return the line of an answer, and what follows it."""
         with self.server.control.speaking:
-            known = reply if isinstance(reply, Reply) else _made(reply)
+            known = reply if isinstance(reply, Reply) else _make_reply(reply)
             return known.line(transaction), known.attached
 
     def _write(self, line: bytes, attached: Attached) -> None:
@@ -309,7 +309,7 @@ class _SocketServer(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
         """Say nothing: the connection is closed, and what clients send must not fill a log."""
 
     def _make_room(self) -> None:
-        """Hang up on whoever has let us wait for longest; if all wait for us, on whoever has waited for longest."""
+        """Hang up on the client that is silent for longest; if all wait for answers, on the one that waits longest."""
         waiting = list(self.connections.values())
         longest = min(waiting, key=lambda each: (each.is_owed, each.since_s), default=None)
         if longest is not None:
@@ -317,7 +317,7 @@ class _SocketServer(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
             longest.hang_up()
 
 
-def _made(reply: Callable[[], Reply]) -> Reply:
+def _make_reply(reply: Callable[[], Reply]) -> Reply:
     try:
         return reply()
     except BaseException as error:  # noqa: BLE001 - a defect in an answer is said to whoever asked

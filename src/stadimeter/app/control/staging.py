@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Stage:
-    """The simulated world of a run, for whoever asks at its control socket."""
+    """The simulated world of a run, for requests at its control socket."""
 
     def __init__(self, world: StagedWorld, targets: Collection[str]) -> None:
         self._world = world

@@ -152,7 +152,7 @@ class LiveFeed:
     _passed: deque[tuple[float, float]] = field(default_factory=deque)
 
     def __call__(self, record: CycleRecord, frame: Frame | None) -> None:
-        """Take in a cycle, in the loop's thread. Nobody is woken: that alone can cost a loop a millisecond."""
+        """Take in a cycle, in the loop's thread. No thread is woken: that alone can cost a loop a millisecond."""
         self.history.add(record, frame)
         self.cycle_at_s = self.real_time_s()
         if frame is None:

@@ -1,9 +1,9 @@
 """Snapshots of a run for those who watch it from another process.
 
 While there are viewers, a thread looks whether the loop has left a new frame, ten times a second at most. It makes what
-is the same for all, such as the JPEG, and wakes those who watch; the thread of each adds the rest and sends it. Whoever
-is still busy with the last one is passed over. So a slow reader gets fewer snapshots and every event, and neither holds
-up the run nor keeps anything in memory.
+is the same for all, such as the JPEG, and wakes those who watch; the thread of each adds the rest and sends it. One
+still busy with the last one is passed over. So a slow reader gets fewer snapshots and every event, and neither holds up
+the run nor keeps anything in memory.
 
 The loop waits for its next frame at that moment, and has no use for the interpreter: what is made right after a cycle
 costs it least.
@@ -103,7 +103,7 @@ class Subscriptions:
         """Add a viewer; the returned function removes it.
 
         Raises:
-            ControlError: So many watch already that a further one would cost the run too much.
+            ControlError: One more watcher would cost the run too much.
         """
         subscription = _Subscription(args, wake)
         with self._lock:

@@ -1,4 +1,4 @@
-"""What a run takes over from an earlier one, and how long ago that was.
+"""What a run restores from an earlier one, and how long ago that was.
 
 Timers run on a monotonic clock, which begins anew with the computer. What was remembered in the same boot is as old as
 that clock says. After another boot only the wall clock can tell, if it was right both times; if it cannot, no time has
@@ -102,7 +102,7 @@ class Memory:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Resumption:
-    """What a run takes over from an earlier one.
+    """What a run restores from an earlier one.
 
     Attributes:
         alarms: What each alarm remembered, its times on the earlier run's clock.

@@ -1,6 +1,6 @@
 """Decides when what alarms remember is written, and writes it without the loop having to wait for a slow disk.
 
-What people were told of, or have said, is written at once. What noise may change several times a second, such as a
+What people were notified of, or have done, is written at once. What noise may change several times a second, such as a
 timer that begins, is written every ten seconds at most: what is lost with it is taken up again by the time that has
 passed. In a quiet hour nothing is written at all.
 

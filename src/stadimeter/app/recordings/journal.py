@@ -27,7 +27,7 @@ from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.recordings.cycle_json import CycleEncoder, RecordedCycle, first_detail, reload_json, reload_of
 from stadimeter.app.recordings.record_file import RecordFile
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, sha256_of
-from stadimeter.config.findings import shown
+from stadimeter.config.findings import format_value
 from stadimeter.config.untrusted_file import lines_of, open_untrusted
 from stadimeter.core.frame import Frame
 from stadimeter.errors import JournalError, UnreadableError
@@ -184,7 +184,7 @@ def read_journal(path: Path) -> Journal:
     except (ValueError, TypeError, KeyError) as error:
         raise JournalError(f"{path}: not a journal; its first line should hold 'stadimeter_journal'") from error
     if version != FORMAT:
-        other = f"a journal of format {shown(version)}"
+        other = f"a journal of format {format_value(version)}"
         raise JournalError(f"{path}: {other}; this version of stadimeter reads format {FORMAT}")
     try:
         return Journal(path=path, header=_HEADER.validate_python(found))

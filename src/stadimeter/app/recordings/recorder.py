@@ -151,7 +151,7 @@ class Recorder:
             self._give_up()
 
     def _put(self, item: _Item) -> None:
-        """Hand an item over. Nobody else puts any in, so that the queue can only become shorter meanwhile."""
+        """Hand an item over. This is the only producer, so the queue can only become shorter meanwhile."""
         began_s = time.monotonic()
         while not self.failure:
             if self._waiting.qsize() < self._room_for:

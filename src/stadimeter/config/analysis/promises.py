@@ -1,4 +1,4 @@
-"""Promises of safety rules, latched alarms that nobody can know of, and rules silenced by a target out of sight."""
+"""Promises of safety rules, latched alarms that no one is notified of, and rules silenced by a target out of sight."""
 
 from __future__ import annotations
 

@@ -233,7 +233,7 @@ def _report_again(evaluation: Evaluation) -> None:
 
 
 def _realarm(evaluation: Evaluation, reason: str, *, may_notify: bool) -> None:
-    """Report an alarm again. One of which nobody may be notified now does not begin its steps anew."""
+    """Report an alarm again. One that may not notify now does not begin its steps anew."""
     now_s, state = evaluation.inputs.now_s, evaluation.state
     event = evaluation.add_event(EventKind.REALARMED, reason, notify=may_notify)
     state.reported_at_s = now_s

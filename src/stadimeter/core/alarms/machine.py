@@ -291,7 +291,7 @@ def acknowledge(rule: AlarmRule, state: AlarmState) -> None:
 def restart_timers(state: AlarmState, now_s: float) -> None:
     """Begin the timers of an alarm anew, after time in which the program stood still.
 
-    Neither a delay nor the time out of sight may be satisfied by time that nobody observed.
+    Neither a delay nor the time out of sight may be satisfied by time that was not observed.
     """
     state.timers = Timers(held_last=state.timers.held_last, leaves=state.timers.leaves)
     if state.resumed is not None:

@@ -51,7 +51,7 @@ def explain(decision: Decision, name: str, *, with_probability: bool = True) -> 
 
     Args:
         decision: What was decided at that moment, as `stadimeter.core.decide.decide` returned it.
-        with_probability: Whether the sentence says how likely its condition is: for whoever asks, and for no view.
+        with_probability: Whether the sentence says how likely its condition is: for `explain`, and for no view.
 
     Raises:
         KeyError: There is no such rule.

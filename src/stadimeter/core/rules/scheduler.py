@@ -117,7 +117,7 @@ def judge(
     evaluation = _Evaluation(rules, before, inputs, sample, cycle)
     answers = tuple([evaluation.operate(command, active) for command in commands])
     evaluation.judge(active)
-    return evaluation.judged(), evaluation.outcome(answers)
+    return evaluation.evaluated_rules(), evaluation.outcome(answers)
 
 
 class _Evaluation:
@@ -180,7 +180,7 @@ class _Evaluation:
                         active.add(asking)
                         heapq.heappush(waiting, (rank[asking], asking))
 
-    def judged(self) -> EvaluatedRules:
+    def evaluated_rules(self) -> EvaluatedRules:
         """Return the rules after the cycle."""
         before = self.before
         self._mark_first_out()
@@ -189,7 +189,7 @@ class _Evaluation:
         return EvaluatedRules(
             steps=steps,
             traces=_traces(before, changed),
-            wanted=_wanted(before, changed, steps),
+            wanted=_merge_requests(before, changed, steps),
             active=self.active,
             first_out=self.first_out,
             quiescence=before.quiescence.after(before.layout.watch, self.rests),
@@ -291,7 +291,7 @@ def _traces(before: EvaluatedRules, changed: Mapping[int, RuleStep]) -> tuple[Ru
     return _with(before.traces, renewed)
 
 
-def _wanted(before: EvaluatedRules, changed: Mapping[int, RuleStep], steps: tuple[RuleStep, ...]) -> Wanted:
+def _merge_requests(before: EvaluatedRules, changed: Mapping[int, RuleStep], steps: tuple[RuleStep, ...]) -> Wanted:
     pairs = [(before.steps[index].requests, step.requests) for index, step in changed.items()]
     pairs = [(was, now) for was, now in pairs if now is not was]
     if not pairs:

@@ -265,7 +265,7 @@ class BallDetector:
         return best
 
     def _search_other_ranges(self, scene: _Scene) -> FoundBall | None:
-        """Return the ball by more or less of its range of colours; what was refused there is not told."""
+        """Return the ball by more or less of its range of colours; what was refused there is not reported."""
         # A range given by hand may hold the floor or a hand as well, so that the blob is no ball; the more saturated or
         # brighter part of it may be the ball alone.
         for colour in other_ranges(thin_out(scene.image, self._step), self._colour):

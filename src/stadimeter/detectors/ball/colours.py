@@ -62,7 +62,7 @@ PLACES = np.array([BINS * BINS, BINS, 1], np.intp)
 
 
 class BallColours(NamedTuple):
-    """Colours by which a ball is told apart from its surroundings."""
+    """Colours that distinguish a ball from its surroundings."""
 
     # How much each colour speaks for the ball, negative for what is around it: logarithms by the index of `_bins`,
     # shape ``(4096,)``.

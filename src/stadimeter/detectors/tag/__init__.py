@@ -189,7 +189,7 @@ class TagDetector:
 
     def _near(self, frame: Frame, lens: CameraModel | None, prediction: Prediction) -> Detection | None:
         seen = self._search(lens).around(frame.image, prediction)
-        wanted = self._wanted(seen)
+        wanted = self._tags_of_target(seen)
         if seen is None or not wanted:
             return None
         found = self._measured(frame, lens, seen, _nearest(wanted, prediction.centre_px - seen.left_top_px))
@@ -203,7 +203,7 @@ class TagDetector:
         # the reasons of the last look are reported.
         for seen in self._search(lens).everywhere(frame.image):
             refused.clear()
-            for tag in self._wanted(seen):
+            for tag in self._tags_of_target(seen):
                 answer = self._measured(frame, lens, seen, tag)
                 if answer.status is not DetectionStatus.NOT_FOUND:
                     return self._explained(answer, seen, refused)
@@ -224,7 +224,7 @@ class TagDetector:
         rejected = [*refused, *others, *seen.rejected(MAX_REJECTED)]
         return replace(answer, rejected=tuple([each for each in rejected if not _is_at(each, answer)][:MAX_REJECTED]))
 
-    def _wanted(self, seen: LookResult | None) -> list[SeenTag]:
+    def _tags_of_target(self, seen: LookResult | None) -> list[SeenTag]:
         tags = () if seen is None else seen.tags
         return [tag for tag in tags if self._number is None or tag.number == self._number]
 

@@ -157,7 +157,7 @@ def _rule_lines(found: Configuration) -> list[dict[str, Any]]:
 
 def _tested(found: Configuration) -> list[dict[str, Any]]:
     tests, until_s = RuleTests(found), time.monotonic() + TESTS_MAX_S
-    return [_told(tests.run(test)) if time.monotonic() < until_s else _left_out(test) for test in found.tests]
+    return [_test_result(tests.run(test)) if time.monotonic() < until_s else _left_out(test) for test in found.tests]
 
 
 def _left_out(test: RuleTest) -> dict[str, Any]:
@@ -165,7 +165,7 @@ def _left_out(test: RuleTest) -> dict[str, Any]:
     return {"name": test.name, "line": test.line, "ok": None, "words": words}
 
 
-def _told(result: RuleTestResult) -> dict[str, Any]:
+def _test_result(result: RuleTestResult) -> dict[str, Any]:
     words = [f"{each.subject}.{each.key}: expected {each.expected}, got {each.got}" for each in result.failures]
     trouble = [f"it could not be run: {result.trouble}"] if result.trouble else []
     return {

@@ -24,14 +24,14 @@ CHUNK_BYTES = 65536
 
 
 def serve(desk: Desk, requests: BinaryIO, answers: BinaryIO, rest_after_s: float = REST_AFTER_S) -> None:
-    """Answer requests until there are no more, or nobody takes the answers.
+    """Answer requests until there are no more, or the reader of the answers is gone.
 
     Args:
         requests: Not buffered, so that it can be waited for.
     """
     try:
         for line in _lines(desk, requests, rest_after_s):
-            answers.write(_answered(desk, line))
+            answers.write(_answer_request(desk, line))
             answers.flush()
     except BrokenPipeError:
         pass
@@ -63,7 +63,7 @@ def _lines(desk: Desk, requests: BinaryIO, rest_after_s: float) -> Iterator[byte
             line = bytearray(other)
 
 
-def _answered(desk: Desk, line: bytes) -> bytes:
+def _answer_request(desk: Desk, line: bytes) -> bytes:
     """Return the answer to a request, as it is sent."""
     transaction: Any = None
     try:
@@ -71,7 +71,7 @@ def _answered(desk: Desk, line: bytes) -> bytes:
         reply = find_operation(name)(desk, args)
         return framed({"transaction": transaction, "status": "ok", "data": reply.data}, reply.attached)
     except StadimeterError as error:
-        return framed({"transaction": transaction, **told(error)})
+        return framed({"transaction": transaction, **error_fields(error)})
     except BaseException as error:  # noqa: BLE001 - a defect in one operation must not end the others
         traceback.print_exc(file=sys.stderr)
         words = f"this is a defect of stadimeter, not of yours: {type(error).__name__}: {error}"
@@ -91,7 +91,7 @@ def _request(line: bytes) -> tuple[Any, str, dict[str, Any]]:
     return transaction, name, args
 
 
-def told(error: StadimeterError) -> dict[str, Any]:
+def error_fields(error: StadimeterError) -> dict[str, Any]:
     """Return an error as an answer has it."""
     answer: dict[str, Any] = {"status": "error", "error": str(error)}
     code = getattr(error, "code", "")

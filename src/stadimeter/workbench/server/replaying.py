@@ -34,13 +34,13 @@ def replay_diff(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
     goes on from there. ``progress`` is 1 when it is at its end.
     """
     path, wanted, files = path_of(desk, args), get_text(args, "text"), files_with(args)
-    side_by_side = _kept(desk, path, wanted, files)
+    side_by_side = _find_comparison(desk, path, wanted, files)
     if not side_by_side.is_done:
         side_by_side.go_on(min(FOR_MAX_S, max(0.05, get_number(args, "for_s", FOR_S))))
-    return DeskReply(data=_told(side_by_side, about(desk, path)))
+    return DeskReply(data=_comparison_fields(side_by_side, about(desk, path)))
 
 
-def _kept(desk: Desk, path: Path, wanted: str, files: Mapping[str, str]) -> SideBySide:
+def _find_comparison(desk: Desk, path: Path, wanted: str, files: Mapping[str, str]) -> SideBySide:
     """Return the comparison that was asked for before, as far as it got, or a new one.
 
     A recording that grows while it is compared is no other one, or there would be no end.
@@ -63,7 +63,7 @@ def _begun(desk: Desk, path: Path, wanted: str, files: Mapping[str, str]) -> Sid
     return SideBySide(replay_run(recording, None), ReplayRun(recording, after))
 
 
-def _told(found: SideBySide, recording: Mapping[str, Any]) -> dict[str, Any]:
+def _comparison_fields(found: SideBySide, recording: Mapping[str, Any]) -> dict[str, Any]:
     plan, difference = found.after.configuration.plan, found.difference()
     limits = sorted({limit_m for each in limits_m(plan).values() for limit_m in each})
     whole_s = max(recording["seconds"] or 0.0, found.seconds)

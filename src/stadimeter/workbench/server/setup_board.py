@@ -1,4 +1,4 @@
-"""Calibrating with a board before the camera: views are taken by themselves, and what is still missing is told."""
+"""Calibrating with a board before the camera: views are taken by themselves; the page says what is missing."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def board(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
         raise ConfigError("no calibration is asked for now")
     match get_text(args, "do", "look"):
         case "start":
-            desk.kept["board"] = BoardSession(_wanted(args), date=today(), must_be_steady=True)
+            desk.kept["board"] = BoardSession(_parse_board(args), date=today(), must_be_steady=True)
             return _look(desk)
         case "look":
             return _look(desk)
@@ -41,7 +41,7 @@ def board(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
     raise ConfigError("do is one of start, look and finish")
 
 
-def _wanted(args: Mapping[str, Any]) -> Board:
+def _parse_board(args: Mapping[str, Any]) -> Board:
     columns, rows = int(get_number(args, "columns")), int(get_number(args, "rows"))
     if not (MIN_CORNERS <= columns <= MAX_CORNERS and MIN_CORNERS <= rows <= MAX_CORNERS):
         raise ConfigError(f"a board has {MIN_CORNERS} to {MAX_CORNERS} columns and rows, not {columns} and {rows}")

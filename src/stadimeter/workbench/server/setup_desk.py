@@ -66,7 +66,7 @@ class SetupDesk:
     def state(self) -> Mapping[str, Any]:
         """Return the answers so far and the next question, as JSON has them."""
         interview = self._interview
-        question = self._asked(interview) if interview else None
+        question = self._next_question(interview) if interview else None
         answers = interview.known.answers if interview else self._saved()
         return {
             "begun": interview is not None,
@@ -176,7 +176,7 @@ class SetupDesk:
     def _moved_on(self) -> None:
         self._question, self._offered, self._doubt, self._trouble = None, None, (), ""
 
-    def _asked(self, interview: Interview) -> Question | None:
+    def _next_question(self, interview: Interview) -> Question | None:
         """Return the next question; where an earlier answer is of no use any more, that one is asked again."""
         while self._question is None and interview.next_key:
             try:

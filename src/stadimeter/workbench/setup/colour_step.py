@@ -107,7 +107,7 @@ class ColourTrial:
         self.fitted, self.steps = colour, 0
 
     def widen(self, steps: int) -> None:
-        """Widen the range by so many steps, or narrow it by negative ones, counted from how it was fitted."""
+        """Widen the range by a number of steps, or narrow it by negative ones, counted from how it was fitted."""
         self.steps = max(-MAX_STEPS, min(MAX_STEPS, steps))
 
     @property

@@ -29,7 +29,7 @@ GUESS_RELATIVE_SIGMA = 0.1
 BEST_KNOWN, WORST_KNOWN = 0.001, 0.2
 
 # A camera that sees more or less than this is unusual: a size or a distance may be in another unit than was meant.
-NARROWEST_RAD, WIDEST_RAD = math.radians(20), math.radians(130)
+MIN_VIEW_RAD, MAX_VIEW_RAD = math.radians(20), math.radians(130)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,7 +81,7 @@ def lens_from(pictures: Sequence[PictureAt], choice: DriverChoice) -> tuple[Came
     """
     notes = check_lens_settings([each.path for each in pictures])
     fit = fit_distances(
-        _known(pictures, choice),
+        _known_distances(pictures, choice),
         _frame_of,
         [choice],
         date=today(),
@@ -99,7 +99,7 @@ def lens_from(pictures: Sequence[PictureAt], choice: DriverChoice) -> tuple[Came
 
 def contradiction(pictures: Sequence[PictureAt], choice: DriverChoice) -> str:
     """Return how two of the pictures contradict each other; empty if they agree."""
-    found = disagreement(_known(pictures, choice), distance_relative_sigma=_relative_sigma(pictures))
+    found = disagreement(_known_distances(pictures, choice), distance_relative_sigma=_relative_sigma(pictures))
     if found is None:
         return ""
     return (
@@ -136,7 +136,7 @@ def lens_in_words(model: CameraModel) -> str:
 
 def is_unusual(model: CameraModel) -> bool:
     """Return whether hardly any camera has such a lens."""
-    return not NARROWEST_RAD <= _view_rad(model) <= WIDEST_RAD
+    return not MIN_VIEW_RAD <= _view_rad(model) <= MAX_VIEW_RAD
 
 
 def _view_rad(model: CameraModel) -> float:
@@ -148,7 +148,7 @@ def today() -> str:
     return dt.datetime.now().astimezone().date().isoformat()
 
 
-def _known(pictures: Sequence[PictureAt], choice: DriverChoice) -> tuple[KnownDistance, ...]:
+def _known_distances(pictures: Sequence[PictureAt], choice: DriverChoice) -> tuple[KnownDistance, ...]:
     (target,) = build_detectors([choice], None)
     known = tuple(look_at_distance(str(each.path), open_picture(each.path), each.depth_m, target) for each in pictures)
     _check_found(known, choice)

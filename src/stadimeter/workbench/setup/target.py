@@ -31,7 +31,7 @@ PLUS_OR_MINUS = re.compile(r"\+/?-")
 ANY_COLOUR = "0,0,0:179,255,255"
 
 # Sizes beyond these are written in another unit than was meant.
-SMALLEST_M, LARGEST_M = 0.005, 3.0
+MIN_SIZE_M, MAX_SIZE_M = 0.005, 3.0
 
 
 def target_table(answers: Mapping[str, str]) -> dict[str, Any]:
@@ -71,10 +71,10 @@ def build_target(known: Known, **answers: str) -> DriverChoice:
     choice = known.chosen(TARGET, ("targets", table["detector"]), table)
     (named,) = build_detectors([choice], None)
     size_m = named.detector.target_shape.shortest_m
-    if not SMALLEST_M <= size_m <= LARGEST_M:
-        likely = "millimetres or inches" if size_m > LARGEST_M else "centimetres or metres"
+    if not MIN_SIZE_M <= size_m <= MAX_SIZE_M:
+        likely = "millimetres or inches" if size_m > MAX_SIZE_M else "centimetres or metres"
         raise ConfigError(
-            f"{answers.get('size', '')!r} is {size_m:g} m; targets have {SMALLEST_M * 1000:g} mm to {LARGEST_M:g} m; "
+            f"{answers.get('size', '')!r} is {size_m:g} m; targets have {MIN_SIZE_M * 1000:g} mm to {MAX_SIZE_M:g} m; "
             f"did you mean {likely}?"
         )
     return choice

@@ -38,7 +38,7 @@ class Output:
     supplies: dict[str, int]
 
     def at(self, what: str = "") -> str:
-        """Return the label of a wire that begins at the header, 15 columns wide; of the GPIO unless told."""
+        """Return the label of a wire that begins at the header, 15 columns wide; of the GPIO header by default."""
         pin = self.supplies[what] if what else self.pin
         return f"pin {pin:>2}  {what or f'GPIO {self.gpio}':<7}"
 
