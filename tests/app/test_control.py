@@ -74,7 +74,7 @@ class Desk:
         told = self.control.operator_commands()
         observation = Observation(now_s=now_s, frame=frame, measurements=seen, operator_commands=told)
         decision = self.run.cycle(observation)
-        self.control.heard(CycleRecord(observation=observation, applied=(), timings_s={}, decision=decision))
+        self.control.answer_requests(CycleRecord(observation=observation, applied=(), timings_s={}, decision=decision))
 
     def reply(self):
         answer = self.answers.pop(0)

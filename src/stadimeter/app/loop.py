@@ -113,7 +113,7 @@ class Services:
         if self.alarms is not None:
             self.alarms.cycle(after, record)
         if self.control is not None:
-            self.control.heard(record)
+            self.control.answer_requests(record)
 
     @property
     def is_restart_due(self) -> bool:

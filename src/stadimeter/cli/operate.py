@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from stadimeter.app.control.client import in_words
+from stadimeter.app.control.client import describe_reload
 from stadimeter.cli.control_options import (
     ByOption,
     ConfigOption,
@@ -124,7 +124,7 @@ def reload(config: ConfigOption = None, socket: SocketOption = None, as_json: Js
         data = ask_instance("reload", {}, config, socket, CHECK_WAIT_S)
     for warning in data["warnings"]:
         typer.echo(f"warning: {warning}", err=True)
-    print_answer(data, f"reloaded: {in_words(data)}", as_json=as_json)
+    print_answer(data, f"reloaded: {describe_reload(data)}", as_json=as_json)
 
 
 def status(config: ConfigOption = None, socket: SocketOption = None, as_json: JsonOption = False) -> None:

@@ -326,7 +326,7 @@ class OperatorTable(Section):
 
     def orders(self) -> tuple[tuple[OperatorAction, str], ...]:
         """Return what is to be done to which rule (empty for none); more or fewer than one is wrong."""
-        named = ((action, getattr(self, action.replace("-", "_"))) for action in OperatorAction)
+        named = ((action, getattr(self, action.replace("-", "_"), None)) for action in OperatorAction)
         return tuple((action, "" if rule is True else rule) for action, rule in named if rule is not None)
 
 

@@ -112,7 +112,7 @@ def _none(silent: int) -> str:
     return f"{which} not answer: wait, or end it if it hangs; no other runs"
 
 
-def in_words(taken: Mapping[str, Any]) -> str:
+def describe_reload(taken: Mapping[str, Any]) -> str:
     """Say what became of the rules in a reload, such as ``2 rules kept; changed: near; removed: far``."""
     kept = len(taken["kept"])
     parts = [f"{kept} rule{'' if kept == 1 else 's'} kept"]

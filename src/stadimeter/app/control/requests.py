@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import Any, Protocol
 
-from stadimeter.app.control.client import in_words
-from stadimeter.app.control.messages import ExplainArgs, HoldArgs, OutputsArgs, Reply, operator_command
+from stadimeter.app.control.client import describe_reload
+from stadimeter.app.control.messages import ExplainArgs, HoldArgs, OutputsArgs, Reply, as_data, operator_command
 from stadimeter.app.control.reloading import CheckedConfiguration, Reloader
 from stadimeter.app.control.socket_server import Answer, Asked
 from stadimeter.app.cycle import CycleRecord
@@ -92,8 +92,8 @@ class Control:
         data = {name: getattr(taken, name) for name in ("kept", "changed", "added", "removed")}
         change.answer(Reply({**data, "warnings": change.warnings}))
 
-    def heard(self, record: CycleRecord) -> None:
-        """Answer what a cycle can answer, and remember it."""
+    def answer_requests(self, record: CycleRecord) -> None:
+        """Answer the requests that this cycle decided, and remember the cycle."""
         self._remember(record)
         for given in record.decision.answers:
             asked = self._waiting.pop(given.id, None)
@@ -183,8 +183,6 @@ def _applied(asked: Asked, record: CycleRecord) -> dict[str, Any]:
 
 
 def _explanation(decision: Decision, rule: str, ago_s: float) -> Reply:
-    from stadimeter.app.control.messages import as_data  # noqa: PLC0415 - few are asked, and it takes long to load
-
     names = [trace.rule for trace in decision.rules]
     if rule and rule not in names:
         return Reply(error=f"there is no rule '{rule}'; {did_you_mean_or_list(rule, names)}")
@@ -214,4 +212,4 @@ def _status(decision: Decision) -> Mapping[str, Any]:
 
 def _reload_words(reply: Reply | Callable[[], Reply]) -> str:
     known = reply if isinstance(reply, Reply) else reply()
-    return known.error or "the configuration was reloaded: " + in_words(known.data)
+    return known.error or "the configuration was reloaded: " + describe_reload(known.data)
