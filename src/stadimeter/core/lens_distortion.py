@@ -116,7 +116,7 @@ def _off(x: Points, y: Points, wanted_x: Points, wanted_y: Points, coefficients:
 
 
 def _bent(x: Numbers, y: Numbers, coefficients: Coefficients) -> tuple[Numbers, Numbers]:
-    k1, k2, p1, p2, k3 = _all_five(coefficients)
+    k1, k2, p1, p2, k3 = all_five(coefficients)
     s = x * x + y * y
     radial = 1 + s * (k1 + s * (k2 + s * k3))
     twice_xy = 2 * x * y
@@ -146,7 +146,7 @@ def jacobian(x: Points, y: Points, coefficients: Coefficients) -> tuple[Points, 
         y: Down, per unit of depth, shape (n,).
         coefficients: k1, k2, p1, p2 and perhaps k3.
     """
-    k1, k2, p1, p2, k3 = _all_five(coefficients)
+    k1, k2, p1, p2, k3 = all_five(coefficients)
     s = x * x + y * y
     radial = 1 + s * (k1 + s * (k2 + s * k3))
     slope = 2 * (k1 + s * (2 * k2 + s * 3 * k3))
@@ -163,12 +163,13 @@ def _reach(coefficients: Coefficients) -> float:
 
     There 1 + 3·k1·s + 5·k2·s² + 7·k3·s³ = 0. Its roots are found as those of 1/s, which is always a cubic.
     """
-    k1, k2, _, _, k3 = _all_five(coefficients)
+    k1, k2, _, _, k3 = all_five(coefficients)
     roots = np.roots([1.0, 3 * k1, 5 * k2, 7 * k3])
     turning = [root.real for root in roots if abs(root.imag) <= 1e-9 * abs(root) and root.real > 0]
     return 1 / max(turning) if turning else math.inf
 
 
-def _all_five(coefficients: Coefficients) -> tuple[float, float, float, float, float]:
-    k1, k2, p1, p2, *k3 = coefficients
-    return k1, k2, p1, p2, k3[0] if k3 else 0.0
+def all_five(coefficients: Coefficients) -> tuple[float, float, float, float, float]:
+    """Return k1, k2, p1, p2 and k3; those that are not given are 0."""
+    k1, k2, p1, p2, k3 = (*coefficients, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
+    return k1, k2, p1, p2, k3

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stadimeter.core.lens_distortion import Coefficients, jacobian, slopes_by_coefficient
+from stadimeter.core.lens_distortion import Coefficients, all_five, jacobian, slopes_by_coefficient
 from stadimeter.errors import CalibrationError
 
 PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
@@ -28,7 +28,6 @@ PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 _ABOVE_DIAGONAL = np.triu_indices(len(PARAMETERS), 1)
 _CELLS = (24, 18)
 _STEP = 1e-4
-_NO_BENDING = (0.0, 0.0, 0.0, 0.0, 0.0)
 _NEGATIVE_MAX = 1e-4
 
 
@@ -102,15 +101,14 @@ def _moves(
 ) -> NDArray[np.float64]:
     """Return by how much directions change with each parameter, shape (n, 2, 9): e(d) for the unit vectors of δθ."""
     x, y = directions.T
-    all_five = (*coefficients, *_NO_BENDING)[: len(_NO_BENDING)]
     by_coefficient = slopes_by_coefficient(x, y)
-    bent = directions + by_coefficient @ np.array(all_five)
+    bent = directions + by_coefficient @ np.array(all_five(coefficients))
     seen = np.zeros((len(directions), 2, len(PARAMETERS)))
     for axis in (0, 1):
         seen[:, axis, axis] = bent[:, axis] / focal_px[axis]
         seen[:, axis, 2 + axis] = 1 / focal_px[axis]
     seen[:, :, 4:] = by_coefficient
-    a, b, d = jacobian(x, y, all_five)
+    a, b, d = jacobian(x, y, coefficients)
     inverse = np.array([[d, -b], [-b, a]]) / (a * d - b * b)
     return np.asarray(-np.einsum("ijn,njp->nip", inverse, seen))
 

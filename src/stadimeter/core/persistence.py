@@ -187,13 +187,13 @@ def restore_alarms(
         from_s: As of when they remembered it, on this run's clock.
     """
     by_rule = {memory.rule: memory for memory in memories}
-    clocks = _ClockShift(shift_s=shift_s, from_s=from_s, now_s=now_s)
     steps, first_out = list(state.rules.steps), {}
     for index, rule in enumerate(state.plan.rules):
         memory = by_rule.get(rule.name)
         if memory is None or not isinstance(rule, AlarmRule) or memory.meaning != meaning_of(rule):
             continue
-        steps[index] = with_state(rule, new_alarm(rule), clocks.shift(rule, memory.state))
+        resumed = _resume(rule, memory.state, shift_s=shift_s, from_s=from_s, now_s=now_s)
+        steps[index] = with_state(rule, new_alarm(rule), resumed)
         if memory.is_first_out:
             first_out[rule.group] = rule.name
     since_s = {absence.target: absence.since_s + shift_s for absence in absences}
@@ -205,24 +205,17 @@ def _absent_since(tracked: TrackState, since_s: float | None) -> TrackState:
     return tracked if since_s is None else replace(tracked, track=replace(tracked.track, since_s=since_s))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _ClockShift:
-    """From an earlier run to this one."""
-
-    shift_s: float
-    from_s: float
-    now_s: float
-
-    def shift(self, rule: AlarmRule, state: AlarmState) -> AlarmState:
-        """Return what an alarm remembers, as of the beginning of this run."""
-        before = shift_times(state, self.shift_s)
-        from_s = before.resumed.from_s if before.resumed is not None else self.from_s
-        timers = before.timers
-        if before.unknown_since_s is not None:
-            from_s = math.inf  # time out of sight counts for no timer
-            if self.now_s - before.unknown_since_s >= rule.lost.grace_s:
-                timers = Timers(leaves=timers.leaves)
-        return replace(before, timers=timers, resumed=Resumed(from_s=from_s, at_s=self.now_s))
+def _resume(rule: AlarmRule, state: AlarmState, *, shift_s: float, from_s: float, now_s: float) -> AlarmState:
+    """Return what an alarm remembers, as of the beginning of this run; see `restore_alarms`."""
+    before = shift_times(state, shift_s)
+    if before.resumed is not None:
+        from_s = before.resumed.from_s
+    timers = before.timers
+    if before.unknown_since_s is not None:
+        from_s = math.inf  # time out of sight counts for no timer
+        if now_s - before.unknown_since_s >= rule.lost.grace_s:
+            timers = Timers(leaves=timers.leaves)
+    return replace(before, timers=timers, resumed=Resumed(from_s=from_s, at_s=now_s))
 
 
 def shift_times(value: _T, shift_s: float) -> _T:

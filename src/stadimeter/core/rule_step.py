@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from stadimeter.core.decision import RuleStatus, RuleTrace
 from stadimeter.core.rule import Rule
 
-# The gate of a rule that is only observed.
+# The inhibit of a rule that is only observed.
 OBSERVED = "observed"
 
 
@@ -51,8 +51,8 @@ class Step:
 def trace_of(rule: Rule, status: RuleStatus, before: RuleTrace | None = None) -> RuleTrace:
     """Return the trace of a rule without a memory: it is active while it acts."""
     active = None if status is RuleStatus.UNKNOWN else status is RuleStatus.ACTIVE
-    gates = (OBSERVED,) if rule.observe else ()
-    now = RuleTrace(rule=rule.name, status=status, output=rule.output, gates=gates, active=active)
+    inhibits = (OBSERVED,) if rule.observe else ()
+    now = RuleTrace(rule=rule.name, status=status, output=rule.output, gates=inhibits, active=active)
     return now if before is None else keep_if_same(now, before)
 
 

@@ -23,13 +23,11 @@ from dataclasses import dataclass, replace
 from stadimeter.core.decision import SafetyMode
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Safety
+from stadimeter.core.rule import ROUNDING_S
 
 # A frame may seem to be this much younger than now: clocks are read one after the other. More is a broken stamp.
 FROM_THE_FUTURE_S = 0.05
 
-
-# An age of exactly the limit is within it, however its sum was rounded.
-ROUNDING_S = 1e-6
 
 # A step this many times as long as usual is a gap; steps that are always long are a slow computer or camera.
 SLOW_CYCLES = 2.0

@@ -16,6 +16,7 @@ from functools import lru_cache
 from stadimeter.core.decision import Notice
 from stadimeter.core.rule import Rule, Template
 from stadimeter.core.track import Track
+from stadimeter.core.words import FOOT_M
 
 Value = str | float | bool | None
 
@@ -26,7 +27,6 @@ UNKNOWN = "unknown"
 MAX_TEXT_CHARACTERS = 4000
 
 INCH_M = 0.0254
-FOOT_M = 0.3048
 
 # The numbers, and how many decimals they have in a text that does not say.
 TEXT_FIELDS = ("rule", "target", "event", "severity", "reason", "by", "group", "time", "time_of_day")

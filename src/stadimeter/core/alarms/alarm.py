@@ -264,12 +264,12 @@ Refusal = str  # why a command is not done; empty if it is
 
 
 def operate(
-    alarms: Mapping[str, tuple[int, AlarmRule, AlarmState]], inputs: RuleInputs, command: OperatorCommand
+    alarms: Mapping[str, tuple[int, AlarmRule, AlarmStep]], inputs: RuleInputs, command: OperatorCommand
 ) -> tuple[OperatorAnswer, list[tuple[int, Evaluation]]]:
     """Do what an operator wants of one alarm, or of all.
 
     Args:
-        alarms: Every alarm by its name, with its position in the plan and what it remembers.
+        alarms: Every alarm by its name, with its position in the plan and its step.
 
     Returns:
         The answer, and the alarms that were changed, with their positions.
@@ -278,7 +278,7 @@ def operate(
         words = f"there is no alarm '{command.rule}'; there are: {', '.join(alarms) or 'none'}"
         return OperatorAnswer(id=command.id, accepted=False, words=words), []
     chosen = [command.rule] if command.rule else list(alarms)
-    found = [(alarms[name][0], Evaluation(alarms[name][1], alarms[name][2], inputs)) for name in chosen]
+    found = [(alarms[name][0], Evaluation(alarms[name][1], alarms[name][2].state, inputs)) for name in chosen]
     if not command.rule:
         found = [(index, each) for index, each in found if _applies(each, command.action)]
     refusals = [(each.rule.name, _operate(each, command)) for _, each in found]

@@ -126,7 +126,7 @@ def after(phase: Phase, trigger: Trigger) -> Phase:
     return TRANSITIONS[phase].get(trigger, phase)
 
 
-@dataclass(slots=True, unsafe_hash=True)
+@dataclass(slots=True)
 class AlarmState:
     """What an alarm remembers. Times are on the run's clock. Only the evaluation that made a copy changes it."""
 
@@ -301,9 +301,8 @@ def restart_timers(state: AlarmState, now_s: float) -> None:
 
 
 def calm_down(rule: AlarmRule, state: AlarmState, now_s: float) -> None:
-    """End the chattering of an alarm that has calmed down."""
-    if state.is_chattering and not is_too_frequent(state.raises_at_s, rule.raises_per_min_max, now_s):
-        state.is_chattering = False
+    """End the chattering of a chattering alarm if it has calmed down."""
+    state.is_chattering = is_too_frequent(state.raises_at_s, rule.raises_per_min_max, now_s)
 
 
 def calms_s(rule: AlarmRule, state: AlarmState) -> float:

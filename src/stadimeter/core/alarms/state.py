@@ -17,7 +17,7 @@ class Sample(NamedTuple):
     """How long after the frame before, or the cycle before, that is; 0 for the first."""
 
 
-@dataclass(slots=True, unsafe_hash=True)
+@dataclass(slots=True)
 class Timers:
     """For how long the condition has held, or has not.
 

@@ -66,12 +66,12 @@ def explain(decision: Decision, name: str, *, with_probability: bool = True) -> 
     if isinstance(rule, AlarmRule) and isinstance(step, AlarmStep):
         alarm = _alarm(rule, step, inputs, with_probability=with_probability)
         clauses = [*alarm, *_consequence(rule, step, decision, inputs, output)]
-        timers, gates = tuple(_timers(rule, step.state, inputs.now_s)), tuple(_gates(rule, step.state, inputs))
+        timers, inhibits = tuple(_timers(rule, step.state, inputs.now_s)), tuple(_inhibits(rule, step.state, inputs))
         leaves = step.state.timers.leaves
         found = collect_evidence(rule.condition, inputs, leaves, is_active=step.state.is_judged_by_its_end)
     else:
         clauses = [f"{step.trace.status.value}: {reasons[name]}", *_consequence(rule, step, decision, inputs, output)]
-        timers, gates, found = (), step.trace.gates, ()
+        timers, inhibits, found = (), step.trace.gates, ()
     clauses += _noisiness(inputs, rule)
     return Explanation(
         rule=name,
@@ -80,7 +80,7 @@ def explain(decision: Decision, name: str, *, with_probability: bool = True) -> 
         sentence="; ".join(clauses),
         evidence=found,
         timers=timers,
-        gates=gates,
+        gates=inhibits,
         winner=output.winner if output else "",
         losers=output.losers if output else (),
     )
@@ -158,23 +158,23 @@ def _turning_points(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> I
     if len(found) != 1 or (found[0].holds and not is_on):
         return
     points = found[0].ends_at if is_on else found[0].begins_at
-    otherwise = "would hold again" if state.is_active else "would raise"
-    verb = "would clear" if found[0].holds else otherwise
+    back = "would hold again" if state.is_active else "would raise"
+    verb = "would clear" if found[0].holds else back
     if points:
         yield f"{verb} at {points}"
 
 
-def _gates(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> Iterator[str]:
-    gates, now_s = state.inhibits, inputs.now_s
+def _inhibits(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> Iterator[str]:
+    inhibits, now_s = state.inhibits, inputs.now_s
     if rule.observe:
         yield "it is only observed"
-    if gates.shelved_until_s is not None:
-        by = f" by {gates.shelved_by}" if gates.shelved_by else ""
-        until = " at most" if gates.is_one_shot else ""
-        yield f"shelved{by} for another {rounded_duration(gates.shelved_until_s - now_s)}{until}"
-    if gates.is_suppressed and rule.suppress_when is not None:
-        yield f"suppressed: {describe_verdict(rule.suppress_when, inputs, gates.leaves, is_active=True)}"
-    if gates.is_out_of_service:
+    if inhibits.shelved_until_s is not None:
+        by = f" by {inhibits.shelved_by}" if inhibits.shelved_by else ""
+        until = " at most" if inhibits.is_one_shot else ""
+        yield f"shelved{by} for another {rounded_duration(inhibits.shelved_until_s - now_s)}{until}"
+    if inhibits.is_suppressed and rule.suppress_when is not None:
+        yield f"suppressed: {describe_verdict(rule.suppress_when, inputs, inhibits.leaves, is_active=True)}"
+    if inhibits.is_out_of_service:
         yield "out of service"
 
 
@@ -184,13 +184,13 @@ def _consequence(
     """Say what an active rule drives, or why it does not."""
     if isinstance(step, AlarmStep) and isinstance(rule, AlarmRule):
         state, now_s = step.state, inputs.now_s
-        gates = list(_gates(rule, state, inputs))
-        if gates:
-            yield f"kept quiet: {', '.join(gates)}"
+        inhibits = list(_inhibits(rule, state, inputs))
+        if inhibits:
+            yield f"kept quiet: {', '.join(inhibits)}"
             return
         if not state.is_active:
             return
-        yield from _untold(rule, state, now_s)
+        yield from _owed_notice(rule, state, now_s)
         if state.is_announced_only:
             yield "it held when the target was seen first, so it is announced and drives nothing"
         elif state.has_let_go:
@@ -199,7 +199,7 @@ def _consequence(
         yield from _commanded(rule, decision, output)
 
 
-def _untold(rule: AlarmRule, state: AlarmState, now_s: float) -> Iterator[str]:
+def _owed_notice(rule: AlarmRule, state: AlarmState, now_s: float) -> Iterator[str]:
     if state.owes_notice and state.notified_at_s is not None:
         left_s = state.notified_at_s + rule.cooldown_s - now_s
         yield f"no notification for another {rounded_duration(max(0.0, left_s))} (cooldown)"

@@ -24,7 +24,15 @@ class Reasons(Mapping[str, str]):
 
     def __getitem__(self, name: str) -> str:
         rule, step = self.step(name)
-        return self._why(rule, step)
+        match rule, step:
+            case AlarmRule(), AlarmStep():
+                return actions.why(rule, step.state, self.inputs_of_rules())
+            case RampRule(), _:
+                return ramp.why(rule, self.inputs.tracks[rule.target])
+            case FollowRule(), _:
+                return follow.why(rule, self.inputs.tracks[rule.target])
+            case _:
+                raise TypeError(f"rule {rule.name} remembers a {type(step).__name__}")
 
     def __iter__(self) -> Iterator[str]:
         return (rule.name for rule in self.plan.rules)
@@ -44,14 +52,3 @@ class Reasons(Mapping[str, str]):
     def inputs_of_rules(self) -> RuleInputs:
         """Return all that the rules were judged by, with which of them are active."""
         return replace(self.inputs, active=self.judged.active)
-
-    def _why(self, rule: AnyRule, step: RuleStep) -> str:
-        match rule, step:
-            case AlarmRule(), AlarmStep():
-                return actions.why(rule, step.state, self.inputs_of_rules())
-            case RampRule(), _:
-                return ramp.why(rule, self.inputs.tracks[rule.target])
-            case FollowRule(), _:
-                return follow.why(rule, self.inputs.tracks[rule.target])
-            case _:
-                raise TypeError(f"rule {rule.name} remembers a {type(step).__name__}")

@@ -14,7 +14,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
-from stadimeter.core.alarms.actions import Evaluation
 from stadimeter.core.alarms.alarm import AlarmStep, Stepped, new_alarm, operate, step_alarm, with_state
 from stadimeter.core.alarms.state import Sample
 from stadimeter.core.conditions.inputs import RuleInputs
@@ -87,7 +86,7 @@ def with_steps(plan: Plan, steps: tuple[RuleStep, ...], first_out: Mapping[str, 
         steps=steps,
         traces=tuple(step.trace for step in steps),
         wanted=arbitrate((request for step in steps for request in step.requests), layout.combined),
-        active={plan.rules[index].name: _is_active(steps[index]) for index in layout.order.askers},
+        active={plan.rules[index].name: steps[index].trace.active for index in layout.order.askers},
         first_out=first_out or {},
         quiescence=all_active(layout.watch),
         layout=layout,
@@ -150,13 +149,14 @@ class _Evaluation:
     def operate(self, command: OperatorCommand, active: set[int]) -> OperatorAnswer:
         """Do what an operator wants, before the rules are judged."""
         alarms = {
-            rule.name: (index, rule, step.state)
+            rule.name: (index, rule, step)
             for index, rule in enumerate(self.rules)
             if isinstance(rule, AlarmRule) and isinstance(step := self._step(index), AlarmStep)
         }
         answer, evaluations = operate(alarms, self.inputs, command)
         for index, evaluation in evaluations:
-            self._remember(index, evaluation)
+            _, rule, step = alarms[evaluation.rule.name]
+            self.changed[index] = with_state(rule, step, evaluation.state)
             self.events += evaluation.events
             active.add(index)
         return answer
@@ -202,11 +202,6 @@ class _Evaluation:
             return _NOTHING
         return Outcome(events=tuple(self.events), notices=tuple(self.notices), answers=answers)
 
-    def _remember(self, index: int, evaluation: Evaluation) -> None:
-        step = self._step(index)
-        if isinstance(step, AlarmStep):
-            self.changed[index] = with_state(evaluation.rule, step, evaluation.state)
-
     def _step(self, index: int) -> RuleStep:
         return self.changed.get(index, self.before.steps[index])
 
@@ -239,7 +234,7 @@ class _Evaluation:
 
     def _tells_others(self, index: int) -> bool:
         """Note whether a rule is active; return whether that is news."""
-        name, is_active = self.rules[index].name, _is_active(self._step(index))
+        name, is_active = self.rules[index].name, self._step(index).trace.active
         if self.active.get(name) is is_active:
             return False
         self.active = {**self.active, name: is_active}
@@ -265,11 +260,6 @@ class _Evaluation:
             step, is_first = self._step(index), self.first_out.get(rule.group) == rule.name
             if step.trace.first_out is not is_first:
                 self.changed[index] = replace(step, trace=replace(step.trace, first_out=is_first))
-
-
-def _is_active(step: RuleStep) -> bool | None:
-    """Return whether a rule counts as active for those that ask for it."""
-    return step.trace.active
 
 
 def _is_unsettled(step: RuleStep) -> bool:
