@@ -466,7 +466,8 @@ def test_nothing_is_cut_off_or_hard_to_read_in_any_step(browser, here, size, ans
 @pytest.mark.skipif(not BALLS.exists(), reason="the shared pictures of a tennis ball are not on this machine")
 def test_a_real_tennis_ball_is_found_by_a_click_and_the_stick_of_its_colour_is_marked(page, here):
     begin_at(page, here, {"camera": str(BALLS / "116_0.jpg"), "target": "ball", "size": "6.4 cm"})
-    page.locator(".setup-stage-picture img[src]").wait_for()
+    # Its place on the screen counts once the picture has its size there.
+    page.locator(".setup-stage-picture img[src]").evaluate("image => image.decode()")
     place = page.evaluate(
         "([x, y]) => new DOMPoint(x, y).matrixTransform(document.querySelector('.setup-marks').getScreenCTM())",
         [767, 1018],
