@@ -72,9 +72,9 @@ follow = {{ distance = "1 m", max_speed = "0.3 m/s" }}
 """
 ENTRY_POINTS = """
 [stadimeter.cameras]
-steady = base_under_load:CAMERA
+steady = base_under_load:SteadyCameraOptions
 [stadimeter.detectors]
-steady = base_under_load:DETECTOR
+steady = base_under_load:SteadyDetectorOptions
 """
 
 
