@@ -14,7 +14,6 @@ from stadimeter.app.control.socket_server import ControlSocket
 from stadimeter.app.live.subscriptions import Subscriptions
 from stadimeter.app.live.watching import attend_to_requests, introduction, live_feed
 from stadimeter.app.page_process import PageProcess, page_command
-from stadimeter.app.persistence.alarm_store import AlarmStore
 from stadimeter.app.persistence.resumption import clock_name, moment
 from stadimeter.app.persistence.state_file import state_file
 from stadimeter.app.persistence.state_writer import StateWriter
@@ -34,6 +33,8 @@ def open_alarm_store(loop: Loop, named: Path | None, is_right: Callable[[], bool
     path = named or usual
     if path is None:
         return
+    from stadimeter.app.persistence.alarm_store import AlarmStore  # noqa: PLC0415 - needs SQLite, which a system may lack
+
     clock = clock_name(is_live=loop.parts.is_live)
     store = AlarmStore(path, is_named=named is not None)
     if named is not None:

@@ -16,15 +16,18 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING
 
 from stadimeter.app.deliveries import Deliveries, Undelivered
-from stadimeter.app.persistence.alarm_store import AlarmStore
 from stadimeter.app.persistence.resumption import ClockReading, Memory, Resumption, resumption_at
 from stadimeter.app.reporting import SYSTEM_EVENTS
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Event
 from stadimeter.core.persistence import SnapshotChange, classify_change, find_absences, snapshot_alarms
 from stadimeter.errors import StateError
+
+if TYPE_CHECKING:  # a run without a state file works on a system without SQLite
+    from stadimeter.app.persistence.alarm_store import AlarmStore
 
 # What could not be written is tried again after this long.
 PASSING_EVERY_S = 10.0
