@@ -28,7 +28,6 @@ AS_BEFORE = b'"as before"'
 # The frame comes second in an observation, after one number.
 _RECORD = TypeAdapter(CycleRecord)
 _OBSERVATION = TypeAdapter(Observation)
-_EVENTS = TypeAdapter(tuple[Event, ...])
 _RULE = TypeAdapter(RuleTrace)
 _LEFT_OUT: Mapping[str, bool | set[str]] = {"decision": {"rules", "reasons"}, "rejected": True, "detections": True}
 _NO_EVENTS = b'"events":[],'
