@@ -10,7 +10,6 @@ from stadimeter.app.loop import Loop
 from stadimeter.app.recordings.journal import JournalWriter
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, to_be_recorded
 from stadimeter.app.recordings.recorder import Recorder, Writer
-from stadimeter.app.recordings.recording import ImageOptions, Recorded, RecordingWriter
 from stadimeter.cli.run_options import RecordingOptions
 from stadimeter.config.extras import require
 from stadimeter.errors import JournalError
@@ -51,6 +50,9 @@ def _writers(loop: Loop, options: RecordingOptions) -> Iterator[Writer]:
 def _recording_writer(
     loop: Loop, options: RecordingOptions, path: Path, configuration: RecordedConfiguration
 ) -> Writer:
+    # Loads MCAP and picture writing, which a run with only a journal does not need.
+    from stadimeter.app.recordings.recording import ImageOptions, Recorded, RecordingWriter  # noqa: PLC0415
+
     recorded = Recorded(
         configuration=configuration,
         camera=loop.parts.configuration.camera_model,
