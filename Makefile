@@ -12,7 +12,7 @@ unexport PYTHONDONTWRITEBYTECODE
 SPREAD := -n auto --dist loadfile --max-worker-restart 0
 UNIT := tests/core tests/config tests/ranging
 
-.PHONY: help demo quick test test-long test-opencv-4.10 check gate bench bench-rules bench-safety pictures wheel deb docs format clean
+.PHONY: help demo quick test test-long test-opencv-4.10 check gate bench bench-rules bench-safety bench-stopping bench-liveness pictures wheel deb docs format clean
 
 help: ## say what there is
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -53,6 +53,12 @@ bench-rules: $(VENV)/.dev ## measure rules: on noise, by the thousand, and an ho
 
 bench-safety: $(VENV)/.dev ## run the program on streams that fail, and time how long its robot moves
 	PYTHONPATH=tests $(BIN)/python tests/benchmarks/old_pictures.py $(ARGS)
+
+bench-stopping: $(VENV)/.dev ## end the program in every way, and time how long the wheels of its robot are driven on
+	PYTHONPATH=tests $(BIN)/python tests/benchmarks/stopping.py $(ARGS)
+
+bench-liveness: $(VENV)/.dev ## freeze a robot's sensor under a clock or noise, and drive it through live rooms
+	PYTHONPATH=tests $(BIN)/python tests/benchmarks/liveness.py $(ARGS)
 
 pictures: $(VENV)/.dev ## make the pictures of the documentation again
 	PYTHONPATH=tests $(BIN)/python docs/pictures/make_pictures.py

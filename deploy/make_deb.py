@@ -16,13 +16,12 @@ import subprocess
 import sys
 import tempfile
 import tomllib
-from dataclasses import dataclass
 from pathlib import Path
 
 import package_docs
+from msgspec import Struct
 
-from stadimeter.app.persistence.alarm_store import FORMAT
-from stadimeter.app.persistence.state_file import APPLICATION_ID
+from stadimeter.app.persistence.alarm_store import APPLICATION_ID, FORMAT
 from stadimeter.config.extras import OLDEST_PICAMERA2
 
 DEPLOY = Path(__file__).resolve().parent
@@ -56,7 +55,7 @@ EXAMPLES = "usr/share/stadimeter/examples"
 
 DRIVES_PINS = "raspi-utils | gpiod"
 """Where there is raspi-utils, on Raspberry Pi OS, it is installed for its pinctrl: Debian has the other one only, which
-shows who holds a pin. Pins are switched off without either, too: see drive_pins.py."""
+shows who holds a pin. Pins are switched off without either, too: see `stadimeter.watchdog.gpio`."""
 
 LINKS = {
     f"{HOME}/bin/stadimeter": "current/bin/stadimeter",
@@ -80,8 +79,7 @@ NEVER_USED = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Release:
+class Release(Struct, frozen=True, kw_only=True):
     """A release of Debian, and of Raspberry Pi OS.
 
     Attributes:
@@ -116,8 +114,7 @@ RELEASES = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
-class Target:
+class Target(Struct, frozen=True, kw_only=True):
     """The package to be made: its release, its architecture as Debian names it, and the version of the program."""
 
     release: Release
@@ -204,7 +201,7 @@ def _lay_out(target: Target, libraries: Path, root: Path) -> None:
     )
     _point(environment / "bin/python3", f"/usr/bin/{target.python}")
     _write(environment / "bin/stadimeter", LAUNCHER, 0o755)
-    for name in ("debian/self_test.py", "debian/self-test.toml", "drive_pins.py", "safe-outputs"):
+    for name in ("debian/self_test.py", "debian/self-test.toml", "safe-outputs"):
         mode = 0o755 if name == "safe-outputs" else 0o644
         _write(environment / "libexec" / Path(name).name, (DEPLOY / name).read_text(), mode)
     for name, place in SYSTEM_FILES.items():

@@ -16,9 +16,8 @@ from markdown.extensions.toc import unique
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
+from openapi import openapi_document
 from pymdownx.slugs import slugify
-
-from stadimeter.web.openapi import openapi_document
 
 FROM_ELSEWHERE = {"contributing.md": "CONTRIBUTING.md", "deploy.md": "deploy/README.md"}
 """Pages of the site that are not in this folder, by their path in the repository."""

@@ -13,7 +13,18 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
-LIBRARIES = ("numpy", "cv2", "simplejpeg", "pydantic", "serial", "gpiozero", "paho.mqtt.client", "apprise", "mcap")
+LIBRARIES = (
+    "numpy",
+    "cv2",
+    "simplejpeg",
+    "msgspec",
+    "pydantic",
+    "serial",
+    "gpiozero",
+    "paho.mqtt.client",
+    "apprise",
+    "mcap",
+)
 OF_THE_SYSTEM = ("lgpio", "libcamera", "picamera2")
 """What may be there, and is built by others: the numpy that it was built for need not be ours."""
 

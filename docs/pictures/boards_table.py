@@ -10,8 +10,11 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from msgspec import DecodeError, json
+
+from stadimeter.config.untrusted_file import JSON_MAX_BYTES, read_untrusted
 from stadimeter.errors import UnreadableError
-from stadimeter.workbench.board_figures import DetectorSpeed, Figures, Heat, Times, read_figures
+from stadimeter.workbench.board_figures import DetectorSpeed, Figures, Heat, Times
 
 PAGE = Path(__file__).parents[1] / "benchmarks" / "boards.md"
 FOLDER = PAGE.with_suffix("")
@@ -20,6 +23,19 @@ MARKED = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end of table -->\n)", re
 DETECTORS = ("ball", "sheet", "tag", "disc")
 SIZES_PX = ((640, 480), (1280, 720))
 NONE = "–"
+
+
+def read_figures(path: Path) -> Figures:
+    """Read a file that `bench --json` wrote.
+
+    Raises:
+        UnreadableError: It is none; the message says what is wrong with it first, in one line.
+    """
+    try:
+        return json.decode(read_untrusted(path, JSON_MAX_BYTES), type=Figures)
+    except DecodeError as error:
+        words = f"it is not what `stadimeter bench --json` of this version writes: {error}"
+        raise UnreadableError(path, words) from error
 
 
 def all_figures(folder: Path = FOLDER) -> dict[str, Figures]:

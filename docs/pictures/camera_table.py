@@ -8,14 +8,15 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
+
+from msgspec import Struct
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.target import TargetShape
 from stadimeter.ranging.ball import BallShape
-from stadimeter.ranging.feasibility import expect, farthest_m
 from stadimeter.ranging.flat import SheetShape, TagShape
+from stadimeter.ranging.similar_triangles import expect, farthest_m
 
 PAGE = Path(__file__).parents[1] / "choosing-a-camera.md"
 MARKED = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end of table -->\n)", re.DOTALL)
@@ -23,8 +24,7 @@ MARKED = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end of table -->\n)", re
 WIDTH_PX = 1280
 
 
-@dataclass(frozen=True, slots=True)
-class Camera:
+class Camera(Struct, frozen=True):
     """A camera by its data sheet.
 
     Attributes:

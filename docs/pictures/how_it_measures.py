@@ -17,7 +17,7 @@ from stadimeter.detectors.sampling import grey_of, reduced, to_full_scale
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
 from stadimeter.detectors.sheet.quadrilaterals import bright_masks, find_quadrilaterals, quick_masks
 from stadimeter.detectors.tag import TagDetector, TagOptions
-from stadimeter.detectors.tag.outlines import find_outlines
+from stadimeter.detectors.tag.search import find_outlines
 from stadimeter.ranging.flat import sheet_poses, tag_poses
 from stadimeter.ranging.measure import measure
 from stadimeter.ranging.plane_pose import RectanglePose

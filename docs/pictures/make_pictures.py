@@ -18,16 +18,15 @@ from web_pages import make_pages
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.loop import Loop
-from stadimeter.cli.demonstration import fault_keys
+from stadimeter.cli.demo import fault_keys
 from stadimeter.cli.keyboard import Keyboard, RunKeys
-from stadimeter.cli.viewing import live_view_of
+from stadimeter.cli.live_view import live_view_of
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.plugins import ACTUATORS, BUTTONS, DriverChoice, load_driver
 from stadimeter.config.toml_source import parse_toml
 from stadimeter.core.frame import Frame
 from stadimeter.workbench.drawing import write_drawings
-from stadimeter.workbench.wiring.circuits import parts_of
-from stadimeter.workbench.wiring.drawings import circuit_picture, wiring_picture
+from stadimeter.workbench.wiring import circuits_picture, find_outputs, parts_of, wiring_picture
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -108,7 +107,7 @@ def wiring_pictures(folder: Path) -> None:
         options = parse_toml(table, "").table
         model = load_driver(BUTTONS if name == "button" else ACTUATORS, options.pop("driver"))
         choice = DriverChoice(name=name, driver=name, options=model.model_validate(options))
-        write_drawings(folder / f"wiring-{name}.svg", [circuit_picture(choice)])
+        write_drawings(folder / f"wiring-{name}.svg", [circuits_picture(find_outputs([choice]))])
 
 
 def printed_page(path: Path) -> None:

@@ -14,11 +14,10 @@ from stadimeter.detectors.ball.blobs import find_blobs, search_step
 from stadimeter.detectors.ball.circles import ImageCircle
 from stadimeter.detectors.ball.limb import find_limb
 from stadimeter.detectors.disc.edges import THOROUGHLY, measure_ellipse
-from stadimeter.detectors.disc.ellipse import Ellipse, Lens
-from stadimeter.detectors.disc.profiles import EdgePicture
+from stadimeter.detectors.disc.ellipse import EdgePicture, Ellipse, Lens
 from stadimeter.detectors.disc.search import View, find_outlines
 from stadimeter.detectors.hsv import parse_hsv_range
-from stadimeter.detectors.region import Region
+from stadimeter.detectors.sampling import Region
 from support.scenes import draw
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
@@ -97,8 +96,8 @@ def disc_picture(path: Path) -> None:
     view, lens = View.of(image, Region.whole(image)), Lens(camera=draw.CAMERA)
     outline = find_outlines(view.grey, 9.0, bright=True, dark=True).ellipses[0]
     start, is_bright = view.in_full(outline.ellipse), outline.shape.is_bright
-    edge_picture = EdgePicture(image=image, light=lens.light, bend=lens.bend)
-    edges = measure_ellipse(edge_picture, start, is_bright=is_bright, reach_px=5.0, edge_bias_px=0.0, effort=THOROUGHLY)
+    edge_picture = EdgePicture(image=image, lens=lens)
+    edges = measure_ellipse(edge_picture, start, is_bright=is_bright, reach_px=5.0, effort=THOROUGHLY)
     if edges is None:
         raise RuntimeError("the edge of the disc was not found")
     x, y = edges.ellipse.centre_px.tolist()

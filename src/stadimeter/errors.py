@@ -33,7 +33,8 @@ and what to do about it.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 
 class StadimeterError(Exception):
@@ -64,8 +65,7 @@ class UnreadableError(StadimeterError, OSError):
         super().__init__(f"{path}{f':{line}' if line else ''}: {reason}")
 
 
-@dataclass(frozen=True, slots=True)
-class Problem:
+class Problem(Struct, frozen=True):
     """One thing that is wrong in a configuration.
 
     Attributes:

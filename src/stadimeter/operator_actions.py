@@ -10,6 +10,12 @@ from enum import StrEnum
 from typing import Self
 
 
+def _help(*paragraphs: str, example: str, refused: str) -> str:
+    """Return the text of ``--help`` of an action on alarms."""
+    exit_code = f"**Exit code**: 0 done; 2 {refused}, no such rule, or no running instance."
+    return "\n\n".join([*paragraphs, "**Example**", f"- `stadimeter alarm {example}`", exit_code])
+
+
 class OperatorAction(StrEnum):
     """An action, by its name in the configuration and in events.
 
@@ -46,44 +52,33 @@ class OperatorAction(StrEnum):
     ACKNOWLEDGE = (
         "acknowledge",
         "Acknowledge an alarm",
-        """Acknowledge an alarm of a running instance: a person has seen it.
-
-        For rules with `ack = "required"`. An event records who acknowledged it, when and why.
-
-        **Example**
-
-        - `stadimeter alarm ack too-close --why "moved the ladder"`
-
-        **Exit code**: 0 done; 2 there is nothing to acknowledge, no such rule, or no running instance.
-        """,
+        _help(
+            "Acknowledge an alarm of a running instance: a person has seen it.",
+            'For rules with `ack = "required"`. An event records who acknowledged it, when and why.',
+            example='ack too-close --why "moved the ladder"',
+            refused="there is nothing to acknowledge",
+        ),
         "ack",
     )
     RESET = (
         "reset",
         "End a latched alarm",
-        """End a latched alarm of a running instance. Its condition must be over.
-
-        **Example**
-
-        - `stadimeter alarm reset too-close`
-
-        **Exit code**: 0 done; 2 it is not latched, its condition still holds, no such rule, or no running instance.
-        """,
+        _help(
+            "End a latched alarm of a running instance. Its condition must be over.",
+            example="reset too-close",
+            refused="it is not latched, its condition still holds",
+        ),
     )
     SHELVE = (
         "shelve",
         "Keep a rule quiet for a while",
-        """Shelve a rule of a running instance: for a while it is still evaluated, but drives nothing.
-
-        It notifies no one either, and acts again by itself when the time is over. A rule of severity `safety` cannot be
-        shelved.
-
-        **Example**
-
-        - `stadimeter alarm shelve too-close --for "30 min" --why "painting"`
-
-        **Exit code**: 0 done; 2 the rule does not allow it, no such rule, or no running instance.
-        """,
+        _help(
+            "Shelve a rule of a running instance: for a while it is still evaluated, but drives nothing.",
+            "It notifies no one either, and acts again by itself when the time is over. A rule of severity `safety` "
+            "cannot be shelved.",
+            example='shelve too-close --for "30 min" --why "painting"',
+            refused="the rule does not allow it",
+        ),
         "",
         False,
         True,
@@ -91,41 +86,29 @@ class OperatorAction(StrEnum):
     UNSHELVE = (
         "unshelve",
         "Let a shelved rule act again",
-        """Let a shelved rule of a running instance act again.
-
-        **Example**
-
-        - `stadimeter alarm unshelve --all`
-
-        **Exit code**: 0 done; 2 it is not shelved, no such rule, or no running instance.
-        """,
+        _help(
+            "Let a shelved rule of a running instance act again.", example="unshelve --all", refused="it is not shelved"
+        ),
     )
     TAKE_OUT = (
         "take-out",
         "Take a rule out of service",
-        """Take a rule of a running instance out of service, until it is put back.
-
-        The rule is still evaluated, but drives nothing and notifies no one, also after a restart. A rule of severity
-        `safety` cannot be taken out.
-
-        **Example**
-
-        - `stadimeter alarm take-out too-close --why "the door is being repaired"`
-
-        **Exit code**: 0 done; 2 it is a safety rule, no such rule, or no running instance.
-        """,
+        _help(
+            "Take a rule of a running instance out of service, until it is put back.",
+            "The rule is still evaluated, but drives nothing and notifies no one, also after a restart. A rule of "
+            "severity `safety` cannot be taken out.",
+            example='take-out too-close --why "the door is being repaired"',
+            refused="it is a safety rule",
+        ),
     )
     PUT_BACK = (
         "put-back",
         "Put a rule back into service",
-        """Put a rule of a running instance back into service.
-
-        **Example**
-
-        - `stadimeter alarm put-back too-close`
-
-        **Exit code**: 0 done; 2 it is not out of service, no such rule, or no running instance.
-        """,
+        _help(
+            "Put a rule of a running instance back into service.",
+            example="put-back too-close",
+            refused="it is not out of service",
+        ),
     )
     STOP_OUTPUTS = (
         "stop-outputs",
@@ -149,3 +132,39 @@ class OperatorAction(StrEnum):
         True,
     )
     RELEASE_OUTPUTS = ("release-outputs", "Let outputs that were stopped act again", "", "", True)
+    ARM = (
+        "arm",
+        "Let outputs act from now on",
+        """Arm a running instance: from now on its outputs may act.
+
+        With `safety.arm = "by-command"` or `"by-button"` a run begins disarmed: every output is at its safe value. A
+        base whose driver failed disarms it again, and so does `stadimeter disarm`. Arming is refused while no fresh
+        frames come, while the base is out of order, while outputs are stopped, and always with `"by-button"`: only a
+        button arms then.
+
+        **Example**
+
+        - `stadimeter arm --why "the floor is clear"`
+
+        **Exit code**: 0 done, also if it was armed already; 2 refused, or no instance runs.
+        """,
+        "",
+        True,
+    )
+    DISARM = (
+        "disarm",
+        "Put every output at its safe value, until the run is armed",
+        """Disarm a running instance: every output is at its safe value until it is armed.
+
+        It does what `stadimeter stop-outputs` does, for one instance and not beyond the end of the run: with
+        `safety.arm = "at-start"` the next run is armed by itself.
+
+        **Example**
+
+        - `stadimeter disarm --why "I carry it to the next room"`
+
+        **Exit code**: 0 done, also if it was disarmed already; 2 no instance runs.
+        """,
+        "",
+        True,
+    )

@@ -1,19 +1,14 @@
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator
-from pathlib import Path
-from types import ModuleType
+from collections.abc import Iterator
 
 import pytest
 from gpiozero.pins.mock import MockFactory, MockPWMPin
 
-from stadimeter.actuators.output_pin import SHARED_KEY
 from stadimeter.config.plugins import DriverContext
-from stadimeter.testing.manual_clock import ManualClock
-
-PRETEND = Path(__file__).parent / "pretend"
-LGPIO_MODULES = ("lgpio", "gpiozero.pins.lgpio")
+from stadimeter.gpio.output_pin import SHARED_KEY
+from stadimeter.testing.rig import ManualClock
+from support.pins import lgpio, pretended_pi  # noqa: F401 - fixtures
 
 
 @pytest.fixture
@@ -33,22 +28,3 @@ def context(clock: ManualClock, factory: MockFactory) -> DriverContext:
     context = DriverContext(name="motor", clock=clock)
     context.shared.parts[SHARED_KEY] = factory
     return context
-
-
-@pytest.fixture
-def pretended_pi(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Let `import lgpio` find the pretended one, on a pretended Raspberry Pi 3."""
-    monkeypatch.delenv("GPIOZERO_PIN_FACTORY", raising=False)
-    monkeypatch.syspath_prepend(str(PRETEND))
-    monkeypatch.setattr("gpiozero.pins.local.get_pi_revision", lambda: 0xA02082)
-    real = {name: sys.modules.pop(name) for name in LGPIO_MODULES if name in sys.modules}
-    yield
-    for name in LGPIO_MODULES:
-        sys.modules.pop(name, None)
-    sys.modules.update(real)
-
-
-@pytest.fixture
-def lgpio(pretended_pi: None) -> Callable[[], ModuleType]:
-    """Return a function that returns the pretended lgpio, once a driver has imported it."""
-    return lambda: sys.modules["lgpio"]

@@ -5,10 +5,10 @@ from gpiozero.pins.mock import MockFactory, MockPin
 from pydantic import ValidationError
 
 from stadimeter.actuators.buzzer import BuzzerOptions, GpiozeroBuzzer
-from stadimeter.actuators.output_pin import SHARED_KEY
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.command import LevelCommand
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.gpio.output_pin import SHARED_KEY
+from stadimeter.testing.rig import ManualClock
 
 
 def make(context: DriverContext, **options: object) -> GpiozeroBuzzer:

@@ -14,7 +14,7 @@ from stadimeter.actuators.vibration_motor import GpiozeroVibrationMotor, Vibrati
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.command import LevelCommand
 from stadimeter.core.rule import Pattern
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.rig import ManualClock
 
 PIN = 18
 BEEPS = Pattern(steps=((1.0, 0.2), (0.0, 0.3)), times=3)

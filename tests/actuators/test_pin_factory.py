@@ -10,10 +10,10 @@ import gpiozero
 import pytest
 from gpiozero.pins.mock import MockFactory, MockPin, MockPWMPin
 
-from stadimeter.actuators.output_pin import open_pin_factory, shared_pin_factory
 from stadimeter.config.plugins import DriverContext
 from stadimeter.errors import DeviceOpenError, DriverUnavailableError
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.gpio.output_pin import open_pin_factory, shared_pin_factory
+from stadimeter.testing.rig import ManualClock
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from stadimeter.actuators.vibration_motor import DutySteps, GpiozeroVibrationMotor, VibrationMotorOptions
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.command import LevelCommand
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.rig import ManualClock
 
 
 def make(context: DriverContext, **options: object) -> GpiozeroVibrationMotor:

@@ -1,20 +1,20 @@
 """Alarms are remembered: written seldom, never by the loop itself, and found again after a restart."""
 
 import threading
-from dataclasses import replace
 from functools import partial
 
 import pytest
+from msgspec.structs import replace
 
 from stadimeter.app.persistence.alarm_store import AlarmStore
 from stadimeter.app.persistence.resumption import moment
 from stadimeter.app.persistence.state_writer import StateWriter
-from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.message import Message
 from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, OnDelay
 from stadimeter.errors import StateError
-from stadimeter.testing.eventually import eventually
+from stadimeter.testing.rig import eventually
 from support.observing import Rehearsal
 
 NEAR = AlarmRule(
@@ -85,9 +85,7 @@ class Kept:
         self.run = Rehearsal(plan_of(*rules))
         self.run.now_s = clock_s
         self.keeper = StateWriter(store, partial(moment, clock, unix_s=lambda: unix_s, is_right=lambda: is_right), post)
-        resumption = self.keeper.begin(clock_s)
-        if resumption is not None:
-            self.run.state = resumption.of(self.run.state)
+        self.run.state = self.keeper.begin(clock_s, self.run.state) or self.run.state
 
     def see(self, *distances_m):
         for distance_m in distances_m:
@@ -117,7 +115,7 @@ def test_what_people_are_told_of_is_written_at_once(disk):
     kept = Kept(disk, NEAR)
     kept.see(3, 3, 0.6, 0.6, 0.6)
     assert eventually(lambda: disk.written)
-    assert disk.written[-1][0].state.is_active
+    assert disk.written[-1][0].record.is_active
     kept.end()
 
 
@@ -137,7 +135,7 @@ def test_an_alarm_is_written_together_with_its_message(disk):
     kept.see(3, 3)
     post.left = (MESSAGE,)
     kept.see(0.6, 0.6, 0.6)
-    assert eventually(lambda: disk.written and disk.written[-1][0].state.is_active)
+    assert eventually(lambda: disk.written and disk.written[-1][0].record.is_active)
     assert disk.undelivered == (MESSAGE,)
     kept.end()
 
@@ -149,9 +147,9 @@ def test_an_alarm_is_written_while_the_disk_still_flushes_the_one_before(disk):
     post.left = (MESSAGE,)
     disk.takes.clear()
     kept.see(0.6, 0.6, 0.6)
-    eventually(lambda: disk.written and disk.written[-1][0].state.is_active)
+    eventually(lambda: disk.written and disk.written[-1][0].record.is_active)
     kept.see(*[3] * 8)
-    eventually(lambda: not disk.written[-1][0].state.is_active)
+    eventually(lambda: not disk.written[-1][0].record.is_active)
     disk.takes.set()
     kept.end()
 
@@ -214,7 +212,7 @@ def test_a_disk_that_is_full_is_told_and_does_not_hold_up_the_run(disk):
     disk.trouble = ""
     kept.see(3, 3, 3, 3, 3, 3, 3, 3)
     assert eventually(lambda: not kept.keeper.trouble())
-    assert disk.written[-1][0].state.is_active is False
+    assert disk.written[-1][0].record.is_active is False
     assert kept.end() == ""
 
 
@@ -259,7 +257,7 @@ def test_a_run_that_never_turned_leaves_the_file_as_it_was(path):
     first.end()
     Kept(AlarmStore(path), NEAR, clock_s=30.0).end()
     third = Kept(AlarmStore(path), NEAR, clock_s=60.0)
-    assert third.run.state.rules.steps[0].state.is_active
+    assert third.run.state.rules.steps[0].record.is_active
     third.end()
 
 
@@ -276,7 +274,7 @@ def shelved(path, **clock):
 def left_s(path, **clock):
     """Return for how long the alarm is still shelved in a run that begins now."""
     kept = Kept(AlarmStore(path), NEAR, **clock)
-    until_s = kept.run.state.rules.steps[0].state.inhibits.shelved_until_s
+    until_s = kept.run.state.rules.steps[0].record.inhibits.shelved_until_s
     kept.end()
     return until_s - clock["clock_s"]
 
@@ -304,12 +302,13 @@ def test_a_simulation_that_begins_anew_goes_on_with_what_was_left(path):
 
 
 def test_what_a_run_takes_over_is_text_that_gives_the_same_again(path):
-    from stadimeter.app.persistence.resumption import read_resumption
+    from stadimeter.app.persistence.resumption import read_state, state_text
 
     shelved(path)
     keeper = StateWriter(AlarmStore(path), partial(moment, "boot 2", unix_s=lambda: 1e9, is_right=lambda: True))
-    resumption = keeper.begin(7.0)
-    keeper.end(Rehearsal(plan_of(NEAR)).state)
-    assert read_resumption(resumption.text()) == resumption
+    new = Rehearsal(plan_of(NEAR)).state
+    resumed = keeper.begin(7.0, new)
+    keeper.end(new)
+    assert read_state(state_text(resumed), new).rules.steps == resumed.rules.steps != new.rules.steps
     with pytest.raises(StateError, match="not the state of a run"):
-        read_resumption('{"alarms": 7}')
+        read_state('{"alarms": 7}', new)

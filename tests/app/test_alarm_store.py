@@ -9,17 +9,16 @@ import sqlite3
 import subprocess
 import sys
 from collections import Counter
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
-from stadimeter.app.persistence.alarm_store import AlarmStore, moved_on
+from stadimeter.app.persistence.alarm_store import AlarmStore, Kind, kind_of, moved_on
 from stadimeter.app.persistence.resumption import ClockReading, Memory
-from stadimeter.app.persistence.state_file import Kind, kind_of
-from stadimeter.core.alarms.machine import AlarmState, Phase
+from stadimeter.core.alarms.machine import AlarmRecord, AlarmState
 from stadimeter.core.alarms.state import Inhibits, Leg, Resumed, Timers
 from stadimeter.core.decision import Event, EventKind, Severity
 from stadimeter.core.message import Message
@@ -30,8 +29,8 @@ from stadimeter.errors import StateError
 RAISED = Event(
     kind=EventKind.RAISED, source="near", at_s=11.0, severity=Severity.ALARM, reason="0.43 m is below 0.50 m"
 )
-ACTIVE = AlarmState(
-    phase=Phase.UNACKNOWLEDGED,
+ACTIVE = AlarmRecord(
+    state=AlarmState.UNACKNOWLEDGED,
     timers=Timers(held_last=True, recent=(True, False), was_judged=True),
     raised_at_s=11.1,
     reported_at_s=11.1,
@@ -40,8 +39,8 @@ ACTIVE = AlarmState(
     inhibits=Inhibits(shelved_until_s=1811.0, is_one_shot=True, shelved_by="Zoë"),
     resumed=Resumed(from_s=math.inf, at_s=3.0),
 )
-NEAR = AlarmSnapshot(rule="near", meaning="a" * 64, state=ACTIVE, is_first_out=True)
-FAR = AlarmSnapshot(rule="far", meaning="b" * 64, state=AlarmState())
+NEAR = AlarmSnapshot(rule="near", meaning="a" * 64, record=ACTIVE, is_first_out=True)
+FAR = AlarmSnapshot(rule="far", meaning="b" * 64, record=AlarmRecord())
 NOON = ClockReading(clock="boot one", at_s=12.5, unix_s=1.7e9, is_synchronised=True)
 
 
@@ -366,7 +365,7 @@ def test_a_file_of_a_later_version_is_put_aside_and_named_so(path):
     database.close()
     memory, warning = read(path)
     assert memory is None
-    assert "written by a later version of stadimeter (format 7, not 3); it is now" in warning
+    assert "written by a later version of stadimeter (format 7, not 4); it is now" in warning
     assert path.with_name("run.sqlite3.newer-1").exists()
 
 
@@ -384,7 +383,7 @@ def test_a_memory_that_no_alarm_can_have_is_refused_whole(path):
     with sqlite3.connect(path) as database:
         (memory,) = database.execute("SELECT memory FROM alarm").fetchone()
         changed = json.loads(memory)
-        changed[0]["state"]["phase"] = "asleep"
+        changed["state"]["phase"] = "asleep"
         database.execute("UPDATE alarm SET memory = ?", (json.dumps(changed),))
     database.close()
     memory, warning = read(path)

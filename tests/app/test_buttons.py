@@ -19,7 +19,7 @@ from stadimeter.core.decision import EventKind
 from stadimeter.errors import DeviceOpenError, DriverError
 from stadimeter.operator_actions import OperatorAction
 from stadimeter.simulation.button import SimulatedButton
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.rig import ManualClock
 from stadimeter.testing.wires import WatchedPins
 from support.replaying import replay
 from support.simulated_run import SIMULATED_BALL

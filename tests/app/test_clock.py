@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.app.clock import MonotonicClock, SteppedClock
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.rig import ManualClock
 
 
 def test_a_stepped_clock_stands_still_until_somebody_sleeps_on_it():

@@ -1,15 +1,14 @@
 """What people ask of a running loop: answered between two cycles, and by what was decided then."""
 
-from dataclasses import replace
-
 import pytest
+from msgspec.structs import replace
 
 from stadimeter.app.control import requests
 from stadimeter.app.control.messages import Reply, parse_request
 from stadimeter.app.control.requests import REMEMBERED_S, Control
 from stadimeter.app.control.socket_server import Asked
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import SafetyMode
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
@@ -118,9 +117,9 @@ def test_what_cannot_be_done_is_refused_in_words(desk):
 def test_shelving_takes_its_time_and_its_kind(desk):
     desk.cycle()
     assert desk.said('{"op": "shelve", "args": {"rule": "near", "for_s": 60, "one_shot": true}}').error == ""
-    gates = desk.run.state.rules.steps[0].state.inhibits
-    assert gates.is_one_shot
-    assert gates.shelved_until_s == pytest.approx(desk.run.now_s + 60)
+    inhibits = desk.run.state.rules.steps[0].record.inhibits
+    assert inhibits.is_one_shot
+    assert inhibits.shelved_until_s == pytest.approx(desk.run.now_s + 60)
     assert desk.said('{"op": "unshelve", "args": {"rule": "near"}}').error == ""
 
 

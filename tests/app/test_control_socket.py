@@ -12,7 +12,7 @@ import pytest
 from stadimeter.app.control.messages import LINE_MAX_BYTES, Reply
 from stadimeter.app.control.socket_server import CONNECTIONS_MAX, WAITING_MAX, ControlSocket
 from stadimeter.errors import ControlError
-from stadimeter.testing.eventually import eventually
+from stadimeter.testing.rig import eventually
 
 HELLO = {"configuration": "/etc/stadimeter/run.toml", "pid": 7}
 

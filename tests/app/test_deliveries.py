@@ -69,8 +69,8 @@ class Run:
 
     def sent(self):
         """Return the messages that must not be lost, and the notifications, as they arrived."""
-        messages = [each.message for each in self.messenger.sent if each.message.topic in {"event/alarm", "door"}]
-        return messages, [each.notification for each in self.phone.sent]
+        messages = [each.item for each in self.messenger.sent if each.item.topic in {"event/alarm", "door"}]
+        return messages, [each.item for each in self.phone.sent]
 
 
 def test_what_a_run_could_not_deliver_is_sent_by_the_next_with_its_own_time_and_before_all_else(tmp_path):
@@ -83,12 +83,12 @@ def test_what_a_run_could_not_deliver_is_sent_by_the_next_with_its_own_time_and_
 
     second = Run(tmp_path, is_gone=False).for_s(0.5)
     assert second.loop.troubles == []
-    every = [each.message for each in second.messenger.sent if not each.message.topic.endswith("/availability")]
+    every = [each.item for each in second.messenger.sent if not each.item.topic.endswith("/availability")]
     assert every[: len(left)] == left  # the same payloads, with the same ids and times
     assert [note.body for note in second.sent()[1][: len(notes)]] == [f"{note.body}\n({note.time})" for note in notes]
 
     third = Run(tmp_path, is_gone=False).for_s(0.5)
-    assert not set(left) & {each.message for each in third.messenger.sent}
+    assert not set(left) & {each.item for each in third.messenger.sent}
 
 
 def test_states_of_rules_are_not_sent_again_since_each_run_says_them_anew(tmp_path):
@@ -123,7 +123,7 @@ def test_what_was_given_up_is_told_over_mqtt_when_the_broker_is_back(tmp_path):
     run.messenger.given_up = 7
     run.loop.listeners.append(comes_back)
     run.for_s(2)
-    events = [json.loads(each.message.payload) for each in run.messenger.sent if each.message.topic == "event/system"]
+    events = [json.loads(each.item.payload) for each in run.messenger.sent if each.item.topic == "event/system"]
     (told,) = [event for event in events if event["event_type"] == "given_up"]
     assert (told["source"], told["reason"]) == ("messenger", "messages given up since the start: 7")
     assert run.loop.deliveries.figures() == [

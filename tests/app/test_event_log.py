@@ -15,7 +15,7 @@ from stadimeter.app import event_log
 from stadimeter.app.event_log import BATCH_EVERY_S, FILE_BYTES_MAX, FILES_MAX, URGENT_EVERY_S, EventLog, log_files
 from stadimeter.app.loop import RecordingSink
 from stadimeter.core.decision import Event, EventKind, SafetyMode, Severity
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.rig import ManualClock
 
 NOON = datetime(2026, 7, 1, 12, 0, tzinfo=UTC)
 

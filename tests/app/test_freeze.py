@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stadimeter.app.freeze import FreezeDetector
+from stadimeter.app.freeze import MAX_REMEMBERED, FreezeDetector
 from stadimeter.core.frame import Frame
 
 
@@ -88,13 +88,39 @@ def as_jpeg(image: np.ndarray, quality: int) -> np.ndarray:
     return cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], cv2.IMREAD_COLOR)
 
 
-@pytest.mark.parametrize("cycle", [2, 3, 8, 16])
-def test_old_pictures_that_come_again_in_turn_are_not_new(cycle: int) -> None:
+def numbered(number: int, height_px: int = 48) -> np.ndarray:
+    return np.random.default_rng(number).integers(0, 256, (height_px, 64, 3), dtype=np.uint8)
+
+
+@pytest.mark.parametrize("rate_hz", [5, 30, 60])
+@pytest.mark.parametrize("cycle_s", [0.2, 1.0, 20.0])
+def test_old_pictures_that_come_again_in_turn_are_not_new(cycle_s: float, rate_hz: int) -> None:
+    freeze, count = FreezeDetector(), max(2, round(cycle_s * rate_hz))
+    new = [freeze.is_new(frame(at / rate_hz, numbered(at % count)), at / rate_hz) for at in range(3 * count + 1)]
+    assert new == [True] * count + [False] * (2 * count + 1)
+    assert freeze.frozen(4 * cycle_s + 2).startswith("old pictures have come again in turn for")
+
+
+def test_old_pictures_of_several_sizes_that_come_again_in_turn_are_not_new() -> None:
     freeze = FreezeDetector()
-    pictures = [np.random.default_rng(seed).integers(0, 256, (48, 64, 3), dtype=np.uint8) for seed in range(cycle)]
-    new = [freeze.is_new(frame(at, pictures[at % cycle].copy()), at) for at in range(1, 5 * cycle)]
-    assert new == [True] * cycle + [False] * (4 * cycle - 1)
-    assert freeze.frozen(5 * cycle).startswith("old pictures have come again in turn for")
+    new = [freeze.is_new(frame(at / 30, numbered(at % 5, 40 + 8 * (at % 2))), at / 30) for at in range(300)]
+    assert new == [True] * 10 + [False] * 290
+
+
+def test_old_pictures_are_known_again_after_a_break_of_an_hour() -> None:
+    freeze = FreezeDetector()
+    for at in range(30):
+        freeze.is_new(frame(at / 30, numbered(at)), at / 30)
+    assert not any(freeze.is_new(frame(3600 + at / 30, numbered(at)), 3600 + at / 30) for at in range(30))
+
+
+def test_the_memory_for_pictures_is_bounded() -> None:
+    freeze = FreezeDetector()
+    image = np.zeros((8, 64, 3), np.uint8)
+    for at in range(3 * MAX_REMEMBERED):
+        image[0, 0, :2] = divmod(at, 256)
+        assert freeze.is_new(frame(1 + at / 1e6, image.copy()), 1 + at / 1e6)
+    assert len(freeze._seen_at_s) == MAX_REMEMBERED
 
 
 @pytest.mark.parametrize("kept", [0.1, 0.4, 0.7, 0.95])
@@ -126,3 +152,37 @@ def test_a_rendered_picture_in_which_only_the_target_moves_is_new(scene: np.ndar
         image = np.clip(scene, 0, 255).astype(np.uint8)
         cv2.circle(image, (100 + 20 * number, 100), 80, (0, 160, 0), -1)
         assert freeze.is_new(frame(number / 10, image), number / 10)
+
+
+def with_clock(image: np.ndarray, number: int) -> np.ndarray:
+    """Draw a clock with hundredths over a picture, as IP cameras do."""
+    image = image.copy()
+    cv2.putText(image, f"12:00:{number / 30:05.2f}", (8, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.7, (255, 255, 255), 2)
+    return image
+
+
+@pytest.mark.parametrize(("quality", "sigma"), [(100, 0.5), (90, 0.25), (60, 1.0), (30, 2.0)])
+def test_a_frozen_picture_under_a_clock_that_goes_on_is_not_new(scene: np.ndarray, quality: int, sigma: float) -> None:
+    freeze = FreezeDetector()
+    for number in range(70):
+        image = as_jpeg(with_clock(noisy(scene, number, sigma), number), quality)
+        assert freeze.is_new(frame(number / 30, image), number / 30)
+    frozen = noisy(scene, 69, sigma)
+    for number in range(70, 130):
+        image = as_jpeg(with_clock(frozen, number), quality)
+        assert not freeze.is_new(frame(number / 30, image), number / 30)
+    assert freeze.frozen(5.3) == "the picture has not changed but for a small part for 3.0 s"
+    assert freeze.is_new(frame(5.3, as_jpeg(noisy(scene, 240, sigma), quality)), 5.3)
+
+
+def test_a_camera_whose_noise_comes_and_goes_is_believed_after_one_picture(scene: np.ndarray) -> None:
+    freeze, image = FreezeDetector(), noisy(scene, 0)
+    new = []
+    for number in range(150):
+        # From the hundredth picture on only each tenth is taken anew, as a codec sends it; the rest gets a clock.
+        if number < 100 or number % 10 == 0:
+            image = noisy(scene, number)
+        new.append(freeze.is_new(frame(number / 30, with_clock(image, number)), number / 30))
+    assert all(new[:101])
+    assert not any(new[101:110])
+    assert all(new[110:])

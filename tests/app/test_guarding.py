@@ -8,8 +8,8 @@ from stadimeter.app.guard import PERIOD_S, Guard, make_all_safe, retire_all
 from stadimeter.app.leased_output import BUSY_WAIT_S, FIRST_WAIT_S, MAX_WAIT_S, REST_S, LeasedOutput
 from stadimeter.core.command import LevelCommand
 from stadimeter.errors import LinkLostError
-from stadimeter.testing.manual_clock import ManualClock
-from stadimeter.testing.recording import RecordingActuator
+from stadimeter.testing.rig import ManualClock
+from support.recording_doubles import RecordingActuator
 
 SAFE = LevelCommand(output="motor", level=0.1)
 

@@ -5,17 +5,18 @@ import math
 import os
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.recordings.cycle_json import CycleEncoder
 from stadimeter.app.recordings.journal import JournalWriter, read_journal
-from stadimeter.core.condition import DistanceCondition
+from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import RuleStatus, RuleTrace
 from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.observation import FrameStamp, Observation
@@ -42,7 +43,7 @@ class Recorder(Rehearsal):
 
     def __init__(self, path, plan=PLAN):
         super().__init__(plan)
-        self.journal = JournalWriter(path, "# configuration")
+        self.journal = JournalWriter(path, RecordedConfiguration(text="# configuration"))
 
     def cycle(self, observation):
         decision = super().cycle(observation)
@@ -66,6 +67,14 @@ def test_what_is_read_is_what_was_written_to_the_last_bit(tmp_path):
     journal = read_journal(tmp_path / "run.jsonl")
     assert [(r.observation.now_s, r.decision) for r in records_of(journal)] == recorder.decisions
     assert journal.header.configuration == "# configuration"
+
+
+def test_inhibits_of_older_recordings_are_read_by_their_old_name(tmp_path):
+    path = tmp_path / "run.jsonl"
+    recorder = recorded(path, 5, 0.8)
+    path.write_text(path.read_text().replace('"inhibits":[]', '"gates":["shelved"]'))
+    (*_, last) = records_of(read_journal(path))
+    assert [rule.inhibits for rule in last.decision.rules] == [("shelved",)] * len(recorder.decisions[-1][1].rules)
 
 
 def test_rules_that_did_not_change_are_not_written_again_and_read_all_the_same(tmp_path):
@@ -128,7 +137,7 @@ def test_a_damaged_line_is_named(tmp_path):
     lines = path.read_text().splitlines()
     lines[2] = lines[2].replace('"now_s"', '"never_s"')
     path.write_text("\n".join(lines) + "\n")
-    with pytest.raises(JournalError, match=r"run\.jsonl:3: not a cycle of a recording: observation\.now_s"):
+    with pytest.raises(JournalError, match=r"run\.jsonl:3: not a cycle of a recording: .*`now_s`"):
         replay(read_journal(path), PLAN)
 
 
@@ -143,7 +152,7 @@ def test_a_file_that_is_no_journal_is_refused(tmp_path, content):
 def test_a_journal_of_a_later_format_is_refused(tmp_path):
     path = tmp_path / "run.jsonl"
     path.write_text('{"stadimeter_journal": 99}\n')
-    with pytest.raises(JournalError, match="format 99; this version of stadimeter reads format 1"):
+    with pytest.raises(JournalError, match="format 99; this version of stadimeter reads format 2"):
         read_journal(path)
 
 
@@ -156,11 +165,11 @@ def test_a_missing_journal_or_a_directory_is_refused(tmp_path):
 
 def test_a_journal_that_cannot_be_written_is_refused_at_once(tmp_path):
     with pytest.raises(JournalError, match="No such file or directory"):
-        JournalWriter(tmp_path / "no folder" / "run.jsonl", "")
+        JournalWriter(tmp_path / "no folder" / "run.jsonl", RecordedConfiguration(text=""))
 
 
 def test_a_full_disk_is_told_in_one_line():
-    journal = JournalWriter(Path("/dev/full"), "")
+    journal = JournalWriter(Path("/dev/full"), RecordedConfiguration(text=""))
     with pytest.raises(JournalError, match=r"/dev/full: No space left on device"):
         journal.write(a_record())
 
@@ -171,7 +180,7 @@ def a_record():
 
 
 def written(path):
-    journal = JournalWriter(path, "")
+    journal = JournalWriter(path, RecordedConfiguration(text=""))
     journal.write(a_record())
     journal.close()
     return journal
@@ -185,7 +194,7 @@ def test_an_older_journal_is_kept_under_another_name_from_the_first_cycle_on(tmp
     path = tmp_path / "run.jsonl"
     recorded(path, 5, 4, 3)
     old = path.read_bytes()
-    JournalWriter(path, "").close()
+    JournalWriter(path, RecordedConfiguration(text="")).close()
     assert (names(tmp_path), path.read_bytes()) == (["run.jsonl"], old)
     assert written(path).older_file() == f"{path} held an older journal, which is now {tmp_path / 'run-1.jsonl'}"
     assert len(list(records_of(read_journal(path)))) == 1
@@ -228,7 +237,7 @@ def test_what_a_link_leads_to_is_kept_beside_it_and_the_link_stays(tmp_path):
 def test_two_runs_with_one_name_lose_nothing(tmp_path):
     """The second takes the name, and the first goes on in the file that was renamed under it."""
     path = tmp_path / "run.jsonl"
-    first, second = JournalWriter(path, ""), JournalWriter(path, "")
+    first, second = (JournalWriter(path, RecordedConfiguration(text="")) for _ in range(2))
     for _ in range(3):
         first.write(a_record())
         second.write(a_record())
@@ -253,7 +262,7 @@ def test_only_the_user_can_read_a_new_journal_and_an_older_one_keeps_its_mode(tm
 def test_a_pipe_is_no_journal_and_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(JournalError, match="holds something else than a journal"):
-        JournalWriter(tmp_path / "pipe", "")
+        JournalWriter(tmp_path / "pipe", RecordedConfiguration(text=""))
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write in every folder")
@@ -261,7 +270,7 @@ def test_a_folder_in_which_the_older_one_cannot_be_kept_is_refused_at_once(tmp_p
     written(tmp_path / "run.jsonl")
     tmp_path.chmod(0o500)
     with pytest.raises(JournalError, match="the older journal cannot be kept"):
-        JournalWriter(tmp_path / "run.jsonl", "")
+        JournalWriter(tmp_path / "run.jsonl", RecordedConfiguration(text=""))
     tmp_path.chmod(0o700)
 
 
@@ -269,13 +278,13 @@ def test_a_file_that_is_no_journal_is_not_overwritten(tmp_path):
     path = tmp_path / "configuration.toml"
     path.write_text("[camera]\n")
     with pytest.raises(JournalError, match="holds something else than a journal; choose another file"):
-        JournalWriter(path, "")
+        JournalWriter(path, RecordedConfiguration(text=""))
     assert path.read_text() == "[camera]\n"
 
 
 def test_what_was_rejected_is_in_no_journal(tmp_path):
     looked_at = RejectedCandidate(centre_px=(1.0, 2.0), size_px=3.0, reason="support 0.31, limit 0.60")
-    writer = JournalWriter(tmp_path / "run.jsonl", "")
+    writer = JournalWriter(tmp_path / "run.jsonl", RecordedConfiguration(text=""))
     writer.write(replace(a_record(), rejected={"ball": (looked_at,)}))
     writer.close()
     assert "support" not in (tmp_path / "run.jsonl").read_text()
@@ -287,7 +296,7 @@ def test_a_tilt_is_recorded_and_a_journal_from_before_tilts_were_measured_is_rea
     path = tmp_path / "run.jsonl"
     tilted = replace(measured("ball", 1.0, 2.0), tilt_rad=1 / 3, ambiguity=0.25)
     observation = Observation(now_s=1.0, frame=FrameStamp(sequence=0, captured_at_s=1.0), measurements=(tilted,))
-    writer = JournalWriter(path, "")
+    writer = JournalWriter(path, RecordedConfiguration(text=""))
     writer.write(replace(a_record(), observation=observation))
     writer.close()
     (record,) = records_of(read_journal(path))
@@ -319,6 +328,7 @@ from pathlib import Path
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.recordings.cycle_json import CycleEncoder
 from stadimeter.app.recordings.journal import JournalWriter
+from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 from stadimeter.core.decision import RuleStatus, RuleTrace
 from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.observation import FrameStamp, Observation
@@ -330,7 +340,7 @@ signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (5000, resource.RLIM_INFINITY))
 decision = Rehearsal(Plan(targets=("ball",))).see(2.0)
 record = CycleRecord(observation=Observation(now_s=1.0), decision=decision, applied=(), timings_s={})
-journal = JournalWriter(Path(sys.argv[1]), "")
+journal = JournalWriter(Path(sys.argv[1]), RecordedConfiguration(text=""))
 try:
     while True:
         journal.write(record)

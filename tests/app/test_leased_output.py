@@ -12,9 +12,8 @@ from stadimeter.app.guard import Guard, make_all_safe, retire_all
 from stadimeter.app.leased_output import REST_S, RESTING, LeasedOutput
 from stadimeter.core.command import LevelCommand, TwistCommand
 from stadimeter.errors import DeviceOpenError, LinkLostError
-from stadimeter.testing.eventually import eventually
-from stadimeter.testing.manual_clock import ManualClock
-from stadimeter.testing.recording import RecordingActuator, RecordingBase
+from stadimeter.testing.rig import ManualClock, eventually
+from support.recording_doubles import RecordingActuator, RecordingBase
 
 SAFE = LevelCommand(output="motor", level=0.1)
 

@@ -25,7 +25,7 @@ def test_it_acts_on_fresh_frames_and_stops_at_the_end(rig):
     rig.loop.run(Limits(frames=30))
     assert max(command.level for command in rig.motor.commands) == 1.0
     assert rig.motor.level == 0.0
-    assert rig.loop.health.frames == 30
+    assert rig.loop.history.frames == 30
 
 
 def test_a_camera_that_blocks_puts_the_output_at_its_safe_value_and_the_run_goes_on(rig):
@@ -33,7 +33,7 @@ def test_a_camera_that_blocks_puts_the_output_at_its_safe_value_and_the_run_goes
 
     def listen(record, _frame):
         decisions.append(record.decision)
-        if rig.loop.health.frames == 20:
+        if rig.loop.history.frames == 20:
             rig.camera.blocked.set()
         if rig.camera.blocked.is_set() and record.decision.safety == "stale":
             assert rig.motor.level == 0.0
@@ -71,7 +71,7 @@ def test_a_service_begins_without_its_devices_and_opens_them_when_they_are_there
 
     def listen(record, _frame):
         seen.append({fault.reason for fault in record.observation.output_faults})
-        if rig.loop.health.frames == 1:
+        if rig.loop.history.frames == 1:
             rig.motor.fail_with = None
         if rig.motor.level > 0:
             rig.loop.stop("it acts")
@@ -115,7 +115,7 @@ def test_a_pi_camera_that_hangs_stops_the_output_and_drives_it_again_with_its_se
 
     def listen(record, _frame):
         opened = len(sensor.configurations)
-        if rig.loop.health.frames == 20:
+        if rig.loop.history.frames == 20:
             sensor.is_silent = True
             levels.setdefault("before", rig.motor.level)
         if opened == 1 and record.decision.safety == "stale":
@@ -134,7 +134,7 @@ def test_a_pi_camera_that_hangs_stops_the_output_and_drives_it_again_with_its_se
 
 def test_a_signal_ends_it_with_everything_stopped(rig):
     def listen(_record, _frame):
-        if rig.loop.health.frames == 10:
+        if rig.loop.history.frames == 10:
             os.kill(os.getpid(), signal.SIGTERM)
 
     rig.loop.listeners.append(listen)
@@ -150,14 +150,14 @@ def test_being_asked_to_end_before_anything_is_open_opens_nothing(rig):
     rig.loop.run(Limits(seconds=20))
     assert rig.loop.ending == "SIGTERM"
     assert not rig.motor.commands
-    assert rig.loop.health.cycles == 0
+    assert rig.loop.history.cycles == 0
 
 
 def test_a_camera_that_does_not_let_go_is_left_behind_and_the_output_is_closed(rig, monkeypatch):
     monkeypatch.setattr(ending, "END_WITHIN_S", 1.5)
     let_go = threading.Event()
     rig.camera.close = lambda: let_go.wait(120)
-    rig.loop.listeners.append(lambda *_: rig.loop.stop("SIGTERM") if rig.loop.health.frames == 10 else None)
+    rig.loop.listeners.append(lambda *_: rig.loop.stop("SIGTERM") if rig.loop.history.frames == 10 else None)
     rig.loop.run(Limits(seconds=20))
     assert rig.loop.troubles == ["camera: it did not end in time, and was left behind"]
     assert not rig.motor.is_open
@@ -174,5 +174,5 @@ def test_being_asked_to_end_while_a_device_opens_breaks_that_off(rig):
     with stopping_on_signals(rig.loop.stop):
         rig.loop.run(Limits(seconds=20))
     assert rig.loop.ending == "SIGINT"
-    assert rig.loop.health.frames == 0
+    assert rig.loop.history.frames == 0
     assert not rig.motor.is_open

@@ -3,21 +3,21 @@
 import json
 import math
 import threading
-from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.clock import MonotonicClock, SteppedClock
 from stadimeter.app.live.health import Board, BoardState, LiveHealth
-from stadimeter.app.live.history import DistanceSample, Samples, Seen
+from stadimeter.app.live.history import WINDOW_S, DistanceSample, RunHistory, Seen
 from stadimeter.app.live.pictures import SHOWN_MAX_PX, Pictures, drawn
 from stadimeter.app.live.snapshot import LiveFeed, why
 from stadimeter.app.live.snapshot_json import REASONS_AT_ONCE, ReasonsInTurn, outline_of, samples_json, shared_json
-from stadimeter.app.live.watching import live_feed
 from stadimeter.app.loop import Limits, Loop
+from stadimeter.app.watching import live_feed
 from stadimeter.core.decision import RuleStatus, RuleTrace
 from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
 from stadimeter.core.frame import Frame
@@ -120,7 +120,7 @@ def test_what_is_no_number_is_null():
         rejected=(RejectedCandidate(centre_px=(1.0, math.nan), size_px=math.inf, reason="too large"),),
     )
     track = tracked(distance_m=math.nan, sigma_m=math.inf, bearing_rad=-math.inf)
-    feed(replace(cycle_record(1.0, tracks=(track,)), detections=(broken,)), None)
+    feed.history.add(replace(cycle_record(1.0, tracks=(track,)), detections=(broken,)), None)
     (target,) = as_data(feed)["targets"]
     assert (target["distance_m"], target["sigma_m"], target["bearing_rad"]) == (None, None, None)
     assert target["detection"]["centre_px"] == [None, None]
@@ -141,32 +141,31 @@ def test_the_outline_of_a_sheet_is_its_corners_in_order_and_that_of_a_ball_goes_
 
 
 def test_distances_are_a_list_of_time_distance_and_deviation_with_null_for_a_gap():
-    samples = Samples()
-    for number in range(250):
-        samples.append(DistanceSample(at_s=number / 10, distance_m=None if number == 3 else 2.0, sigma_m=0.01))
-    told = json.loads(samples_json({"ball": samples, "none": Samples()}))
+    samples = [
+        DistanceSample(at_s=number / 10, distance_m=None if number == 3 else 2.0, sigma_m=0.01) for number in range(250)
+    ]
+    told = json.loads(samples_json({"ball": samples, "none": ()}))
     assert len(told["ball"]) == 250
     assert told["ball"][2:4] == [[0.2, 2.0, 0.01], [0.3, None, 0.01]]
     assert told["none"] == []
 
 
 def test_distances_are_whole_whenever_another_thread_looks():
-    samples, ended = Samples(), threading.Event()
+    history, ended = RunHistory(), threading.Event()
 
     def add():
         number = 0
         while not ended.is_set():
-            samples.append(DistanceSample(at_s=float(number), distance_m=float(number), sigma_m=0.0))
-            samples.forget_before(number - 50.0)
+            history.add(cycle_record(float(number), tracks=(tracked(distance_m=float(number)),)))
             number += 1
 
     thread = threading.Thread(target=add)
     thread.start()
     try:
         for _ in range(2000):
-            seen = samples.after(-1.0)
-            assert all(sample.at_s == sample.distance_m for sample in (*seen,)[:3])
-            assert len(seen) <= 52
+            seen = history.samples_after(-1.0).get("ball", ())
+            assert all(sample.at_s == sample.distance_m for sample in seen[:3])
+            assert len(seen) <= WINDOW_S + 2
     finally:
         ended.set()
         thread.join()
@@ -277,7 +276,7 @@ def test_a_picture_that_is_old_a_disk_that_is_full_and_a_broker_that_is_away_are
 def test_frames_that_no_cycle_took_are_counted():
     feed = LiveFeed(SteppedClock())
     for sequence in (0, 1, 4, 5, 9):
-        feed(cycle_record(sequence / 100 + 0.001), None)
+        feed.history.add(cycle_record(sequence / 100 + 0.001), None)
     assert feed.snapshot().health.dropped_frames == 5
     assert words_of(feed.snapshot().health)["dropped frames"][0] == "5 since the start"
 
@@ -296,10 +295,10 @@ def test_a_run_that_falls_behind_its_speed_is_not_well_whatever_rate_its_own_clo
     clock, real_s_each, pace, rate_hz
 ):
     real_s = [100.0]
-    feed = LiveFeed(clock, real_time_s=lambda: real_s[0])
+    feed = LiveFeed(clock, RunHistory(real_time_s=lambda: real_s[0]))
     for number in range(90):
         frame = Frame(np.zeros((2, 2, 3), np.uint8), number / 30, number)
-        feed(
+        feed.history.add(
             cycle_record(
                 number / 30,
             ),

@@ -14,7 +14,7 @@ from stadimeter.app.loop import Limits, Loop
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.outputs import safe_command
 from stadimeter.errors import CalibrationError, DeviceOpenError, DriverError, JournalError
-from stadimeter.testing.recording import RecordingActuator, RecordingBase, RecordingMessenger
+from support.recording_doubles import RecordingActuator, RecordingBase, RecordingMessenger
 from support.simulated_run import SIMULATED_BALL
 
 CONFIGURATION = (
@@ -162,7 +162,7 @@ def test_a_stop_that_fails_is_told_and_the_others_stop_all_the_same(rig):
 
 def test_the_number_of_frames_can_be_limited(rig):
     rig.loop.run(Limits(frames=7))
-    assert rig.loop.health.frames == 7
+    assert rig.loop.history.frames == 7
 
 
 SCRIPT = """

@@ -10,20 +10,20 @@ import pytest
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.deliveries import NOTHING, Notifying
+from stadimeter.app.deliveries import outgoing
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.config.loader import load_configuration
-from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import Decision, Event, EventKind, Notice, SafetyMode, Severity
 from stadimeter.core.frame import Frame
 from stadimeter.core.message import Message
 from stadimeter.core.notification import Notification
-from stadimeter.core.rule import AlarmRule, EscalationStep, FollowRule, Send, Template
+from stadimeter.core.rule import AlarmRule, EscalationStep, Send, Template
 from stadimeter.core.track import Track, TrackStatus
 from stadimeter.errors import DriverError
 from stadimeter.messaging.apprise_notifier import AppriseNotifier, AppriseOptions
 from stadimeter.messaging.back_off import Patience
-from stadimeter.testing.eventually import eventually
+from stadimeter.testing.rig import eventually
 from support.simulated_run import SIMULATED_BALL
 from support.webhook_listener import HOST, WebhookListener
 
@@ -61,8 +61,9 @@ def to_phone(text: str, title: str = "") -> Send:
 
 
 def sent(rule: AlarmRule, made: Decision) -> tuple[tuple[Message, ...], tuple[tuple[str, Notification], ...]]:
-    outgoing = Notifying([rule]).outgoing(made, lambda: TIME)
-    return outgoing.messages, outgoing.notifications
+    items = [*outgoing(made, [rule], lambda: TIME)]
+    messages = tuple(item for _, item in items if isinstance(item, Message))
+    return messages, tuple((name, item) for name, item in items if isinstance(item, Notification))
 
 
 def test_a_notification_tells_of_the_rules_own_target() -> None:
@@ -85,7 +86,7 @@ def test_what_several_rules_send_keeps_its_order() -> None:
 
 
 def test_without_anything_to_send_nobody_is_asked_for_the_time() -> None:
-    assert Notifying([alarm()]).outgoing(decision(), lambda: pytest.fail("the time")) is NOTHING
+    assert [*outgoing(decision(), [alarm()], lambda: pytest.fail("the time"))] == []
 
 
 def test_a_title_is_one_short_line_and_a_text_is_never_empty() -> None:
@@ -99,12 +100,6 @@ def test_a_title_is_one_short_line_and_a_text_is_never_empty() -> None:
 def test_without_a_title_it_is_the_rules_name() -> None:
     _, ((_, note),) = sent(alarm(to_phone("x")), decision(0))
     assert note.title == "near"
-
-
-def test_other_rules_can_be_taken_over_while_running() -> None:
-    notifying = Notifying([FollowRule(name="follow", target="ball", distance_m=1.0)])
-    notifying.take([alarm(to_phone("new"))])
-    assert notifying.outgoing(decision(0), lambda: TIME).notifications[0][1].body == "new"
 
 
 RUN = (
@@ -155,13 +150,13 @@ def test_a_run_tells_people_and_programs_when_it_is_due(tmp_path: Path) -> None:
     loop = run(tmp_path)
     loop.run(Limits(seconds=8))
     phone = loop.parts.notifiers["phone"]
-    told = [(each.notification.title, each.notification.body) for each in phone.sent]  # type: ignore[attr-defined]
+    told = [(each.item.title, each.item.body) for each in phone.sent]  # type: ignore[attr-defined]
     assert [title for title, _ in told] == ["near raised", "near: cleared"]
     assert told[0][1].endswith(" ft away")
     assert told[1][1] == "gone"
     messenger = loop.parts.messenger
-    alerts = [each for each in messenger.sent if each.message.topic == "door/alert"]  # type: ignore[union-attr]
-    assert [each.message.payload for each in alerts] == ['{"distance":0.7}']
+    alerts = [each for each in messenger.sent if each.item.topic == "door/alert"]  # type: ignore[union-attr]
+    assert [each.item.payload for each in alerts] == ['{"distance":0.7}']
     assert alerts[0].at_s - phone.sent[0].at_s == pytest.approx(1.0, abs=0.05)  # type: ignore[attr-defined]
     assert "door/alert" in [message.topic for _, message in loop.published]
     assert not loop.troubles
@@ -171,7 +166,7 @@ def test_a_notifier_that_cannot_work_is_told_before_anything_moves(tmp_path: Pat
     loop = run(tmp_path, "apprise", 'url_file = "nowhere.txt"')
     with pytest.raises(DriverError, match=r"phone: the file with its address, .*nowhere.txt, cannot be read"):
         loop.run(Limits(seconds=1))
-    assert loop.health.frames == 0
+    assert loop.history.frames == 0
 
 
 @pytest.fixture

@@ -12,12 +12,12 @@ from stadimeter.app.control import recording
 from stadimeter.app.control.messages import Reply, parse_request
 from stadimeter.app.control.recording import Bounds, RecordingOnRequest, recordings_folder
 from stadimeter.app.control.socket_server import Asked
-from stadimeter.app.live.watching import attend_to_requests
 from stadimeter.app.loop import Limits, Loop
+from stadimeter.app.watching import attend_to_requests
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.errors import DriverError
-from stadimeter.testing.eventually import eventually
+from stadimeter.testing.rig import eventually
 from stadimeter.workbench.replay.replay import read_recording, replay_run
 from support.simulated_run import SIMULATED_BALL
 
@@ -276,14 +276,14 @@ class TestRecording:
 
 class TestContinuing:
     def test_any_moment_of_a_run_goes_on_to_the_same_decisions(self, room):
-        from stadimeter.app.persistence.resumption import continuation_text, read_resumption
+        from stadimeter.app.persistence.resumption import read_state, state_text
 
         states = []
         room.loop.listeners.append(lambda *_: states.append(room.loop.state))
         room.run()
         plan = room.loop.parts.configuration.plan
         for begin in range(0, 120, 7):
-            state = read_resumption(continuation_text(states[begin])).of(initial_state(plan))
+            state = read_state(state_text(states[begin]), initial_state(plan))
             for record in room.records[begin + 1 : begin + 40]:
                 state, decision = decide(state, record.observation)
                 assert decision == record.decision

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.testing.eventually import eventually
+from stadimeter.testing.rig import eventually
 from support.processes import is_suspended
 from support.simulated_run import SIMULATED_BALL
 
@@ -80,15 +80,12 @@ def lamp(tmp_path: Path) -> Iterator[Lamp]:
         lamp.program.wait()
 
 
-def test_a_pin_keeps_its_level_when_the_program_is_killed(lamp: Lamp) -> None:
-    lamp.program.kill()
-    lamp.program.wait()
-    assert lamp.is_on
-
-
-def test_a_pin_keeps_its_level_while_the_program_is_stopped(lamp: Lamp) -> None:
+def test_a_pin_keeps_its_level_while_the_program_is_stopped_and_when_it_is_killed(lamp: Lamp) -> None:
     lamp.program.send_signal(signal.SIGSTOP)
     time.sleep(0.5)  # longer than the lease: what is not running ends no lease
+    assert lamp.is_on
+    lamp.program.kill()
+    lamp.program.wait()
     assert lamp.is_on
 
 

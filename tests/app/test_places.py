@@ -10,9 +10,9 @@ import pytest
 
 from stadimeter.app.control import client, places
 from stadimeter.app.control.client import ask, find
-from stadimeter.app.control.places import is_alive, running, runtime_folder, socket_path, usable_folder
+from stadimeter.app.control.places import is_alive, make_folder, running, runtime_folder, socket_path
 from stadimeter.app.control.socket_server import ControlSocket
-from stadimeter.app.persistence.state_file import state_file
+from stadimeter.app.persistence.state_writer import state_file
 from stadimeter.errors import ControlError
 
 CONFIG = Path("/etc/stadimeter/appliance.toml")
@@ -47,28 +47,28 @@ def test_root_listens_where_only_root_can_make_a_folder(monkeypatch, tmp_path):
 
 
 def test_a_folder_for_sockets_is_ours_alone(tmp_path):
-    folder = usable_folder(tmp_path / "new")
+    folder = make_folder(tmp_path / "new")
     assert folder.stat().st_mode & 0o777 == 0o700
-    assert usable_folder(folder) == folder
+    assert make_folder(folder) == folder
 
 
 def test_a_folder_that_others_may_write_into_is_refused(tmp_path):
     tmp_path.chmod(0o777)
     with pytest.raises(ControlError, match="others may write there"):
-        usable_folder(tmp_path)
+        make_folder(tmp_path)
 
 
 def test_a_link_in_place_of_the_folder_is_refused(tmp_path):
     (tmp_path / "real").mkdir()
     (tmp_path / "link").symlink_to(tmp_path / "real")
     with pytest.raises(ControlError, match="cannot be used for a socket"):
-        usable_folder(tmp_path / "link")
+        make_folder(tmp_path / "link")
 
 
 def test_a_file_in_place_of_the_folder_is_refused(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(ControlError, match="cannot be used for a socket"):
-        usable_folder(tmp_path / "file")
+        make_folder(tmp_path / "file")
 
 
 def test_a_path_that_the_kernel_does_not_take_is_refused(tmp_path):
@@ -195,7 +195,7 @@ def test_a_folder_of_another_user_is_left_out_by_both_sides_and_said_so(instance
     with pytest.raises(ControlError, match=rf"no instance of stadimeter is running.*; {folder} .*to another user"):
         find()
     with pytest.raises(ControlError, match="belongs to another user"):
-        usable_folder(folder)
+        make_folder(folder)
     with pytest.raises(ControlError, match="belongs to another user"):
         ControlSocket(folder / "door.sock", dict).open()
 

@@ -9,6 +9,7 @@ import pytest
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.ending import Deadline
 from stadimeter.app.recordings import recorder as recorder_module
+from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 from stadimeter.app.recordings.recorder import Recorder
 from stadimeter.core.frame import Frame
 from stadimeter.core.observation import Observation
@@ -108,9 +109,9 @@ def test_what_waits_is_written_before_the_end():
     recorder = Recorder(gate, is_live=False)
     for _ in range(5):
         recorder(RECORD, FRAME)
-    recorder.note_reload(1.0, "# another")
+    recorder.note_reload(1.0, RecordedConfiguration(text="# another"))
     recorder(RECORD, None)
     recorder.close()
     recorder.close()
-    assert gate.written == [(RECORD, FRAME)] * 5 + ["# another", (RECORD, None)]
+    assert gate.written == [(RECORD, FRAME)] * 5 + [RecordedConfiguration(text="# another"), (RECORD, None)]
     assert recorder.trouble() == ""

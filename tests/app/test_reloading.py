@@ -9,8 +9,8 @@ from stadimeter.app.control.requests import Control
 from stadimeter.app.control.socket_server import Asked
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.config.loader import load_configuration
-from stadimeter.testing.eventually import eventually
-from stadimeter.testing.recording import RecordingMessenger
+from stadimeter.testing.rig import eventually
+from support.recording_doubles import RecordingMessenger
 from support.simulated_run import SIMULATED_BALL
 
 NEAR = """

@@ -4,7 +4,6 @@ import json
 import math
 import re
 from collections.abc import Iterable
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -12,9 +11,10 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from stadimeter.app.reporting import Reporter
-from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import Decision, Event, EventKind, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.message import Message
 from stadimeter.core.rule import AlarmRule, EscalationStep, Rule, Send, Template
@@ -262,11 +262,18 @@ def test_every_kind_of_event_is_told(kind: EventKind) -> None:
     (message,) = Listener().decided(decision(events=[happened(kind, source="it")]))
     payload = json.loads(message.payload)
     of_outputs = {EventKind.FAULT, EventKind.FAULT_CLEARED, EventKind.STOPPED, EventKind.RELEASED}
+    of_outputs |= {EventKind.ARMED, EventKind.DISARMED}
     of_rule = kind not in of_outputs | {EventKind.TARGET_SEEN, EventKind.TARGET_LOST}
     assert message.topic == ("event/alarm" if of_rule else "event/system")
     assert payload["event_type"] == kind.value
     assert payload["rule" if of_rule else "source"] == "it"
     assert (message.qos, message.retain) == (1, False)
+
+
+def test_a_refusal_to_arm_is_about_all_outputs() -> None:
+    (message,) = Listener().decided(decision(events=[happened(EventKind.REFUSED, source="outputs")]))
+    assert message.topic == "event/system"
+    assert json.loads(message.payload)["source"] == "outputs"
 
 
 def test_a_rule_is_told_when_it_changes_and_not_when_only_its_figures_do() -> None:
@@ -287,7 +294,7 @@ def test_a_rule_is_told_when_it_changes_and_not_when_only_its_figures_do() -> No
         "acknowledged": True,
         "latched": False,
         "first_out": False,
-        "gates": [],
+        "inhibits": [],
         "chattering": False,
         "data_lost": False,
         "since": LATER,
@@ -327,7 +334,7 @@ def test_an_alarm_that_lost_its_target_stands_and_says_that_it_is_blind() -> Non
     "change",
     [
         {"acknowledged": False},
-        {"gates": ("shelved",)},
+        {"inhibits": ("shelved",)},
         {"first_out": True},
         {"chattering": True},
         {"status": RuleStatus.LATCHED},
@@ -339,7 +346,7 @@ def test_what_somebody_may_have_to_act_on_is_told_at_once(change: dict[str, Any]
     listener.decided(decision(rules=[trace], events=[happened(EventKind.RAISED)]))
     assert len(listener.decided(decision(rules=[replace(trace, **change)]))) == 1
     (key,) = change
-    expected = {"status": "latched"}.get(key, list(change[key]) if key == "gates" else change[key])
+    expected = {"status": "latched"}.get(key, list(change[key]) if key == "inhibits" else change[key])
     assert listener.payloads[-1][key] == expected
     assert listener.payloads[-1]["active"] is True
 

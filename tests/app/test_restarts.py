@@ -1,4 +1,4 @@
-"""A run that begins anew in its process: as a program, with a page beside it, seen by systemd and by its clients."""
+"""A run that begins anew in its process: as a program, seen by systemd and by its clients."""
 
 import os
 import signal
@@ -7,19 +7,16 @@ import subprocess
 import sys
 import threading
 from contextlib import suppress
-from importlib.util import find_spec
-from pathlib import Path
 
 import pytest
 
 from stadimeter.app.control.client import ask
 from stadimeter.app.control.messages import NoArgs
-from stadimeter.app.control.restarting import Restarter, built
+from stadimeter.app.control.reloading import Restarter, build_parts
 from stadimeter.app.loop import Services
-from stadimeter.app.page_process import PageProcess
 from stadimeter.errors import ControlError
-from stadimeter.testing.eventually import eventually
-from support.processes import children, is_running
+from stadimeter.testing.rig import eventually
+from support.processes import children
 from support.simulated_run import SIMULATED_BALL
 
 ROOM = (
@@ -34,12 +31,6 @@ path = [{ at = "0 s", x = "2 m", y = "0 m" }]
 loop = false
 """
 )
-
-
-def free_port():
-    with socket.socket() as trial:
-        trial.bind(("127.0.0.1", 0))
-        return trial.getsockname()[1]
 
 
 class Program:
@@ -129,53 +120,11 @@ def test_nothing_ends_if_the_file_is_wrong_and_the_answer_names_each_problem(pro
     assert ask(run.socket, "restart", wait_s=20) == {"words": "restarting"}
 
 
-@pytest.mark.skipif(not (find_spec("uvicorn") and find_spec("starlette")), reason="the extra web is not installed")
-def test_a_page_lives_through_a_restart_and_ends_with_the_run(program):
-    port = free_port()
-    run = program(f'{ROOM}\n[web]\nport = {port}\nhost = "127.0.0.1"\n')
-
-    def is_served():
-        with socket.socket() as browser:
-            return browser.connect_ex(("127.0.0.1", port)) == 0
-
-    assert eventually(lambda: f"The page: http://127.0.0.1:{port}/" in run.said())
-    assert is_served()
-    (page,) = children(run.process.pid)
-    run.heard.clear()
-    ask(run.socket, "restart", wait_s=20)
-    assert eventually(lambda: "READY=1" in run.heard), run.said()
-    assert children(run.process.pid) == [page]
-    assert run.end() == 0
-    assert eventually(lambda: not is_served())
-    assert eventually(lambda: not is_running(page))
-
-
-@pytest.mark.skipif(not (find_spec("uvicorn") and find_spec("starlette")), reason="the extra web is not installed")
-def test_a_page_ends_with_a_run_that_is_killed_also_after_a_restart_and_frees_its_port(program):
-    port = free_port()
-    run = program(f'{ROOM}\n[web]\nport = {port}\nhost = "127.0.0.1"\n')
-    assert eventually(lambda: "The page: " in run.said())
-    (page,) = children(run.process.pid)
-    run.heard.clear()
-    ask(run.socket, "restart", wait_s=20)
-    assert eventually(lambda: "READY=1" in run.heard), run.said()
-    assert children(run.process.pid) == [page]
-    run.process.kill()
-    run.process.wait()
-    assert eventually(lambda: not is_running(page))
-    socket.create_server(("127.0.0.1", port)).close()
-
-
-@pytest.mark.skipif(not (find_spec("uvicorn") and find_spec("starlette")), reason="the extra web is not installed")
-def test_a_page_ends_with_a_restart_after_which_the_configuration_has_none(program):
-    run = program(f'{ROOM}\n[web]\nport = {free_port()}\nhost = "127.0.0.1"\n')
-    assert eventually(lambda: "The page: " in run.said())
-    (page,) = children(run.process.pid)
-    run.configuration.write_text(ROOM)
-    run.heard.clear()
-    ask(run.socket, "restart", wait_s=20)
-    assert eventually(lambda: "READY=1" in run.heard), run.said()
-    assert eventually(lambda: not is_running(page))
+def test_a_run_says_how_to_open_its_page_and_starts_none(program):
+    run = program(f"{ROOM}\n[web]\n")
+    assert "the page: sudo systemctl enable --now stadimeter-web" in run.said()
+    assert children(run.process.pid) == []
+    run.end()
 
 
 def test_a_run_whose_end_is_asked_for_while_a_restart_is_checked_begins_anew_no_more():
@@ -195,67 +144,7 @@ def test_the_problems_of_a_file_go_with_the_answer(tmp_path):
     path = tmp_path / "room.toml"
     path.write_text(ROOM.replace('actuator = "motor"', 'actuator = "rotor"'))
     answers = []
-    Restarter(lambda: built(path)).act(NoArgs(), answers.append)
+    Restarter(lambda: build_parts(path)).act(NoArgs(), answers.append)
     assert eventually(lambda: answers)
     assert [problem.line for problem in answers[0].problems] == [ROOM.split("rules.far")[0].count("\n") + 2]
     assert b'"problems":[{"message":' in answers[0].line(None)
-
-
-class TestPageProcess:
-    """A page that is any program: what is said of it, and how it ends."""
-
-    def page(self, code, told):
-        return PageProcess([sys.executable, "-c", code], told.append)
-
-    def test_where_it_is_is_told_and_what_else_it_says_is_not(self):
-        told = []
-        page = self.page("import time; print('The page: http://x/'); print('more'); time.sleep(60)", told)
-        page.start()
-        assert eventually(lambda: told == ["The page: http://x/"])
-        page.end()
-        assert told == ["The page: http://x/"]
-        assert not page._pid
-
-    def test_one_that_dies_is_started_again_and_the_same_trouble_is_told_once(self, monkeypatch):
-        monkeypatch.setattr("stadimeter.app.page_process.FIRST_WAIT_S", 0.01)
-        told, begun = [], []
-        from stadimeter.app import page_process
-
-        spawn = page_process._begun
-        monkeypatch.setattr(page_process, "_begun", lambda command: begun.append(1) or spawn(command))
-        page = self.page("import sys; sys.exit('error: the port is taken')", told)
-        page.start()
-        assert eventually(lambda: len(begun) >= 3)
-        page.end()
-        assert told == ["warning: the page has ended and is started again: the port is taken"]
-
-    def test_one_that_cannot_be_started_is_tried_again(self, monkeypatch):
-        monkeypatch.setattr("stadimeter.app.page_process.FIRST_WAIT_S", 0.01)
-        told = []
-        page = self.page("print('The page: http://x/'); input()", told)
-        page._command[0], python = "/no/such/python", page._command[0]
-        page.start()
-        assert eventually(lambda: told)
-        assert told[0].endswith("started again: it cannot be started: No such file or directory")
-        page._command[0] = python
-        assert eventually(lambda: "The page: http://x/" in told)
-        page.end()
-
-    def test_one_that_does_not_heed_the_end_is_killed(self):
-        told = []
-        code = "import signal, time; signal.signal(15, signal.SIG_IGN); print('The page: x'); time.sleep(60)"
-        page = self.page(code, told)
-        page.start()
-        assert eventually(lambda: told)
-        pid = page._pid
-        page.end()
-        assert not Path(f"/proc/{pid}").exists()
-
-    def test_it_is_told_nothing_that_is_meant_for_the_run_and_knows_where_it_is(self, monkeypatch):
-        monkeypatch.setenv("NOTIFY_SOCKET", "/run/systemd/notify")
-        told = []
-        page = self.page("import os; print('The page:', os.environ.get('NOTIFY_SOCKET')); input()", told)
-        page.start()
-        assert eventually(lambda: told)
-        page.end()
-        assert told[0] == "The page: None"

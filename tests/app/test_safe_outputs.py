@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.app.safe_outputs import safe_outputs_path, write_safe_outputs
+from stadimeter.app.service import safe_lines, safe_outputs_path, without_stop_from_outside, write_safe_outputs
 from stadimeter.bases.ros_arduino_base import RosArduinoOptions
 from stadimeter.config.loader import Configuration, load_configuration
-from stadimeter.config.plugins import SerialStop
+from stadimeter.config.plugins import DriverChoice, DriverOptions, I2cStop, SerialStop
 from support.simulated_run import SIMULATED_BALL
 
 BASE = """
@@ -82,18 +82,29 @@ def test_a_port_that_would_be_another_line_or_no_device_is_left_out_and_said(
     tmp_path: Path, file: Path, port: str
 ) -> None:
     found = loaded(tmp_path, BASE.format(port=port.replace("\n", "\\n")))
-    assert [words.split(":")[0] for words in write_safe_outputs(found, file)] == ["base"]
+    assert write_safe_outputs(found, file) == []
+    assert [words.split(":")[0] for words in without_stop_from_outside(found)] == ["base"]
     assert file.read_text() == ""
 
 
 def test_a_base_whose_driver_does_not_say_how_it_stops_is_told_of(
-    tmp_path: Path, file: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found = loaded(tmp_path, BASE.format(port="/dev/robot-base"))
     assert found.base is not None
     for stop in (None, SerialStop(port="/dev/robot-base", baud=9600, frame=b"")):
         monkeypatch.setattr(RosArduinoOptions, "serial_stop", lambda _options, stop=stop: stop)
-        assert write_safe_outputs(found, file)[0].startswith("base: nothing but itself stops it")
+        assert without_stop_from_outside(found)[0].startswith("base: nothing but itself stops it")
+
+
+class OverI2c(DriverOptions):
+    def i2c_stop(self) -> I2cStop:
+        return I2cStop(bus=1, address=0x40, writes=(b"\xfd\x10", b"\x00\x11"))
+
+
+def test_an_output_on_an_i2c_bus_has_the_writes_that_stop_it() -> None:
+    choice = DriverChoice(name="base", driver="over-i2c", options=OverI2c())
+    assert list(safe_lines(choice)) == ["i2c 1 0x40 fd10,0011"]
 
 
 def test_a_list_that_cannot_be_written_is_told_of_and_the_run_goes_on(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from stadimeter.app.service import (
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CaptureTimeoutError
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.rig import ManualClock
 from support.simulated_run import SIMULATED_BALL
 
 
@@ -99,7 +99,7 @@ def test_it_is_ready_with_the_first_cycle_and_not_before(
     rig = Rig(system, seen, watchdog_s=2.0)
     assert system.heard() == []
     rig.run(0.05)
-    assert system.heard() == ["READY=1", "WATCHDOG=1", "STATUS=ball 2.00 m"]
+    assert system.heard() == ["READY=1", "WATCHDOG_USEC=2000000", "WATCHDOG=1", "STATUS=ball 2.00 m"]
     rig.run(0.05)
     assert system.heard() == []
 

@@ -6,11 +6,11 @@ from functools import partial
 import pytest
 
 from stadimeter.app.bootstrap import build
+from stadimeter.app.clock import TimeOfDay
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.persistence.alarm_store import AlarmStore
 from stadimeter.app.persistence.resumption import moment
 from stadimeter.app.persistence.state_writer import StateWriter
-from stadimeter.app.wall_time import TimeOfDay
 from stadimeter.config.loader import load_configuration
 from support.simulated_run import SIMULATED_BALL
 

@@ -7,8 +7,8 @@ from stadimeter.app.guard import Guard, StallWatch
 from stadimeter.app.leased_output import LeasedOutput
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.command import LevelCommand
-from stadimeter.testing.manual_clock import ManualClock
-from stadimeter.testing.recording import RecordingActuator
+from stadimeter.testing.rig import ManualClock
+from support.recording_doubles import RecordingActuator
 from support.simulated_run import SIMULATED_BALL
 
 BASE = """

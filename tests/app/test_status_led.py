@@ -18,7 +18,7 @@ from stadimeter.config.plugins import ACTUATORS, DriverContext, load_driver
 from stadimeter.core.decision import Decision, RuleStatus, RuleTrace, SafetyMode
 from stadimeter.core.observation import Observation, OutputFault
 from stadimeter.core.track import Track, TrackStatus
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.rig import ManualClock
 from stadimeter.testing.wires import WatchedPins
 from support.simulated_run import SIMULATED_BALL
 
@@ -37,7 +37,7 @@ def cycle(now_s: float = 0.0, /, **known: object) -> CycleRecord:
 
 BALL = (Track(target="ball", status=TrackStatus.TRACKING),)
 WAITS = RuleTrace(rule="near", status=RuleStatus.RETURNED, acknowledged=False)
-SHELVED = RuleTrace(rule="near", status=RuleStatus.ACTIVE, acknowledged=False, gates=("shelved",))
+SHELVED = RuleTrace(rule="near", status=RuleStatus.ACTIVE, acknowledged=False, inhibits=("shelved",))
 GONE = {"safety": SafetyMode.STALE, "camera_fault": "unplugged", "safety_reason": "300 ms old: unplugged"}
 BROKEN = (OutputFault(output="motor", reason="unplugged"),)
 

@@ -13,12 +13,12 @@ from stadimeter.app.clock import MonotonicClock
 from stadimeter.app.control.socket_server import CONNECTIONS_MAX, ControlSocket
 from stadimeter.app.live.history import EVENTS_MAX
 from stadimeter.app.live.snapshot import LiveFeed
-from stadimeter.app.live.subscriptions import SUBSCRIPTIONS_MAX, Subscriptions
 from stadimeter.app.loop import Limits
+from stadimeter.app.watching import SUBSCRIPTIONS_MAX, Subscriptions
 from stadimeter.core.decision import Event, EventKind, Severity
 from stadimeter.core.frame import Frame
 from stadimeter.core.observation import FrameStamp
-from stadimeter.testing.eventually import eventually
+from stadimeter.testing.rig import eventually
 from support.cycle_records import cycle_record
 from support.live_rig import Rig
 
@@ -67,7 +67,7 @@ class Watched:
         image = np.full((48, 64, 3), self.count % 200, np.uint8) if self.image is None else self.image
         now_s = self.clock.now_s()
         stamp = FrameStamp(sequence=self.count, captured_at_s=now_s)
-        self.feed(
+        self.feed.history.add(
             cycle_record(now_s, frame=stamp, **changes), Frame(image=image, captured_at_s=now_s, sequence=self.count)
         )
 
@@ -121,8 +121,7 @@ def event(number):
 
 def test_a_picture_comes_with_what_was_found_in_exactly_this_frame(tmp_path):
     rig = Rig(tmp_path)  # the grey of its pictures counts them
-    control = ControlSocket(tmp_path / "run.sock", dict, watched=Subscriptions(feed := LiveFeed(rig.clock)))
-    rig.loop.listeners.append(feed)
+    control = ControlSocket(tmp_path / "run.sock", dict, watched=Subscriptions(LiveFeed(rig.clock, rig.loop.history)))
     control.open()
     thread = threading.Thread(target=rig.loop.run, args=(Limits(seconds=30),))
     thread.start()
@@ -160,7 +159,7 @@ def test_without_a_new_frame_the_snapshot_goes_on_and_the_picture_does_not(watch
     watched.cycle()
     client = watched.connect(image="plain")
     assert client.answer()["attached"]
-    watched.feed(cycle_record(watched.clock.now_s(), frame=None), None)
+    watched.feed.history.add(cycle_record(watched.clock.now_s(), frame=None), None)
     later = client.answer()
     assert later["attached"] == b""
     assert later["data"]["frame"]["sequence"] == 1
@@ -246,8 +245,8 @@ def test_a_lower_rate_gets_fewer_snapshots(watched):
 def test_a_frame_is_looked_for_when_the_loop_is_expected_to_be_done_with_it(watched):
     for number in range(20):
         stamp = FrameStamp(sequence=number, captured_at_s=number * 0.04)
-        watched.feed(cycle_record(number * 0.04, frame=stamp), None)
-    watched.feed.frame_at_s = 100.0
+        watched.feed.history.add(cycle_record(number * 0.04, frame=stamp), None)
+    watched.feed.history.frame_at_s = 100.0
     assert watched.subscriptions._after_frame_s(100.085) == pytest.approx(100.12, abs=0.003)
     assert watched.subscriptions._after_frame_s(99.0) == pytest.approx(100.0, abs=0.003)
 

@@ -4,9 +4,11 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from stadimeter.app import wall_time
-from stadimeter.app.wall_time import TimeOfDay, goes_by_the_clock, is_synchronised
-from stadimeter.core.condition import AllOf, DistanceCondition, Not, ScheduleCondition
+from stadimeter.app import clock as clocks
+from stadimeter.app.clock import TimeOfDay, is_synchronised
+from stadimeter.core.conditions.compounds import AllOf, Not
+from stadimeter.core.conditions.discrete import ScheduleCondition
+from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.observation import WallTime
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule
@@ -71,7 +73,7 @@ def test_in_a_simulation_the_day_goes_on_with_the_run_and_not_with_the_computer(
 
 
 def test_the_file_of_the_time_service_vouches_for_the_clock(tmp_path, monkeypatch):
-    monkeypatch.setattr(wall_time, "_kernel_error_us", lambda: float("inf"))
+    monkeypatch.setattr(clocks, "_kernel_error_us", lambda: float("inf"))
     assert not is_synchronised(tmp_path / "synchronized")
     (tmp_path / "synchronized").touch()
     assert is_synchronised(tmp_path / "synchronized")
@@ -79,12 +81,12 @@ def test_the_file_of_the_time_service_vouches_for_the_clock(tmp_path, monkeypatc
 
 @pytest.mark.parametrize(("error_us", "right"), [(2_000, True), (16_000_000, False), (float("inf"), False)])
 def test_so_does_a_kernel_that_knows_its_clock_to_be_right(tmp_path, monkeypatch, error_us, right):
-    monkeypatch.setattr(wall_time, "_kernel_error_us", lambda: error_us)
+    monkeypatch.setattr(clocks, "_kernel_error_us", lambda: error_us)
     assert is_synchronised(tmp_path / "none") is right
 
 
 def test_the_kernel_is_asked_without_a_fault_on_this_machine():
-    assert wall_time._kernel_error_us() >= 0
+    assert clocks._kernel_error_us() >= 0
 
 
 NEAR = DistanceCondition(below_m=1.0)
@@ -102,4 +104,4 @@ AT_NIGHT = ScheduleCondition(from_s=22 * 3600, to_s=6 * 3600)
 )
 def test_only_a_plan_with_a_schedule_asks_for_the_time(how, asks):
     rule = AlarmRule(name="near", target="ball", **how)
-    assert goes_by_the_clock(Plan(targets=("ball",), rules=(rule,))) is asks
+    assert Plan(targets=("ball",), rules=(rule,)).needs_wall_time is asks

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from stadimeter.bases.ros_arduino_base import LOOK_S, Acknowledgements
+from stadimeter.bases.acknowledgements import LOOK_S, Acknowledgements
 
 
 def test_a_stop_is_overdue_a_tenth_of_a_second_after_it_was_sent() -> None:
@@ -16,16 +16,16 @@ def test_the_answer_to_an_earlier_command_does_not_pass_for_the_stops() -> None:
     awaited = Acknowledgements()
     awaited.sent(0.9, stop=False)
     awaited.sent(1.0, stop=True)
-    awaited.acknowledged()
+    awaited.note_answer(is_done=True)
     assert awaited.stop_is_overdue(1.2)
-    awaited.acknowledged()
+    awaited.note_answer(is_done=True)
     assert not awaited.stop_is_overdue(1.2)
 
 
 def test_a_refused_stop_stays_overdue() -> None:
     awaited = Acknowledgements()
     awaited.sent(1.0, stop=True)
-    awaited.refused()
+    awaited.note_answer(is_done=False)
     assert awaited.stop_is_overdue(1.2)
 
 
@@ -63,7 +63,7 @@ def test_one_lost_answer_does_not_count_as_a_lost_link_for_ever() -> None:
     awaited = Acknowledgements()
     awaited.sent(1.0, stop=False)
     awaited.sent(1.1, stop=False)
-    awaited.acknowledged()
+    awaited.note_answer(is_done=True)
     listen(awaited, 2.0, 5.0)
     assert awaited.silent_s == 0.0
 
@@ -75,5 +75,5 @@ def test_a_repeated_stop_is_acknowledged_by_the_next_answer_even_if_earlier_ones
     awaited.sent(0.5, stop=True)
     awaited.repeating()
     awaited.sent(0.6, stop=True)
-    awaited.acknowledged()
+    awaited.note_answer(is_done=True)
     assert not awaited.stop_is_overdue(9.0)

@@ -2,16 +2,17 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import pytest
+from msgspec import Struct
 
-from stadimeter.bases.ros_arduino_base import Handshake
+from stadimeter.bases.ros_arduino_base import RosArduinoCodec
+from stadimeter.bases.serial_greeting import Greeting
 from stadimeter.bases.serial_link import SerialLink
 from stadimeter.errors import DeviceOpenError, ProtocolError
 from stadimeter.simulation.emulated_port import EmulatedPort
 from stadimeter.simulation.ros_arduino_firmware import RosArduinoFirmware
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.rig import ManualClock
 
 
 class SlowBoard(RosArduinoFirmware):
@@ -28,8 +29,7 @@ class SlowBoard(RosArduinoFirmware):
         return b"".join(ready)
 
 
-@dataclass(frozen=True)
-class Greeting:
+class Bench(Struct, frozen=True):
     """A board on a port that is open, about to be greeted."""
 
     clock: ManualClock
@@ -37,7 +37,7 @@ class Greeting:
     link: SerialLink
 
     def run(self, boot_wait_s: float = 4.0) -> None:
-        Handshake(link=self.link, clock=self.clock, boot_wait_s=boot_wait_s).run()
+        Greeting(link=self.link, clock=self.clock, codec=RosArduinoCodec(4000.0), boot_wait_s=boot_wait_s).run()
 
     def repeat(self, data: bytes, every_s: float) -> None:
         """Let the board's end say something again and again, unasked."""
@@ -49,22 +49,22 @@ class Greeting:
 
 
 @pytest.fixture
-def greet() -> Iterator[Callable[[RosArduinoFirmware], Greeting]]:
+def greet() -> Iterator[Callable[[RosArduinoFirmware], Bench]]:
     with contextlib.ExitStack() as at_end:
 
-        def connect(board: RosArduinoFirmware) -> Greeting:
+        def connect(board: RosArduinoFirmware) -> Bench:
             clock = ManualClock()
             port = EmulatedPort(board, clock)
             at_end.callback(port.close)
             link = SerialLink(port.path, 57600)
             link.open()
             at_end.callback(link.close)
-            return Greeting(clock=clock, port=port, link=link)
+            return Bench(clock=clock, port=port, link=link)
 
         yield connect
 
 
-Greet = Callable[[RosArduinoFirmware], Greeting]
+Greet = Callable[[RosArduinoFirmware], Bench]
 
 
 @pytest.mark.parametrize("left_behind", [b"m 50 50\r", b"m 50 50"], ids=["driving", "half a command"])
@@ -73,10 +73,10 @@ def test_what_another_program_left_behind_is_stopped_at_once(greet: Greet, left_
     board.receive(left_behind, 0.0)
     greeting = greet(board)
     greeting.clock.advance_s(1.0)
-    driven_tps: list[float] = []
-    greeting.clock.call_every(0.01, lambda _now_s: driven_tps.append(board.left.driven_tps))
+    driven_mps: list[float] = []
+    greeting.clock.call_every(0.01, lambda _now_s: driven_mps.append(board.left.driven_mps))
     greeting.run()
-    assert set(driven_tps[2:]) == {0.0}
+    assert set(driven_mps[2:]) == {0.0}
 
 
 def test_the_encoders_are_set_to_zero(greet: Greet) -> None:
@@ -85,9 +85,9 @@ def test_the_encoders_are_set_to_zero(greet: Greet) -> None:
     for command in (b"m 50 50\r", b"m 0 0\r"):
         board.receive(command, greeting.clock.now_s())
         greeting.clock.advance_s(1.9)
-    assert board.left.ticks > 1000
+    assert int(board.receive(b"e\r", greeting.clock.now_s()).split()[0]) > 1000
     greeting.run()
-    assert board.left.ticks == 0
+    assert board.receive(b"e\r", greeting.clock.now_s()) == b"0 0\r\n"
 
 
 def test_a_board_that_still_boots_is_asked_until_it_answers(greet: Greet) -> None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 
 import ours
 import tutorial
+from msgspec.structs import replace
 from part import Chart, Part, table
 from samples import OURS, TUTORIAL, Sample, Summary, grouped, ours_of, summarise
 from workload import over_seeds

@@ -24,14 +24,14 @@ import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
 import numpy as np
+from msgspec import Struct, field
 
 from stadimeter.app.clock import MonotonicClock
-from stadimeter.bases.ros_arduino_base import LOST_AFTER_S
+from stadimeter.bases.serial_base import LOST_AFTER_S
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
@@ -87,6 +87,7 @@ class SteadyCamera:
 
     def __init__(self) -> None:
         self._closed = threading.Event()
+        self._noise = np.random.default_rng(1)
         self._count = 0
 
     def open(self) -> None:
@@ -96,7 +97,7 @@ class SteadyCamera:
         if self._closed.wait(FRAME_S):
             raise DeviceClosedError("closed")
         self._count += 1
-        image = np.full((48, 64, 3), self._count % 250, np.uint8)
+        image = self._noise.integers(0, 256, (48, 64, 3), np.uint8)  # no picture comes again
         return Frame(image=image, captured_at_s=time.monotonic(), sequence=self._count)
 
     def close(self) -> None:
@@ -137,19 +138,20 @@ class SteadyDetectorOptions(DriverOptions):
         return SteadyDetector()
 
 
-@dataclass
-class _Board:
+class _Board(Struct):
     """The process of the emulated board: obeys words on its standard input, a line each."""
 
     plugged: bool = True
     longest_pause_s: float = 0.0
+    stopped_at_s: float = 0.0
+    _was_driven: bool = False
     _served_s: float = field(default_factory=time.monotonic)
 
     def serve(self) -> None:
         with suppress(PermissionError):
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
         firmware = RosArduinoFirmware(started_s=time.monotonic())
-        port = EmulatedPort(firmware, MonotonicClock(), lambda: self.plugged, self._measure)
+        port = EmulatedPort(firmware, MonotonicClock(), lambda: self.plugged, lambda: self._measure(firmware))
         print(port.path, flush=True)
         for line in sys.stdin:
             match line.strip():
@@ -163,12 +165,17 @@ class _Board:
                     port.is_read = False
                     _fill(port.path)
                 case "report":
-                    driven_tps = firmware.left.driven_tps
-                    print(json.dumps({"pause_s": self.longest_pause_s, "driven_tps": driven_tps}), flush=True)
+                    driven_mps = firmware.left.driven_mps
+                    report = {"pause_s": self.longest_pause_s, "driven_mps": driven_mps}
+                    print(json.dumps(report | {"stopped_at_s": self.stopped_at_s}), flush=True)
         port.close()
 
-    def _measure(self) -> None:
+    def _measure(self, firmware: RosArduinoFirmware) -> None:
         now_s = time.monotonic()
+        is_driven = firmware.left.driven_mps != 0 or firmware.right.driven_mps != 0
+        if self._was_driven and not is_driven:
+            self.stopped_at_s = now_s
+        self._was_driven = is_driven
         self.longest_pause_s = max(self.longest_pause_s, now_s - self._served_s)
         self._served_s = now_s
 
@@ -185,11 +192,17 @@ def _fill(path: str) -> None:
 class Rig:
     """The program and its board, each in a process of its own.
 
+    Args:
+        seconds: How long the program runs.
+        is_port_real: Whether it gets the pseudo-terminal itself and not a link to it, which stays when the cable is
+            pulled. Only a device is stopped by the watchdog process.
+
     Attributes:
         lines: What the program says, a line each.
     """
 
-    def __init__(self, seconds: float) -> None:
+    def __init__(self, seconds: float, *, is_port_real: bool = False) -> None:
+        self._is_port_real = is_port_real
         self.lines: queue.Queue[str] = queue.Queue()
         self.said: list[str] = []
         self._seconds = seconds
@@ -198,7 +211,8 @@ class Rig:
     def __enter__(self) -> Self:
         folder = Path(self._cleaning.enter_context(tempfile.TemporaryDirectory(prefix="base-under-load-")))
         self._board = self._start([sys.executable, __file__, "--board"])
-        self._write_configuration(folder, self._answer())
+        port = self._answer()
+        self._write_configuration(folder, str(Path(port).resolve()) if self._is_port_real else port)
         command = [sys.executable, "-m", "stadimeter", "run", str(folder / "run.toml"), "--no-state"]
         self.program = self._start([*command, f"--seconds={self._seconds:g}", f"--socket={folder / 's'}"], folder)
         threading.Thread(target=self._listen, daemon=True).start()
@@ -272,8 +286,7 @@ def busy_cores(processes: int = CORES_BUSY) -> Iterator[None]:
             loop.wait()
 
 
-@dataclass(frozen=True, kw_only=True)
-class Outcome:
+class Outcome(Struct, frozen=True, kw_only=True):
     """What a run without any real fault came to."""
 
     faults: list[str]
@@ -293,9 +306,9 @@ def healthy_run(seconds: float) -> Outcome:
     with Rig(seconds) as rig:
         with suppress(queue.Empty):  # with a fault right at the beginning it never drives
             rig.wait_for("base 0.3")
-        driven_tps = rig.board()["driven_tps"]
+        driven_mps = rig.board()["driven_mps"]
         rig.program.wait(seconds + PATIENCE_S)
-        return Outcome(faults=rig.faults(), drove=driven_tps > 0, board_pause_s=rig.board()["pause_s"])
+        return Outcome(faults=rig.faults(), drove=driven_mps > 0, board_pause_s=rig.board()["pause_s"])
 
 
 def main() -> None:

@@ -11,10 +11,10 @@ import argparse
 import statistics
 import tempfile
 from collections.abc import Generator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from msgspec import Struct
 
 from stadimeter.app.clock import MonotonicClock
 from stadimeter.app.cycle import CycleRecord
@@ -30,8 +30,7 @@ DRIVEN_FRAMES = 20
 HEALTHY = {"is_silent": False, "is_there": True}
 
 
-@dataclass
-class Outcome:
+class Outcome(Struct):
     """Times of one run.
 
     Attributes:
@@ -52,7 +51,7 @@ def story(
 ) -> Generator[None, CycleRecord, None]:
     """Let a camera drive a motor, fail, and come back; one step after each cycle."""
     now_s, fresh_at_s = rig.clock.now_s, 0.0
-    while rig.loop.health.frames < DRIVEN_FRAMES:
+    while rig.loop.history.frames < DRIVEN_FRAMES:
         record = yield
         fresh_at_s = record.observation.frame.captured_at_s if record.observation.frame else fresh_at_s
     failed_at_s = now_s()

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import argparse
 import math
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 from part import Part, table
 from rule_policies import CORRELATION, FRAMES_PER_S, Distances, correlated, plan_of, sigma_m
 
@@ -34,8 +34,7 @@ RULES = {
 BEFORE, DEFAULT = RULES
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Noise:
+class Noise(Struct, frozen=True, kw_only=True):
     """Noise of measurements: its share of the distance at `FROM_M`, which grows with the distance."""
 
     name: str

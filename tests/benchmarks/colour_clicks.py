@@ -18,11 +18,11 @@ import math
 import tempfile
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
+from msgspec import Struct
 from part import table
 
 from stadimeter.app.clock import SteppedClock
@@ -48,8 +48,7 @@ CLICK_SIGMA, CLICK_FARTHEST = 0.25, 2 / 3
 CENTRE_SHARE, SIZE_SHARE = 1 / 3, 0.1
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Ball:
+class Ball(Struct, frozen=True, kw_only=True, eq=False):
     """A picture, and where the ball truly is."""
 
     name: str
@@ -60,8 +59,7 @@ class Ball:
     radius_px: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
+class Outcome(Struct, frozen=True, kw_only=True):
     """After how many clicks a ball was found, None if not after two; and whether its size was right."""
 
     ball: str

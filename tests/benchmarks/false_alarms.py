@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from functools import cache
 
 import fiducials
 import ours
 import tutorial
+from msgspec import Struct
+from msgspec.structs import replace
 from part import Part, table
 from samples import rate
 from workload import over_seeds
@@ -31,8 +32,7 @@ ALIKE_APART = 500_000
 OF_OURS = ("ball", "sheet", "disc", "tag")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Alarm:
+class Alarm(Struct, frozen=True, kw_only=True):
     """Whether one method saw something in one empty scene."""
 
     row: str

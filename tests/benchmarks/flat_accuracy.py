@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from functools import cache
 
 import ours
 import tutorial
+from msgspec.structs import replace
 from part import Chart, Part, table
 from samples import OURS, TUTORIAL, Sample, grouped, ours_of, summarise
 from workload import over_seeds

@@ -26,7 +26,6 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
@@ -34,6 +33,7 @@ import cv2
 import machinery
 import numpy as np
 import start_up
+from msgspec import Struct
 
 from stadimeter.config.loader import load_configuration
 
@@ -67,8 +67,7 @@ print(os.waitstatus_to_exitcode(status), usage.ru_utime + usage.ru_stime, usage.
 Ratios = dict[str, float]
 
 
-@dataclass(frozen=True, slots=True)
-class Spent:
+class Spent(Struct, frozen=True):
     """What a process took: its processor time in seconds, and its largest resident set in MiB."""
 
     time_s: float

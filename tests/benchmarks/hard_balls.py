@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
 
 import ours
+from msgspec import Struct
+from msgspec.structs import replace
 from part import Part, table
 from samples import Sample, Summary, ours_of, rate, summarise
 from workload import over_seeds
@@ -32,8 +33,7 @@ CONDITIONS: dict[str, Callable[[Scene], Scene]] = {
 WALL = PlainBackdrop(bgr=(150, 155, 160))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HardSample:
+class HardSample(Struct, frozen=True, kw_only=True):
     """One measurement of one scene, with the table and the rows that it belongs to."""
 
     table: str

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
 
 import ours
+from msgspec import Struct
+from msgspec.structs import replace
 from part import Part, table
 from samples import Sample, Summary, ours_of, rate, summarise
 from workload import over_seeds
@@ -65,8 +66,7 @@ ROOM_FINDERS = {
 """What is looked for in rooms: a name, the target and how its options differ."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FlatSample:
+class FlatSample(Struct, frozen=True, kw_only=True):
     """One measurement of one scene.
 
     Attributes:
@@ -84,8 +84,7 @@ class FlatSample:
     is_elsewhere: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RoomLook:
+class RoomLook(Struct, frozen=True, kw_only=True):
     """What one look into one empty room found."""
 
     what: str

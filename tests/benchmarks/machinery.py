@@ -18,17 +18,18 @@ import statistics
 import tempfile
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
+from msgspec import Struct
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.recordings.journal import JournalWriter
+from stadimeter.app.recordings.recorded_configuration import to_be_recorded
 from stadimeter.app.recordings.recorder import Recorder
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.decide import decide, initial_state
@@ -73,8 +74,7 @@ path = [
 """
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
+class Row(Struct, frozen=True, kw_only=True):
     """One line of the report: what was measured with how many rules, and the quantiles in microseconds."""
 
     what: str
@@ -154,7 +154,7 @@ def cycle_times_s(path: Path, frames: int, journal: Path | None) -> list[float]:
     if journal is None:
         loop.run(Limits(frames=frames))
         return cycles.times_s[10:]
-    recorder = Recorder(JournalWriter(journal, loop.parts.configuration.text), is_live=False)
+    recorder = Recorder(JournalWriter(journal, to_be_recorded(loop.parts.configuration)), is_live=False)
     loop.listeners.insert(0, recorder)
     with closing(recorder):
         loop.run(Limits(frames=frames))

@@ -17,7 +17,7 @@ from stadimeter.core.detection import Prediction
 from stadimeter.core.frame import Frame, Image
 from stadimeter.core.measurement import Measurement
 from stadimeter.detectors.protocol import Detector
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.rig import ManualClock
 from support.scenes import draw
 from support.scenes.scene import RenderedScene, Truth
 from support.through_lens import ThroughLens

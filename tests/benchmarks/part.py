@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import subprocess
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
+from msgspec import Struct, field
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Chart:
+
+class Chart(Struct, frozen=True, kw_only=True):
     """What to plot: a dot for each row and series.
 
     Attributes:
@@ -31,8 +31,7 @@ class Chart:
     band: tuple[float, float] | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Part:
+class Part(Struct, frozen=True, kw_only=True):
     """A part of the report.
 
     Attributes:

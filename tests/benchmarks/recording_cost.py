@@ -14,10 +14,11 @@ import statistics
 import tempfile
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from time import thread_time
+
+from msgspec import Struct
 
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.cycle import CycleRecord
@@ -39,8 +40,7 @@ OPTIONS = {
 Kept = list[tuple[CycleRecord, Frame | None]]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
+class Row(Struct, frozen=True, kw_only=True):
     """One line of the report: the median and the mean cost of a cycle in microseconds, and its bytes."""
 
     what: str

@@ -14,16 +14,16 @@ import argparse
 import tempfile
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter, process_time
 
 from machinery import configuration, yardstick_times_s
+from msgspec import Struct
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.cli.run_options import RecordingOptions
-from stadimeter.cli.run_services import open_recordings
+from stadimeter.cli.run import open_recordings
+from stadimeter.cli.run_services import RunOptions
 from stadimeter.config.loader import load_configuration
 from stadimeter.workbench.replay.comparison import Comparison
 from stadimeter.workbench.replay.replay import read_recording, replay_run, without_collector
@@ -36,8 +36,7 @@ GOAL_S = 10.0
 YARDSTICKS = 100_000
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
+class Row(Struct, frozen=True, kw_only=True):
     """One line of the report: what was replayed, and what an hour of it takes."""
 
     what: str
@@ -48,7 +47,7 @@ class Row:
     yardsticks: float
 
 
-def record(config: Path, keeping: RecordingOptions, frames: int) -> None:
+def record(config: Path, keeping: RunOptions, frames: int) -> None:
     """Record a simulated run, as fast as the computer can."""
     loop = Loop(build(load_configuration(config), speed=None))
     with ExitStack() as closing:
@@ -90,7 +89,7 @@ def measure_all(
             tell(f"recording {frames} frames with {count} rules")
             journal, mcap = folder / f"{count}.jsonl", folder / f"{count}.mcap"
             config = configuration(count, folder)
-            record(config, RecordingOptions(journal=journal, record=mcap, images="none"), frames)
+            record(config, RunOptions(journal=journal, record=mcap, images="none"), frames)
             for what, path in (("journal", journal), ("MCAP without pictures", mcap)):
                 cpu_s, wall_s = min(replay_times_s(path) for _ in range(rounds))
                 yardstick_s = sum(sorted(yardstick_times_s())[:1000]) / 1000

@@ -16,9 +16,9 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
+from msgspec import Struct, field
 from part import Part, commit, table
 from rule_policies import (
     BEHIND_SIGMAS,
@@ -56,8 +56,7 @@ ENDING = "as it comes, off after 10 s"
 ENDING_S = 10.0
 
 
-@dataclass(slots=True, kw_only=True)
-class Score:
+class Score(Struct, kw_only=True):
     """What one delay did at one threshold."""
 
     minutes: float = 0.0

@@ -23,10 +23,10 @@ import argparse
 import math
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from msgspec import Struct, field
 from numpy.typing import NDArray
 from part import Part, table
 
@@ -85,16 +85,14 @@ path = [{ at = "0 s", x = "2 m", y = "0 m" }]
 """
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Turn:
+class Turn(Struct, frozen=True, kw_only=True):
     """An alarm was raised, or cleared."""
 
     at_s: float
     is_raise: bool
 
 
-@dataclass(slots=True, kw_only=True)
-class Score:
+class Score(Struct, kw_only=True):
     """What one policy did at one threshold."""
 
     minutes: float = 0.0

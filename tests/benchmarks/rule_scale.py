@@ -13,23 +13,16 @@ import random
 import statistics
 import tracemalloc
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from time import perf_counter
 
+from msgspec import Struct
 from part import Part, table
 
-from stadimeter.core.condition import (
-    AllOf,
-    AnyOf,
-    ClosingCondition,
-    Condition,
-    DirectionCondition,
-    DistanceCondition,
-    Not,
-    PresenceCondition,
-    RuleCondition,
-    TimeToContactCondition,
-)
+from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
+from stadimeter.core.conditions.contact import TimeToContactCondition
+from stadimeter.core.conditions.discrete import PresenceCondition, RuleCondition
+from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition
 from stadimeter.core.decide import State, decide, initial_state
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import LevelOutput, Plan
@@ -44,8 +37,7 @@ BEYOND_M = 12.0
 Way = Callable[[int], float]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
+class Row(Struct, frozen=True, kw_only=True):
     """One line: which rules, on which way, and what they cost."""
 
     what: str

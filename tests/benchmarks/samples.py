@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 
 from stadimeter.core.measurement import Measurement
 from support.scenes.scene import Truth
@@ -15,8 +15,7 @@ OURS, TUTORIAL = "stadimeter", "tutorial"
 SIGMAS_OF_95 = 1.96
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Sample:
+class Sample(Struct, frozen=True, kw_only=True):
     """What one method made of one picture.
 
     Attributes:
@@ -68,8 +67,7 @@ def ours_of(row: str, seed: int, truth: Truth, measured: Measurement) -> Sample:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Summary:
+class Summary(Struct, frozen=True, kw_only=True):
     """What many samples come to.
 
     Attributes:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
 
@@ -19,6 +18,7 @@ import fiducials
 import numpy as np
 import ours
 import tutorial
+from msgspec import Struct
 from part import Chart, Part, table
 from workload import one_thread
 
@@ -58,8 +58,7 @@ Work = Callable[[int], object]
 """Takes the number of a scene."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Contender:
+class Contender(Struct, frozen=True, kw_only=True):
     """Something that is timed.
 
     Attributes:

@@ -12,12 +12,12 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import CameraModel
@@ -48,8 +48,7 @@ when = { below = "50 cm" }
 """
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StartUp:
+class StartUp(Struct, frozen=True, kw_only=True):
     """How long one command takes.
 
     Attributes:

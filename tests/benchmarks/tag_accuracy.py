@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from functools import cache
 
 import fiducials
@@ -26,8 +25,6 @@ CAMERAS_EVERY = 3
 """Of so many times all tilts, one is seen through other cameras too."""
 
 OTHER_CAMERA = "other camera: "
-OUR_FINDERS = {OURS: "opencv", f"{OURS} + pyapriltags": "pyapriltags"}
-"""Our detector by itself, and helped by the library that reads smaller tags."""
 
 
 def run(frames: int, workers: int, first_seed: int = draw.REPORT_SEEDS.start) -> Part:
@@ -73,13 +70,8 @@ def samples_of(seed: int) -> list[Sample]:
 def _ours(row: str, scene: Scene, made: RenderedScene) -> list[Sample]:
     if not ours.exists("tag"):
         return []
-    samples = []
-    for method, finder in OUR_FINDERS.items():
-        if finder != "pyapriltags" or fiducials.apriltags(1.0):
-            detector = ours.detector("tag", scene.camera, id=scene.target.number, finder=finder)
-            measured = ours.measure(detector, made)
-            samples.append(replace(ours_of(row, scene.seed, made.truth, measured), method=method))
-    return samples
+    detector = ours.detector("tag", scene.camera, id=scene.target.number)
+    return [ours_of(row, scene.seed, made.truth, ours.measure(detector, made))]
 
 
 @cache

@@ -33,7 +33,7 @@ def test_beside_busy_loops_a_base_with_a_real_fault_is_stopped_identified_again_
             assert any(each in said for each in words), said
             rig.tell_board(end)
             rig.wait_for("it answers again")
-            assert rig.board()["driven_tps"] == 0
+            assert rig.board()["driven_mps"] == 0
             rig.wait_for("base fault cleared")
         rig.wait_for("base 0.3")
         rig.program.terminate()

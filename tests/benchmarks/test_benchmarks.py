@@ -6,10 +6,10 @@ import math
 import os
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from support.scenes import draw
 from support.scenes.backdrop import PlainBackdrop

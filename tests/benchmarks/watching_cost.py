@@ -25,10 +25,10 @@ import tempfile
 import threading
 import time
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from msgspec import Struct, field
 
 from stadimeter.app.bootstrap import Parts, build, demo_configuration
 from stadimeter.app.capture import LiveCapture
@@ -36,13 +36,12 @@ from stadimeter.app.clock import MonotonicClock
 from stadimeter.app.cycle import Cycle
 from stadimeter.app.leased_output import LeasedOutput
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.cli.run_options import ServiceOptions
-from stadimeter.cli.run_services import open_services
+from stadimeter.cli.run_services import RunOptions, open_services
 from stadimeter.core.command import LevelCommand, TwistCommand
 from stadimeter.core.frame import Frame, Image
 from stadimeter.core.outputs import safe_command
 from stadimeter.errors import DeviceClosedError
-from stadimeter.testing.recording import RecordingActuator, RecordingBase
+from support.recording_doubles import RecordingActuator, RecordingBase
 
 RATE_HZ = 30.0
 PICTURES = 90
@@ -50,8 +49,7 @@ CONDITIONS = ("nobody", "three", "three and 200 connections", "three and one tha
 SETTLE_S = 0.5
 
 
-@dataclass
-class LiveCamera:
+class LiveCamera(Struct):
     """Delivers pictures again and again at their own pace, on the computer's clock."""
 
     pictures: list[Image]
@@ -61,6 +59,7 @@ class LiveCamera:
     not_for_motion: str = ""
     closed: threading.Event = field(default_factory=threading.Event)
     count: int = 0
+    noise: np.random.Generator = field(default_factory=lambda: np.random.default_rng(1))
     due_s: float = 0.0
 
     def open(self) -> None:
@@ -72,7 +71,8 @@ class LiveCamera:
         if self.closed.wait(max(0.0, self.due_s - self.clock.now_s())):
             raise DeviceClosedError("closed")
         self.count += 1
-        image = self.pictures[self.count % len(self.pictures)]
+        image = self.pictures[self.count % len(self.pictures)].copy()
+        image[:1] = self.noise.integers(0, 256, image[:1].shape, np.uint8)  # no picture comes again
         return Frame(image=image, captured_at_s=self.clock.now_s(), sequence=self.count)
 
     def close(self) -> None:
@@ -122,7 +122,7 @@ def run_live(path: Path, seconds: float, cycles_file: Path, *, is_first: bool) -
     loop = live_loop(drawn_beforehand(PICTURES))
     clock, rows = loop.parts.clock, np.zeros((int(seconds * RATE_HZ * 1.2) + 100, 4))
     count = 0
-    with open_services(loop, ServiceOptions(socket=path, no_state=True, is_quiet=True)):
+    with open_services(loop, RunOptions(socket=path, no_state=True), is_quiet=True):
         first, after = loop.listeners[:], time.perf_counter
         began = [0.0]
 

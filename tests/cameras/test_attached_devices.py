@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from stadimeter.cameras import v4l2
-from stadimeter.cameras.attached_devices import attached_devices
 from stadimeter.cameras.protocol import CameraMode
+from stadimeter.cameras.v4l2 import attached_devices
 from support.v4l2_kernel import CAPTURE, METADATA, Kernel, Node
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 import pytest
+from msgspec import Struct
 
 from stadimeter.app.capture import CaptureThread
 from stadimeter.app.freeze import FreezeDetector
@@ -18,7 +18,7 @@ from stadimeter.cameras.live_camera import LiveCamera
 from stadimeter.cameras.opencv_device import OpenCvCamera, OpenCvOptions
 from stadimeter.cameras.picamera2_camera import Picamera2Camera, Picamera2Options
 from stadimeter.core.frame import Frame
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.rig import ManualClock
 from support.picamera2_double import Sensor
 
 if TYPE_CHECKING:
@@ -31,8 +31,7 @@ OPENS_IN_S = 1.5
 OUTAGES_S = (0.04, 0.6, 1.7, 3.3, 9.0, 61.0)
 
 
-@dataclass
-class Rig:
+class Rig(Struct):
     """A camera, and what happens to it.
 
     Attributes:

@@ -15,7 +15,7 @@ from stadimeter.cameras.picture import Picture, load_picture
 from stadimeter.config.plugins import CAMERAS, DriverContext, load_driver
 from stadimeter.core.frame import Frame
 from stadimeter.errors import EndOfFramesError, PictureError
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.rig import ManualClock
 
 
 def write_grey(path: Path, level: int) -> Path:

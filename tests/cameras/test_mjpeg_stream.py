@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import math
 import re
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing, suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
@@ -260,6 +263,48 @@ def test_the_lag_of_the_sender_s_time_stamps_counts_into_the_age(
     while (number := number_of((frame := camera.read()).image)) < 80:
         pass
     assert time.monotonic() - frame.captured_at_s > 0.9 * (number - 40) * (PERIOD_S - 1e-3) - 0.1
+
+
+class SlowLink:
+    """Hands a connection on, at a rate that can be set; what the link cannot take stays in the sender's buffers."""
+
+    def __init__(self, port: int) -> None:
+        self.bytes_a_second = math.inf
+        self.ended = threading.Event()
+        self._port = port
+        self._listening = socket.create_server(("127.0.0.1", 0))
+        self.place = f"127.0.0.1:{self._listening.getsockname()[1]}"
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        with (
+            suppress(OSError),
+            self._listening.accept()[0] as client,
+            socket.create_connection(("127.0.0.1", self._port)) as sender,
+        ):
+            sender.sendall(client.recv(65536))
+            while not self.ended.is_set() and (data := sender.recv(round(min(65536, 0.004 * self.bytes_a_second)))):
+                client.sendall(data)
+                time.sleep(len(data) / self.bytes_a_second)
+
+    def close(self) -> None:
+        self.ended.set()
+        self._listening.shutdown(socket.SHUT_RDWR)
+        self._listening.close()
+        self._thread.join()
+
+
+@pytest.mark.parametrize("share", [0.5, 0.9])
+def test_a_link_that_is_too_slow_drives_nothing(
+    server: Server, open_camera: Callable[..., OpenCvCamera], share: float
+) -> None:
+    with closing(SlowLink(server.server_port)) as link:
+        camera = open_camera(f"http://{link.place}/cam", read_timeout="1.5 s")
+        frames_of(camera, 40)
+        link.bytes_a_second = share * len(picture(0)) / PERIOD_S
+        with pytest.raises(CaptureTimeoutError, match=r"late: they come without a pause, so the link is slower"):
+            frames_of(camera, 1000)
 
 
 def test_a_redirection_is_followed(server: Server, open_camera: Callable[..., OpenCvCamera]) -> None:

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 from stadimeter.app.clock import MonotonicClock
-from stadimeter.cameras.attached_devices import in_use
 from stadimeter.cameras.capture_time import GOOD_STAMPS_NEEDED
 from stadimeter.cameras.opencv_device import OpenCvCamera, OpenCvOptions
+from stadimeter.cameras.v4l2 import in_use
 from stadimeter.config.plugins import CAMERAS, DriverContext, load_driver
 from stadimeter.errors import CaptureTimeoutError, DeviceClosedError, DeviceHungError, DeviceOpenError, LinkLostError
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.rig import ManualClock
 
 if TYPE_CHECKING:
     from conftest import FakeDevice
@@ -296,11 +296,15 @@ def test_the_first_frame_has_its_true_age_where_the_driver_stamps_it_also_after_
 
 def test_a_stream_s_position_is_never_taken_for_a_stamp(device: FakeDevice, clock: ManualClock) -> None:
     camera = camera_of(device, "rtsp://10.0.0.9/live", clock)
-    camera.open()
-    for _ in range(GOOD_STAMPS_NEEDED + 1):
+
+    def wait() -> None:
         clock.advance_s(0.1)
         device.values[cv2.CAP_PROP_POS_MSEC] = 1e3 * (clock.now_s() - 0.03)
-        assert camera.read().captured_at_s == clock.now_s()
+
+    device.wait = wait
+    camera.open()
+    for _ in range(GOOD_STAMPS_NEEDED + 1):
+        assert camera.read().captured_at_s == pytest.approx(clock.now_s())
 
 
 def test_frames_that_waited_in_a_device_without_stamps_are_passed_over(

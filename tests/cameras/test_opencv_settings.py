@@ -14,7 +14,7 @@ from stadimeter.cameras.opencv_settings import (
     apply_settings,
     size_differs,
 )
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.rig import ManualClock
 
 if TYPE_CHECKING:
     from conftest import FakeDevice

@@ -16,9 +16,14 @@ import pytest
 
 from stadimeter.app.capture import LiveCapture
 from stadimeter.app.clock import MonotonicClock
-from stadimeter.cameras import live_camera, picamera2_camera, picamera2_package
-from stadimeter.cameras.picamera2_camera import BUFFERS, SETTLING_FRAMES, Picamera2Camera, Picamera2Options
-from stadimeter.cameras.picamera2_package import load_package
+from stadimeter.cameras import live_camera, picamera2_camera
+from stadimeter.cameras.picamera2_camera import (
+    BUFFERS,
+    SETTLING_FRAMES,
+    Picamera2Camera,
+    Picamera2Options,
+    load_package,
+)
 from stadimeter.config.plugins import CAMERAS, load_driver
 from stadimeter.core.frame import Optics
 from stadimeter.errors import (
@@ -29,8 +34,7 @@ from stadimeter.errors import (
     DriverUnavailableError,
     LinkLostError,
 )
-from stadimeter.testing.eventually import eventually
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.rig import ManualClock, eventually
 from support.picamera2_double import AfMode, AwbMode, Camera, Request, Sensor, frame_image, install
 
 
@@ -512,8 +516,8 @@ def test_without_the_package_nothing_is_attached_and_what_is_missing_is_told(
 ) -> None:
     for name in ("picamera2", "libcamera"):
         monkeypatch.setitem(sys.modules, name, None)
-    monkeypatch.setattr(picamera2_package, "find_spec", lambda _name: None)
-    monkeypatch.setattr(picamera2_package, "SYSTEM_PACKAGES", tmp_path)
+    monkeypatch.setattr(picamera2_camera, "find_spec", lambda _name: None)
+    monkeypatch.setattr(picamera2_camera, "SYSTEM_PACKAGES", tmp_path)
     assert Picamera2Options.attached() == ()
     (lack,) = Picamera2Options().lacks()
     assert "not installed: `sudo apt install python3-picamera2`" in lack
@@ -523,7 +527,7 @@ def test_without_the_package_nothing_is_attached_and_what_is_missing_is_told(
     (tmp_path / "picamera2").mkdir()
     assert "installed, but not seen" in Picamera2Options().lacks()[0]
     from_pip = ModuleSpec("picamera2", None)
-    monkeypatch.setattr(picamera2_package, "find_spec", lambda name: from_pip if name == "picamera2" else None)
+    monkeypatch.setattr(picamera2_camera, "find_spec", lambda name: from_pip if name == "picamera2" else None)
     assert "picamera2 is there without libcamera, which pip does not have: `sudo apt" in Picamera2Options().lacks()[0]
 
 
@@ -538,9 +542,9 @@ def test_a_version_that_is_too_old_is_known_before_it_is_loaded(
             raise importlib.metadata.PackageNotFoundError(name)
         return found
 
-    monkeypatch.setattr(picamera2_package, "find_spec", lambda name: ModuleSpec(name, None))
-    monkeypatch.setattr(picamera2_package, "version", version)
-    assert ("too old" in picamera2_package.lack()) is is_too_old
+    monkeypatch.setattr(picamera2_camera, "find_spec", lambda name: ModuleSpec(name, None))
+    monkeypatch.setattr(picamera2_camera, "version", version)
+    assert ("too old" in picamera2_camera.lack()) is is_too_old
 
 
 def test_a_package_for_another_numpy_or_of_old_is_told_from_one_that_is_missing(

@@ -16,7 +16,7 @@ from stadimeter.cameras.opencv_settings import subsampling_of
 from stadimeter.cameras.picture import load_picture
 from stadimeter.cameras.picture import subsampling_of as subsampling_in
 from stadimeter.core.frame import SUBSAMPLINGS
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.rig import ManualClock
 
 SAMPLING = {
     "4:4:4": cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
-from stadimeter.cameras.capture_time import SETTLE_S, StreamTime
+from stadimeter.cameras.arrival_pace import BLIND_SETTLE_S, SETTLE_S, USUAL_INTERVALS
+from stadimeter.cameras.capture_time import StreamTime
 
 WAY_S = 0.02
 """How long a picture is on its way when nothing holds it up."""
@@ -33,7 +35,7 @@ class Stream:
         """Yield capture and arrival of each picture."""
         rng = np.random.default_rng(4)
         last_s = 0.0
-        for number in range(round((self.stall[1] + 15) / self.period_s)):
+        for number in range(round((self.stall[1] + 20) / self.period_s)):
             captured_s = number * self.period_s
             left_s = captured_s + WAY_S + rng.uniform(0, self.jitter) * self.period_s
             if self.stall[0] <= left_s < self.stall[1]:
@@ -53,26 +55,139 @@ STREAMS = [
 ]
 
 
+# What is known beside arrivals: the sender's stamps, whether the next picture has begun to come, or nothing.
+KNOWN = ["stamps", "next", "nothing"]
+
+
 @pytest.mark.parametrize("jitter", [0.2, 0.8])
-@pytest.mark.parametrize("has_stamps", [False, True])
+@pytest.mark.parametrize("known", KNOWN)
 @pytest.mark.parametrize(("period_s", "stall_s", "drain_s", "drops"), STREAMS)
 def test_no_picture_of_a_stall_looks_fresh_and_fresh_ones_are_believed_soon(
-    period_s: float, stall_s: float, drain_s: float, drops: bool, has_stamps: bool, jitter: float
+    period_s: float, stall_s: float, drain_s: float, drops: bool, known: str, jitter: float
 ) -> None:
     stream = Stream(period_s, stall_s, drain_s, drops=drops, jitter=jitter)
     stream_time = StreamTime(WAY_S)
     believed: list[float] = []
-    for captured_s, arrived_s in stream:
-        stamp_s = 1e9 + captured_s if has_stamps else 0.0
-        found_s = stream_time.captured_at_s(arrived_s, stamp_s)
+    for (captured_s, arrived_s), (_, next_s) in itertools.pairwise(stream):
+        stamp_s = 1e9 + captured_s if known == "stamps" else 0.0
+        has_begun = next_s <= arrived_s + drain_s + 1e-9 if known == "next" else None
+        found_s = stream_time.captured_at_s(arrived_s, stamp_s, has_begun=has_begun)
         if found_s is not None:
             assert found_s <= captured_s + 2.5 * period_s, f"a picture of {captured_s:.2f} s is taken for fresh"
             if arrived_s - found_s < 0.2:
                 believed.append(arrived_s)
     drained_s = stall_s * drain_s / (period_s - drain_s)
+    settle_s = max(BLIND_SETTLE_S, USUAL_INTERVALS * period_s) if known == "nothing" else SETTLE_S
     again_s = next(at_s for at_s in believed if at_s > stream.stall[1])
-    assert again_s - stream.stall[1] <= drained_s + SETTLE_S + 5 * period_s
+    assert again_s - stream.stall[1] <= drained_s + settle_s + (9 if known == "next" else 5) * period_s
     assert len([at_s for at_s in believed if at_s > again_s]) > 10 / period_s
+
+
+class Link:
+    """A link of a limited rate behind a sender that keeps what it cannot send yet; see `Stream` for the rest.
+
+    Args:
+        share: The rate as a part of what the pictures need, from the 150th picture on; three times that before.
+        until_s: When the link is as fast as before again.
+    """
+
+    def __init__(self, share: float, period_s: float, until_s: float = math.inf) -> None:
+        self.share, self.period_s, self.until_s = share, period_s, until_s
+
+    def __iter__(self) -> Iterator[tuple[float, float, bool]]:
+        """Yield capture and arrival of each picture, and whether the next one has begun to arrive by then."""
+        rng = np.random.default_rng(6)
+        free_s = 0.0
+        for number in range(150 + round(30 / self.period_s)):
+            captured_s = number * self.period_s
+            share = self.share if number >= 150 and max(free_s, captured_s) < self.until_s else 3.0
+            free_s = max(free_s, captured_s) + self.period_s / share * rng.uniform(0.8, 1.2)
+            # Once in eight times a packet ends between two pictures.
+            yield captured_s, free_s + WAY_S, captured_s + self.period_s <= free_s - 1e-4 and rng.random() > 0.125
+
+
+# Five pictures a second are too few to tell a tenth from jitter by arrivals alone.
+LINKS = [
+    (share, period_s, known)
+    for share in (0.5, 0.7, 0.9)
+    for period_s in (1 / 60, 1 / 30, 1 / 15, 0.2)
+    for known in KNOWN
+    if (share, period_s, known) != (0.9, 0.2, "nothing")
+]
+
+
+@pytest.mark.parametrize(("share", "period_s", "known"), LINKS)
+def test_no_picture_of_a_link_that_is_too_slow_looks_fresh(share: float, period_s: float, known: str) -> None:
+    stream_time = StreamTime(WAY_S)
+    fresh = 0
+    for captured_s, arrived_s, has_begun in Link(share, period_s):
+        stamp_s = 1e9 + captured_s if known == "stamps" else 0.0
+        begun = has_begun if known == "next" else None
+        found_s = stream_time.captured_at_s(arrived_s, stamp_s, has_begun=begun)
+        if found_s is not None and arrived_s - found_s < 0.2:
+            assert arrived_s - captured_s < WAY_S + 0.35 + 3.5 * period_s
+            fresh += 1
+    assert fresh > 130, "before the link slows down, pictures are believed"
+
+
+@pytest.mark.parametrize("known", KNOWN)
+def test_pictures_are_believed_again_when_a_link_has_caught_up(known: str) -> None:
+    stream_time, found = StreamTime(WAY_S), []
+    for captured_s, arrived_s, has_begun in Link(0.7, 1 / 30, until_s=10.0):
+        stamp_s = 1e9 + captured_s if known == "stamps" else 0.0
+        found_s = stream_time.captured_at_s(arrived_s, stamp_s, has_begun=has_begun if known == "next" else None)
+        found.append((captured_s, found_s))
+    assert all(found_s == pytest.approx(captured_s, abs=0.1) for captured_s, found_s in found if captured_s > 15)
+
+
+def test_a_link_that_is_too_slow_from_the_start_is_not_believed_without_stamps() -> None:
+    stream_time = StreamTime()
+    found = [stream_time.captured_at_s(number / 20, has_begun=True) for number in range(600)]
+    assert found == [None] * 600
+    assert "slower than the stream" in stream_time.why_late
+
+
+def test_what_a_sender_kept_while_its_stream_was_opened_again_is_passed_over() -> None:
+    stream_time = StreamTime()
+    for number in range(150):
+        stream_time.captured_at_s(number / 30, has_begun=False)
+    stream_time.restart()
+    for number in range(200):
+        captured_s = 5 + number / 30  # the stream stood still from 5 s to 8 s, and was opened again
+        arrived_s = max(8 + number / 100, captured_s)
+        found_s = stream_time.captured_at_s(arrived_s, has_begun=False)
+        assert found_s is None or found_s < captured_s + 0.1
+    assert found_s == arrived_s
+
+
+@pytest.mark.parametrize("step_s", [-3600.0, -5.0, -0.2, -0.01, 0.2, 2.0, 5.0, 3600.0])
+@pytest.mark.parametrize("lag_s", [0.0, 0.5, 3.0])
+def test_a_step_of_the_sender_s_clock_makes_no_old_picture_fresh(step_s: float, lag_s: float) -> None:
+    stream_time = StreamTime()
+    for number in range(1500):
+        captured_s = number / 30
+        arrived_s = captured_s + lag_s * min(1.0, max(0.0, (captured_s - 10) / 10))
+        stamp_s = 1e9 + captured_s + (step_s if captured_s > 30 else 0.0)
+        found_s = stream_time.captured_at_s(arrived_s, stamp_s)
+        if found_s is not None:
+            assert found_s < arrived_s - 0.25 or arrived_s - captured_s < 0.3, f"{captured_s:.2f} s looks fresh"
+    assert found_s is not None
+
+
+def test_a_stamp_that_stands_still_does_not_advance_the_capture_time() -> None:
+    stream_time = StreamTime()
+    found = [stream_time.captured_at_s(n / 30, 1e9 + min(n / 30, 5.0)) for n in range(300)]
+    assert found[150] == pytest.approx(5.0)
+    assert set(found[150:]) == {found[150]}
+
+
+def test_a_sender_whose_stamps_end_is_not_believed_without_them() -> None:
+    stream_time = StreamTime()
+    for number in range(100):
+        stream_time.captured_at_s(number / 30, 1e9 + number / 30)
+    stream_time.restart()
+    assert [stream_time.captured_at_s(5 + number / 30) for number in range(100)] == [None] * 100
+    assert "time stamps are missing" in stream_time.why_late
 
 
 @pytest.mark.parametrize("drain_s", [0.001, 0.01, 0.02])
@@ -141,15 +256,24 @@ def test_a_clock_of_the_sender_that_is_set_is_judged_anew() -> None:
     assert found_s == pytest.approx(at_s)
 
 
-def test_a_camera_that_becomes_slower_or_faster_is_believed() -> None:
+def test_a_camera_that_becomes_slower_or_faster_is_believed_where_its_link_has_pauses() -> None:
     stream_time = StreamTime()
     at_s, believed = 0.0, []
     for period_s in (1 / 30, 0.15, 1 / 60, 0.4, 1 / 15):
         for _ in range(round(6 / period_s)):
             at_s += period_s
-            believed.append(stream_time.captured_at_s(at_s) is not None)
+            believed.append(stream_time.captured_at_s(at_s, has_begun=False) is not None)
     assert sum(believed) / len(believed) > 0.95
     assert all(believed[-40:])
+
+
+def test_a_slower_pace_is_believed_after_a_minute_where_nothing_else_is_known() -> None:
+    stream_time = StreamTime()
+    for number in range(300):
+        stream_time.captured_at_s(number / 30)
+    found = [stream_time.captured_at_s(10 + number / 15) for number in range(1000)]
+    assert found[10:880] == [None] * 870
+    assert None not in found[940:]
 
 
 def test_a_camera_that_is_ten_times_as_fast_after_a_gap_is_believed_after_a_moment() -> None:

@@ -18,7 +18,7 @@ from stadimeter.cameras.video_file import VideoFileCamera, VideoFileOptions
 from stadimeter.config.plugins import CAMERAS, DriverContext, load_driver
 from stadimeter.core.frame import Frame
 from stadimeter.errors import DeviceClosedError, EndOfFramesError, PictureError
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.rig import ManualClock
 
 CODECS = {"ramp.avi": "MJPG", "ramp.mp4": "mp4v"}
 
@@ -123,7 +123,7 @@ def test_a_video_whose_index_was_cut_off_is_refused(tmp_path: Path) -> None:
 def test_nothing_but_our_own_error_is_printed_of_a_video_that_was_cut_off(tmp_path: Path) -> None:
     path = write_ramp(tmp_path / "ramp.mp4")
     path.write_bytes(path.read_bytes()[:-200])
-    opens = "import sys; from stadimeter.cameras.video_file import *; from stadimeter.testing.manual_clock import *\n"
+    opens = "import sys; from stadimeter.cameras.video_file import *; from stadimeter.testing.rig import *\n"
     opens += "try: VideoFileCamera(Path(sys.argv[1]), None, ManualClock()).open()\n"
     opens += "except PictureError as error: print(error)"
     environment = {name: text for name, text in os.environ.items() if name != "OPENCV_FFMPEG_LOGLEVEL"}

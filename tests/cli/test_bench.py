@@ -1,14 +1,43 @@
 """The command ``bench``."""
 
 import pytest
+from boards_table import read_figures
 from typer.testing import CliRunner
 
 from stadimeter.cli.main import app
-from stadimeter.workbench.board_figures import read_figures
+from stadimeter.workbench.board_figures import (
+    SCHEMA_VERSION,
+    DetectorSpeed,
+    Figures,
+    Heat,
+    Latency,
+    OwnRun,
+    Times,
+    this_computer,
+)
+
+SIZES = ((640, 480), (1280, 720), (1920, 1080))
+TIMES = Times(median_ms=2.0, p95_ms=3.0, mean_ms=2.1)
+FIGURES = Figures(
+    schema_version=SCHEMA_VERSION,
+    note="",
+    computer=this_computer(),
+    before=Heat(temperature_c=None, throttled=None),
+    after=Heat(temperature_c=None, throttled=None),
+    run=OwnRun(first_command_s=1.5, peak_memory_mb=82.0),
+    latency=Latency(frames=100, p50_ms=1.0, p95_ms=2.0, p99_ms=3.0),
+    detectors=tuple(
+        DetectorSpeed(detector=name, width_px=size[0], height_px=size[1], search=TIMES, track=TIMES, found=1.0)
+        for size in SIZES
+        for name in ("ball", "sheet", "tag", "disc")
+    ),
+)
+"""Figures to print. How they are measured is tested beside the code, and with the command in the long tests."""
 
 
-@pytest.fixture(scope="module")
-def shown():
+@pytest.fixture
+def shown(monkeypatch):
+    monkeypatch.setattr("stadimeter.cli.bench.measure", lambda *_arguments, **_options: FIGURES)
     return CliRunner().invoke(app, ["bench", "--seconds", "0.3"])
 
 

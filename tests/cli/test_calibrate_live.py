@@ -20,6 +20,7 @@ from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
 from support.scenes.render import render
 from support.scenes.scene import Scene
+from support.v4l2_double import V4l2Double
 
 pytestmark = pytest.mark.vision
 
@@ -60,6 +61,17 @@ def test_two_distances_asked_for_and_proved_give_a_camera_file(tmp_path: Path) -
     model = load_camera_model(tmp_path / "camera.toml")
     assert model.fx_px == pytest.approx(600, rel=0.01)
     assert "at 3 m" in model.provenance.notes[1]
+
+
+def test_settings_that_the_camera_did_not_take_are_noted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    device = V4l2Double.plugged_in(tmp_path / "video0", _ball_at(1.0), monkeypatch)
+    device.kept[cv2.CAP_PROP_AUTOFOCUS] = 1.0
+    config = tmp_path / "room.toml"
+    config.write_text(f'[camera]\ndriver = "opencv"\ndevice = "{device.node}"\n')
+    output = str(tmp_path / "camera.toml")
+    result = CliRunner().invoke(app, ["calibrate", "distance", "--live", str(config), *BALL, "-o", output])
+    assert "note: asked for a fixed focus, the camera keeps refocusing: distances will drift\n" in result.stderr
+    assert not device.isOpened(), "the camera is left closed"
 
 
 def test_distances_that_contradict_each_other_leave_no_file(tmp_path: Path) -> None:

@@ -5,16 +5,15 @@ from __future__ import annotations
 import json
 import re
 import socket
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 from typer.testing import CliRunner, Result
 
 from stadimeter.cli import doctor
-from stadimeter.cli.glyphs import ASCII, UNICODE
 from stadimeter.cli.main import app
-from stadimeter.config.guides import guide
+from stadimeter.config.extras import guide
 from stadimeter.workbench.doctor.computer import Computer, DiagnosisSeverity, wrong
 from support.broker import free_port
 from support.captured_computers import PC, PI_4, ZERO_2, Captured
@@ -52,15 +51,12 @@ def test_what_is_wrong_stands_above_its_remedy_and_exits_with_1(
     assert lines[at + 1].startswith("    → use the supply for the board")
 
 
-def test_lines_fit_narrow_terminals_of_every_alphabet() -> None:
-    for glyphs, marks in [(UNICODE, "✓!✗?"), (ASCII, "ok!x?")]:
-        for severity, (mark, _style) in doctor.MARKS.items():
-            diagnosis = replace(wrong("seen at 20 °C " * 8, "mend it " * 8), severity=severity)
-            lines = [line.plain for line in doctor._lines(diagnosis, glyphs, 40)]
-            assert max(map(len, lines)) <= 40
-            assert lines[0].startswith(f" {glyphs.words(mark):<2} seen")
-            assert glyphs.words(mark) in marks
-            assert all(line.isascii() for line in lines) == glyphs.ascii_only
+def test_lines_fit_narrow_terminals() -> None:
+    for severity, (mark, _style) in doctor.MARKS.items():
+        diagnosis = replace(wrong("seen at 20 °C " * 8, "mend it " * 8), severity=severity)
+        lines = [line.plain for line in doctor._lines(diagnosis, 40)]
+        assert max(map(len, lines)) <= 40
+        assert lines[0].startswith(f" {mark:<2} seen")
 
 
 def test_a_configuration_that_is_not_there_is_a_mistake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

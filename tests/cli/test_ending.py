@@ -23,7 +23,7 @@ from stadimeter.messaging.apprise_notifier import PATIENCE
 from stadimeter.messaging.back_off import Patience
 from stadimeter.simulation.emulated_port import EmulatedPort
 from stadimeter.simulation.ros_arduino_firmware import RosArduinoFirmware
-from stadimeter.testing.eventually import eventually
+from stadimeter.testing.rig import eventually
 from support.processes import is_suspended
 from support.simulated_run import SIMULATED_BALL
 from support.webhook_listener import HOST, WebhookListener
@@ -107,8 +107,12 @@ main()
 """
 """A run in which one call raises an error after some that did not."""
 
+USUAL_WARNINGS = (  # the emulated port is reached by a link elsewhere, which stays while its cable is out
+    "warning: base: nothing but itself stops it if this process is killed: its driver gives no bytes that do, or its "
+    "port is not below /dev\nwarning: a recording or simulation drives real outputs: base\n"
+)
 SIMULATED_CAMERA = ("stadimeter.simulation.camera", "SimulatedCamera", "read")
-BASE = ("stadimeter.bases.ros_arduino_base", "RosArduinoBase")
+BASE = ("stadimeter.bases.serial_base", "SerialBase")
 DETECTOR = ("stadimeter.simulation.ideal_detector", "IdealDetector", "detect")
 ACTUATOR = ("stadimeter.simulation.actuator", "SimulatedActuator", "tick")
 
@@ -139,8 +143,8 @@ class Robot:
         self.config = folder / "follow.toml"
         self.write()
 
-    def write(self, extra="", do=""):
-        self.config.write_text(SIMULATED_BALL + extra + FOLLOW.format(port=self.port.path, do=do))
+    def write(self, extra="", do="", port=""):
+        self.config.write_text(SIMULATED_BALL + extra + FOLLOW.format(port=port or self.port.path, do=do))
 
     def start(self, *words, program=("-c", PATIENT), until_driving=True, **options):
         environ = {**os.environ, "XDG_RUNTIME_DIR": str(self.folder / "r"), "NO_COLOR": "1"}
@@ -152,7 +156,7 @@ class Robot:
             assert self.process.poll() is None, self.process.stderr and self.process.stderr.read()
 
     def drives(self):
-        return self.board.left.driven_tps > 0
+        return self.board.left.driven_mps > 0
 
     def end(self, number=signal.SIGTERM):
         """Ask for the end; return the exit code and what was said on standard error."""
@@ -206,7 +210,7 @@ def blocked_pipe():
 
 def test_nothing_pending_is_the_usual_end(robot):
     robot.start()
-    assert robot.end() == (0, "warning: a recording or simulation drives real outputs: base\n")
+    assert robot.end() == (0, USUAL_WARNINGS)
 
 
 @pytest.mark.parametrize("streams", [("stdout",), pytest.param(("stdout", "stderr"), marks=pytest.mark.long)])
@@ -367,13 +371,13 @@ def test_nohup_outlives_its_terminal_because_that_was_asked_for(robot, terminal)
     time.sleep(0.5)
     assert robot.process.poll() is None
     assert robot.drives()
-    assert robot.end() == (0, "warning: a recording or simulation drives real outputs: base\n")
+    assert robot.end() == (0, USUAL_WARNINGS)
 
 
 def test_without_a_terminal_a_hangup_has_it_read_its_file_again_and_it_drives_on(robot):
     robot.start("--json", start_new_session=True)
     robot.process.send_signal(signal.SIGHUP)
-    line = robot.process.stderr.readline() + robot.process.stderr.readline()
+    line = b"".join(robot.process.stderr.readline() for _ in range(3))  # two warnings come first
     assert b"the configuration was reloaded" in line
     assert robot.drives()
     robot.end()
@@ -397,7 +401,7 @@ def test_a_signal_that_would_kill_it_stops_the_wheels_first(robot, number):
     before = robot.board.stops_commanded
     robot.process.send_signal(number)
     code, said = robot.ended()
-    assert (code, said) == (0, "warning: a recording or simulation drives real outputs: base\n")
+    assert (code, said) == (0, USUAL_WARNINGS)
     assert robot.board.stops_commanded > before
     assert robot.board.stops_by_itself == 0
 
@@ -469,3 +473,46 @@ def test_running_out_of_memory_stops_everything_and_is_said_in_a_line(robot, whe
     assert "Traceback" not in said
     assert not robot.drives()
     assert robot.board.stops_by_itself == 0
+
+
+def _watchdogs(process):
+    """Return the processes that a run has started, by their process ids."""
+    return [int(each) for each in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()]
+
+
+def test_the_wheels_are_stopped_when_the_process_is_killed(robot):
+    """By the watchdog process: the board itself would only do so two seconds after the last command."""
+    robot.write(port=Path(robot.port.path).resolve())  # below /dev, as a real one
+    robot.start()
+    robot.process.kill()
+    robot.process.wait()
+    assert eventually(lambda: not robot.drives())
+    assert robot.board.stops_by_itself == 0
+
+
+def test_a_process_that_is_stopped_while_its_wheels_turn_is_killed_and_they_are_stopped(robot):
+    robot.write(port=Path(robot.port.path).resolve())  # below /dev, as a real one
+    robot.start()
+    robot.process.send_signal(signal.SIGSTOP)
+    assert robot.process.wait(HANGS_S) == -signal.SIGKILL
+    assert eventually(lambda: not robot.drives())
+
+
+def test_without_its_watchdog_process_the_wheels_stand_until_a_release_which_starts_a_new_one(robot):
+    robot.write(port=Path(robot.port.path).resolve())  # below /dev, as a real one
+    robot.start()
+    (watchdog,) = _watchdogs(robot.process)
+    os.kill(watchdog, signal.SIGKILL)
+    assert eventually(lambda: not robot.drives())
+    time.sleep(0.5)
+    assert not robot.drives()
+    assert robot.board.stops_by_itself == 0
+    environ = {**os.environ, "XDG_RUNTIME_DIR": str(robot.folder / "r")}
+    release = [sys.executable, "-m", "stadimeter", "stop-outputs", "--release", "--config", str(robot.config)]
+    said = subprocess.run(release, env=environ, capture_output=True, text=True, check=True).stdout
+    assert "by the watchdog: the watchdog process has ended" in said
+    assert eventually(robot.drives)
+    assert len(_watchdogs(robot.process)) == 1
+    assert watchdog not in _watchdogs(robot.process)
+    code, _ = robot.end()
+    assert code == 0

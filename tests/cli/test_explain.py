@@ -8,6 +8,7 @@ import pytest
 from stadimeter.app.bootstrap import build
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.recordings.journal import JournalWriter
+from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 from stadimeter.app.recordings.recorder import Recorder
 from stadimeter.cli.explain import seconds_ago, seconds_since_the_beginning
 from stadimeter.config.loader import load_configuration
@@ -49,7 +50,7 @@ def journal(tmp_path_factory):
     folder = tmp_path_factory.mktemp("explain")
     (folder / "rules.toml").write_text(CONFIG)
     loop = Loop(build(load_configuration(folder / "rules.toml"), speed=None))
-    recorder = Recorder(JournalWriter(folder / "run.jsonl", CONFIG), is_live=False)
+    recorder = Recorder(JournalWriter(folder / "run.jsonl", RecordedConfiguration(text=CONFIG)), is_live=False)
     loop.listeners.append(recorder)
     loop.run(Limits(seconds=6))
     recorder.close()

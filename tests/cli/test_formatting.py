@@ -21,7 +21,6 @@ from stadimeter.cli.formatting import (
     format_bearing,
     format_closing,
     format_distance,
-    format_feet_and_inches,
     format_level,
     format_speed,
     format_time,
@@ -77,30 +76,11 @@ def test_whatever_the_figures_no_nan_and_no_infinity_is_shown(
 ) -> None:
     texts = [
         format_distance(value, sigma, unit),
-        format_feet_and_inches(value, sigma),
         format_speed(value, sigma, unit),
         format_closing(value, sigma, unit),
         format_bearing(value),
     ]
     assert not re.search(r"nan|inf|-0(\.0+)? (?!ft)|-0 ft 0\.0 in", " ".join(texts))
-
-
-def test_feet_and_inches() -> None:
-    for distance_m, sigma_m, text in [
-        (2.4321, 0.005, "7 ft 11.8 in"),
-        (2.4321, 0.03, "8 ft 0 in"),  # not 7 ft 12 in
-        (2.4321, 0.5, "8 ft"),
-        (0.3048 * 6 - 1e-6, 0.003, "6 ft 0.0 in"),
-        (None, None, UNKNOWN),
-    ]:
-        assert format_feet_and_inches(distance_m, sigma_m) == text
-
-
-@given(st.floats(0, 1e4), st.floats(0, 0.15))
-def test_there_are_never_twelve_inches_beside_the_feet(distance_m: float, sigma_m: float) -> None:
-    feet, inches = re.fullmatch(r"(\d+) ft ([\d.]+) in", format_feet_and_inches(distance_m, sigma_m)).groups()
-    assert float(inches) < 12
-    assert abs(int(feet) * 12 + float(inches) - distance_m / 0.0254) <= 0.501
 
 
 def test_a_speed_of_approach_is_told_only_when_it_is_clear() -> None:

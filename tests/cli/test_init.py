@@ -11,7 +11,6 @@ import sys
 import time
 import tomllib
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 import cv2
@@ -215,7 +214,8 @@ def test_the_answers_that_the_guide_shows_lead_to_a_configuration(tmp_path: Path
 
 def test_the_guide_names_every_key_of_an_answer() -> None:
     text = GUIDE.read_text()
-    assert [key for key in answer_keys() if f"`{key}`" not in text and not key.endswith("_output")] == []
+    fixed = [key for key in answer_keys() if not key.startswith("base_") and not key.endswith("_output")]
+    assert [key for key in fixed if f"`{key}`" not in text] == []
 
 
 def test_a_folder_that_is_a_file_is_one_line(tmp_path: Path) -> None:
@@ -233,13 +233,10 @@ class Terminal:
     def __init__(self, folder: Path, columns: int = 80) -> None:
         self._ours, theirs = pty.openpty()
         environment = {**os.environ, "COLUMNS": str(columns), "LINES": "24", "TERM": "xterm"}
-        command = [sys.executable, "-m", "stadimeter", "init"]
-        self._process = subprocess.Popen(  # Ctrl-C reaches the program whose terminal it is
-            command,
-            cwd=folder,
-            env=environment,
-            preexec_fn=partial(os.login_tty, theirs),  # noqa: PLW1509
-        )
+        # Ctrl-C reaches the program whose terminal it is. A fork that runs Python can hang where OpenBLAS has threads.
+        take_terminal = "import os, sys; os.login_tty(int(sys.argv[1])); os.execv(sys.argv[2], sys.argv[2:])"
+        command = [sys.executable, "-c", take_terminal, str(theirs), sys.executable, "-m", "stadimeter", "init"]
+        self._process = subprocess.Popen(command, cwd=folder, env=environment, pass_fds=[theirs])
         os.close(theirs)
         self._unread = ""
         self.said = ""

@@ -18,7 +18,7 @@ from typing import Any
 
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.cli.demonstration import fault_keys
+from stadimeter.cli.demo import fault_keys
 from stadimeter.cli.keyboard import Keyboard, RunKeys
 
 PATIENCE_S = 40.0

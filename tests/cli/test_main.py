@@ -10,7 +10,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from stadimeter.cli.main import ALARM_COMMANDS, PANELS, app, module_of
+from stadimeter.cli.main import PANELS, app, place_of
 from stadimeter.config import plugins
 
 HEAVY = ("cv2", "numpy", "pydantic", "paho", "gpiozero", "serial", "stadimeter.app", "stadimeter.config")
@@ -46,7 +46,7 @@ def test_the_help_loads_no_command():
 
 def test_no_command_loads_a_driver_that_nobody_named():
     """One after the other in one process, so that the first that loads a driver is named."""
-    modules = sorted({module_of(name) for commands in PANELS.values() for name in commands})
+    modules = sorted({place_of(name)[0] for commands in PANELS.values() for name in commands})
     code = f"""
 from importlib import import_module
 loaders = {{}}
@@ -112,7 +112,7 @@ def test_measuring_loads_the_configuration_of_a_run_only_when_one_is_given():
     assert among(loaded_by("import stadimeter.cli.measure"), ["stadimeter.config.loader", "rich.progress"]) == []
 
 
-LISTED = [name for panel, commands in PANELS.items() if panel for name in commands]
+LISTED = [name for commands in PANELS.values() for name in commands]
 
 
 def test_the_list_of_commands_says_what_the_command_says_itself():
@@ -123,16 +123,9 @@ def test_the_list_of_commands_says_what_the_command_says_itself():
         assert own == summary
 
 
-def test_the_help_lists_every_command_but_not_its_old_name():
+def test_the_help_lists_every_command():
     shown = CliRunner().invoke(app, ["--help"]).output
-    assert [name for commands in PANELS.values() for name in commands if f"│ {name} " in shown] == LISTED
-    assert set(PANELS[""]) == set(ALARM_COMMANDS)
-
-
-def test_an_operator_command_goes_by_its_old_name_too():
-    for name in ALARM_COMMANDS:
-        old, new = (CliRunner().invoke(app, [*words, "--help"]).output for words in ([name], ["alarm", name]))
-        assert old.split("\n", 3)[3] == new.split("\n", 3)[3]
+    assert [name for name in LISTED if f"│ {name} " in shown] == LISTED
 
 
 def test_help_prints_what_the_option_prints():

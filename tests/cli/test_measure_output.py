@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import replace
 
 import numpy as np
+from msgspec.structs import replace
 
 from stadimeter.cli.formatting import format_best, format_place
 from stadimeter.cli.measure_output import explanation, explanation_record

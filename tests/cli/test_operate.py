@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.testing.eventually import eventually
+from stadimeter.testing.rig import eventually
 from support.broker import free_port
 from support.command_line import typed
 from support.simulated_run import SIMULATED_BALL
@@ -123,14 +123,14 @@ def terminal(tmp_path_factory):
 
 def test_an_alarm_is_acknowledged_shelved_and_taken_out_while_it_runs(terminal):
     instance = terminal.start()
-    done = terminal.type("ack", "near", "--by", "Zoë", "--why", "seen")
+    done = terminal.type("alarm", "ack", "near", "--by", "Zoë", "--why", "seen")
     assert (done.returncode, done.stderr) == (0, "")
     instance.wait_for("near acknowledged")
-    assert terminal.type("shelve", "near", "--for", "30 min").returncode == 0
+    assert terminal.type("alarm", "shelve", "near", "--for", "30 min").returncode == 0
     assert "near: active, shelved: " in terminal.type("status").stdout
-    assert terminal.type("unshelve", "--all").returncode == 0
-    assert terminal.type("take-out", "near", "--json").stdout.startswith('{"words": ')
-    assert terminal.type("put-back", "near").returncode == 0
+    assert terminal.type("alarm", "unshelve", "--all").returncode == 0
+    assert terminal.type("alarm", "take-out", "near", "--json").stdout.startswith('{"words": ')
+    assert terminal.type("alarm", "put-back", "near").returncode == 0
     assert instance.end() == 0
     assert "by Zoë: seen" in instance.said["out"]
 
@@ -169,11 +169,11 @@ def test_a_stop_without_a_name_stops_every_instance_even_if_another_was_killed(t
 def test_what_is_refused_is_one_clear_line_and_2(terminal):
     terminal.start()
     for words, expected in [
-        (("reset", "near"), "near"),
-        (("ack", "nera"), "nera"),
-        (("shelve", "near", "--for", "2 h"), "up to 1 h"),
-        (("shelve", "near", "--for", "soon"), "'soon' is not a number with a unit"),
-        (("shelve", "near", "--for", "0 s"), "no time at all"),
+        (("alarm", "reset", "near"), "near"),
+        (("alarm", "ack", "nera"), "nera"),
+        (("alarm", "shelve", "near", "--for", "2 h"), "up to 1 h"),
+        (("alarm", "shelve", "near", "--for", "soon"), "'soon' is not a number with a unit"),
+        (("alarm", "shelve", "near", "--for", "0 s"), "no time at all"),
     ]:
         done = terminal.type(*words)
         assert done.returncode == 2, words
@@ -183,7 +183,7 @@ def test_what_is_refused_is_one_clear_line_and_2(terminal):
 
 
 def test_meaning_every_rule_must_be_said(terminal):
-    for words in (("ack",), ("ack", "near", "--all")):
+    for words in (("alarm", "ack"), ("alarm", "ack", "near", "--all")):
         done = terminal.type(*words)
         assert done.returncode == 2
         assert "name a RULE, or say --all" in done.stderr
@@ -191,7 +191,7 @@ def test_meaning_every_rule_must_be_said(terminal):
 
 @pytest.mark.parametrize("command", ["ack", "reload", "status", "stop-outputs"])
 def test_without_a_running_instance_it_says_so(terminal, command):
-    done = terminal.type(command, *(["near"] if command == "ack" else []))
+    done = terminal.type(*(["alarm", "ack", "near"] if command == "ack" else [command]))
     assert done.returncode == 2
     assert done.stderr == ("error: no instance of stadimeter is running; start one with `stadimeter run CONFIG`\n")
 
@@ -206,7 +206,7 @@ def test_of_several_instances_one_must_be_named(terminal):
     assert "several instances run; say which one with --config or --socket:" in done.stderr
     assert str(terminal.config) in done.stderr
     assert str(other) in done.stderr
-    assert terminal.type("ack", "near", "--config", other).returncode == 0
+    assert terminal.type("alarm", "ack", "near", "--config", other).returncode == 0
     (unseen,) = json.loads(terminal.type("status", "--json", "--config", terminal.config).stdout)["rules"]
     (seen,) = json.loads(terminal.type("status", "--json", "--config", other).stdout)["rules"]
     assert (unseen["acknowledged"], seen["acknowledged"]) == (False, True)
@@ -231,7 +231,7 @@ def test_an_answer_names_the_configuration_its_age_and_whether_the_file_has_chan
     assert not told["is_file_changed"]
 
 
-@pytest.mark.parametrize("words", [("status",), ("explain", "near"), ("ack", "near")])
+@pytest.mark.parametrize("words", [("status",), ("explain", "near"), ("alarm", "ack", "near")])
 def test_no_other_instance_answers_for_one_that_was_killed(terminal, words):
     other = terminal.folder / "garage.toml"
     other.write_text(terminal.config.read_text())
@@ -276,7 +276,7 @@ def test_two_instances_of_one_configuration_listen_at_two_places(terminal):
 
 def test_a_reload_applies_changed_rules_and_keeps_the_state_of_the_others(terminal):
     instance = terminal.start()
-    terminal.type("ack", "near")
+    terminal.type("alarm", "ack", "near")
     terminal.write(NEAR, FAR)
     done = terminal.type("reload")
     assert (done.returncode, done.stdout) == (0, "reloaded: 1 rule kept; added: far\n")
@@ -328,7 +328,7 @@ def test_a_hang_up_reloads_a_service_and_says_what_came_of_it(terminal):
 def test_a_word_that_is_no_text_is_refused_in_words_and_ends_nothing(terminal):
     """What a shell passes on may be no UTF-8; in Python that is half of a surrogate pair."""
     instance = terminal.start()
-    command = [sys.executable, "-m", "stadimeter", "ack", b"\xff\xfe"]
+    command = [sys.executable, "-m", "stadimeter", "alarm", "ack", b"\xff\xfe"]
     done = subprocess.run(command, capture_output=True, check=False, env=terminal.environ)
     assert done.returncode == 2
     assert done.stderr.startswith(b"error: ")
@@ -349,8 +349,8 @@ def test_a_killed_run_leaves_a_socket_that_the_next_one_takes_over(terminal):
 def test_alarms_go_on_after_a_kill(terminal):
     state = terminal.folder / "door.sqlite3"
     instance = terminal.start(None, "--state", state)
-    terminal.type("ack", "near", "--by", "Zoë")
-    terminal.type("take-out", "near")
+    terminal.type("alarm", "ack", "near", "--by", "Zoë")
+    terminal.type("alarm", "take-out", "near")
     eventually(lambda: b"out_of_service" in state.with_name("door.sqlite3-wal").read_bytes())
     instance.process.kill()
     instance.wait()

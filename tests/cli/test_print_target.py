@@ -170,14 +170,6 @@ def test_the_ruler_is_10_cm_and_4_in_long(tmp_path: Path) -> None:
         assert places.max() - places.min() == pytest.approx(length_m * POINTS_PER_M, abs=1e-3)
 
 
-def test_the_sheet_ends_at_the_outer_edge_of_its_line(tmp_path: Path) -> None:
-    pdf = tmp_path / "sheet.pdf"
-    run("sheet", "15cm,10cm", "-o", pdf)
-    path, width = re.findall(r"^(.*) re\n(\S+) w S", content(pdf)[0], re.MULTILINE)[0]
-    sides = np.array([float(each) for each in path.split()[2:]]) + float(width)
-    assert sides == pytest.approx(np.array([0.15, 0.10]) * POINTS_PER_M, abs=1e-3)
-
-
 @pytest.mark.skipif(shutil.which("pdftoppm") is None, reason="pdftoppm of poppler is not installed")
 def test_another_program_reads_the_file_and_sees_the_same(tmp_path: Path) -> None:
     pdf = tmp_path / "disc.pdf"
@@ -193,7 +185,6 @@ def test_another_program_reads_the_file_and_sees_the_same(tmp_path: Path) -> Non
         (("tag", "30cm"), "the side 155mm at most, or take --paper A2"),
         (("disc", "20cm"), "the diameter 161mm at most, or take --paper A3"),
         (("board", "--square", "40mm"), "the squares 25mm at most, or take --paper A2"),
-        (("sheet", "A0"), "is no sheet with a name"),
         (("tag", "3m"), "the side 155mm at most"),
         (("tag", "--paper", "A9"), "--paper: 'A9' is no paper to print on"),
         (("tag", "--id", "9999"), "9999 is not in apriltag-36h11"),
@@ -217,9 +208,7 @@ def test_the_largest_that_is_offered_fits(tmp_path: Path) -> None:
         assert run(*arguments, "-o", tmp_path / "x.pdf")[0] == 2
 
 
-@pytest.mark.parametrize(
-    "arguments", [("tag", "8cm", "--id", "3"), ("disc", "12cm"), ("sheet", "A5"), ("sheet", "15cm,10cm")]
-)
+@pytest.mark.parametrize("arguments", [("tag", "8cm", "--id", "3"), ("disc", "12cm")])
 def test_the_lines_to_paste_are_a_target(tmp_path: Path, arguments: tuple[str, ...]) -> None:
     _, shown = run(*arguments, "-o", tmp_path / "x.pdf")
     table = tomllib.loads(shown[shown.index("[targets") :])["targets"][arguments[0]]

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.testing.eventually import eventually
+from stadimeter.testing.rig import eventually
 from stadimeter.workbench.replay.replay import read_recording
 from support.command_line import typed
 from support.recordings import records_of

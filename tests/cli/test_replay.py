@@ -6,11 +6,9 @@ import socket
 from pathlib import Path
 
 import pytest
-import typer
 from typer.testing import CliRunner
 
-from stadimeter.cli import replay as replay_module
-from stadimeter.cli import run as run_module
+from stadimeter.cli.main import app
 from stadimeter.config.plugins import (
     ACTUATORS,
     BASES,
@@ -55,9 +53,6 @@ fx_px = 300.0
 
 
 def stadimeter(*words):
-    app = typer.Typer()
-    run_module.register(app)
-    replay_module.register(app)
     return CliRunner().invoke(app, [str(word) for word in words])
 
 

@@ -7,10 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-import typer
 from typer.testing import CliRunner, Result
 
-from stadimeter.cli import test_rules
+from stadimeter.cli.main import app
 from support.simulated_run import SIMULATED_BALL
 
 RULES = """
@@ -39,13 +38,11 @@ Tested = Callable[..., Result]
 @pytest.fixture
 def tested(tmp_path: Path) -> Tested:
     """Return a function that runs the command on a configuration with the given tests."""
-    app = typer.Typer()
-    test_rules.register(app)
 
     def of(tests: str, *options: str) -> Result:
         file = tmp_path / "tested.toml"
         file.write_text(SIMULATED_BALL + RULES + tests, encoding="utf-8")
-        return CliRunner().invoke(app, [str(file), *options])
+        return CliRunner().invoke(app, ["test", str(file), *options])
 
     return of
 

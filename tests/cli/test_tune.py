@@ -1,15 +1,14 @@
 """The command ``tune``."""
 
 import json
-import sys
 
 import pytest
-import typer
 from typer.testing import CliRunner
 
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.recordings.journal import JournalWriter
-from stadimeter.cli import tune
+from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+from stadimeter.cli.main import app
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.observation import Observation
 from stadimeter.core.plan import Plan
@@ -39,13 +38,6 @@ when = { lost = true }
 
 
 @pytest.fixture
-def app():
-    app = typer.Typer()
-    tune.register(app)
-    return app
-
-
-@pytest.fixture
 def config(tmp_path):
     path = tmp_path / "rules.toml"
     path.write_text(CONFIGURATION)
@@ -55,6 +47,7 @@ def config(tmp_path):
 @pytest.fixture
 def quick(monkeypatch):
     monkeypatch.setattr(tuning, "FRAMES_A_CLEARANCE", 300)
+    monkeypatch.setattr(tuning, "CLEARANCES", (-1.5, 0.0, 1.0, 2.0, 3.0, 3.5))
     monkeypatch.setattr(tuning_candidates, "PROBABILITIES", (0.5, 0.7, 0.9, 0.99))
     monkeypatch.setattr(tuning_candidates, "OFF_DELAYS_S", (0.0, 1.0))
     monkeypatch.setattr(tuning, "CROSSINGS", 4)
@@ -66,23 +59,23 @@ def recording(tmp_path_factory):
     return write_noisy_journal(tmp_path_factory.mktemp("tune") / "quiet.jsonl", lambda _: 3.0, KnownNoise(), seconds=40)
 
 
-def run(app, *arguments):
-    return CliRunner().invoke(app, [str(each) for each in arguments])
+def run(*arguments):
+    return CliRunner().invoke(app, ["tune", *(str(each) for each in arguments)])
 
 
-def test_where_no_setting_keeps_to_what_was_asked_for_none_is_proposed(app, config, tmp_path, quick):
+def test_where_no_setting_keeps_to_what_was_asked_for_none_is_proposed(config, tmp_path, quick):
     hovering = write_noisy_journal(tmp_path / "hovering.jsonl", lambda _: 2.0, KnownNoise(), seconds=40)
-    done = run(app, "near", hovering, "--config", config)
+    done = run("near", hovering, "--config", config)
     assert done.exit_code == 1
     assert "so none is proposed" in done.output
     assert "within one standard deviation of the threshold" in done.output
     assert "For [rules.near]" not in done.output
     assert "→" not in done.output
-    assert json.loads(run(app, "near", hovering, "--config", config, "--json").stdout)["toml"] == []
+    assert json.loads(run("near", hovering, "--config", config, "--json").stdout)["toml"] == []
 
 
-def test_the_lines_for_the_rule_and_what_they_rest_on_are_printed(app, config, recording, quick):
-    done = run(app, "near", recording, "--config", config)
+def test_the_lines_for_the_rule_and_what_they_rest_on_are_printed(config, recording, quick):
+    done = run("near", recording, "--config", config)
     assert done.exit_code == 0, done.output
     lines = done.output.splitlines()
     begin = lines.index("For [rules.near]:")
@@ -96,10 +89,10 @@ def test_the_lines_for_the_rule_and_what_they_rest_on_are_printed(app, config, r
     assert "Noise: ±" in done.output
 
 
-def test_what_is_proposed_can_be_put_into_the_rule(app, config, recording, quick):
+def test_what_is_proposed_can_be_put_into_the_rule(config, recording, quick):
     from stadimeter.config.loader import load_configuration
 
-    told = json.loads(run(app, "near", recording, "--config", config, "--json").stdout)
+    told = json.loads(run("near", recording, "--config", config, "--json").stdout)
     when, *others = told["toml"]
     changed = CONFIGURATION.replace('when = { below = "2 m", deadband = "5 cm" }', "\n".join((when, *others)))
     config.write_text(changed)
@@ -110,23 +103,23 @@ def test_what_is_proposed_can_be_put_into_the_rule(app, config, recording, quick
     assert near.off_delay_s == told["proposed"]["off_delay_s"]
 
 
-def test_a_target_that_is_noisier_than_stated_gets_a_noise_factor_proposed(app, config, recording, tmp_path, quick):
+def test_a_target_that_is_noisier_than_stated_gets_a_noise_factor_proposed(config, recording, tmp_path, quick):
     from stadimeter.config.loader import load_configuration
 
-    assert "noise_factor" not in run(app, "near", recording, "--config", config).output
+    assert "noise_factor" not in run("near", recording, "--config", config).output
     noise = KnownNoise(stated_per_m2=0.002)
     noisy = write_noisy_journal(tmp_path / "noisy.jsonl", lambda _: 3.0, noise, seconds=60)
-    lines = run(app, "near", noisy, "--config", config).output.splitlines()
+    lines = run("near", noisy, "--config", config).output.splitlines()
     (proposed,) = (line for line in lines if line.startswith("noise_factor = "))
     config.write_text(f"{CONFIGURATION}[tracking]\n{proposed}\n")
     assert load_configuration(config).plan.tracking.noise_factor == pytest.approx(3.0, abs=0.6)
     assert not any(
-        line.startswith("noise_factor") for line in run(app, "near", noisy, "--config", config).output.splitlines()
+        line.startswith("noise_factor") for line in run("near", noisy, "--config", config).output.splitlines()
     )
 
 
-def test_as_json_all_that_was_tried_is_told(app, config, recording, quick):
-    done = run(app, "near", recording, "--config", config, "--json", "--closing-speed", "1 m/s")
+def test_as_json_all_that_was_tried_is_told(config, recording, quick):
+    done = run("near", recording, "--config", config, "--json", "--closing-speed", "1 m/s")
     told = json.loads(done.stdout)
     assert told["closing_speed_mps"] == 1.0
     assert told["reached"] is True
@@ -135,48 +128,17 @@ def test_as_json_all_that_was_tried_is_told(app, config, recording, quick):
     assert told["beginnings"][0]["probability"] == 0.7, "the rule's own settings come first"
 
 
-def test_when_nothing_is_seldom_enough_the_best_is_printed_and_the_exit_code_says_so(app, config, tmp_path, quick):
+def test_when_nothing_is_seldom_enough_the_best_is_printed_and_the_exit_code_says_so(config, tmp_path, quick):
     close = write_noisy_journal(tmp_path / "close.jsonl", lambda _: 2.02, KnownNoise(), seconds=40)
-    done = run(app, "near", close, "--config", config, "--false-alarms-per-day", "0.01")
+    done = run("near", close, "--config", config, "--false-alarms-per-day", "0.01")
     assert done.exit_code == 1
     assert "The best: " in done.output
 
 
-def test_the_plot_is_a_picture(app, config, recording, tmp_path, quick):
-    pytest.importorskip("matplotlib")
-    done = run(app, "near", recording, "--config", config, "--plot", tmp_path / "near.png")
-    assert done.exit_code == 0, done.output
-    assert (tmp_path / "near.png").read_bytes().startswith(b"\x89PNG")
-
-
-def test_without_matplotlib_a_plot_is_refused_before_the_work(app, config, recording, tmp_path, monkeypatch):
-    monkeypatch.setattr("stadimeter.config.extras.find_spec", lambda _name: None)
-    done = run(app, "near", recording, "--config", config, "--plot", tmp_path / "near.png")
-    assert (done.exit_code, done.stdout) == (2, "")
-    assert f"{sys.executable} -m pip install 'stadimeter[plots]', or leave out --plot" in done.stderr
-
-
-@pytest.mark.parametrize("which", ["config", "recording"])
-def test_a_plot_never_replaces_a_configuration_or_a_recording(app, config, recording, which):
-    path = {"config": config, "recording": recording}[which]
-    before = path.read_bytes()
-    done = run(app, "near", recording, "--config", config, "--plot", path)
-    assert done.exit_code == 2
-    assert "does not end in .png" in " ".join(done.output.replace("│", "").split())  # in a frame, at any width
-    assert path.read_bytes() == before
-
-
-def test_an_event_after_the_end_of_the_recording_is_refused(app, config, recording):
-    done = run(app, "near", recording, "--config", config, "--event", "2 h")
+def test_an_event_after_the_end_of_the_recording_is_refused(config, recording):
+    done = run("near", recording, "--config", config, "--event", "2 h")
     assert done.exit_code == 2
     assert "is after the end of the recording" in " ".join(done.output.replace("│", " ").split())
-
-
-def test_a_plot_that_cannot_be_written_is_said(app, config, recording, tmp_path, quick):
-    pytest.importorskip("matplotlib")
-    done = run(app, "near", recording, "--config", config, "--plot", tmp_path / "no-folder" / "near.png")
-    assert done.exit_code == 2
-    assert "the plot cannot be written: there is no folder" in " ".join(done.output.replace("│", "").split())
 
 
 @pytest.mark.parametrize(
@@ -189,45 +151,45 @@ def test_a_plot_that_cannot_be_written_is_said(app, config, recording, tmp_path,
         (["near", "--event", "soon"], "not a number with a unit"),
     ],
 )
-def test_what_cannot_be_tuned_is_said(app, config, recording, quick, arguments, says):
-    done = run(app, arguments[0], recording, "--config", config, *arguments[1:])
+def test_what_cannot_be_tuned_is_said(config, recording, quick, arguments, says):
+    done = run(arguments[0], recording, "--config", config, *arguments[1:])
     assert done.exit_code == 2
     assert says in done.output
 
 
-def test_events_in_one_of_several_recordings_are_refused(app, config, recording, quick):
-    done = run(app, "near", recording, recording, "--config", config, "--event", "3 s")
+def test_events_in_one_of_several_recordings_are_refused(config, recording, quick):
+    done = run("near", recording, recording, "--config", config, "--event", "3 s")
     assert done.exit_code == 2
     assert "not clear in which" in " ".join(done.output.split())
 
 
-def test_recordings_that_tell_nothing_are_refused(app, config, tmp_path, quick):
+def test_recordings_that_tell_nothing_are_refused(config, tmp_path, quick):
     cup = write_noisy_journal(tmp_path / "cup.jsonl", lambda _: 3.0, KnownNoise(), seconds=2, target="cup")
-    assert "its targets are: cup" in run(app, "near", cup, "--config", config).output
+    assert "its targets are: cup" in run("near", cup, "--config", config).output
     short = write_noisy_journal(tmp_path / "short.jsonl", lambda _: 3.0, KnownNoise(), seconds=7)
-    assert "at least 20 s are needed" in run(app, "near", short, "--config", config).output
+    assert "at least 20 s are needed" in run("near", short, "--config", config).output
     (tmp_path / "none.txt").write_text("hello")
-    done = run(app, "near", tmp_path / "none.txt", "--config", config)
+    done = run("near", tmp_path / "none.txt", "--config", config)
     assert (done.exit_code, "not a journal" in done.output) == (2, True)
 
 
-def test_a_recording_without_a_frame_is_refused(app, config, tmp_path, quick):
-    writer = JournalWriter(tmp_path / "dark.jsonl", "")
+def test_a_recording_without_a_frame_is_refused(config, tmp_path, quick):
+    writer = JournalWriter(tmp_path / "dark.jsonl", RecordedConfiguration(text=""))
     state = initial_state(Plan(targets=("ball",)))
     observation = Observation(now_s=1.0, camera_fault="no camera")
     _, decision = decide(state, observation)
     writer.write(CycleRecord(observation=observation, applied=(), timings_s={}, decision=decision))
     writer.close()
-    done = run(app, "near", tmp_path / "dark.jsonl", "--config", config)
+    done = run("near", tmp_path / "dark.jsonl", "--config", config)
     assert done.exit_code == 2
     assert "no frame was recorded" in done.output
 
 
-def test_without_a_configuration_it_takes_that_of_the_recording(app, config, recording, quick):
+def test_without_a_configuration_it_takes_that_of_the_recording(config, recording, quick):
     head, _, rest = recording.read_bytes().partition(b"\n")
     header = json.loads(head) | {"configuration": CONFIGURATION}
     recording.write_bytes(json.dumps(header, separators=(",", ":")).encode() + b"\n" + rest)
-    named = json.loads(run(app, "near", recording, "--config", config, "--json").stdout)
-    found = run(app, "near", recording, "--json")
+    named = json.loads(run("near", recording, "--config", config, "--json").stdout)
+    found = run("near", recording, "--json")
     assert found.exit_code == 0, found.output
     assert json.loads(found.stdout) == named

@@ -43,7 +43,7 @@ def test_another_kind_of_file_is_refused(tmp_path: Path) -> None:
 
 
 def test_where_nothing_is_on_a_pin_there_is_nothing_to_wire() -> None:
-    code, shown = run(CONFIGURATIONS / "follow-ball.toml")
+    code, shown = run(CONFIGURATIONS / "demo.toml")
     assert code == 2
     assert "nothing to wire" in shown
 

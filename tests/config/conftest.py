@@ -33,6 +33,7 @@ driver = "buzzer"
 pin = 23
 [base]
 driver = "ros-arduino-bridge"
+auto_stop = "500 ms"
 port = "/dev/ttyUSB0"
 wheel_diameter = "6.5 cm"
 ticks_per_turn = 1440

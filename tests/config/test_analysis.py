@@ -21,9 +21,9 @@ GOOD = sorted(FOLDER.glob("*.good.toml"))
 SAID = re.compile(r"# (error|warning) ([a-z-]+): (.+)$")
 
 CLASSES = {
-    "always-suppressed", "always-true", "bad-value", "band-inverted", "band-overlap", "band-skipped",
-    "cooldown-hides-realarm", "driver", "empty-interval", "equal-priority", "frames-reversed", "group-of-one", "late",
-    "latch-observed", "latch-suppresses", "latch-unheard", "lost-cuts-off-delay", "lost-reversed", "motion-blind",
+    "always-suppressed", "always-true", "bad-value", "band-inverted", "band-skipped",
+    "driver", "empty-interval", "equal-priority", "frames-reversed", "group-of-one", "late",
+    "latch-suppresses", "latch-unheard", "lost-cuts-off-delay", "lost-reversed", "motion-blind",
     "never-true", "no-effect",
     "output-unused", "pin-taken", "ramp-reversed", "reference-cycle",
     "safety-clears-at-once", "safety-delayed", "safety-observed",

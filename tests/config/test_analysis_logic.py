@@ -8,26 +8,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stadimeter.config.analysis.logic import Logic, Wanted
+from stadimeter.config.analysis.logic import Intervals, Logic, Wanted, interval, union_of, week_of
 from stadimeter.config.analysis.regions import beginning_of
-from stadimeter.config.analysis.situations import Intervals, interval, union_of, week_of
-from stadimeter.core.condition import (
-    AllOf,
-    AnyOf,
-    ClosingCondition,
-    Condition,
-    CountCondition,
-    DirectionCondition,
-    DistanceCondition,
-    Not,
-    PresenceCondition,
-    RuleCondition,
-    ScheduleCondition,
-    SeparationCondition,
-    TimeToContactCondition,
-)
-from stadimeter.core.conditions.inputs import RuleInputs
-from stadimeter.core.conditions.verdict import judge
+from stadimeter.core.base_report import BaseReport
+from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not, judge
+from stadimeter.core.conditions.contact import TimeToContactCondition
+from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
+from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, SeparationCondition
+from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
 from stadimeter.core.observation import WallTime
 from stadimeter.core.track import Track, TrackStatus
 
@@ -43,6 +33,9 @@ targets = st.sampled_from(TARGETS)
 
 def ends(draw: st.DrawFn) -> tuple[float | None, float | None]:
     return draw(st.one_of(st.tuples(limits, st.none()), st.tuples(st.none(), limits), st.tuples(limits, limits)))
+
+
+VOLTAGES_V = (None, 10.0, 11.0, 12.0)
 
 
 @st.composite
@@ -75,6 +68,8 @@ def leaves(draw: st.DrawFn) -> Condition:
                 PresenceCondition(seen=draw(st.booleans()), for_s=float(draw(st.integers(0, 3))), target=target),
                 CountCondition(at_least=draw(st.integers(1, 3)), at_most=draw(st.none() | st.integers(0, 2))),
                 RuleCondition(rule=draw(st.sampled_from(RULES))),
+                ContactSensorCondition(sensor=draw(st.sampled_from(["is_bumped", "is_at_cliff"]))),
+                BatteryCondition(below_v=draw(st.sampled_from([10.8, 11.4]))),
                 ScheduleCondition(from_s=draw(hours), to_s=draw(hours), weekdays=draw(st.sampled_from([(), (0, 5)]))),
             ]
         )
@@ -123,6 +118,9 @@ def situations(draw: st.DrawFn) -> RuleInputs:
         tracks={target: draw(tracks(target)) for target in TARGETS},
         now_s=NOW_S,
         wall=draw(st.none() | st.builds(WallTime, second_of_day=st.just(hour * 3600.0 + 1), weekday=st.integers(0, 6))),
+        base=draw(
+            st.none() | st.builds(BaseReport, at_s=st.just(NOW_S), battery_v=st.none() | st.sampled_from(VOLTAGES_V))
+        ),
         active={rule: draw(st.sampled_from([True, False, None])) for rule in RULES},
     )
 

@@ -124,23 +124,31 @@ def test_a_link_stays_a_link_and_the_file_that_it_leads_to_is_replaced(tmp_path:
 
 WRITES_FILES = {"write_text", "write_bytes", "imwrite", "savefig", "tofile", "savez", "mkstemp", "NamedTemporaryFile"}
 SAVES = {
-    "workbench/tuning/plot.py": "into memory",
     "app/service.py": "a counter of failed starts, which counts from 0 where it cannot be read",
     "workbench/bench.py": "into a temporary folder",
-    "workbench/doctor/service.py": "a list for a program that only reads it, which is deleted after",
+    "workbench/doctor/examination.py": "a list for a program that only reads it, which is deleted after",
     "web/passwords.py": "a hidden file first, as there; the page imports nothing of `config`",
 }
 
 
-def test_every_file_is_saved_in_one_place() -> None:
-    """A call that writes a file in another way would leave half of it after a cut."""
+@pytest.fixture(scope="module")
+def method_calls() -> list[tuple[str, ast.Call]]:
+    """Return every call of a method in the package, with the file that it stands in."""
     package = Path(stadimeter.__file__).parent
-    found = {
-        str(file.relative_to(package)): node.func.attr
+    return [
+        (str(file.relative_to(package)), node)
         for file in package.rglob("*.py")
         for node in ast.walk(ast.parse(file.read_text("utf-8")))
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)
-        if node.func.attr in WRITES_FILES or (node.func.attr == "open" and _opens_for_writing(node))
+    ]
+
+
+def test_every_file_is_saved_in_one_place(method_calls: list[tuple[str, ast.Call]]) -> None:
+    """A call that writes a file in another way would leave half of it after a cut."""
+    found = {
+        file: call.func.attr
+        for file, call in method_calls
+        if call.func.attr in WRITES_FILES or (call.func.attr == "open" and _opens_for_writing(call))
     }
     assert set(found) <= {*SAVES}, found
 
@@ -158,42 +166,34 @@ LOOKS = {
     "app/persistence/alarm_store.py": "why a write has failed",
     "app/recordings/record_file.py": "an early refusal; what follows fails by itself",
     "app/this_computer.py": "a finding of `check`, or which unit counts, of an installation",
-    "app/wall_time.py": "nothing is opened",
+    "app/clock.py": "nothing is opened",
+    "bases/i2c_link.py": "a finding of `check`; opening fails by itself",
     "bases/serial_link.py": "a finding of `check`; opening fails by itself",
     "cameras/image_files.py": "what kind of path it is; reading fails by itself",
     "cameras/opencv_device.py": "why it was not opened, or a finding of `check`",
-    "cameras/picamera2_package.py": "what is installed",
+    "cameras/picamera2_camera.py": "what is installed",
     "cli/calibrate_board.py": "the word 'replaced' or 'wrote'",
     "cli/calibrate.py": "an early refusal; the word 'replaced' or 'wrote'",
     "cli/exits.py": "whether one is taken without a name; reading fails by itself",
     "cli/doctor.py": "why it cannot be read",
     "cli/init.py": "a question to the user; the answers are replaced, never removed",
-    "cli/tune.py": "an early refusal",
     "cli/web.py": "an early refusal",
-    "config/guides.py": "which name of a page is shown",
+    "config/extras.py": "which name of a page is shown",
     "config/untrusted_file.py": "nothing is opened",
     "web/page.py": "a download that is gone by then fails",
     "web/passwords.py": "a folder of the installation",
     "web/run_process.py": "why there is no run",
-    "workbench/board_figures.py": "which version of the kernel's interface there is",
     "workbench/colour_aids.py": "how a name is split; reading fails by itself",
     "workbench/doctor/computer.py": "a finding",
     "workbench/doctor/examined.py": "a finding",
     "workbench/run_camera.py": "why there is no picture",
     "workbench/saving.py": "under the lock of every saver, or a list of what is kept",
     "workbench/server/setup_desk.py": "the answers are replaced, never removed",
-    "workbench/setup/answers.py": "a word about a version that was just kept",
+    "workbench/setup/interview.py": "a word about a version that was just kept",
 }
 """Where a file is looked up, and why nothing depends on it being the same a moment later."""
 
 
-def test_nothing_looks_a_file_up_before_it_acts_on_it() -> None:
+def test_nothing_looks_a_file_up_before_it_acts_on_it(method_calls: list[tuple[str, ast.Call]]) -> None:
     """Another program may rename or remove it in between. Act, and handle the error of the act."""
-    package = Path(stadimeter.__file__).parent
-    found = {
-        str(file.relative_to(package))
-        for file in package.rglob("*.py")
-        for node in ast.walk(ast.parse(file.read_text("utf-8")))
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in ASKS
-    }
-    assert found == {*LOOKS}
+    assert {file for file, call in method_calls if call.func.attr in ASKS} == {*LOOKS}

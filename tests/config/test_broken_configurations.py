@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from stadimeter.app.feasibility import feasibility_warnings
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import load_configuration
-from stadimeter.config.rules.compiled import toml_of
 from stadimeter.config.schema import configuration_schema
+from stadimeter.config.toml_source import as_toml
 from stadimeter.errors import ConfigError, Problem
 
 FOLDERS = (Path(__file__).parents[2] / "config", Path(__file__).parent / "analysis")
@@ -85,7 +85,7 @@ def problems_in(file: Path) -> tuple[Problem, ...]:
 def test_what_is_broken_is_told_and_what_is_not_fits_the_schema(
     file: Path, schema: jsonschema.Draft202012Validator, table: dict[str, Any]
 ) -> None:
-    file.write_text("".join(f"{toml_of(key)} = {toml_of(value)}\n" for key, value in table.items()), encoding="utf-8")
+    file.write_text("".join(f"{as_toml(key)} = {as_toml(value)}\n" for key, value in table.items()), encoding="utf-8")
     problems = problems_in(file)
     assert all(problem.message and problem.code and problem.file for problem in problems)
     if not problems:

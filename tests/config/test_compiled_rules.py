@@ -13,7 +13,8 @@ from stadimeter.cli.main import app
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.rules.condition_tables import WhenTable
 from stadimeter.config.rules.tables import RuleTable
-from stadimeter.core.condition import AnyOf, RuleCondition
+from stadimeter.core.conditions.compounds import AnyOf
+from stadimeter.core.conditions.discrete import RuleCondition
 from stadimeter.core.rule import AlarmRule
 
 TWO_TARGETS = """\

@@ -13,7 +13,12 @@ from stadimeter.config.describe import describe
 from stadimeter.config.loader import Configuration
 from stadimeter.config.rules.condition_tables import MAX_DEPTH, WhenTable, kinds_in
 from stadimeter.config.units import parse_angle_or_zero, parse_duration, parse_time_of_day, parse_velocity
-from stadimeter.core import condition as core
+from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not, leaves
+from stadimeter.core.conditions.contact import TimeToContactCondition
+from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
+from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, SeparationCondition
+from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
 from stadimeter.core.decision import Severity
 
 Load = Callable[[str], Configuration]
@@ -24,20 +29,20 @@ def table(text: str) -> WhenTable:
     return WhenTable.model_validate(tomllib.loads(f"when = {text}")["when"])
 
 
-def plan(text: str, severity: Severity = Severity.WARNING) -> core.Condition:
+def plan(text: str, severity: Severity = Severity.WARNING) -> Condition:
     return table(text).to_plan(severity)
 
 
-DISTANCE = core.DistanceCondition()
-ENTRIES: list[tuple[str, core.Condition]] = [
-    ('{ below = "50 cm" }', core.DistanceCondition(below_m=0.5)),
-    ('{ above = "1 m", below = "2 m" }', core.DistanceCondition(above_m=1.0, below_m=2.0)),
+DISTANCE = DistanceCondition()
+ENTRIES: list[tuple[str, Condition]] = [
+    ('{ below = "50 cm" }', DistanceCondition(below_m=0.5)),
+    ('{ above = "1 m", below = "2 m" }', DistanceCondition(above_m=1.0, below_m=2.0)),
     (
         (
             '{ between = ["1 m", "2 m"], of = "depth", deadband = "10 cm", deadband_sigmas = 2, probability = "none", '
             'probability_off = 0.3, target = "tag" }'
         ),
-        core.DistanceCondition(
+        DistanceCondition(
             above_m=1.0,
             below_m=2.0,
             quantity="depth",
@@ -48,58 +53,61 @@ ENTRIES: list[tuple[str, core.Condition]] = [
             target="tag",
         ),
     ),
-    ("{ seen = true }", core.PresenceCondition(seen=True)),
-    ('{ lost = true, target = "tag" }', core.PresenceCondition(seen=False, target="tag")),
-    ('{ seen_for = "5 s" }', core.PresenceCondition(seen=True, for_s=5.0)),
-    ('{ lost_for = "5 min" }', core.PresenceCondition(seen=False, for_s=300.0)),
+    ("{ seen = true }", PresenceCondition(seen=True)),
+    ('{ lost = true, target = "tag" }', PresenceCondition(seen=False, target="tag")),
+    ('{ seen_for = "5 s" }', PresenceCondition(seen=True, for_s=5.0)),
+    ('{ lost_for = "5 min" }', PresenceCondition(seen=False, for_s=300.0)),
     (
         '{ bearing = { above = "-10 deg", deadband = "2 deg" } }',
-        core.DirectionCondition(above_rad=math.radians(-10), deadband_rad=math.radians(2)),
+        DirectionCondition(above_rad=math.radians(-10), deadband_rad=math.radians(2)),
     ),
     (
         '{ elevation = { between = ["0 deg", "90 deg"] }, target = "tag" }',
-        core.DirectionCondition(quantity="elevation", above_rad=0.0, below_rad=math.pi / 2, target="tag"),
+        DirectionCondition(quantity="elevation", above_rad=0.0, below_rad=math.pi / 2, target="tag"),
     ),
     (
         '{ closing_speed = { above = "0.5 m/s", deadband = "0.1 m/s", probability = 0.9 } }',
-        core.ClosingCondition(above_mps=0.5, deadband_mps=0.1, probability_on=0.9),
+        ClosingCondition(above_mps=0.5, deadband_mps=0.1, probability_on=0.9),
     ),
-    ('{ closing_speed = { below = "-1 m/s" } }', core.ClosingCondition(below_mps=-1.0)),
+    ('{ closing_speed = { below = "-1 m/s" } }', ClosingCondition(below_mps=-1.0)),
     (
         (
             '{ time_to_contact = { below = "2 s", contact = "10 cm", min_closing_speed = "0.3 m/s", deadband = "1 s", '
             "speed_sigmas = 3 } }"
         ),
-        core.TimeToContactCondition(below_s=2.0, contact_m=0.1, closing_min_mps=0.3, deadband_s=1.0, speed_sigmas=3.0),
+        TimeToContactCondition(below_s=2.0, contact_m=0.1, closing_min_mps=0.3, deadband_s=1.0, speed_sigmas=3.0),
     ),
     (
         '{ separation = { of = ["ball", "tag"], below = "1 m" } }',
-        core.SeparationCondition(targets=("ball", "tag"), below_m=1.0),
+        SeparationCondition(targets=("ball", "tag"), below_m=1.0),
     ),
-    ("{ count = { at_least = 2 } }", core.CountCondition(at_least=2)),
+    ("{ count = { at_least = 2 } }", CountCondition(at_least=2)),
     (
         '{ count = { at_most = 1, of = ["ball", "tag"] } }',
-        core.CountCondition(at_most=1, targets=("ball", "tag")),
+        CountCondition(at_most=1, targets=("ball", "tag")),
     ),
-    ('{ rule = "too-close" }', core.RuleCondition(rule="too-close")),
+    ('{ rule = "too-close" }', RuleCondition(rule="too-close")),
     (
         '{ time = { between = ["22:00", "06:00"], days = ["sun", "mon", "mon"] } }',
-        core.ScheduleCondition(from_s=79200.0, to_s=21600.0, weekdays=(0, 6)),
+        ScheduleCondition(from_s=79200.0, to_s=21600.0, weekdays=(0, 6)),
     ),
+    ("{ bumped = true }", ContactSensorCondition(sensor="is_bumped")),
+    ("{ at_cliff = true }", ContactSensorCondition(sensor="is_at_cliff")),
+    ('{ battery_below = "10800 mV" }', BatteryCondition(below_v=10.8)),
     (
         "{ time = { between = [22:00:00, 06:30:00] } }",
-        core.ScheduleCondition(from_s=79200.0, to_s=23400.0),
+        ScheduleCondition(from_s=79200.0, to_s=23400.0),
     ),
     (
         '{ all = [ { below = "1 m" }, { not = { seen = true } } ] }',
-        core.AllOf(
+        AllOf(
             conditions=(
-                core.DistanceCondition(below_m=1.0),
-                core.Not(condition=core.PresenceCondition(seen=True)),
+                DistanceCondition(below_m=1.0),
+                Not(condition=PresenceCondition(seen=True)),
             )
         ),
     ),
-    ('{ any = [ { rule = "a" } ] }', core.AnyOf(conditions=(core.RuleCondition(rule="a"),))),
+    ('{ any = [ { rule = "a" } ] }', AnyOf(conditions=(RuleCondition(rule="a"),))),
 ]
 
 
@@ -121,7 +129,7 @@ def test_a_safety_rule_acts_as_soon_as_danger_is_as_likely_as_not(subtests: pyte
         with subtests.test(text=text):
             assert getattr(plan(text, Severity.SAFETY), "probability_on") == 0.5  # noqa: B009 - not all conditions have it
             nested = plan(f"{{ all = [ {text} ] }}", Severity.SAFETY)
-            assert getattr(next(core.leaves(nested)), "probability_on") == 0.5  # noqa: B009
+            assert getattr(next(leaves(nested)), "probability_on") == 0.5  # noqa: B009
 
 
 def test_several_conditions_in_one_table_are_short_for_all_of_them() -> None:
@@ -264,7 +272,7 @@ def nested(depth: int) -> str:
 
 def test_conditions_stand_inside_each_other_so_deep_and_no_deeper(told: Told, load: Load, sound: str) -> None:
     rule = f'{sound}[rules.it]\nactuator = "buzzer"\nwhen = '
-    assert len(list(core.leaves(load(rule + nested(MAX_DEPTH) + "\n").plan.rules[0].condition))) == 1  # type: ignore[union-attr]
+    assert len(list(leaves(load(rule + nested(MAX_DEPTH) + "\n").plan.rules[0].condition))) == 1  # type: ignore[union-attr]
     (line,) = told(rule + nested(MAX_DEPTH + 1) + "\n")
     assert line.endswith(
         "conditions stand inside each other more than 20 deep (make rules of some of them, and ask for those with rule)"

@@ -48,8 +48,8 @@ BROKEN = [
     (
         f"{NEAR}when = {{ }}",
         ("rules.near.when: the condition is empty (write one of above, below, between, seen, lost, seen_for, "
-        "lost_for, bearing, elevation, closing_speed, time_to_contact, separation, count, rule, time, all, any and "
-        "not)"),
+        "lost_for, bearing, elevation, closing_speed, time_to_contact, separation, count, rule, time, bumped, "
+        "at_cliff, battery_below, all, any and not)"),
     ),
     (
         f'{NEAR}when = {{ above = "1 m", between = ["2 m", "3 m"] }}',
@@ -184,8 +184,8 @@ def test_a_serial_port_belongs_to_one_driver(told: Told, sound: str, monkeypatch
     install_winch(monkeypatch)
     assert told(sound + extra) == [
         (
-            "actuators.winch.line.port: serial port /dev/ttyUSB0 is used twice: by base.port and by "
-            "actuators.winch.line.port (each needs its own)"
+            "base.port: serial port /dev/ttyUSB0 is used twice: by actuators.winch.line.port and by base.port "
+            "(each needs its own)"
         )
     ]
 

@@ -98,7 +98,14 @@ def test_what_it_looks_for_and_through_is_told_first(load: Load, sound: str) -> 
             (
                 "`it` keeps `base` 1.00 m (3.3 ft) from `ball` and turned towards it, up to 0.5 "
                 "m/s forwards, up to 0.1 m/s "
-                "backwards; stops when lost."
+                "backwards; stops when lost, then turns in steps to look for it, for 20 s at most."
+            ),
+        ),
+        (
+            'actuator = "base"\nfollow = { distance = "1 m", search = "off", tether = "5 m" }',
+            (
+                "`it` keeps `base` 1.00 m (3.3 ft) from `ball` and turned towards it, up to 0.3 m/s forwards, never "
+                "backwards, no further than 5.00 m (16.4 ft) from where it began; stops when lost."
             ),
         ),
     ],

@@ -100,3 +100,46 @@ def test_what_a_stream_means_for_motion_is_warned_of(
 ) -> None:
     assert said_of_the_camera(tmp_path, MOVES, device, more) == said
     assert said_of_the_camera(tmp_path, TELLS, device, more) == []
+
+
+BASE = """
+[world]
+[camera]
+driver = "simulated"
+[camera.model]
+width_px = 640
+height_px = 480
+fx_px = 600.0
+fy_px = 600.0
+cx_px = 319.5
+cy_px = 239.5
+[targets.ball]
+detector = "ideal"
+[base]
+driver = "ros-arduino-bridge"
+port = "{port}"
+wheel_diameter = "65 mm"
+ticks_per_turn = 1440
+track_width = "16 cm"
+{more}
+"""
+
+
+@pytest.mark.parametrize(
+    ("port", "more", "said"),
+    [
+        ("/dev/ttyUSB0", "", [("base-stops-late", "base.driver")]),
+        ("/dev/ttyUSB0", 'auto_stop = "500 ms"', []),
+        ("/dev/ttyUSB0", 'auto_stop = "600 ms"', [("base-stops-late", "base.auto_stop")]),
+        ("/dev/ttyUSB0", 'auto_stop = "0 s"', [("base-never-stops-by-itself", "base.auto_stop")]),
+        ("emulated-ros-arduino-bridge", 'auto_stop = "0 s"', []),
+    ],
+)
+def test_a_base_that_drives_on_for_long_without_us_is_warned_of(
+    tmp_path: Path, port: str, more: str, said: list[tuple[str, str]]
+) -> None:
+    path = tmp_path / "run.toml"
+    path.write_text(BASE.format(port=port, more=more))
+    warnings = load_configuration(path).warnings
+    assert [(each.code, each.key) for each in warnings if each.code.startswith("base-")] == said
+    assert all("AUTO_STOP_INTERVAL" in each.hint for each in warnings if each.code.startswith("base-"))

@@ -19,9 +19,10 @@ def test_the_four_uses_are_there() -> None:
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
-def test_it_loads_without_a_warning(file: Path) -> None:
+def test_it_loads_without_a_warning_but_that_pins_have_no_time_out(file: Path) -> None:
     loaded = load_configuration(file)
-    assert loaded.warnings == ()
+    assert {warning.code for warning in loaded.warnings} <= {"base-never-stops-by-itself"}
+    assert not loaded.warnings or file.stem == "follow-ball"
     assert loaded.plan.rules
     assert len(describe(loaded)) > len(loaded.plan.rules)
 

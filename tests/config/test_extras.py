@@ -1,15 +1,17 @@
-"""The line that installs what is missing works where it is shown."""
+"""The line that installs what is missing works where it is shown; and so does the place of a guide."""
 
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 import pytest
 
-from stadimeter.config.extras import LIBRARIES, install_line
+from stadimeter.config import extras
+from stadimeter.config.extras import LIBRARIES, NOT_IN_PACKAGE, install_line
 
 
-@pytest.mark.parametrize("extra", sorted(LIBRARIES))
+@pytest.mark.parametrize("extra", sorted(LIBRARIES.keys() - NOT_IN_PACKAGE))
 def test_the_package_has_no_pip_so_no_line_names_it(monkeypatch: pytest.MonkeyPatch, extra: str) -> None:
     assert f"{sys.executable} -m pip install 'stadimeter[{extra}]'" in install_line(extra)
     monkeypatch.setattr(sys, "prefix", "/opt/stadimeter/current")
@@ -17,4 +19,25 @@ def test_the_package_has_no_pip_so_no_line_names_it(monkeypatch: pytest.MonkeyPa
     line = install_line(extra)
     assert line.startswith("sudo apt install ")
     assert "/opt/stadimeter/current" not in line
-    assert "pip" not in line or "python3-pip && sudo python3 -m pip install --no-deps --target /opt/" in line
+    assert "pip" not in line
+
+
+@pytest.mark.parametrize("extra", sorted(NOT_IN_PACKAGE))
+def test_what_the_package_does_not_bring_goes_into_an_environment_of_ones_own(
+    monkeypatch: pytest.MonkeyPatch, extra: str
+) -> None:
+    monkeypatch.setattr(sys, "prefix", "/opt/stadimeter/current")
+    assert install_line(extra).startswith("python3 -m venv ")
+    assert f"'stadimeter[{extra}]'" in install_line(extra)
+
+
+def test_a_guide_is_named_in_the_checkout_in_the_package_or_on_the_web(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert extras.guide("doctor.md") == "docs/doctor.md"
+    monkeypatch.setattr(extras, "GUIDES_OF_CHECKOUT", tmp_path / "none")
+    monkeypatch.setattr(extras, "GUIDES_OF_PACKAGE", tmp_path)
+    (tmp_path / "doctor.md").touch()
+    assert extras.guide("doctor.md") == f"{tmp_path}/doctor.md"
+    (tmp_path / "doctor.md").unlink()  # by path-exclude
+    assert extras.guide("doctor.md").startswith("https://github.com/")

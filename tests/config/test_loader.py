@@ -50,7 +50,7 @@ def test_a_configuration_becomes_drivers_and_a_plan(load: Load, sound: str) -> N
     assert loaded.plan.outputs == (
         LevelOutput(name="motor"),
         LevelOutput(name="buzzer"),
-        BaseOutput(name="base"),
+        BaseOutput(name="base", track_width_m=0.2),
     )
     assert [(rule.name, rule.target, rule.output) for rule in loaded.plan.rules] == [
         ("far", "ball", "motor"),
@@ -68,7 +68,7 @@ def test_common_keys_are_not_handed_to_the_driver(load: Load, sound: str) -> Non
     assert loaded.stays_off == {"base"}
     assert loaded.leases_s == {"motor": 0.5, "buzzer": 0.3, "base": 0.4}
     assert loaded.plan.outputs[0] == LevelOutput(name="motor", safe_level=0.25, rise_per_s=4.0)
-    assert loaded.plan.outputs[2] == BaseOutput(name="base", linear_max_mps=0.2)
+    assert loaded.plan.outputs[2] == BaseOutput(name="base", linear_max_mps=0.2, track_width_m=0.2)
 
 
 def test_the_simulated_world_needs_no_driver_name(load: Load, sound: str) -> None:

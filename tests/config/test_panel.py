@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from stadimeter.app.control.reloading import needs_restart
-from stadimeter.app.safe_outputs import write_safe_outputs
+from stadimeter.app.service import write_safe_outputs
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.errors import ConfigError
@@ -73,7 +73,7 @@ def test_a_button_without_more_acknowledges(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("keys", "found"),
     [
-        (('press = "arm"',), [("bad-value", "buttons.front.press")]),
+        (('press = "armed"',), [("bad-value", "buttons.front.press")]),
         (('hold_for = "3 s"',), [("bad-value", "buttons.front")]),
         (('hold = "shelve"', 'hold_for = "0.9 s"'), [("bad-value", "buttons.front.hold_for")]),
         (('hold = "shelve"', 'hold_for = "6 s"'), [("bad-value", "buttons.front.hold_for")]),

@@ -10,8 +10,11 @@ from pydantic import ValidationError
 
 from stadimeter.config import models
 from stadimeter.config.rules.tables import RuleTable
-from stadimeter.core import condition, plan
+from stadimeter.core import plan
 from stadimeter.core import rule as core
+from stadimeter.core.conditions.discrete import PresenceCondition
+from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.limits import ClosingCondition
 from stadimeter.core.decision import Severity
 
 
@@ -38,7 +41,7 @@ def test_buzzing_below_half_a_metre_is_two_lines() -> None:
         name="it",
         target="ball",
         output="buzzer",
-        condition=condition.DistanceCondition(below_m=0.5),
+        condition=DistanceCondition(below_m=0.5),
         on_delay=core.OnDelay(),
     )
 
@@ -76,20 +79,20 @@ def test_a_safety_rule_acts_at_even_odds_and_at_once() -> None:
     found = alarm('severity = "safety"\nwhen = { below = "1 m" }')
     assert found.severity is Severity.SAFETY
     assert found.on_delay == core.OnDelay()
-    assert found.condition == condition.DistanceCondition(below_m=1.0, probability_on=0.5, target="ball")
+    assert found.condition == DistanceCondition(below_m=1.0, probability_on=0.5, target="ball")
 
 
 def test_a_safety_rule_about_speed_asks_for_an_estimate_that_has_settled() -> None:
     found = alarm('severity = "safety"\nwhen = { closing_speed = { above = "1 m/s" } }').condition
-    assert found == condition.ClosingCondition(above_mps=1.0, probability_on=0.8, target="ball")
+    assert found == ClosingCondition(above_mps=1.0, probability_on=0.8, target="ball")
     found = alarm('severity = "safety"\nwhen = { closing_speed = { above = "1 m/s", probability = 0.5 } }').condition
-    assert found == condition.ClosingCondition(above_mps=1.0, probability_on=0.5, target="ball")
+    assert found == ClosingCondition(above_mps=1.0, probability_on=0.5, target="ball")
 
 
 def test_what_a_safety_rule_says_itself_counts() -> None:
     found = alarm('severity = "safety"\non_delay = "1 s"\nwhen = { below = "1 m", probability = 0.8 }')
     assert found.on_delay == core.OnDelay(hold_s=1.0)
-    assert found.condition == condition.DistanceCondition(below_m=1.0, probability_on=0.8, target="ball")
+    assert found.condition == DistanceCondition(below_m=1.0, probability_on=0.8, target="ball")
 
 
 def test_every_key_of_a_condition_reaches_the_core() -> None:
@@ -97,7 +100,7 @@ def test_every_key_of_a_condition_reaches_the_core() -> None:
         'when = { between = ["1 m", "2 m"], of = "depth", deadband = "5 cm", deadband_sigmas = 2, '
         'probability = "none", probability_off = 0.4 }'
     )
-    assert found.condition == condition.DistanceCondition(
+    assert found.condition == DistanceCondition(
         above_m=1.0,
         below_m=2.0,
         quantity="depth",
@@ -111,7 +114,7 @@ def test_every_key_of_a_condition_reaches_the_core() -> None:
 
 @pytest.mark.parametrize(("key", "is_seen"), [("seen", True), ("lost", False)])
 def test_presence_is_a_condition_of_its_own(key: str, is_seen: bool) -> None:
-    assert alarm(f"when = {{ {key} = true }}").condition == condition.PresenceCondition(seen=is_seen, target="ball")
+    assert alarm(f"when = {{ {key} = true }}").condition == PresenceCondition(seen=is_seen, target="ball")
 
 
 def test_every_key_of_an_alarm_reaches_the_core() -> None:
@@ -127,7 +130,7 @@ def test_every_key_of_an_alarm_reaches_the_core() -> None:
         priority=7,
         severity=Severity.ALARM,
         lost=core.Lost(grace_s=1.0, policy=core.LostPolicy.ASSERT, fault_after_s=9.0),
-        condition=condition.DistanceCondition(above_m=1.0),
+        condition=DistanceCondition(above_m=1.0),
         on_delay=core.OnDelay(frames=2, of_frames=4),
         off_delay_s=0.0,
         level=0.5,

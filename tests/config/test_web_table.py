@@ -1,11 +1,12 @@
-"""The page in a configuration: what is read, what is refused, and how it becomes a command line."""
+"""The page in a configuration: what is read, what is refused, and how `stadimeter web` goes by it."""
 
-from pathlib import Path
+import json
 
 import pytest
+from typer.testing import CliRunner
 
 from stadimeter.app.control.reloading import needs_restart
-from stadimeter.app.page_process import page_command
+from stadimeter.cli.main import app
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import load_configuration
 from stadimeter.errors import ConfigError
@@ -22,11 +23,10 @@ def test_without_a_table_there_is_no_page_and_an_empty_one_has_all_defaults(tmp_
     assert load(tmp_path).web is None
     found = load(tmp_path, "[web]\n")
     assert (found.web.port, found.web.host, found.web.allowed_hosts) == (8080, None, [])
-    assert "Has a page for browsers at port 8080, on this computer only until a password is set" in describe(found)[1]
+    assert "Its page for browsers is at port 8080, on this computer only until a password is set" in describe(found)[1]
 
 
-def test_files_lie_beside_the_configuration_and_all_becomes_a_command_line(tmp_path):
-    table = """
+TABLE = """
 [web]
 port = 8443
 host = "192.0.2.1"
@@ -35,13 +35,61 @@ key = "page.key"
 password_file = "secrets/page"
 allowed_hosts = ["a.example", "b.example"]
 """
-    command = page_command(tmp_path / "room.toml", Path("/run/s.sock"), load(tmp_path, table).web)
-    assert command[3:] == [
-        *("web", str(tmp_path / "room.toml"), "--socket", "/run/s.sock", "--port", "8443", "--address", "192.0.2.1"),
-        *("--certificate", str(tmp_path / "page.crt"), "--key", str(tmp_path / "page.key")),
-        *("--password-file", str(tmp_path / "secrets/page")),
-        *("--allow-host", "a.example", "--allow-host", "b.example"),
-    ]
+
+
+@pytest.fixture
+def given(tmp_path, monkeypatch):
+    """Return what the page is started with, for a table and more words of the command line."""
+    pytest.importorskip("uvicorn")
+
+    def given(text, *words):
+        path = tmp_path / "room.toml"
+        path.write_text(text)
+        commands = []
+        monkeypatch.setattr("os.execv", lambda _program, command: commands.append(command))
+        result = CliRunner().invoke(app, ["web", str(path), *words])
+        return json.loads(commands[0][-1]) if commands else result.output
+
+    return given
+
+
+def test_the_page_is_where_the_table_says_with_files_beside_the_configuration(given, tmp_path):
+    assert given(TABLE) == {
+        "paths": {
+            "configuration": str(tmp_path / "room.toml"),
+            "passwords": str(tmp_path / "secrets/page"),
+            "socket": None,
+            "certificate": str(tmp_path / "page.crt"),
+            "key": str(tmp_path / "page.key"),
+        },
+        "address": "192.0.2.1",
+        "port": 8443,
+        "allowed_hosts": ["a.example", "b.example"],
+    }
+
+
+def test_an_option_goes_before_the_table(given, tmp_path):
+    there = given(TABLE, "--port", "0", "--address", "127.0.0.1", "--password-file", "p", "--allow-host", "c.example")
+    assert (there["port"], there["address"], there["allowed_hosts"]) == (0, "127.0.0.1", ["c.example"])
+    assert there["paths"]["passwords"] == "p"
+    assert there["paths"]["key"] == str(tmp_path / "page.key")
+
+
+def test_the_page_is_also_for_a_file_with_errors_but_not_where_its_own_table_cannot_be_read(given):
+    assert given(f'{TABLE}\n[camera]\ndriver = "nonsense"\n')["port"] == 8443
+    assert given("# the web\n[broken")["port"] == 8080
+    assert "room.toml:3: web.prot: unknown key 'prot' (did you mean 'port'?)" in given("\n[web]\nprot = 8081\n")
+    assert "room.toml:1: web: 3 is not a table" in given("web = 3\n")
+    assert "room.toml:2: this is not valid TOML" in given("[web]\n[broken")
+
+
+def test_a_password_is_set_in_the_file_of_the_table(tmp_path):
+    pytest.importorskip("uvicorn")
+    path = tmp_path / "room.toml"
+    path.write_text('[web]\npassword_file = "secret"\n')
+    told = CliRunner().invoke(app, ["web", str(path), "--set-password"], input="long enough\nlong enough\n")
+    assert f"Its hash is in {tmp_path / 'secret'}." in told.output.replace("\n", " ")
+    assert (tmp_path / "secret").exists()
 
 
 @pytest.mark.parametrize(
@@ -63,7 +111,5 @@ def test_what_is_wrong_is_said_with_its_line(tmp_path, table, words):
     assert "secret" not in str(caught.value)
 
 
-def test_another_page_needs_a_restart(tmp_path):
-    running = load(tmp_path, "[web]\n")
-    assert needs_restart(running, load(tmp_path, "[web]\nport = 8081\n")) == ("[web]",)
-    assert needs_restart(running, load(tmp_path, "[web]\n")) == ()
+def test_another_page_needs_no_restart_of_the_run(tmp_path):
+    assert needs_restart(load(tmp_path, "[web]\n"), load(tmp_path, "[web]\nport = 8081\n")) == ()

@@ -7,12 +7,9 @@ from collections.abc import Callable
 import pytest
 
 from stadimeter.config.plugins import ACTUATORS, DriverContext, load_driver
-from stadimeter.errors import DeviceOpenError
 from stadimeter.simulation.actuator import SimulatedActuator
 from stadimeter.testing.actuator_contract import ABSENT, FAILS, ActuatorContract, ActuatorRig
-from stadimeter.testing.manual_clock import ManualClock
-from stadimeter.testing.recording import Action, RecordingActuator
-from stadimeter.testing.rig import Fault, impossible
+from stadimeter.testing.rig import ManualClock, impossible
 from stadimeter.testing.wires import WatchedPins
 
 PIN = 18
@@ -73,29 +70,3 @@ class TestSimulatedActuator(ActuatorContract):
     @pytest.fixture
     def make_rig(self, options: dict[str, object]) -> Callable[[], ActuatorRig]:
         return lambda: simulated_rig(options)
-
-
-def recording_rig() -> ActuatorRig:
-    clock = ManualClock()
-    actuator = RecordingActuator(clock)
-
-    def fail(*actions: Action) -> Fault:
-        def switch(begins: bool) -> None:
-            actuator.fail_on = actions
-            actuator.fail_with = DeviceOpenError("it: as asked for") if begins else None
-
-        return switch
-
-    return ActuatorRig(
-        device=actuator,
-        clock=clock,
-        output=lambda: actuator.level,
-        is_held=lambda: actuator.is_open,
-        faults={ABSENT: fail("open"), FAILS: fail("open", "apply", "stop", "close")},
-    )
-
-
-class TestRecordingActuator(ActuatorContract):
-    @pytest.fixture
-    def make_rig(self) -> Callable[[], ActuatorRig]:
-        return recording_rig

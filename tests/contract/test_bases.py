@@ -2,18 +2,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from typing import Any, ClassVar
 
 import pytest
 
 from stadimeter.bases.protocol import MobileBase
-from stadimeter.config.plugins import BASES, DriverContext, load_driver
+from stadimeter.config.plugins import BASES, PORTS, DriverContext, load_driver
 from stadimeter.errors import DeviceClosedError, LinkLostError
-from stadimeter.simulation.ros_arduino_firmware import emulated_ros_arduino
+from stadimeter.simulation.h_bridge_motors import FULL_DUTY_MPS, STARTS_AT_DUTY, HBridgeMotors
+from stadimeter.simulation.pca9685_chip import EmulatedPca9685Options
 from stadimeter.simulation.world import World, WorldOptions
 from stadimeter.testing.base_contract import SILENT, TAKES_NO_BYTES, UNPLUGGED, BaseContract, BaseRig
-from stadimeter.testing.manual_clock import ManualClock
-from stadimeter.testing.rig import TICK_S, impossible
-from stadimeter.testing.wires import clog, is_locked
+from stadimeter.testing.rig import TICK_S, ManualClock, eventually, impossible
+from stadimeter.testing.wires import WatchedPins, clog, is_locked
 
 TRACK_WIDTH_M = 0.16
 
@@ -34,21 +35,21 @@ def true_motion(context: DriverContext) -> tuple[float, float]:
     return ((left_mps + right_mps) / 2, (right_mps - left_mps) / TRACK_WIDTH_M)
 
 
-class TestRosArduinoBase(BaseContract):
+class SerialBaseContract(BaseContract):
     """Over a real pseudo-terminal to the emulated firmware, which turns the wheels of the simulated robot."""
+
+    driver: ClassVar[str]
+    port: ClassVar[str]
+    options: ClassVar[dict[str, Any]]
+    answers: ClassVar[bool] = True
 
     @pytest.fixture
     def make_rig(self, context: DriverContext) -> Callable[[], BaseRig]:
-        model = load_driver(BASES, "ros-arduino-bridge")
-        options = model(
-            port="emulated-ros-arduino-bridge",
-            wheel_diameter="65 mm",
-            ticks_per_turn=1440,
-            track_width="16 cm",
-            max_wheel_speed="0.5 m/s",
-        )
-        board = emulated_ros_arduino(context)
+        model = load_driver(BASES, self.driver)
+        options = model(port=self.port, track_width="16 cm", max_wheel_speed="0.5 m/s", **self.options)
+        board = load_driver(PORTS, self.port).board(context)
         path = board.port.path
+        silence = lambda begins: setattr(board.firmware, "silent", begins)  # noqa: E731
         return lambda: BaseRig(
             device=options.build(context),
             clock=context.clock,
@@ -56,10 +57,144 @@ class TestRosArduinoBase(BaseContract):
             motion=lambda: true_motion(context),
             faults={
                 UNPLUGGED: pulled_cable(context),
-                SILENT: lambda begins: setattr(board.firmware, "silent", begins),
+                SILENT: silence if self.answers else impossible("this base never says anything"),
                 TAKES_NO_BYTES: lambda begins: clog(board.port, begins=begins),
             },
         )
+
+
+class TestRosArduinoBase(SerialBaseContract):
+    driver, port = "ros-arduino-bridge", "emulated-ros-arduino-bridge"
+    options: ClassVar = {"wheel_diameter": "65 mm", "ticks_per_turn": 1440}
+
+
+class TestWaveshareUgv(SerialBaseContract):
+    driver, port = "waveshare-ugv", "emulated-waveshare-ugv"
+    options: ClassVar = {}
+
+
+class TestHoverboard(SerialBaseContract):
+    driver, port = "hoverboard", "emulated-hoverboard"
+    options: ClassVar = {"full_speed": "1 m/s"}
+
+
+OPENBOT = {
+    "drive": "h500\nc{left:d},{right:d}\n",
+    "stop": "c0,0\n",
+    "question": "f\n",
+    "answers": {"identity": "f[A-Z].*", "battery": "v([0-9.]+)"},
+    "full_speed": "0.8 m/s",
+    "auto_stop": "500 ms",
+}
+
+
+class TestOpenBot(SerialBaseContract):
+    driver, port = "ascii", "emulated-openbot"
+    options: ClassVar = OPENBOT
+
+
+class TestBaseThatIsDrivenBlindly(SerialBaseContract):
+    """What is sent is the same; nothing is understood."""
+
+    driver, port = "ascii", "emulated-openbot"
+    options: ClassVar = {key: value for key, value in OPENBOT.items() if key not in {"question", "answers"}}
+    answers = False
+
+
+class TestRoboclaw(SerialBaseContract):
+    """With encoders."""
+
+    driver, port = "roboclaw", "emulated-roboclaw"
+    options: ClassVar = {"wheel_diameter": "65 mm", "ticks_per_turn": 1440}
+
+
+class TestRoboclawWithoutEncoders(SerialBaseContract):
+    """By duty; the emulated motors reach 1 m/s."""
+
+    driver, port = "roboclaw", "emulated-roboclaw"
+    options: ClassVar = {"full_speed": "1 m/s"}
+
+
+class TestRoomba(SerialBaseContract):
+    driver, port = "roomba", "emulated-roomba"
+    options: ClassVar = {}
+
+
+class TestSabertooth(SerialBaseContract):
+    driver, port = "sabertooth", "emulated-sabertooth"
+    options: ClassVar = {"full_speed": "1 m/s"}
+    answers = False
+
+
+THREE_INPUTS = {
+    "left": {"forward": 17, "backward": 27, "pwm": 12},
+    "right": {"forward": 23, "backward": 24, "pwm": 13},
+    "enable": 25,
+}
+TWO_INPUTS = {"left": {"forward": 17, "backward": 27}, "right": {"forward": 23, "backward": 24}, "brake": "0 s"}
+ONE_DIRECTION = {"left": {"direction": 17, "pwm": 12}, "right": {"direction": 23, "pwm": 13}}
+
+# As the emulated motors are.
+CAR = {"track_width": "16 cm", "max_wheel_speed": f"{FULL_DUTY_MPS} m/s", "minimum_duty": STARTS_AT_DUTY}
+
+
+@pytest.mark.parametrize("motors", [THREE_INPUTS, TWO_INPUTS, ONE_DIRECTION], ids=["three", "two", "direction"])
+class TestGpioMotors(BaseContract):
+    """On pins in memory, whose levels turn the wheels of the simulated robot."""
+
+    @pytest.fixture
+    def make_rig(self, context: DriverContext, motors: dict[str, object]) -> Callable[[], BaseRig]:
+        pins = WatchedPins(context)
+        options = load_driver(BASES, "gpio-motors").model_validate({**CAR, **motors})
+        emulated = HBridgeMotors(context.shared.parts["world"], context.clock, pins.state)
+        emulated.wire([options.left.outputs()], [options.right.outputs()], options.enable)
+        return lambda: BaseRig(
+            device=options.build(context),
+            clock=context.clock,
+            is_held=pins.is_held,
+            motion=lambda: true_motion(context),
+            faults={
+                UNPLUGGED: lambda begins: fail_all(pins, begins=begins),
+                SILENT: impossible("a pin does not answer"),
+                TAKES_NO_BYTES: impossible("a pin takes no bytes"),
+            },
+        )
+
+
+CHANNELS = {"left": [{"direction": 9, "pwm": 8}], "right": [{"direction": 3, "pwm": 13}]}
+
+
+@pytest.mark.parametrize(
+    "board", [{"board": "freenove-4wd"}, {"board": "jetbot"}, {"board": "motorkit", "brake": "0 s"}, CHANNELS], ids=str
+)
+class TestPca9685Base(BaseContract):
+    """Over the registers of an emulated chip, whose channels turn the wheels of the simulated robot."""
+
+    @pytest.fixture
+    def make_rig(self, context: DriverContext, board: dict[str, object]) -> Callable[[], BaseRig]:
+        options = load_driver(BASES, "pca9685").model_validate({**CAR, **board, "port": "emulated-pca9685"})
+        bus = EmulatedPca9685Options.device(context)
+
+        def make() -> BaseRig:
+            base = options.build(context)
+            return BaseRig(
+                device=base,
+                clock=context.clock,
+                is_held=lambda: base.is_open,
+                motion=lambda: true_motion(context),
+                faults={
+                    UNPLUGGED: pulled_cable(context),
+                    SILENT: impossible("a chip that does not acknowledge is one that is unplugged"),
+                    TAKES_NO_BYTES: lambda begins: setattr(bus, "is_held", begins),
+                },
+            )
+
+        return make
+
+
+def fail_all(pins: WatchedPins, *, begins: bool) -> None:
+    for pin in (12, 13, 17, 23, 24, 25, 27):
+        pins.fail(pin, begins=begins)
 
 
 class TestSimulatedBase(BaseContract):
@@ -84,6 +219,81 @@ class TestSimulatedBase(BaseContract):
             )
 
         return make
+
+
+def ros2_rig(
+    context: DriverContext,
+    driver: str,
+    make_robot: Callable[[Callable[[float, float], None]], Any],
+    at: Callable[[Any], dict[str, str]],
+) -> Callable[[], BaseRig]:
+    """Return what makes rigs of a driver with a robot on the network, whose controller stops after half a second.
+
+    The clock of the rig stands while a message is on its way: each is waited for.
+    """
+    robot = context.shared.parts["world"].robot
+    half_m = TRACK_WIDTH_M / 2
+
+    def drive(linear_mps: float, angular_radps: float) -> None:
+        left_mps, right_mps = linear_mps - angular_radps * half_m, linear_mps + angular_radps * half_m
+        robot.drive_wheels(left_mps, right_mps, context.clock.now_s() + 0.5)
+
+    peer = make_robot(drive)
+    context.at_end(peer.stop)
+    options = load_driver(BASES, driver)(**at(peer))
+
+    def waiting_link() -> Any:
+        link = type(options).link(options)
+        send = link.send
+
+        def send_and_wait(motion: Any) -> None:
+            heard = len(peer.heard)
+            send(motion)
+            eventually(lambda: len(peer.heard) > heard or not peer.is_used)
+
+        link.send = send_and_wait
+        return link
+
+    def unplug(begins: bool) -> None:
+        peer.stop() if begins else peer.start()
+        eventually(lambda: not peer.is_used)
+
+    object.__setattr__(options, "link", waiting_link)
+    return lambda: BaseRig(
+        device=options.build(context),
+        clock=context.clock,
+        is_held=lambda: peer.is_used,
+        motion=lambda: true_motion(context),
+        faults={
+            UNPLUGGED: unplug,
+            SILENT: impossible("pings in real time find it: bases/test_rosbridge.py"),
+            TAKES_NO_BYTES: impossible("what the network does not take is dropped, or found in real time"),
+        },
+    )
+
+
+class TestRosbridgeBase(BaseContract):
+    """Over a web socket to a server that speaks the rosbridge protocol."""
+
+    @pytest.fixture
+    def make_rig(self, context: DriverContext) -> Callable[[], BaseRig]:
+        pytest.importorskip("websockets")
+        from support.rosbridge_server import RosbridgeServer
+
+        return ros2_rig(context, "ros2-rosbridge", RosbridgeServer, lambda server: {"url": server.url})
+
+
+@pytest.mark.long
+class TestZenohBase(BaseContract):
+    """Over a real session to a real Zenoh peer, which decodes messages with a library of its own."""
+
+    @pytest.fixture
+    def make_rig(self, context: DriverContext) -> Callable[[], BaseRig]:
+        pytest.importorskip("zenoh")
+        pytest.importorskip("rosbags")
+        from support.zenoh_robot import ZenohRobot
+
+        return ros2_rig(context, "ros2-zenoh", ZenohRobot, lambda robot: {"endpoint": robot.endpoint})
 
 
 def pulled_cable(context: DriverContext) -> Callable[[bool], None]:

@@ -8,9 +8,8 @@ import pytest
 
 from stadimeter.config.plugins import BUTTONS, DriverContext, load_driver
 from stadimeter.simulation.button import SimulatedButton
-from stadimeter.testing.button_contract import ABSENT, FAILS, ButtonContract, ButtonRig
-from stadimeter.testing.manual_clock import ManualClock
-from stadimeter.testing.rig import impossible
+from stadimeter.testing.actuator_contract import ABSENT, FAILS, ButtonContract, ButtonRig
+from stadimeter.testing.rig import ManualClock, impossible
 from stadimeter.testing.wires import WatchedPins
 
 PIN = 27

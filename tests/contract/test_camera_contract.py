@@ -11,7 +11,7 @@ import pytest
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CaptureTimeoutError, DeviceClosedError, EndOfFramesError
 from stadimeter.testing.camera_contract import CameraContract, CameraRig
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.rig import ManualClock
 from support.cameras import NodeDevice, NodeHandle
 
 

@@ -15,7 +15,7 @@ from stadimeter.cameras.opencv_device import OpenCvCamera, OpenCvOptions
 from stadimeter.cameras.picamera2_camera import Picamera2Camera, Picamera2Options
 from stadimeter.cameras.video_file import VideoFileCamera
 from stadimeter.testing.camera_contract import FRAMES, CameraContract, CameraRig
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.rig import ManualClock
 from support.cameras import NodeDevice, StreamServer, open_files, picture
 from support.picamera2_double import Sensor
 

@@ -11,9 +11,8 @@ import pytest
 from stadimeter.config.plugins import MESSENGERS, WORLDS, DriverContext, load_driver
 from stadimeter.messaging.back_off import Patience
 from stadimeter.messaging.mqtt import MqttOptions, PahoMessenger
-from stadimeter.testing.manual_clock import ManualClock
-from stadimeter.testing.messenger_contract import GONE, SILENT, MessengerContract, MessengerRig
-from stadimeter.testing.rig import impossible
+from stadimeter.testing.messaging_contract import GONE, SILENT, MessengerContract, MessengerRig
+from stadimeter.testing.rig import ManualClock, impossible
 from support.broker import AmqttBroker, BrokerAccess, LoopbackBroker, make_broker
 from support.mqtt_listener import MqttListener
 from support.tunnel import Tunnel
@@ -75,7 +74,7 @@ def simulated_rig() -> MessengerRig:
     messenger = model().build(context)
     return MessengerRig(
         device=messenger,
-        delivered=lambda: [(sent.message.topic, sent.message.payload) for sent in messenger.sent],
+        delivered=lambda: [(sent.item.topic, sent.item.payload) for sent in messenger.sent],
         faults={
             GONE: lambda begins: setattr(world.faults, "broker_gone", begins),
             SILENT: impossible("the simulated broker acknowledges at once"),

@@ -9,9 +9,8 @@ import pytest
 from stadimeter.config.plugins import NOTIFIERS, DriverContext, load_driver
 from stadimeter.messaging.apprise_notifier import AppriseNotifier, AppriseOptions
 from stadimeter.messaging.back_off import Patience
-from stadimeter.testing.manual_clock import ManualClock
-from stadimeter.testing.notifier_contract import GONE, SILENT, NotifierContract, NotifierRig
-from stadimeter.testing.rig import impossible
+from stadimeter.testing.messaging_contract import GONE, SILENT, NotifierContract, NotifierRig
+from stadimeter.testing.rig import ManualClock, impossible
 from support.webhook_listener import HOST, WebhookListener
 
 
@@ -39,7 +38,7 @@ def simulated_rig() -> NotifierRig:
     notifier = model().build(DriverContext(name="it", clock=ManualClock()))
     return NotifierRig(
         device=notifier,
-        delivered=lambda: [(sent.notification.title, sent.notification.body) for sent in notifier.sent],
+        delivered=lambda: [(sent.item.title, sent.item.body) for sent in notifier.sent],
         faults={
             GONE: lambda begins: setattr(notifier, "is_gone", begins),
             SILENT: impossible("the simulated service answers at once"),

@@ -11,7 +11,7 @@ from stadimeter.config.plugins import CAMERAS, WORLDS, DriverContext, load_drive
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.clock import Clock
 from stadimeter.testing.camera_contract import CameraContract, CameraRig
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.rig import ManualClock
 
 LENS = CameraModel.with_focal_length(150.0, 160, 120)
 

@@ -1,10 +1,10 @@
 """Alarms that latch, that somebody must acknowledge, that are reported again, and the first of a group."""
 
-from dataclasses import replace
-
 import pytest
+from msgspec.structs import replace
 
-from stadimeter.core.condition import DistanceCondition, PresenceCondition
+from stadimeter.core.conditions.discrete import PresenceCondition
+from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import RuleStatus, Severity
 from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule
@@ -186,7 +186,7 @@ def test_a_rule_that_is_only_observed_is_judged_and_moves_nothing():
     run = rehearse(observe=True)
     decision = run.see(*FAR, *CLOSE)
     assert level(decision) == 0.0
-    assert status(decision).gates == ("observed",)
+    assert status(decision).inhibits == ("observed",)
     assert told(run) == [("raised", False)]
 
 
@@ -196,11 +196,11 @@ def test_a_shelved_alarm_is_quiet_and_speaks_when_the_time_is_over(seconds):
     run.see(*FAR)
     assert run.tell("shelve", "near", for_s=seconds, why="painting").accepted
     decision = run.see(*CLOSE)
-    assert (level(decision), status(decision).gates) == (0.0, ("shelved",))
+    assert (level(decision), status(decision).inhibits) == (0.0, ("shelved",))
     assert told(run) == [("shelved", False), ("raised", False)]
     run.now_s += seconds
     decision = run.see(0.5, 0.5, 0.5)
-    assert (level(decision), status(decision).gates) == (1.0, ())
+    assert (level(decision), status(decision).inhibits) == (1.0, ())
     assert told(run)[2:] == [("unshelved", False), ("realarmed", True)]
 
 

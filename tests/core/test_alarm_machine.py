@@ -1,21 +1,36 @@
 """The table of an alarm's phases, over every phase and every trigger."""
 
-from stadimeter.core.alarms.machine import ACTIVE, LATCHED, TO_ACKNOWLEDGE, TRANSITIONS, Phase, Trigger, after
+from stadimeter.core.alarms.machine import (
+    ACTIVE,
+    LATCHED,
+    TO_ACKNOWLEDGE,
+    TRANSITIONS,
+    AlarmRecord,
+    AlarmState,
+    Trigger,
+    fire,
+)
 
-CLEARING = {Phase.CLEARING, Phase.CLEARING_UNACKNOWLEDGED}
-AT_REST = {Phase.NORMAL, Phase.PENDING, Phase.RTN_UNACKNOWLEDGED}
+CLEARING = {AlarmState.CLEARING, AlarmState.CLEARING_UNACKNOWLEDGED}
+AT_REST = {AlarmState.NORMAL, AlarmState.PENDING, AlarmState.RTN_UNACKNOWLEDGED}
 
 
-def broken_rules(phase: Phase, trigger: Trigger) -> list[str]:
+def after(phase: AlarmState, trigger: Trigger) -> AlarmState:
+    state = AlarmRecord(state=phase)
+    fire(state, trigger)
+    return state.state
+
+
+def broken_rules(phase: AlarmState, trigger: Trigger) -> list[str]:
     """Return the rules that one cell of the table breaks."""
     to = after(phase, trigger)
     raises = trigger in {Trigger.RAISE, Trigger.RAISE_ACKNOWLEDGED}
-    is_reset = phase is Phase.LATCHED and trigger is Trigger.RESET
+    is_reset = phase is AlarmState.LATCHED and trigger is Trigger.RESET
     becomes_active, ends = phase not in ACTIVE and to in ACTIVE, phase in ACTIVE and to not in ACTIVE
     is_cleared = phase in ACTIVE - LATCHED and trigger is Trigger.CLEAR
     need_ends, need_begins = phase in TO_ACKNOWLEDGE - {to} and to not in TO_ACKNOWLEDGE, to in TO_ACKNOWLEDGE
     need_begins = need_begins and phase not in TO_ACKNOWLEDGE
-    raised_without = phase is Phase.RTN_UNACKNOWLEDGED and trigger is Trigger.RAISE_ACKNOWLEDGED
+    raised_without = phase is AlarmState.RTN_UNACKNOWLEDGED and trigger is Trigger.RAISE_ACKNOWLEDGED
     is_raised, is_realarmed = trigger is Trigger.RAISE, trigger is Trigger.REALARM
     unlatches = phase in LATCHED and to not in LATCHED
     acknowledged = trigger is Trigger.ACKNOWLEDGE and phase in ACTIVE
@@ -36,21 +51,21 @@ def broken_rules(phase: Phase, trigger: Trigger) -> list[str]:
 
 
 def test_every_cell_of_the_table():
-    broken = {f"{phase} × {trigger}": broken_rules(phase, trigger) for phase in Phase for trigger in Trigger}
+    broken = {f"{phase} × {trigger}": broken_rules(phase, trigger) for phase in AlarmState for trigger in Trigger}
     assert {cell: rules for cell, rules in broken.items() if rules} == {}
 
 
 def test_every_phase_has_its_row_and_is_left_by_something():
-    assert [phase for phase in Phase if not set(TRANSITIONS[phase].values()) - {phase}] == []
+    assert [phase for phase in AlarmState if not set(TRANSITIONS[phase].values()) - {phase}] == []
 
 
 def test_every_phase_can_be_reached_and_every_phase_can_come_to_rest():
-    reached, edge = {Phase.NORMAL}, {Phase.NORMAL}
+    reached, edge = {AlarmState.NORMAL}, {AlarmState.NORMAL}
     while edge:
         edge = {after(phase, trigger) for phase in edge for trigger in Trigger} - reached
         reached |= edge
-    assert reached == set(Phase)
-    to_rest = {Phase.NORMAL}
-    while more := {phase for phase in Phase if {after(phase, t) for t in Trigger} & to_rest} - to_rest:
+    assert reached == set(AlarmState)
+    to_rest = {AlarmState.NORMAL}
+    while more := {phase for phase in AlarmState if {after(phase, t) for t in Trigger} & to_rest} - to_rest:
         to_rest |= more
-    assert to_rest == set(Phase)
+    assert to_rest == set(AlarmState)

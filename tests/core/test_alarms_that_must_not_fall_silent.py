@@ -1,13 +1,15 @@
 """Ways in which an alarm could be missed, fall silent, stand for ever or come too often."""
 
-from dataclasses import replace
 from itertools import pairwise
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
-from stadimeter.core.condition import AllOf, DistanceCondition, Not, PresenceCondition, RuleCondition
+from stadimeter.core.conditions.compounds import AllOf, Not
+from stadimeter.core.conditions.discrete import PresenceCondition, RuleCondition
+from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import RuleStatus, Severity
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
@@ -113,7 +115,7 @@ def test_a_one_shot_shelf_ends_with_the_return_to_normal_however_that_comes(how)
     assert run.tell("acknowledge" if how == "acknowledged" else "reset", "near").accepted
     run.see(3.0)
     assert run.events("near")[-1] == "unshelved"
-    assert trace(run).gates == ()
+    assert trace(run).inhibits == ()
     run.see(*CLOSE)
     assert told(run)[-1] == "raised"
 
@@ -157,9 +159,9 @@ def test_suppression_by_an_alarm_that_stands_out_of_sight_goes_on():
     quiet = replace(GONE, suppress_when=RuleCondition(rule="near"))
     run = rehearse(NEAR, quiet)
     run.see(*FAR, *CLOSE, *[None] * 10)
-    assert trace(run, "gone").gates == ("suppressed",)
+    assert trace(run, "gone").inhibits == ("suppressed",)
     run.see(*[None] * 80)
-    assert trace(run, "gone").gates == ("suppressed",)
+    assert trace(run, "gone").inhibits == ("suppressed",)
 
 
 # What a target that leaves does to an alarm.

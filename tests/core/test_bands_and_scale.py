@@ -2,16 +2,18 @@
 
 import math
 import random
-from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
-from stadimeter.core.condition import DistanceCondition, SeparationCondition, TimeToContactCondition
 from stadimeter.core.condition_words import collect_evidence, describe_verdict
-from stadimeter.core.conditions.inputs import RuleInputs
-from stadimeter.core.conditions.verdict import judge
+from stadimeter.core.conditions.compounds import judge
+from stadimeter.core.conditions.contact import TimeToContactCondition
+from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.conditions.limits import SeparationCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan, Tracking

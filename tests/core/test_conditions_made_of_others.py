@@ -7,19 +7,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stadimeter.core.condition import (
+from stadimeter.core.condition_words import describe_verdict
+from stadimeter.core.conditions.compounds import (
     AllOf,
     AnyOf,
-    DistanceCondition,
     Not,
-    PresenceCondition,
-    RuleCondition,
-    ScheduleCondition,
+    judge,
+    judged_by_cycle,
+    judged_leaves,
     leaves,
 )
-from stadimeter.core.condition_words import describe_verdict
-from stadimeter.core.conditions.inputs import RuleInputs
-from stadimeter.core.conditions.verdict import Verdict, judge, judged_by_cycle, judged_leaves, rest_of
+from stadimeter.core.conditions.discrete import PresenceCondition, RuleCondition, ScheduleCondition
+from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.track import Track, TrackStatus
 
 VALUES = (True, False, None)
@@ -159,8 +159,10 @@ def test_a_part_out_of_sight_remembers_what_it_was():
 
 
 def test_what_an_alarm_was_before_it_was_restored_counts_as_held():
-    assert judge(any_of(near()), seeing(ball=1.05), (), is_active=True) == Verdict(True, (True,))
-    assert judge(not_(near()), seeing(ball=1.05), (), is_active=True) == Verdict(True, (False,))
+    verdict = judge(any_of(near()), seeing(ball=1.05), (), is_active=True)
+    assert (verdict.value, verdict.held) == (True, (True,))
+    verdict = judge(not_(near()), seeing(ball=1.05), (), is_active=True)
+    assert (verdict.value, verdict.held) == (True, (False,))
 
 
 def test_parts_that_are_needless_while_one_decides_may_be_unknown():
@@ -194,8 +196,8 @@ def test_parts_are_listed_with_how_they_are_judged():
 
 def test_it_is_due_when_its_first_part_is():
     waits = [PresenceCondition(seen=True, for_s=for_s, target="ball") for for_s in (30.0, 12.0, 5.0)]
-    assert rest_of(any_of(*waits), seeing(), (), is_active=True).due_s == 12.0
-    assert rest_of(near(), seeing(), (), is_active=False).due_s == math.inf
+    assert judge(any_of(*waits), seeing(), (), is_active=True).rest.due_s == 12.0
+    assert judge(near(), seeing(), (), is_active=False).rest.due_s == math.inf
 
 
 def test_one_part_that_goes_by_cycles_makes_the_whole_do_so():
@@ -206,15 +208,15 @@ def test_one_part_that_goes_by_cycles_makes_the_whole_do_so():
 def test_all_rests_while_one_part_surely_does_not_hold():
     night = ScheduleCondition(from_s=79200.0, to_s=21600.0)
     watched = all_of(near("ball"), near("tag"), night)
-    assert rest_of(watched, seeing(ball=3.0, tag=0.99), (), is_active=False) is not None
-    assert rest_of(watched, seeing(ball=0.99, tag=0.99), (), is_active=False) is None
+    assert judge(watched, seeing(ball=3.0, tag=0.99), (), is_active=False).rest is not None
+    assert judge(watched, seeing(ball=0.99, tag=0.99), (), is_active=False).rest is None
 
 
 def test_while_it_is_active_it_rests_only_if_every_part_does():
     watched = any_of(near("ball"), near("tag"))
-    assert rest_of(watched, seeing(ball=0.5, tag=3.0), (True, False), is_active=True) is not None
-    assert rest_of(watched, seeing(ball=0.5, tag=1.05), (True, True), is_active=True) is None
-    assert rest_of(watched, seeing(ball=0.5, tag=0.99), (True, False), is_active=True) is None
+    assert judge(watched, seeing(ball=0.5, tag=3.0), (True, False), is_active=True).rest is not None
+    assert judge(watched, seeing(ball=0.5, tag=1.05), (True, True), is_active=True).rest is None
+    assert judge(watched, seeing(ball=0.5, tag=0.99), (True, False), is_active=True).rest is None
 
 
 figures = st.sampled_from([None, 0.5, 0.97, 0.99, 1.0, 1.03, 1.05, 1.08, 2.0])

@@ -1,16 +1,18 @@
 """On-delay and off-delay: what they wait for lasts throughout, apart from noise that the rule forgives."""
 
 import math
-from dataclasses import replace
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from stadimeter.core.alarms import machine
-from stadimeter.core.alarms.machine import AlarmState
+from stadimeter.core.alarms.machine import AlarmRecord
 from stadimeter.core.alarms.state import Sample
-from stadimeter.core.condition import DirectionCondition, DistanceCondition, PresenceCondition
+from stadimeter.core.conditions.discrete import PresenceCondition
+from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.limits import DirectionCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan, Safety, Tracking
@@ -155,7 +157,7 @@ def test_it_is_raised_and_cleared_as_a_naive_judgement_of_every_stretch_says(tol
 
 def judged_alone(rule, samples, step_s=0.1):
     """Return the state of an alarm after samples, None for one that cannot be judged."""
-    state, at_s = AlarmState(), 0.0
+    state, at_s = AlarmRecord(), 0.0
     for holds in samples:
         at_s += step_s
         if holds is None:

@@ -1,29 +1,19 @@
 """The figures behind a condition, and where it would turn."""
 
 import math
-from dataclasses import replace
 
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
-from stadimeter.core.condition import (
-    AllOf,
-    AnyOf,
-    ClosingCondition,
-    CountCondition,
-    DirectionCondition,
-    DistanceCondition,
-    Not,
-    PresenceCondition,
-    RuleCondition,
-    ScheduleCondition,
-    SeparationCondition,
-    TimeToContactCondition,
-)
 from stadimeter.core.condition_words import collect_evidence
-from stadimeter.core.conditions.inputs import RuleInputs
-from stadimeter.core.conditions.verdict import judge
+from stadimeter.core.conditions.compounds import AllOf, AnyOf, Not, judge
+from stadimeter.core.conditions.contact import TimeToContactCondition
+from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
+from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, SeparationCondition
 from stadimeter.core.track import Track, TrackStatus
 
 NEAR = DistanceCondition(below_m=2.0, probability_on=0.8, probability_off=0.5, deadband_sigmas=3.0, target="ball")

@@ -1,12 +1,14 @@
 """What is said of a rule: also of what did not happen, and what it would have taken."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
-from stadimeter.core.condition import AllOf, DirectionCondition, DistanceCondition, Not
+from stadimeter.core.conditions.compounds import AllOf, Not
+from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.limits import DirectionCondition
 from stadimeter.core.decision import RuleStatus, SafetyMode
 from stadimeter.core.observation import Observation
 from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking

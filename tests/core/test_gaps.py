@@ -1,12 +1,12 @@
 """Time in which the program stood still: nothing that was known before it goes on by itself."""
 
-from dataclasses import replace
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
-from stadimeter.core.condition import DistanceCondition, PresenceCondition
+from stadimeter.core.conditions.discrete import PresenceCondition
+from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import RuleStatus, SafetyMode
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety, Tracking

@@ -1,13 +1,12 @@
 """Outputs that people hold: for half a second, below safety, and above all rules but those of safety."""
 
-from dataclasses import replace
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from stadimeter.core.command import LevelCommand, TwistCommand
-from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import SafetyMode, Severity
 from stadimeter.core.holding import HOLD_S
 from stadimeter.core.observation import FrameStamp, Observation, OutputFault

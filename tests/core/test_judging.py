@@ -1,12 +1,13 @@
 """Rules that rest are not judged, and that changes nothing."""
 
 import math
-from dataclasses import replace
 
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
-from stadimeter.core.condition import DistanceCondition, PresenceCondition
+from stadimeter.core.conditions.discrete import PresenceCondition
+from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, FollowRule, Lost, LostPolicy, OnDelay, RampRule

@@ -1,24 +1,14 @@
 """Alarms on conditions of every kind rest as long as nothing concerns them, and that changes nothing."""
 
-from dataclasses import replace
-
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
-from stadimeter.core.condition import (
-    AllOf,
-    AnyOf,
-    ClosingCondition,
-    CountCondition,
-    DirectionCondition,
-    DistanceCondition,
-    Not,
-    PresenceCondition,
-    RuleCondition,
-    ScheduleCondition,
-    SeparationCondition,
-    TimeToContactCondition,
-)
+from stadimeter.core.conditions.compounds import AllOf, AnyOf, Not
+from stadimeter.core.conditions.contact import TimeToContactCondition
+from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
+from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, SeparationCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.observation import FrameStamp, Observation, WallTime
 from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking

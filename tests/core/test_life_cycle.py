@@ -95,7 +95,7 @@ def test_a_frame_that_comes_twice_tells_nothing_new():
 
 
 def test_what_no_filter_can_reduce_stays_in_the_standard_deviation():
-    from dataclasses import replace
+    from msgspec.structs import replace
 
     state = new_track("ball")
     for index in range(100):

@@ -1,12 +1,12 @@
 """What is learnt of a target's noise."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from stadimeter.core.plan import Tracking
 from stadimeter.core.track import TrackStatus
@@ -134,7 +134,7 @@ def test_whatever_is_seen_the_noise_stays_within_its_bounds(sigmas, line, step_s
 
 @given(st.floats(0.1, 10), st.floats(-5, 5), st.floats(0.01, 0.9), st.floats(0.01, 0.9))
 def test_a_steady_speed_is_on_the_line_whatever_the_steps(distance_m, speed_mps, first_s, second_s):
-    from stadimeter.core.tracking.sighting import Sighting
+    from stadimeter.core.measurement import Sighting
 
     def sighting(at_s):
         return Sighting(

@@ -1,17 +1,20 @@
 """What alarms remember beyond a restart: the same happens as without it."""
 
 import math
-from dataclasses import fields, is_dataclass, replace
 from functools import cache
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec import Struct
+from msgspec.structs import fields, replace
 
 from stadimeter.core import persistence
-from stadimeter.core.alarms.machine import AlarmState, Phase
+from stadimeter.core.alarms.machine import AlarmRecord, AlarmState
 from stadimeter.core.alarms.state import Inhibits, Leg, Resumed, Timers
-from stadimeter.core.condition import AllOf, DistanceCondition, PresenceCondition
+from stadimeter.core.conditions.compounds import AllOf
+from stadimeter.core.conditions.discrete import PresenceCondition
+from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import Event, EventKind, Severity
 from stadimeter.core.persistence import find_absences, meaning_of, restore_alarms, shift_times, snapshot_alarms
 from stadimeter.core.rule import EscalationStep, LostPolicy, OnDelay
@@ -165,15 +168,15 @@ def test_what_people_have_said_is_remembered():
     life = Life(plan_of(replace(NEAR, ack="required")), lambda _time_s: 0.6)
     life.live(1)
     life.run.tell("acknowledge", "near", by="Ada", why="on my way")
-    ago_s = life.run.now_s - life.run.state.rules.steps[0].state.acknowledgement.at_s
+    ago_s = life.run.now_s - life.run.state.rules.steps[0].record.acknowledgement.at_s
     life.run.tell("take-out", "near", by="Ada")
     life.restart(1.0, 500.0)
     (trace,) = life.run.state.rules.traces
-    said = life.run.state.rules.steps[0].state.acknowledgement
+    said = life.run.state.rules.steps[0].record.acknowledgement
     assert (said.by, said.why) == ("Ada", "on my way")
     assert said.at_s == pytest.approx(500.0 - 1.0 - ago_s, abs=0.1)  # one second down, on another clock
     assert trace.acknowledged
-    assert trace.gates == ("out of service",)
+    assert trace.inhibits == ("out of service",)
 
 
 def test_a_target_that_is_out_of_sight_after_the_restart_is_waited_for_before_anything_is_concluded():
@@ -269,7 +272,7 @@ def test_a_rule_that_means_something_else_starts_anew():
     run.see(3, 0.6, 0.6, 0.6)
     other = rehearse(replace(NEAR, condition=DistanceCondition(below_m=0.9)))
     state = restore_alarms(other.state, snapshot_alarms(run.state), shift_s=0.0, from_s=1.0, now_s=1.0)
-    assert state.rules.steps[0].state == AlarmState()
+    assert state.rules.steps[0].record == AlarmRecord()
 
 
 def test_the_first_of_a_group_stays_the_first():
@@ -316,15 +319,15 @@ def test_what_is_as_by_default_does_not_count_so_that_a_later_version_finds_the_
 
 
 def everything_in(value, name=""):
-    if is_dataclass(value):
+    if isinstance(value, Struct):
         for field in fields(value):
             yield from everything_in(getattr(value, field.name), field.name)
     elif isinstance(value, float):
         yield name, value
 
 
-EVERYTHING = AlarmState(
-    phase=Phase.ACKNOWLEDGED,
+EVERYTHING = AlarmRecord(
+    state=AlarmState.ACKNOWLEDGED,
     timers=Timers(held_s=1.0, ended_s=1.0),
     unknown_since_s=1.0,
     raised_at_s=1.0,

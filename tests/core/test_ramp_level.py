@@ -1,14 +1,14 @@
 """How strongly a ramp acts at a distance."""
 
 import math
-from dataclasses import replace
 
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from stadimeter.core.rule import RampRule
-from stadimeter.core.rules.ramp import new_ramp, ramp_level, rest_of_ramp, step_ramp, why
+from stadimeter.core.rules.ramp import describe_ramp, new_ramp, ramp_level, rest_of_ramp, step_ramp
 from stadimeter.core.track import Track, TrackStatus
 
 TABLE = RampRule(
@@ -90,7 +90,9 @@ def test_a_dead_zone_holds_for_a_curve_too():
 
 
 def test_the_reason_names_the_table():
-    assert why(TABLE, ball(1.5, 0.01)) == ("1.50 m ± 0.01: 75% by the table from 1.00 m (100%) to 3.00 m (20%)")
+    assert describe_ramp(TABLE, ball(1.5, 0.01)) == (
+        "1.50 m ± 0.01: 75% by the table from 1.00 m (100%) to 3.00 m (20%)"
+    )
 
 
 @given(ramps, distances_m, sigmas_m, st.booleans())

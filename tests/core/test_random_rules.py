@@ -1,26 +1,17 @@
 """Random rules over random tracks: whatever is configured and seen, what moves is justified and within limits."""
 
 import math
-from dataclasses import replace
 
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from stadimeter.core.command import LevelCommand, TwistCommand
-from stadimeter.core.condition import (
-    AllOf,
-    AnyOf,
-    ClosingCondition,
-    CountCondition,
-    DirectionCondition,
-    DistanceCondition,
-    Not,
-    PresenceCondition,
-    RuleCondition,
-    ScheduleCondition,
-    SeparationCondition,
-    TimeToContactCondition,
-)
+from stadimeter.core.conditions.compounds import AllOf, AnyOf, Not
+from stadimeter.core.conditions.contact import TimeToContactCondition
+from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
+from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, SeparationCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import SafetyMode, Severity
 from stadimeter.core.observation import FrameStamp, Observation, OutputFault, WallTime
@@ -39,6 +30,7 @@ from stadimeter.core.rule import (
     Send,
     Template,
 )
+from stadimeter.core.track import TrackStatus
 from stadimeter.operator_actions import OperatorAction
 from support.observing import measured, missed
 from support.random_runs import with_all_active
@@ -254,10 +246,14 @@ def justified(plan, state, tracks, name, command):
     rule, step = next(pair for pair in zip(plan.rules, state.rules.steps, strict=True) if pair[0].name == name)
     assert not rule.observe
     if isinstance(rule, AlarmRule):
-        assert not step.trace.gates
-        assert not step.state.has_let_go, "a latched alarm stands until it is reset, whatever is seen; another lets go"
+        assert not step.trace.inhibits
+        assert not step.record.has_let_go, "a latched alarm stands until it is reset, whatever is seen; another lets go"
         is_moving = isinstance(command, TwistCommand) and (command.linear_mps, command.angular_radps) != (0.0, 0.0)
         assert not is_moving
+    elif isinstance(rule, FollowRule) and not tracks[rule.target].is_valid:
+        assert rule.search is not None
+        assert tracks[rule.target].status is TrackStatus.LOST
+        assert command.linear_mps == 0.0, "a base that searches turns in place"
     else:
         assert tracks[rule.target].is_valid
         assert math.isfinite(tracks[rule.target].distance_m)
@@ -314,7 +310,7 @@ def test_people_are_told_no_more_often_than_the_cooldown_allows_and_never_by_a_q
     alarms = {rule.name: rule for rule in plan.rules if isinstance(rule, AlarmRule)}
     told_s: dict[str, float] = {}
     for _, observation, _, decision in run(plan, scenes):
-        gates = {trace.rule: trace.gates for trace in decision.rules}
+        inhibits = {trace.rule: trace.inhibits for trace in decision.rules}
         for event in decision.events:
             rule = alarms.get(event.source)
             if rule is None or not event.notify or event.kind.value not in {"raised", "realarmed"}:
@@ -323,7 +319,7 @@ def test_people_are_told_no_more_often_than_the_cooldown_allows_and_never_by_a_q
             waited_s = observation.now_s - told_s.get(rule.name, -math.inf)
             assert waited_s >= min(rule.cooldown_s, rule.realarm_s or math.inf) - 1e-6
             told_s[rule.name] = observation.now_s
-        assert all(not gates[notice.rule] for notice in decision.notices)
+        assert all(not inhibits[notice.rule] for notice in decision.notices)
 
 
 @fast
@@ -337,4 +333,4 @@ def test_whether_an_alarm_is_active_is_what_its_events_say(plan, scenes):
                 active[event.source] = event.kind.value == "raised"
         for rule, step in zip(plan.rules, state.rules.steps, strict=True):
             if rule.name in active:
-                assert step.state.is_active is active[rule.name]
+                assert step.record.is_active is active[rule.name]

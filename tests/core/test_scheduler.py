@@ -2,7 +2,7 @@
 
 import pytest
 
-from stadimeter.core.condition import PresenceCondition
+from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import EventKind, Severity
 from stadimeter.core.observation import FrameStamp, Observation

@@ -1,11 +1,14 @@
 """What alarms do step after step: patterns, other outputs, messages; what suppresses them; and in which order."""
 
-from dataclasses import replace
+from graphlib import CycleError
 
 import pytest
+from msgspec.structs import replace
 
 from stadimeter.core.command import TwistCommand
-from stadimeter.core.condition import AllOf, DistanceCondition, Not, PresenceCondition, RuleCondition
+from stadimeter.core.conditions.compounds import AllOf, Not
+from stadimeter.core.conditions.discrete import PresenceCondition, RuleCondition
+from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decide import initial_state
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety, Tracking
@@ -133,7 +136,7 @@ def test_a_suppressed_alarm_is_quiet_and_tells_what_suppresses_it():
     assert levels(run.see(0.9, 0.9))[0] == 1.0
     decision = run.see(*CLOSE)
     assert levels(decision)[0] == 0.0
-    assert decision.rules[0].gates == ("suppressed",)
+    assert decision.rules[0].inhibits == ("suppressed",)
     run.see(*[0.5] * 20)
     assert sent(run) == []
     assert levels(run.see(*[0.9] * 6))[0] == 1.0
@@ -187,9 +190,9 @@ def test_a_rule_on_the_contrary_of_another_follows_it():
 def test_rules_that_ask_for_each_other_in_a_circle_are_refused():
     first = replace(NEAR, name="a", suppress_when=RuleCondition(rule="b"))
     second = replace(NEAR, name="b", suppress_when=RuleCondition(rule="a"))
-    with pytest.raises(ValueError, match=r"circle: a → b → a|circle: b → a → b"):
+    with pytest.raises(CycleError):
         initial_state(Plan(targets=("ball",), rules=(first, second)))
-    with pytest.raises(ValueError, match="asks for a rule 'b' that is not there"):
+    with pytest.raises(KeyError, match="b"):
         initial_state(Plan(targets=("ball",), rules=(first,)))
 
 

@@ -1,11 +1,10 @@
 """Stop everything: every output at its safe value until released, before all rules, whoever asks for more."""
 
-from dataclasses import replace
-
 import pytest
+from msgspec.structs import replace
 
 from stadimeter.core.command import LevelCommand, TwistCommand
-from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import EventKind, SafetyMode, Severity
 from stadimeter.core.observation import FrameStamp, Observation, OutputFault
 from stadimeter.core.operator import HoldCommand, OperatorCommand

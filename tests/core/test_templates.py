@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.core import templates
-from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import Event, EventKind, Notice, Severity
 from stadimeter.core.rule import AlarmRule, Template
 from stadimeter.core.templates import FIELDS, FLAG_FIELDS, NUMBER_FIELDS, TEXT_FIELDS, TemplateError

@@ -1,9 +1,9 @@
 """Edges of a track's life that its other tests left open: counts, times and signs, each to the last one."""
 
 import math
-from dataclasses import replace
 
 import pytest
+from msgspec.structs import replace
 
 from stadimeter.core.plan import Tracking
 from stadimeter.core.track import TrackStatus

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 import stadimeter
-from stadimeter.testing.eventually import eventually
+from stadimeter.testing.rig import eventually
 from support.booted_root import Booted, booted
 from support.debian_root import make_root, why_no_root
 from support.simulated_run import SIMULATED_BALL
@@ -56,6 +56,14 @@ exec {sys.base_prefix}/bin/python{sys.version_info.major}.{sys.version_info.mino
 OFF = ["set 18 op dl", "set 5 op dh"]
 
 
+def safe_outputs(deploy: Path) -> str:
+    """Return the script with this Python and this checkout in the place of the package's."""
+    text = (deploy / "safe-outputs").read_text().replace('"$here"/../src/', f"{SOURCE}/")
+    python = f"{sys.base_prefix}/bin/python{sys.version_info.major}.{sys.version_info.minor}"
+    libraries = f"export LD_LIBRARY_PATH={sys.base_prefix}/lib"
+    return text.replace("python=$here/../bin/python3\n", f"{libraries}\npython={python}\n")
+
+
 def put(root: Path, place: str, text: str, mode: int = 0o644) -> None:
     path = root / place
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -80,7 +88,7 @@ def computer(deploy: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator
         unit = unit.replace("ProtectHome=yes", "ProtectHome=no")
     put(root, "etc/systemd/system/stadimeter.service", unit)
     put(root, "etc/systemd/system/stadimeter.service.d/pins.conf", "[Service]\nEnvironment=GPIOZERO_PIN_FACTORY=mock\n")
-    put(root, "usr/lib/stadimeter/safe-outputs", (deploy / "safe-outputs").read_text(), 0o755)
+    put(root, "usr/lib/stadimeter/safe-outputs", safe_outputs(deploy), 0o755)
     put(root, "usr/bin/pinctrl", '#!/bin/sh\necho "$*" >>/root/pins\n', 0o755)
     put(root, "opt/stadimeter/bin/stadimeter", PROGRAM, 0o755)
     put(root, "etc/stadimeter/appliance.toml", CONFIGURATION)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import os
 import re
 import shutil
@@ -14,7 +13,7 @@ import pytest
 
 from stadimeter.app.control.places import socket_path
 from stadimeter.app.service import MAX_PAUSE_S
-from stadimeter.cli.web import web
+from stadimeter.config.models import WebTable
 from stadimeter.web import passwords
 
 SCRIPTS = ("safe-outputs", "debian/preinst", "debian/postinst", "debian/prerm", "debian/postrm")
@@ -87,7 +86,7 @@ class TestUnitOfThePage:
 
     def test_avahi_tells_of_the_port_that_it_listens_at(self, deploy: Path) -> None:
         (service,) = ET.parse(deploy / "avahi/stadimeter.service").iter("service")  # noqa: S314 - our own
-        port = inspect.signature(web).parameters["port"].default
+        port = WebTable.model_fields["port"].default
         assert (service.findtext("type"), service.findtext("port")) == ("_http._tcp", str(port))
 
     def test_avahi_tells_of_it_only_if_it_has_a_password_and_so_can_be_reached(

@@ -21,6 +21,7 @@ from pathlib import Path
 import cv2
 import pytest
 
+from stadimeter.app.persistence.alarm_store import FORMAT
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.simulation.camera import Renderer
@@ -110,7 +111,7 @@ def broken(package: Package) -> Path:
 NUMPY_TRAP = rewrite(
     "cv2/__init__.py", "import os", "raise ImportError('numpy.core.multiarray failed to import')\nimport os"
 )
-LATER_STATE = rewrite("stadimeter/app/persistence/alarm_store.py", "FORMAT = 3\n", "FORMAT = 4\n")
+LATER_STATE = rewrite("stadimeter/app/persistence/alarm_store.py", f"FORMAT = {FORMAT}\n", f"FORMAT = {FORMAT + 1}\n")
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.testing.eventually import eventually
+from stadimeter.testing.rig import eventually
 from support.booted_root import Booted, booted
 from support.debian_root import DebianRoot, make_root, why_no_root
 
@@ -49,7 +49,18 @@ def main():
 if __name__ == "__main__":
     main()
 """
-STAND_INS = ("numpy", "cv2", "simplejpeg", "pydantic", "serial", "gpiozero", "paho/mqtt/client", "apprise", "mcap")
+STAND_INS = (
+    "numpy",
+    "cv2",
+    "simplejpeg",
+    "msgspec",
+    "pydantic",
+    "serial",
+    "gpiozero",
+    "paho/mqtt/client",
+    "apprise",
+    "mcap",
+)
 
 RUN, PAGE = "stadimeter.service", "stadimeter-web.service"
 STATES = [(how, is_up) for how in ("enabled", "disabled", "masked") for is_up in (True, False)]

@@ -14,7 +14,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.ball import BallDetector, BallOptions
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.rig import ManualClock
 from support.through_lens import ThroughLens
 
 OVERSAMPLING = 8

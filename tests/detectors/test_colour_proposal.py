@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.ball import BallOptions
-from stadimeter.detectors.ball.colour_ranges import join_ranges, ranges_at, smooth, widen
-from stadimeter.detectors.hsv import HsvRange
+from stadimeter.detectors.hsv import HsvRange, join_ranges, ranges_at, smooth, widen
 from stadimeter.detectors.protocol import ColourSample
 from support.scenes.hard_balls import hard_ball
 from support.scenes.render import render

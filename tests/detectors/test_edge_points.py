@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.detection import Detection, DetectionStatus, Points
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.protocol import ShowsEdges
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.rig import ManualClock
 from support.detector_rigs import CAMERA, LEFT, SCENES, WALL, build
 from support.scenes.render import render
 from support.scenes.scene import Scene

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from stadimeter.app.detectors import build_detectors
 from stadimeter.config.camera_file import camera_file_text, load_camera_model
@@ -20,7 +20,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame, Image
 from stadimeter.workbench.calibration.distance_fit import DistanceFit, fit_distances, look_at_distance, remedy_words
-from stadimeter.workbench.remedies import remedies_for
+from stadimeter.workbench.measuring import remedies_for
 from support.scenes import hard_flats
 from support.scenes.draw import CAMERA, empty_scene
 from support.scenes.render import render

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.detectors.sampling import light_table
-from stadimeter.detectors.sheet.edges import measure_edges, settle_edges
+from stadimeter.detectors.sheet.edges import SheetPicture, measure_edges, settle_edges
 from stadimeter.detectors.sheet.one_outline import SUPPORTED, measure_each, settle_each
 from stadimeter.detectors.sheet.quadrilaterals import (
     find_quadrilaterals,
@@ -24,32 +24,33 @@ pytestmark = pytest.mark.vision
 
 LIGHT = light_table("srgb")
 MADE = render(sheet_scene(4, 0.4, plain=True))
+SEEN = SheetPicture(MADE.image, LIGHT, None)
 CORNERS = MADE.truth.outline_px
 
 
 @given(st.lists(st.floats(-2.0, 2.0), min_size=8, max_size=8))
 def test_the_corners_do_not_depend_on_where_the_search_starts(moves: list[float]) -> None:
     start = CORNERS + np.array(moves).reshape(4, 2)
-    edges = settle_edges(MADE.image, measure_edges(MADE.image, start[None], 6.0, LIGHT), LIGHT)
-    exact = settle_edges(MADE.image, measure_edges(MADE.image, CORNERS[None], 6.0, LIGHT), LIGHT)
+    edges = settle_edges(SEEN, measure_edges(SEEN, start[None], 6.0))
+    exact = settle_edges(SEEN, measure_edges(SEEN, CORNERS[None], 6.0))
     assert np.abs(edges.corners_px - exact.corners_px).max() < 0.02
     assert np.abs(edges.corners_px[0] - CORNERS).max() < 0.15
 
 
 def test_many_outlines_at_once_give_what_each_gives_alone() -> None:
     starts = np.stack((CORNERS, CORNERS + 1.0, CORNERS * 0.9 + 20))
-    together = measure_edges(MADE.image, starts, 6.0, LIGHT)
+    together = measure_edges(SEEN, starts, 6.0)
     for number, start in enumerate(starts):
-        alone = measure_edges(MADE.image, start[None], 6.0, LIGHT)
+        alone = measure_edges(SEEN, start[None], 6.0)
         assert together.corners_px[number] == pytest.approx(alone.corners_px[0], nan_ok=True)
         assert together.support[number] == pytest.approx(alone.support[0])
 
 
 def test_a_bright_sheet_stands_out_with_one_sign_on_all_sides_and_nothing_does_not() -> None:
-    edges = measure_edges(MADE.image, CORNERS[None], 6.0, LIGHT)
+    edges = measure_edges(SEEN, CORNERS[None], 6.0)
     assert (edges.contrast > 50).all()
     assert (edges.support > 0.9).all()
-    away = measure_edges(np.full_like(MADE.image, 90), CORNERS[None], 6.0, LIGHT)
+    away = measure_edges(SheetPicture(np.full_like(MADE.image, 90), LIGHT, None), CORNERS[None], 6.0)
     assert (away.support == 0).all()
 
 
@@ -72,8 +73,8 @@ def test_something_that_touches_the_sheet_does_not_hide_its_outline() -> None:
 
 def test_one_by_one_candidates_settle_where_they_do_together() -> None:
     starts = np.stack((CORNERS + 1.0, CORNERS - 0.5))
-    close = measure_edges(MADE.image, starts, 6.0, LIGHT)
-    together, alone = (settle(MADE.image, close, LIGHT) for settle in (settle_edges, settle_each))
+    close = measure_edges(SEEN, starts, 6.0)
+    together, alone = (settle(SEEN, close) for settle in (settle_edges, settle_each))
     assert alone.corners_px == pytest.approx(together.corners_px, abs=0.02)
     assert alone.colour_contrast == pytest.approx(together.colour_contrast, rel=0.05)
 
@@ -82,9 +83,10 @@ def test_a_side_half_hidden_is_left_to_the_more_thorough_search() -> None:
     middle = CORNERS[:2].mean(axis=0)
     left, right = np.add(middle, (-17, -12)), np.add(middle, (17, -12))
     finger = np.array((left, right, CORNERS.mean(axis=0)))
-    hidden = np.asarray(cv2.fillPoly(MADE.image.copy(), [np.rint(finger).astype(np.int32)], (20, 60, 200)))
-    assert measure_each(hidden, CORNERS[None], 1.0, LIGHT) == [None]
-    settled = settle_each(hidden, measure_edges(hidden, CORNERS[None], 6.0, LIGHT), LIGHT)
+    image = np.asarray(cv2.fillPoly(MADE.image.copy(), [np.rint(finger).astype(np.int32)], (20, 60, 200)))
+    hidden = SheetPicture(image, LIGHT, None)
+    assert measure_each(hidden, CORNERS[None], 1.0) == [None]
+    settled = settle_each(hidden, measure_edges(hidden, CORNERS[None], 6.0))
     assert np.abs(settled.corners_px[0] - CORNERS).max() < 0.2
     assert settled.support.min() < SUPPORTED
 

@@ -11,7 +11,7 @@ import pytest
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
-from stadimeter.detectors.sheet.whole import ends_evidence, filling_evidence, steps_across
+from stadimeter.detectors.sheet.evidence import ends_evidence, filling_evidence, steps_across
 from support.scenes.draw import CAMERA
 
 pytestmark = pytest.mark.vision

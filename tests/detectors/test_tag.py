@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 import re
-import sys
-from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from pydantic import ValidationError
 
 from stadimeter.config.plugins import DETECTORS, load_driver
@@ -20,7 +19,6 @@ from stadimeter.detectors.sampling import light_table
 from stadimeter.detectors.tag import TagDetector, TagOptions
 from stadimeter.detectors.tag.codes import DICTIONARIES, tag_family
 from stadimeter.detectors.tag.sides import measure_sides
-from stadimeter.errors import DriverUnavailableError
 from stadimeter.ranging.flat import TagShape
 from support.scenes.draw import empty_scene, tag_scene
 from support.scenes.nuisances import distorted, motion, noise, tone
@@ -302,8 +300,6 @@ def test_a_family_may_be_written_shortly(written: str, meant: str) -> None:
         ({"family": "4x4-50", "id": 50}, "50 is not in aruco-4x4-50, whose tags are numbered 0 to 49"),
         ({"id": -1}, "greater than or equal to 0"),
         ({"side": "0 cm"}, "not a length above zero"),
-        ({"finder": "pyapriltags", "family": "4x4-50"}, "'pyapriltags' does not know the family aruco-4x4-50"),
-        ({"finder": "zbar"}, "'opencv' or 'pyapriltags'"),
         ({"min_side_px": 4}, "greater than or equal to 12"),
         ({"size": "8 cm"}, "Extra inputs"),
     ],
@@ -312,29 +308,6 @@ def test_wrong_options_are_refused_with_a_reason(options: dict[str, object], sai
     with pytest.raises(ValidationError) as caught:
         TagOptions.model_validate({"side": "8 cm", **options})
     assert said in str(caught.value)
-
-
-def test_the_library_for_small_tags_reads_what_is_too_small_for_the_rest(driver_context) -> None:
-    pytest.importorskip("pyapriltags")
-    options = TagOptions.model_validate({"side": "10 cm", "finder": "pyapriltags", "min_side_px": 12})
-    small = options.build(driver_context("tag"))._searches["srgb"].small_tags
-    made = render(tag_scene(8, 24, 0.0))
-    (tag,) = small.find(cv2.cvtColor(made.image, cv2.COLOR_BGR2GRAY))
-    assert tag.number == 8
-    assert (
-        worst_px(Detection(target="", status=DetectionStatus.FOUND, outline_px=tag.corners_px), made.truth.outline_px)
-        < 1
-    )
-    assert small.find(np.zeros((1, 1), np.uint8)) == []
-
-
-def test_the_library_for_small_tags_is_missed_only_where_it_is_asked_for(monkeypatch, driver_context) -> None:
-    monkeypatch.setitem(sys.modules, "pyapriltags", None)
-    monkeypatch.delitem(sys.modules, "stadimeter.detectors.tag.search", raising=False)
-    options = {"side": "8 cm"}
-    TagOptions.model_validate(options).build(driver_context("tag"))
-    with pytest.raises(DriverUnavailableError, match=r"target door: finder = 'pyapriltags' .*stadimeter\[tags\]"):
-        TagOptions.model_validate({**options, "finder": "pyapriltags"}).build(driver_context("door"))
 
 
 def test_other_tags_and_outlines_without_a_tag_are_told_with_the_test_that_they_failed() -> None:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.detectors.tag.outlines import SAME_PX, distinct
+from stadimeter.detectors.tag.search import SAME_PX, distinct
 
 pytestmark = pytest.mark.vision
 

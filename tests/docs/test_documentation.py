@@ -17,21 +17,20 @@ from stadimeter.cli.main import app
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.models import ActuatorTable, BaseTable
 from stadimeter.config.rule_test_tables import ExpectTable, InputTable
-from stadimeter.config.rules.condition_tables import WhenTable
-from stadimeter.config.rules.figure_tables import (
+from stadimeter.config.rules.action_tables import FollowTable, PatternTable, RampTable, StepTable
+from stadimeter.config.rules.condition_tables import (
     ClosingTable,
     ContactTable,
     CountTable,
     DirectionTable,
     SeparationTable,
     TimeTable,
+    WhenTable,
 )
-from stadimeter.config.rules.proportional_tables import FollowTable, RampTable
-from stadimeter.config.rules.sequence_tables import PatternTable, StepTable
 from stadimeter.config.rules.tables import LostTable, RuleTable
 from stadimeter.core import templates
 from stadimeter.errors import ConfigError
-from stadimeter.workbench.rule_tests.running import RuleTests
+from stadimeter.workbench.rule_tests.running import run_rule_test
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [
@@ -126,7 +125,7 @@ def test_every_recipe_keeps_what_its_tests_promise(recipe, tmp_path):
     path.write_text(completed(recipe))
     configuration = load_configuration(path)
     assert [warning.code for warning in configuration.warnings if warning.key.startswith("rules")] == []
-    results = [RuleTests(configuration).run(test) for test in configuration.tests]
+    results = [run_rule_test(configuration, test) for test in configuration.tests]
     assert [(result.trouble, *result.failures) for result in results if not result.passed] == []
     assert results
 

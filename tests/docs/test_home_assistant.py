@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from stadimeter.app.reporting import Reporter
-from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import Decision, RuleStatus, RuleTrace, SafetyMode
 from stadimeter.core.rule import AlarmRule
 from stadimeter.core.track import Track, TrackStatus

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import tomllib
 from pathlib import Path
 
@@ -10,10 +9,11 @@ import boards_table
 import camera_table
 import make_pictures
 import pytest
+from msgspec.structs import replace
 
 from stadimeter.config.loader import load_configuration
 from stadimeter.workbench.drawing import svg_of
-from stadimeter.workbench.wiring.drawings import wiring_picture
+from stadimeter.workbench.wiring import wiring_picture
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -40,7 +40,7 @@ def test_a_limited_processor_is_marked_in_the_tables_of_boards() -> None:
 
 def test_what_somebody_writes_into_a_file_of_a_board_stays_text() -> None:
     name, figures = next(iter(boards_table.all_figures().items()))
-    hostile = dataclasses.replace(figures, note="a | b <script>[x](javascript:y)\n# z")
+    hostile = replace(figures, note="a | b <script>[x](javascript:y)\n# z")
     row = boards_table.computers_table({name: hostile}).splitlines()[-1]
     assert r"a \| b \<script\>\[x\](javascript:y) \# z" in row
 

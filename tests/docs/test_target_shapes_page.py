@@ -10,8 +10,8 @@ import pytest
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.target import TargetShape
-from stadimeter.ranging.feasibility import expect
 from stadimeter.ranging.measure import measure
+from stadimeter.ranging.similar_triangles import expect
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "target-shapes.md"
 CAMERA = CameraModel.with_focal_length(600.0, 640, 480)

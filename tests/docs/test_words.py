@@ -3,7 +3,10 @@
 import ast
 import re
 from collections import Counter
+from functools import cache
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", ROOT / "deploy" / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -50,36 +53,51 @@ SEARCHED = (
 )  # fmt: skip
 
 
+@cache
+def tree_of(path):
+    return ast.parse(path.read_text())
+
+
+@cache
+def nodes_of(path):
+    return tuple(ast.walk(tree_of(path)))
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _sources_are_parsed_once():
+    yield
+    tree_of.cache_clear()
+    nodes_of.cache_clear()
+
+
 def messages(path):
     """Return the texts of a source that people may see: all strings but the docstrings of what is no command."""
-    tree = ast.parse(path.read_text())
     unseen = {
         id(statement.value)
-        for node in ast.walk(tree)
+        for node in nodes_of(path)
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and not is_command(node)
         for statement in node.body
         if isinstance(statement, ast.Expr)
     }
     return [
         node.value
-        for node in ast.walk(tree)
+        for node in nodes_of(path)
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in unseen
     ]
 
 
 def docstrings(path):
     """Return the docstrings of a source, as one text."""
-    holders = (node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, HOLDERS))
+    holders = (node for node in nodes_of(path) if isinstance(node, HOLDERS))
     return "\n".join(ast.get_docstring(node) or "" for node in holders)
 
 
 def odd_names(path):
     """Return the names of a source that say in another way what the house says in one."""
-    tree = ast.parse(path.read_text())
-    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
+    functions = [node for node in nodes_of(path) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
     constants = [
         name.id
-        for node in tree.body
+        for node in tree_of(path).body
         if isinstance(node, ast.Assign | ast.AnnAssign)
         for name in ast.walk(node)
         if isinstance(name, ast.Name) and isinstance(name.ctx, ast.Store)
@@ -129,12 +147,7 @@ def test_functions_are_verbs_and_bounds_are_max_and_min():
 
 
 def test_a_class_name_means_one_thing():
-    classes = Counter(
-        node.name
-        for path in SOURCES
-        for node in ast.walk(ast.parse(path.read_text()))
-        if isinstance(node, ast.ClassDef)
-    )
+    classes = Counter(node.name for path in SOURCES for node in nodes_of(path) if isinstance(node, ast.ClassDef))
     assert {name for name, count in classes.items() if count > 1} <= set()
 
 

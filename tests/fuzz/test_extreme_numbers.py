@@ -16,7 +16,7 @@ from stadimeter.app.bootstrap import build
 from stadimeter.app.control.messages import parse_request
 from stadimeter.app.feasibility import feasibility_warnings
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.app.persistence.resumption import Resumption, read_resumption
+from stadimeter.app.persistence.resumption import read_state, state_text
 from stadimeter.cli.main import app
 from stadimeter.config import units
 from stadimeter.config.describe import describe
@@ -24,7 +24,6 @@ from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.bounds import MAX_FIGURE, MAX_TIME_S
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.observation import Observation
-from stadimeter.core.persistence import find_absences, snapshot_alarms
 from stadimeter.core.plan import Plan
 from stadimeter.errors import ConfigError, ControlError, StateError
 from support.simulated_run import SIMULATED_BALL
@@ -237,10 +236,7 @@ def remembered(folder: Path) -> tuple[Plan, str]:
     loop = Loop(build(configuration, speed=None))
     loop.run(Limits(seconds=3))
     assert loop.state is not None
-    resumption = Resumption(
-        alarms=snapshot_alarms(loop.state), absent=find_absences(loop.state), shift_s=-3.25, from_s=0.25, now_s=9.5
-    )
-    return configuration.plan, resumption.text()
+    return configuration.plan, state_text(loop.state)
 
 
 @given(st.integers(0, 1000), st.sampled_from(EXTREME))
@@ -249,7 +245,7 @@ def test_what_a_run_restores_with_an_extreme_number_is_restored_or_refused(
 ) -> None:
     plan, text = remembered
     try:
-        state = read_resumption(placed(text, which, number, IN_JSON)).of(initial_state(plan))
+        state = read_state(placed(text, which, number, IN_JSON), initial_state(plan))
     except StateError:
         return
     for step in range(3):

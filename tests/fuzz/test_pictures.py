@@ -14,7 +14,7 @@ import pytest
 from stadimeter.cameras.picture import load_picture
 from stadimeter.config.untrusted_file import PICTURE_MAX_PIXELS
 from stadimeter.errors import PictureError
-from stadimeter.workbench.calibration.calibrating import read_lens_settings
+from stadimeter.workbench.picture_metadata import read_lens_settings
 
 KINDS = {
     "baseline.jpg": (".jpg", []),

@@ -19,7 +19,7 @@ from stadimeter.app.recordings.recorded_configuration import RecordedConfigurati
 from stadimeter.app.recordings.recording import Recorded, RecordingWriter
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.frame import Frame
 from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule

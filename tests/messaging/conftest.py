@@ -12,7 +12,7 @@ import pytest
 from stadimeter.config.plugins import MESSENGERS, DriverContext, load_driver
 from stadimeter.messaging.back_off import Patience
 from stadimeter.messaging.mqtt import PahoMessenger
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.rig import ManualClock
 from support.broker import (
     BrokerAccess,
     LoopbackBroker,

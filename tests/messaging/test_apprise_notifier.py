@@ -15,7 +15,7 @@ from stadimeter.core.notification import Notification
 from stadimeter.errors import DeviceOpenError, DriverUnavailableError
 from stadimeter.messaging.apprise_notifier import AppriseNotifier, AppriseOptions
 from stadimeter.messaging.back_off import Patience
-from stadimeter.testing.eventually import eventually
+from stadimeter.testing.rig import eventually
 from support.webhook_listener import HOST, WebhookListener
 
 PATIENCE = Patience(first_pause_s=0.02, longest_pause_s=0.05, goodbye_s=10.0)

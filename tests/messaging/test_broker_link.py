@@ -14,7 +14,7 @@ import pytest
 from stadimeter.core.message import Message
 from stadimeter.messaging.back_off import Patience
 from stadimeter.messaging.mqtt import MqttOptions, PahoMessenger
-from stadimeter.testing.eventually import eventually
+from stadimeter.testing.rig import eventually
 from support.broker import HOST
 
 CONNECT_VERSION_AT = 8

@@ -10,7 +10,7 @@ import pytest
 from stadimeter.core.notification import Notification
 from stadimeter.messaging.apprise_notifier import QUEUE_MAX, Delivery
 from stadimeter.messaging.back_off import Patience
-from stadimeter.testing.eventually import eventually
+from stadimeter.testing.rig import eventually
 
 PATIENCE = Patience(first_pause_s=0.01, longest_pause_s=0.02, goodbye_s=10.0)
 

@@ -10,7 +10,7 @@ import pytest
 from stadimeter.core.message import Message
 from stadimeter.errors import ConfigError, DeviceOpenError
 from stadimeter.messaging.mqtt import PahoMessenger
-from stadimeter.testing.eventually import eventually
+from stadimeter.testing.rig import eventually
 from support.broker import LoopbackBroker, MosquittoBroker, free_port
 from support.mqtt_listener import MqttListener
 from support.tunnel import Tunnel

@@ -11,7 +11,7 @@ import pytest
 
 from stadimeter.errors import DeviceOpenError
 from stadimeter.messaging.mqtt import PahoMessenger
-from stadimeter.testing.eventually import eventually
+from stadimeter.testing.rig import eventually
 from support.broker import LoopbackBroker, free_port, mosquitto_program
 
 MakeMessenger = Callable[..., PahoMessenger]

@@ -10,7 +10,7 @@ import pytest
 
 from stadimeter.messaging import mqtt
 from stadimeter.messaging.mqtt import MqttOptions, PahoMessenger
-from stadimeter.testing.eventually import eventually
+from stadimeter.testing.rig import eventually
 from support.broker import HOST, LoopbackBroker, free_port, mosquitto_program
 from support.mqtt_listener import MqttListener
 

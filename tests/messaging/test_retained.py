@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from stadimeter.core.message import Message, clearing
 from stadimeter.messaging.mqtt import MqttOptions, PahoMessenger
 from stadimeter.messaging.mqtt_client import PACKET_MAX
-from stadimeter.messaging.retained import RetainedList
-from stadimeter.testing.eventually import eventually
+from stadimeter.messaging.outbox import RetainedList
+from stadimeter.testing.rig import eventually
 from support.broker import LoopbackBroker, MosquittoBroker
 from support.mqtt_listener import MqttListener
 from support.tunnel import Tunnel
@@ -102,6 +102,16 @@ def test_a_reload_while_connected_writes_the_list_anew(
     witness.wait_for(PAGE)
     messenger.retain_only(frozenset())
     witness.wait_for(PAGE, "")
+
+
+def test_the_list_is_written_though_the_broker_answers_before_the_run_knows_what_it_publishes(
+    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+) -> None:
+    messenger = make_messenger(broker.port)
+    messenger.open()
+    eventually(lambda: not messenger.trouble())
+    messenger.retain_only(topics("near"))
+    listen(broker.port).wait_for(PAGE, json.dumps(["rule/near/state"]))
 
 
 def test_another_node_below_the_same_base_keeps_its_own(

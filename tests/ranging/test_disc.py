@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.disc import DiscDetector, DiscOptions
 from stadimeter.detectors.disc.ellipse import ellipse_through
-from stadimeter.ranging.feasibility import expect, farthest_m
 from stadimeter.ranging.flat import DiscShape
 from stadimeter.ranging.measure import measure
+from stadimeter.ranging.similar_triangles import expect, farthest_m
 from support.scenes.draw import CAMERA, disc_scene
 from support.scenes.nuisances import SHEET_NUISANCES
 from support.scenes.plane import Pose

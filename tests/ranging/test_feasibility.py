@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection
 from stadimeter.core.target import TargetShape
 from stadimeter.ranging.ball import BallShape
-from stadimeter.ranging.feasibility import expect, farthest_m
 from stadimeter.ranging.flat import SheetShape
+from stadimeter.ranging.similar_triangles import expect, farthest_m
 
 TENNIS = BallShape(diameter_m=0.067)
 PAPER = SheetShape(width_m=0.297, height_m=0.21)

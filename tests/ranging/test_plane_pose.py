@@ -10,6 +10,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from stadimeter.detectors.sheet.candidates import rectangle_fit
 from stadimeter.ranging.plane_pose import (
     RectanglePose,
     ambiguity,
@@ -17,7 +18,6 @@ from stadimeter.ranging.plane_pose import (
     doubt_share,
     plane_poses,
     rectangle,
-    rectangle_fit,
 )
 from support.scenes.plane import Pose
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from stadimeter.core.detection import Points
-from stadimeter.ranging.sphere_cone import ConeFrame, SphereCone, fit_cone, with_ones
+from stadimeter.ranging.ball import ConeFrame, SphereCone, fit_cone, with_ones
 
 pytestmark = pytest.mark.vision
 

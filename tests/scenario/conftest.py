@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec import Struct, field
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.cycle import CycleRecord
@@ -15,6 +15,12 @@ from stadimeter.app.loop import Limits, Loop
 from stadimeter.config.loader import load_configuration
 from support.simulated_run import SIMULATED_BALL
 
+EMULATED_BASE = """driver = "ros-arduino-bridge"
+port = "emulated-ros-arduino-bridge"
+wheel_diameter = "6.5 cm"
+ticks_per_turn = 800
+track_width = "20 cm"
+"""
 WORLD = (
     SIMULATED_BALL
     + """
@@ -22,12 +28,9 @@ WORLD = (
 driver = "simulated"
 
 [base]
-driver = "ros-arduino-bridge"
-port = "emulated-ros-arduino-bridge"
-wheel_diameter = "6.5 cm"
-ticks_per_turn = 800
-track_width = "20 cm"
-
+"""
+    + EMULATED_BASE
+    + """
 [messenger]
 driver = "simulated"
 
@@ -50,8 +53,7 @@ ticks_per_metre = 3917.7
 )
 
 
-@dataclass(slots=True)
-class Scenario:
+class Scenario(Struct):
     """A run whose world can be looked at and changed on the way.
 
     Attributes:
@@ -105,8 +107,10 @@ class Scenario:
 def scenario(tmp_path: Path) -> Callable[..., Scenario]:
     """Return a function that makes a scenario from the world above and changes to it."""
 
-    def make(world: str = "", text: str = WORLD, base: str = "") -> Scenario:
+    def make(world: str = "", text: str = WORLD, base: str = "", *, is_base_emulated: bool = True) -> Scenario:
         path = tmp_path / "scenario.toml"
+        if not is_base_emulated:
+            text = text.replace(EMULATED_BASE, 'driver = "simulated"\n')
         path.write_text(text.replace("[base]", f"[base]\n{base}") + world)
         return Scenario(Loop(build(load_configuration(path), speed=None)))
 

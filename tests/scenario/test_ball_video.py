@@ -9,14 +9,19 @@ from stadimeter.app.bootstrap import build
 from stadimeter.app.leased_output import LeasedOutput
 from stadimeter.app.loop import Loop
 from stadimeter.app.recordings.journal import JournalWriter, read_journal
+from stadimeter.app.recordings.recorded_configuration import to_be_recorded
 from stadimeter.app.recordings.recorder import Recorder
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.outputs import safe_command
 from stadimeter.core.track import TrackStatus
-from stadimeter.testing.recording import RecordingActuator, RecordingBase, RecordingMessenger
+from support.recording_doubles import RecordingActuator, RecordingBase, RecordingMessenger
 from support.recordings import records_of
 from support.replaying import replay
 from support.simulated_run import LENS
+
+# The base of a video does not move what is seen, so the ball seems to run away from it, and is turned after: with a
+# small bearing the one may outweigh the other.
+CLEAR_RAD = 0.2
 
 # The ball's size is not known; with 6.4 cm and 600 px it moves between about 0.5 and 1 m.
 CONFIGURATION = """
@@ -36,7 +41,7 @@ actuator = "motor"
 ramp = {{ from = "70 cm", to = "1.2 m" }}
 [rules.follow]
 actuator = "base"
-follow = {{ distance = "60 cm" }}
+follow = {{ distance = "60 cm", search = "off" }}
 [rules.near]
 severity = "alarm"
 when = {{ below = "60 cm" }}
@@ -57,7 +62,7 @@ def run(real_pictures, tmp_path_factory):
         for output in configuration.plan.outputs
     )
     parts.messenger = RecordingMessenger()
-    journal = Recorder(JournalWriter(folder / "ball.jsonl", configuration.text), is_live=False)
+    journal = Recorder(JournalWriter(folder / "ball.jsonl", to_be_recorded(configuration)), is_live=False)
     loop = Loop(parts, listeners=[journal])
     loop.run()
     journal.close()
@@ -73,12 +78,12 @@ pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]
 
 
 def test_the_video_ends_normally_after_all_its_frames(run):
-    assert run[0].health.frames == 1004
+    assert run[0].history.frames == 1004
     assert run[0].ending.endswith("green_ball.mp4 is at its end")
 
 
 def test_the_ball_is_known_in_most_frames_though_one_in_ten_measurements_is_wrong(run):
-    statuses = run[0].health.track_statuses["ball"]
+    statuses = run[0].history.track_statuses["ball"]
     assert statuses["tracking"] >= 740
     assert statuses["tracking"] + statuses["coasting"] >= 850
 
@@ -123,7 +128,8 @@ def test_the_base_turns_towards_the_ball_and_never_backs_off(records):
         (track,), base = record.decision.tracks, record.applied[1]
         assert base.linear_mps >= 0
         if track.is_valid and base.angular_radps:
-            assert (base.angular_radps > 0) is (track.bearing_rad < 0)
+            if abs(track.bearing_rad) > CLEAR_RAD:
+                assert (base.angular_radps > 0) is (track.bearing_rad < 0)
             turned += 1
         if not track.is_valid:
             assert (base.linear_mps, base.angular_radps) == (0.0, 0.0)

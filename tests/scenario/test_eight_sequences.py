@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
+from msgspec import Struct
+from msgspec.structs import replace
 
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.rule_test_tables import RuleTest
@@ -19,7 +20,7 @@ from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import Decision
 from stadimeter.core.measurement import Measurement
 from stadimeter.core.observation import FrameStamp, Observation
-from stadimeter.workbench.rule_tests.running import RuleTests
+from stadimeter.workbench.rule_tests.running import run_rule_test
 from support.observing import measured, missed
 from support.simulated_run import SIMULATED_BALL
 
@@ -34,8 +35,7 @@ when = { below = "1 m" }
 """
 
 
-@dataclass(frozen=True)
-class Outcome:
+class Outcome(Struct, frozen=True):
     """What a sequence came to: events of the rule with the number of the frame, and the level of its output."""
 
     events: list[tuple[str, int]]
@@ -224,4 +224,4 @@ CONFIGURATION = load_configuration(Path(__file__).with_name("eight_sequences.tom
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_they_hold_as_tests_of_a_configuration_too_with_the_cameras_own_noise(test: RuleTest, seed: int) -> None:
     shown = replace(test, input=test.input.model_copy(update={"seed": seed}))
-    assert RuleTests(CONFIGURATION).run(shown).failures == ()
+    assert run_rule_test(CONFIGURATION, shown).failures == ()

@@ -98,6 +98,15 @@ def test_a_base_that_is_unplugged_stops_by_itself_while_the_rest_goes_on(scenari
     assert fault.output == "base"
 
 
+def test_a_robot_that_bumps_into_something_stands_until_it_is_free_whatever_its_rules_want(scenario):
+    world = STILL_BALL + 'faults = [{ at = "1.5 s", for = "1 s", kind = "press-bumper" }]\n'
+    run = scenario(world, is_base_emulated=False).run(15)
+    assert min(run.base_speeds(1.0, 1.5)) > 0.2
+    assert set(run.base_speeds(1.6, 2.5)) <= {0.0}
+    assert [kind for source, kind in run.events() if source == "base"] == ["fault", "fault_cleared"]
+    assert run.world.distance_m() == pytest.approx(1.0, abs=0.05)
+
+
 def test_a_base_that_is_plugged_in_again_is_identified_and_rests_before_it_drives_from_standstill(scenario):
     run = unplugged(scenario).run(20)
     events = [event for record in run.records for event in record.decision.events if event.source == "base"]

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from stadimeter.config.loader import load_configuration
-from stadimeter.workbench.rule_tests.running import RuleTests
+from stadimeter.workbench.rule_tests.running import run_rule_test
 from support.simulated_run import SIMULATED_BALL
 
 STANDING = """
@@ -34,7 +34,7 @@ def test_a_ball_that_stands_just_outside_is_not_taken_for_one_that_comes_in(
     file = tmp_path / "standing.toml"
     file.write_text(SIMULATED_BALL + STANDING.format(distance=distance, severity=severity), encoding="utf-8")
     configuration = load_configuration(file)
-    runner, (test,) = RuleTests(configuration), configuration.tests
+    (test,) = configuration.tests
     for seed in range(201, 203):
         seeded = replace(test, input=test.input.model_copy(update={"seed": seed}))
-        assert runner.run(seeded).failures == ()
+        assert run_rule_test(configuration, seeded).failures == ()

@@ -14,7 +14,7 @@ from contextlib import ExitStack, contextmanager
 
 import pytest
 
-from stadimeter.testing.eventually import eventually
+from stadimeter.testing.rig import eventually
 from support.broker import BrokerAccess, MosquittoBroker, mosquitto_program
 from support.mqtt_listener import MqttListener
 from support.simulated_run import SIMULATED_BALL

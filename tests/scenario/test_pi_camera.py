@@ -67,9 +67,10 @@ def sensor(monkeypatch: pytest.MonkeyPatch) -> Sensor:
 def configuration(sensor: Sensor, tmp_path: Path) -> Path:
     """Calibrate before the camera, and return a configuration with the camera file."""
     camera = open_camera(choice(CAMERAS, "picamera2", CAMERA))
-    with LiveDistance(camera, choice(DETECTORS, "ball", BALL), date="2026-01-01") as session:
+    with camera as source:
+        session = LiveDistance(source, choice(DETECTORS, "ball", BALL), date="2026-01-01")
         session.take(1.0, frames=3)
-        save_camera_model(tmp_path / "camera.toml", session.camera_model())
+        save_camera_model(tmp_path / "camera.toml", session.calibration().camera_model)
     file = tmp_path / "ball.toml"
     file.write_text(CONFIGURATION)
     return file

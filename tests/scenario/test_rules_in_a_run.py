@@ -5,6 +5,7 @@ import json
 import pytest
 
 from stadimeter.app.recordings.journal import JournalWriter, read_journal
+from stadimeter.app.recordings.recorded_configuration import to_be_recorded
 from stadimeter.app.recordings.recorder import Recorder
 from support.replaying import replay
 from support.simulated_run import SIMULATED_BALL
@@ -71,13 +72,13 @@ def test_the_motor_grows_stronger_with_distance_and_the_buzzer_sounds_when_near(
 
 def test_the_broker_hears_of_every_alarm_and_of_the_distance_at_most_twice_a_second(standing):
     run = standing().run(16)
-    alarms = [json.loads(s.message.payload) for s in run.loop.parts.messenger.sent if s.message.topic == "event/alarm"]
+    alarms = [json.loads(s.item.payload) for s in run.loop.parts.messenger.sent if s.item.topic == "event/alarm"]
     assert [(alarm["rule"], alarm["event_type"]) for alarm in alarms] == [("near", "raised"), ("near", "cleared")]
-    states = [s.at_s for s in run.loop.parts.messenger.sent if s.message.topic == "target/ball/state"]
+    states = [s.at_s for s in run.loop.parts.messenger.sent if s.item.topic == "target/ball/state"]
     assert 20 <= len(states) <= 2 * 16 + 3
-    last = [
-        json.loads(s.message.payload) for s in run.loop.parts.messenger.sent if s.message.topic == "target/ball/state"
-    ][-1]
+    last = [json.loads(s.item.payload) for s in run.loop.parts.messenger.sent if s.item.topic == "target/ball/state"][
+        -1
+    ]
     assert last["distance_m"] == pytest.approx(run.world.distance_m(), abs=0.02)
 
 
@@ -89,13 +90,16 @@ def test_a_broker_that_is_away_does_not_change_a_single_decision(standing):
     away.run(16)
     assert [record.decision for record in near.records] == [record.decision for record in away.records]
     assert "broker" in said[0]
-    alarms = [s.at_s for s in away.loop.parts.messenger.sent if s.message.topic == "event/alarm"]
+    alarms = [s.at_s for s in away.loop.parts.messenger.sent if s.item.topic == "event/alarm"]
     assert len(alarms) == 2, "what was raised meanwhile is told when the broker is back"
 
 
 def test_a_run_replayed_from_its_journal_gives_identical_decisions(standing, tmp_path):
     run = standing('faults = [{ at = "7 s", for = "1 s", kind = "freeze-camera" }]\n')
-    journal = Recorder(JournalWriter(tmp_path / "run.jsonl", run.loop.parts.configuration.text), is_live=False)
+    journal = Recorder(
+        JournalWriter(tmp_path / "run.jsonl", to_be_recorded(run.loop.parts.configuration)),
+        is_live=False,
+    )
     run.loop.listeners.append(journal)
     run.run(16)
     journal.close()
@@ -124,5 +128,5 @@ def test_every_command_that_moves_something_names_a_fresh_frame(standing):
 @pytest.mark.long
 def test_an_hour_of_simulated_time_needs_no_hour(standing):
     run = standing().run_unrecorded(3600)
-    assert run.loop.health.frames == pytest.approx(3600 * 30, rel=0.01)
-    assert run.loop.health.track_statuses["ball"]["tracking"] > 0.99 * run.loop.health.frames
+    assert run.loop.history.frames == pytest.approx(3600 * 30, rel=0.01)
+    assert run.loop.history.track_statuses["ball"]["tracking"] > 0.99 * run.loop.history.frames

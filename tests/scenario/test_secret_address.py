@@ -20,7 +20,7 @@ from click.testing import Result
 from typer.testing import CliRunner
 
 from stadimeter.cli.main import app
-from stadimeter.testing.eventually import eventually
+from stadimeter.testing.rig import eventually
 from stadimeter.workbench.replay.replay import read_recording
 from support.broker import make_broker
 from support.mqtt_listener import MqttListener

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from msgspec import Struct
 from typer.testing import CliRunner, Result
 
 from stadimeter.cli.main import app
@@ -31,8 +31,7 @@ SIDE_M, DEPTH_M = 0.4, 1.6
 ORANGE = (0, 120, 250)
 
 
-@dataclass(frozen=True)
-class Triangle:
+class Triangle(Struct, frozen=True):
     """An equilateral triangle that stands upright, such as a warning sign."""
 
     side_m: float

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from stadimeter.detectors.hsv import parse_hsv_range
 from support.scenes.backdrop import KeepOut, PlainBackdrop

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
+from msgspec import Struct, field
 
 from stadimeter.config.plugins import WORLDS, DriverContext, Shared, load_driver
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.simulation.world import World
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.rig import ManualClock
 
 LENS = CameraModel.with_focal_length(600.0, 640, 480)
 
 
-@dataclass
-class Run:
+class Run(Struct):
     clock: ManualClock
     lens: CameraModel | None = LENS
     shared: Shared = field(default_factory=Shared)

@@ -43,7 +43,7 @@ def test_a_level_is_rounded_to_the_steps_that_it_can_do(run, steps: int | None, 
 
 def test_it_needs_no_world() -> None:
     from stadimeter.config.plugins import DriverContext, load_driver
-    from stadimeter.testing.manual_clock import ManualClock
+    from stadimeter.testing.rig import ManualClock
 
     model = load_driver(ACTUATORS, "simulated")
     actuator = model().build(DriverContext(name="it", clock=ManualClock()))

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadimeter.simulation.ball import Ball, WayPoint
+from stadimeter.simulation.motion import Ball, WayPoint
 
 metres = st.floats(-10, 10).map(lambda value: round(value, 3))
 

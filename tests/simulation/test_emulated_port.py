@@ -10,7 +10,7 @@ import pytest
 from stadimeter.app.clock import MonotonicClock
 from stadimeter.simulation.emulated_port import EmulatedPort
 from stadimeter.simulation.ros_arduino_firmware import RosArduinoFirmware
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.rig import ManualClock
 
 
 @dataclass

@@ -1,8 +1,7 @@
 from __future__ import annotations
 
-from dataclasses import fields
-
 import pytest
+from msgspec.structs import fields
 
 from stadimeter.simulation.world import BY_HAND_S, KNOBS, FaultKind, Faults, FaultSchedule, ScheduledFault
 

@@ -18,7 +18,7 @@ def opened(run, **options):
 
 
 def payloads(messenger) -> list[str]:
-    return [sent.message.payload for sent in messenger.sent]
+    return [sent.item.payload for sent in messenger.sent]
 
 
 def test_messages_are_kept_with_their_time(run) -> None:
@@ -26,7 +26,7 @@ def test_messages_are_kept_with_their_time(run) -> None:
     messenger.publish(message("a", qos=0))
     run.clock.advance_s(2.0)
     messenger.publish(message("b"))
-    assert [(sent.at_s, sent.message.payload) for sent in messenger.sent] == [(100.0, "a"), (102.0, "b")]
+    assert [(sent.at_s, sent.item.payload) for sent in messenger.sent] == [(100.0, "a"), (102.0, "b")]
     assert messenger.trouble() == ""
 
 
@@ -45,7 +45,7 @@ def test_without_a_broker_qos_1_waits_and_qos_0_is_dropped_and_counted(run) -> N
     messenger.publish(message("alarm"))
     assert payloads(messenger) == []
     assert messenger.dropped == 1
-    assert messenger.trouble() == "the simulated broker is gone; messages waiting: 1, given up so far: 0"
+    assert messenger.trouble() == "the simulated broker is gone; waiting: 1, given up so far: 0"
 
 
 def test_what_waited_is_delivered_in_order_when_the_broker_is_back(run) -> None:
@@ -56,7 +56,7 @@ def test_what_waited_is_delivered_in_order_when_the_broker_is_back(run) -> None:
     run.clock.advance_s(5.0)
     run.world.faults.broker_gone = False
     messenger.publish(message("c", qos=0))
-    assert [(sent.at_s, sent.message.payload) for sent in messenger.sent] == [(105.0, "a"), (105.0, "b"), (105.0, "c")]
+    assert [(sent.at_s, sent.item.payload) for sent in messenger.sent] == [(105.0, "a"), (105.0, "b"), (105.0, "c")]
     assert messenger.trouble() == ""
 
 
@@ -91,7 +91,7 @@ def test_using_it_when_closed_is_an_error(run) -> None:
     messenger.close()
     with pytest.raises(DeviceClosedError):
         messenger.publish(message("a"))
-    assert messenger.trouble() == "the simulated messenger is not open"
+    assert messenger.trouble() == "the simulated messenger 'it' is not open"
 
 
 def test_closing_delivers_what_waits_if_the_broker_is_back(run) -> None:

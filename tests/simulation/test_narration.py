@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import pytest
+from msgspec.structs import replace
 
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.cycle import CycleRecord
@@ -66,11 +66,12 @@ def test_a_fault_is_turned_on_and_off_by_its_name(make_run, kind: FaultKind) -> 
 
 
 def demonstration() -> Loop:
-    """Return a run of the demonstration with fewer pictures, and the same story."""
+    """Return a run of the demonstration with fewer and smaller pictures, and the same story."""
     configuration = demo_configuration()
     options = configuration.camera.options.model_copy(update={"rate": 10.0})
     drivers = {**configuration.drivers, ("camera",): replace(configuration.camera, options=options)}
-    return Loop(build(replace(configuration, drivers=drivers), speed=None))
+    lens = configuration.camera_model.scaled_to(320, 240)
+    return Loop(build(replace(configuration, drivers=drivers, camera_model=lens), speed=None))
 
 
 @pytest.mark.parametrize(

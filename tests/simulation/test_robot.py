@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.errors import CommandRangeError, DriverError
-from stadimeter.simulation.robot import MEMORY, DifferentialRobot, Pose
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.simulation.motion import MEMORY, DifferentialRobot, Pose
+from stadimeter.testing.rig import ManualClock
 
 TRACK_M = 0.2
 speeds = st.floats(-1.0, 1.0)

@@ -1,28 +1,24 @@
 from __future__ import annotations
 
-import json
-from pathlib import Path
-
 import pytest
 
 from stadimeter.config.plugins import DriverContext
 from stadimeter.errors import ConfigError
-from stadimeter.simulation.ros_arduino_firmware import RosArduinoFirmware, emulated_ros_arduino
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.simulation.ros_arduino_firmware import EmulatedRosArduinoOptions, RosArduinoFirmware
+from stadimeter.testing.rig import ManualClock
+from support.base_vectors import vectors, wire
 
-VECTORS = json.loads((Path(__file__).parents[1] / "bases" / "ros_arduino_vectors.json").read_text("utf-8"))["vectors"]
-COMMANDS = {vector["name"]: bytes.fromhex(vector["bytes_hex"]) for vector in VECTORS if vector["direction"] == "tx"}
-REPLIES = [vector for vector in VECTORS if vector["direction"] == "rx"]
+ROS = "ros_arduino_bridge"
 
 
 @pytest.fixture
 def board() -> RosArduinoFirmware:
-    return RosArduinoFirmware()
+    return RosArduinoFirmware(ticks_per_metre=1.0)
 
 
 def speeds(board: RosArduinoFirmware, now_s: float) -> tuple[float, float]:
     board.step(now_s)
-    return (board.left.speed_tps, board.right.speed_tps)
+    return (board.left.speed_mps, board.right.speed_mps)
 
 
 @pytest.mark.parametrize(
@@ -42,9 +38,9 @@ def test_it_answers_as_the_sketch_does(board: RosArduinoFirmware, sent: bytes, a
     assert board.receive(sent, 0.0) == answer
 
 
-@pytest.mark.parametrize("reply", REPLIES, ids=lambda reply: reply["name"])
+@pytest.mark.parametrize("reply", vectors(ROS, "rx").values(), ids=lambda reply: reply["name"])
 def test_it_answers_the_vectors_byte_by_byte(board: RosArduinoFirmware, reply: dict[str, str]) -> None:
-    assert board.receive(COMMANDS[reply["reply_to"]], 0.0) == bytes.fromhex(reply["bytes_hex"])
+    assert board.receive(wire(ROS, reply["reply_to"]), 0.0) == bytes.fromhex(reply["bytes_hex"])
 
 
 def test_a_command_may_come_byte_by_byte(board: RosArduinoFirmware) -> None:
@@ -56,7 +52,7 @@ def test_a_command_may_come_byte_by_byte(board: RosArduinoFirmware) -> None:
 
 
 def test_a_line_feed_ends_no_command(board: RosArduinoFirmware) -> None:
-    assert board.receive(COMMANDS["lf_only_never_executes"], 0.0) == b""
+    assert board.receive(wire(ROS, "lf_only_never_executes"), 0.0) == b""
     assert speeds(board, 1.0) == (0.0, 0.0)
 
 
@@ -81,14 +77,14 @@ def test_motion_begins_with_the_next_frame_of_the_speed_control(board: RosArduin
 
 
 def test_how_often_it_is_stepped_changes_nothing() -> None:
-    seldom, often = RosArduinoFirmware(), RosArduinoFirmware()
+    seldom, often = RosArduinoFirmware(ticks_per_metre=1.0), RosArduinoFirmware(ticks_per_metre=1.0)
     for board in (seldom, often):
         board.receive(b"m 10 20\r", 0.0)
     for millisecond in range(1, 3001):
         often.step(millisecond / 1000)
     seldom.step(3.0)
-    assert often.left.ticks == pytest.approx(seldom.left.ticks, rel=1e-6)
-    assert often.right.ticks == pytest.approx(seldom.right.ticks, rel=1e-6)
+    assert often.left.rolled_m == pytest.approx(seldom.left.rolled_m, rel=1e-6)
+    assert often.right.rolled_m == pytest.approx(seldom.right.rolled_m, rel=1e-6)
 
 
 def test_encoders_count_what_the_wheels_turned(board: RosArduinoFirmware) -> None:
@@ -133,7 +129,7 @@ def test_without_its_base_controller_it_refuses_motor_commands(board: RosArduino
 
 
 def test_while_it_boots_it_hears_nothing() -> None:
-    board = RosArduinoFirmware(started_s=10.0)
+    board = RosArduinoFirmware(10.0, ticks_per_metre=1.0)
     board.receive(b"m 10 10\r", 10.0)
     board.step(10.5)
     board.reset(boot_s=1.5)
@@ -152,4 +148,4 @@ def test_a_silent_board_loses_commands_but_stops_by_itself(board: RosArduinoFirm
 
 def test_without_a_world_it_says_that_it_needs_one() -> None:
     with pytest.raises(ConfigError, match=r"\[world\]"):
-        emulated_ros_arduino(DriverContext(name="base", clock=ManualClock()))
+        EmulatedRosArduinoOptions.board(DriverContext(name="base", clock=ManualClock()))

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from stadimeter.config.plugins import CAMERAS, WORLDS, DriverContext
 from stadimeter.errors import ConfigError
 from stadimeter.simulation.world import World, WorldOptions, shared_world
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.rig import ManualClock
 
 # As people write them: numbers that are next to nothing, such as 1e-250, are refused.
 coordinates = st.floats(-20, 20).map(lambda value: round(value, 3))

@@ -11,10 +11,11 @@ import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 
-from stadimeter.testing.eventually import eventually
+from msgspec import Struct
+
+from stadimeter.testing.rig import eventually
 
 MASKED = ("systemd-sysctl.service", "systemd-binfmt.service", "systemd-modules-load.service", "getty.target")
 """What would change this computer, or wants its console."""
@@ -44,8 +45,7 @@ exec env -i container=lxc PATH=/usr/sbin:/usr/bin:/sbin:/bin chroot . /lib/syste
 BOOTED_WITHIN_S = 60.0
 
 
-@dataclass(frozen=True, slots=True)
-class Booted:
+class Booted(Struct, frozen=True):
     """A root whose systemd runs."""
 
     root: Path

@@ -11,16 +11,16 @@ import socket
 import subprocess
 import threading
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
+
+from msgspec import Struct
 
 HOST = "127.0.0.1"
 START_S = 120.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BrokerAccess:
+class BrokerAccess(Struct, frozen=True, kw_only=True):
     """Who may do what at a test broker.
 
     Attributes:

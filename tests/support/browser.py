@@ -11,15 +11,15 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec import Struct
 
 from stadimeter.app.control.client import ask
 from stadimeter.errors import ControlError
-from stadimeter.testing.eventually import eventually
+from stadimeter.testing.rig import eventually
 from support.simulated_run import LENS
 
 CHROMIUM = shutil.which("chromium") or "/usr/bin/chromium"
@@ -93,8 +93,7 @@ SILENT_AFTER_ONE = """() => {
 """The first stream ends as one does whose device lost its power: nothing comes any more, and nothing tells so."""
 
 
-@dataclass
-class Served:
+class Served(Struct):
     """A page and the run that it is of.
 
     Attributes:

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
+
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from stadimeter.workbench.doctor.computer import CommandResult, Computer, Diagnosis
 from stadimeter.workbench.doctor.examination import CHECKS
@@ -57,8 +59,7 @@ LOADED = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Captured:
+class Captured(Struct, frozen=True, kw_only=True):
     """A computer as texts.
 
     Attributes:

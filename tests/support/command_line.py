@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
+from msgspec import Struct
 from typer.testing import CliRunner
 
 from stadimeter.cli.main import app
 
 
-@dataclass
-class Typed:
+class Typed(Struct):
     """What came of a command."""
 
     returncode: int

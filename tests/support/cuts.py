@@ -14,12 +14,12 @@ import signal
 import subprocess
 import sys
 from collections import Counter
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 import pytest
+from msgspec import Struct
 
 from support.saves import SAVINGS
 
@@ -34,8 +34,7 @@ _QUOTED = re.compile(r'"([^"]*)"')
 _OPEN_FILE = re.compile(r"^\d+<([^>]*)>")
 
 
-@dataclass(frozen=True, slots=True)
-class Call:
+class Call(Struct, frozen=True):
     """A system call: its name, how often it had been made by then, and the files that it was about."""
 
     name: str

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+
+from msgspec.structs import replace
 
 from stadimeter.app.clock import SteppedClock
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.live.health import Board
+from stadimeter.app.live.history import RunHistory
 from stadimeter.app.live.snapshot import LiveFeed, Surroundings
 from stadimeter.cli.live_view import LiveView
 from stadimeter.core.command import Command, LevelCommand, TwistCommand
@@ -107,13 +109,12 @@ def live_view(
     **options: object,
 ) -> tuple[LiveView, Callable[[CycleRecord], None]]:
     """Return a live view, and what shows it a cycle."""
-    feed = LiveFeed(
-        SteppedClock(), Surroundings(trouble=trouble, narration=narration, messages=messages), board or Board()
-    )
-    view = LiveView(title, feed, **options)
+    history = RunHistory()
+    surroundings = Surroundings(trouble=trouble, narration=narration, messages=messages)
+    view = LiveView(title, LiveFeed(SteppedClock(), history, surroundings, board or Board()), **options)
 
     def show(record: CycleRecord) -> None:
-        feed(record, None)
+        history.add(record)
         view.update(record)
 
     return view, show

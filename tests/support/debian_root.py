@@ -7,18 +7,17 @@ import shutil
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from msgspec import Struct
 
 MIRROR = "http://deb.debian.org/debian"
 
 Done = subprocess.CompletedProcess[str]
 
 
-@dataclass(frozen=True, slots=True)
-class DebianRoot:
+class DebianRoot(Struct, frozen=True):
     """A root file system; commands run inside of it, by chroot."""
 
     path: Path

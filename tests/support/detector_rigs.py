@@ -15,7 +15,7 @@ from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.protocol import Detector
 from stadimeter.simulation.silhouette import Vector
 from stadimeter.testing.detector_contract import DetectorRig, KnownTarget
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.rig import ManualClock
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
 from support.scenes.plane import DiscTarget, Pose, SheetTarget, TagTarget

@@ -18,7 +18,7 @@ from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CaptureTimeoutError, DeviceClosedError
 from stadimeter.ranging.ball import BallShape
-from stadimeter.testing.recording import RecordingActuator
+from support.recording_doubles import RecordingActuator
 from support.simulated_run import SIMULATED_BALL
 
 
@@ -45,6 +45,7 @@ class LiveDouble:
             raise CaptureTimeoutError("nothing came")
         self.count += 1
         image = np.full((48, 64, 3), self.count % 250, np.uint8)
+        image[0, 0] = (*divmod(self.count // 250, 250), 0)  # no two pictures are the same
         return Frame(image=image, captured_at_s=self.clock.now_s(), sequence=self.count)
 
     def close(self):

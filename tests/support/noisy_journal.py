@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from msgspec import Struct
 
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.recordings.journal import JournalWriter
+from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan
@@ -19,8 +20,7 @@ from support.observing import measured, missed
 GROSS_FACTORS = (0.5, 1.6)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class KnownNoise:
+class KnownNoise(Struct, frozen=True, kw_only=True):
     """What kind of noise measurements have.
 
     Attributes:
@@ -55,7 +55,7 @@ def write_noisy_journal(
     """
     random = np.random.default_rng(1)
     state = initial_state(Plan(targets=(target,)))
-    writer = JournalWriter(path, "")
+    writer = JournalWriter(path, RecordedConfiguration(text=""))
     error = random.normal()
     for number in range(round(seconds * frames_per_s)):
         at_s = number / frames_per_s

@@ -8,9 +8,10 @@ import json
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+from msgspec import Struct, field
 
 from stadimeter.web import passwords
 from stadimeter.web.page import Page, PageOptions
@@ -23,8 +24,7 @@ JSON = {"Content-Type": "application/json"}
 FORM = {"Content-Type": "application/x-www-form-urlencoded"}
 
 
-@dataclass
-class Answer:
+class Answer(Struct):
     """What a browser is answered."""
 
     status: int
@@ -42,8 +42,7 @@ class Answer:
         return self.data["error"]["code"]
 
 
-@dataclass
-class ServedPage:
+class ServedPage(Struct):
     """A page that is served, and a browser of it, which keeps its cookies."""
 
     page: Page
@@ -113,7 +112,7 @@ def served_page(
         yield ServedPage(page, listener.getsockname()[1])
     finally:
         server.should_exit = True
-        loops[0].call_soon_threadsafe(page.feeds.close)
+        loops[0].call_soon_threadsafe(page.end)
         thread.join()
 
 

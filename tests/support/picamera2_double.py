@@ -17,15 +17,15 @@ import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
-from dataclasses import dataclass, field
 from importlib.machinery import ModuleSpec
 from types import ModuleType, SimpleNamespace
 from typing import Any, Self
 
 import numpy as np
 import pytest
+from msgspec import Struct, field
 
-from stadimeter.cameras.picamera2_package import Package
+from stadimeter.cameras.picamera2_camera import Package
 from stadimeter.core.clock import Clock
 from stadimeter.core.frame import Image
 
@@ -51,14 +51,12 @@ class AwbMode(enum.IntEnum):
     Cloudy = 6
 
 
-@dataclass(frozen=True)
-class Transform:
+class Transform(Struct, frozen=True):
     hflip: bool = False
     vflip: bool = False
 
 
-@dataclass
-class Sensor:
+class Sensor(Struct):
     """The camera on the cable, whatever program has opened it.
 
     Attributes:
@@ -321,8 +319,7 @@ def frame_image(number: int, width_px: int, height_px: int) -> Image:
     return image
 
 
-@dataclass
-class Request:
+class Request(Struct):
     """A completed request: a buffer that the sensor does not fill before it is released."""
 
     metadata: dict[str, Any]

@@ -6,25 +6,21 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
 from typing import Generic, TypeVar
 
 import pytest
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from stadimeter.core.command import LevelCommand, TwistCommand
 from stadimeter.core.message import Message
 from stadimeter.core.notification import Notification
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverError, LinkLostError
-from stadimeter.testing.actuator_contract import ABSENT, FAILS, ActuatorContract, ActuatorRig
+from stadimeter.testing.actuator_contract import ABSENT, FAILS, ActuatorContract, ActuatorRig, ButtonContract, ButtonRig
 from stadimeter.testing.base_contract import SILENT, TAKES_NO_BYTES, UNPLUGGED, BaseContract, BaseRig
-from stadimeter.testing.button_contract import ABSENT as BUTTON_ABSENT
-from stadimeter.testing.button_contract import FAILS as BUTTON_FAILS
-from stadimeter.testing.button_contract import ButtonContract, ButtonRig
-from stadimeter.testing.manual_clock import ManualClock
-from stadimeter.testing.messenger_contract import GONE, MessengerContract, MessengerRig
-from stadimeter.testing.messenger_contract import SILENT as NO_ANSWER
-from stadimeter.testing.notifier_contract import NotifierContract, NotifierRig
-from stadimeter.testing.rig import impossible
+from stadimeter.testing.messaging_contract import GONE, MessengerContract, MessengerRig, NotifierContract, NotifierRig
+from stadimeter.testing.messaging_contract import SILENT as NO_ANSWER
+from stadimeter.testing.rig import ManualClock, impossible
 
 STEPS = 10
 
@@ -33,8 +29,7 @@ class VendorError(Exception):
     """What the vendor's library raises."""
 
 
-@dataclass(slots=True)
-class Chip:
+class Chip(Struct):
     """The vendor's library with a lamp of ten steps behind it, and who holds it."""
 
     step: int = 0
@@ -318,8 +313,8 @@ def button_rig(driver: type[SoundButton]) -> ButtonRig:
         press=lambda is_down: setattr(chip, "step", int(is_down)),
         is_held=lambda: chip.handles > 0,
         faults={
-            BUTTON_ABSENT: lambda begins: setattr(chip, "is_absent", begins),
-            BUTTON_FAILS: lambda begins: setattr(chip, "is_failing", begins),
+            ABSENT: lambda begins: setattr(chip, "is_absent", begins),
+            FAILS: lambda begins: setattr(chip, "is_failing", begins),
         },
     )
 
@@ -331,8 +326,7 @@ class TestButtons(ButtonContract):
         return lambda: button_rig(driver)
 
 
-@dataclass(slots=True)
-class Line:
+class Line(Struct):
     """A serial line with a robot behind it that acknowledges each command, in steps of 1 cm/s and 0.01 rad/s."""
 
     is_unplugged: bool = False
@@ -518,8 +512,7 @@ class TestBaseThatCannotFail(BaseContract):
 ItemT = TypeVar("ItemT", Message, Notification)
 
 
-@dataclass(slots=True)
-class Service(Generic[ItemT]):
+class Service(Struct, Generic[ItemT]):
     """The other side of a messenger or a notifier."""
 
     taken: list[ItemT] = field(default_factory=list)

@@ -4,23 +4,17 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
 
-from stadimeter.core.condition import (
-    AllOf,
-    AnyOf,
-    ClosingCondition,
-    Condition,
-    CountCondition,
-    DirectionCondition,
-    DistanceCondition,
-    Not,
-    PresenceCondition,
-    RuleCondition,
-    ScheduleCondition,
-    SeparationCondition,
-    TimeToContactCondition,
-)
+from msgspec import Struct
+from msgspec.structs import replace
+
+from stadimeter.core.base_report import BaseReport
+from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
+from stadimeter.core.conditions.contact import TimeToContactCondition
+from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
+from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, SeparationCondition
+from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Severity
 from stadimeter.core.measurement import Measurement
@@ -53,8 +47,7 @@ OUTPUTS = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RandomRun:
+class RandomRun(Struct, frozen=True, kw_only=True):
     """Rules, and what they are judged by, cycle by cycle."""
 
     plan: Plan
@@ -147,6 +140,8 @@ class _Rules:
                 seen=rng.random() < 0.4, for_s=rng.choice((0.0, 0.5, 3.0)), target=self._target()
             ),
             lambda: CountCondition(at_least=rng.choice((None, 1, 2)), at_most=rng.choice((0, 1))),
+            lambda: ContactSensorCondition(sensor=rng.choice(("is_bumped", "is_at_cliff"))),
+            lambda: BatteryCondition(below_v=rng.choice((10.8, 11.4))),
             lambda: ScheduleCondition(from_s=43200.0, to_s=rng.choice((43203.0, 80000.0))),
         )
         if self.names and rng.random() < (0.35 if self.is_aimed else 0.2):
@@ -250,7 +245,13 @@ class _Scene:
             wall = WallTime(second_of_day=43100 + now_s, weekday=2) if self.has_wall else None
             commands = (self._command(),) if self.names and self.rng.random() < 0.06 else ()
             if 0.01 < chance < 0.05:
-                yield Observation(now_s=now_s, camera_fault="no frame in time", wall=wall, operator_commands=commands)
+                yield Observation(
+                    now_s=now_s,
+                    camera_fault="no frame in time",
+                    wall=wall,
+                    base=self._base(now_s),
+                    operator_commands=commands,
+                )
                 continue
             sequence += 1
             at_s = now_s - 0.01
@@ -259,8 +260,21 @@ class _Scene:
                 frame=FrameStamp(sequence=sequence, captured_at_s=at_s),
                 measurements=tuple(self._look(target, at_s) for target in TARGETS),
                 wall=wall,
+                base=self._base(now_s),
                 operator_commands=commands,
             )
+
+    def _base(self, now_s: float) -> BaseReport | None:
+        """A base that loses its link at times; bumps, and a battery that sags around the thresholds."""
+        rng = self.rng
+        if rng.random() < 0.05:
+            return None
+        return BaseReport(
+            at_s=now_s,
+            battery_v=rng.choice((None, 10.7, 10.8, 11.0, 11.1, 11.6)),
+            is_bumped=rng.choice((None, False, False, True)),
+            is_at_cliff=rng.random() < 0.1,
+        )
 
     def _look(self, target: str, at_s: float) -> Measurement:
         rng = self.rng

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 
 import cv2
 import mcap.writer  # noqa: F401 - before the processes that save are forked
 import numpy as np
+from msgspec import Struct
 
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.event_log import FILE_BYTES_MAX, EventLog, log_files
@@ -22,9 +22,9 @@ from stadimeter.app.recordings.recorder import Writer
 from stadimeter.app.recordings.recording import Recorded, RecordingWriter
 from stadimeter.config.camera_file import camera_file_text, load_camera_model, save_camera_model
 from stadimeter.config.loader import load_configuration
-from stadimeter.core.alarms.machine import AlarmState
+from stadimeter.core.alarms.machine import AlarmRecord
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.frame import Frame
 from stadimeter.core.message import Message
 from stadimeter.core.observation import FrameStamp, Observation
@@ -34,7 +34,7 @@ from stadimeter.core.rule import AlarmRule
 from stadimeter.errors import JournalError
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.replay.replay import read_recording
-from stadimeter.workbench.setup.answers import ANSWERS, load_answers, save_answers, write_files
+from stadimeter.workbench.setup.interview import ANSWERS, load_answers, save_answers, write_files
 from support.observing import Rehearsal
 
 LENS = CameraModel.with_focal_length(600.0, 640, 480)
@@ -60,8 +60,7 @@ when = {{ below = "{below}" }}
 """
 
 
-@dataclass(frozen=True, slots=True)
-class Saving:
+class Saving(Struct, frozen=True):
     """A kind of save.
 
     Attributes:
@@ -163,7 +162,7 @@ def memory(*rules: str, messages: int = 0) -> Memory:
     """Return what some alarms remember, and some messages that wait."""
     return Memory(
         moment=ClockReading(clock="boot", at_s=1.0 + messages, unix_s=1.7e9, is_synchronised=True),
-        alarms=tuple(AlarmSnapshot(rule=rule, meaning="a" * 64, state=AlarmState()) for rule in rules),
+        alarms=tuple(AlarmSnapshot(rule=rule, meaning="a" * 64, record=AlarmRecord()) for rule in rules),
         undelivered=tuple(("", Message(topic="event/alarm", payload=f"{n} {'x' * 2000}")) for n in range(messages)),
     )
 
@@ -214,7 +213,7 @@ def cycles_of(count: int) -> Iterator[CycleRecord]:
 
 
 def new_journal(folder: Path) -> Writer:
-    return JournalWriter(folder / "run.jsonl", "# configuration")
+    return JournalWriter(folder / "run.jsonl", RecordedConfiguration(text="# configuration"))
 
 
 def new_recording(folder: Path) -> Writer:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from msgspec import Struct
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, Prediction
@@ -13,8 +13,7 @@ from stadimeter.detectors.protocol import Detector
 from stadimeter.ranging.measure import measure
 
 
-@dataclass(frozen=True, slots=True)
-class ThroughLens:
+class ThroughLens(Struct, frozen=True):
     """A detector with the lens that it looks through.
 
     Attributes:

@@ -1,6 +1,6 @@
 """A plan of an alarm that is near and a ramp that is far, for tests of what outlives a run or a configuration."""
 
-from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, Lost, RampRule
 from support.observing import Rehearsal

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import errno
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
 import pytest
+from msgspec import Struct, field
 
 from stadimeter.cameras import opencv_device, v4l2
-from stadimeter.cameras.attached_devices import attached_devices
+from stadimeter.cameras.v4l2 import attached_devices
 
 CAPTURE, METADATA = 0x84200001, 0x84A00000
 
 
-@dataclass
-class Node:
+class Node(Struct):
     """What a node of the double answers: the kernel's lists, entry by entry."""
 
     capabilities: int = CAPTURE
@@ -29,8 +28,7 @@ class Node:
     in_use: bool = False
 
 
-@dataclass
-class Kernel:
+class Kernel(Struct):
     """A folder with the nodes of some cameras, and the ioctl that answers for them."""
 
     root: Path

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from stadimeter.app.control.framing import framed
-from stadimeter.testing.eventually import eventually
+from stadimeter.app.control.framing import encode_answer
+from stadimeter.testing.rig import eventually
 from stadimeter.web import serving
 from stadimeter.web.passwords import PasswordFile
 from stadimeter.web.routes import PAGE_OPERATIONS
@@ -29,14 +29,14 @@ class Talkative(socketserver.StreamRequestHandler):
     def handle(self):
         while line := self.rfile.readline():
             if b'"subscribe"' not in line:
-                self.wfile.write(framed({"status": "error", "error": "no"}))
+                self.wfile.write(encode_answer({"status": "error", "error": "no"}))
                 continue
             number = 0
             while not self.server.is_ended:
                 number += 1
                 data = {"n": number, "run": {"started_unix_s": 1.0}, "events": [], "samples": {}}
                 try:
-                    self.wfile.write(framed({"status": "ok", "data": data}, PICTURE))
+                    self.wfile.write(encode_answer({"status": "ok", "data": data}, PICTURE))
                 except OSError:
                     return
                 time.sleep(0.002)
@@ -251,7 +251,7 @@ def test_a_message_of_the_run_that_makes_no_sense_ends_its_subscription_and_no_m
     class Odd(socketserver.StreamRequestHandler):
         def handle(self):
             self.rfile.readline()
-            self.wfile.write(said.pop() if said else framed({"status": "ok", "data": {"n": "sound"}}))
+            self.wfile.write(said.pop() if said else encode_answer({"status": "ok", "data": {"n": "sound"}}))
 
     tmp_path.chmod(0o700)
     with socketserver.ThreadingUnixStreamServer(str(tmp_path / "run.sock"), Odd) as server:

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from stadimeter.testing.eventually import eventually
+from stadimeter.testing.rig import eventually
 from support.browser import Served, served
 from support.simulated_run import SIMULATED_BALL
 

@@ -221,6 +221,16 @@ def test_a_frozen_picture_and_an_ended_run_cannot_be_overlooked(browser, moving)
         page.get_by_text("live", exact=True).wait_for()
 
 
+def test_a_run_that_must_be_armed_acts_once_a_person_arms_it(browser, tmp_path):
+    with served(tmp_path, STILL + '[safety]\narm = "by-command"\n') as here, tab(browser) as page:
+        opened(page, here)
+        page.get_by_text("disarmed since the start").first.wait_for()
+        page.locator(".banner").get_by_role("button", name="Arm").click()
+        page.get_by_role("dialog").get_by_role("button", name="Arm").click()
+        page.locator(".banner").wait_for(state="detached")
+        until(page, "document.querySelector('.output output').textContent !== '0 %'")
+
+
 def test_who_may_only_read_sees_everything_and_operates_nothing(browser, tmp_path):
     passwords = tmp_path / "passwords"
     PasswordFile(passwords).set("read", "only to look")

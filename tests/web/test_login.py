@@ -9,8 +9,7 @@ import pytest
 from stadimeter.app.control.socket_server import ControlSocket
 from stadimeter.web.access import HEADERS, SESSION_S
 from stadimeter.web.attempts import FREE
-from stadimeter.web.ended_sessions import ENDED_MAX, EndedSessions, Session
-from stadimeter.web.passwords import PasswordFile
+from stadimeter.web.passwords import ENDED_MAX, EndedSessions, PasswordFile, Session
 from stadimeter.web.routes import PAGE_OPERATIONS, Right
 from support.page import FORM, OPERATE, READ, quicken, served_page
 
@@ -290,7 +289,7 @@ def test_a_session_ends_also_where_the_disk_takes_nothing_and_that_is_said(opera
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("stadimeter.web.ended_sessions.replace_file", full)
+    monkeypatch.setattr("stadimeter.web.passwords.replace_file", full)
     ended = copied(operator)
     answer = operator.ask("POST", "/logout")
     assert (answer.status, answer.error) == (503, "not-written")

@@ -7,20 +7,18 @@ import struct
 
 import jsonschema
 import pytest
-import typer
+from openapi import openapi_document
 
 from stadimeter.app.control.messages import ARGS
-from stadimeter.cli.operate import register
+from stadimeter.cli.main import PANELS
+from stadimeter.cli.operate import alarm
 from stadimeter.operator_actions import OperatorAction
-from stadimeter.testing.eventually import eventually
-from stadimeter.web.openapi import openapi_document
+from stadimeter.testing.rig import eventually
 from stadimeter.web.routes import PAGE_OPERATIONS, Right
 from support.browser import served
 
 API = openapi_document()
-DESCRIBED = [
-    place for place in PAGE_OPERATIONS if place.right > Right.OPEN and place.op not in {"index", "static", "openapi"}
-]
+DESCRIBED = [place for place in PAGE_OPERATIONS if place.right > Right.OPEN and place.op not in {"index", "static"}]
 
 
 def validator(name):
@@ -46,9 +44,7 @@ def test_it_tells_the_right_the_names_and_the_kind_of_answer(place):
 
 def test_every_operator_action_is_a_path_of_the_page_a_request_of_the_run_and_a_command():
     paths = {each.op for each in PAGE_OPERATIONS if each.to == "run" and each.names_operator}
-    app = typer.Typer()
-    register(app)
-    commands = {each.name for each in app.registered_commands}
+    commands = {*(each.name for each in alarm.registered_commands), *PANELS["Operate a running instance"]}
     for action in OperatorAction:
         assert action.command in paths
         assert action.command in ARGS

@@ -10,7 +10,7 @@ import pytest
 from stadimeter.app.control.messages import Reply
 from stadimeter.app.control.socket_server import ControlSocket
 from stadimeter.errors import PageError
-from stadimeter.testing.eventually import eventually
+from stadimeter.testing.rig import eventually
 from stadimeter.web.run_link import RunLink
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.workbench.setup.answers import ANSWERS, load_answers, save_answers
+from stadimeter.workbench.setup.interview import ANSWERS, load_answers, save_answers
 from support.browser import DESKTOP, PHONE, TABLET, served, tab, until
 from support.cameras import StreamServer
 from support.page_checks import faults_of

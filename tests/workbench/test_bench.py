@@ -5,9 +5,10 @@ import platform
 
 import cv2
 import pytest
+from boards_table import read_figures
 
 from stadimeter.workbench.bench import exercises, lens_for, measure, room_frames, with_patch
-from stadimeter.workbench.board_figures import read_figures, this_computer, to_json
+from stadimeter.workbench.board_figures import this_computer, to_json
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,7 @@ import pytest
 from stadimeter.core.frame import Image
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.board_calibration import BoardCalibration, BoardView, calibrate_board
-from stadimeter.workbench.calibration.board_session import CharucoBoard, Chessboard
-from stadimeter.workbench.calibration.calibrating import find_boards
+from stadimeter.workbench.calibration.board_session import CharucoBoard, Chessboard, find_boards
 
 BOARD = Chessboard(columns=9, rows=6, square_m=0.025)
 CHARUCO = CharucoBoard(columns=5, rows=7, square_m=0.04, marker_m=0.02, dictionary="6X6_250")

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from stadimeter.cli.main import app
-from stadimeter.workbench.colour_profile import other_profile, profile_notes
+from stadimeter.workbench.picture_metadata import other_profile, profile_notes
 
 pytestmark = pytest.mark.vision
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import os
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
-from stadimeter.app.board_health import is_under_voltage, temperature_c, throttling
+from stadimeter.app.live.health import is_under_voltage, temperature_c, throttling
 from stadimeter.workbench.doctor.computer import PROBE, Computer, Diagnosis, DiagnosisSeverity, run_command
 from stadimeter.workbench.doctor.examined import INSTALLED, Examined
 from support.captured_computers import (

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from stadimeter.workbench.doctor.computer import DiagnosisSeverity
 from stadimeter.workbench.doctor.devices import IN_USE
@@ -149,7 +149,8 @@ class TestPins:
 def a_base(folder: Path, port: str) -> Path:
     config = folder / "base.toml"
     lines = (CONFIG / "follow-ball.toml").read_text()
-    config.write_text(re.sub(r'^port = "[^"]+"', f'port = "{port}"', lines, flags=re.MULTILINE))
+    lines = lines.replace('driver = "gpio-motors"', 'driver = "ros-arduino-bridge"')
+    config.write_text(re.sub(r'^port = "/dev/ttyUSB0"', f'port = "{port}"', lines, flags=re.MULTILINE))
     return config
 
 

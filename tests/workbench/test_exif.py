@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.errors import CalibrationError
-from stadimeter.workbench.calibration.calibrating import LensSettings, check_lens_settings, read_lens_settings
+from stadimeter.workbench.picture_metadata import LensSettings, check_lens_settings, read_lens_settings
 
 FOCAL, DISTANCE, ZOOM, FOCAL_35 = 0x920A, 0x9206, 0xA404, 0xA405
 

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from stadimeter.cameras.image_files import ImageFilesCamera
-from stadimeter.config.picture_optics import optics_in, with_optics
+from stadimeter.config.camera_file import optics_in, with_optics
 from stadimeter.core.frame import Image, Optics
 from stadimeter.errors import CalibrationError
-from stadimeter.testing.manual_clock import ManualClock
+from stadimeter.testing.rig import ManualClock
 from stadimeter.workbench.annotation import write_picture
-from stadimeter.workbench.calibration.board_session import Chessboard
-from stadimeter.workbench.calibration.calibrating import find_boards
+from stadimeter.workbench.calibration.board_session import Chessboard, find_boards
 
 OPTICS = Optics(sensor="imx708", sensor_size_px=(2304, 1296), crop_px=(0, 0, 4608, 2592), lens_position_dpt=2.0)
 

@@ -1,13 +1,13 @@
 """What other rules change over a recording: events, chatter, lateness, what they let pass."""
 
 import math
-from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
-from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import Event, EventKind, Severity
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule, OnDelay

@@ -10,10 +10,11 @@ import pytest
 from stadimeter.app.bootstrap import build
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.recordings.journal import JournalWriter, read_journal
+from stadimeter.app.recordings.recorded_configuration import to_be_recorded
 from stadimeter.app.recordings.recorder import Recorder
 from stadimeter.config.loader import Configuration, load_configuration
-from stadimeter.workbench.rule_tests.running import RuleTestResult, RuleTests
-from stadimeter.workbench.rule_tests.watching import Failure
+from stadimeter.workbench.rule_tests.running import RuleTestResult, run_rule_test
+from stadimeter.workbench.rule_tests.watches import Failure
 from support.recordings import records_of
 from support.simulated_run import SIMULATED_BALL
 
@@ -61,7 +62,7 @@ def run(load: Load) -> Run:
 
     def of(text: str) -> RuleTestResult:
         configuration = load(f"[[tests]]\n{text}\n")
-        return RuleTests(configuration).run(configuration.tests[0])
+        return run_rule_test(configuration, configuration.tests[0])
 
     return of
 
@@ -186,7 +187,7 @@ def test_an_output_fails_with_who_commands_it_and_why(run: Run) -> None:
 
 def test_a_status_at_the_end_that_differs_is_told(run: Run) -> None:
     failure = failure_of(run(hovering("1 m", "2 s", 'near = { status = "active" }')))
-    assert (failure.expected, failure.got) == ("active at the end", "idle")
+    assert (failure.expected, failure.got) == ("active at the end", "idle at 2.00 s")
 
 
 def test_a_target_that_is_lost_stops_what_nothing_confirms(run: Run) -> None:
@@ -250,8 +251,7 @@ def test_several_targets_move_each_for_itself(load: Load) -> None:
         'expect.near = { raised = 0, status = "unknown" }\n'
     )
     configuration = load(tests, rules)
-    runner = RuleTests(configuration)
-    assert [runner.run(test).passed for test in configuration.tests] == [True, True]
+    assert [run_rule_test(configuration, test).passed for test in configuration.tests] == [True, True]
 
 
 def test_a_schedule_goes_by_the_time_of_day_that_the_test_names(load: Load) -> None:
@@ -266,8 +266,7 @@ def test_a_schedule_goes_by_the_time_of_day_that_the_test_names(load: Load) -> N
         f'[[tests]]\ninput = {{ {hover} }}\nexpect.near = {{ raised = 0, status = "unknown" }}\n'
     )
     configuration = load(tests, rules)
-    runner = RuleTests(configuration)
-    assert [runner.run(test).failures for test in configuration.tests] == [(), (), ()]
+    assert [run_rule_test(configuration, test).failures for test in configuration.tests] == [(), (), ()]
 
 
 def test_what_people_do_at_certain_times_is_done(load: Load) -> None:
@@ -283,8 +282,7 @@ def test_what_people_do_at_certain_times_is_done(load: Load) -> None:
         'expect.buzzer = { acts_at = "5.9 s", stopped_at = "6.2 s" }\n'
     )
     configuration = load(tests, rules)
-    runner = RuleTests(configuration)
-    assert [runner.run(test).failures for test in configuration.tests] == [(), ()]
+    assert [run_rule_test(configuration, test).failures for test in configuration.tests] == [(), ()]
 
 
 def test_outputs_that_are_stopped_act_again_when_they_are_released(load: Load) -> None:
@@ -295,7 +293,7 @@ def test_outputs_that_are_stopped_act_again_when_they_are_released(load: Load) -
         'expect.buzzer = { acts_at = ["1.9 s", "4.1 s"], stopped_at = ["2.1 s", "3.9 s"] }\n'
     )
     configuration = load(tests)
-    assert RuleTests(configuration).run(configuration.tests[0]).failures == ()
+    assert run_rule_test(configuration, configuration.tests[0]).failures == ()
 
 
 def test_a_rule_that_is_shelved_is_raised_and_tells_nobody(load: Load) -> None:
@@ -305,7 +303,7 @@ def test_a_rule_that_is_shelved_is_raised_and_tells_nobody(load: Load) -> None:
         "expect.near = { raised = 1, notified = 0 }\nexpect.buzzer = { level_max = 0 }\n"
     )
     configuration = load(tests)
-    assert RuleTests(configuration).run(configuration.tests[0]).failures == ()
+    assert run_rule_test(configuration, configuration.tests[0]).failures == ()
 
 
 def test_what_an_alarm_sends_is_counted_and_nothing_is_sent(load: Load) -> None:
@@ -326,8 +324,7 @@ def test_what_an_alarm_sends_is_counted_and_nothing_is_sent(load: Load) -> None:
         f"[[tests]]\n{hovering('30 cm', '4 s', 'near = { sent = 0 }')}\n"
     )
     configuration = load(tests, rules)
-    runner = RuleTests(configuration)
-    both, one, wrong = (runner.run(test) for test in configuration.tests)
+    both, one, wrong = (run_rule_test(configuration, test) for test in configuration.tests)
     assert (both.failures, one.failures) == ((), ())
     failure = failure_of(wrong)
     assert (failure.expected, failure.got.partition(" (")[0]) == ("0 messages", "2 messages")
@@ -347,7 +344,7 @@ path = [
 loop = false
 """
     loop = Loop(build(load(world), speed=None))
-    recorder = Recorder(JournalWriter(path, loop.parts.configuration.text), is_live=False)
+    recorder = Recorder(JournalWriter(path, to_be_recorded(loop.parts.configuration)), is_live=False)
     loop.listeners.append(recorder)
     loop.run(Limits(seconds=8))
     recorder.close()
@@ -383,7 +380,7 @@ def test_an_alarm_about_several_targets_is_expected_by_the_name_of_each(load: Lo
         'expect."near:other" = { raised = 1, raised_within = "0.2 s" }\nexpect."near:ball" = { raised = 0 }\n'
     )
     configuration = load(tests, rules)
-    assert RuleTests(configuration).run(configuration.tests[0]).failures == ()
+    assert run_rule_test(configuration, configuration.tests[0]).failures == ()
 
 
 def test_a_recording_that_is_no_recording_is_trouble_and_the_other_tests_go_on(load: Load, tmp_path: Path) -> None:
@@ -394,8 +391,7 @@ def test_a_recording_that_is_no_recording_is_trouble_and_the_other_tests_go_on(l
         f"[[tests]]\n{hovering('30 cm', '2 s', 'near = { raised = 1 }')}\n"
     )
     configuration = load(tests)
-    runner = RuleTests(configuration)
-    broken, missing, sound = (runner.run(test) for test in configuration.tests)
+    broken, missing, sound = (run_rule_test(configuration, test) for test in configuration.tests)
     assert "not a journal" in broken.trouble
     assert "missing.jsonl" in missing.trouble
     assert not broken.passed
@@ -407,13 +403,33 @@ def test_a_recording_of_another_target_is_trouble(load: Load, recorded: Path) ->
     text = load(tests).text.replace("[targets.ball]", "[targets.tag]")
     recorded.with_name("other.toml").write_text(text, encoding="utf-8")
     configuration = load_configuration(recorded.with_name("other.toml"))
-    result = RuleTests(configuration).run(configuration.tests[0])
+    result = run_rule_test(configuration, configuration.tests[0])
     assert "holds only ball, and the rules are about tag" in result.trouble
 
 
 def test_a_test_decides_as_a_run_would_to_the_last_bit(load: Load, recorded: Path) -> None:
     """The journal's own events are those of the test on it."""
     configuration = load(f'[[tests]]\ninput = {{ journal = "{recorded.name}" }}\nexpect.near = {{ raised = 1 }}\n')
-    result = RuleTests(configuration).run(configuration.tests[0])
+    result = run_rule_test(configuration, configuration.tests[0])
     recorded_events = [event for record in records_of(read_journal(recorded)) for event in record.decision.events]
     assert [event for _, event in result.events] == recorded_events
+
+
+SONAR = """
+[sensors.front]
+driver = "hc-sr04"
+trigger = 23
+echo = 24
+
+[rules.close]
+actuator = "buzzer"
+priority = 300
+target = "front"
+when = { below = "1 m" }
+"""
+
+
+def test_a_rule_about_a_range_sensor_is_tested_without_it(load: Load) -> None:
+    motion = '{ target = "front", approach = { from = "3 m", to = "50 cm", speed = "1 m/s" } }'
+    configuration = load(f"[[tests]]\ninput = {motion}\nexpect.close = {{ raised = 1 }}\n", SONAR + RULES)
+    assert not run_rule_test(configuration, configuration.tests[0]).failures

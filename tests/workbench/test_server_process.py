@@ -26,7 +26,7 @@ class Asked:
     """A workbench process on a pipe."""
 
     def __init__(self, configuration: Path) -> None:
-        command = [sys.executable, "-m", "stadimeter.workbench.server", "--configuration", str(configuration)]
+        command = [sys.executable, "-m", "stadimeter.workbench.server.process", str(configuration)]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
 
     def __call__(self, op: str, **args: object) -> tuple[dict[str, Any], bytes]:

@@ -25,8 +25,8 @@ from stadimeter.web.routes import PAGE_OPERATIONS
 from stadimeter.workbench.server.operations import Desk, DeskReply, find_operation
 from stadimeter.workbench.server.process import error_fields
 from stadimeter.workbench.server.setup_operations import setup_of
-from stadimeter.workbench.setup.camera_step import with_exposure, with_resolution
-from stadimeter.workbench.setup.lens import parse_distance
+from stadimeter.workbench.setup.calibration_steps import parse_distance
+from stadimeter.workbench.setup.camera_step import with_settings
 from support.browser import ROOM
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
@@ -247,10 +247,10 @@ def _lit(jpeg: bytes) -> float:
     ("args", "words"),
     [
         ({"clicks": [[-1, 5]]}, "outside the picture"),
-        ({"clicks": "all"}, "list of places"),
-        ({"clicks": [[1, None]]}, "must be a number"),
+        ({"clicks": "all"}, r"Expected `array`, got `str` - at `\$.clicks`"),
+        ({"clicks": [[1, None]]}, r"Expected `float`, got `null` - at `\$.clicks\[0\]\[1\]`"),
         ({"range": "green"}, "limits"),
-        ({"widen": "more"}, "must be a number"),
+        ({"widen": "more"}, "Expected `int"),
     ],
 )
 def test_bad_clicks_and_ranges_are_refused_in_a_sentence(in_room: Setup, args: dict[str, Any], words: str) -> None:
@@ -370,15 +370,15 @@ def test_a_camera_that_another_program_has_is_told_and_can_be_tried_again(
 
 
 def test_a_resolution_takes_the_place_of_another_and_words_are_refused() -> None:
-    assert with_resolution("/dev/video0,width_px=64,rate=30 Hz,height_px=48", "1280 × 720") == (
+    assert with_settings("/dev/video0,width_px=64,rate=30 Hz,height_px=48", resolution="1280 × 720") == (
         "/dev/video0,rate=30 Hz,width_px=1280,height_px=720"
     )
     with pytest.raises(ConfigError, match="write it such as"):
-        with_resolution("/dev/video0", "large")
+        with_settings("/dev/video0", resolution="large")
 
 
 def test_an_exposure_takes_the_place_of_another() -> None:
-    assert with_exposure("opencv,device=0,exposure=3 ms,rate=30 Hz", "5 ms") == (
+    assert with_settings("opencv,device=0,exposure=3 ms,rate=30 Hz", exposure="5 ms") == (
         "opencv,device=0,rate=30 Hz,exposure=5 ms"
     )
 

@@ -9,17 +9,18 @@ import cv2
 import numpy as np
 import pytest
 
+from stadimeter.config.driver_tables import BASE
 from stadimeter.config.loader import load_configuration
-from stadimeter.config.units import parse_length
+from stadimeter.config.plugins import BASES, driver_names
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
 from stadimeter.errors import CalibrationError, ConfigError, DeviceOpenError
-from stadimeter.workbench.setup.answers import load_answers, save_answers
+from stadimeter.workbench.setup.base_steps import BaseStep, base_drivers, option_steps
 from stadimeter.workbench.setup.camera_step import table_of
-from stadimeter.workbench.setup.files import configuration_files
-from stadimeter.workbench.setup.interview import Interview, all_answered
+from stadimeter.workbench.setup.files import base_table, configuration_files
+from stadimeter.workbench.setup.interview import Interview, answer_all, load_answers, save_answers
+from stadimeter.workbench.setup.question import Known
 from stadimeter.workbench.setup.target import target_table
-from stadimeter.workbench.setup.wish_steps import base_table
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
 from support.scenes.render import render
@@ -79,7 +80,7 @@ def test_a_ball_before_a_camera_takes_nine_answers(interview: Interview, device:
 def test_a_script_guesses_the_lens_rather_than_where_the_ball_is(tmp_path: Path, device: V4l2Double) -> None:
     given = {"camera": _camera(device), "size": "20 cm", "colour": COLOUR}
     interview = Interview(tmp_path)
-    answered = {key: accepted.answer for key, accepted in all_answered(interview, given, "answers.toml")}
+    answered = {key: accepted.answer for key, accepted in answer_all(interview, given, "answers.toml")}
     assert answered["calibration"] == "60 deg"
     assert "proof" not in answered
 
@@ -166,7 +167,7 @@ def test_two_things_of_one_colour_are_both_named(interview: Interview, device: V
         interview.answer(answer)
     accepted = interview.answer(f"{x_px},{y_px}")
     assert accepted.doubt
-    assert any("Something else has that colour, at 100,100" in note for note in accepted.notes), accepted.notes
+    assert any("Something else has this colour, at 100,100" in note for note in accepted.notes), accepted.notes
     question = interview.question()
     assert question is not None
     assert question.ready == accepted.answer
@@ -212,11 +213,51 @@ def test_the_sides_of_a_sheet_may_have_decimal_commas() -> None:
         assert target_table({"target": "sheet", "size": size}) == {"detector": "sheet", **table}
 
 
-def test_wheels_are_three_figures_with_commas_or_points() -> None:
-    for wheels in ["6,5 cm, 1440, 20,5 cm", "6.5 cm,1440,20.5 cm"]:
-        table = base_table({"base": "/dev/ttyUSB0", "wheels": wheels})
-        assert table["ticks_per_turn"] == 1440
-        assert parse_length(table["track_width"]) == pytest.approx(0.205)
+@pytest.mark.parametrize("driver", base_drivers())
+def test_each_base_is_set_up_by_its_ready_answers_alone(tmp_path: Path, driver: str) -> None:
+    known = Known(folder=tmp_path, answers={"wish": "follow"})
+    assert known.answers.setdefault("base", BaseStep().accept(known, driver).answer) == driver
+    for step in option_steps(driver):
+        question = step.question(known)
+        assert len(question.text) > len(f"{step.option}: "), "its description is the question"
+        known.answers[step.key] = step.accept(known, question.ready).answer
+    table = base_table(known.answers)
+    choice = known.choose(BASE, ("base",), table)
+    assert choice.driver == driver
+    assert {key.removeprefix("base_") for key in known.answers if key.startswith("base_")} < set(table)
+
+
+def test_every_installed_base_is_offered_with_a_title() -> None:
+    question = BaseStep().question(Known(folder=Path()))
+    offered = {option.answer: option.meaning for option in question.options}
+    assert set(offered) == {*driver_names(BASES), "screen"} - {"simulated"}
+    assert all(offered.values()), offered
+
+
+@pytest.mark.parametrize(
+    ("option", "answer", "words"),
+    [
+        ("left", "{ forward = 17 }", "a motor needs"),
+        ("left", "17", "is not a table"),
+        ("track_width", "15", "has no unit"),
+        ("max_wheel_speed", "0 m/s", "goes nowhere"),
+    ],
+)
+def test_an_option_of_a_base_is_checked_by_its_driver(tmp_path: Path, option: str, answer: str, words: str) -> None:
+    known = Known(folder=tmp_path, answers={"wish": "follow", "base": "gpio-motors"})
+    step = next(each for each in option_steps("gpio-motors") if each.option == option)
+    with pytest.raises(ConfigError, match=words):
+        step.accept(known, answer)
+
+
+def test_what_is_no_base_and_no_board_is_refused_with_those_there_are(tmp_path: Path) -> None:
+    known = Known(folder=tmp_path, answers={"wish": "follow", "base": "nothing"})
+    with pytest.raises(ConfigError, match=r"is none of .*gpio-motors"):
+        BaseStep().accept(known, "nothing")
+    known.answers |= {"base": "pca9685", "base_track_width": "15 cm", "base_max_wheel_speed": "0.6 m/s"}
+    (board,) = (each for each in option_steps("pca9685") if each.option == "board")
+    with pytest.raises(ConfigError, match="freenove-4wd"):
+        board.accept(known, "arduino")
 
 
 @pytest.mark.parametrize("answer", ['"', "\\", "a = b # c", "°", "\x7f"])

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from stadimeter.config.loader import load_configuration
-from stadimeter.workbench.rule_tests.running import RuleTests
+from stadimeter.workbench.rule_tests.running import run_rule_test
 
 FILES = sorted((Path(__file__).parents[2] / "config").glob("*.toml"))
 
@@ -16,7 +16,6 @@ FILES = sorted((Path(__file__).parents[2] / "config").glob("*.toml"))
 def test_what_its_rules_promise_holds(file: Path) -> None:
     configuration = load_configuration(file)
     assert configuration.tests
-    runner = RuleTests(configuration)
-    assert {test.name: runner.run(test).failures for test in configuration.tests} == {
+    assert {test.name: run_rule_test(configuration, test).failures for test in configuration.tests} == {
         test.name: () for test in configuration.tests
     }

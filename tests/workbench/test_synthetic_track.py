@@ -14,10 +14,9 @@ from stadimeter.config.rule_test_tables import MotionTable, PathPoint, SpanTable
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.ranging.ball import BallShape
-from stadimeter.ranging.feasibility import expect
-from stadimeter.workbench.rule_tests.synthetic_track import (
+from stadimeter.ranging.similar_triangles import expect
+from stadimeter.workbench.rule_tests.inputs import (
     OUTLIER_FACTOR,
-    Nuisances,
     SensorModel,
     SyntheticTrack,
     position_at,
@@ -38,7 +37,7 @@ def path_of(**motion: object) -> tuple[PathPoint, ...]:
 
 
 def measured(path: tuple[PathPoint, ...], frames: int = 2000, seed: int = 1, **nuisances: object) -> list[Measurement]:
-    track = SyntheticTrack("ball", path, SENSOR, Nuisances(**nuisances), seed)
+    track = SyntheticTrack(target="ball", path=path, sensor=SENSOR, seed=seed, **nuisances)
     return [track.measure(frame / 30) for frame in range(frames)]
 
 

@@ -1,10 +1,10 @@
 """Settings of alarms, proposed from recordings."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.rule import OnDelay

@@ -9,14 +9,14 @@ from pathlib import Path
 
 from gpiozero.pins.mock import MockFactory
 
+from stadimeter.cli.main import plain
 from stadimeter.config.gpio_header import GROUND, HEADER, POWER_3V3, POWER_5V, header_pin
 from stadimeter.config.loader import load_configuration
-from stadimeter.config.plugins import ACTUATORS, DriverChoice, DriverOptions, load_driver
+from stadimeter.config.plugins import ACTUATORS, BASES, DriverChoice, DriverOptions, load_driver
 from stadimeter.config.units import Pin
 from stadimeter.core.drawing import Text
 from stadimeter.workbench.drawing import svg_of
-from stadimeter.workbench.wiring.circuits import find_outputs
-from stadimeter.workbench.wiring.drawings import wiring_picture, wiring_text
+from stadimeter.workbench.wiring import find_outputs, wiring_picture, wiring_text
 
 CONFIGURATIONS = Path(__file__).parents[2] / "config"
 
@@ -35,6 +35,21 @@ EVERY_KIND = (
     actuator("lamp", "led", pin=6, active_high=False),
     actuator("pump", "relay", pin=17),
     actuator("fan", "relay", pin=27, active_high=True),
+)
+
+
+CAR = DriverChoice(
+    name="base",
+    driver="gpio-motors",
+    options=load_driver(BASES, "gpio-motors").model_validate(
+        {
+            "left": {"forward": 17, "backward": 27, "pwm": 12},
+            "right": {"forward": 23, "backward": 24, "pwm": 4},
+            "enable": 25,
+            "track_width": "15 cm",
+            "max_wheel_speed": "0.6 m/s",
+        }
+    ),
 )
 
 
@@ -105,16 +120,25 @@ def test_no_line_is_wider_than_the_terminal() -> None:
         assert max(map(len, drawn(*EVERY_KIND, width=width).splitlines())) <= width
 
 
-def test_where_the_circuit_has_no_room_its_connections_are_listed() -> None:
+def test_every_input_of_a_motor_driver_has_a_resistor_and_one_wire_joins_the_grounds() -> None:
+    outputs = find_outputs([CAR])
+    assert [output.gpio for output in outputs] == [17, 27, 12, 23, 24, 4, 25]
+    assert [output.name for output in outputs][:2] == ["base left.forward", "base left.backward"]
+    assert [len(output.supplies) for output in outputs] == [1, 0, 0, 0, 0, 0, 0]
+    text = drawn(CAR)
+    assert text.count("[10 kohm]") == 7
+    assert text.count("GPIO 4 is weakly pulled up while the Pi boots") == 1
+
+
+def test_where_the_circuit_has_no_room_the_way_to_its_picture_is_named() -> None:
     text = " ".join(drawn(actuator("motor", "vibration-motor", pin=18), width=40).split())
     assert "┬" not in text
-    assert "- pin 12 GPIO 18 by 220 ohm to gate" in text
-    assert "- 10 kohm from gate to source" in text
+    assert "needs 63 columns; --output FILE draws it as a picture" in text
 
 
 def test_an_ascii_terminal_gets_ascii() -> None:
-    text = wiring_text(EVERY_KIND, ascii_only=True)
-    assert text.isascii()
+    text = "".join(map(plain, wiring_text(EVERY_KIND)))
+    assert "\\u" not in text
     assert "[220 ohm]--+--" in text
 
 

@@ -6,9 +6,9 @@ from typing import ClassVar
 
 from gpiozero import InputDevice
 
-from stadimeter.actuators.output_pin import PinOptions, plain_words, shared_pin_factory
 from stadimeter.config.plugins import DriverContext
 from stadimeter.errors import DeviceClosedError, DeviceOpenError
+from stadimeter.gpio.output_pin import PinOptions, plain_words, shared_pin_factory
 
 
 class ButtonOptions(PinOptions):

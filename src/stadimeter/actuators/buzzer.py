@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from stadimeter.actuators.output_pin import FULL_PERCENT, OutputPin, PinOptions
+from stadimeter.actuators.pin_actuator import OutputPinOptions, PinActuator
 from stadimeter.config.plugins import DriverContext
 from stadimeter.config.units import Duration
-from stadimeter.core.command import LevelCommand
+from stadimeter.gpio.output_pin import FULL_PERCENT, OutputPin
 
 
 class BeepPattern:
@@ -58,7 +57,7 @@ class BeepPattern:
         return due_s if now_s - due_s < self._beep_s / 2 else now_s
 
 
-class BuzzerOptions(PinOptions):
+class BuzzerOptions(OutputPinOptions):
     """The table of a buzzer in the configuration."""
 
     verb: ClassVar = "buzzes"
@@ -72,8 +71,6 @@ class BuzzerOptions(PinOptions):
     """How long a beep is."""
     steady: bool = False
     """Sound without a break at any level above 0."""
-    active_high: bool = True
-    """Whether a high pin means on."""
 
     @model_validator(mode="after")
     def _beeps_have_gaps(self) -> Self:
@@ -89,45 +86,22 @@ class BuzzerOptions(PinOptions):
         return GpiozeroBuzzer(self, context)
 
 
-class GpiozeroBuzzer:
-    """A buzzer. Level 0 is silent, a rising level beeps faster, and 1 sounds without a break."""
+class GpiozeroBuzzer(PinActuator):
+    """A buzzer. Level 0 is silent, a rising level beeps faster, and 1 sounds without a break.
+
+    A beep that sounds is not begun anew. A steady buzzer only knows 0 and 1.
+    """
 
     def __init__(self, options: BuzzerOptions, context: DriverContext) -> None:
-        self._pin = OutputPin(context, options.pin, active_high=options.active_high)
-        self._clock = context.clock
+        super().__init__(OutputPin(context, options.pin, active_high=options.active_high), context)
         self._pattern = BeepPattern(slowest_s=options.slowest, fastest_s=options.fastest, beep_s=options.beep)
         self._steady = options.steady
         self._level = 0.0
 
-    def open(self) -> None:
-        """Take the pin; the buzzer is silent."""
-        self._pin.open()
+    def _take_level(self, level: float, now_s: float) -> float:
+        self._level = float(level > 0.0) if self._steady else level
+        self._pattern.sounds(self._level, now_s)
+        return self._level
 
-    def apply(self, command: LevelCommand) -> LevelCommand:
-        """Beep as fast as commanded; a beep that sounds is not begun anew. A steady buzzer only knows 0 and 1."""
-        self._pin.check_open()
-        self._level = float(command.level > 0.0) if self._steady else command.level
-        self._drive(self._clock.now_s())
-        return replace(command, level=self._level)
-
-    def tick(self, now_s: float) -> None:
-        """Begin and end beeps."""
-        self._pin.check_open()
-        self._drive(now_s)
-
-    def stop(self) -> None:
-        """Be silent at once, also during a beep. Does nothing when closed."""
-        self._be_silent()
-        self._pin.off()
-
-    def close(self) -> None:
-        """Be silent, then let go of the pin. May be called any number of times."""
-        self._be_silent()
-        self._pin.close()
-
-    def _be_silent(self) -> None:
-        self._level = 0.0
-        self._pattern.sounds(0.0, self._clock.now_s())
-
-    def _drive(self, now_s: float) -> None:
-        self._pin.write(FULL_PERCENT if self._pattern.sounds(self._level, now_s) else 0)
+    def _percent(self, now_s: float) -> int:
+        return FULL_PERCENT if self._pattern.sounds(self._level, now_s) else 0

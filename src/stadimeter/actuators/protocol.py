@@ -21,7 +21,6 @@ class Actuator(Protocol):
         Raises:
             DeviceOpenError: It is absent, busy, or this user may not open it.
         """
-        ...
 
     def apply(self, command: LevelCommand) -> LevelCommand:
         """Act as commanded. The same command may come any number of times; it then changes nothing.
@@ -32,7 +31,6 @@ class Actuator(Protocol):
         Raises:
             DriverError: The device failed.
         """
-        ...
 
     def tick(self, now_s: float) -> None:
         """Move patterns on: a beep's next edge, the end of a motor's kick. Called about every 20 ms.
@@ -40,7 +38,6 @@ class Actuator(Protocol):
         Raises:
             DriverError: The device failed.
         """
-        ...
 
     def stop(self) -> None:
         """Switch off at once. Does nothing when closed.
@@ -48,7 +45,6 @@ class Actuator(Protocol):
         Raises:
             DriverError: The device failed.
         """
-        ...
 
     def close(self) -> None:
         """Stop, then release the device. May be called any number of times.
@@ -56,7 +52,6 @@ class Actuator(Protocol):
         Raises:
             DriverError: The device failed; it is released all the same.
         """
-        ...
 
 
 class Button(Protocol):
@@ -71,7 +66,6 @@ class Button(Protocol):
         Raises:
             DeviceOpenError: It is absent, busy, or this user may not open it.
         """
-        ...
 
     def is_pressed(self) -> bool:
         """Return whether it is down now; contacts may bounce. Never waits.
@@ -79,7 +73,6 @@ class Button(Protocol):
         Raises:
             DriverError: The device failed.
         """
-        ...
 
     def close(self) -> None:
         """Release the device. May be called any number of times.
@@ -87,4 +80,3 @@ class Button(Protocol):
         Raises:
             DriverError: The device failed; it is released all the same.
         """
-        ...

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import replace
 from typing import ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from stadimeter.actuators.output_pin import FULL_PERCENT, MIN_PULSES_HZ, OutputPin, PinOptions
+from stadimeter.actuators.pin_actuator import OutputPinOptions, PinActuator
 from stadimeter.config.plugins import DriverContext
 from stadimeter.config.units import Frequency
-from stadimeter.core.command import LevelCommand
+from stadimeter.gpio.output_pin import FULL_PERCENT, MIN_PULSES_HZ, OutputPin
 
 
-class LedOptions(PinOptions):
+class LedOptions(OutputPinOptions):
     """The table of a lamp in the configuration."""
 
     verb: ClassVar = "lights"
@@ -27,8 +25,6 @@ class LedOptions(PinOptions):
     """Whether it is as bright as the level says, instead of on or off."""
     frequency: Frequency = Field(default=100.0, ge=MIN_PULSES_HZ, le=10_000.0)
     """Of the pulses that dim it: below 20 Hz it would blink, and go off late."""
-    active_high: bool = True
-    """Whether a high pin means on."""
 
     @model_validator(mode="after")
     def _one_way_only(self) -> Self:
@@ -41,10 +37,10 @@ class LedOptions(PinOptions):
         """Return the lamp."""
         frequency_hz = self.frequency if self.dimmed else None
         pin = OutputPin(context, self.pin, active_high=self.active_high, frequency_hz=frequency_hz)
-        return GpiozeroSwitch(pin, _nearest_percent if self.dimmed else _on_from(self.on_at))
+        return GpiozeroSwitch(pin, context, None if self.dimmed else self.on_at)
 
 
-class RelayOptions(PinOptions):
+class RelayOptions(OutputPinOptions):
     """The table of a relay in the configuration."""
 
     verb: ClassVar = "switches on"
@@ -59,45 +55,27 @@ class RelayOptions(PinOptions):
 
     def build(self, context: DriverContext) -> GpiozeroSwitch:
         """Return the relay."""
-        return GpiozeroSwitch(OutputPin(context, self.pin, active_high=self.active_high), _on_from(self.on_at))
+        return GpiozeroSwitch(OutputPin(context, self.pin, active_high=self.active_high), context, self.on_at)
 
 
-class GpiozeroSwitch:
-    """Something on a pin that is on or off, or as bright as the level says.
+class GpiozeroSwitch(PinActuator):
+    """Something on a pin that is on or off, or as bright as the level says, in whole percents.
 
     It has no deadband of its own: rules that switch have theirs, and delays too.
+
+    Args:
+        on_at: The level from which it is on; None for one that is dimmed.
     """
 
-    def __init__(self, pin: OutputPin, percent_of: Callable[[float], int]) -> None:
-        self._pin = pin
-        self._percent_of = percent_of
+    def __init__(self, pin: OutputPin, context: DriverContext, on_at: float | None) -> None:
+        super().__init__(pin, context)
+        self._on_at = on_at
+        self._share = 0.0
 
-    def open(self) -> None:
-        """Take the pin, off."""
-        self._pin.open()
+    def _take_level(self, level: float, now_s: float) -> float:  # noqa: ARG002 - a switch has no pattern
+        percent = math.floor(level * FULL_PERCENT + 0.5)
+        self._share = percent / FULL_PERCENT if self._on_at is None else float(level >= self._on_at)
+        return self._share
 
-    def apply(self, command: LevelCommand) -> LevelCommand:
-        """Switch, or dim. The level returned is 0 or 1, or a whole percent if it is dimmed."""
-        percent = self._percent_of(command.level)
-        self._pin.write(percent)
-        return replace(command, level=percent / FULL_PERCENT)
-
-    def tick(self, now_s: float) -> None:  # noqa: ARG002 - part of the interface; a switch has no pattern
-        """Do nothing: there is no pattern to move on."""
-        self._pin.check_open()
-
-    def stop(self) -> None:
-        """Switch off at once. Does nothing when closed."""
-        self._pin.off()
-
-    def close(self) -> None:
-        """Switch off, then let go of the pin. May be called any number of times."""
-        self._pin.close()
-
-
-def _nearest_percent(level: float) -> int:
-    return math.floor(level * FULL_PERCENT + 0.5)
-
-
-def _on_from(on_at: float) -> Callable[[float], int]:
-    return lambda level: FULL_PERCENT if level >= on_at else 0
+    def _percent(self, now_s: float) -> int:  # noqa: ARG002
+        return round(self._share * FULL_PERCENT)

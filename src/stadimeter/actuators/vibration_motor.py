@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import ClassVar
 
 from pydantic import Field
 
-from stadimeter.actuators.output_pin import FULL_PERCENT, MIN_PULSES_HZ, OutputPin, PinOptions
+from stadimeter.actuators.pin_actuator import OutputPinOptions, PinActuator
 from stadimeter.config.plugins import DriverContext
 from stadimeter.config.units import Duration, Frequency
-from stadimeter.core.command import LevelCommand
+from stadimeter.gpio.output_pin import FULL_PERCENT, MIN_PULSES_HZ, OutputPin
 
 
-class VibrationMotorOptions(PinOptions):
+class VibrationMotorOptions(OutputPinOptions):
     """The table of a vibration motor in the configuration."""
 
     verb: ClassVar = "vibrates"
@@ -27,8 +26,6 @@ class VibrationMotorOptions(PinOptions):
     """The motor's weakest duty. Eccentric motors do not turn below 40 to 50 percent."""
     kick: Duration = Field(default=0.08, le=1.0)
     """For how long a motor that stands still gets full power, to break loose."""
-    active_high: bool = True
-    """Whether a high pin means on, as with an N-channel MOSFET."""
 
     def build(self, context: DriverContext) -> GpiozeroVibrationMotor:
         """Return the motor."""
@@ -58,47 +55,23 @@ class DutySteps:
         return 0.0 if percent == 0 else (percent + 1 - self._weakest_percent) / self._count
 
 
-class GpiozeroVibrationMotor:
-    """A vibration motor."""
+class GpiozeroVibrationMotor(PinActuator):
+    """A vibration motor. From standstill it begins with a kick; the level is the one after that."""
 
     def __init__(self, options: VibrationMotorOptions, context: DriverContext) -> None:
-        self._pin = OutputPin(context, options.pin, active_high=options.active_high, frequency_hz=options.frequency)
-        self._clock = context.clock
+        pin = OutputPin(context, options.pin, active_high=options.active_high, frequency_hz=options.frequency)
+        super().__init__(pin, context)
         self._steps = DutySteps(options.minimum_duty)
         self._kick_s = options.kick
         self._kick_ends_s = -math.inf
-        self._percent = 0
+        self._duty_percent = 0
 
-    def open(self) -> None:
-        """Take the pin; the motor stands still."""
-        self._pin.open()
-
-    def apply(self, command: LevelCommand) -> LevelCommand:
-        """Turn as strongly as commanded, after a kick from standstill; returns the level after the kick."""
-        self._pin.check_open()
-        now_s = self._clock.now_s()
-        percent = self._steps.percent(command.level)
-        if percent > 0 and self._percent == 0:
+    def _take_level(self, level: float, now_s: float) -> float:
+        before, self._duty_percent = self._duty_percent, self._steps.percent(level)
+        if before == 0:
             self._kick_ends_s = now_s + self._kick_s
-        self._percent = percent
-        self._drive(now_s)
-        return replace(command, level=self._steps.level(percent))
+        return self._steps.level(self._duty_percent)
 
-    def tick(self, now_s: float) -> None:
-        """End the kick when its time has come."""
-        self._pin.check_open()
-        self._drive(now_s)
-
-    def stop(self) -> None:
-        """Stand still at once, also during a kick. Does nothing when closed."""
-        self._percent = 0
-        self._pin.off()
-
-    def close(self) -> None:
-        """Stand still, then let go of the pin. May be called any number of times."""
-        self._percent = 0
-        self._pin.close()
-
-    def _drive(self, now_s: float) -> None:
-        kicks = self._percent > 0 and now_s < self._kick_ends_s
-        self._pin.write(FULL_PERCENT if kicks else self._percent)
+    def _percent(self, now_s: float) -> int:
+        kicks = self._duty_percent > 0 and now_s < self._kick_ends_s
+        return FULL_PERCENT if kicks else self._duty_percent

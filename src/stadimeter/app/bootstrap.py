@@ -6,8 +6,9 @@ What moves is stopped first, whatever goes wrong on the way.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import Any, Protocol
+
+from msgspec import Struct, field
 
 from stadimeter.app.capture import Capture, capture_for
 from stadimeter.app.clock import MonotonicClock, SteppedClock
@@ -15,6 +16,9 @@ from stadimeter.app.cycle import Cycle
 from stadimeter.app.ending import SETTLE_S, Deadline, Steps, close_side_by_side
 from stadimeter.app.guard import Guard, StallWatch
 from stadimeter.app.leased_output import LeasedOutput
+from stadimeter.app.panel import PushButton, StatusLed
+from stadimeter.app.range_reader import RangeReader
+from stadimeter.cameras.protocol import Camera, ShowsOwnMotion
 from stadimeter.config.loader import DEMONSTRATION, Configuration, DriverChoice, load_configuration
 from stadimeter.config.plugins import DriverContext, Shared
 from stadimeter.core.clock import Clock
@@ -22,14 +26,56 @@ from stadimeter.core.outputs import safe_command
 from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import ConfigError, DriverError, DriverUnavailableError, Problem
 from stadimeter.messaging.protocol import Messenger, Notifier
-
-if TYPE_CHECKING:
-    from stadimeter.app.panel import PushButton, StatusLed
-    from stadimeter.simulation.protocol import StagedWorld
+from stadimeter.perception.picture_flow import FlowMeter
 
 
-@dataclass(slots=True, kw_only=True)
-class Parts:
+class StagedWorld(Protocol):
+    """A world in which things can be made to go wrong, and which says what happens."""
+
+    def narration(self) -> str:
+        """Return in a sentence what happens now; an empty string if there is nothing to say."""
+        ...
+
+    def state(self) -> Mapping[str, Any]:
+        """Return where things are, and what goes wrong, for a view from above.
+
+        Returns:
+            ``targets`` and ``camera`` with ``x_m`` to the east and ``y_m`` to the north, the camera with its
+            ``heading_rad`` counter-clockwise from east; ``faults``: by kind, whether it is there now.
+        """
+        ...
+
+    def goes_wrong(self, fault: str) -> bool:
+        """Return whether a fault is there now.
+
+        Args:
+            fault: Its kind, as in the schedule of a configuration: such as ``hide-target``.
+        """
+        ...
+
+    def toggle(self, fault: str) -> None:
+        """Make something go wrong, or put it right again; `ValueError` if there is no such fault."""
+        ...
+
+    def place_target(self, x_m: float, y_m: float) -> None:
+        """Have the target go there and stay. Many places a second draw a path."""
+        ...
+
+    def in_world_m(self, bearing_rad: float, distance_m: float) -> tuple[float, float]:
+        """Return where a target is that the camera would see there now.
+
+        Args:
+            bearing_rad: Positive to the right.
+            distance_m: From the camera to the target's centre.
+        """
+        ...
+
+    def let_go(self) -> None:
+        """Have the target go on along its path."""
+        ...
+
+
+class Parts(Struct, kw_only=True):
     """The parts of a run, built and not yet opened.
 
     Attributes:
@@ -67,7 +113,7 @@ class Parts:
         return (*self.outputs, self.status_led) if self.status_led is not None else self.outputs
 
 
-def build(configuration: Configuration, speed: float | None = 1.0) -> Parts:
+def build(configuration: Configuration, speed: float | None = 1.0, *, clock: Clock | None = None) -> Parts:
     """Build the parts of a run. Touches no hardware.
 
     A camera that delivers frames at its own pace runs on the computer's clock. Recordings and simulations run on a
@@ -75,6 +121,7 @@ def build(configuration: Configuration, speed: float | None = 1.0) -> Parts:
 
     Args:
         speed: How fast recordings and simulations run: 1 is real time, None as fast as the computer can.
+        clock: The stepped clock of recordings and simulations; None for one of that speed.
 
     Raises:
         ConfigError: The configuration lacks a camera model.
@@ -82,9 +129,9 @@ def build(configuration: Configuration, speed: float | None = 1.0) -> Parts:
     """
     if configuration.camera_model is None:
         raise ConfigError([_no_camera_model(configuration)])
-    clock: Clock = SteppedClock(speed=speed)
+    clock = clock or SteppedClock(speed=speed)
     builder = _Builder(configuration, clock)
-    camera = builder.build(configuration.camera)
+    camera: Camera = builder.build(configuration.camera)
     if camera.is_live:
         clock = MonotonicClock()
         builder = _Builder(configuration, clock)
@@ -92,6 +139,7 @@ def build(configuration: Configuration, speed: float | None = 1.0) -> Parts:
     outputs = builder.outputs()
     capture = capture_for(camera, clock)
     detectors: dict[str, Detector] = {target.name: builder.build(target) for target in configuration.targets}
+    range_readers = builder.range_readers()
     messenger: Messenger | None = builder.build(configuration.messenger) if configuration.messenger else None
     notifiers: dict[str, Notifier] = {each.name: builder.build(each) for each in configuration.notifiers}
     cycle = Cycle(
@@ -101,6 +149,8 @@ def build(configuration: Configuration, speed: float | None = 1.0) -> Parts:
         detectors=detectors,
         outputs=outputs,
         max_frame_age_s=configuration.plan.safety.max_frame_age_s,
+        range_readers=range_readers,
+        flow_meter=FlowMeter() if _is_liveness_judged(configuration, camera) else None,
     )
     return Parts(
         configuration=configuration,
@@ -112,16 +162,24 @@ def build(configuration: Configuration, speed: float | None = 1.0) -> Parts:
         cycle=cycle,
         shared=builder.shared,
         is_live=camera.is_live,
-        recording_drives=() if camera.is_live else _real_outputs(configuration),
+        recording_drives=()
+        if camera.is_live
+        else tuple(each.name for each in _driven(configuration) if not each.is_simulated),
         world=builder.world,
         status_led=builder.status_led(),
         buttons=builder.buttons(),
     )
 
 
-def _real_outputs(configuration: Configuration) -> tuple[str, ...]:
-    choices = [*configuration.actuators, *([configuration.base] if configuration.base else [])]
-    return tuple(choice.name for choice in choices if not choice.is_simulated)
+def _is_liveness_judged(configuration: Configuration, camera: Camera) -> bool:
+    """Return whether the picture must show that the base drives."""
+    if configuration.base is None or not configuration.plan.safety.liveness:
+        return False
+    return camera.is_live or (isinstance(camera, ShowsOwnMotion) and camera.shows_own_motion)
+
+
+def _driven(configuration: Configuration) -> list[DriverChoice]:
+    return [*configuration.actuators, *([configuration.base] if configuration.base is not None else [])]
 
 
 class _Builder:
@@ -143,9 +201,7 @@ class _Builder:
         return choice.options.build(context)
 
     def outputs(self) -> tuple[LeasedOutput, ...]:
-        choices = {choice.name: choice for choice in self._configuration.actuators}
-        if self._configuration.base is not None:
-            choices[self._configuration.base.name] = self._configuration.base
+        choices = {choice.name: choice for choice in _driven(self._configuration)}
         return tuple(
             LeasedOutput(
                 self.build(choices[output.name]),
@@ -161,15 +217,16 @@ class _Builder:
         choice = self._configuration.status_led
         if choice is None:
             return None
-        from stadimeter.app.panel import StatusLed  # noqa: PLC0415 - most runs have none
-
         return StatusLed(self.build(choice), choice.name, self._clock)
 
-    def buttons(self) -> dict[str, PushButton]:
-        if not self._configuration.buttons:
-            return {}
-        from stadimeter.app.panel import PushButton  # noqa: PLC0415 - likewise
+    def range_readers(self) -> tuple[RangeReader, ...]:
+        tables = self._configuration.sensor_tables
+        return tuple(
+            RangeReader(choice.name, self.build(choice), tables[choice.name], self._clock)
+            for choice in self._configuration.sensors
+        )
 
+    def buttons(self) -> dict[str, PushButton]:
         tables = self._configuration.button_tables
         return {
             choice.name: PushButton(self.build(choice), choice.name, tables[choice.name], self._clock)
@@ -202,13 +259,7 @@ class _Openable(Protocol):
     def close(self) -> None: ...
 
 
-@runtime_checkable
-class _OpenedLater(Protocol):
-    def open_later(self, error: DriverError) -> bool: ...
-
-
-@dataclass(slots=True)
-class OpenParts:
+class OpenParts(Struct):
     """The parts of a run, from when they are opened until they are closed.
 
     Attributes:
@@ -294,11 +345,11 @@ class OpenParts:
         for output in parts.driven:
             yield output.name, output
         yield from ((f"button {name}", button) for name, button in parts.buttons.items())
+        yield from ((f"sensor {reader.name}", reader) for reader in parts.cycle.range_readers)
         yield "camera", parts.capture
 
 
 def _is_opened_later(part: _Openable, error: DriverError) -> bool:
     """Have a device that is not there opened again and again; return whether that makes sense."""
-    if isinstance(error, DriverUnavailableError):
-        return False
-    return isinstance(part, _OpenedLater) and part.open_later(error)
+    open_later: Callable[[DriverError], bool] | None = getattr(part, "open_later", None)
+    return open_later is not None and not isinstance(error, DriverUnavailableError) and open_later(error)

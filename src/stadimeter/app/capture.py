@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import NamedTuple, Protocol, TypeVar
+from typing import TypeVar
 
 from stadimeter.app.freeze import FreezeDetector
 from stadimeter.cameras.protocol import Camera
@@ -20,19 +20,12 @@ class Mailbox:
         self._changed = threading.Condition()
         self._frame: Frame | None = None
         self._is_closed = False
-        self._passed_over = 0
-
-    @property
-    def passed_over(self) -> int:
-        """How many frames were replaced before they were taken."""
-        return self._passed_over
 
     def put(self, frame: Frame) -> None:
         """Put in a frame, in place of the one that is there. A closed mailbox takes none."""
         with self._changed:
             if self._is_closed:
                 return
-            self._passed_over += self._frame is not None
             self._frame = frame
             self._changed.notify()
 
@@ -69,24 +62,6 @@ Answer = TypeVar("Answer")
 Wait = Callable[[threading.Event, float], bool]
 
 
-class Outage(NamedTuple):
-    """A camera that failed and has given no new frame since.
-
-    Attributes:
-        cause: What happened, in words.
-        retry_after_s: After how long it is opened again, or None if that was done and a new frame is awaited.
-    """
-
-    cause: str
-    retry_after_s: float | None
-
-    def in_words(self) -> str:
-        """Return what happened and what is done about it, in one line that stays the same until either changes."""
-        if self.retry_after_s is None:
-            return f"{self.cause}; the camera was opened again and has given no new frame yet"
-        return f"{self.cause}; opening the camera again after {self.retry_after_s:g} s"
-
-
 class CaptureThread:
     """Reads an open camera in a thread of its own and puts new frames in a mailbox.
 
@@ -104,15 +79,17 @@ class CaptureThread:
         self._wait = wait
         self._stopped = threading.Event()
         self._delay_s = FIRST_DELAY_S
-        self._outage: Outage | None = None
+        self._outage = ""
         self._new_frame_at_s = self._answered_at_s = clock.now_s()
-        self._is_held = False
+        self._held_by = ""
+        self._failed = ""
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
 
     def start(self, failed: str = "") -> None:
         """Start reading; if opening the camera has ``failed``, with opening it again."""
         self._freeze.restart(self._clock.now_s())
-        self._outage = Outage(cause=failed, retry_after_s=self._delay_s) if failed else None
+        if failed:
+            self._failed, self._outage = failed, _reopening_words(failed, self._delay_s)
         self._thread.start()
 
     def stop(self) -> None:
@@ -126,24 +103,22 @@ class CaptureThread:
 
     def trouble(self) -> str:
         """Return what is wrong with the camera at present, in words, or an empty string."""
-        if outage := self._outage:
-            return outage.in_words()
-        if hung := self.hung():
-            return hung
+        if words := self._outage or self.hung():
+            return words
         quiet_s = self._clock.now_s() - self._new_frame_at_s
         return f"no new frame for over {QUIET_S:g} s" if quiet_s > QUIET_S else ""
 
     def hung(self) -> str:
         """Return why nothing but another process can use the camera, in words, or an empty string."""
-        if self._is_held and self._outage is not None:
-            return self._outage.cause
+        if self._held_by:
+            return self._held_by
         is_away = self._clock.now_s() - self._answered_at_s > HUNG_AFTER_S
         return f"the camera's driver hangs: it has not answered for over {HUNG_AFTER_S:g} s" if is_away else ""
 
     def _run(self) -> None:
         try:
-            if self._outage:
-                self._open_again(self._outage.cause)
+            if self._failed:
+                self._open_again(self._failed)
             while not self._stopped.is_set():
                 self._read_once()
         except BaseException as error:  # noqa: BLE001 - re-raised in the thread that calls `latest()`
@@ -167,7 +142,7 @@ class CaptureThread:
     def _accept(self, frame: Frame) -> None:
         now_s = self._clock.now_s()
         if self._freeze.is_new(frame, now_s):
-            self._new_frame_at_s, self._outage, self._delay_s = now_s, None, FIRST_DELAY_S
+            self._new_frame_at_s, self._outage, self._delay_s = now_s, "", FIRST_DELAY_S
             self.mailbox.put(frame)
         elif frozen := self._freeze.frozen(now_s):
             raise CaptureTimeoutError(frozen)
@@ -177,22 +152,31 @@ class CaptureThread:
         while not self._stopped.is_set():
             self._camera.close()
             delay_s, self._delay_s = self._delay_s, min(2 * self._delay_s, MAX_DELAY_S)
-            self._outage = Outage(cause=cause, retry_after_s=delay_s)
+            self._outage = _reopening_words(cause, delay_s)
             if self._wait(self._stopped, delay_s):
                 return
             try:
                 self._answer(self._camera.open)
             except RECOVERABLE as error:
-                cause, self._is_held = str(error), isinstance(error, DeviceHungError)
+                cause = str(error)
+                self._held_by = cause if isinstance(error, DeviceHungError) else ""
             else:
-                self._is_held = False
-                self._outage = Outage(cause=cause, retry_after_s=None)
+                self._held_by = ""
+                self._outage = f"{cause}; the camera was opened again and has given no new frame yet"
                 self._freeze.restart(self._clock.now_s())
                 return
 
 
-class Capture(Protocol):
-    """Where the loop gets its frames."""
+def _reopening_words(cause: str, delay_s: float) -> str:
+    """Return what happened and what is done about it, in one line that stays the same until either changes."""
+    return f"{cause}; opening the camera again after {delay_s:g} s"
+
+
+class Capture:
+    """Where the loop gets its frames: read in the caller's thread, as from a recording or a simulation."""
+
+    def __init__(self, camera: Camera) -> None:
+        self._camera = camera
 
     def open(self) -> None:
         """Open the camera.
@@ -201,9 +185,9 @@ class Capture(Protocol):
             DeviceOpenError: It is absent, busy, or this user may not open it.
             PictureError: A recording cannot be read.
         """
-        ...
+        self._camera.open()
 
-    def latest(self, timeout_s: float) -> Frame:
+    def latest(self, timeout_s: float) -> Frame:  # noqa: ARG002 - a recording takes the time it takes
         """Return the newest frame that was not returned before; wait for one if there is none.
 
         Args:
@@ -215,11 +199,11 @@ class Capture(Protocol):
             EndOfFramesError: A recording is at its end.
             PictureError: A recording is damaged at this point.
         """
-        ...
+        return self._camera.read()
 
     def trouble(self) -> str:
         """Return what is wrong with the camera at present, in words, or an empty string."""
-        ...
+        return ""
 
     def hung(self) -> str:
         """Return why nothing but another process can use the camera, in words, or an empty string.
@@ -227,22 +211,22 @@ class Capture(Protocol):
         A camera that is absent, busy or silent is opened again and again, and is not hung. A driver that does not come
         back, or that cannot let its device go, holds it for as long as this process lives.
         """
-        ...
+        return ""
 
     def remarks(self) -> tuple[str, ...]:
         """Return what the user should know of the camera as it was opened, a sentence each."""
-        ...
+        return self._camera.remarks
 
     def not_for_motion(self) -> str:
         """Return why nothing may move on the camera's frames, in a sentence, or an empty string."""
-        ...
+        return self._camera.not_for_motion
 
     def close(self) -> None:
         """Close the camera. May be called at any time, any number of times."""
-        ...
+        self._camera.close()
 
 
-class LiveCapture:
+class LiveCapture(Capture):
     """Reads a live camera in a thread; the newest frame wins.
 
     A camera that fails or freezes is opened again without being asked for, as `CaptureThread` describes; meanwhile
@@ -252,16 +236,11 @@ class LiveCapture:
     def __init__(
         self, camera: Camera, clock: Clock, *, freeze: FreezeDetector | None = None, wait: Wait = threading.Event.wait
     ) -> None:
-        self._camera = camera
+        super().__init__(camera)
         self._clock = clock
         self._freeze = freeze or FreezeDetector()
         self._wait = wait
         self._thread: CaptureThread | None = None
-
-    @property
-    def passed_over(self) -> int:
-        """How many frames gave way to newer ones since the camera was opened."""
-        return self._thread.mailbox.passed_over if self._thread else 0
 
     def open(self) -> None:
         """Open the camera in the caller's thread, so that one that is missing is noticed at once, and start reading."""
@@ -310,14 +289,6 @@ class LiveCapture:
         """Return why nothing but another process can use the camera, in words, or an empty string."""
         return self._thread.hung() if self._thread else ""
 
-    def remarks(self) -> tuple[str, ...]:
-        """Return what the user should know of the camera as it was opened, a sentence each."""
-        return self._camera.remarks
-
-    def not_for_motion(self) -> str:
-        """Return why nothing may move on the camera's frames, in a sentence, or an empty string."""
-        return self._camera.not_for_motion
-
     def close(self) -> None:
         """Stop reading and close the camera.
 
@@ -329,41 +300,6 @@ class LiveCapture:
             thread.stop()
 
 
-class DirectCapture:
-    """Reads a recording or a simulation in the caller's thread: every frame counts."""
-
-    def __init__(self, camera: Camera) -> None:
-        self._camera = camera
-
-    def open(self) -> None:
-        """Open the camera; see `Capture`."""
-        self._camera.open()
-
-    def latest(self, timeout_s: float) -> Frame:  # noqa: ARG002 - a recording takes the time it takes
-        """Return the next frame; see `Capture`."""
-        return self._camera.read()
-
-    def trouble(self) -> str:
-        """Return an empty string: what goes wrong is raised by `latest`."""
-        return ""
-
-    def hung(self) -> str:
-        """Return an empty string: no driver of a recording waits for a device."""
-        return ""
-
-    def remarks(self) -> tuple[str, ...]:
-        """Return what the user should know of the camera as it was opened, a sentence each."""
-        return self._camera.remarks
-
-    def not_for_motion(self) -> str:
-        """Return why nothing may move on the camera's frames, in a sentence, or an empty string."""
-        return self._camera.not_for_motion
-
-    def close(self) -> None:
-        """Close the camera; see `Capture`."""
-        self._camera.close()
-
-
 def capture_for(camera: Camera, clock: Clock) -> Capture:
-    """Return the way to get frames from a camera: `LiveCapture` for a live one, `DirectCapture` for another."""
-    return LiveCapture(camera, clock) if camera.is_live else DirectCapture(camera)
+    """Return the way to get frames from a camera: `LiveCapture` for a live one, read in a thread."""
+    return LiveCapture(camera, clock) if camera.is_live else Capture(camera)

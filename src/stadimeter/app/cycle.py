@@ -2,28 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
-from typing import Annotated, Any, ClassVar
 
-from pydantic import ConfigDict, GetPydanticSchema
+import msgspec
+from msgspec import Struct
 
 from stadimeter.app.capture import Capture
 from stadimeter.app.leased_output import LeasedOutput
+from stadimeter.app.range_reader import RangeReader
+from stadimeter.core.base_report import BaseReport
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.clock import Clock
-from stadimeter.core.command import Command
+from stadimeter.core.command import Command, TwistCommand
 from stadimeter.core.decide import State, decide
 from stadimeter.core.decision import Decision
 from stadimeter.core.detection import Detection, RejectedCandidate
 from stadimeter.core.frame import Frame
+from stadimeter.core.measurement import Measurement
 from stadimeter.core.observation import FrameStamp, Observation, OutputFault, WallTime
 from stadimeter.core.operator import AnyCommand
 from stadimeter.core.safety import FROM_THE_FUTURE_S
 from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import DriverError
 from stadimeter.perception.perceiver import Perceiver
+from stadimeter.perception.picture_flow import FlowMeter
 
 # A cycle waits this long for a frame; without one it runs all the same, so that rules and safety see time pass.
 FRAME_WAIT_S = 0.1
@@ -55,7 +59,9 @@ class Cycle:
         detectors: One for each target, by the target's name.
         outputs: The outputs, in the order of the plan.
         max_frame_age_s: A frame older than this moves nothing.
+        range_readers: The range sensors, each a target of its own.
         looking: Looks for the targets.
+        flow_meter: Measures how the picture flows; None where liveness is not judged by motion.
     """
 
     clock: Clock
@@ -64,6 +70,8 @@ class Cycle:
     detectors: Mapping[str, Detector]
     outputs: Sequence[LeasedOutput]
     max_frame_age_s: float
+    range_readers: Sequence[RangeReader] = ()
+    flow_meter: FlowMeter | None = None
     _newest: Frame | None = field(default=None)
     perceiver: Perceiver = field(init=False)
 
@@ -96,18 +104,18 @@ class Cycle:
         now_s = self.clock.now_s()
         tracks = {tracked.track.target: tracked.track for tracked in state.tracks}
         detections, measurements = self.perceiver.look(frame, tracks) if frame else ((), ())
+        flow = self.flow_meter.measure(frame, self.perceiver.lens_of(frame)) if frame and self.flow_meter else None
         watch.lap("measure")
+        reports = {output.name: report for output in self.outputs if (report := output.report()) is not None}
         observation = Observation(
             now_s=now_s,
             frame=FrameStamp(sequence=frame.sequence, captured_at_s=frame.captured_at_s) if frame else None,
-            measurements=measurements,
+            measurements=(*measurements, *self._ranged()) if frame and self.range_readers else measurements,
             camera_fault=camera_fault,
             not_for_motion=self.capture.not_for_motion(),
-            output_faults=tuple(
-                OutputFault(output=output.name, reason=fault)
-                for output in self.outputs
-                if (fault := output.observed_fault())
-            ),
+            output_faults=tuple(self._faults(reports)),
+            flow=flow,
+            base=next(iter(reports.values()), None),
             wall=wall,
             operator_commands=operator_commands,
         )
@@ -124,6 +132,21 @@ class Cycle:
             decision=decision,
         )
         return state, record, frame
+
+    def _ranged(self) -> Iterator[Measurement]:
+        for reader in self.range_readers:
+            if (measured := reader.measurement()) is not None:
+                yield measured
+
+    def _faults(self, reports: Mapping[str, BaseReport]) -> Iterator[OutputFault]:
+        """Yield the outputs that may not act: their driver failed, or the base or a sensor says that it must not."""
+        for output in self.outputs:
+            report = reports.get(output.name)
+            reason = output.observed_fault() or (report.why_not_drive if report is not None else "")
+            if not reason and isinstance(output.safe, TwistCommand):
+                reason = "; ".join(why for reader in self.range_readers if (why := reader.why_not_drive()))
+            if reason:
+                yield OutputFault(output=output.name, reason=reason)
 
     def _next_frame(self) -> tuple[Frame | None, str]:
         """Return the frame that is new, or None and the reason."""
@@ -151,12 +174,7 @@ class Cycle:
         return tuple(command for command in applied if command is not None)
 
 
-# For what is in no journal: pydantic need not know how to write it.
-_NotWritten = GetPydanticSchema(lambda _type, handler: handler(Any))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CycleRecord:
+class CycleRecord(Struct, frozen=True, kw_only=True):
     """One cycle of the loop: what was known, what was decided, and what came of it.
 
     Attributes:
@@ -169,14 +187,11 @@ class CycleRecord:
             no journal: it is drawn.
     """
 
-    # What is broken is recorded as it was: null would replay to something else than NaN, and a bare NaN is no JSON.
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(ser_json_inf_nan="strings")
-
     observation: Observation
     applied: tuple[Command, ...]
     timings_s: Mapping[str, float]
-    rejected: Mapping[str, tuple[RejectedCandidate, ...]] = field(default_factory=dict)
-    detections: Annotated[tuple[Detection, ...], _NotWritten] = ()
+    rejected: Mapping[str, tuple[RejectedCandidate, ...]] = msgspec.field(default_factory=dict)
+    detections: tuple[Detection, ...] = ()
     decision: Decision
 
     @property

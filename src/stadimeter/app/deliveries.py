@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
+
+from msgspec.structs import replace
 
 from stadimeter.app.reporting import is_state
 from stadimeter.core import templates
@@ -116,48 +117,25 @@ LocalTime = Callable[[], str]
 MAX_TITLE_CHARACTERS = 120
 
 
-class Outgoing(NamedTuple):
-    """What is to be sent after a cycle; notifications go with the name of their notifier."""
+def outgoing(decision: Decision, rules: Iterable[AnyRule], local_time: LocalTime) -> Iterator[Undelivered]:
+    """Yield what rules send after a cycle, filled in, in the order of the rules. Does no I/O and reads no clock.
 
-    messages: tuple[Message, ...] = ()
-    notifications: tuple[tuple[str, Notification], ...] = ()
-
-
-NOTHING = Outgoing()
-
-
-class Notifying:
-    """Fills in what rules send. It does no I/O and reads no clock."""
-
-    def __init__(self, rules: Iterable[AnyRule]) -> None:
-        self._alarms: Mapping[str, AlarmRule] = {}
-        self.take(rules)
-
-    def take(self, rules: Iterable[AnyRule]) -> None:
-        """Go by other rules from now on."""
-        self._alarms = {rule.name: rule for rule in rules if isinstance(rule, AlarmRule)}
-
-    def outgoing(self, decision: Decision, local_time: LocalTime) -> Outgoing:
-        """Return what is to be sent after a cycle, in the order of the rules.
-
-        The time (RFC 3339) is asked for if needed.
-        """
-        if not decision.notices:
-            return NOTHING
-        time = local_time()
-        messages: list[Message] = []
-        notifications: list[tuple[str, Notification]] = []
-        for notice in decision.notices:
-            rule = self._alarms[notice.rule]
-            send = rule.escalation[notice.step].send
-            if send is None:
-                continue
-            values = _values(rule, notice, decision, time)
-            if send.topic:
-                messages.append(_message(send, values))
-            else:
-                notifications.append((send.notifier, _notification(rule, notice, send, values, time)))
-        return Outgoing(messages=tuple(messages), notifications=tuple(notifications))
+    The time (RFC 3339) is asked for if needed.
+    """
+    if not decision.notices:
+        return
+    alarms = {rule.name: rule for rule in rules if isinstance(rule, AlarmRule)}
+    time = local_time()
+    for notice in decision.notices:
+        rule = alarms[notice.rule]
+        send = rule.escalation[notice.step].send
+        if send is None:
+            continue
+        values = _values(rule, notice, decision, time)
+        if send.topic:
+            yield MESSENGER, _message(send, values)
+        else:
+            yield send.notifier, _notification(rule, notice, send, values, time)
 
 
 def _values(rule: AlarmRule, notice: Notice, decision: Decision, time: str) -> dict[str, templates.Value]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from stadimeter.app.clock import SteppedClock
 from stadimeter.config.plugins import DriverChoice, DriverContext
@@ -11,8 +12,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.detectors.protocol import Detector
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NamedDetector:
+class NamedDetector(Struct, frozen=True, kw_only=True):
     """A target that is looked for."""
 
     name: str

@@ -14,17 +14,15 @@ from __future__ import annotations
 import errno
 import math
 import os
-import select
 import signal
 import sys
 import threading
 import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 
-from stadimeter.app.parent import watched_parent
 from stadimeter.errors import DriverError
 
 # After the end was asked for, nothing is waited for any longer than this.
@@ -220,21 +218,19 @@ def _suspending(make_safe: Callable[[], Iterable[str]], asked: Sequence[int]) ->
     return suspend
 
 
-def end_with(parent: str) -> None:
-    """Have this process end, as SIGTERM ends it, when the one that started it is gone.
+def end_with_input() -> None:
+    """Have this process end, as SIGTERM ends it, at the end of its standard input.
 
-    Args:
-        parent: Its process id; anything else stands for none.
+    That comes when the process that holds the other end of the pipe is gone, however it went. A request to the kernel
+    to be killed with the parent would be about the thread that started us, which may end sooner.
     """
-    process = watched_parent(parent)
-    if process is not None:
-        threading.Thread(target=_end_after, args=(process,), name="parent", daemon=True).start()
+    threading.Thread(target=_end_after_input, name="input", daemon=True).start()
 
 
-def _end_after(process: int) -> None:
-    poll = select.poll()
-    poll.register(process, select.POLLIN)
-    poll.poll()
+def _end_after_input() -> None:
+    with suppress(OSError):
+        while os.read(0, 1024):
+            pass
     os.kill(os.getpid(), signal.SIGTERM)
 
 

@@ -21,9 +21,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stadimeter.app.clock import local_now
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.service_folders import state_directory
-from stadimeter.app.wall_time import local_now
+from stadimeter.core.decide import State
 from stadimeter.core.decision import Decision, Event, EventKind, SafetyMode
 from stadimeter.core.frame import Frame
 
@@ -57,7 +58,16 @@ _LINE_BYTES_MAX = 4096
 # What targets do is no event of a rule, and may happen many times a minute.
 LEFT_OUT = frozenset({EventKind.TARGET_SEEN, EventKind.TARGET_LOST})
 
-URGENT = frozenset({EventKind.FAULT, EventKind.FAULT_CLEARED, EventKind.STOPPED, EventKind.RELEASED})
+URGENT = frozenset(
+    {
+        EventKind.FAULT,
+        EventKind.FAULT_CLEARED,
+        EventKind.STOPPED,
+        EventKind.RELEASED,
+        EventKind.DISARMED,
+        EventKind.ARMED,
+    }
+)
 
 
 def event_log_path(configuration: Path, environ: Mapping[str, str] = os.environ) -> Path | None:
@@ -110,7 +120,7 @@ class EventLog:
         for event in record.decision.events:
             if event.kind not in LEFT_OUT:
                 self._add(_in_words(event), is_urgent=event.kind in URGENT)
-        if self._waits_since_s is not None and record.decision.safety is not SafetyMode.STOPPED:
+        if self._waits_since_s is not None and record.decision.safety not in {SafetyMode.STOPPED, SafetyMode.DISARMED}:
             self._wait_for_camera(record.decision, self._waits_since_s)
 
     def _wait_for_camera(self, decision: Decision, since_s: float) -> None:
@@ -132,7 +142,7 @@ class EventLog:
         """Add a line about the run itself."""
         self._add(words, is_urgent=True)
 
-    def note_resumption(self, text: str) -> None:
+    def note_state(self, state: State) -> None:
         """Take in that the run goes on from an earlier one; see `stadimeter.app.loop.RecordingSink`."""
 
     def note_reload(self, now_s: float, configuration: RecordedConfiguration) -> None:  # noqa: ARG002

@@ -14,32 +14,29 @@ from stadimeter.config.loader import Configuration
 from stadimeter.config.rules.compiled import CompiledRule, WrittenCondition
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.condition import Direction, DirectionCondition, DistanceCondition
-from stadimeter.core.conditions.figures import probability_between
+from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.figures import Direction, probability_between
+from stadimeter.core.conditions.limits import DirectionCondition
 from stadimeter.core.rule import AlarmRule, FollowRule, RampRule
 from stadimeter.core.target import TargetShape
 from stadimeter.core.words import length
 from stadimeter.errors import Problem, StadimeterError
-from stadimeter.ranging.feasibility import RELIABLE_PX, expect, farthest_m
+from stadimeter.ranging.similar_triangles import RELIABLE_PX, expect, farthest_m
 
 
-class FieldOfView:
-    """Directions that a camera sees along the middle of its picture; lens distortion at its edge is left out."""
+def field_of_view_rad(camera: CameraModel, quantity: Direction) -> tuple[float, float]:
+    """Return the lowest and the highest bearing (positive to the right) or elevation (positive upwards) that is seen.
 
-    def __init__(self, camera: CameraModel) -> None:
-        self.camera = camera
-
-    def ends_rad(self, quantity: Direction) -> tuple[float, float]:
-        """Return the lowest and the highest bearing (positive to the right) or elevation (positive upwards)."""
-        model = self.camera
-        if quantity == "bearing":
-            return -math.atan(model.cx_px / model.fx_px), math.atan((model.width_px - 1 - model.cx_px) / model.fx_px)
-        return -math.atan((model.height_px - 1 - model.cy_px) / model.fy_px), math.atan(model.cy_px / model.fy_px)
+    They are those along the middle of the picture; lens distortion at its edge is left out.
+    """
+    if quantity == "bearing":
+        return -math.atan(camera.cx_px / camera.fx_px), math.atan((camera.width_px - 1 - camera.cx_px) / camera.fx_px)
+    return -math.atan((camera.height_px - 1 - camera.cy_px) / camera.fy_px), math.atan(camera.cy_px / camera.fy_px)
 
 
-def direction_findings(at: KeyPath, condition: DirectionCondition, view: FieldOfView) -> Iterator[Finding]:
+def direction_findings(at: KeyPath, condition: DirectionCondition, camera: CameraModel) -> Iterator[Finding]:
     """Find conditions on directions that begin, or end, outside the picture only."""
-    low_rad, high_rad = view.ends_rad(condition.quantity)
+    low_rad, high_rad = field_of_view_rad(camera, condition.quantity)
     seen = f"the camera sees from {_degrees(low_rad)} to {_degrees(high_rad)}"
     above_rad = -math.inf if condition.above_rad is None else condition.above_rad
     below_rad = math.inf if condition.below_rad is None else condition.below_rad
@@ -137,7 +134,7 @@ def _condition_findings(
             case DistanceCondition() as leaf if leaf.target in sizes:
                 yield from _distance_findings(written.path, leaf, sizes[leaf.target], camera)
             case DirectionCondition() as leaf if leaf.target in sizes:
-                yield from direction_findings(written.limits_path, leaf, FieldOfView(camera))
+                yield from direction_findings(written.limits_path, leaf, camera)
             case _:
                 pass
 

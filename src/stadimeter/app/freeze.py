@@ -7,6 +7,7 @@ import zlib
 from collections import deque
 from typing import TypeVar
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,8 +18,11 @@ Kind = TypeVar("Kind", bound=np.generic)
 
 FROZEN_AFTER_S = 1.0
 
-# How many pictures are remembered. Drivers cycle through 3 to 10 buffers.
-REMEMBERED = 16
+# Pictures are remembered for this long, so that a cycle of up to 20 s is noticed: drivers cycle through 3 to 10
+# buffers, senders through a recording. The number bounds the memory: 200 pictures a second, 0.7 MB.
+REMEMBERED_S = 25.0
+MAX_REMEMBERED = 5000
+BREAK_S = 1.0
 
 # One of this many rows is hashed: 0.04 ms at 640 × 480 and 0.3 ms at 1920 × 1080, a seventh of all rows.
 HASHED_ROWS = 8
@@ -34,23 +38,47 @@ RUNS_EQUAL = 20
 RUNS_COMPARED = 10
 CHANGED = 0.5
 
+# The share of such runs that change by noise alone is known after this many still pictures, and from the last so many.
+STILL_NEEDED = 15
+STILL_REMEMBERED = 150
+LEARN_EVERY = 4
+
+# Fewer runs say nothing. In a still picture less than this part of them changes by more than so many grey levels: noise
+# of 2 changes by up to 16, a JPEG of quality 30 by up to 24; a scene that moves by a pixel changes by more.
+NOISE_RUNS = 60
+MOVED_RUNS = 0.2
+MOVED = 24
+
+# A camera whose noise changes less of a still picture than this is not judged, such as most video codecs.
+MIN_NOISE = 0.2
+
+# Noise is missing where less than this part of the least share so far has changed. Shares of a still scene stay within
+# a fifth of their mean; the digits of a clock are a tenth of it at most.
+MISSING = 0.3
+
 
 class FreezeDetector:
     """Tells new pictures from repeated ones.
 
     The noise of a sensor makes two exposures differ in some byte, so a picture that equals an earlier one, byte for
     byte, is that picture again: a driver or a stream that hangs repeats it at full rate, with fresh arrival times, and
-    a driver that cycles through its buffers delivers a few old ones in turn. A capture time that does not advance shows
-    the same. Robots that trusted such pictures drove into walls. A capture time from the future, or one that is no
-    number, is not believed and not remembered: every later frame would look old beside it.
+    a driver that cycles through its buffers delivers a few old ones in turn. All pictures of the last `REMEMBERED_S`
+    before the newest are remembered by a hash, whatever their size. A capture time that does not advance shows the
+    same. Robots that trusted such pictures drove into walls. A capture time from the future, or one that is no number,
+    is not believed and not remembered: every later frame would look old beside it.
 
-    A picture of which a part is old is not new either: see `has_stale_bands`.
+    A picture of which a part is old is not new either: see `has_stale_bands`. Nor is one that lacks the noise that this
+    camera's pictures have, as under a clock that is drawn over a frozen picture: see `SensorNoise`.
     """
 
     def __init__(self, frozen_after_s: float = FROZEN_AFTER_S) -> None:
         self._frozen_after_s = frozen_after_s
         self._image: Image | None = None
-        self._hashes: deque[int] = deque(maxlen=REMEMBERED)
+        self._noise = SensorNoise()
+        self._hash = 0
+        self._seen_at_s: dict[int, float] = {}  # by hash, the oldest first
+        self._watched_s = 0.0
+        self._came_at_s = 0.0
         self._captured_at_s = -math.inf
         self._changed_at_s = -math.inf
         self._what = ""
@@ -61,12 +89,13 @@ class FreezeDetector:
 
     def is_new(self, frame: Frame, now_s: float) -> bool:
         """Return whether a frame shows what was not shown before, all over, and was captured later."""
-        hashed = zlib.crc32(np.ascontiguousarray(frame.image[::HASHED_ROWS]).data)
+        hashed = zlib.crc32(np.ascontiguousarray(frame.image[::HASHED_ROWS]).data, frame.image.shape[1])
         self._what = self._what_is_old(frame, now_s, hashed)
+        self._remember(hashed, now_s)
         if self._what:
             return False
         self._image = frame.image
-        self._hashes.append(hashed)
+        self._hash = hashed
         self._captured_at_s = frame.captured_at_s
         self._changed_at_s = now_s
         return True
@@ -80,17 +109,84 @@ class FreezeDetector:
         if not self._captured_at_s < frame.captured_at_s <= now_s + FROM_THE_FUTURE_S:
             return "the picture's capture time has not advanced"
         last = self._image
-        if last is None or last.shape != frame.image.shape:
-            return ""
+        is_comparable = last is not None and last.shape == frame.image.shape
         # Small differences between the hashed rows tell a picture from the last one, which is there to compare.
-        if hashed == self._hashes[-1] and np.array_equal(last, frame.image):
-            return "the picture has not changed"
-        if hashed in list(self._hashes)[:-1]:
+        if last is not None and is_comparable and hashed == self._hash:
+            return "the picture has not changed" if np.array_equal(last, frame.image) else ""
+        if hashed in self._seen_at_s:
             return "old pictures have come again in turn"
-        return "parts of the picture have not changed" if has_stale_bands(last, frame.image) else ""
+        if last is None or not is_comparable:
+            return ""
+        same_rows = equal_first_rows(last, frame.image)
+        if same_rows.any() and has_stale_bands(last, frame.image, same_rows):
+            return "parts of the picture have not changed"
+        is_missing = self._noise.is_missing(last, frame.image, is_suspect=bool(same_rows.any()))
+        return "the picture has not changed but for a small part" if is_missing else ""
+
+    def _remember(self, hashed: int, now_s: float) -> None:
+        """Note when a picture came last, on a clock that stands still in breaks: what came before them stays known."""
+        self._watched_s += min(max(now_s - self._came_at_s, 0.0), BREAK_S)
+        self._came_at_s = now_s
+        seen = self._seen_at_s
+        seen.pop(hashed, None)
+        seen[hashed] = self._watched_s
+        while len(seen) > MAX_REMEMBERED or seen[next(iter(seen))] < self._watched_s - REMEMBERED_S:
+            del seen[next(iter(seen))]
 
 
-def has_stale_bands(last: Image, image: Image) -> bool:
+class SensorNoise:
+    """Knows how much of a still picture noise changes, and notices where it is missing.
+
+    Runs of pixels that noise would show in (see `_is_evidence`) change from one picture to the next in a share that
+    hardly varies while camera and scene stand still: 0.4 to 1 for MJPEG of quality 30 to 90, 1 for pictures without
+    compression. Where it falls to a fraction, the picture stands still but for what is drawn over it, as a clock. Only
+    pictures that differ by noise alone are learnt from. Video codecs leave out what hardly changes, so their least
+    share is near 0, and they are not judged. Nor is any camera while fewer than `STILL_NEEDED` still pictures came.
+
+    A share that falls and rises again by itself is this camera's way, and learnt: a codec's key frames do that.
+    """
+
+    def __init__(self) -> None:
+        self._shares: deque[float] = deque(maxlen=STILL_REMEMBERED)
+        self._was_missing = False
+        self._passed_over = 0
+
+    def is_missing(self, last: Image, image: Image, *, is_suspect: bool) -> bool:
+        """Return whether a picture lacks the noise that it would have beside ``last`` if it had been taken anew.
+
+        Args:
+            is_suspect: Whether anything in it is the same as before. If not, only one picture of `LEARN_EVERY` is
+                looked at, to learn from.
+        """
+        self._passed_over += 1
+        if not is_suspect and self._passed_over < LEARN_EVERY:
+            return False
+        self._passed_over = 0
+        rows = 2 * math.ceil(image.shape[0] / BANDS)
+        here, before = (picture[::rows, : image.shape[1] // RUN_PX * RUN_PX, 1] for picture in (image, last))
+        evidence = _is_evidence(here)
+        count = int(evidence.sum())
+        if count < NOISE_RUNS:
+            return False
+        change = _runs(cv2.absdiff(np.ascontiguousarray(here), np.ascontiguousarray(before))).max(axis=2)[evidence]
+        share = np.count_nonzero(change) / count
+        if len(self._shares) >= STILL_NEEDED and (least := min(self._shares)) >= MIN_NOISE and share < MISSING * least:
+            self._was_missing = True
+            return True
+        if np.count_nonzero(change > MOVED) < MOVED_RUNS * count:
+            self._shares.append(0.0 if self._was_missing else share)
+        self._was_missing = False
+        return False
+
+
+def equal_first_rows(last: Image, image: Image) -> NDArray[np.bool_]:
+    """Return for each of `BANDS` bands of rows whether its first row is the same in both pictures."""
+    rows = math.ceil(image.shape[0] / BANDS)
+    same: NDArray[np.bool_] = (last[::rows] == image[::rows]).all(axis=(1, 2))
+    return same
+
+
+def has_stale_bands(last: Image, image: Image, same_rows: NDArray[np.bool_]) -> bool:
     """Return whether a part of a picture is that of the one before, while the rest was taken anew.
 
     A decoder that gets half a picture leaves the other half as it was in its buffer. A band of rows that stays the
@@ -106,18 +202,19 @@ def has_stale_bands(last: Image, image: Image) -> bool:
     or 30 % of the last one, 32 % were found at quality 30, 65 to 71 % at quality 50 and 81 to 88 % at quality 90; of
     those that kept 5 %, 5 to 18 %. The rest had no evidence in them, and the small rest of a picture has less of it.
     So this is a second line: where a picture can be checked as a whole before it is decoded, it is.
+
+    Args:
+        same_rows: What `equal_first_rows` tells. It tells nearly all new bands from old ones; the rest is compared.
     """
-    height_px, width_px = image.shape[:2]
-    rows = math.ceil(height_px / BANDS)
-    # The first row of each band tells nearly all new ones from old ones; only the rest is compared in full.
-    is_equal = (last[::rows] == image[::rows]).all(axis=(1, 2))
+    width_px, rows = image.shape[1], math.ceil(image.shape[0] / BANDS)
+    is_equal = same_rows.copy()
     for band in np.flatnonzero(is_equal):
         top = band * rows
         is_equal[band] = np.array_equal(last[top : top + rows], image[top : top + rows])
     if not is_equal.any() or is_equal.all():
         return False
     here, before = (picture[::HASHED_ROWS, : width_px // RUN_PX * RUN_PX] for picture in (image, last))
-    changed, counts = _runs((here != before).any(axis=2)).any(axis=2), _is_evidence(here)
+    changed, counts = _runs((here != before).any(axis=2)).any(axis=2), _is_evidence(here[:, :, 1])
     in_band = is_equal[np.arange(len(here)) * HASHED_ROWS // rows]
     equal, compared = counts & in_band[:, None], counts & ~in_band[:, None]
     compared_runs = int(compared.sum())
@@ -128,8 +225,8 @@ def has_stale_bands(last: Image, image: Image) -> bool:
     )
 
 
-def _is_evidence(rows: Image) -> NDArray[np.bool_]:
-    runs = _runs(rows[:, :, 1])
+def _is_evidence(green: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    runs = _runs(green)
     darkest, brightest = runs.min(axis=2), runs.max(axis=2)
     low, high = UNCLIPPED
     found: NDArray[np.bool_] = (brightest.astype(np.int16) - darkest >= CONTRAST) & (darkest > low) & (brightest < high)

@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, Protocol
 
+from stadimeter.core.base_report import BaseReport
 from stadimeter.core.clock import Clock, TaskEndedError
 from stadimeter.core.command import Command
 from stadimeter.errors import DriverError
@@ -76,6 +77,10 @@ class LeasedOutput:
         self.name = safe.output
         self.safe = safe
         self.fault = ""
+        # It stays at its safe value, whatever is commanded: while nothing would make it safe if this process died.
+        self.is_held = False
+        # Called when it was put at its safe value by anything but a command; from any thread, and must not wait.
+        self.at_rest: Callable[[], None] = lambda: None
         self._driver = driver
         self._lease_s = lease_s
         self._clock = clock
@@ -117,12 +122,21 @@ class LeasedOutput:
         self._observed_fault = fault = self.fault
         return fault
 
+    def acts_since_s(self) -> float | None:
+        """Return when the frame behind what it does now was captured; None at its safe value, and out of order."""
+        return None if self.fault else self._command.captured_at_s
+
+    def report(self) -> BaseReport | None:
+        """Return what a robot base reported last; None for an actuator, and for a base that is out of order."""
+        told: Callable[[], BaseReport | None] | None = getattr(self._driver, "report", None)
+        return None if told is None or self.fault else told()
+
     def apply(self, command: Command) -> Command | None:
         """Act as commanded, unless the frame behind the command is too old already: then the safe value is applied."""
         with self._lock:
             if self.fault or self._retired:
                 return None
-            self._command = self.safe if self._is_stale(command, self._clock.now_s()) else command
+            self._command = self.safe if self.is_held or self._is_stale(command, self._clock.now_s()) else command
             before = self._times_made_safe
             try:
                 applied = self._driver.apply(self._command)
@@ -158,6 +172,7 @@ class LeasedOutput:
             self._command = self.safe
             if self._was_opened and not self.fault and not self._retired:
                 self._driver.apply(self.safe)
+            self.at_rest()
         except DriverError as error:
             self._fail(error)
         finally:
@@ -184,6 +199,7 @@ class LeasedOutput:
             if self._is_stale(self._command, now_s):
                 self._command = self.safe
                 self._driver.apply(self.safe)
+                self.at_rest()
             self._driver.tick(now_s)
             self._stopped_again()
         except DriverError as error:
@@ -197,8 +213,12 @@ class LeasedOutput:
         """
         self._retired = True
         with self._free(wait_s):
-            if not self._broke_off_opening():
-                self._driver.stop()
+            self._command = self.safe
+            try:
+                if not self._broke_off_opening():
+                    self._driver.stop()
+            finally:
+                self.at_rest()
 
     def close(self) -> None:
         """Stop and release the device, even if the stop could not be sent; a busy driver is another `DriverError`."""
@@ -303,3 +323,4 @@ class LeasedOutput:
             self._driver.stop()
         except DriverError as second:
             self.fault += f"; stopping it failed too: {second}"
+        self.at_rest()

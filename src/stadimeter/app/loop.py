@@ -11,15 +11,16 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
+from msgspec import Struct
+
 from stadimeter.app.bootstrap import EndedWhileOpening, OpenParts, Parts
+from stadimeter.app.clock import TimeOfDay
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.deliveries import Deliveries, Notifying
+from stadimeter.app.deliveries import Deliveries, outgoing
 from stadimeter.app.ending import Deadline, Steps, close_side_by_side
 from stadimeter.app.guard import Guard, make_all_safe, retire_all
-from stadimeter.app.health import Health
+from stadimeter.app.live.history import RunHistory
 from stadimeter.app.reporting import Reporter
-from stadimeter.app.restarts import RESTARTING
-from stadimeter.app.wall_time import TimeOfDay, goes_by_the_clock
 from stadimeter.core.decide import State, initial_state
 from stadimeter.core.frame import Frame
 from stadimeter.core.message import Message
@@ -28,14 +29,13 @@ from stadimeter.errors import EndOfFramesError
 from stadimeter.messaging.protocol import Retaining
 
 if TYPE_CHECKING:  # few runs have these, and what they need takes long to load
-    from stadimeter.app.control.alarm_list import AlarmList
     from stadimeter.app.control.recording import RecordingOnRequest
-    from stadimeter.app.control.reloading import CheckedConfiguration
+    from stadimeter.app.control.reloading import CheckedConfiguration, Restarter
     from stadimeter.app.control.requests import Control
-    from stadimeter.app.control.restarting import Restarter
     from stadimeter.app.persistence.state_writer import StateWriter
     from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
     from stadimeter.app.service import Service
+    from stadimeter.app.watchdog import WatchdogLink
 
 
 Listener = Callable[[CycleRecord, Frame | None], None]
@@ -56,8 +56,8 @@ class Limits(NamedTuple):
 class RecordingSink(Protocol):
     """A listener that records a run for replay, and so needs more than its cycles."""
 
-    def note_resumption(self, text: str) -> None:
-        """Take in what the run restores from an earlier one, before the first cycle."""
+    def note_state(self, state: State) -> None:
+        """Take in the state with which the run, or the recording of it, begins, before the first cycle."""
         ...
 
     def note_reload(self, now_s: float, configuration: RecordedConfiguration) -> None:
@@ -69,8 +69,7 @@ class RecordingSink(Protocol):
         ...
 
 
-@dataclass(slots=True)
-class Services:
+class Services(Struct):
     """Optional services of a run: operator commands, alarm store, wall clock, systemd and so on.
 
     `tell` takes a line for people, such as what became of a damaged state file.
@@ -80,9 +79,9 @@ class Services:
     memory: StateWriter | None = None
     time_of_day: TimeOfDay | None = None
     service: Service | None = None
-    alarms: AlarmList | None = None
     recording: RecordingOnRequest | None = None
     restarter: Restarter | None = None
+    watchdog: WatchdogLink | None = None
     tell: Callable[[str], None] = lambda _words: None
 
     def begin(self, plan: Plan, now_s: float, recordings: Iterable[RecordingSink]) -> State:
@@ -90,14 +89,14 @@ class Services:
         state = initial_state(plan)
         if self.memory is None:
             return state
-        resumption = self.memory.begin(now_s)
+        resumed = self.memory.begin(now_s, state)
         if self.memory.warning:
             self.tell(f"warning: {self.memory.warning}")
-        if resumption is None:
+        if resumed is None:
             return state
         for recording in recordings:
-            recording.note_resumption(resumption.text())
-        return resumption.of(state)
+            recording.note_state(resumed)
+        return resumed
 
     def reload(self) -> bool:
         """Read the configuration again before the next cycle; return whether this run can. Never waits."""
@@ -108,10 +107,10 @@ class Services:
 
     def cycle(self, before: State, after: State, record: CycleRecord) -> None:
         """Take in a cycle after its messages were sent. Waits 10 ms at most, and only for an alarm to be stored."""
+        if self.watchdog is not None:
+            self.watchdog.note_cycle()
         if self.memory is not None:
             self.memory.cycle(before, after, record.decision.events)
-        if self.alarms is not None:
-            self.alarms.cycle(after, record)
         if self.control is not None:
             self.control.answer_requests(record)
 
@@ -138,11 +137,10 @@ class Loop:
     Attributes:
         listeners: Called after each cycle with its record and the frame that was new in it: views, journals and
             recordings. None of them may wait for anything on a live camera.
-        health: Figures on the run so far.
+        history: Figures and the recent past of the run.
         ending: Why the run ended, in words; empty while it runs.
         troubles: What went wrong on the way out.
         reporter: Composes messages for other programs.
-        notifying: Fills in what rules send.
         deadline: Until when the run must have ended.
         published: The newest messages with the time of each on the run's clock, newest first.
         services: The optional services of the run.
@@ -152,7 +150,7 @@ class Loop:
 
     parts: Parts
     listeners: list[Listener] = field(default_factory=list)
-    health: Health = field(default_factory=Health)
+    history: RunHistory = field(default_factory=RunHistory)
     ending: str = ""
     troubles: list[str] = field(default_factory=list)
     reporter: Reporter = field(default_factory=lambda: Reporter(boot_id=uuid.uuid4().hex))
@@ -164,14 +162,12 @@ class Loop:
     _recordings: list[RecordingSink] = field(default_factory=list)
     _needs_wall_time: bool = False
     _open_parts: OpenParts = field(init=False)
-    notifying: Notifying = field(init=False)
     deliveries: Deliveries = field(init=False)
 
     def __post_init__(self) -> None:
-        """Send what the rules of the configuration send."""
+        """Prepare the opening of the parts, and the account of what they deliver."""
         self._open_parts = OpenParts(self.parts, lambda: bool(self.ending), self._report_opening)
         self.deliveries = Deliveries(self.parts)
-        self.notifying = Notifying(self.parts.configuration.plan.rules)
 
     def run(self, limits: Limits | None = None) -> None:
         """Run until a limit is reached, the frames end, or the end is asked for.
@@ -256,11 +252,11 @@ class Loop:
         began_s = parts.clock.now_s()
         everybody: list[object] = [*self.listeners]
         self._recordings = [each for each in everybody if isinstance(each, RecordingSink)]
-        self._needs_wall_time = goes_by_the_clock(parts.configuration.plan)
+        self._needs_wall_time = parts.configuration.plan.needs_wall_time
         self._state = self.services.begin(parts.configuration.plan, began_s, self._recordings)
         while not self.ending:
             self._state, record, frame = self._cycle(self._state)
-            self.health.add(record)
+            self.history.add(record, frame)
             for listener in self.listeners:
                 listener(record, frame)
             if guard.failure is not None:
@@ -274,11 +270,14 @@ class Loop:
         asked = control.operator_commands() if control is not None else ()
         pressed = [command for button in parts.buttons.values() for command in button.commands()]
         if services.is_restart_due and not self.ending:
-            self.stop(RESTARTING)
+            self.stop("restart, as asked")
         change = control.change() if control is not None else None
         before = self._reload(state, change) if change is not None else state
         wall = time_of_day.at(parts.clock.now_s()) if time_of_day is not None and self._needs_wall_time else None
-        after, record, frame = parts.cycle.run(before, (*asked, *pressed), wall)
+        commands = (*asked, *pressed)
+        if services.watchdog is not None:
+            commands = services.watchdog.with_stop(commands)
+        after, record, frame = parts.cycle.run(before, commands, wall)
         self._report(record)
         services.cycle(before, after, record)  # what has just been sent is kept with what it is about
         if parts.status_led is not None:
@@ -295,16 +294,17 @@ class Loop:
         taken = reload(state, plan)
         if services.memory is not None:
             services.memory.keep(taken.state)
-        self._needs_wall_time = goes_by_the_clock(plan)
+        self._needs_wall_time = plan.needs_wall_time
         parts.configuration = change.configuration
         self.configured_at_s = time.monotonic()
         parts.cycle.max_frame_age_s = plan.safety.max_frame_age_s
-        self.notifying.take(plan.rules)
         now_s = parts.clock.now_s()
         for recording in self._recordings:
             recording.note_reload(now_s, change.recorded)
         self._publish(now_s, self.reporter.reload(plan.rules))
         self._retain_only(self.reporter.retained)
+        if services.watchdog is not None:
+            services.watchdog.reloaded(change.configuration)
         if services.service is not None:
             services.service.reloaded()
         if services.control is not None:
@@ -312,7 +312,7 @@ class Loop:
         return taken.state
 
     def _limit_reached(self, limits: Limits, seconds: float) -> str:
-        if limits.frames is not None and self.health.frames >= limits.frames:
+        if limits.frames is not None and self.history.frames >= limits.frames:
             return f"{limits.frames} frames, as asked for"
         if limits.seconds is not None and seconds >= limits.seconds:
             return f"{limits.seconds:g} s, as asked for"
@@ -331,10 +331,11 @@ class Loop:
     def _report(self, record: CycleRecord) -> None:
         now_s = record.observation.now_s
         self._publish(now_s, self.reporter.messages(now_s, _wall_clock, record.decision))
-        outgoing = self.notifying.outgoing(record.decision, _local_time)
-        self._publish(now_s, outgoing.messages)
-        for name, notification in outgoing.notifications:
-            self.parts.notifiers[name].notify(notification)
+        for name, item in outgoing(record.decision, self.parts.configuration.plan.rules, _local_time):
+            if isinstance(item, Message):
+                self._publish(now_s, (item,))
+            else:
+                self.parts.notifiers[name].notify(item)
         given_up = self.deliveries.given_up()
         if (
             self.parts.messenger is not None

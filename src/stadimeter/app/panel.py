@@ -172,6 +172,7 @@ class PushButton:
             rule=table.rule,
             by=f"button {self._name}",
             for_s=table.shelve_for if action is OperatorAction.SHELVE else None,
+            is_from_button=True,
         )
 
 
@@ -199,7 +200,8 @@ class Status(Enum):
     ALARM = Pattern(steps=((1.0, 0.12), (0.0, 0.12)))
     """An alarm waits to be acknowledged or reset."""
     HELD = _flashes(1, lit=0.0)
-    """Frames are late or of unknown age, or a person stopped the outputs: they are kept at their safe values."""
+    """Outputs are kept at their safe values: frames are late or of unknown age, a person stopped them, or the run is
+    not armed."""
     BLIND = _flashes(2, lit=0.0)
     """The camera gives no frames."""
     FAULT = _flashes(3, lit=0.0)
@@ -213,15 +215,15 @@ def status_of(record: CycleRecord) -> Status:
         return Status.BLIND  # a slow camera has faults too, between two frames that are fresh
     if observation.output_faults:
         return Status.FAULT
-    if any(not rule.acknowledged or rule.status is RuleStatus.LATCHED for rule in decision.rules if not rule.gates):
+    if any(not rule.acknowledged or rule.status is RuleStatus.LATCHED for rule in decision.rules if not rule.inhibits):
         return Status.ALARM
-    if decision.safety in {SafetyMode.STALE, SafetyMode.STOPPED} or observation.not_for_motion:
+    if decision.safety in {SafetyMode.STALE, SafetyMode.STOPPED, SafetyMode.DISARMED} or observation.not_for_motion:
         return Status.HELD
     return Status.STARTING if decision.safety is SafetyMode.STARTING else _status_while_active(decision)
 
 
 def _status_while_active(decision: Decision) -> Status:
-    if any({"shelved", "out of service"}.intersection(rule.gates) for rule in decision.rules):
+    if any({"shelved", "out of service"}.intersection(rule.inhibits) for rule in decision.rules):
         return Status.QUIET
     is_tracking = any(track.status is TrackStatus.TRACKING for track in decision.tracks)
     return Status.TRACKING if is_tracking else Status.WATCHING

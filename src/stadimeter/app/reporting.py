@@ -10,8 +10,8 @@ topic, below the base         QoS  retain  when
 ``rule/<name>/availability``  1    yes     ``offline`` while it is unknown whether the rule is active, else ``online``
 ``event/alarm``               1    never   what happened to a rule: raised, cleared, acknowledged, shelved and so on
 ``event/system``              1    never   what happened to a target, camera or output: target_seen, target_lost,
-                                           fault, fault_cleared; to all outputs: stopped, released; or to messages:
-                                           given_up
+                                           fault, fault_cleared; to all outputs: stopped, released, disarmed,
+                                           armed; or to messages: given_up
 ============================  ===  ======  ========================================================================
 
 Payloads are JSON objects whose keys and their order are fixed; ``v`` is the version of that form. Numbers are in SI
@@ -24,12 +24,13 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from typing import Any
 
 from stadimeter.core.decision import Decision, Event, EventKind, RuleStatus, RuleTrace, Severity
 from stadimeter.core.message import Message, clearing
 from stadimeter.core.notification import Notification
 from stadimeter.core.rule import AlarmRule, AnyRule
+from stadimeter.core.safety import OUTPUTS
 from stadimeter.core.track import Track
 
 FORM = 1
@@ -49,6 +50,8 @@ SYSTEM_EVENTS = {
     EventKind.FAULT_CLEARED,
     EventKind.STOPPED,
     EventKind.RELEASED,
+    EventKind.DISARMED,
+    EventKind.ARMED,
 }
 
 
@@ -134,43 +137,11 @@ class Reporter:
         return tuple(message for reports in self._targets.values() for message in reports.last_messages(wall_clock))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _TargetState:
-    """Published state of a target: only figures that may be acted on."""
-
-    name: str
-    status: str
-    distance_m: float | None
-    sigma_m: float | None
-    closing_mps: float | None
-    bearing_rad: float | None
-
-    @classmethod
-    def of(cls, track: Track) -> _TargetState:
-        known = track if track.is_valid else Track(target=track.target)
-        return cls(
-            name=track.target,
-            status=track.status.value,
-            distance_m=_rounded(known.distance_m),
-            sigma_m=_rounded(known.sigma_m),
-            closing_mps=_rounded(known.closing_mps),
-            bearing_rad=_rounded(known.bearing_rad),
-        )
-
-    def has_moved_from(self, other: _TargetState) -> bool:
-        """Whether the difference matters: the target moved, along or across the line of sight, by the deadband."""
-        if self.distance_m is None or other.distance_m is None:
-            return self.distance_m is not other.distance_m
-        deadband_m = max(DEADBAND_M, DEADBAND_SIGMAS * (self.sigma_m or 0.0))
-        across_m = self.distance_m * abs((self.bearing_rad or 0.0) - (other.bearing_rad or 0.0))
-        return abs(self.distance_m - other.distance_m) > deadband_m or across_m > deadband_m
-
-
 class _TargetReports:
     """Decides when the state of one target is published."""
 
     def __init__(self) -> None:
-        self._told: _TargetState | None = None
+        self._told: Mapping[str, Any] | None = None
         self._told_at_s = -math.inf
         self._newest: Track | None = None
         self._sequence = 0
@@ -180,66 +151,48 @@ class _TargetReports:
         if not self._is_due(track, now_s - self._told_at_s):
             return []
         self._told_at_s = now_s
-        return [self._tell(_TargetState.of(track), wall_clock())]
+        return [self._tell(track, wall_clock())]
 
     def last_messages(self, wall_clock: str) -> list[Message]:
-        if self._newest is None or _TargetState.of(self._newest) == self._told:
+        if self._newest is None or _target_state(self._newest) == self._told:
             return []
-        return [self._tell(_TargetState.of(self._newest), wall_clock)]
+        return [self._tell(self._newest, wall_clock)]
 
     def _is_due(self, track: Track, silent_s: float) -> bool:
-        if self._told is None or track.status.value != self._told.status or silent_s >= HEARTBEAT_S:
+        if self._told is None or track.status.value != self._told["status"] or silent_s >= HEARTBEAT_S:
             return True
-        return silent_s >= INTERVAL_S and _TargetState.of(track).has_moved_from(self._told)
+        return silent_s >= INTERVAL_S and _has_moved(self._told, _target_state(track))
 
-    def _tell(self, state: _TargetState, wall_clock: str) -> Message:
-        payload = {
-            "v": FORM,
-            "ts": wall_clock,
-            "seq": self._sequence,
-            "status": state.status,
-            "distance_m": state.distance_m,
-            "sigma_m": state.sigma_m,
-            "closing_mps": state.closing_mps,
-            "bearing_rad": state.bearing_rad,
-        }
-        self._told = state
+    def _tell(self, track: Track, wall_clock: str) -> Message:
+        self._told = _target_state(track)
+        payload = {"v": FORM, "ts": wall_clock, "seq": self._sequence, **self._told}
         self._sequence += 1
-        return _message(f"target/{state.name}/state", payload, qos=0, retain=True, expires_s=EXPIRES_S)
+        return _message(f"target/{track.target}/state", payload, qos=0, retain=True, expires_s=EXPIRES_S)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _RuleState:
-    """Published state of a rule."""
+def _target_state(track: Track) -> dict[str, Any]:
+    """Return what is published of a target: only figures that may be acted on."""
+    known = track if track.is_valid else Track(target=track.target)
+    figures = ("distance_m", "sigma_m", "closing_mps", "bearing_rad")
+    return {"status": track.status.value, **{name: _rounded(getattr(known, name)) for name in figures}}
 
-    status: RuleStatus
-    is_active: bool | None = None
-    is_data_lost: bool = False
-    is_acknowledged: bool = True
-    is_first_out: bool = False
-    gates: tuple[str, ...] = ()
-    is_chattering: bool = False
 
-    @property
-    def is_latched(self) -> bool:
-        """Whether it lasts only until an operator resets it."""
-        return self.status is RuleStatus.LATCHED
-
-    @property
-    def urgent(self) -> tuple[object, ...]:
-        """Published at once when it changes; a target at the edge of sight may become unknown in any frame."""
-        return (
-            self.is_active is True, self.is_data_lost, self.is_acknowledged, self.is_latched, self.is_first_out,
-            self.gates, self.is_chattering,
-        )  # fmt: skip
+def _has_moved(before: Mapping[str, Any], now: Mapping[str, Any]) -> bool:
+    """Whether the difference matters: the target moved, along or across the line of sight, by the deadband."""
+    if now["distance_m"] is None or before["distance_m"] is None:
+        return now["distance_m"] is not before["distance_m"]
+    deadband_m = max(DEADBAND_M, DEADBAND_SIGMAS * (now["sigma_m"] or 0.0))
+    along_m = abs(now["distance_m"] - before["distance_m"])
+    across_m = now["distance_m"] * abs((now["bearing_rad"] or 0.0) - (before["bearing_rad"] or 0.0))
+    return bool(max(along_m, across_m) > deadband_m)
 
 
 class _RuleReports:
     """Decides when the state of one rule is published: not when its reason alone changes, as its figures often do."""
 
     def __init__(self) -> None:
-        self._newest = _RuleState(status=RuleStatus.UNKNOWN)
-        self._told: _RuleState | None = None
+        self._newest: Mapping[str, Any] = {}
+        self._told: Mapping[str, Any] | None = None
         self._told_at_s = -math.inf
         self._is_data_lost = False
         self._since = ""
@@ -251,11 +204,14 @@ class _RuleReports:
 
     def is_due(self, now_s: float, wall_clock: str, trace: RuleTrace, events: list[EventKind]) -> bool:
         """Take in a cycle, and return whether it is to be published."""
-        state, before = self._state(trace, events), self._newest
-        if state.is_active is not before.is_active or not self._since:
+        for kind in events:
+            if kind in {EventKind.MEASUREMENT_LOST, EventKind.MEASUREMENT_BACK}:
+                self._is_data_lost = kind is EventKind.MEASUREMENT_LOST
+        state = _rule_state(trace, is_data_lost=self._is_data_lost)
+        if not self._since or state["active"] is not self._newest["active"]:
             self._since = wall_clock
         self._newest, told = state, self._told
-        if told is None or state.urgent != told.urgent:
+        if told is None or _urgent(state) != _urgent(told):
             return True
         return state != told and now_s - self._told_at_s >= INTERVAL_S
 
@@ -264,44 +220,34 @@ class _RuleReports:
 
         Who goes by both never sees a state that is none: a rule becomes unavailable before, and available after.
         """
-        was_known = None if self._told is None else self._told.is_active is not None
+        was_known = None if self._told is None else self._told["active"] is not None
         state = self._told = self._newest
         self._told_at_s = now_s
-        is_known = state.is_active is not None
-        messages = [_message(f"rule/{trace.rule}/state", self._payload(state, wall_clock, reason), qos=1, retain=True)]
+        is_known = state["active"] is not None
+        payload = {"v": FORM, "ts": wall_clock, **state, "since": self._since, "reason": reason}
+        messages = [_message(f"rule/{trace.rule}/state", payload, qos=1, retain=True)]
         if is_known is not was_known:
             messages.insert(1 if is_known else 0, _availability(trace.rule, is_known=is_known))
         return messages
 
-    def _payload(self, state: _RuleState, wall_clock: str, reason: str) -> Mapping[str, object]:
-        return {
-            "v": FORM,
-            "ts": wall_clock,
-            "active": state.is_active,
-            "status": state.status.value,
-            "acknowledged": state.is_acknowledged,
-            "latched": state.is_latched,
-            "first_out": state.is_first_out,
-            "gates": state.gates,
-            "chattering": state.is_chattering,
-            "data_lost": state.is_data_lost,
-            "since": self._since,
-            "reason": reason,
-        }
 
-    def _state(self, trace: RuleTrace, events: list[EventKind]) -> _RuleState:
-        for kind in events:
-            if kind in {EventKind.MEASUREMENT_LOST, EventKind.MEASUREMENT_BACK}:
-                self._is_data_lost = kind is EventKind.MEASUREMENT_LOST
-        return _RuleState(
-            status=trace.status,
-            is_active=_active(trace),
-            is_data_lost=self._is_data_lost,
-            is_acknowledged=trace.acknowledged,
-            is_first_out=trace.first_out,
-            gates=trace.gates,
-            is_chattering=trace.chattering,
-        )
+def _rule_state(trace: RuleTrace, *, is_data_lost: bool) -> dict[str, Any]:
+    """Return what is published of a rule when it changes."""
+    return {
+        "active": _active(trace),
+        "status": trace.status.value,
+        "acknowledged": trace.acknowledged,
+        "latched": trace.status is RuleStatus.LATCHED,
+        "first_out": trace.first_out,
+        "inhibits": trace.inhibits,
+        "chattering": trace.chattering,
+        "data_lost": is_data_lost,
+    }
+
+
+def _urgent(state: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what is published at once; a target at the edge of sight may become unknown in any frame."""
+    return {**state, "status": "", "active": state["active"] is True}
 
 
 def _active(trace: RuleTrace) -> bool | None:
@@ -320,7 +266,7 @@ def _retained_topics(rules: Iterable[AnyRule]) -> frozenset[str]:
 
 
 def _event_message(event: Event, boot_id: str, wall_clock: str) -> Message:
-    is_of_rule = event.kind not in SYSTEM_EVENTS
+    is_of_rule = event.kind not in SYSTEM_EVENTS and event.source != OUTPUTS
     payload: dict[str, object] = {
         "v": FORM,
         "ts": wall_clock,
@@ -339,7 +285,7 @@ def _event_message(event: Event, boot_id: str, wall_clock: str) -> Message:
 
 def _given_up_message(name: str, count: int, boot_id: str, wall_clock: str) -> Message:
     source = name or "messenger"
-    payload: dict[str, object] = {
+    payload = {
         "v": FORM,
         "ts": wall_clock,
         "id": f"{boot_id}-{source}-{count}",

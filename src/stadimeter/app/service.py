@@ -9,6 +9,13 @@ safe values, and `app.capture` opens the camera again and again. Only when that 
 end itself, in order, for systemd to start it anew: what hangs may be a library in it. So that this is no loop of
 restarts, each process in a row that gets no pictures is more patient than the one before, and one that fails early
 waits first.
+
+A killed program leaves its pins as they were. So each run writes, before it opens an output, which pins and which ports
+its configuration has, so there is no second list. The file is in the runtime folder, which is in memory.
+``safe-outputs`` runs as root, and this file is ours: it takes nothing from it but the lines below, checked again.
+
+    pin NUMBER low|high          the GPIO's level at which what hangs on it is off
+    serial PORT BAUD HEX         the bytes that stop what listens there
 """
 
 from __future__ import annotations
@@ -16,16 +23,21 @@ from __future__ import annotations
 import faulthandler
 import math
 import os
+import re
 import socket
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
+from msgspec import Struct
+
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.restarts import was_restarted
 from stadimeter.app.service_folders import runtime_directory
+from stadimeter.config.atomic_file import holds, write_atomically
+from stadimeter.config.loader import Configuration
+from stadimeter.config.plugins import DriverChoice, StopsByBytes, StopsByI2c, marked_options
+from stadimeter.config.units import PinMark, PortMark
 from stadimeter.core.decision import Decision, SafetyMode
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CaptureTimeoutError
@@ -115,8 +127,7 @@ class FailedStarts:
             self._path.unlink(missing_ok=True)
 
 
-@dataclass(slots=True)
-class CameraWait:
+class CameraWait(Struct):
     """Decides from cycle to cycle whether waiting for the camera still makes sense.
 
     ===================================  ================================================================
@@ -212,7 +223,7 @@ class Service:
 
     def _feed(self, now_s: float) -> None:
         lines = [] if self._is_ready else ["READY=1"]
-        if lines and self._watchdog_s is not None and was_restarted():
+        if lines and self._watchdog_s is not None:  # a restart of the program has lengthened it
             lines.append(f"WATCHDOG_USEC={round(self._watchdog_s * 1e6)}")
         if now_s - self._fed_s >= self._feed_every_s < math.inf:
             lines.append("WATCHDOG=1")
@@ -292,3 +303,56 @@ def _watchdog_s(environ: Mapping[str, str]) -> float | None:
     if not period.isdecimal() or (process and process != str(os.getpid())):
         return None
     return int(period) * 1e-6 or None
+
+
+NAME = "safe-outputs.conf"
+
+FRAME_BYTES_MAX = 64
+_PORT = re.compile(r"/dev/[\w./:+-]+")
+
+
+def safe_outputs_path(environ: Mapping[str, str] = os.environ) -> Path | None:
+    """Return where the list belongs, in the ``$RUNTIME_DIRECTORY`` of a service; None outside a service."""
+    folder = runtime_directory(environ)
+    return folder / NAME if folder is not None else None
+
+
+def write_safe_outputs(configuration: Configuration, path: Path) -> list[str]:
+    """Write the list, if it is not there already; return what is wrong, a line each."""
+    real = [output for output in configuration.driven if not output.is_simulated]
+    text = "".join(f"{line}\n" for output in real for line in safe_lines(output)).encode()
+    try:
+        if not holds(path, text):
+            write_atomically(path, text)
+    except OSError as error:
+        return [f"{path} cannot be written, so nothing is switched off if this process is killed: {error.strerror}"]
+    return []
+
+
+def without_stop_from_outside(configuration: Configuration) -> list[str]:
+    """Return which outputs nothing can stop once this process is killed, a line each."""
+    return [
+        f"{output.name}: nothing but itself stops it if this process is killed: its driver gives no bytes that do, or "
+        "its port is not below /dev"
+        for output in configuration.driven
+        if not output.is_simulated and any(marked_options(output.options, PortMark)) and not any(safe_lines(output))
+    ]
+
+
+def held_lines(configuration: Configuration, environ: Mapping[str, str] = os.environ) -> list[str]:
+    """Return what makes every real output safe. Of pins that exist in memory only, there is nothing to hold."""
+    is_mock = environ.get("GPIOZERO_PIN_FACTORY", "").lower() == "mock"
+    lines = [line for each in configuration.driven if not each.is_simulated for line in safe_lines(each)]
+    return [line for line in lines if not (is_mock and line.startswith("pin "))]
+
+
+def safe_lines(output: DriverChoice) -> Iterator[str]:
+    """Yield the lines for one output: each of its pins, and its port or I2C bus if its driver knows what stops it."""
+    off = "low" if getattr(output.options, "active_high", True) else "high"
+    yield from (f"pin {pin} {off}" for _, pin in marked_options(output.options, PinMark) if isinstance(pin, int))
+    stop = output.options.serial_stop() if isinstance(output.options, StopsByBytes) else None
+    if stop is not None and 0 < len(stop.frame) <= FRAME_BYTES_MAX and _PORT.fullmatch(stop.port):
+        yield f"serial {stop.port} {stop.baud} {stop.frame.hex()}"
+    i2c = output.options.i2c_stop() if isinstance(output.options, StopsByI2c) else None
+    if i2c is not None:
+        yield f"i2c {i2c.bus} {i2c.address:#04x} {','.join(each.hex() for each in i2c.writes)}"

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
+from msgspec import Struct
+
+from stadimeter.core.base_report import BaseReport
 from stadimeter.core.command import TwistCommand
 
 
@@ -24,7 +28,6 @@ class MobileBase(Protocol):
             DeviceOpenError: The port is absent or busy, this user may not open it, or nothing answers.
             ProtocolError: The base answers, but will not drive.
         """
-        ...
 
     def apply(self, command: TwistCommand) -> TwistCommand:
         """Move as commanded. Sent on each time, even if nothing changed: the base's own timeout wants feeding.
@@ -36,7 +39,6 @@ class MobileBase(Protocol):
             LinkLostError: The base no longer answers.
             ProtocolError: The base refused the command.
         """
-        ...
 
     def tick(self, now_s: float) -> None:
         """Read what the base has sent, and repeat a stop that was not acknowledged. Called about every 20 ms.
@@ -45,7 +47,9 @@ class MobileBase(Protocol):
             LinkLostError: The base no longer answers.
             ProtocolError: The base refused a command.
         """
-        ...
+
+    def report(self) -> BaseReport | None:
+        """Return what the base reported last, as read by `tick` or `apply`; None if it reports nothing. Never waits."""
 
     def stop(self) -> None:
         """Stand still at once. Does nothing when closed.
@@ -53,7 +57,6 @@ class MobileBase(Protocol):
         Raises:
             LinkLostError: The stop could not be sent.
         """
-        ...
 
     def close(self) -> None:
         """Stop, then release the port. May be called any number of times.
@@ -61,4 +64,28 @@ class MobileBase(Protocol):
         Raises:
             LinkLostError: The stop could not be sent; the port is released all the same.
         """
+
+
+class MotorOutputs(Struct, frozen=True, kw_only=True):
+    """How a motor driver (H-bridge) for one motor is connected: to pins by their BCM number, or to channels of a chip.
+
+    With two inputs, one for each direction, both high brake and both low coast. With `pwm` beside them they only
+    choose the direction. With one input for the direction, the board decides what standing still is.
+
+    Attributes:
+        forward: High drives forwards; where there is no `backward`, low drives backwards.
+        backward: High drives backwards.
+        pwm: How strongly; None where the inputs themselves are pulsed.
+    """
+
+    forward: int
+    backward: int | None = None
+    pwm: int | None = None
+
+
+class WiresMotors(Protocol):
+    """An emulated port behind which motors turn the wheels of the simulated robot."""
+
+    def wire(self, left: Sequence[MotorOutputs], right: Sequence[MotorOutputs], enable: int | None = None) -> None:
+        """Connect the motors of each side, and an output that must be high for any of them to run."""
         ...

@@ -27,7 +27,7 @@ _FORBIDDEN = {errno.EACCES, errno.EPERM}
 
 
 class SerialLink:
-    """A serial port that carries bytes.
+    """A serial port, `path`, that carries bytes.
 
     Opening it resets most Arduinos, because it raises DTR.
 
@@ -38,21 +38,16 @@ class SerialLink:
     """
 
     def __init__(self, path: str, baud: int) -> None:
-        self._path = path
+        self.path = path
         self._baud = baud
         self._port: serial.Serial | None = None
-
-    @property
-    def path(self) -> str:
-        """The port."""
-        return self._path
 
     def open(self) -> None:
         """Open the port and lock it, so that no second program can mix its bytes with ours."""
         try:
-            self._port = serial.Serial(self._path, self._baud, timeout=0, exclusive=True)
+            self._port = serial.Serial(self.path, self._baud, timeout=0, exclusive=True)
         except (OSError, ValueError, termios.error) as error:
-            raise DeviceOpenError(_open_trouble(self._path, error)) from error
+            raise DeviceOpenError(_open_trouble(self.path, error)) from error
 
     def write(self, frame: bytes) -> None:
         """Hand a frame to the port: at once as a rule, else as the other end makes room.
@@ -72,7 +67,7 @@ class SerialLink:
             if left and wait_s <= 0:
                 self._discard()
                 raise LinkLostError(
-                    f"the serial port {self._path} has not taken {len(left)} bytes in {UNTAKEN_AFTER_S * 1e3:.0f} ms; "
+                    f"the serial port {self.path} has not taken {len(left)} bytes in {UNTAKEN_AFTER_S * 1e3:.0f} ms; "
                     "the other end does not read: check the base and its cable"
                 )
 
@@ -90,7 +85,7 @@ class SerialLink:
         while self._waiting() and time.monotonic() < deadline_s:
             time.sleep(0.001)
         if left := self._waiting():
-            raise LinkLostError(f"the last {left} bytes to the serial port {self._path} have not left in time")
+            raise LinkLostError(f"the last {left} bytes to the serial port {self.path} have not left in time")
 
     def close(self) -> None:
         """Release the port, without what has not left it: the system may wait for that for half a minute.
@@ -133,11 +128,11 @@ class SerialLink:
 
     def _opened(self) -> serial.Serial:
         if self._port is None:
-            raise DeviceClosedError(f"the serial port {self._path} is not open")
+            raise DeviceClosedError(f"the serial port {self.path} is not open")
         return self._port
 
     def _lost(self, error: OSError) -> LinkLostError:
-        return LinkLostError(f"the serial port {self._path} is gone, was the base unplugged? ({error})")
+        return LinkLostError(f"the serial port {self.path} is gone, was the base unplugged? ({error})")
 
 
 def port_lacks(path: str) -> tuple[str, ...]:

@@ -3,54 +3,72 @@
 `DriverStamp` serves devices: the kernel stamps their frames on a clock that we can read. `StreamTime` serves streams,
 whose pictures have at most stamps of another clock. An arrival hides how long a picture was on its way. What can be
 known: the usual way takes ``latency``, which the user states; and a picture that took longer gives itself away, by a
-time stamp that lags, or by coming at a pace that no camera has. Without that, a stream that was held up for a second
-looks fresh while it delivers the pictures of that second.
+time stamp that lags, by coming at a pace that no camera has, or with the next one on its heels. Without that, a stream
+that was held up for a second looks fresh while it delivers the pictures of that second.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
-# Time that a pace must last to be believed.
-SETTLE_S = 0.3
+from stadimeter.cameras.arrival_pace import SETTLE_S, SLOWER_AFTER_S, ArrivalPace
 
 # A stream whose lag still falls by this within `SETTLE_S` is delivering what waited.
 FALL_S = 0.05
 
-# After a pause longer than this many usual periods, and longer than one by this much, pictures may have waited.
-GAP_PERIODS = 3.0
-GAP_S = 0.1
-
-# A pace that lasts for this long is believed, whatever it is: the camera has become faster.
-MAX_CATCH_UP_S = 10.0
-
-# Pictures that come after less than this part of the usual period, on the average, come faster than captured.
-FAST = 0.85
+# The next picture has begun to arrive with each one for longer than this, or with most on a running mean: the link has
+# no pauses, so a lag builds up. It has them again when that is so for few. On a link that is too slow 1 picture in 8
+# looks otherwise, when a packet ends between its end and the beginning of the next; with pauses nearly all do.
+BACKED_UP_S = 0.3
+BACKED_UP_SHARE = 0.6
+PAUSES_SHARE = 0.3
+WEIGHT_OF_NEW = 0.15
 
 # Stamps are trusted after this many sane ones in a row.
-PICTURES_NEEDED = 3
 GOOD_STAMPS_NEEDED = 3
+
+# A sender whose stamps were sound so often in a row has a clock: from then on nothing is believed without it.
+PROVEN = 30
+
+# A way that is shorter than the shortest so far by more than this at once: the sender's clock was set.
+STEP_S = 0.1
 
 # Greatest rise of the smallest lag, in seconds a second: two clocks without a common time run apart by this at most.
 #
 # A quartz is off by 0.05 in a thousand, a clock that is being corrected by 0.5 for some minutes.
 DRIFT = 2e-4
 
+# Why pictures are late.
+WAITED = "they waited on the way"
+BACKED_UP = (
+    "they come without a pause, so the link is slower than the stream; lower its size, rate or quality, or let its"
+    " sender write time stamps"
+)
+SLOWER_PACE = (
+    "they come slower than they did, so a lag may build up;"
+    f" after {SLOWER_AFTER_S:g} s that counts as the camera's pace"
+)
+NO_STAMP = "the sender's time stamps are missing or go back"
+
 
 class StreamTime:
     """Works out when pictures were captured.
 
     With time stamps of the sender that are sound, the lag beyond the smallest one seen counts into the age. Stamps are
-    sound after three in a row that do not go back; when one does, the judgement begins anew. Without them, pictures
-    are passed over after a gap, until they come at the usual pace again; see `ArrivalPace`.
+    sound after three in a row that do not go back. When the sender's clock is set, the lag that was known is kept: what
+    comes may be as old as what came before. Stamps that stand still do not advance the capture time either.
+
+    Without stamps, pictures are passed over after a gap, until they come at the usual pace again (see `ArrivalPace`),
+    and while the link is backed up: when the next picture has begun to arrive nearly each time that one is whole. A
+    camera that exposes for longer leaves pauses; a link that is too slow has none, and pictures queue up in the
+    sender's buffers without a sign in the stream. Where that cannot be seen, a slower pace is taken for it.
 
     A stream that was just opened may deliver what waited, too: FFmpeg looks at it for up to five seconds before it
     gives the first picture, and keeps what came meanwhile. Then the smallest lag falls from picture to picture, and
-    nothing is believed until it stays. Without time stamps the first pictures are passed over for a fixed time.
+    nothing is believed until it stays. Without time stamps the first pictures are passed over for a fixed time, and
+    until they come at the pace from before.
 
     Args:
         latency_s: How old a picture is on arrival when nothing holds it up.
@@ -59,38 +77,70 @@ class StreamTime:
     def __init__(self, latency_s: float = 0.0) -> None:
         self._latency_s = latency_s
         self._last_captured_s = -math.inf
+        self._pace, self._blind_pace = ArrivalPace(), ArrivalPace(is_blind=True)
+        self._has_clock = False
+        self.why_late = ""
         self.restart()
 
     def restart(self, settle_s: float = SETTLE_S) -> None:
         """Judge anew, for a stream that was opened again, which without stamps starts with pictures to pass over.
 
-        Capture times still never go back.
+        Capture times still never go back, and the usual pace is remembered.
         """
         self._lag = _Lag()
-        self._pace = ArrivalPace()
+        self._pace.restart()
+        self._blind_pace.restart()
         self._settle_s = settle_s
         self._opened_at_s = math.nan
+        self._emptied_at_s = -math.inf
+        self._begun_share, self._was_backed_up = BACKED_UP_SHARE, True
 
-    def captured_at_s(self, arrived_at_s: float, stamp_s: float = 0.0, pictures: int = 1) -> float | None:
+    def captured_at_s(
+        self, arrived_at_s: float, stamp_s: float = 0.0, pictures: int = 1, *, has_begun: bool | None = None
+    ) -> float | None:
         """Return when a picture was captured, on the run's clock, never before the last one; None if it waited.
 
         Args:
             stamp_s: The sender's time stamp, on any clock; 0 if it has none.
             pictures: How many have come since the one before, this one included.
+            has_begun: Whether the next picture has begun to arrive with this one; None if that is not known.
         """
         if math.isnan(self._opened_at_s):
             self._opened_at_s = arrived_at_s
-        waited = self._pace.waited(arrived_at_s, pictures)
         lag_s = self._lag.lag_s(arrived_at_s, stamp_s)
-        if lag_s is None:
-            waited = waited or arrived_at_s - self._opened_at_s < self._settle_s
-            lag_s = 0.0
-        else:
-            waited = arrived_at_s - self._lag.fell_at_s < SETTLE_S
-        if waited:
+        self._has_clock = self._has_clock or self._lag.is_proven
+        self.why_late = self._why_late_without_stamps(arrived_at_s, pictures, has_begun)
+        if lag_s is not None:
+            self.why_late = WAITED if arrived_at_s - self._lag.fell_at_s < SETTLE_S else ""
+        elif self._has_clock:
+            self.why_late = NO_STAMP
+        if self.why_late:
             return None
-        self._last_captured_s = max(self._last_captured_s, arrived_at_s - self._latency_s - lag_s)
+        if not self._lag.is_still:
+            self._last_captured_s = max(self._last_captured_s, arrived_at_s - self._latency_s - (lag_s or 0.0))
         return self._last_captured_s
+
+    def _why_late_without_stamps(self, arrived_at_s: float, pictures: int, has_begun: bool | None) -> str:
+        pace = self._blind_pace if has_begun is None else self._pace
+        is_settling = arrived_at_s - self._opened_at_s < self._settle_s
+        if is_settling and not pace.is_known:
+            return WAITED  # a pace learnt from what waited while the stream was opened would be too fast
+        waited = pace.waited(arrived_at_s, pictures)
+        if has_begun is not None and self._is_backed_up(arrived_at_s, has_begun=has_begun):
+            return BACKED_UP
+        if waited and pace.is_slower:
+            return SLOWER_PACE
+        return WAITED if waited or is_settling else ""
+
+    def _is_backed_up(self, arrived_at_s: float, *, has_begun: bool) -> bool:
+        self._begun_share += WEIGHT_OF_NEW * (has_begun - self._begun_share)
+        if not has_begun:
+            self._emptied_at_s = arrived_at_s
+        elif arrived_at_s - self._emptied_at_s > BACKED_UP_S:
+            self._begun_share = 1.0
+        limit = PAUSES_SHARE if self._was_backed_up else BACKED_UP_SHARE
+        self._was_backed_up = self._begun_share > limit
+        return self._was_backed_up
 
 
 class _Lag:
@@ -103,98 +153,38 @@ class _Lag:
         self._last_stamp_s = math.inf
         self._smallest_s = math.inf
         self._judged_at_s = -math.inf
+        self.is_still = False  # whether the last stamp, which was trusted, came again
+        self._known_s = 0.0  # the lag of the last picture whose stamp was trusted
+
+    @property
+    def is_proven(self) -> bool:
+        """Whether the stamps were sound for so long that the sender has a clock."""
+        return self._good_in_a_row >= PROVEN
 
     def lag_s(self, arrived_at_s: float, stamp_s: float) -> float | None:
         """Return the lag in seconds, or None while the stamps are not believed.
 
-        Stamps that stay the same are not: they may be in whole seconds. A picture that stands still is noticed by its
-        bytes.
+        Stamps that stay the same are not, before they were: they may be in whole seconds.
         """
         last_s, self._last_stamp_s = self._last_stamp_s, stamp_s
+        self.is_still = stamp_s == last_s and self._good_in_a_row >= GOOD_STAMPS_NEEDED
+        if self.is_still:
+            return self._known_s
         if not 0 < last_s < stamp_s < math.inf:
             self._good_in_a_row, self._smallest_s, self._fell_to_s = 0, math.inf, math.inf
             return None
         self._good_in_a_row += 1
         way_s = arrived_at_s - stamp_s
+        if way_s < self._smallest_s - STEP_S:
+            self._smallest_s = way_s - self._known_s
         self._smallest_s = min(self._smallest_s + DRIFT * (arrived_at_s - self._judged_at_s), way_s)
         self._judged_at_s = arrived_at_s
         if self._smallest_s < self._fell_to_s - FALL_S:
             self._fell_to_s, self.fell_at_s = self._smallest_s, arrived_at_s
-        return way_s - self._smallest_s if self._good_in_a_row >= GOOD_STAMPS_NEEDED else None
-
-
-@dataclass(slots=True)
-class _CatchUp:
-    """Pictures that came since a gap."""
-
-    since_s: float  # when the last picture before the gap came
-    # When pictures came since, and how many had come by then.
-    came: list[tuple[float, int]] = field(default_factory=list)
-
-    def recent(self) -> tuple[float, int] | None:
-        """Return a time up to now, `SETTLE_S` or longer, and the pictures in it; None if that is too soon to say."""
-        now_s, pictures = self.came[-1]
-        times = ((now_s - at_s, pictures - before) for at_s, before in reversed(self.came))
-        return next((found for found in times if found[0] >= SETTLE_S and found[1] >= PICTURES_NEEDED), None)
-
-
-class ArrivalPace:
-    """Tells pictures that waited somewhere from those that come as they are captured, by their arrivals alone.
-
-    After a gap it takes pictures for ones that waited until one of these holds:
-
-    * As many have come as the usual period gives for the whole time, and no longer in a burst.
-    * They have come no faster than usual for `SETTLE_S`, on the average: the pictures of the gap were dropped
-      elsewhere, or the camera has become slower.
-    * More have come than the usual period gives, or `MAX_CATCH_UP_S` have passed: the camera has become faster.
-
-    The usual period is the mean of the last intervals; the median would be 0 where a radio link delivers pictures in
-    threes.
-    """
-
-    def __init__(self) -> None:
-        self._last_at_s = math.nan
-        self._usual: deque[tuple[float, int]] = deque(maxlen=32)
-        self._catch_up: _CatchUp | None = None
-
-    def waited(self, arrived_at_s: float, pictures: int = 1) -> bool:
-        """Return whether a picture may have waited; `pictures` came since the one before, this one included."""
-        last_s, self._last_at_s = self._last_at_s, arrived_at_s
-        if math.isnan(last_s):
-            return False
-        interval_s = arrived_at_s - last_s
-        if self._catch_up is None:
-            if not self._is_gap(interval_s):
-                self._usual.append((interval_s, pictures))
-                return False
-            self._catch_up = _CatchUp(last_s, [(arrived_at_s, pictures)])
-            return True
-        self._catch_up.came.append((arrived_at_s, self._catch_up.came[-1][1] + pictures))
-        if self._still_waited(self._catch_up, interval_s):
-            return True
-        self._catch_up = None
-        return False
-
-    def _is_gap(self, interval_s: float) -> bool:
-        if sum(pictures for _, pictures in self._usual) < PICTURES_NEEDED:
-            return False
-        return interval_s > max(GAP_PERIODS * self._period_s(), self._period_s() + GAP_S)
-
-    def _period_s(self) -> float:
-        return sum(interval_s for interval_s, _ in self._usual) / sum(pictures for _, pictures in self._usual)
-
-    def _still_waited(self, catch_up: _CatchUp, interval_s: float) -> bool:
-        now_s, pictures = catch_up.came[-1]
-        period_s = self._period_s()
-        behind_s = now_s - catch_up.since_s - pictures * period_s
-        if behind_s < 1.5 * period_s and interval_s > 0.5 * period_s:
-            return False
-        recent = catch_up.recent()
-        is_steady = recent is not None and recent[0] >= FAST * period_s * recent[1]
-        is_faster = behind_s < -3 * period_s or now_s - catch_up.came[0][0] > MAX_CATCH_UP_S
-        if recent is not None and (is_steady or is_faster):
-            self._usual = deque([recent], maxlen=self._usual.maxlen)
-        return not (is_steady or is_faster)
+        if self._good_in_a_row < GOOD_STAMPS_NEEDED:
+            return None
+        self._known_s = way_s - self._smallest_s
+        return self._known_s
 
 
 # A stamp that is older than this before any was trusted belongs to another clock.

@@ -42,13 +42,9 @@ class LiveCamera(ABC):
         self._is_closed = True
         self._delivered = 0
         self.remarks: tuple[str, ...] = ()  # settings that were not taken when it was last opened, a sentence each
+        self.not_for_motion = ""  # why nothing may move on its frames; empty if it knows when it captured each
         self._subsampling: Subsampling = "4:4:4"
         self._optics: Optics | None = None
-
-    @property
-    def not_for_motion(self) -> str:
-        """Why nothing may move on its frames; empty for a camera that knows when it captured each."""
-        return ""
 
     def open(self) -> None:
         """Open the camera with its settings and wait for the first picture.

@@ -15,11 +15,11 @@ import socket
 import time
 import traceback
 import urllib.request
-from dataclasses import dataclass
 from urllib.error import HTTPError
 from urllib.parse import unquote, urlsplit
 
 import cv2
+from msgspec import Struct
 
 from stadimeter.cameras.picture import decode_whole_jpeg
 from stadimeter.core.frame import Image
@@ -36,8 +36,7 @@ _LENGTH = re.compile(rb"^content-length[ \t]*:[ \t]*(\d{1,9})[ \t]*\r?$", re.IGN
 _STAMP = re.compile(rb"^x-timestamp[ \t]*:[ \t]*(\d{1,12}(?:\.\d{1,9})?)[ \t]*\r?$", re.IGNORECASE | re.MULTILINE)
 
 
-@dataclass(frozen=True, slots=True)
-class StreamPart:
+class StreamPart(Struct, frozen=True):
     """One part of the stream."""
 
     body: bytes  # its bytes, as they came
@@ -66,6 +65,11 @@ class Multipart:
         self._length: int | None = None
         self._stamp_s = math.nan
         self._searched = 0
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether bytes of the picture after the last part are here. Its header lines alone are not: many send them."""
+        return self._body_at is not None and len(self._data) > self._body_at
 
     def feed(self, data: bytes) -> None:
         """Take the next bytes of the stream."""
@@ -140,8 +144,11 @@ class MjpegStream:
 
     `grab` takes the newest picture that has arrived. What waited longer, since this program was held up, is passed over
     without being decoded; ``CAP_PROP_POS_FRAMES`` counts it. ``CAP_PROP_POS_MSEC`` is the sender's time stamp of the
-    picture, 0 if it has none. `begin` is what was read of the body already.
+    picture, 0 if it has none. `has_begun` tells whether the next one had begun to arrive when this one was whole:
+    always, where the link is slower than the stream. `begin` is what was read of the body already.
     """
+
+    has_begun = False
 
     def __init__(self, body: _Body, boundary: str, begin: bytes, read_timeout_s: float) -> None:
         self._body = body
@@ -192,6 +199,7 @@ class MjpegStream:
                 self._received += 1
             wait_s = 0.0 if came else max(0.0, deadline_s - time.monotonic())
             if passed_bytes > DRAIN_MAX_BYTES or (data := self._body.read(wait_s)) is None:
+                self.has_begun = self._parts.has_begun
                 return came
             self._parts.feed(data)
             passed_bytes += len(data)

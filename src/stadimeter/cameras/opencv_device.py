@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Protocol
 
 # OpenCV waits 10 s for a frame of a Video4Linux device unless this says otherwise, in whole seconds. It is read when
 # OpenCV first waits, so it is in time here even if OpenCV was imported before. A user's own setting is kept.
@@ -16,8 +15,8 @@ os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")
 import cv2
 import numpy as np
 
-from stadimeter.cameras.attached_devices import NOT_OURS, attached_devices, in_use
-from stadimeter.cameras.capture_time import ArrivalPace, DriverStamp, KernelTime, StreamTime
+from stadimeter.cameras.arrival_pace import ArrivalPace
+from stadimeter.cameras.capture_time import DriverStamp, KernelTime, StreamTime
 from stadimeter.cameras.live_camera import CapturedPicture, LiveCamera
 from stadimeter.cameras.opencv_settings import (
     CaptureLike,
@@ -28,7 +27,7 @@ from stadimeter.cameras.opencv_settings import (
     subsampling_of,
 )
 from stadimeter.cameras.protocol import AttachedCamera
-from stadimeter.cameras.v4l2 import ask_node, is_in_use
+from stadimeter.cameras.v4l2 import NOT_OURS, ask_node, attached_devices, in_use, is_in_use
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.clock import Clock
 from stadimeter.core.frame import Image
@@ -67,12 +66,8 @@ class OpenCvOptions(OpenCvSettings):
         return (trouble,) if trouble else ()
 
 
-class OpenCapture(Protocol):
-    """Opens a device or stream: ``cv2.VideoCapture``."""
-
-    def __call__(self, source: str, api: int, params: Sequence[int], /) -> CaptureLike:
-        """Return the capture; ``isOpened`` tells whether it succeeded."""
-        ...
+# Opens a device or stream: ``cv2.VideoCapture``. Takes the source, the API and its parameters.
+OpenCapture = Callable[[str, int, Sequence[int]], CaptureLike]
 
 
 class OpenCvCamera(LiveCamera):
@@ -111,12 +106,7 @@ class OpenCvCamera(LiveCamera):
         self._pace = ArrivalPace()
         self._position = 0.0
         self._exposure_s: float | None = None
-        self._not_for_motion = self._why_not_for_motion()
-
-    @property
-    def not_for_motion(self) -> str:
-        """Why nothing may move on its frames: a stream of unknown age, or one that loses packets."""
-        return self._not_for_motion
+        self.not_for_motion = self._why_not_for_motion()
 
     def _release(self) -> None:
         if self._capture is not None:
@@ -125,7 +115,7 @@ class OpenCvCamera(LiveCamera):
 
     def _acquire(self) -> tuple[str, ...]:
         self._source = self._options.source()  # anew each time: the password in a file may have changed
-        self._not_for_motion = self._why_not_for_motion()
+        self.not_for_motion = self._why_not_for_motion()
         capture = self._capture = self._opened_stream() if self._options.is_stream else self._opened_device()
         self._stamp.restart()
         self._pace = ArrivalPace()
@@ -145,6 +135,7 @@ class OpenCvCamera(LiveCamera):
         return self._next_picture(self._capture, self._options.read_timeout)
 
     def _why_not_for_motion(self) -> str:
+        """Return whether it is a stream of unknown age, or one that loses packets."""
         return next(iter(self._options.refuse_motion().values()), "")
 
     def _opened_device(self) -> CaptureLike:
@@ -198,11 +189,14 @@ class OpenCvCamera(LiveCamera):
                 raise LinkLostError(self._loss())
             waited_s = self._clock.now_s() - began_s
             if waited_s >= limit_s:
-                came = ", ".join(f"{number} {what}" for what, number in passed_over.items() if number)
                 raise CaptureTimeoutError(
-                    f"the camera {self._name} gave no whole picture for {waited_s:.1f} s"
-                    + (f" ({came})" if came else "")
+                    f"the camera {self._name} gave no whole picture for {waited_s:.1f} s{self._in_words(passed_over)}"
                 )
+
+    def _in_words(self, passed_over: dict[str, int]) -> str:
+        came = ", ".join(f"{number} {what}" for what, number in passed_over.items() if number)
+        why = f": {self._stream_time.why_late}" if passed_over["late"] and self._stream_time.why_late else ""
+        return f" ({came}{why})" if came else ""
 
     def _captured_at_s(self, capture: CaptureLike) -> float | None:
         """Return when the grabbed frame was captured, or None if it waited on the way."""
@@ -210,7 +204,8 @@ class OpenCvCamera(LiveCamera):
         pictures = self._pictures(capture)
         stamp_s = capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3
         if self._options.is_stream:
-            return self._stream_time.captured_at_s(arrived_at_s, stamp_s, pictures)
+            has_begun = getattr(capture, "has_begun", None)  # `MjpegStream` knows it, OpenCV does not
+            return self._stream_time.captured_at_s(arrived_at_s, stamp_s, pictures, has_begun=has_begun)
         captured_at_s = self._stamp.captured_at_s(self._kernel_time.on_run_clock(stamp_s, arrived_at_s), arrived_at_s)
         waited = self._pace.waited(arrived_at_s, pictures)
         return captured_at_s if self._stamp.is_trusted or not waited else None

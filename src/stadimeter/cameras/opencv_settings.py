@@ -167,11 +167,13 @@ def apply_settings(capture: CaptureLike, options: OpenCvSettings) -> tuple[str, 
     The pixel format decides which sizes there are, the size which frame rates, the frame rate how long an exposure can
     be. Drivers substitute silently what they do not have. The size is not read back: the first picture shows it.
     """
-    return tuple(
-        sentence
-        for apply in (_apply_format, _apply_size, _apply_rate, _apply_exposure, _apply_focus)
-        for sentence in apply(capture, options)
-    )
+    found = [*_apply_format(capture, options)]
+    if options.width_px is not None and options.height_px is not None:
+        capture.set(cv2.CAP_PROP_FRAME_WIDTH, options.width_px)
+        capture.set(cv2.CAP_PROP_FRAME_HEIGHT, options.height_px)
+    for apply in (_apply_rate, _apply_exposure, _apply_focus):
+        found += apply(capture, options)
+    return tuple(found)
 
 
 def size_differs(image: Image, options: OpenCvSettings) -> tuple[str, ...]:
@@ -189,13 +191,6 @@ def _apply_format(capture: CaptureLike, options: OpenCvSettings) -> Iterator[str
     found = (code & 0xFFFFFFFF).to_bytes(4, "little").decode("latin-1")
     if found != options.fourcc:
         yield f"asked for the pixel format {options.fourcc}, the camera gives {found if code else 'another'}"
-
-
-def _apply_size(capture: CaptureLike, options: OpenCvSettings) -> Iterator[str]:
-    if options.width_px is not None and options.height_px is not None:
-        capture.set(cv2.CAP_PROP_FRAME_WIDTH, options.width_px)
-        capture.set(cv2.CAP_PROP_FRAME_HEIGHT, options.height_px)
-    yield from ()
 
 
 def _apply_rate(capture: CaptureLike, options: OpenCvSettings) -> Iterator[str]:

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import os
+import re
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
+from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec import Struct
 
 from stadimeter.cameras.capture_time import KernelTime
 from stadimeter.cameras.live_camera import CLOSE_WAIT_S, CapturedPicture, LiveCamera
-from stadimeter.cameras.picamera2_package import Package, attached_cameras, lack, load_package, why
 from stadimeter.cameras.picamera2_settings import (
     Metadata,
     Picamera2Settings,
@@ -27,6 +33,17 @@ from stadimeter.cameras.picamera2_settings import (
     optics_of,
 )
 from stadimeter.cameras.protocol import AttachedCamera
+from stadimeter.cameras.v4l2 import in_use
+from stadimeter.config.extras import (
+    NUMPY_1,
+    OLDEST_PICAMERA2,
+    PACKAGE_AGAIN,
+    PACKAGED,
+    PICAMERA2,
+    PICAMERA2_TOO_OLD,
+    PICAMERA2_UNSEEN,
+    SEE_SYSTEM,
+)
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.clock import Clock
 from stadimeter.core.frame import Image
@@ -36,8 +53,78 @@ from stadimeter.errors import (
     DeviceHungError,
     DeviceOpenError,
     DriverError,
+    DriverUnavailableError,
     LinkLostError,
+    StadimeterError,
 )
+
+SYSTEM_PACKAGES = Path(PICAMERA2_UNSEEN).parent
+DEVICES = ("/dev/media*", "/dev/video*")
+
+
+class Package(Struct, frozen=True, kw_only=True):
+    """What is used of the packages picamera2 and libcamera."""
+
+    Picamera2: Any  # the class of cameras
+    MappedArray: Any  # shows the buffer of a request as an array, without a copy
+    Transform: Any  # how pictures are turned
+    controls: Any  # the enumerations of control values
+
+
+def load_package() -> Package:
+    """Import picamera2, which takes a second; raises `DriverUnavailableError` where it is not there or does not fit."""
+    # Both write to the terminal what they do and what went wrong, which our errors say, unless this says otherwise.
+    os.environ.setdefault("LIBCAMERA_LOG_LEVELS", "*:ERROR")
+    logging.getLogger("picamera2").addHandler(logging.NullHandler())
+    try:
+        import libcamera  # noqa: PLC0415 - only a Raspberry Pi has it
+        import picamera2  # noqa: PLC0415
+    except ImportError as error:
+        raise DriverUnavailableError(lack() or f"picamera2 cannot be loaded: {error}") from error
+    except Exception as error:  # a package that was built for another numpy fails with a ValueError
+        mend = f"where the system's packages are for numpy 1, run `pip install {NUMPY_1}`"
+        remedy = PACKAGE_AGAIN if sys.prefix.startswith(PACKAGED) else mend
+        raise DriverUnavailableError(f"picamera2 does not fit this environment: {error}; {remedy}") from error
+    if not hasattr(picamera2.Picamera2, "cancel_all_and_flush"):
+        raise DriverUnavailableError(PICAMERA2_TOO_OLD)
+    return Package(
+        Picamera2=picamera2.Picamera2,
+        MappedArray=picamera2.MappedArray,
+        Transform=libcamera.Transform,
+        controls=libcamera.controls,
+    )
+
+
+def lack() -> str:
+    """Return why picamera2 cannot be loaded here, in a sentence, or an empty string; loads nothing."""
+    if find_spec("picamera2") is not None:
+        if find_spec("libcamera") is not None:
+            return PICAMERA2_TOO_OLD if _is_too_old() else ""
+        return f"picamera2 is there without libcamera, which pip does not have: {PICAMERA2}, and {SEE_SYSTEM}"
+    if (SYSTEM_PACKAGES / "picamera2").is_dir():
+        return f"picamera2 is installed, but not seen from this Python environment: {SEE_SYSTEM}"
+    anew = "" if str(SYSTEM_PACKAGES) in sys.path else f", and {SEE_SYSTEM}"
+    return f"the library picamera2 is not installed: {PICAMERA2}{anew}"
+
+
+def _is_too_old() -> bool:
+    try:
+        numbers = re.findall(r"\d+", version("picamera2"))
+    except PackageNotFoundError:  # loading it will show
+        return False
+    return [int(each) for each in numbers[:3]] < [int(each) for each in OLDEST_PICAMERA2.split(".")]
+
+
+def why(error: BaseException) -> str:
+    """Return what happened, in one line. Picamera2 hides the cause behind one sentence for everything."""
+    root: BaseException = error
+    while (before := root.__cause__ or root.__context__) and not isinstance(before, StadimeterError):
+        root = before
+    words = " ".join(str(root).split()) or type(root).__name__
+    if "busy" in words.lower() or "acquire" in words.lower():
+        return f"{in_use(*DEVICES)} (libcamera says: {words})"
+    return words
+
 
 # libcamera names a format by its bytes in a little-endian word: in memory blue comes first, as OpenCV has it.
 PICTURE_FORMAT = "RGB888"
@@ -70,8 +157,20 @@ class Picamera2Options(Picamera2Settings):
 
     @staticmethod
     def attached() -> tuple[AttachedCamera, ...]:
-        """Return the cameras on ribbon cables."""
-        return attached_cameras()
+        """Return the cameras on ribbon cables; none without the packages. USB cameras are left to ``opencv``."""
+        try:
+            every = load_package().Picamera2.global_camera_info()
+        except DriverUnavailableError:
+            return ()
+        found = [
+            (str(each.get("Id", number)), str(each.get("Model", "unknown")), f"camera {number}")
+            for number, each in enumerate(every)
+            if "usb" not in each.get("Id", "").lower()
+        ]
+        return tuple(
+            AttachedCamera(driver="picamera2", options={"camera": path}, path=path, name=name, node=node)
+            for path, name, node in found
+        )
 
     def lacks(self) -> tuple[str, ...]:
         """Return why picamera2 cannot be loaded here."""
@@ -98,8 +197,7 @@ class Picamera2Camera(LiveCamera):
     thread hangs, the camera cannot be opened again.
 
     Args:
-        load: Imports the vendor's packages; another one is for tests.
-        monotonic: The clock of the stamps; another one is for tests.
+        load, monotonic: Imports the vendor's packages, and the clock of the stamps; others are for tests.
     """
 
     def __init__(
@@ -196,7 +294,7 @@ class Picamera2Camera(LiveCamera):
             for _ in range(SETTLING_FRAMES):
                 with self._request(until_s - self._clock.now_s()) as request:
                     found = request.get_metadata()
-                if not differences(self._options, set_to, found):
+                if not any(differences(self._options, set_to, found)):
                     break
         except (CaptureTimeoutError, LinkLostError) as error:
             if not found:

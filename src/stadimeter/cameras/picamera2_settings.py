@@ -248,15 +248,11 @@ def optics_of(
     )
 
 
-def differences(options: Picamera2Settings, set_to: Mapping[str, Any], found: Metadata) -> tuple[str, ...]:
-    """Return a sentence on each control that a frame does not show as it was set.
+def differences(options: Picamera2Settings, set_to: Mapping[str, Any], found: Metadata) -> Iterator[str]:
+    """Yield a sentence on each control that a frame does not show as it was set.
 
     Sensors count exposures in lines and gains in steps, so some per cent are no difference.
     """
-    return tuple(_differences(options, set_to, found))
-
-
-def _differences(options: Picamera2Settings, set_to: Mapping[str, Any], found: Metadata) -> Iterator[str]:
     duration_us = set_to.get("FrameDurationLimits", (None,))[0]
     if _is_off(duration_us, found.get("FrameDuration"), 0.01):
         yield f"asked for {1e6 / duration_us:.4g} frames a second, the camera gives {1e6 / found['FrameDuration']:.4g}"

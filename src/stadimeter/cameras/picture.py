@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
-from stadimeter.config.picture_optics import optics_in
+from stadimeter.config.camera_file import optics_in
 from stadimeter.config.untrusted_file import (
     HEAD_BYTES,
     KINDS,
@@ -37,8 +37,7 @@ _SCAN = 0xDA
 _BRIGHTNESS_AND_COLOUR = 3
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Picture:
+class Picture(Struct, frozen=True, kw_only=True, eq=False):
     """A picture file."""
 
     image: Image  # 8 bits a channel, blue first, shape ``(height, width, 3)``

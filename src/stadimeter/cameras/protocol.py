@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol, runtime_checkable
+
+from msgspec import Struct
 
 from stadimeter.core.frame import Frame
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CameraMode:
+class CameraMode(Struct, frozen=True, kw_only=True):
     """One way in which a camera can send pictures.
 
     Attributes:
@@ -25,8 +25,7 @@ class CameraMode:
     rates_hz: tuple[float, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AttachedCamera:
+class AttachedCamera(Struct, frozen=True, kw_only=True):
     """A camera that a driver finds on this computer.
 
     Attributes:
@@ -41,7 +40,7 @@ class AttachedCamera:
     """
 
     driver: str
-    options: Mapping[str, str | None] = field(hash=False)
+    options: Mapping[str, str | None]
     path: str
     name: str
     node: str
@@ -69,12 +68,10 @@ class Camera(Protocol):
         True for hardware and streams: frames that were not fetched in time are passed over. False for recordings and
         simulations: every frame counts, and the loop reads them in its own thread.
         """
-        ...
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """Remarks for the user since it was opened, a sentence each: settings that the device did not take."""
-        ...
 
     @property
     def not_for_motion(self) -> str:
@@ -83,7 +80,6 @@ class Camera(Protocol):
         Empty if something may, as for a device that knows when it captured a frame. Not empty for frames of unknown
         age, and for pictures in which old parts may look new. It may be asked for at any time, also before `open`.
         """
-        ...
 
     def open(self) -> None:
         """Acquire the device and apply its settings.
@@ -92,7 +88,6 @@ class Camera(Protocol):
             DeviceOpenError: It is absent, busy, or this user may not open it.
             PictureError: A recording cannot be read.
         """
-        ...
 
     def read(self) -> Frame:
         """Wait for the next frame and return it.
@@ -112,11 +107,18 @@ class Camera(Protocol):
             LinkLostError: The device is gone; only opening it again can help.
             PictureError: A recording is damaged at this point.
         """
-        ...
 
     def close(self) -> None:
         """Release the device. A `read` that waits in another thread ends with an error."""
-        ...
+
+
+@runtime_checkable
+class ShowsOwnMotion(Protocol):
+    """A camera that is not live, and whose pictures may show all the same how the base drives that carries it."""
+
+    @property
+    def shows_own_motion(self) -> bool:
+        """Whether they do. A live camera is taken to show it."""
 
 
 @runtime_checkable
@@ -129,7 +131,6 @@ class ShowsFiles(Protocol):
         Raises:
             PictureError: One of them is not there.
         """
-        ...
 
 
 @runtime_checkable
@@ -139,4 +140,3 @@ class ListsCameras(Protocol):
     @staticmethod
     def attached() -> tuple[AttachedCamera, ...]:
         """Return them, without taking pictures."""
-        ...

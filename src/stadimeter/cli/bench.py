@@ -15,11 +15,6 @@ from stadimeter.workbench.bench import measure
 from stadimeter.workbench.board_figures import DetectorSpeed, Figures, Heat, Latency, Times, to_json
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("bench")(bench)
-
-
 def bench(
     seconds: Annotated[
         float, typer.Option("--seconds", min=0.1, max=3600, metavar="S", help="Measure for about this long.")

@@ -12,8 +12,8 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from stadimeter.cli import calibrate_board
-from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
+from stadimeter.cli.calibrate_board import board
+from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors, say_note
 from stadimeter.cli.formatting import LengthUnit, format_distance
 from stadimeter.cli.known_pictures import (
     AtOption,
@@ -23,7 +23,6 @@ from stadimeter.cli.known_pictures import (
     ToneCurveOption,
     calibrate_live,
     look_at,
-    today,
 )
 from stadimeter.cli.target_options import GivenTarget, LiveOption, WantedTargets, takes_target, targets_from_options
 from stadimeter.config.camera_file import load_camera_model, save_camera_model
@@ -31,22 +30,14 @@ from stadimeter.core.camera_model import ToneCurve
 from stadimeter.errors import ConfigError, Problem
 from stadimeter.ranging.calibration import Calibration, FocalLength
 from stadimeter.ranging.calibration_check import CalibrationCheck, check_calibration
+from stadimeter.workbench.calibration.board_session import today
 from stadimeter.workbench.calibration.distance_fit import fit_distances, remedy_words
 from stadimeter.workbench.measuring import open_picture
 
-_calibrate_app = typer.Typer(
-    name="calibrate",
-    no_args_is_help=True,
-    help="Find out a camera's focal length, write its camera file, and check it.",
-)
+calibrate = typer.Typer(no_args_is_help=True)
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands to the command line."""
-    app.add_typer(_calibrate_app)
-
-
-@_calibrate_app.callback()
+@calibrate.callback()
 def _calibrate() -> None:
     """Find out a camera's focal length, write its camera file, and check it."""
 
@@ -57,7 +48,7 @@ FAR_OFF_AXIS_RAD = math.radians(10)
 MISFIT_SIGMAS = 3.0
 
 
-@_calibrate_app.command("distance")
+@calibrate.command("distance")
 @takes_target
 def distance(
     *,
@@ -142,11 +133,7 @@ def _from_pictures(
         typer.echo(f"left out: {each.picture}: {reason}", err=True)
     for each in fit.elsewhere:
         there = f"{each.detection.centre_px[0]:.0f}, {each.detection.centre_px[1]:.0f} px"
-        typer.echo(
-            f"note: {each.picture}: the target is taken to be at {there}; check it with `stadimeter "
-            "measure --annotate`",
-            err=True,
-        )
+        say_note(f"{each.picture}: the target is taken to be at {there}; check it with `stadimeter measure --annotate`")
     if fit.calibration is None:
         _nothing_written()
     return fit.calibration, known.all_usable and not fit.left_out
@@ -182,10 +169,9 @@ def _tell_picture(each: FocalLength, name_width: int, unit: LengthUnit) -> None:
         f"{each.reads}"
     )
     if each.off_axis_rad > FAR_OFF_AXIS_RAD:
-        typer.echo(
-            f"note: {each.picture}: the target is {math.degrees(each.off_axis_rad):.0f}° from the middle of the "
-            f"picture; {away} was taken as its depth, so the straight line to it is longer",
-            err=True,
+        say_note(
+            f"{each.picture}: the target is {math.degrees(each.off_axis_rad):.0f}° from the middle of the "
+            f"picture; {away} was taken as its depth, so the straight line to it is longer"
         )
 
 
@@ -195,10 +181,9 @@ def _tell_the_worst(made: Calibration) -> None:
         key=lambda pair: pair[0],
     )
     if sigmas > MISFIT_SIGMAS:
-        typer.echo(
-            f"note: {worst.picture} fits the others far worse than --distance-error allows; check its distance, and "
-            "that what was found is the target",
-            err=True,
+        say_note(
+            f"{worst.picture} fits the others far worse than --distance-error allows; check its distance, and "
+            "that what was found is the target"
         )
 
 
@@ -216,10 +201,10 @@ def _why_no_bias(made: Calibration, unit: LengthUnit) -> str:
     return f"{why}; one more picture at {format_distance(made.more_at_m, None, unit)} or farther would tell it"
 
 
-calibrate_board.register(_calibrate_app)
+calibrate.command("board")(board)
 
 
-@_calibrate_app.command("check")
+@calibrate.command("check")
 @takes_target
 def check(
     *,

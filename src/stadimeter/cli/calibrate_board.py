@@ -6,14 +6,14 @@ import math
 import re
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
+from msgspec.structs import replace
 
-from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
-from stadimeter.cli.known_pictures import ToneCurveOption, today
+from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors, say_note
+from stadimeter.cli.known_pictures import ToneCurveOption
 from stadimeter.cli.progress import count_items, working
 from stadimeter.cli.target_options import camera_choice, parse_known_length
 from stadimeter.config.camera_file import save_camera_model
@@ -27,9 +27,11 @@ from stadimeter.workbench.calibration.board_session import (
     BoardSession,
     CharucoBoard,
     Chessboard,
+    find_boards,
+    today,
 )
-from stadimeter.workbench.calibration.calibrating import check_lens_settings, find_boards
 from stadimeter.workbench.frame_source import Source, open_source
+from stadimeter.workbench.picture_metadata import check_lens_settings
 
 _SIZE = re.compile(r"(\d{1,3})x(\d{1,3})")
 
@@ -48,11 +50,6 @@ MarkerOption = Annotated[
 DictionaryOption = Annotated[
     str | None, typer.Option("--dictionary", metavar="NAME", help="Its markers' dictionary, such as 4X4_50.")
 ]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the group ``calibrate``."""
-    app.command("board")(board)
 
 
 def board(
@@ -117,7 +114,7 @@ def board(
 def _from_pictures(pictures: Sequence[Path], wanted: Board) -> tuple[BoardCalibration, bool]:
     """Return what pictures give, and whether all of them were used."""
     for note in check_lens_settings(pictures):
-        typer.echo(f"note: {note}", err=True)
+        say_note(note)
     found = find_boards(
         pictures, wanted, lambda paths: count_items(paths, "looking for the board in pictures", len(paths))
     )
@@ -194,7 +191,7 @@ def _tell(made: BoardCalibration) -> None:
     focal = f"{model.fx_px:.1f} px ± {model.fx_px * share:.1f} ({share:.2%}) across, {model.fy_px:.1f} px down"
     typer.echo(f"focal length {focal}, for pictures of {model.width_px}x{model.height_px}")
     for advice in _advice(made):
-        typer.echo(f"note: {advice}", err=True)
+        say_note(advice)
 
 
 def _advice(made: BoardCalibration) -> list[str]:
@@ -231,7 +228,7 @@ def views_from_camera(live: str, board: Board) -> BoardSession:
     source.capture.open()
     try:
         for remark in source.capture.remarks():
-            typer.echo(f"note: {remark}", err=True)
+            say_note(remark)
         if source.is_live:
             typer.echo("move the board about, tilt it, and hold it still for a moment each time; Ctrl-C ends it")
         _collect(source, session)
@@ -244,7 +241,7 @@ def views_from_camera(live: str, board: Board) -> BoardSession:
 
 def _collect(source: Source, session: BoardSession) -> None:
     teller = _Teller(is_live=source.is_live)
-    for frame in source.frames(lambda words: typer.echo(f"note: {words}", err=True)):
+    for frame in source.frames(say_note):
         teller.tell(frame, session.look(frame), session)
         if session.is_done:
             return

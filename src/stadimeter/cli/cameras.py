@@ -5,28 +5,23 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass
 from itertools import groupby, islice
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from msgspec import Struct
 
+from stadimeter.app.exact_json import plain
 from stadimeter.cameras.protocol import AttachedCamera, CameraMode
-from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
+from stadimeter.cli.exits import DONE, NOT_FOUND, make_folder, plain_errors, read_option, say_note
 from stadimeter.cli.target_options import LiveOption, camera_choice
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.units import parse_duration
-from stadimeter.errors import ConfigError, Problem, reason_of
+from stadimeter.errors import ConfigError
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.frame_source import OTHER_PROGRAMS, CameraShot, snapshots
 from stadimeter.workbench.run_camera import NONE_FOUND, choice_of, first_picture, list_cameras
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands to the command line."""
-    app.command()(cameras)
-    app.command()(snapshot)
 
 
 def cameras(
@@ -61,7 +56,8 @@ def cameras(
     """
     with plain_errors():
         like = camera_choice(str(config)) if config is not None else None
-        _make(folder)
+        if folder is not None:
+            make_folder(folder, "--snapshot")
         seen = []
         for number, camera in enumerate(list_cameras(), start=1):
             if not as_json:
@@ -77,8 +73,7 @@ def cameras(
     raise typer.Exit(DONE if seen and not any(each.trouble for each in seen) else NOT_FOUND)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _CheckedCamera:
+class _CheckedCamera(Struct, frozen=True, kw_only=True):
     """A camera, and what became of it: a picture, why there is none, or neither if it was not opened."""
 
     camera: AttachedCamera
@@ -94,7 +89,7 @@ class _CheckedCamera:
             "device": self.camera.path,
             "node": self.camera.node,
             "live": self.camera.choice,
-            "modes": [asdict(mode) for mode in self.camera.modes],
+            "modes": [plain(mode) for mode in self.camera.modes],
             "trouble": self.trouble,
             "width_px": self.shot and self.shot.frame.width_px,
             "height_px": self.shot and self.shot.frame.height_px,
@@ -102,16 +97,6 @@ class _CheckedCamera:
             "faults": self.shot and self.shot.faults,
             "picture": self.picture and str(self.picture),
         }
-
-
-def _make(folder: Path | None) -> None:
-    try:
-        if folder is not None:
-            folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(
-            [Problem(f"the folder {folder} cannot be made: {reason_of(error)}", key="--snapshot")]
-        ) from error
 
 
 def _check_camera(
@@ -198,7 +183,7 @@ def snapshot(
             raise ConfigError("give a configuration, or --live for a camera, one of the two")
         choice = camera_choice(live if live is not None else str(config))
         written, is_good = 0, True
-        with closing(snapshots(choice, apart_s=_seconds(every))) as taken:
+        with closing(snapshots(choice, apart_s=read_option(parse_duration, every, "--every"))) as taken:
             for number, each in enumerate(islice(taken, count), start=1):
                 path = output if count == 1 else output.with_stem(f"{output.stem}-{number}")
                 write_picture(path, each.frame.image, each.frame.optics)
@@ -206,7 +191,7 @@ def snapshot(
                 written, is_good = number, is_good and not each.faults
         if written < count:
             raise ConfigError(f"the camera came to an end after {written} of {count} pictures")
-        typer.echo(f"note: {OTHER_PROGRAMS}", err=True)
+        say_note(OTHER_PROGRAMS)
     raise typer.Exit(DONE if is_good else NOT_FOUND)
 
 
@@ -218,11 +203,4 @@ def _say(path: Path, taken: CameraShot, *, is_first: bool, as_json: bool) -> Non
         return
     typer.echo(f"wrote {path}: {size['width_px']} × {size['height_px']} pixels")
     for words in (*(taken.settings if is_first else ()), *taken.faults):
-        typer.echo(f"note: {words}", err=True)
-
-
-def _seconds(every: str) -> float:
-    try:
-        return parse_duration(every)
-    except ValueError as error:
-        raise ConfigError([Problem(str(error), key="--every")]) from error
+        say_note(words)

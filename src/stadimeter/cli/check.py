@@ -1,8 +1,7 @@
-"""The command ``check``: everything that is wrong with a configuration, beside its lines, or what it does."""
+"""The commands ``check`` and ``schema``: what is wrong with a configuration or what it does, and what may be in one."""
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import re
 from collections.abc import Iterable
@@ -13,11 +12,13 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from stadimeter.app.exact_json import plain
 from stadimeter.app.feasibility import feasibility_warnings
 from stadimeter.app.this_computer import SERVICE_USER, become_service_user, warnings_here
 from stadimeter.cli.exits import MAX_SHOWN, WRONG, ConfigArgument, configuration_path, plain_errors
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import Configuration, load_configuration
+from stadimeter.config.schema import configuration_schema
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text
 from stadimeter.errors import ConfigError, Problem, UnreadableError
 
@@ -31,11 +32,6 @@ _COLOURS = {"error": "red", "warning": "yellow"}
 
 # What may hold a password or a token, and is not for every eye that sees a screen or a log.
 _ADDRESS = re.compile(r"""(?<=://)[^\s"']+""")
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the command line."""
-    app.command()(check)
 
 
 def check(
@@ -120,8 +116,8 @@ def _count_of(count: int, word: str) -> str:
 def _print_json(problems: tuple[Problem, ...], warnings: tuple[Problem, ...], describes: tuple[str, ...]) -> None:
     record = {
         "usable": not problems,
-        "problems": [dataclasses.asdict(problem) for problem in problems],
-        "warnings": [dataclasses.asdict(warning) for warning in warnings],
+        "problems": [plain(problem) for problem in problems],
+        "warnings": [plain(warning) for warning in warnings],
         "describes": describes,
     }
     typer.echo(json.dumps(record, ensure_ascii=False))
@@ -198,3 +194,22 @@ def _lines(file: str) -> list[str]:
         return read_untrusted_text(Path(file), CONFIGURATION_MAX_BYTES).split("\n") if file else []
     except UnreadableError:
         return []
+
+
+def schema() -> None:
+    """Print a JSON Schema of configurations, for editors that complete and check while you write.
+
+    It knows every driver that is installed here, and its keys. Put a first line into the configuration, and editors
+    with a TOML language server, such as Visual Studio Code with Even Better TOML, use it:
+
+    `#:schema ./stadimeter.schema.json`
+
+    What only the whole configuration can tell, `stadimeter check` finds.
+
+    **Example**
+
+    - `stadimeter schema > stadimeter.schema.json`
+
+    **Exit code**: 0 done.
+    """
+    typer.echo(json.dumps(configuration_schema(), indent=2, ensure_ascii=False))

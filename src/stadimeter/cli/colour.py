@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
+from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors, say_note
 from stadimeter.cli.measure_output import copy_paths
 from stadimeter.cli.progress import working
 from stadimeter.cli.target_options import LiveOption, camera_choice
@@ -25,16 +25,11 @@ from stadimeter.workbench.colour_aids import (
     is_where_pointed,
     split_places,
 )
-from stadimeter.workbench.colour_profile import profile_notes
 from stadimeter.workbench.frame_source import take_frame
 from stadimeter.workbench.measuring import open_picture
+from stadimeter.workbench.picture_metadata import profile_notes
 from stadimeter.workbench.picture_quality import picture_remarks
 from stadimeter.workbench.setup.colour_step import ball_colours
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the command line."""
-    app.command()(colour)
 
 
 def colour(
@@ -112,12 +107,12 @@ def _samples_from_options(
     if live:
         frame = take_frame(camera_choice(live))
         for words in picture_remarks(frame.image):
-            typer.echo(f"note: {words}", err=True)
+            say_note(words)
         return [Path("live.png")], [colour_sample(frame, "the camera's picture", at, "--at")]
     split = [split_places(each) for each in pictures]
     names = [Path(name) for name, _ in split]
     for note in profile_notes(names):
-        typer.echo(f"note: {note}", err=True)
+        say_note(note)
     samples = [colour_sample(open_picture(Path(name)), name, [*places, *at], "--at") for name, places in split]
     return names, samples
 

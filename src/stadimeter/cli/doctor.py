@@ -17,9 +17,10 @@ from rich.text import Text
 
 import stadimeter
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
-from stadimeter.cli.glyphs import ASCII, UNICODE, Glyphs
+from stadimeter.cli.layout import hang
 from stadimeter.cli.progress import working
-from stadimeter.config.guides import guide
+from stadimeter.config.extras import guide
+from stadimeter.core.words import one_line
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.doctor.computer import Computer, Diagnosis, DiagnosisSeverity
 from stadimeter.workbench.doctor.examination import CHECKS, Check
@@ -36,11 +37,6 @@ COUNTED = {
     DiagnosisSeverity.WARNING: "to look at",
     DiagnosisSeverity.UNKNOWN: "not known",
 }
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the command line."""
-    app.command()(doctor)
 
 
 def doctor(
@@ -88,7 +84,6 @@ def _print_lines(examined: Examined) -> list[Diagnosis]:
     """Print what each check finds as soon as it is known."""
     console = Console(highlight=False, soft_wrap=True)
     width = console.width if console.is_terminal else sys.maxsize
-    glyphs = UNICODE if "utf" in (sys.stdout.encoding or "").lower() else ASCII
     every: list[Diagnosis] = []
     group = ""
     for check in CHECKS:
@@ -97,21 +92,20 @@ def _print_lines(examined: Examined) -> list[Diagnosis]:
             console.print(Text(f"{'' if not group else chr(10)}{check.group}", "bold"))
             group = check.group
         for diagnosis in found:
-            for line in _lines(diagnosis, glyphs, width):
+            for line in _lines(diagnosis, width):
                 console.print(line)
         every.extend(found)
-    for line in (Text(), *glyphs.hang(Text(), _summary(every), width)):
+    for line in (Text(), *hang(Text(), _summary(every), width)):
         console.print(line)
     return every
 
 
-def _lines(diagnosis: Diagnosis, glyphs: Glyphs, width: int) -> list[Text]:
+def _lines(diagnosis: Diagnosis, width: int) -> list[Text]:
     mark, style = MARKS[diagnosis.severity]
-    label = Text.assemble(" ", (f"{glyphs.words(mark):<2}", style), " ")
-    lines = glyphs.hang(label, Text(glyphs.words(diagnosis.seen)), width)
+    label = Text.assemble(" ", (f"{mark:<2}", style), " ")
+    lines = hang(label, Text(one_line(diagnosis.seen)), width)
     if diagnosis.remedy:
-        arrow = Text(f"    {glyphs.words('→')} ")
-        lines += glyphs.hang(arrow, Text(glyphs.words(diagnosis.remedy), "green"), width)
+        lines += hang(Text("    → "), Text(one_line(diagnosis.remedy), "green"), width)
     return lines
 
 
@@ -148,7 +142,8 @@ def _print_json(examined: Examined) -> list[Diagnosis]:
 
 def _private(examined: Examined) -> re.Pattern[str]:
     """Return what a report of an error need not name: addresses, computers, users and their folders."""
-    messenger = examined.configuration and examined.configuration.messenger
+    configuration = examined.configured.configuration
+    messenger = configuration and configuration.messenger
     of_broker = [getattr(messenger.options, key, None) for key in ("host", "username")] if messenger else []
     home = str(Path.home())
     users = (os.environ.get(key) for key in ("USER", "SUDO_USER"))

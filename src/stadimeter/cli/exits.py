@@ -6,14 +6,14 @@ import errno
 import os
 import select
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from stadimeter.errors import ConfigError, StadimeterError
+from stadimeter.errors import ConfigError, Problem, StadimeterError, reason_of
 
 DONE = 0
 NOT_FOUND = 1
@@ -112,3 +112,24 @@ def configuration_path(named: Path | None) -> Path:
         )
     typer.echo(f"using {USUAL}", err=True)
     return USUAL
+
+
+def say_note(words: str) -> None:
+    """Say on standard error what is worth knowing and no error."""
+    typer.echo(f"note: {words}", err=True)
+
+
+def read_option(parse: Callable[[str], float], text: str, option: str) -> float:
+    """Read the text of an option, such as a length; the `ConfigError` names the option."""
+    try:
+        return parse(text)
+    except ValueError as error:
+        raise ConfigError([Problem(str(error), key=option)]) from error
+
+
+def make_folder(folder: Path, option: str) -> None:
+    """Make the folder that an option names, if it is not there; the `ConfigError` names the option."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError([Problem(f"the folder {folder} cannot be made: {reason_of(error)}", key=option)]) from error

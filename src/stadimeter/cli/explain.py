@@ -12,8 +12,8 @@ from typing import Annotated, Any
 import typer
 
 from stadimeter.app.control.messages import as_data
-from stadimeter.cli.control_options import JsonOption, SocketOption, ask_and_introduce, print_answer
 from stadimeter.cli.exits import plain_errors
+from stadimeter.cli.operate import JsonOption, SocketOption, ask_and_introduce, print_answer
 from stadimeter.config.findings import did_you_mean_or_list
 from stadimeter.config.units import parse_duration
 from stadimeter.core.decision import Decision
@@ -23,11 +23,6 @@ from stadimeter.workbench.replay.replay import ReplayRun, read_recording, replay
 
 _MARKS = {True: "yes    ", False: "no     ", None: "unknown"}
 ROUNDING_S = 1e-6
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("explain")(explain_command)
 
 
 def explain_command(

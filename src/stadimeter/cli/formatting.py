@@ -6,7 +6,8 @@ import difflib
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from stadimeter.config.units import FOOT_M, INCH_M
 from stadimeter.core.detection import RejectedCandidate
@@ -19,8 +20,7 @@ UNKNOWN = "—"
 NO_FIGURE = 1e300
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LengthUnit:
+class LengthUnit(Struct, frozen=True, kw_only=True):
     """A unit of length to show distances in: its size in metres, and the most decimals that a figure is shown with."""
 
     symbol: str
@@ -77,22 +77,6 @@ def format_position(
         return UNKNOWN
     figures = [distance_figures(each, sigma_m, unit)[0] for each in position_m]
     return UNKNOWN if UNKNOWN in figures else f"({', '.join(figures)}) {unit.symbol}"
-
-
-def format_feet_and_inches(distance_m: float | None, sigma_m: float | None = None) -> str:
-    """Write a distance as on a tape measure, such as ``7 ft 11.7 in``; a dash if there is none.
-
-    Beyond a standard deviation of half a foot the inches are left away.
-    """
-    if distance_figures(distance_m, sigma_m, INCH)[0] == UNKNOWN or distance_m is None:
-        return UNKNOWN
-    sigma_in = (sigma_m or 0.0) / INCH_M
-    if sigma_in > 6:
-        return f"{_fixed(distance_m / FOOT_M, _decimals_of(sigma_in / 12, 0))} ft"
-    decimals = max(0, _decimals_of(sigma_in, INCH.decimals_max))
-    inches = round(abs(distance_m) / INCH_M, decimals)
-    sign = "-" if distance_m < 0 and inches else ""
-    return f"{sign}{int(inches // 12)} ft {_fixed(inches % 12, decimals)} in"
 
 
 def format_speed(speed_mps: float | None, sigma_mps: float | None = None, unit: LengthUnit = METRE) -> str:

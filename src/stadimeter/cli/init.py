@@ -18,30 +18,32 @@ from rich.text import Text
 
 from stadimeter.app.detectors import build_detectors
 from stadimeter.cli.check import check
-from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
+from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors, say_note
 from stadimeter.cli.formatting import METRE, format_distance
+from stadimeter.cli.print_target import wiring
 from stadimeter.cli.test_rules import run_tests
-from stadimeter.cli.wiring import wiring
 from stadimeter.config.addresses import address_for_people
 from stadimeter.config.loader import load_configuration
 from stadimeter.errors import ConfigError, StadimeterError
 from stadimeter.workbench.measuring import Measuring
 from stadimeter.workbench.saving import VERSIONS
-from stadimeter.workbench.setup.answers import ANSWERS, load_answers, was_left, write_files
-from stadimeter.workbench.setup.answers import example as load_example
 from stadimeter.workbench.setup.files import configuration_files, rule_names
-from stadimeter.workbench.setup.interview import Interview, all_answered, check_keys
+from stadimeter.workbench.setup.interview import (
+    ANSWERS,
+    Interview,
+    answer_all,
+    check_keys,
+    load_answers,
+    load_example,
+    was_left,
+    write_files,
+)
 from stadimeter.workbench.setup.question import CONFIGURATION, PICTURES, Accepted, Known, Question
 from stadimeter.workbench.setup.target import build_target
-from stadimeter.workbench.wiring.circuits import find_outputs, parts_of
+from stadimeter.workbench.wiring import find_outputs, parts_of
 
 BACK = "back"
 WIRING = f"{PICTURES}/wiring.svg"
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the command line."""
-    app.command("init")(init)
 
 
 def init(
@@ -119,11 +121,11 @@ def _answer_from_file(console: Console, folder: Path, file: Path) -> Known:
     check_keys(given, str(file))
     interview = Interview(folder)
     with _busy(console):
-        for key, accepted in all_answered(interview, given, str(file)):
+        for key, accepted in answer_all(interview, given, str(file)):
             _tell_accepted(console, key, accepted)
     for key in given:
         if key not in interview.known.answers:
-            typer.echo(f"note: {key} was not asked, since other answers leave no need for it", err=True)
+            say_note(f"{key} was not asked, since other answers leave no need for it")
     return interview.known
 
 

@@ -9,12 +9,14 @@ import termios
 import tty
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
 from typing import Self
+
+from msgspec import Struct, field
 
 from stadimeter.app.live.snapshot import RunSnapshot
 from stadimeter.app.loop import Loop
-from stadimeter.cli.formatting import METRE, LengthUnit
+from stadimeter.cli.formatting import METRE, LengthUnit, in_unit
+from stadimeter.core.words import one_line
 
 # While a run is paused, its view is drawn this often, for a window that changes its size.
 LOOK_EVERY_S = 0.2
@@ -95,8 +97,7 @@ def _standard_input() -> int:
         return -1
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Key:
+class Key(Struct, frozen=True, kw_only=True):
     """A key, and what it does.
 
     Attributes:
@@ -120,8 +121,7 @@ class Key:
         return self.undoes if self.undoes and self.is_on() else self.does
 
 
-@dataclass(slots=True)
-class RunKeys:
+class RunKeys(Struct):
     """The keys of a run that is shown: to end it, to explain the screen, and what else there is.
 
     Args:
@@ -172,8 +172,7 @@ class RunKeys:
         self.is_paused = not self.is_paused
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Shown:
+class Shown(Struct, frozen=True, kw_only=True):
     """A snapshot with its display options.
 
     Attributes:
@@ -188,3 +187,7 @@ class Shown:
     keys: Sequence[Key] | None = None
     is_paused: bool = False
     is_explained: bool = False
+
+    def words(self, text: str) -> str:
+        """Return a text as it is shown: on one line, in the unit."""
+        return one_line(in_unit(text, self.unit))

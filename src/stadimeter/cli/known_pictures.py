@@ -2,28 +2,27 @@
 
 from __future__ import annotations
 
-import datetime as dt
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
+from msgspec import Struct
 
 from stadimeter.app.detectors import build_detectors
-from stadimeter.cli.exits import NOT_FOUND
+from stadimeter.cli.exits import NOT_FOUND, say_note
 from stadimeter.cli.formatting import FOOT, INCH, METRE, LengthUnit, format_distance
 from stadimeter.cli.target_options import WantedTargets, camera_choice, parse_known_length
 from stadimeter.core.camera_model import CameraModel, ToneCurve
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.errors import CalibrationError, ConfigError
 from stadimeter.ranging.calibration import Calibration, KnownDistance
-from stadimeter.workbench.calibration.calibrating import check_lens_settings
+from stadimeter.workbench.calibration.board_session import today
 from stadimeter.workbench.calibration.distance_fit import look_at_distance, remedy_words
 from stadimeter.workbench.calibration.live_distance import APART_MIN, LiveDistance, Take
-from stadimeter.workbench.colour_profile import profile_notes
 from stadimeter.workbench.frame_source import open_camera
 from stadimeter.workbench.measuring import open_picture
+from stadimeter.workbench.picture_metadata import check_lens_settings, profile_notes
 
 _PATH_AT_DISTANCE = typer.Argument(
     metavar="PATH@DISTANCE", help="Pictures of the target at known distances: 2ft.png@24in."
@@ -50,8 +49,7 @@ ToneCurveOption = Annotated[
 ]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class KnownPictures:
+class KnownPictures(Struct, frozen=True, kw_only=True):
     """Pictures in which the target was found whole, and whether those are all."""
 
     usable: tuple[KnownDistance, ...]
@@ -67,7 +65,7 @@ def look_at(pictures: Sequence[str], wanted: WantedTargets, camera_model: Camera
     _refuse_twice([path for path, _ in taken])
     paths = [path for path, _ in taken]
     for note in (*check_lens_settings(paths), *profile_notes(paths)):
-        typer.echo(f"note: {note}", err=True)
+        say_note(note)
     (target,) = build_detectors(wanted.choices, camera_model)
     known = [look_at_distance(str(path), open_picture(path), depth_m, target, camera_model) for path, depth_m in taken]
     usable = tuple(each for each in known if each.detection.status is DetectionStatus.FOUND)
@@ -76,13 +74,8 @@ def look_at(pictures: Sequence[str], wanted: WantedTargets, camera_model: Camera
             remedy = remedy_words(each, open_picture(Path(each.picture)), wanted.choices[0], camera_model)
             typer.echo(f"left out: {each.picture}: {each.detection.reason}{remedy}", err=True)
         elif each.detection.reason:
-            typer.echo(f"note: {each.picture}: {each.detection.reason}", err=True)
+            say_note(f"{each.picture}: {each.detection.reason}")
     return KnownPictures(usable=usable, all_usable=len(usable) == len(known))
-
-
-def today() -> str:
-    """Return the date of today, as ISO 8601 has it."""
-    return dt.datetime.now().astimezone().date().isoformat()
 
 
 def _refuse_twice(paths: Sequence[Path]) -> None:
@@ -119,16 +112,17 @@ def calibrate_live(
     """
     _check(at)
     typer.echo("opening the camera …", err=True)
-    session = LiveDistance(
-        open_camera(camera_choice(live)),
-        wanted.choices[0],
-        date=today(),
-        distance_relative_sigma=distance_relative_sigma,
-        tone_curve=tone_curve,
-        note=lambda words: typer.echo(f"note: {words}", err=True),
-    )
     try:
-        with session:
+        with open_camera(camera_choice(live)) as source:
+            for words in source.capture.remarks():
+                say_note(words)
+            session = LiveDistance(
+                source,
+                wanted.choices[0],
+                date=today(),
+                distance_relative_sigma=distance_relative_sigma,
+                tone_curve=tone_curve,
+            )
             typer.echo(f"Measure with a tape, from the lens to {session.measured_to}.")
             typer.echo("Keep it in the middle of the picture, and the camera still.")
             for number in range(max(2, len(at))):
@@ -194,4 +188,4 @@ def _say(take: Take, unit: LengthUnit) -> None:
     seen = f"{take.size_px:.1f} px, spread {take.spread_share:.2%}, found in {take.found} of {take.frames} frames"
     typer.echo(f"{take.name}: {seen}{reads}")
     if take.reason:
-        typer.echo(f"note: {take.reason}", err=True)
+        say_note(take.reason)

@@ -5,26 +5,26 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import zip_longest
 from types import TracebackType
 from typing import Self
 
+from msgspec import Struct
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.live import Live
 from rich.text import Text
 
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.live.snapshot import LiveFeed
-from stadimeter.app.live.watching import live_feed
 from stadimeter.app.loop import Loop
+from stadimeter.app.watching import live_feed
 from stadimeter.cli.formatting import length_unit
-from stadimeter.cli.glyphs import ASCII, UNICODE, Glyphs, heading
 from stadimeter.cli.keyboard import RunKeys, Shown
+from stadimeter.cli.layout import fit, heading
 from stadimeter.cli.run_panels import (
     Block,
-    event_block,
+    event_lines,
     explanation_lines,
     footer_line,
     header_lines,
@@ -79,11 +79,6 @@ class LiveView:
         self._live: Live | None = None
         self._draw_at_s = 0.0
 
-    @classmethod
-    def of(cls, loop: Loop, title: str, *, unit: str, keys: RunKeys | None) -> Self:
-        """Return the view of a run."""
-        return cls(title, live_feed(loop), unit=unit, keys=keys)
-
     def __enter__(self) -> Self:
         """Take the terminal."""
         self._live = Live(self.render(), console=self._console, screen=True, auto_refresh=False)
@@ -118,7 +113,7 @@ class LiveView:
         """Return the view as it is now; it fits itself to the console that it is printed on."""
         keys = self._keys
         return LiveScreen(
-            shown=Shown(
+            Shown(
                 snapshot=self._feed.snapshot(WINDOW_S),
                 title=self._title,
                 unit=self._unit,
@@ -129,6 +124,11 @@ class LiveView:
         )
 
 
+def live_view_of(loop: Loop, title: str, unit: str, keys: RunKeys | None = None) -> LiveView:
+    """Return the live view of a run, not shown yet; `unit` is that of distances."""
+    return LiveView(title, live_feed(loop), unit=unit, keys=keys)
+
+
 # From this many rows on there is room for the narration and the keys.
 FRAMED_HEIGHT = 10
 
@@ -136,87 +136,105 @@ FRAMED_HEIGHT = 10
 WIDE = 100
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LiveScreen:
+class LiveScreen(Struct, frozen=True):
     """A snapshot as rich prints it."""
 
     shown: Shown
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Text]:
         """Yield the lines, exactly as many and as wide as there is room for."""
-        glyphs = ASCII if options.ascii_only else UNICODE
-        width, height = options.max_width, options.height or console.height
-        yield from screen_lines(self.shown, width, height, glyphs)
+        yield from screen_lines(self.shown, options.max_width, options.height or console.height)
 
 
-def screen_lines(shown: Shown, width: int, height: int, glyphs: Glyphs = UNICODE) -> list[Text]:
+def screen_lines(shown: Shown, width: int, height: int) -> list[Text]:
     """Lay everything out.
 
     Returns:
         Exactly `height` lines of exactly `width` columns.
     """
-    lines = header_lines(shown, width, glyphs)[: max(1, height // 4)]
+    lines = header_lines(shown, width)[: max(1, height // 4)]
     footer: list[Text] = []
     if height >= FRAMED_HEIGHT:
-        lines += narration_lines(shown, width, glyphs)[: height // 6]
-        footer = [footer_line(shown.keys, width, glyphs)] if shown.keys is not None else []
+        lines += narration_lines(shown, width)[: height // 6]
+        footer = [footer_line(shown, width)] if shown.keys is not None else []
     rows = height - len(lines) - len(footer)
     if shown.is_explained:
-        lines += explanation_lines(shown, width, glyphs)[:rows]
+        lines += explanation_lines(shown, width)[:rows]
     elif shown.snapshot.record is not None:
-        body = _wide if width >= WIDE else _narrow
-        lines += body(shown, shown.snapshot.record, width, rows, glyphs)
+        lines += _body(shown, shown.snapshot.record, width, rows)
     lines = [*lines, *(Text() for _ in range(height - len(lines) - len(footer))), *footer]
     for line in lines:
         line.no_wrap, line.overflow = True, "crop"
-    return [glyphs.fit(line, width) for line in lines[:height]]
+    return [fit(line, width) for line in lines[:height]]
 
 
-def _narrow(shown: Shown, record: CycleRecord, width: int, height: int, glyphs: Glyphs) -> list[Text]:
-    """Put everything in one column; what matters most gets its rows first."""
-    targets = len(record.decision.tracks)
-    rest = _Rest.of(shown, record, width, height, glyphs)
-    rules, outputs = len(rest.rules), len(rest.outputs)
-    rows = grant_rows(
+def _body(shown: Shown, record: CycleRecord, width: int, height: int) -> list[Text]:
+    """Put everything in one column, or in a wide terminal targets on the left."""
+    is_wide = width >= WIDE
+    left_width = width * 11 // 20 if is_wide else width
+    right_width = width - left_width - 2 if is_wide else width
+    rest = _rest(shown, record, right_width, height)
+    rows = _share_rows(shown, record, left_width, height, rest, is_wide=is_wide)
+    left = _target_lines(shown, record, left_width, height if is_wide else rows["targets"])
+    right = _lay_out(rest, rows, right_width)
+    if not is_wide:
+        return [*left, *right]
+    return [
+        Text.assemble(fit(one, left_width), "  ", fit(other, right_width))
+        for one, other in zip_longest(left, right, fillvalue=Text())
+    ]
+
+
+class _Rest(Struct, frozen=True, kw_only=True):
+    """Rules, outputs, events, messages and health, before it is known how many rows there are for them."""
+
+    rules: Sequence[Block]
+    outputs: Sequence[Block]
+    events: Sequence[list[Text]]
+    messages: Sequence[Text]
+    health: Sequence[Text]
+
+
+def _rest(shown: Shown, record: CycleRecord, width: int, height: int) -> _Rest:
+    snapshot = shown.snapshot
+    return _Rest(
+        rules=rule_blocks(shown, record, width),
+        outputs=output_blocks(shown, record, width),
+        events=[event_lines(shown, event, width) for event in snapshot.events[:height]],
+        messages=[message_line(shown, at_s, sent) for at_s, sent in snapshot.messages[:height]],
+        health=note_lines(snapshot.health.notes),
+    )
+
+
+def _share_rows(
+    shown: Shown, record: CycleRecord, width: int, height: int, rest: _Rest, *, is_wide: bool
+) -> Counter[str]:
+    """Return how many rows each section gets; targets get none where they stand beside the others."""
+    tracks = record.decision.tracks
+    targets, rules, outputs = len(tracks), len(rest.rules), len(rest.outputs)
+    figures = sum(figure_rows(shown, track, width) for track in tracks)  # of all targets, without their charts
+    all_rules, all_outputs = (sum(len(each.lines) for each in blocks) for blocks in (rest.rules, rest.outputs))
+    loud_rules, loud_outputs = (
+        sum(1 if each.is_quiet else len(each.lines) for each in blocks) for blocks in (rest.rules, rest.outputs)
+    )
+    health = 1 + len(rest.health)  # with its heading, for it comes with one or not at all
+    most = {"rules": all_rules, "outputs": all_outputs, "messages": len(rest.messages), "health": health}
+    return grant_rows(
         height,
         [
             ("targets", targets), ("outputs", min(outputs, 2)), ("rules", min(rules, 3)), ("targets", targets),
             ("events", 1), ("outputs", outputs - 2), ("rules", rules - 3), ("messages", 1),
-            ("headings", rest.headings), ("targets", _figure_rows(shown, record, width, glyphs) - 2 * targets),
-            ("outputs", rest.loud(rest.outputs) - outputs), ("rules", rest.loud(rest.rules) - rules),
-            ("events", rest.newest - 1), ("outputs", rest.full(rest.outputs) - rest.loud(rest.outputs)),
-            ("targets", 5), ("rules", rest.full(rest.rules) - rest.loud(rest.rules)), ("events", 1), ("messages", 1),
-            ("events", 1), ("targets", 5), ("health", 1 + len(rest.health)), ("targets", height),
+            ("headings", 4 if rest.messages else 3), ("targets", figures - 2 * targets),
+            ("outputs", loud_outputs - outputs), ("rules", loud_rules - rules),
+            ("events", len(rest.events[0]) - 1 if rest.events else 0), ("outputs", all_outputs - loud_outputs),
+            ("targets", 5), ("rules", all_rules - loud_rules), ("events", 1), ("messages", 1), ("events", 1),
+            ("targets", 5), ("health", health), ("targets", height), ("messages", 5), ("events", height),
         ],
-        rest.most(),
+        most | {"targets": 0} if is_wide else most,
     )  # fmt: skip
-    return [*_targets(shown, record, width, rows["targets"], glyphs), *rest.lines(rows)]
 
 
-def _wide(shown: Shown, record: CycleRecord, width: int, height: int, glyphs: Glyphs) -> list[Text]:
-    """Put targets on the left, the rest on the right."""
-    left_width = width * 11 // 20
-    right_width = width - left_width - 2
-    rest = _Rest.of(shown, record, right_width, height, glyphs)
-    rows = grant_rows(
-        height,
-        [
-            ("outputs", len(rest.outputs)), ("rules", len(rest.rules)), ("events", 1), ("messages", 1),
-            ("headings", rest.headings), ("events", 2), ("messages", 1),
-            ("rules", rest.full(rest.rules) - len(rest.rules)),
-            ("outputs", rest.full(rest.outputs) - len(rest.outputs)),
-            ("events", 3), ("messages", 2), ("health", 1 + len(rest.health)), ("messages", 5), ("events", height),
-        ],
-        rest.most(),
-    )  # fmt: skip
-    left = _targets(shown, record, left_width, height, glyphs)
-    return [
-        Text.assemble(glyphs.fit(one, left_width), "  ", glyphs.fit(other, right_width))
-        for one, other in zip_longest(left, rest.lines(rows), fillvalue=Text())
-    ]
-
-
-def grant_rows(free: int, claims: Sequence[tuple[str, int]], most: dict[str, int]) -> Counter[str]:
+def grant_rows(free: int, claims: Sequence[tuple[str, int]], most: Mapping[str, int]) -> Counter[str]:
     """Share rows out, the most important claim first, up to ``most``. Headings come all together or not at all."""
     rows: Counter[str] = Counter()
     for name, wanted in claims:
@@ -228,128 +246,65 @@ def grant_rows(free: int, claims: Sequence[tuple[str, int]], most: dict[str, int
     return rows
 
 
-def _figure_rows(shown: Shown, record: CycleRecord, width: int, glyphs: Glyphs) -> int:
-    """Return the rows that all targets take without their charts."""
-    return sum(figure_rows(shown, track, width, glyphs) for track in record.decision.tracks)
-
-
-def _targets(shown: Shown, record: CycleRecord, width: int, rows: int, glyphs: Glyphs) -> list[Text]:
+def _target_lines(shown: Shown, record: CycleRecord, width: int, rows: int) -> list[Text]:
     tracks = record.decision.tracks
     if not tracks or rows <= 0:
         return []
-    each, rest = divmod(rows, len(tracks))
-    if each == 0:
-        lines = [line for track in tracks[:rows] for line in target_lines(shown, track, width, 1, glyphs)]
-        return with_more(lines, len(tracks))
+    each, more = divmod(rows, len(tracks))
+    lines = [
+        line
+        for number, track in enumerate(tracks if each else tracks[:rows])
+        for line in target_lines(shown, track, width, each + (number < more))
+    ]
+    return lines if each else _with_more(lines, len(tracks))
+
+
+def _lay_out(rest: _Rest, rows: Counter[str], width: int) -> list[Text]:
+    """Return what fits into the rows, under headings if there is room for these."""
+    sections = {
+        "rules": _fit_blocks(rest.rules, rows["rules"], width),
+        "outputs": _fit_blocks(rest.outputs, rows["outputs"], width),
+        "events": _fit_events(rest.events, rows["events"], width),
+        **({"messages": rest.messages[: rows["messages"]]} if rest.messages else {}),
+        **({"health": rest.health[: rows["health"] - 1]} if rows["health"] > 1 else {}),
+    }
     return [
         line
-        for number, track in enumerate(tracks)
-        for line in target_lines(shown, track, width, each + (number < rest), glyphs)
+        for name, section in sections.items()
+        for line in ([heading(name, width), *section] if rows["headings"] else section)
     ]
 
 
-# A rule or an output, and all its lines.
-_Wrapped = tuple[Block, list[Text]]
+def _fit_blocks(blocks: Sequence[Block], rows: int, width: int) -> list[Text]:
+    """Return every block on a line at least; with all its words as long as there are rows, those that act first."""
+    by_need = sorted(range(len(blocks)), key=lambda number: blocks[number].is_quiet)
+    if rows < len(blocks):
+        return _with_more([blocks[number].joined for number in by_need[:rows]], len(blocks))
+    shown: dict[int, list[Text]] = {}
+    free = rows - len(blocks)
+    for number in by_need:
+        block = blocks[number]
+        whole = [block.figures] if block.is_quiet and len(block.lines) > 1 + free else block.lines
+        shown[number] = _cut(whole, 1 + free, width)
+        free -= len(shown[number]) - 1
+    return [line for number in range(len(blocks)) for line in shown[number]]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Rest:
-    """Rules, outputs, events, messages and health, before it is known how many rows there are for them."""
-
-    width: int
-    glyphs: Glyphs
-    rules: Sequence[_Wrapped]
-    outputs: Sequence[_Wrapped]
-    events: Sequence[list[Text]]
-    messages: Sequence[Text]
-    health: Sequence[Text]
-
-    @classmethod
-    def of(cls, shown: Shown, record: CycleRecord, width: int, height: int, glyphs: Glyphs) -> Self:
-        """Put everything into words."""
-        unit, started_s = shown.unit, shown.snapshot.started_s
-        events, messages = shown.snapshot.events[:height], shown.snapshot.messages[:height]
-        rules, outputs = rule_blocks(record, unit, glyphs), output_blocks(record, unit, width, glyphs)
-        return cls(
-            width=width,
-            glyphs=glyphs,
-            rules=[(block, block.lines(width, glyphs)) for block in rules],
-            outputs=[(block, block.lines(width, glyphs)) for block in outputs],
-            events=[glyphs.hang(*event_block(event, started_s, unit, glyphs), width) for event in events],
-            messages=[message_line(at_s, sent, started_s, glyphs) for at_s, sent in messages],
-            health=note_lines(shown.snapshot.health.notes, glyphs),
-        )
-
-    @property
-    def headings(self) -> int:
-        return 4 if self.messages else 3
-
-    @staticmethod
-    def full(blocks: Sequence[_Wrapped]) -> int:
-        """Return the rows of blocks with all their words."""
-        return sum(len(lines) for _, lines in blocks)
-
-    @staticmethod
-    def loud(blocks: Sequence[_Wrapped]) -> int:
-        """Return their rows when those that are quiet have no more than one line."""
-        return sum(1 if block.is_quiet else len(lines) for block, lines in blocks)
-
-    @property
-    def newest(self) -> int:
-        """The rows of the newest event."""
-        return len(self.events[0]) if self.events else 1
-
-    def most(self) -> dict[str, int]:
-        """Return how many rows each section can fill; health with its heading, for it comes with one or not at all."""
-        of_rules, of_outputs = self.full(self.rules), self.full(self.outputs)
-        health = 1 + len(self.health)
-        return {"rules": of_rules, "outputs": of_outputs, "messages": len(self.messages), "health": health}
-
-    def lines(self, rows: Counter[str]) -> list[Text]:
-        """Return what fits into the rows, under headings if there is room for these."""
-        sections = {
-            "rules": self._blocks(self.rules, rows["rules"]),
-            "outputs": self._blocks(self.outputs, rows["outputs"]),
-            "events": self._newest(rows["events"]),
-            **({"messages": list(self.messages[: rows["messages"]])} if self.messages else {}),
-            **({"health": list(self.health[: rows["health"] - 1])} if rows["health"] > 1 else {}),
-        }
-        return [
-            line
-            for name, section in sections.items()
-            for line in ([heading(name, self.width, self.glyphs), *section] if rows["headings"] else section)
-        ]
-
-    def _blocks(self, blocks: Sequence[_Wrapped], rows: int) -> list[Text]:
-        """Return every block on a line at least; with all its words as long as there are rows, those that act first."""
-        by_need = sorted(range(len(blocks)), key=lambda number: blocks[number][0].is_quiet)
-        if rows < len(blocks):
-            return with_more([blocks[number][0].joined() for number in by_need[:rows]], len(blocks))
-        shown: dict[int, list[Text]] = {}
-        free = rows - len(blocks)
-        for number in by_need:
-            block, whole = blocks[number]
-            if block.is_quiet and len(whole) > 1 + free:
-                whole = [block.figures]
-            shown[number] = self._cut(whole, 1 + free)
-            free -= len(shown[number]) - 1
-        return [line for number in range(len(blocks)) for line in shown[number]]
-
-    def _newest(self, rows: int) -> list[Text]:
-        """Return as many events as there are rows for."""
-        lines: list[Text] = []
-        for event in self.events:
-            lines += self._cut(event, rows - len(lines))
-        return lines
-
-    def _cut(self, lines: list[Text], rows: int) -> list[Text]:
-        """Return lines as far as there are rows; the last one shows that there would be more."""
-        if 0 < rows < len(lines):
-            lines[rows - 1].append(" " * self.width)
-        return lines[:rows]
+def _fit_events(events: Sequence[list[Text]], rows: int, width: int) -> list[Text]:
+    lines: list[Text] = []
+    for event in events:
+        lines += _cut(event, rows - len(lines), width)
+    return lines
 
 
-def with_more(lines: list[Text], count: int) -> list[Text]:
+def _cut(lines: list[Text], rows: int, width: int) -> list[Text]:
+    """Return lines as far as there are rows; the last one shows that there would be more."""
+    if 0 < rows < len(lines):
+        lines[rows - 1].append(" " * width)
+    return lines[:rows]
+
+
+def _with_more(lines: list[Text], count: int) -> list[Text]:
     """Write into the last line how many more there are, if not all are shown."""
     if lines and len(lines) < count:
         lines[-1] = Text(f" and {count - len(lines) + 1} more", "italic dim")

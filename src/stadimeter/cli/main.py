@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import codecs
 import gc
 import sys
+import unicodedata
 from collections.abc import Mapping
 from importlib import import_module
 from io import TextIOWrapper
@@ -13,12 +15,9 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 import stadimeter
-from stadimeter.cli.glyphs import write_plainly
-from stadimeter.operator_actions import OperatorAction
+from stadimeter.cli.exits import WRONG
 
-ALARM_COMMANDS = tuple(action.command for action in OperatorAction if not action.is_on_outputs)
-
-# The first sentence of the help of each command, by heading; below no heading are old names, which are not listed.
+# The first sentence of the help of each command, by heading.
 PANELS: Mapping[str, Mapping[str, str]] = {
     "Run": {
         "demo": "Watch a simulated ball being measured, followed and reported. Needs no hardware.",
@@ -35,12 +34,13 @@ PANELS: Mapping[str, Mapping[str, str]] = {
         "measure": "Measure how far away a target is in pictures, in videos, or before a camera.",
         "colour": "Find out the range of colours of a ball, from a picture and a place in it.",
         "calibrate": "Find out a camera's focal length, write its camera file, and check it.",
-        "print": "Make tags, boards, discs and sheets to print, at true scale.",
+        "print": "Make tags, boards and discs to print, at true scale.",
     },
     "Rules": {
         "check": "Check a configuration: print every error in one pass, or say in words what it does.",
         "wiring": "Draw what hangs on which pin of the Raspberry Pi, from a configuration.",
         "test": "Run the tests of a configuration. Nothing is opened and nothing moves.",
+        "prove": "Try every sequence of a few faults, and see whether the wheels stop.",
         "explain": "Explain why a rule acts, or why it does not.",
         "replay": "Run rules over a recording. Nothing is opened and nothing moves.",
         "tune": "Propose the probability, delays and hysteresis of an alarm, from recordings.",
@@ -51,22 +51,38 @@ PANELS: Mapping[str, Mapping[str, str]] = {
         "events": "Print what the rules and faults of the service did, and when.",
         "reload": "Apply the edited configuration of a running instance without a restart, if it passes `check`.",
         "stop-outputs": "Put every output of a running instance at its safe value, until they are released.",
+        "arm": "Arm a running instance: from now on its outputs may act.",
+        "disarm": "Disarm a running instance: every output is at its safe value until it is armed.",
+        "safe": "Make every output of a configuration safe by hand, when no run drives it.",
         "alarm": "Acknowledge, reset or shelve an alarm of a running instance, and more.",
     },
-    "": {name: f"`stadimeter alarm {name}`." for name in ALARM_COMMANDS},
 }
 
-_MODULES = {
-    "print": "print_target",
-    "snapshot": "cameras",
-    "test": "test_rules",
-    **dict.fromkeys(("status", "reload", "stop-outputs", "alarm", *ALARM_COMMANDS), "operate"),
+# The module and the function (or group) of a command, where it has not the command's name twice.
+_PLACES = {
+    "help": "main:show_help",
+    "snapshot": "cameras:snapshot",
+    "print": "print_target:print_group",
+    "test": "test_rules:run_tests",
+    "schema": "check:schema",
+    "prove": "prove:prove_command",
+    "wiring": "print_target:wiring",
+    "explain": "explain:explain_command",
+    "tune": "tune:tune_command",
+    "status": "operate:status",
+    "events": "operate:events",
+    "reload": "operate:reload",
+    "stop-outputs": "operate:stop_outputs",
+    "arm": "operate:arm",
+    "disarm": "operate:disarm",
+    "alarm": "operate:alarm",
 }
 
 
-def module_of(name: str) -> str:
-    """Return the module with the function ``register`` that adds a command: by default it has the command's name."""
-    return f"stadimeter.cli.{_MODULES.get(name, name)}"
+def place_of(name: str) -> tuple[str, str]:
+    """Return the module of a command, and the function or group in it."""
+    module, function = _PLACES.get(name, f"{name}:{name}").split(":")
+    return f"stadimeter.cli.{module}", function
 
 
 class Commands(TyperGroup):
@@ -82,7 +98,7 @@ class Commands(TyperGroup):
             self._add(TyperCommand(name, help=PANELS[panel][name], rich_markup_mode=self.rich_markup_mode), panel)
 
     def _add(self, command: Any, panel: str) -> None:
-        command.hidden, command.rich_help_panel = not panel, panel or None
+        command.rich_help_panel = panel
         self.add_command(command)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
@@ -93,8 +109,13 @@ class Commands(TyperGroup):
 
     def load(self, name: str) -> Any:
         """Load a command of the table."""
+        module, function = place_of(name)
+        found = getattr(import_module(module), function)
         alone = typer.Typer(rich_markup_mode="markdown", pretty_exceptions_enable=False)
-        import_module(module_of(name)).register(alone)
+        if isinstance(found, typer.Typer):
+            alone.add_typer(found, name=name)
+        else:
+            alone.command(name)(found)
         command: Any = typer.main.get_group(alone).commands[name]
         self._add(command, self._panels[name])
         if not gc.isenabled():  # `stadimeter.__main__` disables it while libraries are loaded, and those stay
@@ -133,6 +154,91 @@ def _stadimeter(
     Start with `stadimeter demo`, which needs no hardware. Then find out the `colour` of your ball, `calibrate` the
     camera with one picture at a known distance, `measure` some pictures, `check` a configuration and `run` it.
     """
+
+
+def show_help(
+    context: typer.Context,
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="COMMAND…", help="A command, such as measure or calibrate distance.")
+    ] = None,
+) -> None:
+    """Print the help of a command, or the list of commands.
+
+    **Examples**
+
+    - `stadimeter help`
+
+    - `stadimeter help measure`
+
+    - `stadimeter help calibrate distance`
+
+    **Exit code**: 0 done; 2 there is no such command.
+    """
+    above: Any = context.parent
+    for name in names or []:
+        group = above.command
+        _, command, _ = group.resolve_command(above, [name]) if hasattr(group, "commands") else (name, None, [])
+        if command is None:
+            typer.echo(f"error: there is no command '{' '.join(names or [])}'; `stadimeter help` lists them", err=True)
+            raise typer.Exit(WRONG)
+        above = type(above)(command, info_name=name, parent=above)
+    typer.echo(above.get_help(), nl=False)
+
+
+# What stands for a character where a terminal or file cannot take it.
+PLAIN = {
+    "±": "+-", "°": " deg", "…": "...", "²": "2", "³": "3", "—": "-", "–": "-", "−": "-", "·": "-", "•": "*", "→": "->",
+    "←": "<-", "≥": ">=", "≤": "<=", "≈": "~", "×": "x", "÷": "/", "σ": "sigma", "µ": "u", "μ": "u", "π": "pi",
+    "ω": "omega", "Ω": "ohm",
+    "\N{LEFT SINGLE QUOTATION MARK}": "'", "\N{RIGHT SINGLE QUOTATION MARK}": "'", "“": '"', "”": '"', "„": '"',
+    "━": "=", "│": "|", "┃": "|", "●": "*", "○": "o", "█": "#", "▀": "#", "▄": "#", "✓": "ok", "✗": "x",
+    "\N{NO-BREAK SPACE}": " ", "\N{NARROW NO-BREAK SPACE}": " ",
+}  # fmt: skip
+
+# The name of the error handler for encodings that puts `plain` in place of what an encoding lacks.
+PLAIN_ERRORS = "stadimeter.plain"
+
+
+def plain(character: str) -> str:
+    """Return what stands for a character in ASCII; its number for a letter, which may be part of a file's name."""
+    if character.isascii():
+        return character
+    if character in PLAIN:
+        return PLAIN[character]
+    if "BOX DRAWINGS" in (name := unicodedata.name(character, "")):
+        return "-" if name.endswith("HORIZONTAL") and "AND" not in name else "+"
+    return character.encode("ascii", "backslashreplace").decode("ascii")
+
+
+def _write_plain(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return "".join(map(plain, error.object[error.start : error.end])), error.end
+
+
+def _plain_codec(name: str) -> codecs.CodecInfo | None:
+    if name != _PLAIN_ASCII:
+        return None
+    ascii_codec = codecs.lookup("ascii")
+    return codecs.CodecInfo(
+        *ascii_codec,
+        incrementalencoder=ascii_codec.incrementalencoder,
+        incrementaldecoder=ascii_codec.incrementaldecoder,
+        name=name,
+    )
+
+
+# ASCII under a name of its own. Typer takes a stream of the other name for a mistake, and writes UTF-8 to it.
+_PLAIN_ASCII = "plain_ascii"
+
+codecs.register_error(PLAIN_ERRORS, _write_plain)
+codecs.register(_plain_codec)
+
+
+def write_plainly(stream: TextIOWrapper) -> None:
+    """Have a stream take every text: with plain characters in place of those that its encoding lacks."""
+    is_ascii = codecs.lookup(stream.encoding).name == "ascii"
+    stream.reconfigure(encoding=_PLAIN_ASCII if is_ascii else None, errors=PLAIN_ERRORS)
 
 
 def main() -> None:

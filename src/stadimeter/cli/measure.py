@@ -5,16 +5,17 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from stadimeter.app.detectors import NamedDetector, build_detectors
-from stadimeter.cli.exits import DONE, NOT_FOUND, WRONG, plain_errors
+from stadimeter.cli.exits import DONE, NOT_FOUND, WRONG, plain_errors, say_note
 from stadimeter.cli.formatting import LengthUnit
-from stadimeter.cli.measure_output import Printer, copy_paths, marks_of, printer_of
+from stadimeter.cli.measure_output import Printer, copy_paths, marks_of
 from stadimeter.cli.progress import count_items, goes_to_file
 from stadimeter.cli.target_options import (
     ConfigOption,
@@ -32,9 +33,15 @@ from stadimeter.core.measurement import MeasurementStatus
 from stadimeter.errors import ConfigError, PictureError, Problem, StadimeterError
 from stadimeter.workbench.annotation import annotate, write_picture
 from stadimeter.workbench.colour_aids import colour_notes
-from stadimeter.workbench.colour_profile import profile_notes
-from stadimeter.workbench.measuring import Measuring, PictureResult, failed_results, is_video_file, measure_picture
-from stadimeter.workbench.remedies import remedy_notes
+from stadimeter.workbench.measuring import (
+    Measuring,
+    PictureResult,
+    failed_results,
+    is_video_file,
+    measure_picture,
+    remedy_notes,
+)
+from stadimeter.workbench.picture_metadata import profile_notes
 
 # Of more pictures than this it is shown how many are done.
 MANY_PICTURES = 5
@@ -45,11 +52,6 @@ EXIT_CODES = {
     MeasurementStatus.TRUNCATED: NOT_FOUND,
     MeasurementStatus.ERROR: WRONG,
 }
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the command line."""
-    app.command()(measure)
 
 
 BetweenOption = Annotated[
@@ -141,7 +143,13 @@ def measure(
             wanted=wanted,
             targets=targets,
             camera_model=camera_model,
-            printer=printer_of([name, *map(str, images or ())], wanted, as_json=as_json, explain=explain),
+            printer=Printer(
+                as_json=as_json,
+                explain=explain,
+                unit=wanted.unit,
+                file_width=max(map(len, [name, *map(str, images or ())])),
+                target_width=max(len(choice.name) for choice in wanted.choices),
+            ),
             between=names,
         )
         code = work.frames(camera_choice(live), name) if live else work.files(images or [], copies, explain=explain)
@@ -228,8 +236,7 @@ def _camera_model(file: Path | None, wanted: WantedTargets | None, *, is_configu
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Work:
+class _Work(Struct, frozen=True, kw_only=True):
     """Everything that `measure` needs for its inputs: what to look for, through which lens, and how to print it."""
 
     measuring: Measuring
@@ -243,7 +250,7 @@ class _Work:
     def files(self, files: Sequence[Path], copies: Path | None, *, explain: bool) -> int:
         """Measure pictures and videos one after the other, and return the worst of their exit codes."""
         for note in profile_notes(files):
-            _note(note)
+            say_note(note)
         paths = copy_paths([each for each in files if not is_video_file(each)], copies)
         return max(
             self.frames(_video(each), str(each))
@@ -260,7 +267,7 @@ class _Work:
             *colour_notes(result, self.wanted.choices, self.proposed),
             *remedy_notes(result, self.wanted.choices, self.camera_model, self.proposed),
         ):
-            _note(words)
+            say_note(words)
         return max(code, _write_copy(result, copy, self.wanted.unit, explain=explain)) if copy else code
 
     def frames(self, choice: DriverChoice, name: str) -> int:
@@ -272,8 +279,8 @@ class _Work:
         try:
             source.capture.open()
             for remark in source.capture.remarks():
-                _note(remark)
-            for result in self.measuring.measure_all(source, name, _note):
+                say_note(remark)
+            for result in self.measuring.measure_all(source, name, say_note):
                 seen, code = seen + 1, min(code, self._printed(result))
         except KeyboardInterrupt:
             typer.echo(f"stopped after {seen} frames", err=True)
@@ -291,10 +298,6 @@ class _Work:
         if self.between is not None and result.frame is not None:
             self.printer.separation(result, self.between, self.measuring.between(result, self.between))
         return max(EXIT_CODES[each.measurement.status] for each in result.targets)
-
-
-def _note(words: str) -> None:
-    typer.echo(f"note: {words}", err=True)
 
 
 def _write_copy(result: PictureResult, path: Path, unit: LengthUnit, *, explain: bool) -> int:

@@ -6,11 +6,13 @@ import json
 import math
 import textwrap
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 import typer
+from msgspec import Struct
+from msgspec.structs import replace
 
+from stadimeter.cli.exits import make_folder
 from stadimeter.cli.formatting import (
     METRE,
     LengthUnit,
@@ -20,78 +22,50 @@ from stadimeter.cli.formatting import (
     format_position,
     format_tilt,
 )
-from stadimeter.cli.target_options import WantedTargets
 from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
 from stadimeter.core.measurement import Measurement, MeasurementStatus
-from stadimeter.errors import ConfigError, Problem, reason_of
 from stadimeter.ranging.measure import SigmaParts
 from stadimeter.ranging.separation import Separation
 from stadimeter.workbench.annotation import Mark
 from stadimeter.workbench.measuring import PictureResult, TargetResult
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _JsonPrinter:
+class Printer(Struct, frozen=True, kw_only=True):
+    """Prints results on standard output, as JSON or as lines in the person's unit; what is wrong on standard error."""
+
+    as_json: bool
     explain: bool
-
-    def result(self, result: TargetResult) -> None:
-        further = explanation_record(result) if self.explain else {}
-        typer.echo(json.dumps({**result.record(), **further}))
-        _print_error(result)
-
-    def separation(self, result: PictureResult, names: tuple[str, str], found: Separation | None) -> None:
-        place = result.targets[0]
-        record = {
-            "file": result.file,
-            "between": names,
-            "distance_m": found and found.distance_m,
-            "sigma_m": found and found.sigma_m,
-            "frame": place.frame,
-            "time_s": place.time_s,
-        }
-        typer.echo(json.dumps(record))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _LinePrinter:
     unit: LengthUnit
     file_width: int
     target_width: int
-    explain: bool
 
     def result(self, result: TargetResult) -> None:
-        if not _print_error(result):
-            typer.echo(f"{self._head(result, result.label)}  {_in_words(result, self.unit)}")
-            for line in explanation(result) if self.explain else ():
-                typer.echo(line)
+        """Print what became of one target in a picture."""
+        if self.as_json:
+            typer.echo(json.dumps(result.record() | (explanation_record(result) if self.explain else {})))
+        if _print_error(result) or self.as_json:
+            return
+        typer.echo(f"{self._head(result, result.label)}  {_in_words(result, self.unit)}")
+        for line in explanation(result) if self.explain else ():
+            typer.echo(line)
 
     def separation(self, result: PictureResult, names: tuple[str, str], found: Separation | None) -> None:
-        words = "unknown: not both are measured"
-        if found is not None:
-            words = format_distance(found.distance_m, found.sigma_m, self.unit)
-            if self.unit is not METRE:
-                words += f"  {format_distance(found.distance_m, found.sigma_m, METRE)}"
-        typer.echo(f"{self._head(result.targets[0], ' to '.join(names))}  {words}")
+        """Print how far apart two targets of a picture are."""
+        place = result.targets[0]
+        distance_m, sigma_m = (found.distance_m, found.sigma_m) if found is not None else (None, None)
+        if self.as_json:
+            record = {"file": result.file, "between": names, "distance_m": distance_m, "sigma_m": sigma_m}
+            typer.echo(json.dumps({**record, "frame": place.frame, "time_s": place.time_s}))
+            return
+        units = dict.fromkeys((self.unit, METRE))
+        words = "  ".join(format_distance(distance_m, sigma_m, unit) for unit in units)
+        if found is None:
+            words = "unknown: not both are measured"
+        typer.echo(f"{self._head(place, ' to '.join(names))}  {words}")
 
     def _head(self, result: TargetResult, label: str) -> str:
         place = "" if result.time_s is None else f"  frame {result.frame:>4}  {result.time_s:8.3f} s"
         return f"{result.file:<{self.file_width}}{place}  {label:<{self.target_width}}"
-
-
-# Prints results on standard output, and what is wrong on standard error.
-Printer = _JsonPrinter | _LinePrinter
-
-
-def printer_of(names: Sequence[str], wanted: WantedTargets, *, as_json: bool, explain: bool) -> Printer:
-    """Return what prints results for inputs of these names: as JSON, or as lines in the person's unit."""
-    if as_json:
-        return _JsonPrinter(explain=explain)
-    return _LinePrinter(
-        unit=wanted.unit,
-        file_width=max(map(len, names)),
-        target_width=max(len(choice.name) for choice in wanted.choices),
-        explain=explain,
-    )
 
 
 def _print_error(result: TargetResult) -> bool:
@@ -246,12 +220,7 @@ def copy_paths(images: Sequence[Path], folder: Path | None, ending: str = "measu
     """
     if folder is None:
         return {}
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(
-            [Problem(f"the folder {folder} cannot be made: {reason_of(error)}", key="--annotate")]
-        ) from error
+    make_folder(folder, "--annotate")
     paths: dict[Path, Path] = {}
     for image in dict.fromkeys(images):
         suffix = image.suffix if image.suffix.lower() in KEPT_SUFFIXES else ".png"
@@ -278,20 +247,13 @@ def _mark(result: TargetResult, unit: LengthUnit) -> Mark:
     measured = result.measurement
     detection = result.detection or Detection(target=measured.target, status=DetectionStatus.NOT_FOUND)
     name = result.label if len(result.label) <= MAX_NAME else f"{result.label[: MAX_NAME - 2]}.."
-    if measured.status is not MeasurementStatus.MEASURED:
+    if measured.status is MeasurementStatus.MEASURED:
+        words = format_distance(measured.distance_m, measured.sigma_m, unit)
+        lines = _legend(result, detection, unit)
+    else:
         words = _WORDS[measured.status]
-        return Mark(
-            detection=detection,
-            has_corners=result.has_corners,
-            headline=f"{name}: {words}",
-            lines=(f"{result.label}: {words}", *textwrap.wrap(measured.reason, WRAPPED_AT)),
-        )
-    return Mark(
-        detection=detection,
-        has_corners=result.has_corners,
-        headline=f"{name}: {format_distance(measured.distance_m, measured.sigma_m, unit)}",
-        lines=_legend(result, detection, unit),
-    )
+        lines = (f"{result.label}: {words}", *textwrap.wrap(measured.reason, WRAPPED_AT))
+    return Mark(detection=detection, has_corners=result.has_corners, headline=f"{name}: {words}", lines=lines)
 
 
 def _legend(result: TargetResult, detection: Detection, unit: LengthUnit) -> tuple[str, ...]:

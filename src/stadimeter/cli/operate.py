@@ -1,31 +1,45 @@
-"""Commands for a running instance: operator commands such as ``alarm ack``, and ``reload`` and ``status``."""
+"""Commands for a running instance: operator commands such as ``alarm ack``, ``reload``, ``status`` and ``events``."""
 
 from __future__ import annotations
 
+import getpass
 import inspect
+import json
+import os
+import re
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from stadimeter.app.control.client import describe_reload
-from stadimeter.cli.control_options import (
-    ByOption,
-    ConfigOption,
-    JsonOption,
-    SocketOption,
-    WhyOption,
-    ask_all,
-    ask_and_introduce,
-    ask_instance,
-    print_answer,
-    who,
-)
-from stadimeter.cli.exits import plain_errors
+from stadimeter.app.control.client import ANSWER_WAIT_S, Instance, ask, describe_reload, find, introduce
+from stadimeter.app.control.places import running
+from stadimeter.app.event_log import ENDING, log_files
+from stadimeter.app.recordings.recorded_configuration import sha256_of
+from stadimeter.cli.exits import plain_errors, read_option
 from stadimeter.config.units import parse_duration
-from stadimeter.errors import ConfigError, Problem
+from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text
+from stadimeter.core.words import rounded_duration
+from stadimeter.errors import ConfigError, ControlError, JournalError, Problem, UnreadableError
 from stadimeter.operator_actions import OperatorAction
+
+ConfigOption = Annotated[
+    Path | None,
+    typer.Option("--config", metavar="CONFIG", help="The configuration of the instance, if several run."),
+]
+SocketOption = Annotated[
+    Path | None,
+    typer.Option("--socket", metavar="PATH", help="The socket of the instance; by default it is found."),
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+ByOption = Annotated[
+    str | None, typer.Option("--by", metavar="NAME", help="Who gives the command; by default the login name.")
+]
+WhyOption = Annotated[str, typer.Option("--why", metavar="TEXT", help="Why; it is recorded with the event.")]
+
 
 RuleName = Annotated[str | None, typer.Argument(metavar="RULE", help="The rule, by its name in the configuration.")]
 For = Annotated[
@@ -40,23 +54,15 @@ All = Annotated[bool, typer.Option("--all", help="Every rule that it applies to,
 # A configuration with many targets takes a small computer some seconds to check.
 CHECK_WAIT_S = 60.0
 
-ALARM = """Acknowledge, reset or shelve an alarm of a running instance, and more.
-
-Every command names a rule of the configuration, or says `--all`. It is recorded who gave it, when and why.
-"""
+alarm = typer.Typer(no_args_is_help=True, rich_markup_mode="markdown")
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands; those for alarms also by the names that they had without ``alarm`` before them."""
-    alarm = typer.Typer(name="alarm", help=ALARM, no_args_is_help=True, rich_markup_mode="markdown")
-    for group in (alarm, app):
-        for action in OperatorAction:
-            if not action.is_on_outputs:
-                group.command(action.command, help=action.help)(_alarm_command(action))
-    app.add_typer(alarm)
-    app.command("stop-outputs", help=OperatorAction.STOP_OUTPUTS.help)(stop_outputs)
-    app.command("reload")(reload)
-    app.command("status")(status)
+@alarm.callback()
+def _alarm() -> None:
+    """Acknowledge, reset or shelve an alarm of a running instance, and more.
+
+    Every command names a rule of the configuration, or says `--all`. It is recorded who gave it, when and why.
+    """
 
 
 def _alarm_command(action: OperatorAction) -> Callable[..., None]:
@@ -77,13 +83,19 @@ def _alarm_command(action: OperatorAction) -> Callable[..., None]:
         with plain_errors():
             if action.is_timed:
                 args |= {"one_shot": one_shot, "for_s": _for_s(for_)}
-            _operate(action.command, args, config, socket, as_json=as_json)
+            data = ask_instance(action.command, args, config, socket)
+        print_answer(data, data["words"], as_json=as_json)
 
     if not action.is_timed:
         signature = inspect.signature(command, eval_str=True)
         options = [option for name, option in signature.parameters.items() if name not in {"for_", "one_shot"}]
         vars(command)["__signature__"] = signature.replace(parameters=options)
     return command
+
+
+for _action in OperatorAction:
+    if not _action.is_on_outputs:
+        alarm.command(_action.command, help=_action.help)(_alarm_command(_action))
 
 
 def stop_outputs(
@@ -97,11 +109,48 @@ def stop_outputs(
     """Stop every output of one running instance, or of all; or release them. The table of actions has the help."""
     action = OperatorAction.RELEASE_OUTPUTS if release else OperatorAction.STOP_OUTPUTS
     args = {"by": who(by), "why": why}
-    if release or config is not None or socket is not None:
-        _operate(action.command, args, config, socket, as_json=as_json)
-        return
     with plain_errors():
-        data = ask_all(action.command, args)
+        if release or config is not None or socket is not None:
+            data = ask_instance(action.command, args, config, socket)
+        else:
+            data = ask_all(action.command, args)
+    print_answer(data, data["words"], as_json=as_json)
+
+
+stop_outputs.__doc__ = OperatorAction.STOP_OUTPUTS.help
+
+
+def arm(
+    by: ByOption = None,
+    why: WhyOption = "",
+    config: ConfigOption = None,
+    socket: SocketOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Arm one running instance. The table of actions has the help."""
+    _tell(OperatorAction.ARM, by, why, config, socket, as_json=as_json)
+
+
+def disarm(
+    by: ByOption = None,
+    why: WhyOption = "",
+    config: ConfigOption = None,
+    socket: SocketOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Disarm one running instance. The table of actions has the help."""
+    _tell(OperatorAction.DISARM, by, why, config, socket, as_json=as_json)
+
+
+arm.__doc__, disarm.__doc__ = OperatorAction.ARM.help, OperatorAction.DISARM.help
+
+
+def _tell(
+    action: OperatorAction, by: str | None, why: str, config: Path | None, socket: Path | None, *, as_json: bool
+) -> None:
+    """Give a command that concerns every output of one instance, and print the answer."""
+    with plain_errors():
+        data = ask_instance(action.command, {"by": who(by), "why": why}, config, socket)
     print_answer(data, data["words"], as_json=as_json)
 
 
@@ -143,12 +192,6 @@ def status(config: ConfigOption = None, socket: SocketOption = None, as_json: Js
     print_answer(data, "\n".join((who_answers, *_lines(data))), as_json=as_json)
 
 
-def _operate(op: str, args: Mapping[str, object], config: Path | None, socket: Path | None, *, as_json: bool) -> None:
-    with plain_errors():
-        data = ask_instance(op, args, config, socket)
-    print_answer(data, data["words"], as_json=as_json)
-
-
 def _rule(rule: str | None, *, every: bool) -> str:
     """Return the rule that is meant; empty for every one. Meaning all of them must be said."""
     if (rule is None) is not every:
@@ -159,10 +202,7 @@ def _rule(rule: str | None, *, every: bool) -> str:
 def _for_s(text: str | None) -> float | None:
     if text is None:
         return None
-    try:
-        for_s = parse_duration(text)
-    except ValueError as error:
-        raise ConfigError([Problem(str(error), key="--for")]) from error
+    for_s = read_option(parse_duration, text, "--for")
     if for_s == 0:
         raise ConfigError([Problem(f"{text!r} is no time at all", key="--for")])
     return for_s
@@ -179,5 +219,161 @@ def _lines(data: Mapping[str, Any]) -> Iterator[str]:
     for rule in data["rules"]:
         marks = [] if rule["acknowledged"] else ["unacknowledged"]
         marks += ["first of its group"] if rule["first_out"] else []
-        marked = ", ".join([rule["status"], *marks, *rule["gates"]])
+        marked = ", ".join([rule["status"], *marks, *rule["inhibits"]])
         yield f"{rule['rule']}: {marked}: {rule['reason']}"
+
+
+def ask_instance(
+    op: str,
+    args: Mapping[str, object],
+    config: Path | None,
+    socket: Path | None,
+    wait_s: float = ANSWER_WAIT_S,
+) -> Any:
+    """Ask the running instance: that at a socket, or with a configuration, or the only one."""
+    return ask(_place(config, socket), op, args, wait_s)
+
+
+def ask_and_introduce(
+    op: str, args: Mapping[str, object], config: Path | None, socket: Path | None
+) -> tuple[Mapping[str, Any], str]:
+    """Ask the running instance as `ask_instance` does; return its answer with its name, also as a line for people."""
+    place = _place(config, socket)
+    instance = introduce(place)
+    data = ask(place, op, args)
+    told = {
+        "configuration": str(instance.configuration),
+        "configuration_age_s": instance.configuration_age_s,
+        "is_file_changed": (is_changed := _is_file_changed(instance)),
+        "pid": instance.pid,
+    }
+    return {"instance": told, **data}, _in_words(instance, is_changed=is_changed)
+
+
+def ask_all(op: str, args: Mapping[str, object]) -> Mapping[str, Any]:
+    """Ask every running instance at once to stop its outputs; raise `ControlError` if one does not answer.
+
+    A stop must not wait until it is said whose: it asks even if another instance was killed, or hangs.
+    """
+    sockets = running()
+    if len(sockets) < 2:
+        answer: Mapping[str, Any] = ask(sockets[0], op, args) if sockets else ask_instance(op, args, None, None)
+        return answer
+    with ThreadPoolExecutor(len(sockets)) as pool:
+        answers = [*zip(sockets, pool.map(lambda socket: _try_to_ask(socket, op, args), sockets), strict=True)]
+    words = "\n".join(f"{socket.stem}: {answer['words']}" for socket, answer in answers)
+    if any("error" in answer for _, answer in answers):
+        raise ControlError(words)
+    return {"words": words, "unconfirmed": [each for _, answer in answers for each in answer.get("unconfirmed", ())]}
+
+
+def _try_to_ask(socket: Path, op: str, args: Mapping[str, object]) -> Mapping[str, Any]:
+    """Return the answer of an instance, or in words why there is none."""
+    try:
+        return dict(ask(socket, op, args))
+    except ControlError as error:
+        return {"words": f"not stopped: {error}", "error": True}
+
+
+def _place(config: Path | None, socket: Path | None) -> Path:
+    """Return where the instance listens that is meant; one at a socket must have the configuration that is named."""
+    if socket is None:
+        return find(config)
+    if config is not None and (other := introduce(socket).configuration) != config.resolve():
+        raise ControlError(f"{socket}: the instance there runs {other}, and not {config}")
+    return socket
+
+
+def _is_file_changed(instance: Instance) -> bool:
+    """Return whether the file is another one than the instance goes by; not if that cannot be seen from here."""
+    try:
+        text = read_untrusted_text(instance.configuration, CONFIGURATION_MAX_BYTES)
+    except UnreadableError:
+        return False
+    return instance.digest not in {"", sha256_of(text)}
+
+
+def _in_words(instance: Instance, *, is_changed: bool) -> str:
+    age_s = instance.configuration_age_s
+    since = "" if age_s is None else f", loaded {rounded_duration(age_s)} ago"
+    changed = "; the file has changed since: `stadimeter reload` applies it" if is_changed else ""
+    return f"{instance.configuration}{since} (process {instance.pid}){changed}"
+
+
+def who(by: str | None) -> str:
+    """Return who asks: as given, or the login name, below ``sudo`` that of the person."""
+    if by is not None:
+        return by
+    try:
+        return os.environ.get("SUDO_USER") or getpass.getuser()
+    except (KeyError, OSError):  # a user without a name
+        return f"user {os.getuid()}"
+
+
+def print_answer(data: Any, words: str, *, as_json: bool) -> None:
+    """Print an answer."""
+    typer.echo(json.dumps(data, ensure_ascii=False) if as_json else words)
+
+
+# Where the service of the package keeps its state.
+SERVICE_STATE = Path("/var/lib/stadimeter")
+
+_LINE = re.compile(r"(?P<time>\d{4}-\d\d-\d\d [\d:.]+[+-]\d\d:\d\d)(?P<mark>[ ?]) (?P<text>.*)")
+
+
+def events(
+    log: Annotated[Path | None, typer.Argument(metavar="LOG", help="The log; by default that of the service.")] = None,
+    lines: Annotated[int, typer.Option("--lines", "-n", min=1, metavar="N", help="How many lines, the newest.")] = 50,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object a line.")] = False,
+) -> None:
+    """Print what the rules and faults of the service did, and when.
+
+    The service keeps this log for months, in five files of 1 MB at most. A question mark behind a time says that no
+    time server vouched for the clock then. Events of rules are up to a minute old before they are in the log.
+
+    With --json, each line is an object with time (ISO 8601; null where the line has none), is_synchronised (false for a
+    question mark) and text.
+
+    **Examples**
+
+    - `sudo stadimeter events`
+
+    - `sudo stadimeter events --lines 500`
+
+    **Exit code**: 0 done; 2 there is no log, or it cannot be read.
+    """
+    with plain_errors():
+        path = log or _of_service()
+        newest = [line for file in reversed(log_files(path)) for line in reversed(_read_lines(file))]
+        if not newest:
+            raise JournalError(f"{path}: there is no event log")
+        for line in reversed(list(islice(newest, lines))):
+            typer.echo(json.dumps(_record(line), ensure_ascii=False) if as_json else line)
+
+
+def _record(line: str) -> dict[str, object]:
+    """Return a line of the log as the object that ``--json`` prints."""
+    found = _LINE.fullmatch(line)
+    if found is None:
+        return {"time": None, "is_synchronised": False, "text": line}
+    return {"time": found["time"].replace(" ", "T"), "is_synchronised": found["mark"] == " ", "text": found["text"]}
+
+
+def _of_service() -> Path:
+    """Return the log of the service, the one that was written last if it had several configurations."""
+    try:
+        found = sorted(SERVICE_STATE.glob(f"*{ENDING}"), key=lambda path: path.stat().st_mtime)
+    except OSError as error:
+        raise JournalError(f"{SERVICE_STATE}: {error.strerror}; try sudo") from error
+    if not found:
+        raise JournalError(f"there is no event log in {SERVICE_STATE}: only a service keeps one; or name the LOG")
+    return found[-1]
+
+
+def _read_lines(file: Path) -> list[str]:
+    try:
+        return file.read_text(encoding="utf-8", errors="replace").splitlines()
+    except FileNotFoundError:  # the service began a new file since this one was listed
+        return []
+    except OSError as error:
+        raise JournalError(f"{file} cannot be read: {error.strerror}; try sudo") from error

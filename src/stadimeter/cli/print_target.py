@@ -1,8 +1,9 @@
-"""The commands ``print``: tags, boards, discs and sheets at true scale."""
+"""The commands that draw: ``print`` tags, boards and discs at true scale, and ``wiring``."""
 
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,19 +17,20 @@ from stadimeter.cli.calibrate_board import (
     MarkerOption,
     board_from_options,
 )
-from stadimeter.cli.exits import plain_errors
+from stadimeter.cli.exits import ConfigArgument, configuration_path, plain_errors
 from stadimeter.cli.target_options import targets_from_options
-from stadimeter.config.units import split_quantities
+from stadimeter.config.loader import load_configuration
 from stadimeter.core.drawing import Drawing
 from stadimeter.detectors.protocol import DrawsTarget
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.drawing import write_drawings
 from stadimeter.workbench.printing import PAPERS, Item, board_drawing, print_pages
+from stadimeter.workbench.wiring import find_outputs, parts_of, wiring_picture, wiring_text
 
 CHECK = "Print at 100 % (actual size), then measure the ruler: 10 cm and 4 in."
 MAX_TAGS = 200
 
-_print_app = typer.Typer(name="print", no_args_is_help=True)
+print_group = typer.Typer(no_args_is_help=True)
 
 OutputOption = Annotated[
     Path, typer.Option("--output", "-o", metavar="FILE", help="The file to write, .pdf, or .svg for a single page.")
@@ -36,21 +38,16 @@ OutputOption = Annotated[
 PaperOption = Annotated[str, typer.Option("--paper", metavar="NAME", help=f"The paper: {', '.join(PAPERS)}.")]
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands to the command line."""
-    app.add_typer(_print_app)
-
-
-@_print_app.callback()
+@print_group.callback()
 def _print() -> None:
-    """Make tags, boards, discs and sheets to print, at true scale.
+    """Make tags, boards and discs to print, at true scale.
 
     Print at 100 %, "actual size", never "fit to page", and measure the ruler at the foot of the page. Glue the print
     onto something flat and stiff.
     """
 
 
-@_print_app.command()
+@print_group.command()
 def tag(
     *,
     size: Annotated[str, typer.Argument(metavar="SIDE", help="Side of the black square.")] = "8cm",
@@ -87,7 +84,7 @@ def tag(
         _tell_target("tag", table)
 
 
-@_print_app.command()
+@print_group.command()
 def disc(
     *,
     size: Annotated[str, typer.Argument(metavar="DIAMETER", help="Diameter of the disc.")] = "12cm",
@@ -111,43 +108,7 @@ def disc(
         _tell_target("disc", {"detector": "disc", "diameter": size, "shade": "dark"})
 
 
-@_print_app.command()
-def sheet(
-    *,
-    size: Annotated[
-        str, typer.Argument(metavar="WIDTH,HEIGHT|NAME", help="Its sides, such as 15cm,10cm or A5.")
-    ] = "A5",
-    output: OutputOption,
-    paper: PaperOption = "A4",
-) -> None:
-    """Make the outline of a sheet to print and to cut out. A whole page needs no print: measure it as `--sheet A4`.
-
-    **Examples**
-
-    - `stadimeter print sheet 15cm,10cm -o sheet.pdf`
-
-    **Exit code**: 0 the file was written; 2 an option is wrong, the sheet is larger than the paper, or the file cannot
-    be written.
-    """
-    with plain_errors():
-        drawing, _ = _draw_target({"--sheet": size})
-        sides = f"{1000 * drawing.width_m:.1f} × {1000 * drawing.height_m:.1f} mm"
-        words = f"A sheet of {sides}: cut along the outer edge of the line."
-        _write(
-            output,
-            [Item(drawing, "the width", drawing.width_m)],
-            paper,
-            (words, CHECK, f"stadimeter measure … --sheet {size}"),
-        )
-        _tell_target("sheet", {"detector": "sheet", **_sides(size)})
-
-
-def _sides(size: str) -> dict[str, str]:
-    width, *height = split_quantities(size)
-    return {"width": width, "height": ", ".join(height)} if height else {"size": size}
-
-
-@_print_app.command()
+@print_group.command()
 def board(
     *,
     output: OutputOption,
@@ -223,3 +184,40 @@ def _tell_target(name: str, table: Mapping[str, Any]) -> None:
     typer.echo(f"in a configuration:\n\n[targets.{name}]")
     for key, value in table.items():
         typer.echo(f"{key} = {value}" if isinstance(value, int) else f'{key} = "{value}"')
+
+
+def wiring(
+    config: ConfigArgument = None,
+    *,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="Draw it into this file, .svg or .pdf.")
+    ] = None,
+) -> None:
+    """Draw what hangs on which pin of the Raspberry Pi, from a configuration.
+
+    Shows the 40 pins of the header, those that the configuration uses, and the circuit of each part: a motor or a
+    buzzer on a transistor, an LED with its resistor, a relay board, a button. Warns of pins that the Pi itself uses.
+
+    A base has a serial port of its own, and is not on the header.
+
+    **Examples**
+
+    - `stadimeter wiring config/distance-alert.toml`
+
+    - `stadimeter wiring config/distance-alert.toml -o wiring.svg`
+
+    **Exit code**: 0 done; 2 the configuration cannot be used, nothing is on a pin, or the file cannot be written.
+    """
+    with plain_errors():
+        configuration = load_configuration(configuration_path(config))
+        parts = parts_of(configuration)
+        if not find_outputs(parts):
+            raise ConfigError(f"{configuration.path}: no part is on a pin of the header, so there is nothing to wire")
+        for warning in configuration.warnings:
+            if warning.code == "pin-taken":
+                typer.echo(f"warning: {warning}", err=True)
+        if output is None:
+            typer.echo(wiring_text(parts, width=shutil.get_terminal_size().columns))
+        else:
+            write_drawings(output, [wiring_picture(parts)])
+            typer.echo(f"wrote {output}")

@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from msgspec import Struct
 
+from stadimeter.app.exact_json import plain
 from stadimeter.app.recordings.journal import Journal, JournalWriter, sha256_of
 from stadimeter.cli.exits import NOT_FOUND, plain_errors
 from stadimeter.cli.progress import working
@@ -38,12 +39,7 @@ from stadimeter.workbench.replay.replay import (
 from stadimeter.workbench.replay.replay_figures import RuleFigures, Tally
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("replay")(replay_command)
-
-
-def replay_command(
+def replay(
     recording: Annotated[
         Path, typer.Argument(metavar="RECORDING", help="What `stadimeter run --journal` or `--record` wrote.")
     ],
@@ -104,8 +100,7 @@ def replay_command(
         raise typer.Exit(NOT_FOUND)
 
 
-@dataclass(frozen=True, slots=True)
-class _Outcome:
+class _Outcome(Struct, frozen=True):
     """The results of a replay; those that were not asked for are None, or empty."""
 
     result: ReplayResult
@@ -182,13 +177,13 @@ def _figures(outcome: _Outcome, *, same_rules: bool) -> dict[str, Any]:
         "cycles": result.cycles,
         "identical": result.identical,
         "same_configuration": same_rules,
-        "events": [asdict(event) for event in result.events],
-        "differences": [asdict(difference) for difference in result.differences],
+        "events": [plain(event) for event in result.events],
+        "differences": [plain(difference) for difference in result.differences],
     }
     if outcome.diff is not None:
         figures["diff"] = outcome.diff.record()
     if outcome.again:
-        figures["measured_again"] = [asdict(target) for target in outcome.again]
+        figures["measured_again"] = [plain(target) for target in outcome.again]
     return figures
 
 

@@ -5,46 +5,86 @@ from __future__ import annotations
 import gc
 import json
 import os
+import sys
 import threading
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from typing import Annotated
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from pathlib import Path
+from typing import Annotated, Literal
 
 import typer
 
 from stadimeter.app.bootstrap import build
-from stadimeter.app.ending import end_with, stopping_on_signals
+from stadimeter.app.ending import end_with_input, stopping_on_signals
 from stadimeter.app.loop import Limits, Loop
-from stadimeter.app.restarts import ENV_PARENT_PAGE_PID, begin_anew
 from stadimeter.cli.exits import DONE, ConfigArgument, configuration_path, plain_errors
 from stadimeter.cli.keyboard import RunKeys
-from stadimeter.cli.run_options import (
-    Frames,
-    ImageQuality,
-    ImageRate,
-    JournalFile,
-    NoState,
-    RecordFile,
-    RecordImages,
-    RecordingOptions,
-    Seconds,
-    ServiceOptions,
-    SocketFile,
-    Speed,
-    StateFile,
-    TrustClock,
-    Unit,
-)
-from stadimeter.cli.run_services import open_recordings, open_services, start_service
+from stadimeter.cli.run_services import RunOptions, open_services, start_service
 from stadimeter.cli.viewing import Showing, View, in_words, live_or_plain, show, summarise
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.track import TrackStatus
 from stadimeter.detectors.protocol import ProposesColour
 
+Seconds = Annotated[float | None, typer.Option("--seconds", min=0.0, metavar="S", help="End after this long.")]
+Frames = Annotated[int | None, typer.Option("--frames", min=1, metavar="N", help="End after this many frames.")]
+MIN_SPEED, MAX_SPEED = 1e-3, 1e6
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("run")(run)
+
+def _check_speed(speed: float) -> float:
+    if speed and not MIN_SPEED <= speed <= MAX_SPEED:
+        raise typer.BadParameter(f"{speed:g} is neither 0 nor between {MIN_SPEED:g} and {MAX_SPEED:g}")
+    return speed
+
+
+Speed = Annotated[
+    float,
+    typer.Option(
+        "--speed",
+        callback=_check_speed,
+        help="How fast recordings and simulations run: 1 is real time, 0 has no brake.",
+    ),
+]
+Unit = Annotated[Literal["m", "cm", "ft", "in"], typer.Option("--unit", help="The unit to show distances in.")]
+JournalFile = Annotated[
+    Path | None, typer.Option("--journal", metavar="FILE", help="Record every cycle, for `stadimeter replay`.")
+]
+RecordFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--record", metavar="FILE.mcap", help="Record every cycle with its picture, for `replay` and for Foxglove."
+    ),
+]
+RecordImages = Annotated[
+    Literal["all", "events", "none"],
+    typer.Option("--record-images", help="Which pictures --record takes: those of `events` show what changed."),
+]
+ImageRate = Annotated[
+    float | None,
+    typer.Option("--image-rate", min=0.01, metavar="HZ", help="Upper limit of recorded pictures a second."),
+]
+ImageQuality = Annotated[
+    int,
+    typer.Option("--image-quality", min=1, max=100, metavar="PERCENT", help="Quality of JPEGs; 95 measures best."),
+]
+
+
+StateFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--state",
+        metavar="FILE",
+        help="Where alarms are remembered beyond the end of the run. A live camera has one by itself.",
+    ),
+]
+NoState = Annotated[bool, typer.Option("--no-state", help="Remember nothing beyond the end of the run.")]
+SocketFile = Annotated[
+    Path | None,
+    typer.Option("--socket", metavar="PATH", help="Where to listen for `stadimeter alarm ack`, `reload` and the like."),
+]
+TrustClock = Annotated[
+    bool,
+    typer.Option("--trust-clock", help="Take the computer's clock for right, though no time server vouches for it."),
+]
 
 
 def run(
@@ -64,6 +104,7 @@ def run(
     speed: Speed = 1.0,
     unit: Unit = "m",
     as_json: Annotated[bool, typer.Option("--json", help="Print nothing but one JSON object, at the end.")] = False,
+    ends_with_input: Annotated[bool, typer.Option("--end-with-input", hidden=True)] = False,
 ) -> None:
     """Measure, decide and act, until stopped.
 
@@ -95,30 +136,24 @@ def run(
         path = configuration_path(config)
         service = start_service(path)
         loop = Loop(build(load_configuration(path, with_tests=False), speed=speed or None))
-        recording = RecordingOptions(
+        options = RunOptions(
             journal=journal,
             record=record,
             images=record_images,
             image_rate_hz=image_rate,
             image_quality_percent=image_quality,
-            is_quiet=view != "plain",
-        )
-        services = ServiceOptions(
             state=state,
             no_state=no_state,
             socket=socket,
             trust_clock=trust_clock,
             is_unhurried=loop.parts.is_live or speed > 0,
-            is_quiet=view == "live",
             service=service,
+            ends_with_input=ends_with_input,
         )
-        showing = Showing(view, path.name, unit, RunKeys(loop))
-        run_loop(loop, Limits(frames=frames, seconds=seconds), recording, services, showing)
+        run_loop(loop, Limits(frames=frames, seconds=seconds), options, Showing(view, path.name, unit, RunKeys(loop)))
 
 
-def run_loop(
-    loop: Loop, limits: Limits, recording: RecordingOptions, services: ServiceOptions, showing: Showing
-) -> None:
+def run_loop(loop: Loop, limits: Limits, options: RunOptions, showing: Showing) -> None:
     """Run, and raise `typer.Exit`; or leave the process at once, if a signal has asked for the end and all is done.
 
     To take down the interpreter takes a small computer half a second, and for ever if a thread of a library hangs.
@@ -132,10 +167,11 @@ def run_loop(
             showing.keys.keyboard.restore()
 
     with stopping_on_signals(stop, loop.services.reload, loop.give_up, loop.make_safe), _telling_of_threads(loop):
-        end_with(os.environ.get(ENV_PARENT_PAGE_PID, ""))
+        if options.ends_with_input:
+            end_with_input()
         try:
             with plain_errors():
-                _run_to_the_end(loop, limits, recording, services, showing)
+                _run_to_the_end(loop, limits, options, showing)
                 _say_end(loop, showing)
             code = DONE
         except typer.Exit as left:
@@ -145,8 +181,17 @@ def run_loop(
         if loop.deadline.is_set and not loop.services.is_restart_due:
             os._exit(code)
     if loop.services.is_restart_due:
-        begin_anew()
+        _begin_again()
     raise typer.Exit(code)
+
+
+def _begin_again() -> None:
+    """Replace this program by a new one with the same command line and process id. Does not return."""
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):
+            stream.flush()
+    os.closerange(3, os.sysconf("SC_OPEN_MAX"))  # also what a library opened that knows nothing of it
+    os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])  # noqa: S606 - our own command line
 
 
 @contextmanager
@@ -167,20 +212,31 @@ def _telling_of_threads(loop: Loop) -> Iterator[None]:
         threading.excepthook = before
 
 
-def _run_to_the_end(
-    loop: Loop, limits: Limits, recording: RecordingOptions, services: ServiceOptions, showing: Showing
-) -> None:
-    with open_services(loop, services), open_recordings(loop, recording), show(loop, showing):
+def _run_to_the_end(loop: Loop, limits: Limits, options: RunOptions, showing: Showing) -> None:
+    with (
+        open_services(loop, options, is_quiet=showing.view == "live"),
+        open_recordings(loop, options, is_quiet=showing.view != "plain"),
+        show(loop, showing),
+    ):
         if loop.parts.recording_drives:
-            loop.listeners.append(_RealOutputsWarning(loop.parts.recording_drives))
+            loop.listeners.append(_warn_of_real_outputs(loop.parts.recording_drives))
         gc.freeze()  # else all threads stand still now and then, while the collector walks through every library
         loop.run(limits)
+
+
+def open_recordings(loop: Loop, options: RunOptions, *, is_quiet: bool = False) -> AbstractContextManager[None]:
+    """Record a run while in the context; if it is quiet, trouble is printed at the end only: the view has shown it."""
+    if options.journal is None and options.record is None:
+        return nullcontext()
+    from stadimeter.cli.run_recording import recording  # noqa: PLC0415 - it takes long, and few runs are recorded
+
+    return recording(loop, options, is_quiet=is_quiet)
 
 
 def _say_end(loop: Loop, showing: Showing) -> None:
     for trouble in loop.troubles:
         typer.echo(f"warning: while ending: {trouble}", err=True)
-    summary = summarise(loop.health, loop.ending)
+    summary = summarise(loop.history, loop.ending)
     if showing.view == "json":
         typer.echo(json.dumps(summary))
     else:
@@ -199,13 +255,12 @@ def _never_seen(loop: Loop, tracks: Mapping[str, Mapping[str, int]]) -> Iterator
             yield f"{target.name} was never seen. `stadimeter colour --live {file}` proposes its range of colours."
 
 
-class _RealOutputsWarning:
-    """Warns once, when the first frame has come, that a recording drives something real."""
+def _warn_of_real_outputs(outputs: tuple[str, ...]) -> Callable[..., None]:
+    """Return a listener that warns once, when the first frame has come, that a recording drives something real."""
+    words = [f"warning: a recording or simulation drives real outputs: {', '.join(outputs)}"]
 
-    def __init__(self, outputs: tuple[str, ...]) -> None:
-        self._words = f"warning: a recording or simulation drives real outputs: {', '.join(outputs)}"
+    def warn(*_: object) -> None:
+        while words:
+            typer.echo(words.pop(), err=True)
 
-    def __call__(self, *_: object) -> None:
-        if self._words:
-            typer.echo(self._words, err=True)
-        self._words = ""
+    return warn

@@ -1,29 +1,22 @@
-"""Services of a run that are dear to load: the alarm store, the control socket with live watching, and the page."""
+"""Services of a run that are dear to load: the alarm store, and the control socket with live watching."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stadimeter.app.control.places import runtime_folder, socket_path, usable_folder
+from stadimeter.app.control.places import make_folder, runtime_folder, socket_path
 from stadimeter.app.control.socket_server import ControlSocket
-from stadimeter.app.live.subscriptions import Subscriptions
-from stadimeter.app.live.watching import attend_to_requests, introduction, live_feed
-from stadimeter.app.page_process import PageProcess, page_command
 from stadimeter.app.persistence.resumption import clock_name, moment
-from stadimeter.app.persistence.state_file import state_file
-from stadimeter.app.persistence.state_writer import StateWriter
-from stadimeter.app.restarts import ENV_PARENT_PAGE_PID
-from stadimeter.config.extras import missing
+from stadimeter.app.persistence.state_writer import StateWriter, state_file
+from stadimeter.app.watching import Subscriptions, attend_to_requests, introduction, live_feed
 from stadimeter.errors import ControlError
 
 if TYPE_CHECKING:
     from stadimeter.app.loop import Loop
-    from stadimeter.config.models import WebTable
 
 
 def open_alarm_store(loop: Loop, named: Path | None, is_right: Callable[[], bool]) -> None:
@@ -42,11 +35,11 @@ def open_alarm_store(loop: Loop, named: Path | None, is_right: Callable[[], bool
     loop.services.memory = StateWriter(store, partial(moment, clock, is_right=is_right), loop.deliveries)
 
 
-def open_control_socket(loop: Loop, socket: Path | None, web: WebTable | None, closing: ExitStack) -> None:
+def open_control_socket(loop: Loop, socket: Path | None, closing: ExitStack) -> None:
     """Listen for operator commands. Without a socket a run goes on with a warning, unless the socket was named."""
     configuration = loop.parts.configuration
     try:
-        path = socket or socket_path(configuration.path, usable_folder(runtime_folder()))
+        path = socket or socket_path(configuration.path, make_folder(runtime_folder()))
         listener = ControlSocket(path, partial(introduction, loop), watched=Subscriptions(live_feed(loop)))
         closing.callback(listener.close)
         listener.open()
@@ -56,20 +49,3 @@ def open_control_socket(loop: Loop, socket: Path | None, web: WebTable | None, c
         loop.services.tell(f"warning: {error}; this run takes no operator commands")
     else:
         closing.enter_context(attend_to_requests(loop, listener))
-        if (web := web or configuration.web) is not None and ENV_PARENT_PAGE_PID not in os.environ:
-            closing.enter_context(_page(loop, path, web))
-
-
-@contextmanager
-def _page(loop: Loop, socket: Path, web: WebTable) -> Iterator[None]:
-    """Have the page as a process beside the run, if its libraries are there."""
-    if trouble := missing("web"):
-        loop.services.tell(f"warning: there is no page: {trouble}")
-        yield
-        return
-    page = PageProcess(page_command(loop.parts.configuration.path, socket, web), loop.services.tell)
-    page.start()
-    try:
-        yield
-    finally:
-        page.hand_on() if loop.services.is_restart_due else page.end()

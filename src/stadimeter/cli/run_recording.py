@@ -10,19 +10,19 @@ from stadimeter.app.loop import Loop
 from stadimeter.app.recordings.journal import JournalWriter
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, to_be_recorded
 from stadimeter.app.recordings.recorder import Recorder, Writer
-from stadimeter.cli.run_options import RecordingOptions
+from stadimeter.cli.run_services import RunOptions
 from stadimeter.config.extras import require
 from stadimeter.errors import JournalError
 
 
 @contextmanager
-def recording(loop: Loop, options: RecordingOptions) -> Iterator[None]:
+def recording(loop: Loop, options: RunOptions, *, is_quiet: bool) -> Iterator[None]:
     """Record a run while in the context."""
     if options.journal is not None and options.record is not None and options.journal == options.record:
         raise JournalError(f"--journal and --record both name {options.journal}; they need a file each")
     with ExitStack() as closing:
         recorders: list[Recorder] = []
-        teller = _RecordingTroubles(recorders, loop.services.tell, is_quiet=options.is_quiet)
+        teller = _RecordingTroubles(recorders, loop.services.tell, is_quiet=is_quiet)
         closing.callback(teller.at_end)
         for writer in _writers(loop, options):
             recorders.append(_recorder(writer, loop))
@@ -37,7 +37,7 @@ def _recorder(writer: Writer, loop: Loop) -> Recorder:
     return Recorder(writer, is_live=loop.parts.is_live, deadline=loop.deadline)
 
 
-def _writers(loop: Loop, options: RecordingOptions) -> Iterator[Writer]:
+def _writers(loop: Loop, options: RunOptions) -> Iterator[Writer]:
     if options.record is not None:
         require("record", "recording to an MCAP file")  # before a journal is begun that would stay empty
     configuration = to_be_recorded(loop.parts.configuration)
@@ -47,9 +47,7 @@ def _writers(loop: Loop, options: RecordingOptions) -> Iterator[Writer]:
         yield _recording_writer(loop, options, options.record, configuration)
 
 
-def _recording_writer(
-    loop: Loop, options: RecordingOptions, path: Path, configuration: RecordedConfiguration
-) -> Writer:
+def _recording_writer(loop: Loop, options: RunOptions, path: Path, configuration: RecordedConfiguration) -> Writer:
     # Loads MCAP and picture writing, which a run with only a journal does not need.
     from stadimeter.app.recordings.recording import ImageOptions, Recorded, RecordingWriter  # noqa: PLC0415
 

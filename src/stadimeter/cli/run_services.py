@@ -5,49 +5,71 @@ from __future__ import annotations
 import errno
 import os
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import typer
+from msgspec import Struct
 
 import stadimeter
+from stadimeter.app.clock import TimeOfDay, is_synchronised
 from stadimeter.app.event_log import EventLog, event_log_path
-from stadimeter.app.page_process import PageProcess
-from stadimeter.app.restarts import ENV_PAGE_LEFT
-from stadimeter.app.safe_outputs import safe_outputs_path, write_safe_outputs
-from stadimeter.app.service import Service, service
-from stadimeter.app.service_folders import runtime_directory, state_directory
-from stadimeter.app.wall_time import TimeOfDay, is_synchronised
-from stadimeter.cli.run_options import RecordingOptions, ServiceOptions
+from stadimeter.app.service import (
+    Service,
+    held_lines,
+    safe_outputs_path,
+    service,
+    without_stop_from_outside,
+    write_safe_outputs,
+)
+from stadimeter.app.service_folders import state_directory
 
 if TYPE_CHECKING:
     from stadimeter.app.loop import Loop
 
 
-def open_recordings(loop: Loop, options: RecordingOptions) -> AbstractContextManager[None]:
-    """Record a run while in the context."""
-    if options.journal is None and options.record is None:
-        return nullcontext()
-    from stadimeter.cli.run_recording import recording  # noqa: PLC0415 - it takes long, and few runs are recorded
+class RunOptions(Struct, frozen=True, kw_only=True):
+    """The files that a run writes, and its optional services: alarm store and control socket.
 
-    return recording(loop, options)
+    Attributes:
+        state: The state file; None for the usual one.
+        no_state: Whether there shall be none.
+        socket: Where to listen; None for the usual place.
+        trust_clock: Whether the computer's clock counts as right.
+        is_unhurried: Whether the run takes time, so that operator commands can arrive meanwhile.
+        service: What tells systemd of the run; None if systemd does not wait for that.
+        ends_with_input: Whether the run ends with its standard input, so with the page that started it.
+    """
+
+    journal: Path | None = None
+    record: Path | None = None
+    images: Literal["all", "events", "none"] = "all"
+    image_rate_hz: float | None = None
+    image_quality_percent: int = 90
+    state: Path | None = None
+    no_state: bool = False
+    socket: Path | None = None
+    trust_clock: bool = False
+    is_unhurried: bool = True
+    service: Service | None = None
+    ends_with_input: bool = False
 
 
 @contextmanager
-def open_services(loop: Loop, options: ServiceOptions) -> Iterator[None]:
-    """Open the optional services of a run, and close them at its end."""
+def open_services(loop: Loop, options: RunOptions, *, is_quiet: bool = False) -> Iterator[None]:
+    """Open the optional services of a run, and close them at its end; if it is quiet, nothing is printed before."""
     is_right = (lambda: True) if options.trust_clock else is_synchronised
     with ExitStack() as closing:
         services = loop.services
-        late = _ErrorLines(is_quiet=options.is_quiet)
+        late = _ErrorLines(is_quiet=is_quiet)
         closing.callback(late.tell_all)
         services.tell = late
         services.time_of_day = TimeOfDay(is_live=loop.parts.is_live, is_right=is_right)
         if state_directory() is not None:
             closing.enter_context(_open_event_log(loop, is_right))
-        if runtime_directory() is not None:
-            _list_safe_outputs(loop)
+        _list_safe_outputs(loop)
+        closing.enter_context(_watchdog_process(loop))
         if options.service is not None:
             closing.enter_context(_notify_systemd(loop, options.service))
         remembers = not options.no_state and (loop.parts.is_live or options.state is not None)
@@ -58,9 +80,9 @@ def open_services(loop: Loop, options: ServiceOptions) -> Iterator[None]:
             if remembers:
                 run_control.open_alarm_store(loop, options.state, is_right)
             if listens:
-                run_control.open_control_socket(loop, options.socket, options.web, closing)
-        if ENV_PAGE_LEFT in os.environ:
-            _end_previous_page(services.tell)
+                run_control.open_control_socket(loop, options.socket, closing)
+        if loop.parts.configuration.web is not None and not options.ends_with_input:
+            services.tell(f"the page: {_page_command(loop.parts.configuration.path, options.service)}")
         yield
 
 
@@ -109,15 +131,35 @@ def _open_event_log(loop: Loop, is_right: Callable[[], bool]) -> Iterator[None]:
 
 
 def _list_safe_outputs(loop: Loop) -> None:
-    path = safe_outputs_path()
-    if path is not None:
-        for trouble in write_safe_outputs(loop.parts.configuration, path):
-            loop.services.tell(f"warning: {trouble}")
+    configuration, path = loop.parts.configuration, safe_outputs_path()
+    troubles = [] if path is None else write_safe_outputs(configuration, path)
+    for trouble in (*troubles, *without_stop_from_outside(configuration)):
+        loop.services.tell(f"warning: {trouble}")
 
 
-def _end_previous_page(tell: Callable[[str], None]) -> None:
-    """End the page that was handed on to this program, which has none."""
-    PageProcess((), tell).end_left()
+@contextmanager
+def _watchdog_process(loop: Loop) -> Iterator[None]:
+    """Have another process hold what makes the outputs safe, from before they are opened until they are closed."""
+    if not (lines := held_lines(loop.parts.configuration)):
+        yield
+        return
+    from stadimeter.app.watchdog import WatchdogLink, limit_s  # noqa: PLC0415 - simulations need none of it
+
+    parts = loop.parts
+    now_s = parts.clock.now_s if parts.is_live else None
+    link = WatchdogLink(lines, parts.outputs, limit_s(parts.configuration), now_s, loop.services.tell)
+    link.start()
+    loop.services.watchdog = link
+    try:
+        yield
+    finally:
+        ours = ("guard:", *(f"{each.name}:" for each in parts.driven))
+        link.close(is_safe=not any(trouble.startswith(ours) for trouble in loop.troubles))
+
+
+def _page_command(configuration: Path, service: Service | None) -> str:
+    """Return the command that opens the page of a run."""
+    return f"stadimeter web {configuration}" if service is None else "sudo systemctl enable --now stadimeter-web"
 
 
 class _ErrorLines:

@@ -3,28 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
 
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
 from rich.text import Text
 
 from stadimeter.app.live.history import DistanceSample
 from stadimeter.cli.formatting import METRE, LengthUnit
-from stadimeter.cli.glyphs import UNICODE, Glyphs
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Layer:
-    """One kind of thing that is drawn: the colour of cells where it is on top, and its character in ASCII."""
-
-    style: str
-    character: str
-
-
-BAND = Layer(style="blue", character=":")
-LIMIT = Layer(style="yellow", character="-")
-LINE = Layer(style="bright_cyan", character="*")
+# The colours of the band, of limits and of the line. A cell has that of the highest number among its dots; 0 is no dot.
+BAND, LIMIT, LINE = 1, 2, 3
+STYLES = ("", "blue", "yellow", "bright_cyan")
 
 # A chart shows this long.
 WINDOW_S = 30.0
@@ -36,8 +28,7 @@ SPAN_MIN_M = 0.4
 PLOT_WIDTH_MIN = 12
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StripChart:
+class StripChart(Struct, frozen=True, kw_only=True):
     """A chart of distance over time.
 
     Attributes:
@@ -49,128 +40,89 @@ class StripChart:
     height: int
     unit: LengthUnit = METRE
     limits_m: tuple[float, ...] = ()
-    window_s: float = WINDOW_S
-    glyphs: Glyphs = UNICODE
 
-    def render(self, samples: Sequence[DistanceSample], now_s: float) -> list[Text]:
+    def render(self, samples: Iterable[DistanceSample], now_s: float) -> list[Text]:
         """Draw the chart up to a time on the samples' clock; fewer rows, or none, where there is no room."""
         rows = self.height - 1
         if rows < 2:
             return []
-        scale = self._scale(samples, rows)
-        labels = self._labels(scale, rows)
-        margin = max(len(label) for label in labels) + 2
+        runs = [np.array(run).T for run in _split_at_gaps(samples)]
+        scale = self._scale(runs, rows)
+        labels = {row: f"{label} {self.unit.symbol}" for row, label in scale.labels()}
+        margin = max(map(len, labels.values())) + 2
         if self.width - margin < PLOT_WIDTH_MIN:
             return []
-        canvas = DotCanvas(self.width - margin, rows, (BAND, LIMIT, LINE), ascii_only=self.glyphs.ascii_only)
-        self._draw_limits(canvas, scale)
-        bin_s = self.window_s / canvas.width_dots
-        self._draw_samples(
-            canvas, scale, bin_samples(samples, bin_s), canvas.width_dots - 1 - math.floor(now_s / bin_s)
-        )
-        plot = [self._with_axis(label, margin - 2, row) for label, row in zip(labels, canvas.rows(), strict=True)]
+        dots: NDArray[np.intp] = np.zeros((rows * DOWN, (self.width - margin) * ACROSS), np.intp)
+        self._draw(dots, scale, runs, now_s)
+        plot = [
+            Text.assemble(
+                (f"{labels.get(row, ''):>{margin - 2}} ", "dim"),
+                ("┤" if row in labels else "│", "dim"),
+                *cells,
+            )
+            for row, cells in enumerate(_cells(dots))
+        ]
         return [*plot, self._time_axis(margin, self.width - margin)]
 
-    def _scale(self, samples: Iterable[DistanceSample], rows: int) -> ChartScale:
-        points = [point for sample in samples if (point := point_of(sample))]
-        edges_m = [edge_m for point in points for edge_m in (point.low_m, point.high_m)]
-        values = (edge_m / self.unit.size_m for edge_m in (*edges_m, *self.limits_m))
+    def _scale(self, runs: Sequence[NDArray[np.float64]], rows: int) -> ChartScale:
+        edges_m = [edge_m for _, away_m, sigma_m in runs for edge_m in (*(away_m - sigma_m), *(away_m + sigma_m))]
+        values = (float(edge_m) / self.unit.size_m for edge_m in (*edges_m, *self.limits_m))
         return chart_scale(values, SPAN_MIN_M / self.unit.size_m, rows)
-
-    def _labels(self, scale: ChartScale, rows: int) -> list[str]:
-        labels = {row: f"{label} {self.unit.symbol}" for row, label in scale.labels()}
-        return [labels.get(row, "") for row in range(rows)]
-
-    def _with_axis(self, label: str, width: int, row: Text) -> Text:
-        axis = self.glyphs.tick if label else self.glyphs.axis
-        return Text.assemble((f"{label:>{width}} ", "dim"), (axis, "dim"), row)
 
     def _time_axis(self, margin: int, plot_width: int) -> Text:
         """Draw the axis below: a label every ten seconds, or at the ends alone where there is little room."""
-        line = list(self.glyphs.line * plot_width)
-        ages_s = range(0, int(self.window_s) + 1, 10) if plot_width >= 40 else (0, int(self.window_s))
+        line = list("─" * plot_width)
+        ages_s = range(0, int(WINDOW_S) + 1, 10) if plot_width >= 40 else (0, int(WINDOW_S))
         for age_s in ages_s:
             label = f" -{age_s} s " if age_s else " now"
-            start = round((1 - age_s / self.window_s) * plot_width - len(label) / 2)
+            start = round((1 - age_s / WINDOW_S) * plot_width - len(label) / 2)
             start = min(max(start, 0), plot_width - len(label))
             line[start : start + len(label)] = label
-        return Text.assemble((" " * (margin - 1) + self.glyphs.corner + "".join(line), "dim"))
+        return Text.assemble((" " * (margin - 1) + "└" + "".join(line), "dim"))
 
-    def _draw_limits(self, canvas: DotCanvas, scale: ChartScale) -> None:
-        for limit_m in self.limits_m:
-            row = canvas.dots_of_row(scale.position(limit_m / self.unit.size_m))
-            for x in range(0, canvas.width_dots, 1 if self.glyphs.ascii_only else 3):
-                canvas.dot(x, row, LIMIT)
+    def _draw(
+        self, dots: NDArray[np.intp], scale: ChartScale, runs: Iterable[NDArray[np.float64]], now_s: float
+    ) -> None:
+        """Set the dots of everything, in columns from the left and rows from the top."""
+        height, width = dots.shape
 
-    def _draw_samples(self, canvas: DotCanvas, scale: ChartScale, bins: Mapping[int, Bin], x_of_bin_0: int) -> None:
         def row(value_m: float) -> int:
-            return canvas.dots_of_row(scale.position(value_m / self.unit.size_m))
+            """Return the row of dots nearest to a distance, at most one outside of the chart."""
+            nearest = round(scale.position(value_m / self.unit.size_m) * DOWN + (DOWN - 1) / 2)
+            clipped: int = min(max(nearest, -1), height)
+            return clipped
 
-        for index, stretch in bins.items():
-            x = x_of_bin_0 + index
-            for y in range(row(stretch.band_high_m), row(stretch.band_low_m) + 1):
-                if self.glyphs.ascii_only or (index + y) % 2 == 0:  # half the dots, to tell it from the line
-                    canvas.dot(x, y, BAND)
-            for y in range(row(stretch.high_m), row(stretch.low_m) + 1):
-                canvas.dot(x, y, LINE)
+        column_s = WINDOW_S / width
+        x_of_column_0 = width - 1 - math.floor(now_s / column_s)
+        for column, points in sort_into_columns(runs, column_s).items():
+            if not 0 <= (x := x_of_column_0 + column) < width:
+                continue
+            top = max(0, row(max(distance_m + sigma_m for distance_m, sigma_m in points)))
+            bottom = row(min(distance_m - sigma_m for distance_m, sigma_m in points))
+            dots[top + (column + top) % 2 : bottom + 1 : 2, x] = BAND  # half the dots, to tell it from the line
+            distances_m = [distance_m for distance_m, _ in points]
+            dots[max(0, row(max(distances_m))) : row(min(distances_m)) + 1, x] = LINE
+        for limit_m in self.limits_m:
+            if 0 <= (y := row(limit_m)) < height:
+                dots[y, ::3] = np.maximum(dots[y, ::3], LIMIT)
 
 
-# The bit of each dot, by column and row in the cell, as Unicode numbers them (chapter 21.1, Braille).
+# The dots of a cell, and the bit of each, by row and column, as Unicode numbers them (chapter 21.1, Braille).
+ACROSS, DOWN = 2, 4
 BRAILLE_BLANK = 0x2800
-BRAILLE_BITS = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
+BRAILLE_BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
 
 
-class DotCanvas:
-    """Dots in cells. A cell has the colour of the topmost layer in it.
-
-    Args:
-        layers: All layers, lowest first.
-        ascii_only: Whether a cell holds one dot, shown as the character of the layer.
-    """
-
-    def __init__(self, width: int, height: int, layers: Iterable[Layer], *, ascii_only: bool = False) -> None:
-        self._layers = tuple(layers)
-        self._ascii_only = ascii_only
-        self._dots_across, self._dots_down = (1, 1) if ascii_only else (2, 4)
-        self._width, self._height = width, height
-        self._bits = [[0] * width for _ in range(height)]
-        self._top = [[-1] * width for _ in range(height)]
-
-    @property
-    def width_dots(self) -> int:
-        """Dots side by side."""
-        return self._width * self._dots_across
-
-    @property
-    def height_dots(self) -> int:
-        """Dots one above the other."""
-        return self._height * self._dots_down
-
-    def dots_of_row(self, position: float) -> int:
-        """Return the row of dots nearest to a position in rows of cells, at most one outside of the canvas."""
-        row = round(position * self._dots_down + (self._dots_down - 1) / 2)
-        return min(max(row, -1), self.height_dots)
-
-    def dot(self, x: int, y: int, layer: Layer) -> None:
-        """Set a dot, in columns from the left and rows from the top; outside the canvas it does nothing."""
-        if not (0 <= x < self.width_dots and 0 <= y < self.height_dots):
-            return
-        column, row = x // self._dots_across, y // self._dots_down
-        self._bits[row][column] |= BRAILLE_BITS[x % self._dots_across][y % self._dots_down]
-        self._top[row][column] = max(self._top[row][column], self._layers.index(layer))
-
-    def rows(self) -> list[Text]:
-        """Return the picture, one text for each row of cells."""
-        return [
-            Text.assemble(*(self._cell(bits, top) for bits, top in zip(bits_row, top_row, strict=True)))
-            for bits_row, top_row in zip(self._bits, self._top, strict=True)
+def _cells(dots: NDArray[np.intp]) -> Iterator[list[tuple[str, str]]]:
+    """Yield the cells of each row, each a character and its style."""
+    height, width = dots.shape
+    cells = dots.reshape(height // DOWN, DOWN, width // ACROSS, ACROSS).swapaxes(1, 2)
+    bits = ((cells > 0) * BRAILLE_BITS).sum((2, 3))
+    for row_of_bits, row_of_tops in zip(bits.tolist(), cells.max((2, 3)).tolist(), strict=True):
+        yield [
+            (chr(BRAILLE_BLANK + bits) if bits else " ", STYLES[top])  # some fonts draw circles for the blank
+            for bits, top in zip(row_of_bits, row_of_tops, strict=True)
         ]
-
-    def _cell(self, bits: int, top: int) -> tuple[str, str]:
-        if top < 0:
-            return " ", ""  # not the blank of braille: some fonts draw circles for it
-        layer = self._layers[top]
-        return (layer.character if self._ascii_only else chr(BRAILLE_BLANK + bits)), layer.style
 
 
 # With few rows a step that is too large wastes half of them, so less round ones are taken too.
@@ -178,8 +130,7 @@ FACTORS = (1, 2, 5)
 FINE_FACTORS = (1, 2, 3, 4, 5, 6, 8)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ChartScale:
+class ChartScale(Struct, frozen=True, kw_only=True):
     """A scale over rows of characters.
 
     Attributes:
@@ -242,98 +193,38 @@ JOIN_S = 1.0
 MAX_DISTANCE_M = 1e5
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Point:
-    """A distance that is known."""
+def _split_at_gaps(samples: Iterable[DistanceSample]) -> Iterator[list[tuple[float, float, float]]]:
+    """Yield runs of times, distances and standard deviations; a sample that cannot be drawn is a gap.
 
-    at_s: float
-    distance_m: float
-    sigma_m: float
-
-    @property
-    def low_m(self) -> float:
-        """The lower edge of the band."""
-        return self.distance_m - self.sigma_m
-
-    @property
-    def high_m(self) -> float:
-        """The upper edge of the band."""
-        return self.distance_m + self.sigma_m
-
-
-@dataclass(slots=True, kw_only=True)
-class Bin:
-    """One column: the distances of its time, and the band of their standard deviations."""
-
-    low_m: float = math.inf
-    high_m: float = -math.inf
-    band_low_m: float = math.inf
-    band_high_m: float = -math.inf
-
-    def add(self, point: Point) -> None:
-        """Stretch to hold a point."""
-        self.low_m = min(self.low_m, point.distance_m)
-        self.high_m = max(self.high_m, point.distance_m)
-        self.band_low_m = min(self.band_low_m, point.low_m)
-        self.band_high_m = max(self.band_high_m, point.high_m)
-
-
-def bin_samples(samples: Iterable[DistanceSample], bin_s: float) -> dict[int, Bin]:
-    """Sort distances, oldest first, into columns of time, by the number of `bin_s` since time 0.
-
-    Columns are fixed in time, so what was drawn once moves to the left but never changes its shape. A sample without a
-    distance makes a gap.
+    A standard deviation is at most its distance, so that the band never reaches below zero, nor far above all else.
     """
-    bins: dict[int, Bin] = {}
-    for run in _runs(samples):
-        before: Point | None = None
-        for point in _densify(run, bin_s):
-            index = math.floor(point.at_s / bin_s)
-            if before is not None and index not in bins:
-                bins.setdefault(index, Bin()).add(before)  # so that a step is drawn as a line, not as two dots
-            bins.setdefault(index, Bin()).add(point)
-            before = point
-    return bins
-
-
-def _runs(samples: Iterable[DistanceSample]) -> Iterator[list[Point]]:
-    """Split distances where there is a gap."""
-    run: list[Point] = []
+    run: list[tuple[float, float, float]] = []
     for sample in samples:
-        point = point_of(sample)
-        if run and (point is None or point.at_s - run[-1].at_s > JOIN_S):
+        distance_m, sigma_m = sample.distance_m, sample.sigma_m
+        is_known = distance_m is not None and 0 <= distance_m <= MAX_DISTANCE_M
+        if run and (not is_known or sample.at_s - run[-1][0] > JOIN_S):
             yield run
             run = []
-        if point is not None:
-            run.append(point)
+        if distance_m is not None and is_known:
+            run.append((sample.at_s, distance_m, min(sigma_m, distance_m) if sigma_m > 0 else 0.0))
     if run:
         yield run
 
 
-def point_of(sample: DistanceSample) -> Point | None:
-    """Return a sample as a point to draw; None if it holds no distance that can be drawn.
+def sort_into_columns(runs: Iterable[NDArray[np.float64]], column_s: float) -> dict[int, list[tuple[float, float]]]:
+    """Return distances with their standard deviations by column of time, counted from time 0.
 
-    Its standard deviation is at most the distance, so that the band never reaches below zero, nor far above all else.
+    Columns are fixed in time, so what was drawn once moves to the left but never changes its shape. Where the straight
+    line between two distances goes from one column to the next, both have the point there: no column of a run is empty,
+    and a step is a line.
     """
-    distance_m, sigma_m = sample.distance_m, sample.sigma_m
-    if distance_m is None or not 0 <= distance_m <= MAX_DISTANCE_M:
-        return None
-    return Point(at_s=sample.at_s, distance_m=distance_m, sigma_m=min(sigma_m, distance_m) if sigma_m > 0 else 0.0)
-
-
-def _densify(run: Sequence[Point], bin_s: float) -> Iterator[Point]:
-    """Fill up with points on the straight line between two, so that no column of a run stays empty."""
-    yield run[0]
-    for one, other in pairwise(run):
-        steps = max(1, math.ceil((other.at_s - one.at_s) / bin_s))
-        for step in range(1, steps):
-            yield _interpolate(one, other, step / steps)
-        yield other
-
-
-def _interpolate(one: Point, other: Point, share: float) -> Point:
-    return Point(
-        at_s=one.at_s + share * (other.at_s - one.at_s),
-        distance_m=one.distance_m + share * (other.distance_m - one.distance_m),
-        sigma_m=one.sigma_m + share * (other.sigma_m - one.sigma_m),
-    )
+    columns: dict[int, list[tuple[float, float]]] = defaultdict(list)
+    for at_s, distance_m, sigma_m in runs:
+        of_points = np.floor(at_s / column_s)
+        borders = np.arange(of_points[0] + 1, of_points[-1] + 1)
+        times_s = np.concatenate([at_s, borders * column_s, borders * column_s])
+        of_each = np.concatenate([of_points, borders - 1, borders])
+        points = zip(np.interp(times_s, at_s, distance_m), np.interp(times_s, at_s, sigma_m), strict=True)
+        for column, point in zip(of_each.tolist(), points, strict=True):
+            columns[int(column)].append(point)
+    return columns

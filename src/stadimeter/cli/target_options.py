@@ -7,16 +7,17 @@ import inspect
 import re
 import shlex
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from msgspec import Struct
 from pydantic import ValidationError
 
+from stadimeter.cli.exits import read_option
 from stadimeter.cli.formatting import CENTIMETRE, FOOT, INCH, METRE, LengthUnit
 from stadimeter.config.findings import findings_of
-from stadimeter.config.paper import paper_sides
+from stadimeter.config.named_sizes import paper_sides
 from stadimeter.config.plugins import CAMERAS, DETECTORS, DriverChoice, load_driver
 from stadimeter.config.toml_source import camera_table, key_and_value
 from stadimeter.config.units import LENGTHS_M, parse_length, split_quantities
@@ -36,80 +37,18 @@ _UNITS = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class _Companion:
-    """An option that says more of what a short option describes.
+class _Option(Struct, frozen=True):
+    """An option of the command line; its value is None, or its default, where it is not given.
 
     Attributes:
-        key: What it is called in the detector's table.
-        means: What it says, for the message where it stands alone.
-        missing: What to say where it is missing; empty if it may be.
+        key: What it is called in the detector's table; empty for one that names a target.
+        means: What it says, for the message where it stands without the option that it belongs to.
     """
-
-    key: str
-    means: str
-    missing: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class _Shorthand:
-    """A short option for a built-in kind of target, and its companions. Every kind can be named with ``--target``."""
-
-    kind: str
-    metavar: str
-    keys: tuple[str, ...]
-    companions: Mapping[str, _Companion] = field(default_factory=dict)
-
-
-MIN_SIDE = _Companion("min_side_px", "says how small a sheet or a tag may appear")
-
-SHORTHANDS = {
-    "--sheet": _Shorthand(
-        "sheet",
-        "WIDTH,HEIGHT",
-        ("width", "height"),
-        {
-            "--known-side": _Companion("known_side", "names a side of the sheet"),
-            "--min-side": MIN_SIDE,
-            "--hsv": _Companion("hsv", "says which colours the ball or the sheet has"),
-        },
-    ),
-    "--ball": _Shorthand(
-        "ball",
-        "DIAMETER",
-        ("diameter",),
-        {
-            "--hsv": _Companion(
-                "hsv",
-                "says which colours the ball or the sheet has",
-                '--ball needs the ball\'s colours; add --hsv, such as --hsv "29,86,6:64,255,255"',
-            )
-        },
-    ),
-    "--tag": _Shorthand(
-        "tag",
-        "SIDE",
-        ("side",),
-        {
-            "--family": _Companion(
-                "family",
-                "says what kind of tag it is",
-                "--tag needs the tag's family; add --family, such as --family 36h11",
-            ),
-            "--id": _Companion("id", "says which tag it is"),
-            "--min-side": MIN_SIDE,
-        },
-    ),
-    "--disc": _Shorthand("disc", "DIAMETER", ("diameter",)),
-}
-
-
-@dataclass(frozen=True, slots=True)
-class _Option:
-    """An option of the command line; its value is None, or its default, where it is not given."""
 
     metavar: str
     help: str
+    key: str = ""
+    means: str = ""
     kind: Any = str | None
     default: Any = None
 
@@ -122,6 +61,8 @@ _OPTIONS = {
     "--known-side": _Option(
         "auto|width|height",
         "Which side of the sheet to measure by: auto takes the one that is turned away the least.",
+        "known_side",
+        "names a side of the sheet",
         str,
         "auto",
     ),
@@ -131,15 +72,30 @@ _OPTIONS = {
         "The ball's colours, or the sheet's if they help to find it: lower and upper limit, as OpenCV has them, "
         "of hue 0 to 179, saturation and value 0 to 255. Such as 29,86,6:64,255,255, a green. A lower hue above the "
         "upper one wraps through red.",
+        "hsv",
+        "says which colours the ball or the sheet has",
     ),
     "--tag": _Option("SIDE", "Look for a tag whose black square has this side, such as 8cm."),
-    "--family": _Option("FAMILY", "The tag's family, such as 36h11 (an AprilTag) or 4x4-50 (ArUco)."),
-    "--id": _Option("N", "Which tag of the family; without it, the largest one in the picture.", int | None),
+    "--family": _Option(
+        "FAMILY",
+        "The tag's family, such as 36h11 (an AprilTag) or 4x4-50 (ArUco).",
+        "family",
+        "says what kind of tag it is",
+    ),
+    "--id": _Option(
+        "N",
+        "Which tag of the family; without it, the largest one in the picture.",
+        "id",
+        "says which tag it is",
+        int | None,
+    ),
     "--disc": _Option("DIAMETER", "Look for a flat disc of this size, such as 12cm."),
     "--min-side": _Option(
         "PIXELS",
         "Accept sheets and tags whose shorter side is at least this long in the picture; 8 and 16 pixels unless "
         "you say so. Smaller ones are less certain, which the ± tells.",
+        "min_side_px",
+        "says how small a sheet or a tag may appear",
         float | None,
     ),
     "--target": _Option(
@@ -150,15 +106,30 @@ _OPTIONS = {
     "--tolerance": _Option(
         "LENGTH",
         "How well the target's size is known, one standard deviation, such as 1mm; it widens the ±.",
+        "tolerance",
     ),
+}
+
+# The short options for built-in kinds of targets: the keys of the size, and the options that say more of them.
+# Every kind can be named with ``--target``.
+_SHORTHANDS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "--sheet": (("width", "height"), ("--known-side", "--min-side", "--hsv")),
+    "--ball": (("diameter",), ("--hsv",)),
+    "--tag": (("side",), ("--family", "--id", "--min-side")),
+    "--disc": (("diameter",), ()),
+}
+
+# What to say where an option is missing beside a short one.
+_MISSING = {
+    ("--ball", "--hsv"): '--ball needs the ball\'s colours; add --hsv, such as --hsv "29,86,6:64,255,255"',
+    ("--tag", "--family"): "--tag needs the tag's family; add --family, such as --family 36h11",
 }
 
 # The values of the options that describe a target, by option, such as ``{"--disc": "12cm"}``.
 GivenTarget = Mapping[str, Any]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WantedTargets:
+class WantedTargets(Struct, frozen=True, kw_only=True):
     """Targets to look for, with their checked options, the configuration's lens if any, and the person's unit."""
 
     choices: tuple[DriverChoice, ...]
@@ -200,7 +171,7 @@ def _parameter(flag: str) -> str:
 def targets_from_options(given: GivenTarget, config: Path | None = None) -> WantedTargets:
     """Return what the options describe, or the targets of ``--config``; `ConfigError` if they contradict each other."""
     said = {flag: value for flag, value in given.items() if value is not None and value != _OPTIONS[flag].default}
-    describing = [flag for flag in (*SHORTHANDS, "--target") if flag in said]
+    describing = [flag for flag in (*_SHORTHANDS, "--target") if flag in said]
     names = [*describing, *(["--config"] if config is not None else [])]
     if len(names) != 1:
         trouble = f"{' and '.join(names)} exclude each other" if names else "nothing says what to look for"
@@ -208,14 +179,20 @@ def targets_from_options(given: GivenTarget, config: Path | None = None) -> Want
             f'{trouble}; give one of --sheet 11in,8.5in, --ball 6.4cm --hsv "…", --tag 8cm --family 36h11, '
             "--disc 12cm, --target 'KIND KEY=VALUE …', or --config FILE"
         )
-    _check_companions(said, names[0])
-    if config is None:
-        described = _target_by_name(said["--target"]) if names == ["--target"] else _target_by_shorthand(names[0], said)
-        return described.with_tolerance(said.get("--tolerance"))
+    (name,) = names
+    _check_companions(said, name)
+    if config is not None:
+        if "--tolerance" in said:
+            raise ConfigError(
+                "--tolerance says how well a size is known; with --config it stands in the target's table"
+            )
+        loaded = _loader().load_configuration(config)
+        return WantedTargets(choices=loaded.targets, camera_model=loaded.camera_model)
+    kind, table, flags = _named_target(said[name]) if name == "--target" else _short_target(name, said)
+    units = [unit for value in table.values() if (unit := _unit_of(value)) is not None]
     if "--tolerance" in said:
-        raise ConfigError("--tolerance says how well a size is known; with --config it stands in the target's table")
-    loaded = _loader().load_configuration(config)
-    return WantedTargets(choices=loaded.targets, camera_model=loaded.camera_model)
+        table["tolerance"], flags["tolerance"] = said["--tolerance"], "--tolerance"
+    return WantedTargets(choices=(_choice(kind, table, flags),), unit=units[0] if units else METRE)
 
 
 def _loader() -> Any:
@@ -225,42 +202,28 @@ def _loader() -> Any:
 
 
 def _check_companions(said: Mapping[str, Any], name: str) -> None:
-    own = SHORTHANDS[name].companions if name in SHORTHANDS else {}
-    for flag, short in SHORTHANDS.items():
-        for option, companion in short.companions.items():
+    own = _SHORTHANDS[name][1] if name in _SHORTHANDS else ()
+    for flag, (_, companions) in _SHORTHANDS.items():
+        for option in companions:
             if option in said and option not in own:
-                raise ConfigError(f"{option} {companion.means}; give {flag} {short.metavar} with it")
-            if flag == name and companion.missing and option not in said:
-                raise ConfigError(companion.missing)
+                metavar = _OPTIONS[flag].metavar.partition("|")[0]
+                raise ConfigError(f"{option} {_OPTIONS[option].means}; give {flag} {metavar} with it")
+    for (flag, option), words in _MISSING.items():
+        if flag == name and option not in said:
+            raise ConfigError(words)
 
 
-@dataclass(frozen=True, slots=True)
-class _Described:
-    """A target as the options describe it: its detector's table, and the option that each key comes from."""
-
-    kind: str
-    table: dict[str, Any]
-    options: Mapping[str, str]
-
-    def with_tolerance(self, tolerance: str | None) -> WantedTargets:
-        """Return it with how well its size is known."""
-        table, options = self.table, {**self.options}
-        if tolerance is not None:
-            table, options = {**table, "tolerance": tolerance}, {**options, "tolerance": "--tolerance"}
-        units = (unit for value in self.table.values() if (unit := _unit_of(value)) is not None)
-        return WantedTargets(choices=(_choice(self.kind, table, options),), unit=next(units, METRE))
+# A target as the options describe it: its kind, its detector's table, and the option that each key comes from.
+_Described = tuple[str, dict[str, Any], dict[str, str]]
 
 
-def _target_by_shorthand(flag: str, said: Mapping[str, Any]) -> _Described:
-    short = SHORTHANDS[flag]
-    sizes = _sides(flag, said[flag]) if len(short.keys) > 1 else [said[flag]]
-    table = dict(zip(short.keys, sizes, strict=True))
-    options = dict.fromkeys(short.keys, flag)
-    for option, companion in short.companions.items():
-        options[companion.key] = option
-        if option in said:
-            table[companion.key] = said[option]
-    return _Described(short.kind, table, options)
+def _short_target(flag: str, said: Mapping[str, Any]) -> _Described:
+    keys, companions = _SHORTHANDS[flag]
+    sizes = _sides(flag, said[flag]) if len(keys) > 1 else [said[flag]]
+    table = dict(zip(keys, sizes, strict=True)) | {
+        _OPTIONS[each].key: said[each] for each in companions if each in said
+    }
+    return flag.removeprefix("--"), table, dict.fromkeys(keys, flag) | {_OPTIONS[each].key: each for each in companions}
 
 
 def _sides(flag: str, text: str) -> list[str]:
@@ -276,7 +239,7 @@ def _sides(flag: str, text: str) -> list[str]:
         raise ConfigError([Problem(f"{error}; or write it such as 11in,8.5in", key=flag)]) from error
 
 
-def _target_by_name(text: str) -> _Described:
+def _named_target(text: str) -> _Described:
     """Return the target of ``--target 'KIND KEY=VALUE …'``."""
     try:
         kind, *pairs = shlex.split(text)
@@ -292,7 +255,7 @@ def _target_by_name(text: str) -> _Described:
         if key in table:
             raise ConfigError(f"--target: {key} is given twice")
         table[key] = value
-    return _Described(kind, table, {})
+    return kind, table, {}
 
 
 def _choice(driver: str, table: dict[str, Any], keys: Mapping[str, str]) -> DriverChoice:
@@ -318,10 +281,7 @@ def _problem(key: str, message: str, hint: str, keys: Mapping[str, str]) -> Prob
 
 def parse_known_length(text: str, option: str) -> float:
     """Read a length above zero, in metres; the `ConfigError` names the option."""
-    try:
-        return parse_length(text)
-    except ValueError as error:
-        raise ConfigError([Problem(str(error), key=option)]) from error
+    return read_option(parse_length, text, option)
 
 
 def _unit_of(value: object) -> LengthUnit | None:

@@ -8,22 +8,20 @@ import textwrap
 from rich.text import Text
 
 from stadimeter.cli.formatting import (
-    FOOT,
     UNKNOWN,
-    LengthUnit,
     distance_figures,
     format_bearing,
     format_best,
     format_closing,
     format_distance,
-    format_feet_and_inches,
     format_tilt,
     format_time,
 )
-from stadimeter.cli.glyphs import Glyphs, heading
 from stadimeter.cli.keyboard import Shown
+from stadimeter.cli.layout import fit, heading
 from stadimeter.cli.strip_chart import StripChart
 from stadimeter.core.track import Track, TrackStatus
+from stadimeter.core.words import one_line
 
 STATUS_STYLES = {
     TrackStatus.SEARCHING: "yellow",
@@ -45,110 +43,87 @@ SPLIT_WIDTH = 60
 WHY_ROWS = 4
 
 
-def target_lines(shown: Shown, track: Track, width: int, rows: int, glyphs: Glyphs) -> list[Text]:
+def target_lines(shown: Shown, track: Track, width: int, rows: int) -> list[Text]:
     """Show one target in the room that there is, in at most `rows` lines."""
-    figures = _Figures(shown, track, glyphs)
     if rows < 2:
-        return [glyphs.fit(figures.one_line(), width)][:rows]
-    is_big = rows >= BIG_ROWS and width >= BIG_WIDTH and not glyphs.ascii_only
-    why = figures.why_not(width, WHY_ROWS)
-    figured = figures.large if is_big else figures.small if width < SPLIT_WIDTH else figures.normal
-    if 1 + len(figured(with_reason=False)) + len(why) > rows:
-        why = []
-    top = [
-        heading(track.target, width, glyphs, (track.status.value, f"bold {STATUS_STYLES[track.status]}")),
-        *figured(with_reason=not why),
-        *why,
-    ][:rows]
-    chart = StripChart(
-        width=width,
-        height=rows - len(top),
-        unit=shown.unit,
-        limits_m=tuple(shown.snapshot.limits_m.get(track.target, ())),
-        glyphs=glyphs,
-    )
+        return [fit(_one_line(shown, track), width)][:rows]
+    is_big = rows >= BIG_ROWS and width >= BIG_WIDTH
+    why = _why_not(shown, track, width)
+    figures = _figures(shown, track, width, is_big=is_big)
+    if 1 + len(figures) + len(why) > rows:
+        figures, why = _figures(shown, track, width, is_big=is_big, reason=track.reason), []
+    status = (track.status.value, f"bold {STATUS_STYLES[track.status]}")
+    top = [heading(one_line(track.target), width, status), *figures, *why][:rows]
     snapshot = shown.snapshot
+    limits_m = tuple(snapshot.limits_m.get(track.target, ()))
+    chart = StripChart(width=width, height=rows - len(top), unit=shown.unit, limits_m=limits_m)
     now_s = snapshot.record.observation.now_s if snapshot.record else 0.0
-    return [glyphs.fit(line, width) for line in (*top, *chart.render(snapshot.samples.get(track.target, ()), now_s))]
+    plot = chart.render(snapshot.samples.get(track.target, ()), now_s)
+    return [fit(line, width) for line in (*top, *plot)]
 
 
-def figure_rows(shown: Shown, track: Track, width: int, glyphs: Glyphs) -> int:
+def figure_rows(shown: Shown, track: Track, width: int) -> int:
     """Return the rows that a target takes without its chart: its heading, its figures, and why it is not measured."""
-    figures = _Figures(shown, track, glyphs)
-    figured = figures.small if width < SPLIT_WIDTH else figures.normal
-    return 1 + len(figured(with_reason=False)) + len(figures.why_not(width, WHY_ROWS))
+    return 1 + len(_figures(shown, track, width)) + len(_why_not(shown, track, width))
 
 
-class _Figures:
-    """The words and figures about one target."""
+def _one_line(shown: Shown, track: Track) -> Text:
+    status = (f" {track.status.value} ", STATUS_STYLES[track.status])
+    name = (one_line(track.target), "bold")
+    line = Text.assemble(" ", name, " ", _distance(shown, track), status)
+    return line.append_text(Text("  ").join(_whereabouts(shown, track, track.reason)))
 
-    def __init__(self, shown: Shown, track: Track, glyphs: Glyphs) -> None:
-        self._snapshot = shown.snapshot
-        self._unit: LengthUnit = shown.unit
-        self._track = track
-        self._glyphs = glyphs
-        colour = STATUS_STYLES[track.status]
-        self._style = f"bold {colour}" if track.is_valid else f"dim {colour}"
 
-    def one_line(self) -> Text:
-        status = (f" {self._track.status.value} ", STATUS_STYLES[self._track.status])
-        line = Text.assemble(" ", (self._words(self._track.target), "bold"), " ", self._distance(), status)
-        return line.append_text(Text("  ").join(self._whereabouts()))
-
-    def normal(self, *, with_reason: bool = True) -> list[Text]:
-        line = Text("  ").join((Text.assemble(" ", self._distance(), " "), *self._whereabouts(with_reason=with_reason)))
+def _figures(shown: Shown, track: Track, width: int, *, is_big: bool = False, reason: str = "") -> list[Text]:
+    """Return its distance, how it moves and where it is, on as many lines as the width asks for."""
+    motion, place = _whereabouts(shown, track, reason)
+    if is_big:
+        number, plus_minus = distance_figures(track.distance_m, track.sigma_m, shown.unit)
+        unit = "" if number == UNKNOWN else shown.unit.symbol
+        style = _style(track)
+        beside = Text(f"{unit} ± {plus_minus}" if plus_minus else unit, style)
+        rows = zip(big_digits(number), (beside, motion, place), strict=True)
+        return [Text.assemble(" ", (digits, style), "  ", words) for digits, words in rows]
+    distance = Text.assemble(" ", _distance(shown, track))
+    if width >= SPLIT_WIDTH:
+        line = Text.assemble(distance, "   ", motion, "  ", place)
         line.rstrip()
         return [line]
+    return [Text.assemble(distance, "  ", motion), *([Text.assemble(" ", place)] if place else [])]
 
-    def small(self, *, with_reason: bool = True) -> list[Text]:
-        motion, bearing = self._whereabouts(with_reason=with_reason)
-        lines = [Text.assemble(" ", self._distance(), "  ", motion), Text.assemble(" ", bearing)]
-        return lines if bearing else lines[:1]
 
-    def large(self, *, with_reason: bool = True) -> list[Text]:
-        number, plus_minus = distance_figures(self._track.distance_m, self._track.sigma_m, self._unit)
-        unit = "" if number == UNKNOWN else self._unit.symbol
-        beside = Text.assemble((f"{unit} ± {plus_minus}" if plus_minus else unit, self._style), self._also())
-        rows = zip(big_digits(number), (beside, *self._whereabouts(with_reason=with_reason)), strict=True)
-        return [Text.assemble(" ", (digits, self._style), "  ", words) for digits, words in rows]
+def _why_not(shown: Shown, track: Track, width: int) -> list[Text]:
+    """Return why it is not measured, and what looked most like it: nothing if it is, or nothing is known."""
+    if track.status is TrackStatus.TRACKING:
+        return []
+    best = format_best(track.reason, shown.snapshot.looked_at.get(track.target, ()))
+    reasons = ((track.reason, "italic yellow"), (best, "dim"))
+    lines = [Text(f" {line}", style) for reason, style in reasons for line in _wrap(one_line(reason), width - 2)]
+    return lines[:WHY_ROWS]
 
-    def why_not(self, width: int, rows: int) -> list[Text]:
-        """Return why it is not measured, and what looked most like it: nothing if it is, or nothing is known."""
-        if self._track.status is TrackStatus.TRACKING:
-            return []
-        best = format_best(self._track.reason, self._snapshot.looked_at.get(self._track.target, ()))
-        reasons = ((self._track.reason, "italic yellow"), (best, "dim"))
-        lines = [Text(f" {line}", style) for words, style in reasons for line in _wrap(self._words(words), width - 2)]
-        return lines[:rows]
 
-    def _distance(self) -> Text:
-        words = format_distance(self._track.distance_m, self._track.sigma_m, self._unit)
-        return Text.assemble((self._words(words), self._style), self._also())
+def _style(track: Track) -> str:
+    return f"{'bold' if track.is_valid else 'dim'} {STATUS_STYLES[track.status]}"
 
-    def _also(self) -> Text:
-        """Return the same in feet and inches, for people who chose feet."""
-        if self._unit is not FOOT or self._track.distance_m is None:
-            return Text()
-        return Text(f" ({format_feet_and_inches(self._track.distance_m, self._track.sigma_m)})", "dim")
 
-    def _whereabouts(self, *, with_reason: bool = True) -> tuple[Text, Text]:
-        """Return how it moves and where it is, or since when and why that is not known."""
-        reason = Text(self._words(self._track.reason) if with_reason else "", "italic yellow")
-        if not self._track.is_valid:
-            return Text(self._last_seen(), "italic"), reason
-        speed = format_closing(self._track.closing_mps, self._track.closing_sigma_mps, self._unit)
-        bearing = self._words(format_bearing(self._track.bearing_rad))
-        scale = bearing_scale(self._track.bearing_rad, self._glyphs)
-        tilt = self._words(format_tilt(self._snapshot.tilts_rad.get(self._track.target)))
-        return Text(f"{speed:<16}"), Text.assemble(f"{bearing:<9} ", scale, f"  {tilt}  " if tilt else "  ", reason)
+def _distance(shown: Shown, track: Track) -> Text:
+    return Text(format_distance(track.distance_m, track.sigma_m, shown.unit), _style(track))
 
-    def _last_seen(self) -> str:
-        if self._track.measured_at_s is None or self._snapshot.record is None:
-            return ""
-        return f"last seen {format_time(self._snapshot.record.observation.now_s - self._track.measured_at_s)} ago"
 
-    def _words(self, text: str) -> str:
-        return self._glyphs.words(text)
+def _whereabouts(shown: Shown, track: Track, reason: str) -> tuple[Text, Text]:
+    """Return how it moves and where it is, or since when and why that is not known."""
+    snapshot = shown.snapshot
+    why = Text(one_line(reason), "italic yellow")
+    if not track.is_valid:
+        last_seen = ""
+        if track.measured_at_s is not None and snapshot.record is not None:
+            last_seen = f"last seen {format_time(snapshot.record.observation.now_s - track.measured_at_s)} ago"
+        return Text(last_seen, "italic"), why
+    speed = format_closing(track.closing_mps, track.closing_sigma_mps, shown.unit)
+    bearing = format_bearing(track.bearing_rad)
+    tilt = format_tilt(snapshot.tilts_rad.get(track.target))
+    scale = bearing_scale(track.bearing_rad)
+    return Text(f"{speed:<16}"), Text.assemble(f"{bearing:<9} ", scale, f"  {tilt}  " if tilt else "  ", why)
 
 
 def _wrap(words: str, width: int) -> list[str]:
@@ -157,16 +132,16 @@ def _wrap(words: str, width: int) -> list[str]:
     return [*lines[:1], " ".join(lines[1:])] if len(lines) > 1 else lines
 
 
-def bearing_scale(bearing_rad: float | None, glyphs: Glyphs, width: int = 17) -> Text:
+def bearing_scale(bearing_rad: float | None, width: int = 17) -> Text:
     """Draw a bearing, positive to the right, on a scale such as ``├──●────┼───────┤``; empty if unknown."""
     if bearing_rad is None or not math.isfinite(bearing_rad):
         return Text()
     inner = width - 2
-    cells = [glyphs.left_end, *(glyphs.line * inner), glyphs.right_end]
-    cells[width // 2] = glyphs.middle
+    cells = ["├", *("─" * inner), "┤"]
+    cells[width // 2] = "┼"
     share = bearing_rad / BEARING_END_RAD
     place = width // 2 + round(max(-1.0, min(1.0, share)) * (inner // 2))
-    mark = glyphs.mark if abs(share) <= 1 else glyphs.beyond_right if share > 0 else glyphs.beyond_left
+    mark = "●" if abs(share) <= 1 else "▶" if share > 0 else "◀"
     before, after = "".join(cells[:place]), "".join(cells[place + 1 :])
     return Text.assemble((before, "dim"), (mark, "bold bright_cyan"), (after, "dim"))
 

@@ -5,31 +5,26 @@ from __future__ import annotations
 import fnmatch
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
 from typing import Annotated
 
 import typer
 from rich.console import Console
 from rich.text import Text
 
+from stadimeter.app.exact_json import plain
 from stadimeter.cli.check import prose_console
 from stadimeter.cli.exits import NOT_FOUND, WRONG, ConfigArgument, configuration_path, plain_errors
 from stadimeter.cli.progress import working
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.rule_test_tables import RuleTest
-from stadimeter.workbench.rule_tests.running import RuleTestResult, RuleTests
-from stadimeter.workbench.rule_tests.watching import Failure
+from stadimeter.workbench.rule_tests.running import RuleTestResult, run_rule_test
+from stadimeter.workbench.rule_tests.watches import Failure
 
 _EXAMPLE = """\
 [[tests]]
 name = "hover does not chatter"
 input = { hover = { at = "50 cm", for = "60 s" } }
 expect.RULE = { transitions_max = 2 }"""
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("test")(run_tests)
 
 
 def run_tests(
@@ -60,10 +55,9 @@ def run_tests(
         _nothing_of_that_name(configuration, name)
     results: list[RuleTestResult] = []
     console = prose_console()
-    tests = RuleTests(configuration)
     for test in chosen:
         with working(f"testing: {test.name}"):
-            result = tests.run(test)
+            result = run_rule_test(configuration, test)
         results.append(result)
         if not as_json:
             _tell(console, configuration, result, verbose=verbose)
@@ -136,8 +130,8 @@ def _record(result: RuleTestResult) -> dict[str, object]:
         "line": test.line,
         "passed": result.passed,
         "trouble": result.trouble,
-        "failures": [asdict(failure) for failure in result.failures],
+        "failures": [plain(failure) for failure in result.failures],
         "took_s": result.took_s,
         "cycles": result.cycles,
-        "events": [{**asdict(event), "at_s": at_s} for at_s, event in result.events],
+        "events": [{**plain(event), "at_s": at_s} for at_s, event in result.events],
     }

@@ -22,16 +22,10 @@ from stadimeter.core.words import rounded_duration
 from stadimeter.workbench.replay.replay import read_recording
 from stadimeter.workbench.tuning.candidates import DAY_S, Settings, Tuned, rule_to_tune
 from stadimeter.workbench.tuning.noise import Series, series_of
-from stadimeter.workbench.tuning.plot import draw_plot, on_delay_in_words, require_matplotlib
 from stadimeter.workbench.tuning.proposing import FLAPS_A_MINUTE, Beginning, Ending, Proposal, tune
 
 # A target that was at its threshold for this share of the time is reported: raises there look like false alarms.
 AT_THRESHOLD_TOLD = 0.05
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("tune")(tune_command)
 
 
 def tune_command(
@@ -60,9 +54,6 @@ def tune_command(
         ),
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, metavar="N", help="Other random numbers.")] = 0,
-    plot: Annotated[
-        Path | None, typer.Option("--plot", metavar="FILE.png", help="Draw the trade-off too. Needs matplotlib.")
-    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object, with all that was tried.")] = False,
 ) -> None:
     """Propose the probability, delays and hysteresis of an alarm, from recordings.
@@ -76,12 +67,11 @@ def tune_command(
 
     - `stadimeter tune near quiet.jsonl --false-alarms-per-day 1`
 
-    - `stadimeter tune near quiet.jsonl --config config/distance-alert.toml --plot near.png`
+    - `stadimeter tune near quiet.jsonl --config config/distance-alert.toml`
 
     **Exit code**: 0 done; 1 no setting keeps to the wanted rate, the best is printed; 2 an error in what was given.
     """
     with plain_errors():
-        _check_plot(plot)
         speed_mps = _speed(closing_speed)
         configuration = load_configuration(config) if config is not None else _recorded_configuration(recordings[0])
         with working("reading the recording") as say:
@@ -96,35 +86,17 @@ def tune_command(
                 events_s=_events(events or [], series),
                 seed=seed,
             )
-        _show(proposal, configuration, plot, as_json=as_json)
+        if as_json:
+            typer.echo(json.dumps(_figures(proposal), ensure_ascii=False))
+        else:
+            _tell(proposal, configuration)
     if not proposal.is_reached:
         raise typer.Exit(NOT_FOUND)
-
-
-def _show(proposal: Proposal, configuration: Configuration, plot: Path | None, *, as_json: bool) -> None:
-    if as_json:
-        typer.echo(json.dumps(_figures(proposal), ensure_ascii=False))
-    else:
-        _tell(proposal, configuration)
-    if plot is not None:
-        draw_plot(proposal, plot)
-        typer.echo(f"{plot} shows the trade-off.", err=True)
 
 
 def _recorded_configuration(path: Path) -> Configuration:
     """Return the configuration inside a recording."""
     return load_recorded(read_recording(path).header.recorded_configuration, path)
-
-
-def _check_plot(plot: Path | None) -> None:
-    """Refuse, before the work, a plot that cannot be drawn, and names that could be those of a recording."""
-    if plot is None:
-        return
-    if plot.suffix.lower() != ".png":
-        raise typer.BadParameter(f"the plot is a PNG file; {str(plot)!r} does not end in .png", param_hint="--plot")
-    if not plot.absolute().parent.is_dir():
-        raise typer.BadParameter(f"the plot cannot be written: there is no folder {plot.parent}", param_hint="--plot")
-    require_matplotlib()
 
 
 def _speed(text: str) -> float:
@@ -201,7 +173,7 @@ def _begin_table(proposal: Proposal) -> Table:
         table.add_row(
             _mark(proposal.is_reached and each is proposal.begin, each is proposal.beginnings[0]),
             _probability(each.settings),
-            on_delay_in_words(each.settings.on_delay),
+            _on_delay_in_words(each.settings.on_delay),
             _a_day(each.rate.a_day),
             _a_day(each.rate.at_most_a_day),
             str(each.recorded_raises),
@@ -291,6 +263,12 @@ def _when(tuned: Tuned, settings: Settings) -> Iterator[str]:
     yield f"deadband_sigmas = {settings.deadband_sigmas:g}"
     if condition.deadband_m:
         yield f'deadband = "{condition.deadband_m:g} m"'
+
+
+def _on_delay_in_words(delay: OnDelay) -> str:
+    if delay.frames:
+        return f"{delay.frames} of {delay.of_frames} frames"
+    return f"{delay.hold_s:g} s" if delay.hold_s else "none"
 
 
 def _on_delay(delay: OnDelay) -> str:

@@ -10,13 +10,14 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, TextIO
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
+from msgspec import Struct
 
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.health import Health, peak_memory_mb, percentile
+from stadimeter.app.live.health import peak_memory_mb, percentile
+from stadimeter.app.live.history import RunHistory
 from stadimeter.app.live.snapshot import looked_at
 from stadimeter.app.loop import Loop
 from stadimeter.cli.formatting import (
@@ -29,15 +30,14 @@ from stadimeter.cli.formatting import (
     in_unit,
     length_unit,
 )
-from stadimeter.cli.glyphs import ASCII, UNICODE
 from stadimeter.core.command import Command, LevelCommand
 from stadimeter.core.decision import Event, RuleStatus, RuleTrace, SafetyMode
 from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.track import Track
+from stadimeter.core.words import one_line
 
 if TYPE_CHECKING:
     from stadimeter.cli.keyboard import RunKeys
-    from stadimeter.cli.live_view import LiveView
 
 
 # Rules that do nothing are not named in each line.
@@ -51,7 +51,6 @@ class PlainView:
         write: Takes one line without its line break, such as `print`.
         trouble: Says what is wrong outside the loop; said again only when it changes.
         narration: Says what happens in a simulated world; likewise.
-        ascii_only: Whether `write` takes nothing but ASCII.
 
     Raises:
         ConfigError: Distances are not shown in that unit.
@@ -65,13 +64,11 @@ class PlainView:
         unit: str = "m",
         trouble: Callable[[], str] = str,
         narration: Callable[[], str] = str,
-        ascii_only: bool = False,
     ) -> None:
         self._write = write
         self._every_s = every_s
         self._unit = length_unit(unit)
         self._trouble = trouble
-        self._glyphs = ASCII if ascii_only else UNICODE
         self._started_s: float | None = None
         self._due_s = 0.0
         self._narration = narration
@@ -109,7 +106,7 @@ class PlainView:
 
     def _line(self, at_s: float, words: str) -> None:
         shown = in_unit(words, self._unit)
-        self._write(self._glyphs.words(f"{format_time(at_s - (self._started_s or 0.0)):>8}  {shown}"))
+        self._write(one_line(f"{format_time(at_s - (self._started_s or 0.0)):>8}  {shown}"))
 
     def _words(self, record: CycleRecord) -> Iterator[str]:
         decision, observation = record.decision, record.observation
@@ -139,7 +136,7 @@ class PlainView:
 
 
 def _rule(trace: RuleTrace, reason: str) -> str:
-    marks = ", ".join([*([] if trace.acknowledged else ["unacknowledged"]), *trace.gates])
+    marks = ", ".join([*([] if trace.acknowledged else ["unacknowledged"]), *trace.inhibits])
     return f"{trace.status.value.upper()} {trace.rule}{f' ({marks})' if marks else ''}: {reason}"
 
 
@@ -157,8 +154,7 @@ WAITING_MAX = 300
 STOP_WAIT_S = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class Showing:
+class Showing(Struct, frozen=True):
     """How a run is shown.
 
     Attributes:
@@ -175,14 +171,17 @@ class Showing:
 
 
 def live_or_plain() -> View:
-    """Return the live view if there is a terminal to draw it on, else lines."""
-    return "live" if sys.stdout.isatty() and os.environ.get("TERM") not in {"dumb", "unknown"} else "plain"
+    """Return the live view if there is a terminal to draw it on that knows Unicode, else lines."""
+    is_able = os.environ.get("TERM") not in {"dumb", "unknown"} and "utf" in (sys.stdout.encoding or "").lower()
+    return "live" if sys.stdout.isatty() and is_able else "plain"
 
 
 @contextmanager
 def show(loop: Loop, showing: Showing) -> Iterator[None]:
     """Show a run until the context ends."""
     if showing.view == "live":
+        from stadimeter.cli.live_view import live_view_of  # noqa: PLC0415 - it takes long, and few runs show it
+
         live = live_view_of(loop, showing.title, showing.unit, showing.keys)
         with showing.keys.keyboard, _feed(loop, live.update, live):
             yield
@@ -194,12 +193,11 @@ def show(loop: Loop, showing: Showing) -> Iterator[None]:
             unit=showing.unit,
             trouble=loop.trouble,
             narration=narration_of(loop),
-            ascii_only=not _is_unicode(sys.stdout),
         )
         with _feed(loop, plain.update):
             yield
         return
-    loop.listeners.append(_TroubleLines(loop))
+    loop.listeners.append(_tell_trouble(loop))
     yield
 
 
@@ -229,29 +227,17 @@ def narration_of(loop: Loop) -> Callable[[], str]:
     return loop.parts.world.narration if loop.parts.world is not None else str
 
 
-def live_view_of(loop: Loop, title: str, unit: str, keys: RunKeys | None = None) -> LiveView:
-    """Return the live view of a run, not shown yet; `unit` is that of distances."""
-    from stadimeter.cli.live_view import LiveView  # noqa: PLC0415 - it takes long, and few runs show it
+def _tell_trouble(loop: Loop) -> Callable[..., None]:
+    """Return a listener that writes to standard error what is wrong outside the loop, once for each change."""
+    said = [""]
 
-    return LiveView.of(loop, title, unit=unit, keys=keys)
-
-
-def _is_unicode(stream: TextIO) -> bool:
-    return "utf" in (stream.encoding or "").lower()
-
-
-class _TroubleLines:
-    """Writes to standard error what is wrong outside the loop, once for each change."""
-
-    def __init__(self, loop: Loop) -> None:
-        self._loop = loop
-        self._said = ""
-
-    def __call__(self, *_: object) -> None:
-        trouble = self._loop.trouble()
-        if trouble and trouble != self._said:
+    def tell(*_: object) -> None:
+        trouble = loop.trouble()
+        if trouble and trouble != said[0]:
             typer.echo(f"warning: {trouble}", err=True)
-        self._said = trouble
+        said[0] = trouble
+
+    return tell
 
 
 class ViewThread:
@@ -308,17 +294,17 @@ class ViewThread:
             self.failure = error
 
 
-def summarise(health: Health, ending: str) -> dict[str, Any]:
+def summarise(history: RunHistory, ending: str) -> dict[str, Any]:
     """Return the figures of a run, as ``run --json`` prints them: counts, and times in milliseconds."""
     return {
         "ended": ending,
-        "cycles": health.cycles,
-        "frames": health.frames,
-        "tracks": {target: dict(counts) for target, counts in health.track_statuses.items()},
-        "events": dict(health.events),
-        "data_age_ms": _milliseconds(health.data_ages_s),
-        "cycle_ms": _milliseconds(health.cycle_times_s),
-        "first_command_s": None if health.first_command_s is None else round(health.first_command_s, 3),
+        "cycles": history.cycles,
+        "frames": history.frames,
+        "tracks": {target: dict(counts) for target, counts in history.track_statuses.items()},
+        "events": dict(history.event_counts),
+        "data_age_ms": _milliseconds(history.data_ages_s),
+        "cycle_ms": _milliseconds(history.cycle_times_s),
+        "first_command_s": None if history.first_command_s is None else round(history.first_command_s, 3),
         "peak_memory_mb": round(peak_memory_mb(), 1),
     }
 
@@ -343,8 +329,5 @@ def _list_counts(counts: dict[str, int]) -> str:
 
 def _milliseconds(seconds: Iterable[float]) -> dict[str, float | None]:
     ordered = sorted(seconds)
-    return {name: _rounded_ms(percentile(ordered, share)) for name, share in (("p50", 0.5), ("p95", 0.95))}
-
-
-def _rounded_ms(seconds: float | None) -> float | None:
-    return None if seconds is None else round(seconds * 1000, 3)
+    shares = {name: percentile(ordered, share) for name, share in (("p50", 0.5), ("p95", 0.95))}
+    return {name: None if at_s is None else round(at_s * 1000, 3) for name, at_s in shares.items()}

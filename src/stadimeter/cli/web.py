@@ -4,19 +4,28 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sys
-from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from pydantic import ValidationError
 
 from stadimeter.cli.exits import plain_errors
 from stadimeter.config.extras import install_line
-from stadimeter.errors import PageError
+from stadimeter.config.findings import findings_of, problems
+from stadimeter.config.models import WebTable
+from stadimeter.config.toml_source import parse_toml
+from stadimeter.config.units import validation_context
+from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text
+from stadimeter.errors import ConfigError, PageError
 from stadimeter.web import python
 from stadimeter.web.passwords import PasswordFile, place_of_passwords
+
+# Begins the table `[web]`. A file without it is not parsed: the page is for configurations with errors, too.
+_WEB_TABLE = re.compile(r"""^\s*\[?\s*["']?web\b""", re.MULTILINE)
 
 ConfigFile = Annotated[
     Path | None,
@@ -30,7 +39,9 @@ Address = Annotated[
         help="Where to listen; by default on this computer only, and everywhere once a password is set.",
     ),
 ]
-Port = Annotated[int, typer.Option("--port", min=0, max=65535, help="The port; 0 for any that is free.")]
+Port = Annotated[
+    int | None, typer.Option("--port", min=0, max=65535, help="The port, by default 8080; 0 for any that is free.")
+]
 SetPassword = Annotated[
     bool, typer.Option("--set-password", help="Ask for a new password, and end. It ends all sessions.")
 ]
@@ -56,15 +67,10 @@ SocketFile = Annotated[
 ]
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("web")(web)
-
-
 def web(
     config: ConfigFile = None,
     address: Address = None,
-    port: Port = 8080,
+    port: Port = None,
     set_password: SetPassword = False,
     read: ForReading = False,
     password_file: PasswordPath = None,
@@ -76,7 +82,7 @@ def web(
     """Serve a page on which a browser sees, sets up and operates a run.
 
     The page is a process of its own. It asks the run at its control socket, and offers to start one if there is none.
-    Without a password it can be reached from this computer only.
+    Without a password it can be reached from this computer only. What no option says is taken from `[web]` in CONFIG.
 
     **Examples**
 
@@ -92,26 +98,68 @@ def web(
         if config is not None and config.is_dir():
             words = f"{config} is a folder; name the configuration in it, such as {config / 'stadimeter.toml'}"
             raise PageError(400, "no-configuration", words)
-        passwords = password_file or place_of_passwords(config)
+        given = {
+            "host": address,
+            "port": port,
+            "certificate": certificate,
+            "key": key,
+            "password_file": password_file,
+            "allowed_hosts": allow_host,
+        }
+        options = _load_table(config).model_copy(
+            update={name: each for name, each in given.items() if each is not None}
+        )
         if set_password:
-            _set_password(passwords, "read" if read else "operate")
+            _set_password(options.password_file or place_of_passwords(config), "read" if read else "operate")
             return
         if config is None:
             raise PageError(400, "no-configuration", "name the CONFIG that the page is for; it need not be there yet")
-        paths = {
-            "configuration": config,
-            "passwords": passwords,
-            "socket": socket,
-            "certificate": certificate,
-            "key": key,
-        }
-        _become(paths, {"address": address, "port": port, "allowed_hosts": allow_host or []})
+        sys.stdout.flush()
+        command = page_command(config, options, socket)
+        os.execv(command[0], command)  # noqa: S606 - our own interpreter, without the command line in its memory
+
+
+def page_command(config: Path, options: WebTable, socket: Path | None = None, **more: object) -> list[str]:
+    """Return what runs the page of a configuration in a process of its own."""
+    paths = {
+        "configuration": config,
+        "passwords": options.password_file or place_of_passwords(config),
+        "socket": socket,
+        "certificate": options.certificate,
+        "key": options.key,
+    }
+    given = {
+        "paths": {name: path and str(path) for name, path in paths.items()},
+        "address": options.host,
+        "port": options.port,
+        "allowed_hosts": options.allowed_hosts,
+        **more,
+    }
+    return [*python("stadimeter.web"), json.dumps(given)]
 
 
 def _check_extra() -> None:
     if not all(find_spec(name) for name in ("starlette", "uvicorn")):
         words = f"the page needs the extra `web`: {install_line('web')}"
         raise PageError(503, "no-extra", words)
+
+
+def _load_table(config: Path | None) -> WebTable:
+    """Return the table `[web]` of a configuration, whatever else is wrong with that; one of defaults if there is none.
+
+    Raises:
+        ConfigError: What is wrong in the table, or why it cannot be found in the file.
+    """
+    text = read_untrusted_text(config, CONFIGURATION_MAX_BYTES) if config is not None and config.exists() else ""
+    if config is None or not _WEB_TABLE.search(text):
+        return WebTable()
+    source = parse_toml(text, str(config))
+    table = source.table.get("web", {})
+    try:
+        return WebTable.model_validate(table, context=validation_context(config))
+    except ValidationError as error:
+        found = findings_of(error, WebTable, table, ("web",))
+        raise ConfigError(problems(found, str(config), source.spans)) from error
 
 
 def _set_password(path: Path, right: str) -> None:
@@ -123,10 +171,3 @@ def _set_password(path: Path, right: str) -> None:
     typer.echo(f"The password is set; all sessions have ended. Its hash is in {path}.")
     if is_first:
         typer.echo("A page that is served already is reached by others when it has been started again.")
-
-
-def _become(paths: Mapping[str, Path | None], more: Mapping[str, object]) -> None:
-    """Go on as the page's process, which has nothing of the command line in its memory."""
-    given = {"paths": {name: path and str(path) for name, path in paths.items()}, **more}
-    sys.stdout.flush()
-    os.execv(sys.executable, [*python("stadimeter.web"), json.dumps(given)])  # noqa: S606 - our own interpreter, with what was asked for

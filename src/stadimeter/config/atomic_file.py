@@ -24,19 +24,38 @@ def write_atomically(path: Path, data: bytes, like: Path | None = None) -> None:
     Raises:
         OSError: It cannot be written there.
     """
-    _write_all({path: data}, like)
+    write_all_atomically({path: data}, like)
 
 
-def write_all_atomically(files: Mapping[Path, bytes]) -> None:
+def write_all_atomically(files: Mapping[Path, bytes], like: Path | None = None) -> None:
     """Write or replace several files, each as `write_atomically` does: all of them, or none if one cannot be written.
 
     All are on the disk before the first one takes its name. A power cut in the moment between two names leaves the
     first of them new and the others as they were.
 
+    Args:
+        like: The file whose owner and mode all get; None for those that they have.
+
     Raises:
         OSError: One of them cannot be written there.
     """
-    _write_all(files, None)
+    places = {path: Path(os.path.realpath(path)) for path in files}
+    temporary = {path: place.with_name(f".{place.name}.part") for path, place in places.items()}
+    with ExitStack() as closing:
+        opened: dict[Path, BinaryIO] = {}
+        try:
+            for path in sorted(files, key=places.__getitem__):  # every saver's order, so that no two block each other
+                opened[path] = closing.enter_context(_open_locked(temporary[path]))
+            for path, data in files.items():
+                _fill(opened[path], data, like or places[path])
+            for path, place in places.items():
+                temporary[path].replace(place)
+                del opened[path]  # the hidden name is free again: another saver may have it by now
+                _sync_folder(place.parent)
+        except BaseException:
+            for path in opened:
+                temporary[path].unlink(missing_ok=True)
+            raise
 
 
 def holds(path: Path, data: bytes) -> bool:
@@ -69,26 +88,6 @@ def rename_to_free_name(path: Path, names: Iterator[str]) -> Path:
         free.unlink()
         raise
     return free
-
-
-def _write_all(files: Mapping[Path, bytes], like: Path | None) -> None:
-    places = {path: Path(os.path.realpath(path)) for path in files}
-    temporary = {path: place.with_name(f".{place.name}.part") for path, place in places.items()}
-    with ExitStack() as closing:
-        opened: dict[Path, BinaryIO] = {}
-        try:
-            for path in sorted(files, key=places.__getitem__):  # every saver's order, so that no two block each other
-                opened[path] = closing.enter_context(_open_locked(temporary[path]))
-            for path, data in files.items():
-                _fill(opened[path], data, like or places[path])
-            for path, place in places.items():
-                temporary[path].replace(place)
-                del opened[path]  # the hidden name is free again: another saver may have it by now
-                _sync_folder(place.parent)
-        except BaseException:
-            for path in opened:
-                temporary[path].unlink(missing_ok=True)
-            raise
 
 
 def _fill(file: BinaryIO, data: bytes, like: Path) -> None:

@@ -1,12 +1,15 @@
-"""The camera file: a camera model as a small TOML text that a person can read."""
-
-from __future__ import annotations
+"""The camera file: a camera model as a small TOML text. And what a picture file says of the camera that took it."""
 
 import datetime as dt
+import json
+import re
+import struct
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
+from msgspec import to_builtins
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from stadimeter.config.atomic_file import write_atomically
@@ -25,6 +28,12 @@ MAX_PIXELS_ACROSS = 100_000
 # Cameras have some tenths of a pixel; with more than this, small targets would have no size left.
 MAX_EDGE_BIAS_PX = 5.0
 
+
+# How the camera was set that took a picture is kept in the picture: in a PNG, as a chunk of text behind its header.
+_PNG_START = b"\x89PNG\r\n\x1a\n"
+_PNG_HEADER_BYTES = 33
+_OPTICS = b"stadimeter-optics\0"
+_OPTICS_CHUNK = re.compile(rb"(.{4})tEXt" + _OPTICS + rb"(\{[ -~]{1,1000}\})", re.DOTALL)
 
 # The hint where there is no camera file.
 HOW_TO_MAKE_ONE = "make it with `stadimeter calibrate distance PICTURE@DISTANCE -o FILE`"
@@ -110,19 +119,11 @@ class CameraModelTable(BaseModel):
 
     def to_model(self) -> CameraModel:
         """Return the camera model; raises CalibrationError if there is none with these values."""
+        beside = {"lens_sigmas", "lens_correlations", "method", "date", "notes", "optics"}
+        given = self.model_dump(exclude=beside, exclude_none=True)
+        centre = {"cx_px": (self.width_px - 1) / 2, "cy_px": (self.height_px - 1) / 2}
         return CameraModel(
-            width_px=self.width_px,
-            height_px=self.height_px,
-            fx_px=self.fx_px,
-            fy_px=self.fx_px if self.fy_px is None else self.fy_px,
-            cx_px=(self.width_px - 1) / 2 if self.cx_px is None else self.cx_px,
-            cy_px=(self.height_px - 1) / 2 if self.cy_px is None else self.cy_px,
-            distortion=self.distortion,
-            tone_curve=self.tone_curve,
-            edge_bias_px=self.edge_bias_px,
-            edge_bias_sigma_px=self.edge_bias_sigma_px,
-            focal_relative_sigma=self.focal_relative_sigma,
-            subsampling=self.subsampling,
+            **{"fy_px": self.fx_px, **centre, **given},
             optics=None if self.optics is None else self.optics.to_optics(),
             uncertainty=self._uncertainty(),
             provenance=Provenance(method=self.method, date=self.date, notes=self.notes),
@@ -258,3 +259,24 @@ def _model(table: Mapping[str, Any], file: str, spans: Mapping[KeyPath, SourceSp
         raise ConfigError(problems(found, file, spans)) from error
     except CalibrationError as error:
         raise ConfigError(problems([Finding((error.key,), str(error), code="bad-value")], file, spans)) from error
+
+
+def with_optics(data: bytes, optics: Optics | None) -> bytes:
+    """Return a picture file with the settings of its camera: a PNG as a chunk of text, any other kind unchanged.
+
+    A chunk is its length, its kind, its data and a CRC of both (ISO/IEC 15948, 5.3); the first one is the header.
+    """
+    if optics is None or not data.startswith(_PNG_START):
+        return data
+    body = b"tEXt" + _OPTICS + json.dumps(to_builtins(optics)).encode("ascii")
+    chunk = struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
+    return data[:_PNG_HEADER_BYTES] + chunk + data[_PNG_HEADER_BYTES:]
+
+
+def optics_in(data: bytes) -> Optics | None:
+    """Return how the camera was set that took a picture, if its file says it behind its header."""
+    found = _OPTICS_CHUNK.match(data, _PNG_HEADER_BYTES) if data.startswith(_PNG_START) else None
+    try:
+        return OpticsTable.model_validate_json(found[2]).to_optics() if found else None
+    except ValidationError:
+        return None

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
+from stadimeter.config.draft import BASE_NAME
 from stadimeter.config.loader import Configuration
 from stadimeter.config.models import ButtonTable, WebTable
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.condition import Condition, leaves
 from stadimeter.core.condition_words import describe_begin, describe_end
-from stadimeter.core.plan import BaseOutput
+from stadimeter.core.conditions.compounds import Condition, leaves
+from stadimeter.core.plan import BaseOutput, LevelOutput
 from stadimeter.core.rule import (
+    RAISES_PER_MIN_MAX,
     AlarmRule,
     AnyRule,
     DelayTolerance,
@@ -25,10 +27,6 @@ from stadimeter.core.rule import (
 from stadimeter.core.rules.layout import contested_outputs
 from stadimeter.core.words import duration, length
 
-# What an output does when it acts, such as ``lights``, by its name.
-Verb = Callable[[str], str]
-
-_RAISES_MAX = AlarmRule.__dataclass_fields__["raises_per_min_max"].default
 _TOLERANCE = DelayTolerance()
 
 # Of more rules than these, the rest are counted: a list of hundreds is of no use.
@@ -57,7 +55,7 @@ def _parts(configuration: Configuration) -> Iterator[str]:
     if configuration.status_led:
         yield f"Shows how it is doing on `{configuration.status_led.name}` ({configuration.status_led.driver})."
     if configuration.web is not None:
-        yield f"Has a page for browsers at port {configuration.web.port}, {_where(configuration.web)}."
+        yield f"Its page for browsers is at port {configuration.web.port}, {_where(configuration.web)}."
     for button, table in configuration.button_tables.items():
         yield f"The button `{button}`, pressed, {_pressed(table.press, table)}.{_held(table)}"
 
@@ -78,6 +76,8 @@ def _pressed(action: str, table: ButtonTable) -> str:
         "put-back": "puts {} back into service",
         "stop-outputs": "stops every output until they are released",
         "release-outputs": "lets outputs that were stopped act again",
+        "arm": "arms the run: its outputs may act",
+        "disarm": "disarms the run: every output is at its safe value until it is armed",
     }.get(action, action + "s {}")
     lasting = f" for {duration(table.shelve_for)}" if action == "shelve" and table.shelve_for else ""
     return does.format(f"`{table.rule}`" if table.rule else "every alarm that it can") + lasting
@@ -101,38 +101,34 @@ def _lens(model: CameraModel) -> str:
 def _rule(rule: AnyRule, configuration: Configuration) -> str:
     match rule:
         case AlarmRule():
-            return f"`{rule.name}` {_alarm(rule, configuration)}"
+            does = _alarm(rule, configuration)
         case RampRule():
-            return f"`{rule.name}` {_ramp(rule, configuration)}"
+            does = _ramp(rule, configuration)
         case _:
-            return f"`{rule.name}` {_follow(rule, configuration)}"
+            does = _follow(rule, configuration)
+    return f"`{rule.name}` {does}{_wins(rule, configuration)}"
 
 
 def _alarm(rule: AlarmRule, configuration: Configuration) -> str:
     condition = f"{_acts(rule, configuration)} when {describe_begin(rule.condition)}{_delay(rule.on_delay)}"
-    besides = _consequences(rule, lambda output: _verb_of(output, configuration))
-    return (
-        f"{condition}; clears {_ends(rule)}{_tolerance(rule)}.{_lost_alarm(rule)}{besides}{_wins(rule, configuration)}"
-    )
+    besides = "".join(f" {sentence}." for sentence in _sentences(rule, configuration))
+    return f"{condition}; clears {_ends(rule)}{_tolerance(rule)}.{_lost_alarm(rule)}{besides}"
 
 
 def _acts(rule: AlarmRule, configuration: Configuration) -> str:
     if rule.output is None:
         return f"gives the alert ({rule.severity})"
-    verb = _verb_of(rule.output, configuration)
+    verb = _verb(rule.output, configuration)
     if verb == "stops":
         return f"stops `{rule.output}`"
     level = "" if rule.level == 1 or rule.pattern is not None else f" at {rule.level:.0%}"
     return f"{verb} `{rule.output}`{level}{_rhythm(rule.pattern)}"
 
 
-def _verb_of(output: str, configuration: Configuration) -> str:
-    if any(isinstance(each, BaseOutput) and each.name == output for each in configuration.plan.outputs):
-        return "stops"
-    return _verb(output, configuration)
-
-
 def _verb(output: str, configuration: Configuration) -> str:
+    """Return what an output does when it acts, such as ``lights``; a rule with a condition stops a base."""
+    if configuration.base is not None and output == BASE_NAME:
+        return "stops"
     return next((each.options.verb for each in configuration.actuators if each.name == output), "drives")
 
 
@@ -183,21 +179,12 @@ def _wins(rule: AnyRule, configuration: Configuration) -> str:
 
 def _ramp(rule: RampRule, configuration: Configuration) -> str:
     output = rule.output or ""
-    return (
-        f"{_verb(output, configuration)} `{output}` {_strength(rule)}; {_safe(output, configuration)} when lost."
-        f"{_wins(rule, configuration)}"
-    )
+    return f"{_verb(output, configuration)} `{output}` {_strength(rule)}; {_safe(output, configuration)} when lost."
 
 
 def _safe(output: str, configuration: Configuration) -> str:
-    level = next(
-        (
-            each.safe_level
-            for each in configuration.plan.outputs
-            if each.name == output and not isinstance(each, BaseOutput)
-        ),
-        0.0,
-    )
+    levels = {each.name: each.safe_level for each in configuration.plan.outputs if isinstance(each, LevelOutput)}
+    level = levels.get(output, 0.0)
     return f"at {level:.0%}" if level else "off"
 
 
@@ -207,8 +194,20 @@ def _follow(rule: FollowRule, configuration: Configuration) -> str:
     reverse = f"up to {rule.reverse_max_mps:g} m/s backwards" if rule.reverse_max_mps else "never backwards"
     return (
         f"keeps `{rule.output}` {length(rule.distance_m)} from `{rule.target}` and turned towards it, "
-        f"up to {most_mps:g} m/s forwards, {reverse}; stops when lost."
-        f"{_wins(rule, configuration)}"
+        f"up to {most_mps:g} m/s forwards, {reverse}{_bounds(rule)}; stops when lost{_searching(rule)}."
+    )
+
+
+def _bounds(rule: FollowRule) -> str:
+    tether = f", no further than {length(rule.tether_m)} from where it began" if rule.tether_m is not None else ""
+    return f"{tether}, slowly near `{rule.slow.target}`" if rule.slow is not None else tether
+
+
+def _searching(rule: FollowRule) -> str:
+    return (
+        ""
+        if rule.search is None
+        else f", then turns in steps to look for it, for {duration(rule.search.for_s)} at most"
     )
 
 
@@ -239,16 +238,12 @@ def _rhythm(pattern: Pattern | None) -> str:
     return f" in turns of {turns}" + (f", {pattern.times} times" if pattern.times else "")
 
 
-def _consequences(rule: AlarmRule, verb: Verb) -> str:
-    """Say what an alarm does besides, and what becomes of it, each sentence with a space before it."""
-    return "".join(f" {sentence}." for sentence in _sentences(rule, verb))
-
-
-def _sentences(rule: AlarmRule, verb: Verb) -> Iterator[str]:
+def _sentences(rule: AlarmRule, configuration: Configuration) -> Iterator[str]:
+    """Say what an alarm does besides, and what becomes of it."""
     if rule.observe:
         yield "Is only observed: it drives nothing and sends nothing"
     for step in rule.escalation:
-        yield _step(step, verb)
+        yield _step(step, configuration)
     if rule.latch:
         yield f"Latches: stands until {_unlatched(rule)}"
     if rule.ack == "required" and not rule.ack_resets:
@@ -272,22 +267,22 @@ def _governor(rule: AlarmRule) -> Iterator[str]:
     most = rule.raises_per_min_max
     if most == 0:
         yield "Has no limit on chattering"
-    elif most != _RAISES_MAX:
+    elif most != RAISES_PER_MIN_MAX:
         yield f"Chatters when it is raised {most} times within a minute, and then stays active until it has calmed down"
 
 
-def _step(step: EscalationStep, verb: Verb) -> str:
+def _step(step: EscalationStep, configuration: Configuration) -> str:
     when = "When it clears" if step.on == "cleared" else "When raised"
     after = f", {duration(step.after_s)} later" if step.after_s else ""
     unless = " unless it has been acknowledged" if step.only_unacknowledged else ""
-    return f"{when}{after} {_does(step, verb)}{unless}"
+    return f"{when}{after} {_does(step, configuration)}{unless}"
 
 
-def _does(step: EscalationStep, verb: Verb) -> str:
+def _does(step: EscalationStep, configuration: Configuration) -> str:
     if step.output is not None:
         level = "" if step.level == 1 or step.pattern is not None else f" at {step.level:.0%}"
         lasting = "" if math.isinf(step.for_s) else f" for {duration(step.for_s)}"
-        return f"{verb(step.output)} `{step.output}`{level}{_rhythm(step.pattern)}{lasting}"
+        return f"{_verb(step.output, configuration)} `{step.output}`{level}{_rhythm(step.pattern)}{lasting}"
     if step.send is not None and step.send.notifier:
         return f"notifies `{step.send.notifier}`"
     return f"sends `{step.send.topic}`" if step.send is not None else "does nothing"

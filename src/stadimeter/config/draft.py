@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stadimeter.config import driver_tables, models
+from msgspec import Struct, field
+
+from stadimeter.config import models
 from stadimeter.config.camera_file import camera_model_from_table, load_camera_model
-from stadimeter.config.driver_tables import CommonT, DriverKind, read_driver_table, validate
+from stadimeter.config.driver_tables import DRIVER_KINDS, ModelT, read_driver_table, validate
 from stadimeter.config.findings import MAX_EXPLAINED, Finding, did_you_mean_or_list, format_value
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.rules.compiled import CompiledRule, compile_rules
@@ -22,7 +23,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import ConfigError, Problem
 
 if TYPE_CHECKING:
-    from stadimeter.config.rule_test_tables import RuleTestTable
+    from stadimeter.config.rule_test_tables import RuleTest
 
 # The name of the base in rules.
 BASE_NAME = "base"
@@ -32,6 +33,7 @@ _NAME = re.compile(r"[A-Za-z0-9_-]+")
 _TAKEN: dict[str, set[str]] = {
     "targets": {"camera"},
     "actuators": {"camera", BASE_NAME},
+    "sensors": {"camera"},
     "buttons": set(),
     "notifiers": set(),
     "rules": {"safety", "safe", "operator"},
@@ -70,6 +72,11 @@ class ChosenDrivers:
         return self._named("notifiers")
 
     @property
+    def sensors(self) -> tuple[DriverChoice, ...]:
+        """The range sensors."""
+        return self._named("sensors")
+
+    @property
     def base(self) -> DriverChoice | None:
         """The mobile base; None for none, and so are those below."""
         return self.drivers.get((BASE_NAME,))
@@ -93,14 +100,13 @@ class ChosenDrivers:
         return tuple(choice for at, choice in self.drivers.items() if at[0] == section)
 
 
-@dataclass(slots=True, kw_only=True)
-class Draft(ChosenDrivers):
+class Draft(ChosenDrivers, Struct, kw_only=True):
     """A configuration as far as it could be read.
 
     Attributes:
         table: The whole file as the TOML parser read it.
         file_problems: What is wrong in a camera file that it names.
-        actuator_tables: What every actuator has, by name.
+        output_tables: What every actuator has, and the base, by name.
         rules: The rules that could be read, by name.
         tests: The tests that could be read, by their position in the file.
         compiled: The same rules as the core runs them, each beside its table.
@@ -112,13 +118,13 @@ class Draft(ChosenDrivers):
     drivers: dict[KeyPath, DriverChoice] = field(default_factory=dict)
     camera_model: CameraModel | None = None
     button_tables: dict[str, models.ButtonTable] = field(default_factory=dict)
-    actuator_tables: dict[str, models.ActuatorTable] = field(default_factory=dict)
-    base_table: models.BaseTable | None = None
+    sensor_tables: dict[str, models.SensorTable] = field(default_factory=dict)
+    output_tables: dict[str, models.ActuatorTable | models.BaseTable] = field(default_factory=dict)
     tracking: models.TrackingTable = field(default_factory=models.TrackingTable)
     safety: models.SafetyTable = field(default_factory=models.SafetyTable)
     web: models.WebTable | None = None
     rules: dict[str, RuleTable] = field(default_factory=dict)
-    tests: dict[int, RuleTestTable] = field(default_factory=dict)
+    tests: dict[int, RuleTest] = field(default_factory=dict)
     compiled: tuple[CompiledRule, ...] = ()
     renamed: tuple[Finding, ...] = ()
 
@@ -134,24 +140,35 @@ class Draft(ChosenDrivers):
         return {name: table for name, table in tables.items() if isinstance(table, Mapping)}
 
     @property
+    def target_names(self) -> tuple[str, ...]:
+        """What rules may watch: the targets, and the range sensors, each a target of its own."""
+        return (*self.names("targets"), *self.names("sensors"))
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        """The names of the actuators and of the base, even of what could not be read."""
+        return (*self.names("actuators"), *([BASE_NAME] if BASE_NAME in self.table else []))
+
+    @property
     def camera(self) -> DriverChoice | None:
         """The camera, if its driver could be read."""
         return self.drivers.get(("camera",))
 
 
-def read_draft(table: Mapping[str, Any], file: Path, *, with_tests: bool = True, texts: Texts | None = None) -> Draft:
-    """Read every part of a configuration.
+def output_path(name: str) -> KeyPath:
+    """Return where the table of an output stands."""
+    return (BASE_NAME,) if name == BASE_NAME else ("actuators", name)
+
+
+def read_draft(table: Mapping[str, Any], file: Path, texts: Texts | None = None) -> Draft:
+    """Read every part of a configuration but its tests.
 
     Args:
         table: The file as the TOML parser read it.
         file: The file; paths are relative to its folder.
         texts: What to read in place of other files.
     """
-    reader = _Reader(table, file, texts)
-    draft = reader.read()
-    if with_tests:
-        reader.read_tests()
-    return draft
+    return _Reader(table, file, texts).read()
 
 
 class _Reader:
@@ -165,15 +182,7 @@ class _Reader:
 
     def read(self) -> Draft:
         self._sections()
-        self._camera()
-        self.draft.base_table = self._single("base", driver_tables.BASE)
-        self._single("messenger", driver_tables.MESSENGER)
-        self._single("world", driver_tables.WORLD)
-        self._targets()
-        self.draft.actuator_tables = self._several("actuators", driver_tables.ACTUATOR)
-        self._single("status_led", driver_tables.STATUS_LED)
-        self.draft.button_tables = self._several("buttons", driver_tables.BUTTON)
-        self._several("notifiers", driver_tables.NOTIFIER)
+        self._drivers()
         self._settings()
         self._rules()
         return self.draft
@@ -185,13 +194,33 @@ class _Reader:
             self._found((section,), f"unknown section '{section}'", hint, "unknown-key")
         if left := unknown[MAX_EXPLAINED:]:
             self._found((left[0],), f"from here on, {len(left)} more sections are unknown", code="unknown-key")
-
-    def _camera(self) -> None:
-        common = self._single("camera", driver_tables.CAMERA)
-        if common is not None:
-            self._camera_model(common.model)
-        elif "camera" not in self.draft.table:
+        if "camera" not in self.draft.table:
             self._found(("camera",), "the section [camera] is missing", 'add one, such as driver = "opencv"')
+        if not self.draft.table.get("targets"):
+            self._found(("targets",), "there is no target", "add one, such as [targets.ball]")
+
+    def _drivers(self) -> None:
+        """Add every driver to the draft, and the keys that every driver of its kind has."""
+        for section, kind in DRIVER_KINDS.items():
+            for at, table in self._tables_of(section, is_named=kind.is_named):
+                choice, common = read_driver_table(kind, at, table, self.context, self.draft.findings)
+                if choice is not None:
+                    self.draft.drivers[at] = choice
+                match common:
+                    case models.CameraTable():
+                        self._camera_model(common.model)
+                    case models.ActuatorTable() | models.BaseTable():
+                        self.draft.output_tables[at[-1]] = common
+                    case models.SensorTable():
+                        self.draft.sensor_tables[at[-1]] = common
+                    case models.ButtonTable():
+                        self.draft.button_tables[at[-1]] = common
+
+    def _tables_of(self, section: str, *, is_named: bool) -> Iterator[tuple[tuple[str, ...], Mapping[str, Any]]]:
+        if is_named:
+            yield from (((section, name), table) for name, table in self._named(section))
+        elif (table := self._table(section)) is not None:
+            yield (section,), table
 
     def _camera_model(self, value: object) -> None:
         try:
@@ -218,11 +247,6 @@ class _Reader:
                 else:
                     self.draft.file_problems.append(problem)
 
-    def _targets(self) -> None:
-        self._several("targets", driver_tables.TARGET)
-        if not self.draft.table.get("targets"):
-            self._found(("targets",), "there is no target", "add one, such as [targets.ball]")
-
     def _settings(self) -> None:
         tracking = self._validated(models.TrackingTable, ("tracking",), self._table("tracking") or {})
         safety = self._validated(models.SafetyTable, ("safety",), self._table("safety") or {})
@@ -239,39 +263,7 @@ class _Reader:
         draft = self.draft
         draft.compiled = compile_rules(draft.rules, draft.tables("rules"), draft.names("targets"))
 
-    def read_tests(self) -> None:
-        tables = self.draft.table.get("tests", [])
-        if not isinstance(tables, list):
-            self._found(("tests",), "'tests' is not a list of tables", "write it as [[tests]]")
-            return
-        if not tables:
-            return
-        from stadimeter.config.rule_test_tables import RuleTestTable  # noqa: PLC0415 - most runs have no tests
-
-        for position, table in enumerate(tables):
-            at = ("tests", position)
-            if not isinstance(table, Mapping):
-                self._found(at, f"{format_value(table)} is not a table", "write it below [[tests]]")
-            elif (test := self._validated(RuleTestTable, at, table)) is not None:
-                self.draft.tests[position] = test
-
-    def _single(self, section: str, kind: DriverKind[CommonT]) -> CommonT | None:
-        table = self._table(section)
-        return None if table is None else self._driver(kind, (section,), table)
-
-    def _several(self, section: str, kind: DriverKind[CommonT]) -> dict[str, CommonT]:
-        read = {name: self._driver(kind, (section, name), table) for name, table in self._named(section)}
-        return {name: common for name, common in read.items() if common is not None}
-
-    def _driver(self, kind: DriverKind[CommonT], at: tuple[str, ...], table: Mapping[str, Any]) -> CommonT | None:
-        """Add the driver of a table to the draft, and return the keys that every driver of its kind has."""
-        read = read_driver_table(kind, at, table, self.context)
-        self.draft.findings += read.findings
-        if read.choice is not None:
-            self.draft.drivers[at] = read.choice
-        return read.common
-
-    def _validated(self, model: type[CommonT], at: KeyPath, table: Mapping[str, Any]) -> CommonT | None:
+    def _validated(self, model: type[ModelT], at: KeyPath, table: Mapping[str, Any]) -> ModelT | None:
         return validate(model, table, at, self.context, self.draft.findings)
 
     def _named(self, section: str) -> Iterator[tuple[str, Mapping[str, Any]]]:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
+from msgspec import Struct
 from pydantic import BaseModel, ValidationError
 
 from stadimeter.config import models, plugins
@@ -16,69 +16,67 @@ from stadimeter.config.toml_lines import KeyPath
 from stadimeter.errors import DriverError
 
 ModelT = TypeVar("ModelT", bound=BaseModel)
-CommonT = TypeVar("CommonT", bound=models.Section)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DriverKind(Generic[CommonT]):
+class DriverKind(Struct, frozen=True, kw_only=True):
     """A kind of part.
 
     Attributes:
         group: The entry points that its drivers are found in.
+        common: The keys that every driver of the kind has; none of most.
         default: The driver where none is named; empty if one must be.
+        is_named: Whether there may be several, each a table with a name of its own.
     """
 
     group: str
-    common: type[CommonT]
+    common: type[models.Section] = models.Section
     key: str = "driver"
     default: str = ""
+    is_named: bool = False
 
 
 CAMERA = DriverKind(group=plugins.CAMERAS, common=models.CameraTable)
-TARGET = DriverKind(group=plugins.DETECTORS, common=models.TargetTable, key="detector")
-ACTUATOR = DriverKind(group=plugins.ACTUATORS, common=models.ActuatorTable)
 BASE = DriverKind(group=plugins.BASES, common=models.BaseTable)
-STATUS_LED = DriverKind(group=plugins.ACTUATORS, common=models.StatusLedTable)
-BUTTON = DriverKind(group=plugins.BUTTONS, common=models.ButtonTable)
-MESSENGER = DriverKind(group=plugins.MESSENGERS, common=models.MessengerTable)
-NOTIFIER = DriverKind(group=plugins.NOTIFIERS, common=models.NotifierTable)
-WORLD = DriverKind(group=plugins.WORLDS, common=models.WorldTable, default="simulated")
+MESSENGER = DriverKind(group=plugins.MESSENGERS)
+WORLD = DriverKind(group=plugins.WORLDS, default="simulated")
+TARGET = DriverKind(group=plugins.DETECTORS, common=models.TargetTable, key="detector", is_named=True)
+ACTUATOR = DriverKind(group=plugins.ACTUATORS, common=models.ActuatorTable, is_named=True)
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DriverTable(Generic[CommonT]):
-    """A table that names a driver, as far as it could be read.
-
-    Attributes:
-        choice: The driver and its options, or None if they cannot be used.
-        common: The keys that every driver of the kind has, or None if they cannot be used.
-    """
-
-    choice: DriverChoice | None
-    common: CommonT | None
-    findings: tuple[Finding, ...]
+# The kind of each section that names drivers.
+DRIVER_KINDS: Mapping[str, DriverKind] = {
+    "camera": CAMERA,
+    "messenger": MESSENGER,
+    "world": WORLD,
+    "targets": TARGET,
+    "actuators": ACTUATOR,
+    "base": BASE,
+    "sensors": DriverKind(group=plugins.SENSORS, common=models.SensorTable, is_named=True),
+    "status_led": DriverKind(group=plugins.ACTUATORS),
+    "buttons": DriverKind(group=plugins.BUTTONS, common=models.ButtonTable, is_named=True),
+    "notifiers": DriverKind(group=plugins.NOTIFIERS, is_named=True),
+}
 
 
 def read_driver_table(
-    kind: DriverKind[CommonT], at: KeyPath, table: Mapping[str, Any], context: Mapping[str, Any]
-) -> DriverTable[CommonT]:
+    kind: DriverKind, at: KeyPath, table: Mapping[str, Any], context: Mapping[str, Any], findings: list[Finding]
+) -> tuple[DriverChoice | None, models.Section | None]:
     """Read a table that names a driver.
 
     Args:
         at: The table's path; its last key is the part's name.
+        findings: What is wrong in it is added here.
+
+    Returns:
+        The driver with its options, and the keys that every driver of the kind has; None for what cannot be used.
     """
-    findings: list[Finding] = []
     common_keys = known_keys(kind.common)
     common_part = {key: value for key, value in table.items() if key in common_keys}
     own_part = {key: value for key, value in table.items() if key not in (*common_keys, kind.key)}
     common = validate(kind.common, common_part, at, context, findings)
     driver, model = _driver(kind, at, table, findings)
-    choice = None
-    if model is not None:
-        options = validate(model, own_part, at, context, findings, (*common_keys, kind.key))
-        if options is not None:
-            choice = DriverChoice(name=str(at[-1]), driver=driver, options=options)
-    return DriverTable(choice=choice, common=common, findings=tuple(findings))
+    options = validate(model, own_part, at, context, findings, (*common_keys, kind.key)) if model else None
+    choice = None if options is None else DriverChoice(name=str(at[-1]), driver=driver, options=options)
+    return choice, common
 
 
 def validate(
@@ -128,7 +126,7 @@ def _take_out(table: dict[str, Any], path: KeyPath) -> bool:
 
 
 def _driver(
-    kind: DriverKind[Any], at: KeyPath, table: Mapping[str, Any], findings: list[Finding]
+    kind: DriverKind, at: KeyPath, table: Mapping[str, Any], findings: list[Finding]
 ) -> tuple[str, type[DriverOptions] | None]:
     driver = table.get(kind.key, kind.default)
     path = (*at, kind.key)
@@ -144,7 +142,7 @@ def _driver(
     return "", None
 
 
-def _no_driver(kind: DriverKind[Any], path: KeyPath, table: Mapping[str, Any]) -> Finding:
+def _no_driver(kind: DriverKind, path: KeyPath, table: Mapping[str, Any]) -> Finding:
     similar = next((key for key in table if did_you_mean(key, [kind.key])), None)
     known = f"known are: {', '.join(plugins.driver_names(kind.group))}"
     hint = f"there is '{similar}'; did you mean '{kind.key}'?" if similar else known

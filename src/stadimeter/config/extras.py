@@ -1,10 +1,11 @@
-"""Libraries that come with an extra of this package: whether one is there, and the line that installs it."""
+"""What may be missing beside the program: libraries of its extras, with the line that installs them, and guides."""
 
 from __future__ import annotations
 
 import shlex
 import sys
 from importlib.util import find_spec
+from pathlib import Path
 
 from stadimeter.errors import DriverUnavailableError
 
@@ -12,10 +13,11 @@ from stadimeter.errors import DriverUnavailableError
 LIBRARIES = {
     "notify": "apprise",
     "pi": "lgpio",
-    "plots": "matplotlib",
     "record": "mcap",
-    "tags": "pyapriltags",
+    "ros2": "websockets",
+    "tof": "VL53L1X",
     "web": "uvicorn",
+    "zenoh": "zenoh",
 }
 
 # The first version that can give up waiting for a camera (`cancel_all_and_flush`).
@@ -42,21 +44,26 @@ PACKAGED = "/opt/stadimeter"
 # No repository has it, so apt needs the file.
 PACKAGE_AGAIN = "`sudo apt install --reinstall ./stadimeter_VERSION.deb`, the package's file"
 
-# What the package brings itself. Anything else goes beside drivers of one's own, which survive an upgrade.
-_OF_DEBIAN = {"pi": "python3-lgpio", "plots": "python3-matplotlib"}
-_OF_PACKAGE = ("notify", "record", "web")
+# What Debian has. The package brings the libraries of the other extras itself, but for these: few need them, and some
+# are larger than all of it, or are compiled where they are installed.
+_OF_DEBIAN = {"pi": "python3-lgpio"}
+NOT_IN_PACKAGE = frozenset({"ros2", "tof", "zenoh"})
+
+# Where the guides are that messages name: in a checkout, in the Debian package (a system may leave them out by
+# `path-exclude` of dpkg), or on the web.
+GUIDES_OF_CHECKOUT = Path(__file__).parents[3] / "docs"
+GUIDES_OF_PACKAGE = Path("/usr/share/doc/stadimeter")
+GUIDES_ON_THE_WEB = "https://github.com/stadimeter/stadimeter/blob/main/docs"
 
 
 def install_line(extra: str) -> str:
     """Return the command that installs an extra for the Python that runs, which need not be the first of the path."""
     if not sys.prefix.startswith(PACKAGED):
         return f"{shlex.quote(sys.executable)} -m pip install 'stadimeter[{extra}]'"
-    if extra in _OF_DEBIAN:
-        return f"sudo apt install {_OF_DEBIAN[extra]}"
-    if extra in _OF_PACKAGE:
-        return PACKAGE_AGAIN.replace("`", "")
-    target = f"--no-deps --target {PACKAGED}/drivers {LIBRARIES[extra]}"
-    return f"sudo apt install python3-pip && sudo python3 -m pip install {target}"
+    if extra in NOT_IN_PACKAGE:
+        own = "~/stadimeter-env"
+        return f"python3 -m venv --system-site-packages {own} && {own}/bin/pip install 'stadimeter[{extra}]'"
+    return f"sudo apt install {_OF_DEBIAN[extra]}" if extra in _OF_DEBIAN else PACKAGE_AGAIN.replace("`", "")
 
 
 def missing(extra: str) -> str:
@@ -65,15 +72,23 @@ def missing(extra: str) -> str:
     return "" if find_spec(library) else f"the library {library} is not installed: run {install_line(extra)}"
 
 
-def require(extra: str, what: str, instead: str = "") -> None:
+def require(extra: str, what: str) -> None:
     """Make sure that the library of an extra is installed, before any work that would be lost without it.
 
     Args:
         what: What needs it.
-        instead: What to do instead, such as ``leave out --plot``.
 
     Raises:
         DriverUnavailableError: It is not.
     """
     if trouble := missing(extra):
-        raise DriverUnavailableError(f"{what} needs a library: {trouble}{f', or {instead}' if instead else ''}")
+        raise DriverUnavailableError(f"{what} needs a library: {trouble}")
+
+
+def guide(page: str) -> str:
+    """Return where a page such as ``doctor.md`` can be read from this computer."""
+    if (GUIDES_OF_CHECKOUT / page).is_file():
+        return f"docs/{page}"
+    if (GUIDES_OF_PACKAGE / page).is_file():
+        return str(GUIDES_OF_PACKAGE / page)
+    return f"{GUIDES_ON_THE_WEB}/{page}"

@@ -6,10 +6,10 @@ import difflib
 import re
 import typing
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from itertools import islice
 from typing import Any
 
+from msgspec import Struct
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
@@ -30,8 +30,7 @@ _MAX_LENGTH = 600
 OF_A_TEST = "test"
 
 
-@dataclass(frozen=True, slots=True)
-class Finding:
+class Finding(Struct, frozen=True):
     """One thing that is wrong, or worth a warning, at a path of the configuration.
 
     Attributes:

@@ -7,18 +7,21 @@ Source with spans (`toml_source`) → models (`draft`) → compiled rules (`rule
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 import stadimeter
 from stadimeter.config.cross_checks import error_findings
 from stadimeter.config.draft import BASE_NAME, ChosenDrivers, Draft, read_draft
 from stadimeter.config.driver_tables import CAMERA, read_driver_table
 from stadimeter.config.findings import Finding, problems
-from stadimeter.config.models import ActuatorTable, BaseTable, ButtonTable, WebTable
+from stadimeter.config.models import ActuatorTable, BaseTable, ButtonTable, SensorTable, WebTable
 from stadimeter.config.plugins import DriverChoice
+from stadimeter.config.ready_bases import with_chosen_base
 from stadimeter.config.renamed_keys import with_current_keys
 from stadimeter.config.rules.compiled import CompiledRule
 from stadimeter.config.secrets import without_secrets
@@ -44,8 +47,7 @@ def is_demonstration(configuration: Path) -> bool:
     return configuration.resolve() == DEMONSTRATION.resolve()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Configuration(ChosenDrivers):
+class Configuration(ChosenDrivers, Struct, frozen=True, kw_only=True, eq=False):
     """A configuration without errors.
 
     Attributes:
@@ -57,6 +59,7 @@ class Configuration(ChosenDrivers):
         leases_s: For each output how old the frame behind a command may grow, in seconds.
         stays_off: The outputs that stay off for the rest of a run once their driver failed.
         button_tables: What each button asks of alarms, by its name.
+        sensor_tables: Where each range sensor looks, and what it keeps the base from, by its name.
         web: The page on which a browser sees the run; None for none.
         find_warnings: Finds what `warnings` gives.
         tests: The tests of its rules; none if they were not asked for.
@@ -65,15 +68,16 @@ class Configuration(ChosenDrivers):
     path: Path
     text: str
     plan: Plan
-    rules: tuple[CompiledRule, ...] = field(compare=False)
-    spans: Mapping[KeyPath, SourceSpan] = field(compare=False)
+    rules: tuple[CompiledRule, ...]
+    spans: Mapping[KeyPath, SourceSpan]
     drivers: Mapping[KeyPath, DriverChoice]
     camera_model: CameraModel | None
     leases_s: Mapping[str, float]
     stays_off: frozenset[str]
-    find_warnings: Callable[[], tuple[Problem, ...]] = field(compare=False)
+    find_warnings: Callable[[], tuple[Problem, ...]]
     tests: tuple[RuleTest, ...] = ()
     button_tables: Mapping[str, ButtonTable] = field(default_factory=dict)
+    sensor_tables: Mapping[str, SensorTable] = field(default_factory=dict)
     web: WebTable | None = None
 
     @property
@@ -104,13 +108,19 @@ def load_configuration(path: Path, *, with_tests: bool = True, texts: Texts | No
         ConfigError: It lists every problem, in the order of the file.
     """
     source, renamed = with_current_keys(read_toml(path, CONFIGURATION_MAX_BYTES, texts=texts))
-    draft = read_draft(source.table, path, with_tests=with_tests, texts=texts)
+    source, wrong_in_others = with_chosen_base(source, validation_context(path))
+    draft = read_draft(source.table, path, texts)
+    draft.findings += wrong_in_others
     draft.renamed = renamed
+    if with_tests and source.table.get("tests"):
+        from stadimeter.config.rule_test_checks import read_tests  # noqa: PLC0415 - most runs have no tests
+
+        read_tests(draft, path, source.spans)
     text, not_hidden = without_secrets(draft, source.text, source.spans)
-    findings = [*draft.findings, *error_findings(draft), *_test_findings(draft), *not_hidden]
+    findings = [*draft.findings, *error_findings(draft), *not_hidden]
     found = [*problems(findings, str(path), source.spans), *draft.file_problems]
     if found or draft.camera is None:
-        raise ConfigError(found, _warnings_beside(draft, findings, path, source))
+        raise ConfigError(found, _warnings(draft, path, source, findings))
     return Configuration(
         path=path,
         text=text,
@@ -120,11 +130,12 @@ def load_configuration(path: Path, *, with_tests: bool = True, texts: Texts | No
         drivers=draft.drivers,
         camera_model=draft.camera_model,
         button_tables=draft.button_tables,
+        sensor_tables=draft.sensor_tables,
         web=draft.web,
-        leases_s={name: table.lease for name, table in _output_tables(draft).items()},
-        stays_off=frozenset(name for name, table in _output_tables(draft).items() if table.after_fault == "stay_off"),
+        leases_s={name: table.lease for name, table in draft.output_tables.items()},
+        stays_off=frozenset(name for name, table in draft.output_tables.items() if table.after_fault == "stay_off"),
         find_warnings=cache(lambda: _warnings(draft, path, source)),
-        tests=_tests(draft, source),
+        tests=tuple(draft.tests.values()),
     )
 
 
@@ -139,61 +150,36 @@ def load_camera_choice(path: Path) -> DriverChoice:
     if not isinstance(table, Mapping):
         finding = Finding(("camera",), "the section [camera] is missing", 'add one: driver = "opencv"', "missing-key")
         raise ConfigError(problems([finding], str(path), source.spans))
-    read = read_driver_table(CAMERA, ("camera",), table, validation_context(path))
-    if read.choice is None or read.findings:
-        raise ConfigError(problems(read.findings, str(path), source.spans))
-    return read.choice
+    findings: list[Finding] = []
+    choice, _ = read_driver_table(CAMERA, ("camera",), table, validation_context(path), findings)
+    if choice is None or findings:
+        raise ConfigError(problems(findings, str(path), source.spans))
+    return choice
 
 
 def _plan(draft: Draft) -> Plan:
-    outputs: list[Output] = [table.to_plan(name) for name, table in draft.actuator_tables.items()]
-    if draft.base_table is not None:
-        outputs.append(draft.base_table.to_plan(BASE_NAME))
     return Plan(
-        targets=draft.names("targets"),
+        targets=draft.target_names,
         rules=tuple(each.rule for each in draft.compiled),
-        outputs=tuple(outputs),
+        outputs=tuple(_output(draft, name, table) for name, table in draft.output_tables.items()),
         tracking=draft.tracking.to_plan(),
         safety=draft.safety.to_plan(),
+        sensor_pairs=tuple(table.to_plan(name) for name, table in draft.sensor_tables.items() if table.confirms),
     )
 
 
-def _output_tables(draft: Draft) -> dict[str, ActuatorTable | BaseTable]:
-    base = {BASE_NAME: draft.base_table} if draft.base_table is not None else {}
-    return {**draft.actuator_tables, **base}
+def _output(draft: Draft, name: str, table: ActuatorTable | BaseTable) -> Output:
+    """Return an output as the core sees it. How far apart wheels are belongs to the driver; odometry needs it too."""
+    if not isinstance(table, BaseTable):
+        return table.to_plan(name)
+    driver = draft.drivers.get((BASE_NAME,))
+    track_width_m = getattr(driver.options, "track_width", None) if driver is not None else None
+    return replace(table.to_plan(name), track_width_m=track_width_m)
 
 
-def _warnings(draft: Draft, path: Path, source: TomlSource) -> tuple[Problem, ...]:
-    from stadimeter.config.warnings import warning_findings  # noqa: PLC0415 - no run needs it to start
+def _warnings(draft: Draft, path: Path, source: TomlSource, errors: list[Finding] | None = None) -> tuple[Problem, ...]:
+    """Return what deserves a look; beside errors as far as these allow."""
+    from stadimeter.config.warnings import rule_warnings, warning_findings  # noqa: PLC0415 - no run needs it to start
 
-    return problems(warning_findings(draft), str(path), source.spans)
-
-
-def _warnings_beside(draft: Draft, errors: list[Finding], path: Path, source: TomlSource) -> tuple[Problem, ...]:
-    from stadimeter.config.warnings import rule_warnings  # noqa: PLC0415 - likewise
-
-    return problems(rule_warnings(draft, errors), str(path), source.spans)
-
-
-def _test_findings(draft: Draft) -> tuple[Finding, ...]:
-    if not draft.tests:
-        return ()
-    from stadimeter.config.rule_test_checks import rule_test_findings  # noqa: PLC0415 - most runs have no tests
-
-    return tuple(rule_test_findings(draft))
-
-
-def _tests(draft: Draft, source: TomlSource) -> tuple[RuleTest, ...]:
-    if not draft.tests:
-        return ()
-    from stadimeter.config.rule_test_tables import RuleTest, name_of  # noqa: PLC0415 - likewise
-
-    return tuple(
-        RuleTest(
-            name=name_of(table, position),
-            line=source.spans["tests", position].line,
-            input=table.input,
-            expect=table.expect,
-        )
-        for position, table in draft.tests.items()
-    )
+    found = warning_findings(draft) if errors is None else rule_warnings(draft, errors)
+    return problems(found, str(path), source.spans)

@@ -1,7 +1,6 @@
 """The sections of a configuration that belong to no driver. Their defaults are those of `stadimeter.core.plan`."""
 
-from __future__ import annotations
-
+import math
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
@@ -9,8 +8,14 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 from stadimeter.config.units import (
     DURATIONS_S,
     Acceleration,
+    Angle,
+    AngleOrZero,
+    Coordinate,
     Duration,
     FilePath,
+    Jerk,
+    Length,
+    LengthOrZero,
     Speed,
     TurnAcceleration,
     TurnRate,
@@ -18,6 +23,7 @@ from stadimeter.config.units import (
     parse_duration,
 )
 from stadimeter.core import plan
+from stadimeter.core.sensor_fusion import SensorPair
 from stadimeter.operator_actions import OperatorAction
 
 # How old the frame behind a command may grow before the output goes to its safe state.
@@ -33,8 +39,8 @@ _SAFETY = plan.Safety()
 
 # Every section that a configuration may have.
 SECTIONS = (
-    "camera", "targets", "actuators", "base", "status_led", "buttons", "messenger", "notifiers", "world", "tracking",
-    "safety", "web", "rules", "tests",
+    "camera", "targets", "actuators", "base", "sensors", "status_led", "buttons", "messenger", "notifiers", "world",
+    "tracking", "safety", "web", "rules", "tests",
 )  # fmt: skip
 
 
@@ -81,9 +87,9 @@ class ActuatorTable(Section):
     """The level when nothing asks for another, or nothing may."""
     lease: DurationAboveZero = LEASE_S
     """In seconds."""
-    rise_per_s: Annotated[float, Field(gt=0)] | None = None
-    """Largest change of the level upwards in a second; None for no limit."""
-    fall_per_s: Annotated[float, Field(gt=0)] | None = None
+    rise_per_s: Annotated[float, Field(gt=0)] = _LEVEL.rise_per_s
+    """Largest change of the level upwards in a second; no limit where it is left out."""
+    fall_per_s: Annotated[float, Field(gt=0)] = _LEVEL.fall_per_s
     """Largest change downwards."""
     combine: Literal["max", "min"] = _LEVEL.combine
     """Of several rules that ask for it with one priority, which level counts."""
@@ -92,26 +98,23 @@ class ActuatorTable(Section):
 
     def to_plan(self, name: str) -> plan.LevelOutput:
         """Return the actuator as the core sees it."""
-        return plan.LevelOutput(
-            name=name,
-            safe_level=self.safe,
-            rise_per_s=_LEVEL.rise_per_s if self.rise_per_s is None else self.rise_per_s,
-            fall_per_s=_LEVEL.fall_per_s if self.fall_per_s is None else self.fall_per_s,
-            combine=self.combine,
-        )
+        values = self.model_dump(exclude={"safe", "lease", "after_fault"})
+        return plan.LevelOutput(name=name, safe_level=self.safe, **values)
 
 
 class BaseTable(Section):
     """The keys that every base has, whatever its driver."""
 
-    max_speed: Speed = _BASE.linear_max_mps
+    linear_max_mps: Speed = Field(default=_BASE.linear_max_mps, alias="max_speed")
     """In m/s, either way."""
-    max_turn_rate: TurnRate = _BASE.angular_max_radps
+    angular_max_radps: TurnRate = Field(default=_BASE.angular_max_radps, alias="max_turn_rate")
     """In rad/s."""
-    acceleration: Acceleration = _BASE.linear_accel_mps2
+    linear_accel_mps2: Acceleration = Field(default=_BASE.linear_accel_mps2, alias="acceleration")
     """In m/s²."""
-    turn_acceleration: TurnAcceleration = _BASE.angular_accel_radps2
+    angular_accel_radps2: TurnAcceleration = Field(default=_BASE.angular_accel_radps2, alias="turn_acceleration")
     """In rad/s²."""
+    linear_jerk_mps3: Jerk = Field(default=_BASE.linear_jerk_mps3, alias="jerk")
+    """In m/s³; 0 for no limit. The rate of turn has as long to reach its acceleration."""
     lease: DurationAboveZero = LEASE_S
     """In seconds."""
     combine: Literal["most_restrictive"] = _BASE.combine
@@ -121,18 +124,29 @@ class BaseTable(Section):
 
     def to_plan(self, name: str) -> plan.BaseOutput:
         """Return the base as the core sees it."""
-        return plan.BaseOutput(
-            name=name,
-            linear_max_mps=self.max_speed,
-            angular_max_radps=self.max_turn_rate,
-            linear_accel_mps2=self.acceleration,
-            angular_accel_radps2=self.turn_acceleration,
-            combine=self.combine,
-        )
+        return plan.BaseOutput(name=name, **self.model_dump(exclude={"lease", "after_fault"}))
 
 
-class StatusLedTable(Section):
-    """The keys that every status LED has, whatever drives it: none."""
+class SensorTable(Section):
+    """The keys that every range sensor has, whatever its driver. Rules may name it as a target."""
+
+    bearing: Angle = 0.0
+    """In radians; where it looks, positive to the right of the camera."""
+    ahead: Coordinate = 0.0
+    """In metres; how far before the camera it sits, along its beam; below zero for behind."""
+    stop_below: Length | None = None
+    """In metres; while something is nearer, and while the sensor is silent, the base stands, whatever rules want. None
+    for never."""
+    confirms: str = ""
+    """The target that it measures too, while that is within `beam`; empty for none."""
+    to_centre: LengthOrZero = 0.0
+    """In metres; from the surface that it sees to the centre of that target: the radius of a ball."""
+    beam: AngleOrZero = math.radians(15)
+    """In radians; the full width of its beam."""
+
+    def to_plan(self, name: str) -> SensorPair:
+        """Return the sensor and the target that it confirms as the core sees them."""
+        return SensorPair(sensor=name, target=self.confirms, half_beam_rad=self.beam / 2, radius_m=self.to_centre)
 
 
 if TYPE_CHECKING:
@@ -141,7 +155,7 @@ else:
     ButtonAction = Literal[tuple(action.value for action in OperatorAction)]
 """The name of an operator action."""
 
-STOP, RELEASE = OperatorAction.STOP_OUTPUTS.value, OperatorAction.RELEASE_OUTPUTS.value
+STOP = OperatorAction.STOP_OUTPUTS.value
 
 
 class ButtonTable(Section):
@@ -167,21 +181,10 @@ class ButtonTable(Section):
             raise ValueError('shelve_for has a meaning only where the button shelves; write hold = "shelve"')
         if self.hold == STOP or (self.press == STOP and self.hold is not None):
             raise ValueError(f'a button stops outputs as soon as it is down: write press = "{STOP}" without hold')
-        if self.rule and {STOP, RELEASE} & {self.press, self.hold}:
-            raise ValueError(f"{STOP} and {RELEASE} concern every output: leave out rule")
+        of_outputs = [action.value for action in OperatorAction if action.is_on_outputs]
+        if self.rule and {*of_outputs} & {self.press, self.hold}:
+            raise ValueError(f"{', '.join(of_outputs)} concern every output: leave out rule")
         return self
-
-
-class MessengerTable(Section):
-    """The keys that every messenger has, whatever its driver: none."""
-
-
-class NotifierTable(Section):
-    """The keys that every notifier has, whatever its driver: none."""
-
-
-class WorldTable(Section):
-    """The keys that every simulated world has: none."""
 
 
 class WebTable(Section):
@@ -214,7 +217,7 @@ class WebTable(Section):
 class TrackingTable(Section):
     """How targets are tracked; see `stadimeter.core.plan.Tracking`."""
 
-    acceleration: Acceleration = _TRACKING.acceleration_mps2
+    acceleration_mps2: Acceleration = Field(default=_TRACKING.acceleration_mps2, alias="acceleration")
     """In m/s²."""
     autocorrelation: Annotated[float, Field(ge=0, lt=1)] = _TRACKING.autocorrelation
     """Of the measurement noise from one frame to the next."""
@@ -224,7 +227,7 @@ class TrackingTable(Section):
     """After this many in a row the track starts anew."""
     confirm_frames: Annotated[int, Field(ge=1)] = _TRACKING.confirm_frames
     """How many frames a new target must be measured in."""
-    coast: Duration = _TRACKING.coast_s
+    coast_s: Duration = Field(default=_TRACKING.coast_s, alias="coast")
     """In seconds."""
     noise_factor: Annotated[float, Field(gt=0)] = _TRACKING.noise_factor
     """How many times larger than stated the noise of measurements is."""
@@ -233,16 +236,7 @@ class TrackingTable(Section):
 
     def to_plan(self) -> plan.Tracking:
         """Return the section as the core sees it."""
-        return plan.Tracking(
-            acceleration_mps2=self.acceleration,
-            autocorrelation=self.autocorrelation,
-            gate_sigmas=self.gate_sigmas,
-            outliers_max=self.outliers_max,
-            confirm_frames=self.confirm_frames,
-            coast_s=self.coast,
-            noise_factor=self.noise_factor,
-            noise_factor_max=self.noise_factor_max,
-        )
+        return plan.Tracking(**dict(self))
 
 
 class SafetyTable(Section):
@@ -252,7 +246,20 @@ class SafetyTable(Section):
     """In seconds."""
     good_frames: Annotated[int, Field(ge=1)] = _SAFETY.good_frames
     """How many fresh frames in a row are needed."""
+    arm: Literal["at-start", "by-command", "by-button"] = _SAFETY.arm
+    """What lets outputs act at all: the start of the run, an operator's command, or a push button."""
+    liveness: bool = _SAFETY.liveness
+    """Whether the picture must flow while the base drives. False for a camera that does not ride on the base."""
+
+    watchdog: DurationAboveZero | None = None
+    """In seconds; by default 0.7 s more than the longest lease."""
 
     def to_plan(self) -> plan.Safety:
         """Return the section as the core sees it."""
-        return plan.Safety(max_frame_age_s=self.max_frame_age, good_frames=self.good_frames)
+        return plan.Safety(
+            max_frame_age_s=self.max_frame_age,
+            good_frames=self.good_frames,
+            arm=self.arm,
+            watchdog_s=self.watchdog,
+            liveness=self.liveness,
+        )

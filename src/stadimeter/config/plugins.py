@@ -9,11 +9,11 @@ from __future__ import annotations
 import difflib
 import typing
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import EntryPoint, EntryPoints, PackageNotFoundError, distribution, entry_points
 from typing import Any, ClassVar, Protocol, TypeVar, runtime_checkable
 
+from msgspec import Struct, field
 from pydantic import BaseModel, ConfigDict
 
 from stadimeter.core.camera_model import CameraModel
@@ -26,12 +26,13 @@ CAMERAS = "stadimeter.cameras"
 DETECTORS = "stadimeter.detectors"
 ACTUATORS = "stadimeter.actuators"
 BASES = "stadimeter.bases"
+SENSORS = "stadimeter.sensors"
 BUTTONS = "stadimeter.buttons"
 MESSENGERS = "stadimeter.messengers"
 NOTIFIERS = "stadimeter.notifiers"
 WORLDS = "stadimeter.worlds"
 PORTS = "stadimeter.ports"
-GROUPS = (CAMERAS, DETECTORS, ACTUATORS, BASES, BUTTONS, MESSENGERS, NOTIFIERS, WORLDS, PORTS)
+GROUPS = (CAMERAS, DETECTORS, ACTUATORS, BASES, SENSORS, BUTTONS, MESSENGERS, NOTIFIERS, WORLDS, PORTS)
 
 
 class OptionsTable(BaseModel):
@@ -53,15 +54,18 @@ class DriverOptions(OptionsTable):
     Attributes:
         needs_world: Whether it shows, knows or moves what is in a simulated world, which there must be then.
         needs_pixels: Of a detector, whether it looks for its target in pictures: ``check`` warns where that is small.
+        title: Of a base, what it is, for `init` and the page.
         verb: Of an actuator, what it does when it acts, for descriptions.
         is_worn_by_switching: Of an actuator, whether each change of its level wears it out: ``check`` warns of patterns
             that never end.
-        circuit: Of an actuator or a button, what hangs on its pin, for ``wiring``: ``motor`` (or another coil with its
-            own supply), ``buzzer``, ``led``, ``relay`` (a board with an input) or ``button``; empty for a 3.3 V signal.
+        circuit: Of an output or a button, what hangs on its pin, for ``wiring``: ``motor`` (or another coil with its
+            own supply), ``buzzer``, ``led``, ``relay`` (a board with an input), ``motor-driver`` or ``button``; empty
+            for a 3.3 V signal.
     """
 
     needs_world: ClassVar[bool] = False
     needs_pixels: ClassVar[bool] = True
+    title: ClassVar[str] = ""
     verb: ClassVar[str] = "drives"
     is_worn_by_switching: ClassVar[bool] = False
     circuit: ClassVar[str] = ""
@@ -71,8 +75,7 @@ class DriverOptions(OptionsTable):
         raise NotImplementedError(f"{type(self).__name__} has no method `build`")
 
 
-@dataclass(slots=True)
-class Shared:
+class Shared(Struct):
     """Objects that the drivers of one run share, such as the simulated world or one pin factory.
 
     Attributes:
@@ -83,8 +86,7 @@ class Shared:
     closers: list[Callable[[], None]] = field(default_factory=list)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DriverContext:
+class DriverContext(Struct, frozen=True, kw_only=True):
     """The part of a run that a driver gets.
 
     Attributes:
@@ -129,8 +131,7 @@ class DriverContext:
         return path
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SerialStop:
+class SerialStop(Struct, frozen=True, kw_only=True):
     """What stops a device on a serial port from outside, when the program that drove it is gone.
 
     Attributes:
@@ -141,6 +142,20 @@ class SerialStop:
     port: str
     baud: int
     frame: bytes
+
+
+class I2cStop(Struct, frozen=True, kw_only=True):
+    """What stops a device on an I2C bus from outside, when the program that drove it is gone.
+
+    Attributes:
+        bus: The number N of ``/dev/i2c-N``.
+        address: Of the device, 7 bits.
+        writes: What to write, one transfer each, in this order: at most 16 of at most 32 bytes.
+    """
+
+    bus: int
+    address: int
+    writes: tuple[bytes, ...]
 
 
 @runtime_checkable
@@ -188,8 +203,30 @@ class StopsByBytes(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DriverChoice:
+@runtime_checkable
+class StopsByI2c(Protocol):
+    """An output on an I2C bus that writes from outside stop."""
+
+    def i2c_stop(self) -> I2cStop | None:
+        """Return what to write; None where nothing is there to be stopped."""
+        ...
+
+
+@runtime_checkable
+class StopsByItself(Protocol):
+    """A base that says whether it stops when this computer is gone."""
+
+    @property
+    def auto_stop_advice(self) -> str:
+        """What makes that sooner, or what to do where nothing does, for ``check``."""
+        ...
+
+    def stops_by_itself_after_s(self) -> float:
+        """Return how long it drives on when nothing comes any more, in seconds; infinity if for ever."""
+        ...
+
+
+class DriverChoice(Struct, frozen=True, kw_only=True):
     """A driver that a configuration names.
 
     Attributes:

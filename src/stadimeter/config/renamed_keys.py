@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from typing import Any
+
+from msgspec.structs import replace
 
 from stadimeter.config.findings import Finding
 from stadimeter.config.toml_lines import KeyPath
@@ -19,8 +20,6 @@ RENAMED: Mapping[tuple[str, ...], str] = {
     ("tracking", "correlation"): "autocorrelation",
 }
 
-_LENGTHS = sorted({len(path) for path in RENAMED})
-
 
 def with_current_keys(source: TomlSource) -> tuple[TomlSource, tuple[Finding, ...]]:
     """Return a source in which every key has its current name, and a warning for each that had not.
@@ -30,30 +29,30 @@ def with_current_keys(source: TomlSource) -> tuple[TomlSource, tuple[Finding, ..
     renamed = dict(_renamed(source.table))
     if not renamed:
         return source, ()
-    spans = dict(source.spans)
-    for path, span in source.spans.items():
-        for end in _LENGTHS:  # what stands below the old key stands below the new one
-            if path[:end] in renamed:
-                spans[(*path[: end - 1], renamed[path[:end]], *path[end:])] = span
+    spans = {_current(path, renamed): span for path, span in source.spans.items()}
     findings = tuple(
         Finding(path, f"'{path[-1]}' is now called '{new}'", "rename it; the old name still works", "renamed-key")
         for path, new in renamed.items()
     )
-    return replace(source, table=current_keys(source.table), spans=spans), findings
+    return replace(source, table=current_keys(source.table), spans={**source.spans, **spans}), findings
 
 
 def current_keys(table: Mapping[str, Any]) -> dict[str, Any]:
     """Return the table of a configuration in which every key has its current name."""
-    current = dict(table)
-    for path, new in _renamed(table):
-        holder = current
-        for key in path[:-1]:  # copied on the way: the original stays as it was written
-            holder[str(key)] = holder = dict(holder[str(key)])
-        old = path[-1]
-        renamed = {new if key == old else key: value for key, value in holder.items()}
-        holder.clear()
-        holder.update(renamed)
+    renamed = dict(_renamed(table))
+
+    def copy(value: Any, at: KeyPath = ()) -> Any:
+        if not isinstance(value, Mapping):
+            return value
+        return {renamed.get((*at, key), key): copy(inner, (*at, key)) for key, inner in value.items()}
+
+    current: dict[str, Any] = copy(table)
     return current
+
+
+def _current(path: KeyPath, renamed: Mapping[KeyPath, str]) -> KeyPath:
+    """Return a path with the new names: what stands below an old key stands below the new one."""
+    return tuple(renamed.get(path[:end], key) for end, key in enumerate(path, start=1))
 
 
 def _renamed(table: Mapping[str, Any]) -> Iterator[tuple[KeyPath, str]]:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 from stadimeter.config.draft import BASE_NAME, Draft
-from stadimeter.config.findings import Finding, did_you_mean, did_you_mean_or_list
+from stadimeter.config.driver_tables import validate
+from stadimeter.config.findings import Finding, did_you_mean, did_you_mean_or_list, format_value
 from stadimeter.config.rule_test_tables import (
     FRAMES_MAX,
     MOTIONS,
@@ -18,10 +20,13 @@ from stadimeter.config.rule_test_tables import (
     ExpectTable,
     InputTable,
     MotionTable,
-    name_of,
+    RuleTest,
+    RuleTestTable,
 )
+from stadimeter.config.toml_lines import KeyPath, SourceSpan
+from stadimeter.config.units import validation_context
 from stadimeter.config.untrusted_file import is_file
-from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.rule import AlarmRule
 
 # Keys of which a recording has its own.
@@ -31,13 +36,30 @@ _MAX_RATE_HZ = 30.0
 _EXAMPLE = "expect.RULE = { raised = 1 }"
 
 
-def rule_test_findings(draft: Draft) -> Iterator[Finding]:
-    """Find what makes tests unusable."""
+def read_tests(draft: Draft, file: Path, spans: Mapping[KeyPath, SourceSpan]) -> None:
+    """Add the tests of a configuration to its draft, and what makes them unusable."""
+    tables = draft.table["tests"]
+    if not isinstance(tables, list):
+        draft.findings.append(
+            Finding(("tests",), "'tests' is not a list of tables", "write it as [[tests]]", "bad-value")
+        )
+        return
+    for position, table in enumerate(tables):
+        at: KeyPath = ("tests", position)
+        if not isinstance(table, Mapping):
+            message = f"{format_value(table)} is not a table"
+            draft.findings.append(Finding(at, message, "write it below [[tests]]", "bad-value"))
+        elif read := validate(RuleTestTable, table, at, validation_context(file), draft.findings):
+            name = read.name or f"test {position + 1}"
+            draft.tests[position] = RuleTest(name=name, line=spans[at].line, input=read.input, expect=read.expect)
+    draft.findings += _mistakes(draft)
+
+
+def _mistakes(draft: Draft) -> Iterator[Finding]:
     names: dict[str, int] = {}
     for position, test in draft.tests.items():
-        name = name_of(test, position)
-        if names.setdefault(name, position) != position:
-            message = f"two tests are called '{name}'"
+        if names.setdefault(test.name, position) != position:
+            message = f"two tests are called '{test.name}'"
             yield Finding(("tests", position, "name"), message, "give each a name of its own")
         yield from _input(draft, ("tests", position, "input"), test.input, _written(draft, position, "input"))
         if not _written(draft, position, "expect"):
@@ -64,7 +86,7 @@ def _written(draft: Draft, position: int, key: str) -> Mapping[str, Any]:
     return table if isinstance(table, Mapping) else {}
 
 
-def _input(draft: Draft, at: tuple[str | int, ...], given: InputTable, written: Mapping[str, Any]) -> Iterator[Finding]:
+def _input(draft: Draft, at: KeyPath, given: InputTable, written: Mapping[str, Any]) -> Iterator[Finding]:
     if "journal" in written:
         for key in (*_MADE_UP, *_MADE_UP_TOO):
             if key in written:
@@ -79,24 +101,22 @@ def _input(draft: Draft, at: tuple[str | int, ...], given: InputTable, written: 
     yield from _orders(draft, at, given)
 
 
-def _targets(
-    draft: Draft, at: tuple[str | int, ...], given: InputTable, written: Mapping[str, Any]
-) -> Iterator[Finding]:
-    known = draft.names("targets")
+def _targets(draft: Draft, at: KeyPath, given: InputTable, written: Mapping[str, Any]) -> Iterator[Finding]:
+    known, of_camera = draft.target_names, draft.names("targets")
     named = {(*at, "targets", name): name for name in given.targets or ()}
     if given.target is not None:
         named[*at, "target"] = given.target
     for path, name in named.items():
         if name not in known:
             yield Finding(path, f"there is no target '{name}'", did_you_mean_or_list(name, known))
-    if len(known) > 1 and not {"target", "targets"} & written.keys():
-        message = f"which of the targets {', '.join(known)} moves?"
+    if len(of_camera) > 1 and not {"target", "targets"} & written.keys():
+        message = f"which of the targets {', '.join(of_camera)} moves?"
         yield Finding((*at, "target"), message, f'add target = "{known[0]}", or targets = {{ {known[0]} = {{ … }} }}')
     if "targets" in written:
         yield from _nothing_beside_targets(at, written)
 
 
-def _nothing_beside_targets(at: tuple[str | int, ...], written: Mapping[str, Any]) -> Iterator[Finding]:
+def _nothing_beside_targets(at: KeyPath, written: Mapping[str, Any]) -> Iterator[Finding]:
     if not written["targets"]:
         yield Finding((*at, "targets"), "no target moves", "add one, such as targets.NAME = { … }")
     for key in ("target", *MOTIONS, "lost", "bearing", "elevation"):
@@ -104,9 +124,7 @@ def _nothing_beside_targets(at: tuple[str | int, ...], written: Mapping[str, Any
             yield Finding((*at, key), f"'{key}' does not go with 'targets'", "put it inside one of them, or out")
 
 
-def _motion(
-    at: tuple[str | int, ...], motion: MotionTable, written: Mapping[str, Any], *, is_needed: bool
-) -> Iterator[Finding]:
+def _motion(at: KeyPath, motion: MotionTable, written: Mapping[str, Any], *, is_needed: bool) -> Iterator[Finding]:
     given = [key for key in MOTIONS if key in written]
     is_misspelt = any(did_you_mean(key, MOTIONS) for key in written if key not in InputTable.model_fields)
     if is_needed and not given and not is_misspelt:
@@ -118,7 +136,7 @@ def _motion(
     yield from _points(at, motion)
 
 
-def _directions(at: tuple[str | int, ...], motion: MotionTable) -> Iterator[Finding]:
+def _directions(at: KeyPath, motion: MotionTable) -> Iterator[Finding]:
     for key, is_nearer in (("approach", True), ("recede", False)):
         travel = getattr(motion, key)
         if travel is not None and (travel.end < travel.start) is not is_nearer:
@@ -127,7 +145,7 @@ def _directions(at: tuple[str | int, ...], motion: MotionTable) -> Iterator[Find
             yield Finding((*at, key), message, f"swap the two, or write {other}")
 
 
-def _points(at: tuple[str | int, ...], motion: MotionTable) -> Iterator[Finding]:
+def _points(at: KeyPath, motion: MotionTable) -> Iterator[Finding]:
     if not motion.points:
         return
     if motion.points[0].at != 0:
@@ -139,7 +157,7 @@ def _points(at: tuple[str | int, ...], motion: MotionTable) -> Iterator[Finding]
             yield Finding((*at, "points", index, "at"), message)
 
 
-def _length(at: tuple[str | int, ...], given: InputTable) -> Iterator[Finding]:
+def _length(at: KeyPath, given: InputTable) -> Iterator[Finding]:
     if given.moving_s * (given.rate or _MAX_RATE_HZ) > FRAMES_MAX:
         message = f"{given.moving_s:g} s are more than {FRAMES_MAX:,} frames, the most that a test may have"
         yield Finding(at, message, "make it shorter")
@@ -147,7 +165,7 @@ def _length(at: tuple[str | int, ...], given: InputTable) -> Iterator[Finding]:
         yield Finding((*at, "points"), "a single point takes no time", "add where the target is later, or use hover")
 
 
-def _orders(draft: Draft, at: tuple[str | int, ...], given: InputTable) -> Iterator[Finding]:
+def _orders(draft: Draft, at: KeyPath, given: InputTable) -> Iterator[Finding]:
     rules = _rules(draft)
     for index, table in enumerate(given.operator):
         here = (*at, "operator", index)
@@ -172,17 +190,16 @@ def _rules(draft: Draft) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _subject(draft: Draft, at: tuple[str | int, ...], subject: str, expected: ExpectTable) -> Iterator[Finding]:
-    rules, actuators = _rules(draft), draft.names("actuators")
-    bases = (BASE_NAME,) if BASE_NAME in draft.table else ()
-    known = [*rules, *actuators, *bases]
+def _subject(draft: Draft, at: KeyPath, subject: str, expected: ExpectTable) -> Iterator[Finding]:
+    rules, outputs = _rules(draft), draft.output_names
+    known = [*rules, *outputs]
     if subject not in known:
         hint = did_you_mean_or_list(subject, known)
         yield Finding(at, f"there is no rule and no output '{subject}'", hint)
         return
     fitting: list[str] = [*OF_RULES] if subject in rules else []
-    fitting += [*OF_ACTUATORS, *OF_OUTPUTS] if subject in actuators else []
-    fitting += [*OF_BASES, *OF_OUTPUTS] if subject in bases else []
+    if subject in outputs:
+        fitting += [*(OF_BASES if subject == BASE_NAME else OF_ACTUATORS), *OF_OUTPUTS]
     if not _written(draft, int(at[1]), "expect").get(subject):
         yield Finding(at, f"nothing is expected of '{subject}'", f"known are: {', '.join(fitting)}")
     for key in sorted(expected.model_fields_set - set(fitting)):
@@ -190,7 +207,7 @@ def _subject(draft: Draft, at: tuple[str | int, ...], subject: str, expected: Ex
         yield Finding((*at, key), f"'{key}' cannot be expected of '{subject}'", hint)
 
 
-def _within(draft: Draft, at: tuple[str | int, ...], subject: str, given: InputTable) -> Iterator[Finding]:
+def _within(draft: Draft, at: KeyPath, subject: str, given: InputTable) -> Iterator[Finding]:
     test = draft.tests[int(at[1])]
     for key in ("raised_within", "cleared_within"):
         if getattr(test.expect[subject], key) is None:
@@ -211,7 +228,7 @@ def _is_on_distance(draft: Draft, rule_name: str) -> bool:
     return isinstance(condition, DistanceCondition) and condition.quantity == "distance"
 
 
-def _times(at: tuple[str | int, ...], expected: ExpectTable, given: InputTable) -> Iterator[Finding]:
+def _times(at: KeyPath, expected: ExpectTable, given: InputTable) -> Iterator[Finding]:
     if given.moving_s == 0:
         return
     for key, times in expected.moments().items():
@@ -224,7 +241,7 @@ def _too_late(at: Sequence[str | int], at_s: float, end_s: float) -> Finding:
     return Finding(tuple(at), f"{at_s:g} s is after the end of the test at {end_s:g} s", "let the test last longer")
 
 
-def _contradictions(at: tuple[str | int, ...], expected: ExpectTable) -> Iterator[Finding]:
+def _contradictions(at: KeyPath, expected: ExpectTable) -> Iterator[Finding]:
     for kind in ("raised", "cleared"):
         by_s, after_s = getattr(expected, f"{kind}_by"), getattr(expected, f"{kind}_after")
         if by_s is not None and after_s is not None and by_s < after_s:

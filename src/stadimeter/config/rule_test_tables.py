@@ -1,11 +1,9 @@
 """The tables ``[[tests]]``: what the target does, and what is expected of the rules."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
+from msgspec import Struct
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from stadimeter.config.models import DurationAboveZero, Section, Share
@@ -63,7 +61,7 @@ class LevelAtTable(Section):
     """What it is at most."""
 
     @model_validator(mode="after")
-    def _check_level(self) -> LevelAtTable:
+    def _check_level(self) -> Self:
         if self.level is None and self.min is None and self.max is None:
             raise ValueError("which level? Add level, or min and max")
         if self.limits[0] > self.limits[1]:
@@ -170,8 +168,7 @@ STAND_S = 1.0
 MOTIONS = ("hover", "approach", "recede", "skip", "points")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PathPoint:
+class PathPoint(Struct, frozen=True, kw_only=True):
     """Where a target truly is at some time.
 
     Attributes:
@@ -315,6 +312,10 @@ class OperatorTable(Section):
     """Put every output at its safe value, until they are released."""
     release_outputs: Literal[True] | None = None
     """Let them act again."""
+    arm: Literal[True] | None = None
+    """Arm the run: its outputs may act."""
+    disarm: Literal[True] | None = None
+    """Put every output at its safe value, until the run is armed."""
     duration: Annotated[DurationAboveZero | None, Field(alias="for")] = None
     """How long to shelve it, written ``for``, in seconds; None for as long as the rule allows."""
     one_shot: bool = False
@@ -382,16 +383,10 @@ class RuleTestTable(Section):
     """What is expected, by the name of a rule or an output."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RuleTest:
+class RuleTest(Struct, frozen=True, kw_only=True):
     """One test of a configuration, and its line in the file, counted from 1."""
 
     name: str
     line: int
     input: InputTable
     expect: Mapping[str, ExpectTable]
-
-
-def name_of(table: RuleTestTable, position: int) -> str:
-    """Return the name of a test; ``test 1`` for a first one without, whose position is 0."""
-    return table.name or f"test {position + 1}"

@@ -9,10 +9,10 @@ from __future__ import annotations
 import ast
 import inspect
 import json
+import math
 import re
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -20,8 +20,8 @@ from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaMode, JsonSchemaValue, models_json_schema
 from pydantic_core import core_schema
 
-from stadimeter.config import camera_file, driver_tables, models, plugins
-from stadimeter.config.driver_tables import DriverKind
+from stadimeter.config import camera_file, models, plugins
+from stadimeter.config.driver_tables import BASE, CAMERA, DRIVER_KINDS, DriverKind
 from stadimeter.config.rule_test_tables import RuleTestTable
 from stadimeter.config.rules.tables import KINDS, RuleTable
 from stadimeter.errors import DriverError
@@ -29,26 +29,13 @@ from stadimeter.errors import DriverError
 JsonSchema = dict[str, Any]
 
 # The unit of a figure once it was read; it is written with a unit of its own.
-_IN_UNITS = re.compile(r"^In (?:metres|seconds|radians|hertz|m/s²?|rad/s²?)\b(?: since midnight)?(?:[;,] |\.$)")
+_IN_UNITS = re.compile(r"^In (?:metres|seconds|radians|hertz|volts|m/s²?|rad/s²?)\b(?: since midnight)?(?:[;,] |\.$)")
 _FOR_NUMBERS = ("exclusiveMinimum", "exclusiveMaximum", "minimum", "maximum", "multipleOf")
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 _REFERENCE = re.compile(r'"#/\$defs/([^"]+)"')
 _NAME = {"pattern": "^[A-Za-z0-9_-]+$"}
-_ONE: dict[str, DriverKind[Any]] = {
-    "camera": driver_tables.CAMERA,
-    "base": driver_tables.BASE,
-    "status_led": driver_tables.STATUS_LED,
-    "messenger": driver_tables.MESSENGER,
-    "world": driver_tables.WORLD,
-}
-_MANY: dict[str, DriverKind[Any]] = {
-    "targets": driver_tables.TARGET,
-    "actuators": driver_tables.ACTUATOR,
-    "buttons": driver_tables.BUTTON,
-    "notifiers": driver_tables.NOTIFIER,
-}
 _TABLES: dict[str, type[BaseModel]] = {
     "tracking": models.TrackingTable,
     "safety": models.SafetyTable,
@@ -59,6 +46,7 @@ _SECTIONS = {
     "targets": "The objects to look for, by name; at least one.",
     "actuators": "The outputs, by name: motors, buzzers, lamps.",
     "base": "The robot's base.",
+    "sensors": "The range sensors, by name. Rules may name them as targets.",
     "status_led": "A light that shows whether it runs well.",
     "buttons": "Push buttons, by name, and what each does.",
     "messenger": "The link to other programs, such as MQTT.",
@@ -69,27 +57,18 @@ _SECTIONS = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Driver:
-    """An installed driver.
-
-    Attributes:
-        options: The model of its own options; None if a library that it needs is missing.
-    """
-
-    kind: DriverKind[Any]
-    name: str
-    options: type[BaseModel] | None
-
-
 def configuration_schema() -> JsonSchema:
     """Return the JSON Schema of a configuration, in the dialect of draft 2020-12, with only what JSON knows."""
-    drivers = [driver for kind in (*_ONE.values(), *_MANY.values()) for driver in _drivers(kind)]
-    by_model, definitions = schemas_of(_models(drivers))
+    drivers = {section: dict(_drivers(kind)) for section, kind in DRIVER_KINDS.items()}
+    own = [options for each in drivers.values() for options in each.values() if options is not None]
+    common = [kind.common for kind in DRIVER_KINDS.values()]
+    by_model, definitions = schemas_of(
+        [camera_file.CameraModelTable, RuleTable, RuleTestTable, *_TABLES.values(), *common, *own]
+    )
     sections: dict[str, JsonSchema] = {}
-    for section, kind in (_ONE | _MANY).items():
-        table = _driver_table(section, [driver for driver in drivers if driver.kind is kind], by_model, definitions)
-        sections[section] = table if section in _ONE else _named(table)
+    for section, kind in DRIVER_KINDS.items():
+        table = _driver_table(section, drivers[section], by_model, definitions)
+        sections[section] = _named(table) if kind.is_named else table
     sections |= {
         section: {**by_model[model], "description": describe_model(model)} for section, model in _TABLES.items()
     }
@@ -112,24 +91,18 @@ def configuration_schema() -> JsonSchema:
     )
 
 
-def _drivers(kind: DriverKind[Any]) -> Iterator[_Driver]:
+def _drivers(kind: DriverKind) -> Iterator[tuple[str, type[BaseModel] | None]]:
+    """Go through the installed drivers of a kind: name and options, None if a library that it needs is missing."""
     for name in plugins.driver_names(kind.group):
         try:
-            options: type[BaseModel] | None = plugins.load_driver(kind.group, name)
-        except DriverError:  # its library is missing: its name is known, and not its keys
-            options = None
-        yield _Driver(kind=kind, name=name, options=options)
-
-
-def _models(drivers: list[_Driver]) -> list[type[BaseModel]]:
-    own = [driver.options for driver in drivers if driver.options is not None]
-    common = [driver.kind.common for driver in drivers]
-    return [camera_file.CameraModelTable, RuleTable, RuleTestTable, *_TABLES.values(), *common, *own]
+            yield name, plugins.load_driver(kind.group, name)
+        except DriverError:  # its name is known, and not its keys
+            yield name, None
 
 
 def _driver_table(
     section: str,
-    drivers: list[_Driver],
+    drivers: Mapping[str, type[BaseModel] | None],
     by_model: dict[type[BaseModel], JsonSchema],
     definitions: dict[str, JsonSchema],
 ) -> JsonSchema:
@@ -140,11 +113,13 @@ def _driver_table(
     """
     if not drivers:  # a package was taken apart
         return {"type": "object"}
-    kind = drivers[0].kind
+    kind = DRIVER_KINDS[section]
     references = {}
-    for driver in drivers:
-        definitions[f"{section}.{driver.name}"] = _one_driver(driver, by_model, definitions)
-        references[driver.name] = {"$ref": f"#/$defs/{section}.{driver.name}"}
+    for name, options in drivers.items():
+        definitions[f"{section}.{name}"] = _one_driver(kind, name, options, by_model, definitions)
+        if kind is BASE:
+            _add_ready_tables(definitions[f"{section}.{name}"], name, drivers, by_model, definitions)
+        references[name] = {"$ref": f"#/$defs/{section}.{name}"}
     needed = [] if kind.default else [kind.key]
     return {
         "type": "object",
@@ -165,31 +140,49 @@ def _driver_table(
 
 
 def _one_driver(
-    driver: _Driver, by_model: dict[type[BaseModel], JsonSchema], definitions: dict[str, JsonSchema]
+    kind: DriverKind,
+    name: str,
+    options: type[BaseModel] | None,
+    by_model: dict[type[BaseModel], JsonSchema],
+    definitions: dict[str, JsonSchema],
 ) -> JsonSchema:
-    kind = driver.kind
     common = _resolved(by_model[kind.common], definitions)
-    own = _resolved(by_model[driver.options], definitions) if driver.options else {}
+    own = _resolved(by_model[options], definitions) if options else {}
     needed = [
-        *([] if driver.name == kind.default else [kind.key]),
+        *([] if name == kind.default else [kind.key]),
         *common.get("required", ()),
         *own.get("required", ()),
     ]
     properties = {
-        kind.key: {"const": driver.name, "description": own.get("description", "")},
+        kind.key: {"const": name, "description": own.get("description", "")},
         **common.get("properties", {}),
         **own.get("properties", {}),
     }
-    if kind is driver_tables.CAMERA:
+    if kind is CAMERA:
         properties["model"] = _camera_model(common["properties"]["model"], by_model)
     return {
-        "description": own.get("description", f"{driver.name}: its library is not installed."),
+        "description": own.get("description", f"{name}: its library is not installed."),
         "type": "object",
         "properties": properties,
         "required": needed,
         **{key: own[key] for key in ("anyOf",) if key in own},
-        "additionalProperties": driver.options is None,
+        "additionalProperties": options is None,
     }
+
+
+def _add_ready_tables(
+    schema: JsonSchema,
+    name: str,
+    drivers: Mapping[str, type[BaseModel] | None],
+    by_model: dict[type[BaseModel], JsonSchema],
+    definitions: dict[str, JsonSchema],
+) -> None:
+    """Let a base's table hold one table for each driver; what its own driver needs may stand in that driver's table."""
+    own = drivers[name]
+    needed = _resolved(by_model[own], definitions).get("required", []) if own else []
+    schema["required"] = [key for key in schema["required"] if key not in needed]
+    schema["anyOf"] = [{"required": needed}, {"required": [name]}]
+    schema["properties"] |= {each: by_model[model] for each, model in drivers.items() if model is not None}
 
 
 def _camera_model(model: JsonSchema, by_model: dict[type[BaseModel], JsonSchema]) -> JsonSchema:
@@ -242,7 +235,7 @@ class _Generator(GenerateJsonSchema):
     def model_schema(self, schema: core_schema.ModelSchema) -> JsonSchemaValue:
         made = super().model_schema(schema)
         model = schema["cls"]
-        documented = dict(_attributes(model))
+        documented = dict(documented_fields(model))
         for name, field in model.model_fields.items():
             written = made.get("properties", {}).get(field.alias or name)
             if written is not None and name in documented:
@@ -257,14 +250,17 @@ class _Generator(GenerateJsonSchema):
         # What a driver parses by itself is not known here, unless it says so by `pydantic.WithJsonSchema`.
         return inner if inner.get("type") == "string" or "anyOf" in inner or "properties" in inner else {}
 
+    def is_instance_schema(self, _schema: core_schema.IsInstanceSchema) -> JsonSchemaValue:
+        return {}  # what a driver parses into a value of its own
+
     def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
         made = super().default_schema(schema)
-        if made.get("default") is None or isinstance(made.get("default"), dict):
+        if made.get("default") in (None, math.inf) or isinstance(made.get("default"), dict):
             made.pop("default", None)
         return made
 
 
-def _attributes(model: type[BaseModel]) -> Iterator[tuple[str, str]]:
+def documented_fields(model: type[BaseModel]) -> Iterator[tuple[str, str]]:
     """Go through the texts below the fields of a model and of its bases; what comes later replaces.
 
     Pydantic's `use_attribute_docstrings` reads the same texts, but whenever a model is declared: that costs each start

@@ -10,7 +10,8 @@ import re
 import tomllib
 from bisect import bisect_right
 from collections.abc import Mapping
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 # The path of a value: keys, and for entries of an array their numbers, counted from 0.
 KeyPath = tuple[str | int, ...]
@@ -19,17 +20,18 @@ _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 _BLANK = re.compile(r"[ \t]*")
 _BLANK_AND_COMMENTS = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
 _SCALAR = re.compile(r"[^,\]}\n#]*")
-_STRINGS = (
-    re.compile(r'"""(?:[^"\\]|\\.|"(?!""))*"{3,5}', re.DOTALL),
-    re.compile(r"'''(?:[^']|'(?!''))*'{3,5}", re.DOTALL),
-    re.compile(r'"(?:[^"\\\n]|\\.)*"'),
-    re.compile(r"'[^'\n]*'"),
+# The four kinds of strings; dots in them stand for line feeds too.
+STRINGS = (
+    r'"""(?:[^"\\]|\\.|"(?!""))*"{3,5}',
+    r"'''(?:[^']|'(?!''))*'{3,5}",
+    r'"(?:[^"\\\n]|\\.)*"',
+    r"'[^'\n]*'",
 )
+_STRING = re.compile("|".join(STRINGS), re.DOTALL)
 _WHERE = re.compile(r"\s*\(at (?:line (\d+), column (\d+)|end of document)\)$")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SourceSpan:
+class SourceSpan(Struct, frozen=True, kw_only=True):
     """A stretch of one line.
 
     Attributes:
@@ -173,7 +175,7 @@ class _Scanner:
         return False
 
     def _take_string(self) -> str:
-        return next(found for pattern in _STRINGS if (found := self._skip(pattern)))
+        return self._skip(_STRING)
 
     def _skip(self, pattern: re.Pattern[str]) -> str:
         match = pattern.match(self.text, self.at)

@@ -12,12 +12,13 @@ import math
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from msgspec import Struct
+
 from stadimeter.config.findings import Finding, problems
-from stadimeter.config.toml_lines import KeyPath, SourceSpan, key_spans, syntax_error
+from stadimeter.config.toml_lines import STRINGS, KeyPath, SourceSpan, key_spans, syntax_error
 from stadimeter.config.untrusted_file import read_untrusted_text, size_text
 from stadimeter.core.bounds import MAX_PLAIN
 from stadimeter.errors import ConfigError, Problem, UnreadableError
@@ -31,24 +32,14 @@ MAX_DEPTH = 64
 # Enough for every number and for every name that is written without quotes.
 MAX_WORD_LENGTH = 200
 
-_MARK = re.compile(
-    r'"""(?:[^"\\]|\\.|"(?!""))*"{3,5}|'
-    r"'''(?:[^']|'(?!''))*'{3,5}|"
-    r'"(?:[^"\\\n]|\\.)*"|'
-    r"'[^'\n]*'|"
-    r"#[^\n]*|"
-    r"[A-Za-z0-9_+-]+|"
-    r"[\[\]{}.,\n]",
-    re.DOTALL,
-)
+_MARK = re.compile("|".join([*STRINGS, r"#[^\n]*", r"[A-Za-z0-9_+-]+", r"[\[\]{}.,\n]"]), re.DOTALL)
 _OPENING, _CLOSING, _NEXT, _TEXT = frozenset("[{"), frozenset("]}"), frozenset(",\n"), frozenset("\"'#")
 
 # The integers that every reader of TOML must take (TOML 1.0, section Integer); no key means more.
 _INTEGERS = range(-(2**63), 2**63)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TomlSource:
+class TomlSource(Struct, frozen=True, kw_only=True):
     """A TOML text that was parsed."""
 
     text: str
@@ -133,11 +124,21 @@ def camera_table(text: str) -> dict[str, Any]:
 
 
 def as_toml(value: object) -> str:
-    """Return a value as TOML has it: text, a number, true or false, or a list of these.
+    """Return a value as TOML has it in one line, such as ``{ below = "50 cm" }``.
 
     JSON's escapes are among TOML's, but the delete character needs one here too.
     """
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007F")
+    match value:
+        case Mapping():
+            return f"{{ {', '.join(f'{key} = {as_toml(entry)}' for key, entry in value.items())} }}"
+        case list():
+            return f"[{', '.join(map(as_toml, value))}]"
+        case bool():
+            return str(value).lower()
+        case str():
+            return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007F")
+        case _:
+            return str(value)
 
 
 def _syntax_hint(message: str) -> str:

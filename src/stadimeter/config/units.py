@@ -24,6 +24,7 @@ from stadimeter.core.bounds import (
     MAX_SPEED_MPS,
     MAX_TURN_ACCELERATION_RADPS2,
     MAX_TURN_RATE_RADPS,
+    MAX_VOLTAGE_V,
     MIN_QUANTITY,
 )
 
@@ -58,6 +59,7 @@ DURATIONS_S = Units(MAX_DURATION_S, {"us": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.
 SPEEDS_MPS = Units(MAX_SPEED_MPS, {
     "mm/s": 1e-3, "cm/s": 1e-2, "m/s": 1.0, "km/h": 1 / 3.6, "in/s": INCH_M, "ft/s": FOOT_M, "mph": 0.44704,
 })  # fmt: skip
+JERKS_MPS3 = Units(MAX_ACCELERATION_MPS2 * 10, {"m/s3": 1.0, "m/s^3": 1.0, "m/s³": 1.0, "cm/s3": 1e-2})
 ACCELERATIONS_MPS2 = Units(
     MAX_ACCELERATION_MPS2, {"m/s2": 1.0, "m/s^2": 1.0, "m/s²": 1.0, "cm/s2": 1e-2, "ft/s2": FOOT_M}
 )
@@ -71,6 +73,7 @@ TURN_ACCELERATIONS_RADPS2 = Units(
         for time in ("s2", "s^2", "s²")
     },
 )
+VOLTAGES_V = Units(MAX_VOLTAGE_V, {"V": 1.0, "mV": 1e-3})
 FREQUENCIES_HZ = Units(MAX_FREQUENCY_HZ, {"Hz": 1.0, "hz": 1.0, "kHz": 1e3})
 
 DAY_S = 24 * 3600.0
@@ -175,13 +178,20 @@ def _not_negative(units: Units, example: str) -> Callable[[object], float]:
     return parse
 
 
+def parse_coordinate(text: object) -> float:
+    """Read a coordinate such as ``"-1.5 m"``, return it in metres; raises ValueError if it is not a length."""
+    return parse_quantity(text, LENGTHS_M, "-1.5 m")
+
+
 parse_length_or_zero = _not_negative(LENGTHS_M, "5 cm")
 parse_duration = _not_negative(DURATIONS_S, "250 ms")
 parse_speed = _not_negative(SPEEDS_MPS, "0.4 m/s")
 parse_acceleration = _not_negative(ACCELERATIONS_MPS2, "0.5 m/s2")
+parse_jerk = _not_negative(JERKS_MPS3, "5 m/s3")
 parse_angle_or_zero = _not_negative(ANGLES_RAD, "1 deg")
 parse_turn_rate = _not_negative(TURN_RATES_RADPS, "60 deg/s")
 parse_turn_acceleration = _not_negative(TURN_ACCELERATIONS_RADPS2, "200 deg/s2")
+parse_voltage = _not_negative(VOLTAGES_V, "11 V")
 parse_frequency = _not_negative(FREQUENCIES_HZ, "100 Hz")
 
 
@@ -217,6 +227,8 @@ Duration = Annotated[float, BeforeValidator(parse_duration), as_written(DURATION
 Speed = Annotated[float, BeforeValidator(parse_speed), as_written(SPEEDS_MPS, "0.4 m/s")]
 Velocity = Annotated[float, BeforeValidator(parse_velocity), as_written(SPEEDS_MPS, "-0.4 m/s", is_signed=True)]
 Acceleration = Annotated[float, BeforeValidator(parse_acceleration), as_written(ACCELERATIONS_MPS2, "0.5 m/s2")]
+Coordinate = Annotated[float, BeforeValidator(parse_coordinate), as_written(LENGTHS_M, "-1.5 m", is_signed=True)]
+Jerk = Annotated[float, BeforeValidator(parse_jerk), as_written(JERKS_MPS3, "5 m/s3")]
 Angle = Annotated[float, BeforeValidator(parse_angle), as_written(ANGLES_RAD, "30 deg", is_signed=True)]
 AngleOrZero = Annotated[float, BeforeValidator(parse_angle_or_zero), as_written(ANGLES_RAD, "1 deg")]
 TimeOfDay = Annotated[
@@ -228,6 +240,7 @@ TurnRate = Annotated[float, BeforeValidator(parse_turn_rate), as_written(TURN_RA
 TurnAcceleration = Annotated[
     float, BeforeValidator(parse_turn_acceleration), as_written(TURN_ACCELERATIONS_RADPS2, "200 deg/s2")
 ]
+Voltage = Annotated[float, BeforeValidator(parse_voltage), as_written(VOLTAGES_V, "11 V")]
 Frequency = Annotated[float, BeforeValidator(parse_frequency), as_written(FREQUENCIES_HZ, "100 Hz")]
 Pin = Annotated[
     int, BeforeValidator(_parse_pin), WithJsonSchema({"type": "integer", "minimum": 0, "maximum": 27}), PinMark()

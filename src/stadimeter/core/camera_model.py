@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Literal, get_args
 
 import numpy as np
+from msgspec import Struct, field
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from stadimeter.core.frame import CHROMA_PITCH_PX, SUBSAMPLINGS, Frame, Optics, Subsampling
@@ -45,8 +47,7 @@ def check_one_aspect(first: tuple[str, int, int], other: tuple[str, int, int]) -
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Provenance:
+class Provenance(Struct, frozen=True, kw_only=True):
     """How a camera model was made.
 
     Attributes:
@@ -60,8 +61,7 @@ class Provenance:
     notes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CameraModel:
+class CameraModel(Struct, frozen=True, kw_only=True):
     """A pinhole camera with a lens that may bend lines.
 
     Pixel coordinates have (0, 0) at the centre of the top left pixel. Directions are x to the right and y down per unit
@@ -101,7 +101,6 @@ class CameraModel:
     optics: Optics | None = None
     uncertainty: LensUncertainty | None = None
     provenance: Provenance = field(default_factory=Provenance)
-    _shares: SharesByPlace | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if self.width_px < 1 or self.height_px < 1:
@@ -268,17 +267,7 @@ class CameraModel:
         """
         if self.uncertainty is None:
             return self.focal_relative_sigma
-        shares = self._shares
-        if shares is None:
-            shares = self._shares_by_place(self.uncertainty.covariance())
-            object.__setattr__(self, "_shares", shares)  # worked out once, when it is first needed
-        return max(self.focal_relative_sigma, shares.at(x_px, y_px))
-
-    def _shares_by_place(self, covariance: NDArray[np.float64]) -> SharesByPlace:
-        nodes_px = SharesByPlace.nodes_px(self.width_px, self.height_px)
-        slopes = self.sensitivities(nodes_px.reshape(-1, 2))[:, 0]
-        squares = np.einsum("np,pq,nq->n", slopes, covariance, slopes).clip(0.0)
-        return SharesByPlace(np.sqrt(squares).reshape(nodes_px.shape[:2]), self.width_px, self.height_px)
+        return max(self.focal_relative_sigma, _shares_by_place(self, self.uncertainty).at(x_px, y_px))
 
     def sensitivities(self, points_px: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how what is measured at pixels (n, 2) changes with the lens: see `lens_uncertainty.sensitivities`."""
@@ -293,3 +282,11 @@ class CameraModel:
 
     def _centre(self) -> NDArray[np.float64]:
         return np.array([self.cx_px, self.cy_px])
+
+
+@lru_cache(maxsize=8)  # a run has one lens, and one more for each size of picture
+def _shares_by_place(model: CameraModel, uncertainty: LensUncertainty) -> SharesByPlace:
+    nodes_px = SharesByPlace.nodes_px(model.width_px, model.height_px)
+    slopes = model.sensitivities(nodes_px.reshape(-1, 2))[:, 0]
+    squares = np.einsum("np,pq,nq->n", slopes, uncertainty.covariance(), slopes).clip(0.0)
+    return SharesByPlace(np.sqrt(squares).reshape(nodes_px.shape[:2]), model.width_px, model.height_px)

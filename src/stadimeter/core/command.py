@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from stadimeter.errors import CommandRangeError
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LevelCommand:
+class LevelCommand(Struct, frozen=True, kw_only=True, tag=True):
     """How strongly an actuator shall act.
 
     Attributes:
@@ -32,8 +32,7 @@ class LevelCommand:
         _check_time(self.output, self.captured_at_s)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TwistCommand:
+class TwistCommand(Struct, frozen=True, kw_only=True, tag=True):
     """How a base shall move.
 
     Attributes:

@@ -7,42 +7,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
-from stadimeter.core.condition import (
-    AllOf,
-    AnyOf,
-    ClosingCondition,
-    Condition,
-    CountCondition,
-    DirectionCondition,
-    DistanceCondition,
-    Leaf,
-    Not,
-    PresenceCondition,
-    RuleCondition,
-    ScheduleCondition,
-    SeparationCondition,
-    TimeToContactCondition,
-)
-from stadimeter.core.conditions.contact import SpeedKnowledge, approach_of
-from stadimeter.core.conditions.inputs import RuleInputs
-from stadimeter.core.conditions.leaf import JudgedFigure
-from stadimeter.core.conditions.limits import LimitsCondition
-from stadimeter.core.conditions.verdict import JudgedLeaf, judged_leaves
+from msgspec import Struct
+
+from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, JudgedLeaf, Not, judged_leaves
+from stadimeter.core.conditions.contact import SpeedKnowledge, TimeToContactCondition, approach_of
+from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
+from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs
+from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, LimitsCondition, SeparationCondition
+from stadimeter.core.conditions.of_base import ContactSensorCondition
 from stadimeter.core.track import Track
 from stadimeter.core.words import day, duration, length, metres, time_of_day
 
 _ANSWERS = {True: "yes", False: "no", None: "unknown"}
 _RULE_STATES = {True: "is active", False: "is not active", None: "has nothing to judge by"}
+_CONTACT_WORDS = {"is_bumped": "the bumper of the base is pressed", "is_at_cliff": "there is no floor below the base"}
 _NOT_COUNTED: dict[type[Leaf], str] = {
     DirectionCondition: "; how sure a direction is, is not known",
     SeparationCondition: "; how sure the directions are is not known, and not counted",
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Evidence:
+class Evidence(Struct, frozen=True, kw_only=True):
     """The figures that a simple condition was judged by. Those that it does not have are None.
 
     Attributes:
@@ -166,10 +153,13 @@ def _part_words(part: JudgedLeaf, inputs: RuleInputs, *, names_target: bool, wit
             return _count_words(leaf, inputs)
         case ScheduleCondition():
             return _clock_words(leaf, inputs)
+        case ContactSensorCondition():
+            return f"{_CONTACT_WORDS[leaf.sensor]}: {_ANSWERS[leaf.holds(inputs, part.is_on)]}"
         case RuleCondition():
             return f"the rule {leaf.rule} {_RULE_STATES[inputs.active.get(leaf.rule)]}"
         case _:
-            named = f"{leaf.targets_named[0]} " if names_target and not isinstance(leaf, SeparationCondition) else ""
+            is_named = names_target and leaf.targets_named and not isinstance(leaf, SeparationCondition)
+            named = f"{leaf.targets_named[0]} " if is_named else ""
             return _measured_words(part, inputs, named, with_probability=with_probability)
 
 
@@ -197,6 +187,8 @@ def _unread_words(leaf: Leaf, inputs: RuleInputs, named: str) -> str:
         if leaf.speed_knowledge(approach) is SpeedKnowledge.SLOW:
             return f"{named}{speed}, slower than {leaf.closing_min_mps:.2f} m/s"
         return f"{named}{metres(approach.distance_m, approach.sigma_m)}, {speed}: too unsure for a time"
+    if not tracks:
+        return f"the base does not report its {leaf.noun}"
     away = [track for track in tracks if not track.is_valid]
     return " and ".join(describe_unseen(track) for track in away or tracks)
 
@@ -282,7 +274,7 @@ def describe_end(condition: Condition) -> str:
             return "that has ended"
 
 
-def _begin_words(leaf: Leaf) -> str:
+def _begin_words(leaf: Leaf) -> str:  # noqa: PLR0911 - one for each kind
     match leaf:
         case PresenceCondition():
             since = f" for {duration(leaf.for_s)}" if leaf.for_s else ""
@@ -292,6 +284,8 @@ def _begin_words(leaf: Leaf) -> str:
             return f"{_number_words(leaf.at_least, leaf.at_most)} {counted} are in sight"
         case ScheduleCondition():
             return f"it is {_hours(leaf)}"
+        case ContactSensorCondition():
+            return _CONTACT_WORDS[leaf.sensor]
         case RuleCondition():
             return f"`{leaf.rule}` is active"
         case TimeToContactCondition():
@@ -304,7 +298,7 @@ def _begin_words(leaf: Leaf) -> str:
 
 def _subject(leaf: Leaf) -> str:
     """Return what a clause about thresholds begins with, such as ``the bearing of `ball` is``."""
-    named = " and ".join(f"`{target}`" for target in leaf.targets_named)
+    named = " and ".join(f"`{target}`" for target in leaf.targets_named) or "the base"
     if isinstance(leaf, SeparationCondition):
         return f"{named} are"
     return f"{named} is" if isinstance(leaf, DistanceCondition) else f"the {leaf.noun} of {named} is"

@@ -7,27 +7,43 @@ the same decision to the last bit, which is what makes a recorded run a test.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from stadimeter.core.alarms.state import Sample
-from stadimeter.core.conditions.inputs import RuleInputs
+from stadimeter.core.command import TwistCommand
+from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decision import Decision, Event, EventKind, SafetyMode, Severity
 from stadimeter.core.holding import Hold, step_holds, with_holds
+from stadimeter.core.liveness import LivenessState, step_liveness, tell_plain_room
+from stadimeter.core.measurement import Measurement
 from stadimeter.core.observation import Observation, OutputFault
 from stadimeter.core.operator import HoldCommand, OperatorAnswer, OperatorCommand
 from stadimeter.core.outputs import OutputStep, command_all, forbidden_outputs, new_output
-from stadimeter.core.plan import Plan
-from stadimeter.core.rules.reasons import Reasons
+from stadimeter.core.plan import BaseOutput, Plan
+from stadimeter.core.rules.explaining import Reasons
 from stadimeter.core.rules.scheduler import EvaluatedRules, judge, new_rules
-from stadimeter.core.safety import SafetyState, in_words, is_gap, step_safety, usual_step_s, while_stopped
-from stadimeter.core.stopping import step_stop
-from stadimeter.core.track import Track, TrackStatus
+from stadimeter.core.safety import (
+    AT_START,
+    SafetyState,
+    in_words,
+    is_gap,
+    step_arming,
+    step_safety,
+    step_stop,
+    usual_step_s,
+    while_disarmed,
+    while_stopped,
+)
+from stadimeter.core.sensor_fusion import fuse, step_disagreements
+from stadimeter.core.track import TrackStatus
 from stadimeter.core.tracking.life_cycle import TrackState, after_gap, new_track
 from stadimeter.core.tracking.life_cycle import step as step_track
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class State:
+class State(Struct, frozen=True, kw_only=True):
     """All that is remembered from one cycle to the next.
 
     Attributes:
@@ -38,6 +54,9 @@ class State:
         due: Events of what happened between two cycles; they are part of the next decision.
         holds: The outputs that people hold.
         stopped: Who has stopped every output, and why, in words; empty while no one has.
+        disagreeing: The range sensors that disagree with the camera.
+        disarmed: Since when or by what the run is disarmed, in words; empty while it is armed.
+        liveness: What the picture has shown of the robot's own motion.
     """
 
     plan: Plan
@@ -52,6 +71,9 @@ class State:
     due: tuple[Event, ...] = ()
     holds: tuple[Hold, ...] = ()
     stopped: str = ""
+    disagreeing: frozenset[str] = frozenset()
+    disarmed: str = ""
+    liveness: LivenessState = field(default_factory=LivenessState)
 
 
 def initial_state(plan: Plan) -> State:
@@ -61,6 +83,7 @@ def initial_state(plan: Plan) -> State:
         tracks=tuple(new_track(target) for target in plan.targets),
         rules=new_rules(plan),
         outputs=tuple(new_output(output) for output in plan.outputs),
+        disarmed="" if plan.safety.arm == "at-start" else AT_START,
     )
 
 
@@ -71,34 +94,37 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
     gap_s = step_s if is_gap(step_s, state.usual_step_s, plan.safety) else None
     safety = step_safety(state.safety, observation, plan.safety, gap_s=gap_s)
     is_new = safety.frame is not state.safety.frame
-    track_states = _step_tracks(state, observation, is_new=is_new, gap_s=gap_s)
-    tracks = {tracked.track.target: tracked.track for tracked in track_states}
+    seen = {measured.target: measured for measured in observation.measurements} if is_new else {}
+    seen, compared = fuse(seen, plan.sensor_pairs)
+    disagreeing, sensor_events = step_disagreements(state.disagreeing, compared, observation.now_s)
+    track_states = _step_tracks(state, seen, observation.now_s, gap_s)
     cycle = Sample(at_s=observation.now_s, since_s=step_s)
-    inputs = _rule_inputs(state, tracks, observation, is_after_gap=gap_s is not None)
+    before = while_stopped(while_disarmed(safety, state.disarmed), state.stopped)
+    inputs = _rule_inputs(state, track_states, observation, before, is_after_gap=gap_s is not None)
     sample = _sample(state, safety)
     rules, outcome = judge(plan.rules, state.rules, inputs, sample, cycle, _for_rules(observation))
-    stopped, told, stop_events = step_stop(state.stopped, observation.operator_commands, observation.now_s)
-    demanded = while_stopped(safety, stopped)
-    holds, answers, outputs = _act(state, observation, demanded, rules, is_after_gap=gap_s is not None)
+    allowed = _step_permission(state, observation, safety, is_new=is_new)
+    holds, answers, outputs = _act(state, observation, allowed.safety, rules, is_after_gap=gap_s is not None)
     events = _number(
         state.due
         + _track_events(state, track_states, observation.now_s, in_words(gap_s, plan.safety) if gap_s else "")
         + outcome.events
-        + stop_events
+        + allowed.events
         + _camera_events(state.safety, safety, observation.now_s)
+        + sensor_events
         + _fault_events(state.faults, observation),
         state.events,
     )
     decision = Decision(
         commands=tuple([step.command for step in outputs]),
         events=events,
-        tracks=tuple(tracks.values()),
-        safety=demanded.mode,
-        safety_reason=demanded.reason,
+        tracks=tuple([tracked.track for tracked in track_states]),
+        safety=allowed.safety.mode,
+        safety_reason=allowed.safety.reason,
         outputs=tuple([step.trace for step in outputs]),
         rules=rules.traces,
         notices=outcome.notices,
-        answers=outcome.answers + told + answers,
+        answers=outcome.answers + allowed.answers + answers,
         reasons=Reasons(plan=plan, judged=rules, inputs=inputs),
     )
     remembered = State(
@@ -112,9 +138,36 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
         faults=observation.output_faults,
         events=state.events + len(events),
         holds=holds,
-        stopped=stopped,
+        stopped=allowed.stopped,
+        disagreeing=disagreeing,
+        disarmed=allowed.disarmed,
+        liveness=allowed.liveness,
     )
     return remembered, decision
+
+
+class _Permission(NamedTuple):
+    """Whether outputs may act: what safety demands, though people stop and arm and the picture may not be live."""
+
+    safety: SafetyState
+    stopped: str
+    disarmed: str
+    liveness: LivenessState
+    answers: tuple[OperatorAnswer, ...]
+    events: tuple[Event, ...]
+
+
+def _step_permission(state: State, observation: Observation, safety: SafetyState, *, is_new: bool) -> _Permission:
+    """Judge who has stopped or armed the run, and whether the picture shows that the base moves."""
+    commands, now_s = observation.operator_commands, observation.now_s
+    stopped, told, stop_events = step_stop(state.stopped, commands, now_s)
+    liveness, unlike_life = step_liveness(state.liveness, observation, _base_command(state), is_new=is_new)
+    cause = _cause_to_disarm(state.plan, observation) or unlike_life
+    not_disarmed = while_stopped(safety, stopped)
+    disarmed, armed, arm_events = step_arming(state.disarmed, cause, commands, not_disarmed, state.plan.safety, now_s)
+    demanded = while_stopped(while_disarmed(safety, disarmed), stopped)
+    liveness, room_events = tell_plain_room(liveness, observation, may_act=demanded.mode is SafetyMode.ACTIVE)
+    return _Permission(demanded, stopped, disarmed, liveness, told + armed, stop_events + arm_events + room_events)
 
 
 def _act(
@@ -134,25 +187,48 @@ def _act(
     return holds, answers, command_all(plan.outputs, before, wanted, safety, forbidden, slew_s)
 
 
+def _cause_to_disarm(plan: Plan, observation: Observation) -> str:
+    """Return why the run must be armed anew, in words; empty for nothing."""
+    if observation.disarm_reason or plan.safety.arm == "at-start":
+        return observation.disarm_reason
+    bases = {output.name for output in plan.outputs if isinstance(output, BaseOutput)}
+    failed = [f"{fault.output}: {fault.reason}" for fault in observation.output_faults if fault.output in bases]
+    return "; ".join(failed)
+
+
+def _base_command(state: State) -> TwistCommand | None:
+    """Return what the base was commanded to do in the cycle before; None where its motion is not to be seen."""
+    if not state.plan.safety.liveness:
+        return None
+    return next((step.command for step in state.outputs if isinstance(step.command, TwistCommand)), None)
+
+
 def _for_rules(observation: Observation) -> tuple[OperatorCommand, ...]:
     commands = [each for each in observation.operator_commands if isinstance(each, OperatorCommand)]
     return tuple([each for each in commands if not each.action.is_on_outputs])
 
 
 def _rule_inputs(
-    state: State, tracks: Mapping[str, Track], observation: Observation, *, is_after_gap: bool
+    state: State, tracked: tuple[TrackState, ...], observation: Observation, safety: SafetyState, *, is_after_gap: bool
 ) -> RuleInputs:
-    before = {tracked.track.target: tracked.track for tracked in state.tracks}
     return RuleInputs(
-        tracks=tracks, now_s=observation.now_s, wall=observation.wall, before=before, is_after_gap=is_after_gap
+        tracks={each.track.target: each.track for each in tracked},
+        now_s=observation.now_s,
+        wall=observation.wall,
+        before={each.track.target: each.track for each in state.tracks},
+        is_after_gap=is_after_gap,
+        sightings={each.track.target: each.sighting for each in tracked},
+        frame_at_s=safety.frame.captured_at_s if safety.frame is not None else None,
+        base=observation.base,
+        commands={step.command.output: step.command for step in state.outputs},
+        safety=safety.mode,
     )
 
 
 def _step_tracks(
-    state: State, observation: Observation, *, is_new: bool, gap_s: float | None
+    state: State, seen: Mapping[str, Measurement], now_s: float, gap_s: float | None
 ) -> tuple[TrackState, ...]:
-    seen = {measured.target: measured for measured in observation.measurements} if is_new else {}
-    now_s, tracks = observation.now_s, state.tracks
+    tracks = state.tracks
     if gap_s is not None:
         reason = in_words(gap_s, state.plan.safety)
         tracks = tuple([after_gap(tracked, now_s, reason) for tracked in tracks])

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from enum import StrEnum
+
+from msgspec import Struct, field
 
 from stadimeter.core.command import Command
 from stadimeter.core.operator import OperatorAnswer
@@ -43,6 +44,17 @@ class EventKind(StrEnum):
     STOPPED = "stopped"
     """Somebody has stopped every output."""
     RELEASED = "released"
+    DISARMED = "disarmed"
+    """Every output is kept at its safe value until somebody arms the run: somebody wants it, or something failed."""
+    ARMED = "armed"
+    SEARCH_BEGUN = "search_begun"
+    """A base has lost its target, and turns to find it."""
+    SEARCH_ENDED = "search_ended"
+    """It has not found it, and stands still."""
+    TETHERED = "tethered"
+    """A base is as far from where it began as it may go."""
+    LIVENESS_UNKNOWN = "liveness_unknown"
+    """The room is too plain to tell a frozen picture from a live one while the robot drives."""
 
 
 class Severity(StrEnum):
@@ -54,8 +66,7 @@ class Severity(StrEnum):
     SAFETY = "safety"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Event:
+class Event(Struct, frozen=True, kw_only=True):
     """Something that happened once and must not be lost.
 
     Attributes:
@@ -80,8 +91,7 @@ class Event:
     by: str = ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Notice:
+class Notice(Struct, frozen=True, kw_only=True):
     """A message or notification that a rule sends now.
 
     Attributes:
@@ -113,13 +123,12 @@ class RuleStatus(StrEnum):
     """There is nothing to judge by: its target is not seen."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RuleTrace:
+class RuleTrace(Struct, frozen=True, kw_only=True):
     """What one rule did in one cycle. Why is in `Decision.reasons`, and whether it won its output in `OutputTrace`.
 
     Attributes:
         acknowledged: Whether no one needs to acknowledge it, or someone has.
-        gates: What keeps it from acting: ``shelved``, ``suppressed``, ``out of service``, ``observed``.
+        inhibits: What keeps it from acting: ``shelved``, ``suppressed``, ``out of service``, ``observed``.
         active: Whether the rule is active: of an alarm, whether it is raised, clearing or latched. None if it is not
             and there is nothing to judge by. This is the one answer: for other rules, messages, tests and figures.
         chattering: Whether it came too often within a minute, and stays active until it has calmed down.
@@ -129,14 +138,13 @@ class RuleTrace:
     status: RuleStatus
     output: str | None = None
     acknowledged: bool = True
-    gates: tuple[str, ...] = ()
+    inhibits: tuple[str, ...] = ()
     first_out: bool = False
     active: bool | None = None
     chattering: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OutputTrace:
+class OutputTrace(Struct, frozen=True, kw_only=True):
     """Who commands one output in one cycle, and who would have liked to.
 
     Attributes:
@@ -163,10 +171,11 @@ class SafetyMode(StrEnum):
     """The newest frame is too old: every output is kept at its safe value."""
     STOPPED = "stopped"
     """Somebody has stopped every output: each is kept at its safe value until they are released."""
+    DISARMED = "disarmed"
+    """The run was not armed yet, or has lost that: every output is kept at its safe value until somebody arms it."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Decision:
+class Decision(Struct, frozen=True, kw_only=True, eq=False):
     """What the core decided in one cycle.
 
     Attributes:
@@ -187,4 +196,17 @@ class Decision:
     rules: tuple[RuleTrace, ...]
     notices: tuple[Notice, ...] = ()
     answers: tuple[OperatorAnswer, ...] = ()
-    reasons: Mapping[str, str] = field(default_factory=dict, compare=False, repr=False)
+    reasons: Mapping[str, str] = field(default_factory=dict)
+
+    def __eq__(self, other: object) -> bool:
+        """Compare everything but the reasons."""
+        if not isinstance(other, Decision):
+            return NotImplemented
+        compared = (name for name in self.__struct_fields__ if name != "reasons")
+        return all(getattr(self, name) == getattr(other, name) for name in compared)
+
+    def __ne__(self, other: object) -> bool:
+        """Likewise: a struct has a comparison of its own for this, which `__eq__` does not replace."""
+        return not self == other
+
+    __hash__ = None  # type: ignore[assignment]

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
+from msgspec import Struct, field
 from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
 
 Points = NDArray[np.float64]
+
+# Other arrays that detectors and ranging pass: of numbers, of truths, of indices, of light, and of 8 bits.
+Values = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.intp]
+Profiles = NDArray[np.float32]
+Plane = NDArray[np.uint8]
 
 
 def no_points() -> Points:
@@ -27,8 +34,7 @@ class DetectionStatus(StrEnum):
     NOT_FOUND = "not_found"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RejectedCandidate:
+class RejectedCandidate(Struct, frozen=True, kw_only=True):
     """Something in the picture that was looked at, and is not the target.
 
     Attributes:
@@ -44,8 +50,7 @@ class RejectedCandidate:
     corners_px: tuple[tuple[float, float], ...] = ()
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Detection:
+class Detection(Struct, frozen=True, kw_only=True, eq=False):
     """Where one target is in one picture. Pixel coordinates have (0, 0) at the centre of the top left pixel.
 
     Attributes:
@@ -79,8 +84,7 @@ class Detection:
     measured_with: CameraModel | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Prediction:
+class Prediction(Struct, frozen=True, kw_only=True):
     """Where a target is expected to be in the next picture.
 
     Attributes:
@@ -93,4 +97,4 @@ class Prediction:
     centre_px: tuple[float, float]
     size_px: float
     sigma_px: float
-    outline_px: Points | None = field(default=None, compare=False)
+    outline_px: Points | None = None

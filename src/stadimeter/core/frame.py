@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 Image = NDArray[np.uint8]
@@ -27,8 +27,7 @@ CROP_TOLERANCE = 0.002
 LENS_TOLERANCE_DPT = 0.05
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Optics:
+class Optics(Struct, frozen=True, kw_only=True):
     """The settings of a camera that change its focal length in pixels, or where its optical axis meets the picture.
 
     Attributes:
@@ -71,8 +70,7 @@ class Optics:
         return ""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Frame:
+class Frame(Struct, frozen=True, eq=False):
     """One picture from a camera.
 
     Attributes:

@@ -17,7 +17,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from stadimeter.core.decision import Severity
 from stadimeter.core.operator import HoldCommand, OperatorAnswer
@@ -37,8 +38,7 @@ ANGULAR_MAX_RADPS = 0.5
 OPERATOR = "operator"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Hold:
+class Hold(Struct, frozen=True, kw_only=True):
     """An output that a person holds.
 
     Attributes:

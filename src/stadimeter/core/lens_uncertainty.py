@@ -14,9 +14,10 @@ that their covariance follows from that of θ (R. Hartley and A. Zisserman, "Mul
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from stadimeter.core.lens_distortion import Coefficients, all_five, jacobian, slopes_by_coefficient
@@ -31,8 +32,7 @@ _STEP = 1e-4
 _NEGATIVE_MAX = 1e-4
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LensUncertainty:
+class LensUncertainty(Struct, frozen=True, kw_only=True):
     """How well the parameters of a camera model are known, in the order of `PARAMETERS`."""
 
     sigmas: tuple[float, ...]  # standard deviations, those of fx, fy, cx and cy in pixels

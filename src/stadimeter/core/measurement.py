@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import StrEnum
+
+from msgspec import Struct
 
 
 class MeasurementStatus(StrEnum):
@@ -16,8 +17,7 @@ class MeasurementStatus(StrEnum):
     ERROR = "error"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Measurement:
+class Measurement(Struct, frozen=True, kw_only=True):
     """The distance to one target in one frame, or why there is none.
 
     Distances and angles are None unless the status is ``measured``.
@@ -58,3 +58,25 @@ class Measurement:
         x = self.depth_m * math.tan(self.bearing_rad)
         y = -math.hypot(self.depth_m, x) * math.tan(self.elevation_rad)
         return (x, y, self.depth_m)
+
+
+class Sighting(Struct, frozen=True, kw_only=True):
+    """A measurement that may be used: every figure is there and not beyond all sense.
+
+    Attributes:
+        at_s: Capture time.
+        distance_m: The distance.
+        noise_m: The part of the standard deviation that differs from frame to frame, as stated.
+        scale_sigma: The part of the standard deviation that no filter can reduce, as a share of the distance.
+        depth_share: Depth divided by distance.
+        bearing_rad: The bearing.
+        elevation_rad: The elevation.
+    """
+
+    at_s: float
+    distance_m: float
+    noise_m: float
+    scale_sigma: float
+    depth_share: float
+    bearing_rad: float
+    elevation_rad: float

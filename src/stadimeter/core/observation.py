@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from msgspec import Struct
 
+from stadimeter.core.base_report import BaseReport
 from stadimeter.core.measurement import Measurement
 from stadimeter.core.operator import AnyCommand
+from stadimeter.core.picture_flow import PictureFlow
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrameStamp:
+class FrameStamp(Struct, frozen=True, kw_only=True):
     """What the core knows of a frame: not its pixels.
 
     Attributes:
@@ -20,8 +21,7 @@ class FrameStamp:
     captured_at_s: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OutputFault:
+class OutputFault(Struct, frozen=True, kw_only=True):
     """An output whose driver failed.
 
     Attributes:
@@ -32,8 +32,7 @@ class OutputFault:
     reason: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WallTime:
+class WallTime(Struct, frozen=True, kw_only=True):
     """The local time of day. Schedules go by it, and nothing else does.
 
     Attributes:
@@ -45,8 +44,7 @@ class WallTime:
     weekday: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Observation:
+class Observation(Struct, frozen=True, kw_only=True):
     """All that the core may know in one cycle.
 
     Attributes:
@@ -56,6 +54,10 @@ class Observation:
         camera_fault: Why there is no frame, or an empty string.
         not_for_motion: Why nothing may move on the camera's frames, such as an unknown age; empty if it may.
         output_faults: The outputs that are out of order at the start of the cycle.
+        flow: How far the picture has moved since earlier ones; None without a frame, and where liveness is not judged.
+        base: What the robot base reported last; None without a base, and for one that reports nothing.
+        disarm_reason: Why the run must be armed anew before anything acts, found outside the core in this cycle; empty
+            for nothing.
         wall: The time of day, if a rule asks for it; None also while the clock is not synchronised.
         operator_commands: Operator commands since the cycle before.
     """
@@ -66,5 +68,8 @@ class Observation:
     camera_fault: str = ""
     not_for_motion: str = ""
     output_faults: tuple[OutputFault, ...] = ()
+    flow: PictureFlow | None = None
+    base: BaseReport | None = None
+    disarm_reason: str = ""
     wall: WallTime | None = None
     operator_commands: tuple[AnyCommand, ...] = ()

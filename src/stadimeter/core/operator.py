@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from msgspec import Struct
 
 from stadimeter.operator_actions import OperatorAction
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OperatorCommand:
+class OperatorCommand(Struct, frozen=True, kw_only=True, tag=True):
     """One such wish.
 
     Attributes:
@@ -17,6 +16,7 @@ class OperatorCommand:
         why: Why, in their words; may be empty.
         for_s: How long to shelve; None for as long as the rule allows.
         one_shot: Shelve until the alarm has returned to normal, or the time is over.
+        is_from_button: A push button gave it, so a person stands beside what will move.
     """
 
     id: str
@@ -26,6 +26,7 @@ class OperatorCommand:
     why: str = ""
     for_s: float | None = None
     one_shot: bool = False
+    is_from_button: bool = False
 
     @property
     def said(self) -> str:
@@ -34,8 +35,7 @@ class OperatorCommand:
         return f"{who}: {self.why}" if self.why else who
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HoldCommand:
+class HoldCommand(Struct, frozen=True, kw_only=True, tag=True):
     """A person holds an output for a moment, to try it, or lets go of it.
 
     Attributes:
@@ -57,8 +57,7 @@ class HoldCommand:
 AnyCommand = OperatorCommand | HoldCommand
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OperatorAnswer:
+class OperatorAnswer(Struct, frozen=True, kw_only=True):
     """What became of an operator's command.
 
     Attributes:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from stadimeter.core.command import Command, LevelCommand, TwistCommand
 from stadimeter.core.decision import OutputTrace, SafetyMode
@@ -15,15 +16,18 @@ from stadimeter.core.safety import SafetyState
 
 NOBODY = "no rule drives it"
 
+AT_REST = (0.0, 0.0)
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OutputStep:
+
+class OutputStep(Struct, frozen=True, kw_only=True):
     """What one output does in one cycle."""
 
     command: Command
     trace: OutputTrace
     wanted: Sequence[Request] = ()
     """What the rules want of it, the winner first."""
+    changes: tuple[float, float] = (0.0, 0.0)
+    """Of a base, how fast its two speeds change: in m/s² and rad/s²."""
 
 
 def new_output(output: Output) -> OutputStep:
@@ -76,12 +80,12 @@ def _step(
         trace = _trace(before, ("safety", forbidden, ""), wanted, losing_from=0)
         return OutputStep(command=safe_command(output), trace=trace, wanted=wanted)
     winner = wanted[0] if wanted else None
-    command = _command(output, before.command, winner, safety.frame.captured_at_s, step_s)
+    command, changes = _command(output, before, winner, safety.frame.captured_at_s, step_s)
     told = (winner.rule, "", winner.by) if winner else ("safe", NOBODY, "")
     trace = _trace(before, told, wanted, losing_from=1)
     if command is before.command and trace is before.trace and wanted is before.wanted:
         return before
-    return OutputStep(command=command, trace=trace, wanted=wanted)
+    return OutputStep(command=command, trace=trace, wanted=wanted, changes=changes)
 
 
 def _trace(
@@ -99,20 +103,25 @@ def _trace(
     return OutputTrace(output=last.output, winner=winner, reason=reason, losers=losers, held_by=held_by)
 
 
-def _command(output: Output, before: Command, request: Request | None, captured_at_s: float, step_s: float) -> Command:
-    if isinstance(output, LevelOutput) and isinstance(before, LevelCommand):
-        return _level(output, before, request, captured_at_s, step_s)
-    if isinstance(output, BaseOutput) and isinstance(before, TwistCommand) and isinstance(request, TwistRequest):
-        linear_mps, angular_radps = limit_twist(
-            output,
-            (before.linear_mps, before.angular_radps),
-            (request.linear_mps, request.angular_radps),
-            step_s,
-        )
-        return TwistCommand(
+def _command(
+    output: Output, before: OutputStep, request: Request | None, captured_at_s: float, step_s: float
+) -> tuple[Command, tuple[float, float]]:
+    """Return a command, and how fast the speeds of a base change with it."""
+    last = before.command
+    if isinstance(output, LevelOutput) and isinstance(last, LevelCommand):
+        return _level(output, last, request, captured_at_s, step_s), AT_REST
+    if isinstance(output, BaseOutput) and isinstance(last, TwistCommand) and isinstance(request, TwistRequest):
+        changes = AT_REST
+        wanted = (request.linear_mps, request.angular_radps)
+        if request.is_gentle:
+            (linear_mps, angular_radps), changes = ease_twist(output, before, wanted, step_s)
+        else:
+            linear_mps, angular_radps = limit_twist(output, (last.linear_mps, last.angular_radps), wanted, step_s)
+        command = TwistCommand(
             output=output.name, linear_mps=linear_mps, angular_radps=angular_radps, captured_at_s=captured_at_s
         )
-    return safe_command(output)  # nobody asks a base to move: it stands still at once
+        return command, changes
+    return safe_command(output), AT_REST  # nobody asks a base to move: it stands still at once
 
 
 def _level(
@@ -161,3 +170,56 @@ def limit_twist(
     linear_mps = limit_speed(before[0], wanted[0], output.linear_max_mps, output.linear_accel_mps2, step_s)
     angular_radps = limit_speed(before[1], wanted[1], output.angular_max_radps, output.angular_accel_radps2, step_s)
     return linear_mps, angular_radps
+
+
+# A rule that follows goes gently: what tips, slips or loses its load does so when it brakes as well as when it sets
+# off, and a jerk shakes the camera that it steers by. Everything else stops at once, without any limit: safety, a
+# person, an alarm, a rule that has lost its target or sees it too near. Nothing that a limit protects is worth more
+# than what is run into, and a base has limits of its own.
+
+
+def ease_twist(
+    output: BaseOutput, before: OutputStep, wanted: tuple[float, float], step_s: float
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the speeds that a base may have now where it slows down as gently as it speeds up, and their changes.
+
+    A change grows to the acceleration a, and falls to zero, no faster than the jerk j: it is at most √(2 j Δ) where Δ
+    is left, so the speed arrives without overshoot.
+    """
+    last = before.command
+    if not isinstance(last, TwistCommand):
+        return AT_REST, AT_REST
+    ramp_s = output.linear_accel_mps2 / output.linear_jerk_mps3 if output.linear_jerk_mps3 > 0 else 0.0
+    linear_mps = min(max(wanted[0], -output.linear_max_mps), output.linear_max_mps)
+    angular_radps = min(max(wanted[1], -output.angular_max_radps), output.angular_max_radps)
+    linear = _ease((last.linear_mps, before.changes[0]), linear_mps, output.linear_accel_mps2, ramp_s, step_s)
+    angular = _ease((last.angular_radps, before.changes[1]), angular_radps, output.angular_accel_radps2, ramp_s, step_s)
+    # While the jerk limit turns a change round, a speed still goes on the old way for a moment: not beyond its limit.
+    speeds = (
+        min(max(linear[0], -output.linear_max_mps), output.linear_max_mps),
+        min(max(angular[0], -output.angular_max_radps), output.angular_max_radps),
+    )
+    return speeds, (linear[1], angular[1])
+
+
+def _ease(
+    before: tuple[float, float], wanted: float, acceleration: float, ramp_s: float, step_s: float
+) -> tuple[float, float]:
+    """Return a speed on its way from the one before to the one that is wanted, and how fast it changes.
+
+    Args:
+        before: The speed, and how fast it changed.
+        ramp_s: In this time the change grows to the acceleration.
+    """
+    speed, change = before
+    left = wanted - speed
+    if step_s <= 0.0 or left == 0.0:
+        return speed, 0.0
+    jerk = acceleration / ramp_s if ramp_s > 0 else math.inf
+    most = min(acceleration, math.sqrt(2 * jerk * abs(left)), abs(left) / step_s)
+    change = min(max(math.copysign(most, left), change - jerk * step_s), change + jerk * step_s)
+    change = min(max(change, -acceleration), acceleration)
+    after = speed + change * step_s
+    if (wanted - after) * left <= 0.0:
+        return wanted + 0.0, change  # it is there; a jerk may take it there, but not beyond
+    return after, change

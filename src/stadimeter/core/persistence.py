@@ -9,14 +9,18 @@ import hashlib
 import math
 import re
 from collections.abc import Iterable
-from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from enum import Enum, IntEnum
+from operator import attrgetter
 from typing import Any, TypeVar
 
-from stadimeter.core.alarms.alarm import AlarmStep, new_alarm, with_state
-from stadimeter.core.alarms.machine import AlarmState, Phase
+from msgspec import NODEFAULT, Struct, field
+from msgspec.structs import fields, replace
+
+from stadimeter.core.alarms.alarm import AlarmStep, new_alarm, with_record
+from stadimeter.core.alarms.machine import AlarmRecord, AlarmState
 from stadimeter.core.alarms.state import Resumed, Timers
-from stadimeter.core.condition import PresenceCondition, leaves
+from stadimeter.core.conditions.compounds import leaves
+from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.decide import State
 from stadimeter.core.rule import AlarmRule, AnyRule
 from stadimeter.core.rules.scheduler import with_steps
@@ -27,27 +31,25 @@ _T = TypeVar("_T")
 # How the names of times on the run's clock end. What ends otherwise is a duration, or no time at all.
 _TIME = re.compile(r"(?:.*_)?(?:at|until|since|from|began)_s")
 
-# Phases that noise leads into and out of, and what an alarm is apart from that.
+# States that noise leads into and out of, and what an alarm is apart from that.
 _SHORTLY = {
-    Phase.PENDING: Phase.NORMAL,
-    Phase.CLEARING: Phase.ACKNOWLEDGED,
-    Phase.CLEARING_UNACKNOWLEDGED: Phase.UNACKNOWLEDGED,
+    AlarmState.PENDING: AlarmState.NORMAL,
+    AlarmState.CLEARING: AlarmState.ACKNOWLEDGED,
+    AlarmState.CLEARING_UNACKNOWLEDGED: AlarmState.UNACKNOWLEDGED,
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AlarmSnapshot:
+class AlarmSnapshot(Struct, frozen=True, kw_only=True):
     """What an alarm remembers."""
 
     rule: str
     meaning: str
     """Tells rules apart that do not mean the same."""
-    state: AlarmState
+    record: AlarmRecord = field(name="state")  # so it is called in state files
     is_first_out: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Absence:
+class Absence(Struct, frozen=True, kw_only=True):
     """A target that is out of sight. Some conditions go by how long it has been."""
 
     target: str
@@ -74,7 +76,7 @@ def meaning_of(rule: AnyRule) -> str:
 
 
 def _canonical(value: object) -> str:
-    if is_dataclass(value):
+    if isinstance(value, Struct):
         written = (
             f"{each.name}={_canonical(getattr(value, each.name))}" for each in fields(value) if _is_set(value, each)
         )
@@ -86,14 +88,14 @@ def _canonical(value: object) -> str:
 
 def _is_set(value: object, field: Any) -> bool:
     """Return whether a field is not as it is by default."""
-    default = field.default_factory() if field.default_factory is not MISSING else field.default
+    default = field.default_factory() if field.default_factory is not NODEFAULT else field.default
     return bool(getattr(value, field.name) != default)
 
 
 def snapshot_alarms(state: State) -> tuple[AlarmSnapshot, ...]:
     """Return a snapshot of the alarms of a run, in the order of the configuration."""
     return tuple(
-        AlarmSnapshot(rule=rule.name, meaning=meaning_of(rule), state=step.state, is_first_out=step.trace.first_out)
+        AlarmSnapshot(rule=rule.name, meaning=meaning_of(rule), record=step.record, is_first_out=step.trace.first_out)
         for rule, step in zip(state.plan.rules, state.rules.steps, strict=True)
         if isinstance(step, AlarmStep)
     )
@@ -118,7 +120,7 @@ def classify_change(before: State, after: State) -> SnapshotChange:
         return found
     for last, step in zip(before.rules.steps, after.rules.steps, strict=True):
         if step is not last and isinstance(step, AlarmStep) and isinstance(last, AlarmStep):
-            found = max(found, _change(last.state, step.state))
+            found = max(found, _change(last.record, step.record))
     return found
 
 
@@ -135,38 +137,23 @@ def _begins_an_absence(before: State, after: State) -> bool:
     )
 
 
-def _change(before: AlarmState, after: AlarmState) -> SnapshotChange:
+def _change(before: AlarmRecord, after: AlarmRecord) -> SnapshotChange:
     if before is after:
         return SnapshotChange.NOTHING
-    if _lasting(before) != _lasting(after):
+    lasting = _SHORTLY.get(before.state, before.state) is not _SHORTLY.get(after.state, after.state)
+    if lasting or _lasting(before) != _lasting(after):
         return SnapshotChange.LASTING
-    return SnapshotChange.PASSING if _passing(before) != _passing(after) else SnapshotChange.NOTHING
+    is_lost = (before.unknown_since_s is None) is not (after.unknown_since_s is None)
+    return SnapshotChange.PASSING if is_lost or _passing(before) != _passing(after) else SnapshotChange.NOTHING
 
 
-def _lasting(state: AlarmState) -> tuple[object, ...]:
-    inhibits = state.inhibits
-    return (
-        _SHORTLY.get(state.phase, state.phase),
-        state.is_announced_only,
-        state.raises,
-        state.raised_at_s,
-        state.reported_at_s,
-        state.notified_at_s,
-        state.owes_notice,
-        state.is_chattering,
-        state.leg,
-        state.acknowledgement,
-        inhibits.shelved_until_s,
-        inhibits.is_one_shot,
-        inhibits.shelved_by,
-        inhibits.is_out_of_service,
-    )
+_lasting = attrgetter(
+    "is_announced_only", "raises", "raised_at_s", "reported_at_s", "notified_at_s", "owes_notice", "is_chattering",
+    "leg", "acknowledgement", "inhibits.shelved_until_s", "inhibits.is_one_shot", "inhibits.shelved_by",
+    "inhibits.is_out_of_service",
+)  # fmt: skip
 
-
-def _passing(state: AlarmState) -> tuple[object, ...]:
-    is_unknown = state.unknown_since_s is None
-    raises_s, is_suppressed = state.raises_at_s, state.inhibits.is_suppressed
-    return state.phase, is_unknown, state.is_given_up, state.held_from_start, is_suppressed, raises_s
+_passing = attrgetter("state", "is_given_up", "held_from_start", "inhibits.is_suppressed", "raises_at_s")
 
 
 def restore_alarms(
@@ -192,8 +179,8 @@ def restore_alarms(
         memory = by_rule.get(rule.name)
         if memory is None or not isinstance(rule, AlarmRule) or memory.meaning != meaning_of(rule):
             continue
-        resumed = _resume(rule, memory.state, shift_s=shift_s, from_s=from_s, now_s=now_s)
-        steps[index] = with_state(rule, new_alarm(rule), resumed)
+        resumed = _resume(rule, memory.record, shift_s=shift_s, from_s=from_s, now_s=now_s)
+        steps[index] = with_record(rule, new_alarm(rule), resumed)
         if memory.is_first_out:
             first_out[rule.group] = rule.name
     since_s = {absence.target: absence.since_s + shift_s for absence in absences}
@@ -205,9 +192,9 @@ def _absent_since(tracked: TrackState, since_s: float | None) -> TrackState:
     return tracked if since_s is None else replace(tracked, track=replace(tracked.track, since_s=since_s))
 
 
-def _resume(rule: AlarmRule, state: AlarmState, *, shift_s: float, from_s: float, now_s: float) -> AlarmState:
+def _resume(rule: AlarmRule, record: AlarmRecord, *, shift_s: float, from_s: float, now_s: float) -> AlarmRecord:
     """Return what an alarm remembers, as of the beginning of this run; see `restore_alarms`."""
-    before = shift_times(state, shift_s)
+    before = shift_times(record, shift_s)
     if before.resumed is not None:
         from_s = before.resumed.from_s
     timers = before.timers
@@ -220,7 +207,7 @@ def _resume(rule: AlarmRule, state: AlarmState, *, shift_s: float, from_s: float
 
 def shift_times(value: _T, shift_s: float) -> _T:
     """Return what was remembered, a dataclass with others in it, with every time shifted to another clock."""
-    if not is_dataclass(value) or isinstance(value, type) or shift_s == 0:
+    if not isinstance(value, Struct) or shift_s == 0:
         return value
     moved = {field.name: _shifted(field.name, getattr(value, field.name), shift_s) for field in fields(value)}
     return replace(value, **moved)

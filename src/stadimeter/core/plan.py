@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import Literal
 
-from stadimeter.core.rule import AnyRule
+from msgspec import Struct, field
+
+from stadimeter.core.conditions.compounds import leaves
+from stadimeter.core.conditions.discrete import ScheduleCondition
+from stadimeter.core.rule import AlarmRule, AnyRule
+from stadimeter.core.sensor_fusion import SensorPair
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LevelOutput:
+class LevelOutput(Struct, frozen=True, kw_only=True):
     """An actuator, as the core sees it.
 
     Attributes:
@@ -27,8 +30,7 @@ class LevelOutput:
     combine: Literal["max", "min"] = "max"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BaseOutput:
+class BaseOutput(Struct, frozen=True, kw_only=True):
     """A base, as the core sees it. Its safe value is to stand still.
 
     Attributes:
@@ -36,6 +38,8 @@ class BaseOutput:
         angular_max_radps: Largest rate of turn.
         linear_accel_mps2: Largest change of speed. Slowing down for safety is not limited.
         angular_accel_radps2: Largest change of the rate of turn.
+        linear_jerk_mps3: Largest change of the change of speed; of the rate of turn it is in proportion.
+        track_width_m: Distance between its wheels, for odometry; None where it is not known.
         combine: Of several rules that ask for it with one priority, the slower of each speed counts.
     """
 
@@ -44,14 +48,15 @@ class BaseOutput:
     angular_max_radps: float = 1.5
     linear_accel_mps2: float = 0.5
     angular_accel_radps2: float = 4.0
+    linear_jerk_mps3: float = 5.0
+    track_width_m: float | None = None
     combine: Literal["most_restrictive"] = "most_restrictive"
 
 
 Output = LevelOutput | BaseOutput
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Tracking:
+class Tracking(Struct, frozen=True, kw_only=True):
     """How targets are tracked.
 
     Attributes:
@@ -75,21 +80,27 @@ class Tracking:
     noise_factor_max: float = 6.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Safety:
+class Safety(Struct, frozen=True, kw_only=True):
     """When outputs may act.
 
     Attributes:
         max_frame_age_s: A frame older than this moves nothing.
         good_frames: How many fresh frames in a row are needed at the start, and after frames were stale.
+        arm: What lets outputs act at all: the start of the run itself; an operator's command; or a push button, so
+            that a person stands beside what will move.
+        watchdog_s: How old the data may grow on which an output acts, before the watchdog process ends the program;
+            None for a while after the longest lease.
+        liveness: Whether the picture must show that the base drives, where the camera can; see `core.liveness`.
     """
 
     max_frame_age_s: float = 0.2
     good_frames: int = 3
+    arm: Literal["at-start", "by-command", "by-button"] = "at-start"
+    watchdog_s: float | None = None
+    liveness: bool = True
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Plan:
+class Plan(Struct, frozen=True, kw_only=True):
     """Everything that is fixed for a run."""
 
     targets: tuple[str, ...]
@@ -97,3 +108,11 @@ class Plan:
     outputs: tuple[Output, ...] = ()
     tracking: Tracking = field(default_factory=Tracking)
     safety: Safety = field(default_factory=Safety)
+    sensor_pairs: tuple[SensorPair, ...] = ()
+
+    @property
+    def needs_wall_time(self) -> bool:
+        """Whether any rule asks for the time of day."""
+        alarms = (rule for rule in self.rules if isinstance(rule, AlarmRule))
+        conditions = (condition for rule in alarms for condition in (rule.condition, rule.suppress_when) if condition)
+        return any(isinstance(leaf, ScheduleCondition) for condition in conditions for leaf in leaves(condition))

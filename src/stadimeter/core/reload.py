@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from stadimeter.core.alarms.actions import dismiss
 from stadimeter.core.alarms.alarm import AlarmStep
-from stadimeter.core.conditions.inputs import RuleInputs
+from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Event
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule, AnyRule
-from stadimeter.core.rules.scheduler import RuleStep, new_rules, with_steps
+from stadimeter.core.rule_step import Step
+from stadimeter.core.rules.scheduler import new_rules, with_steps
 
 REMOVED = "removed from the configuration"
 CHANGED = "its rule was changed in the configuration"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReloadedState:
+class ReloadedState(Struct, frozen=True, kw_only=True):
     """A state that goes on with other rules, and what became of which rule."""
 
     state: State
@@ -63,13 +65,11 @@ def reload(state: State, plan: Plan) -> ReloadedState:
     )
 
 
-def _clear_dropped(
-    state: State, old: Mapping[str, tuple[AnyRule, RuleStep]], gone: Mapping[str, str]
-) -> tuple[Event, ...]:
+def _clear_dropped(state: State, old: Mapping[str, tuple[AnyRule, Step]], gone: Mapping[str, str]) -> tuple[Event, ...]:
     now_s = 0.0 if state.now_s is None else state.now_s
     inputs = RuleInputs(tracks={each.track.target: each.track for each in state.tracks}, now_s=now_s)
     events: tuple[Event, ...] = ()
     for name, (rule, step) in old.items():
         if name in gone and isinstance(rule, AlarmRule) and isinstance(step, AlarmStep):
-            events += dismiss(rule, step.state, inputs, gone[name])
+            events += dismiss(rule, step.record, inputs, gone[name])
     return events

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Literal
 
-from stadimeter.core.condition import Condition, Quantity, about
+from msgspec import Struct, field
+from msgspec.structs import force_setattr
+
+from stadimeter.core.conditions.compounds import Condition, about
+from stadimeter.core.conditions.figures import Quantity
 from stadimeter.core.decision import Severity
 
 # What is due this soon is due, however a sum of times was rounded.
@@ -25,8 +28,7 @@ class LostPolicy(StrEnum):
     """Count as holding: "cannot see" means danger."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Lost:
+class Lost(Struct, frozen=True, kw_only=True):
     """What a rule does without its target.
 
     Attributes:
@@ -40,8 +42,7 @@ class Lost:
     fault_after_s: float = 5.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OnDelay:
+class OnDelay(Struct, frozen=True, kw_only=True):
     """How long a condition must hold before the alarm is raised.
 
     Attributes:
@@ -55,8 +56,7 @@ class OnDelay:
     of_frames: int = 0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DelayTolerance:
+class DelayTolerance(Struct, frozen=True, kw_only=True):
     """Which samples to the contrary are forgiven as noise while a delay runs: this many in a row, or for this long.
 
     Attributes:
@@ -72,8 +72,7 @@ class DelayTolerance:
         return samples <= self.samples or (self.for_s > 0 and for_s <= self.for_s + ROUNDING_S)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rule:
+class Rule(Struct, frozen=True, kw_only=True):
     """What every rule has.
 
     Attributes:
@@ -95,8 +94,7 @@ class Rule:
     observe: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pattern:
+class Pattern(Struct, frozen=True, kw_only=True):
     """A level that changes by itself while an alarm stands, such as three short buzzes.
 
     Attributes:
@@ -121,8 +119,7 @@ class Pattern:
         return self.steps[-1][0]  # what rounding left over
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Template:
+class Template(Struct, frozen=True, kw_only=True):
     """A text with named gaps, such as ``{rule}: {distance_m:.2f} m``.
 
     Attributes:
@@ -134,8 +131,7 @@ class Template:
     is_json: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Send:
+class Send(Struct, frozen=True, kw_only=True):
     """Something to send: over the messenger, or to people with a notifier.
 
     Attributes:
@@ -153,8 +149,7 @@ class Send:
     retain: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EscalationStep:
+class EscalationStep(Struct, frozen=True, kw_only=True):
     """Something that an alarm does, once, after it was raised or cleared.
 
     What is not due yet when an alarm clears is not done any more; likewise for steps after clearing, when it is raised.
@@ -180,8 +175,11 @@ class EscalationStep:
     send: Send | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AlarmRule(Rule):
+# An alarm that is raised more often within a minute chatters, unless its configuration says otherwise.
+RAISES_PER_MIN_MAX = 10
+
+
+class AlarmRule(Rule, Struct, frozen=True, kw_only=True):
     """Act while a condition holds.
 
     Attributes:
@@ -219,23 +217,22 @@ class AlarmRule(Rule):
     realarm_s: float | None = None
     cooldown_s: float = 10.0
     shelve_max_s: float = 8 * 3600.0
-    raises_per_min_max: int = 10
+    raises_per_min_max: int = RAISES_PER_MIN_MAX
     group: str = ""
     suppress_when: Condition | None = None
     escalation: tuple[EscalationStep, ...] = ()
 
     def __post_init__(self) -> None:
         """Make every part of the conditions name its target."""
-        object.__setattr__(self, "condition", about(self.condition, self.target))
+        force_setattr(self, "condition", about(self.condition, self.target))
         if self.suppress_when is not None:
-            object.__setattr__(self, "suppress_when", about(self.suppress_when, self.target))
+            force_setattr(self, "suppress_when", about(self.suppress_when, self.target))
 
 
 Bias = Literal["neutral", "cautious", "quiet"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RampRule(Rule):
+class RampRule(Rule, Struct, frozen=True, kw_only=True):
     """Act the more strongly the further, or the nearer, the target is.
 
     Attributes:
@@ -263,29 +260,70 @@ class RampRule(Rule):
     dead_zone: float = 0.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FollowRule(Rule):
+class Search(Struct, frozen=True, kw_only=True):
+    """How a base that has lost its target turns to find it: in steps, since a picture taken in a turn is blurred.
+
+    Attributes:
+        angle_rad: It turns no further than this, to the side where the target was last.
+        for_s: It searches for no longer than this.
+        step_rad: It turns by this, then looks; less than the camera sees.
+        rate_radps: How fast it turns.
+        look_s: How long it looks: enough for the wheels to stand and a target to be confirmed.
+        hidden_s: A target that was lost in the middle of the view is hidden rather than gone: it waits for this long
+            before it turns.
+    """
+
+    angle_rad: float = 2 * math.pi
+    for_s: float = 20.0
+    step_rad: float = math.pi / 6
+    rate_radps: float = 0.8
+    look_s: float = 0.4
+    hidden_s: float = 1.5
+
+
+class SlowNear(Struct, frozen=True, kw_only=True):
+    """A second target near which a base drives forwards more slowly.
+
+    Attributes:
+        start_m: From this distance on it is slower.
+        full_m: At this distance it stands; between them its largest speed is in proportion.
+    """
+
+    target: str
+    start_m: float
+    full_m: float
+
+
+class FollowRule(Rule, Struct, frozen=True, kw_only=True):
     """Keep a base at a distance from the target, and pointed at it.
 
     Attributes:
         distance_m: The distance to keep.
-        gain_per_s: Forward speed for each metre of distance error.
-        turn_gain_per_s: Rate of turn for each radian of bearing.
+        gain_per_s: Forward speed for each metre of distance error; None for as much as the delay allows.
+        turn_gain_per_s: Rate of turn for each radian of bearing; None likewise.
+        delay_s: From the picture until the wheels obey; None for the age of the frames and what wheels mostly take.
         linear_max_mps: Largest speed forwards.
         reverse_max_mps: Largest speed backwards; 0 never reverses.
         angular_max_radps: Largest rate of turn.
         deadband_m: Distance errors below this do not move the base.
         deadband_rad: Bearings below this do not turn it.
+        search: What it does when the target is lost; None for standing still.
+        tether_m: It drives no further than this from where it began; None for any distance.
+        slow: A target near which it is slow; None for none.
     """
 
     distance_m: float
-    gain_per_s: float = 1.0
-    turn_gain_per_s: float = 1.5
+    gain_per_s: float | None = None
+    turn_gain_per_s: float | None = None
+    delay_s: float | None = None
     linear_max_mps: float = 0.3
     reverse_max_mps: float = 0.0
     angular_max_radps: float = 1.0
     deadband_m: float = 0.03
     deadband_rad: float = 0.03
+    search: Search | None = field(default_factory=Search)
+    tether_m: float | None = None
+    slow: SlowNear | None = None
 
 
 AnyRule = AlarmRule | RampRule | FollowRule

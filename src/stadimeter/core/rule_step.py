@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from msgspec import Struct
+from msgspec.structs import replace
 
 from stadimeter.core.decision import RuleStatus, RuleTrace
 from stadimeter.core.rule import Rule
@@ -11,8 +12,7 @@ from stadimeter.core.rule import Rule
 OBSERVED = "observed"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LevelRequest:
+class LevelRequest(Struct, frozen=True, kw_only=True, tag=True):
     """A rule wants an actuator to act, at a level from 0 to 1. Of several requests the highest priority wins.
 
     With `by`, a person who holds the output wants it, and no rule; likewise below.
@@ -25,9 +25,11 @@ class LevelRequest:
     by: str = ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TwistRequest:
-    """A rule wants a base to move, or to stand still. A rate of turn is positive to the left."""
+class TwistRequest(Struct, frozen=True, kw_only=True, tag=True):
+    """A rule wants a base to move, or to stand still. A rate of turn is positive to the left.
+
+    With `is_gentle`, it slows down no faster than it speeds up; else it stands as soon as it shall.
+    """
 
     rule: str
     output: str
@@ -35,13 +37,13 @@ class TwistRequest:
     linear_mps: float
     angular_radps: float
     by: str = ""
+    is_gentle: bool = False
 
 
 Request = LevelRequest | TwistRequest
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Step:
+class Step(Struct, frozen=True, kw_only=True):
     """What a rule does in one cycle. The same object is kept from cycle to cycle while nothing about it changes."""
 
     trace: RuleTrace
@@ -52,7 +54,7 @@ def trace_of(rule: Rule, status: RuleStatus, before: RuleTrace | None = None) ->
     """Return the trace of a rule without a memory: it is active while it acts."""
     active = None if status is RuleStatus.UNKNOWN else status is RuleStatus.ACTIVE
     inhibits = (OBSERVED,) if rule.observe else ()
-    now = RuleTrace(rule=rule.name, status=status, output=rule.output, gates=inhibits, active=active)
+    now = RuleTrace(rule=rule.name, status=status, output=rule.output, inhibits=inhibits, active=active)
     return now if before is None else keep_if_same(now, before)
 
 

@@ -10,31 +10,52 @@ starting, stale   enough fresh frames in a row           active
 active            a fresh frame                          active
 ================  =====================================  ==========
 
+Over this lie two switches. While the run is disarmed, the mode is disarmed; while a person has stopped the outputs,
+the mode is stopped; whatever it would be otherwise. Stopped is shown before disarmed.
+
+=========  =============================================================================  ==========
+switch     what happens                                                                   next
+=========  =============================================================================  ==========
+--         a run begins with ``arm = "at-start"``                                         armed
+--         a run begins with ``arm = "by-command"`` or ``"by-button"``                    disarmed
+armed      an operator or a button disarms                                                disarmed
+armed      `Observation.disarm_reason`, with any ``arm``                                  disarmed
+armed      the driver of a base fails, with ``arm = "by-command"`` or ``"by-button"``     disarmed
+disarmed   a person arms it: in mode active, not stopped, no reason to disarm, and with    armed
+           ``arm = "by-button"`` by a button; else it is refused
+any        a person stops the outputs / releases them                                     stopped / not
+=========  =============================================================================  ==========
+
 In every mode but active, every output is kept at its safe value, whatever the rules ask for. An output whose driver
-failed is kept at its safe value in every mode. While a person has stopped the outputs, the mode is stopped, whatever it
-would be otherwise. This is not a certified safety function: below it must be a base with a timeout of its own, a
-pull-down on each gate, and a switch in the motor supply.
+failed is kept at its safe value in every mode. This is not a certified safety function: below it must be a base with a
+timeout of its own, a pull-down on each gate, and a switch in the motor supply.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
 
-from stadimeter.core.decision import SafetyMode
+from msgspec import Struct
+from msgspec.structs import replace
+
+from stadimeter.core.decision import Event, EventKind, SafetyMode, Severity
 from stadimeter.core.observation import FrameStamp, Observation
+from stadimeter.core.operator import AnyCommand, OperatorAnswer, OperatorCommand
 from stadimeter.core.plan import Safety
 from stadimeter.core.rule import ROUNDING_S
+from stadimeter.operator_actions import OperatorAction
 
 # A frame may seem to be this much younger than now: clocks are read one after the other. More is a broken stamp.
 FROM_THE_FUTURE_S = 0.05
 
+# Stands in events for all of them.
+OUTPUTS = "outputs"
 
 # A step this many times as long as usual is a gap; steps that are always long are a slow computer or camera.
 SLOW_CYCLES = 2.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SafetyState:
+class SafetyState(Struct, frozen=True, kw_only=True):
     """What safety remembers.
 
     Attributes:
@@ -137,3 +158,120 @@ def _fault(frame: FrameStamp | None, observation: Observation, settings: Safety)
         return ""
     words = f"the newest frame is {age_s * 1000:.0f} ms old, limit {settings.max_frame_age_s * 1000:.0f} ms"
     return f"{words}: {observation.camera_fault}" if observation.camera_fault else words
+
+
+_STOPPING = frozenset({OperatorAction.STOP_OUTPUTS, OperatorAction.RELEASE_OUTPUTS})
+_ARMING = frozenset({OperatorAction.ARM, OperatorAction.DISARM})
+
+
+def _about(commands: Sequence[AnyCommand], actions: frozenset[OperatorAction]) -> Iterator[OperatorCommand]:
+    return (each for each in commands if isinstance(each, OperatorCommand) and each.action in actions)
+
+
+# Stop everything: a person puts every output at its safe value, until it is released. It stands before all rules, those
+# of ``severity = "safety"`` too, and ends every hold. The rules go on beneath: alarms are raised, recorded, announced.
+# However often it was stopped, one release ends it.
+
+
+def step_stop(
+    stopped: str, commands: Sequence[AnyCommand], now_s: float
+) -> tuple[str, tuple[OperatorAnswer, ...], tuple[Event, ...]]:
+    """Return who has stopped every output by now, the answers to those who want it or end it, and what happened.
+
+    Args:
+        stopped: Who has done it before, and why, in words; empty while no one has.
+    """
+    answers: list[OperatorAnswer] = []
+    events: list[Event] = []
+    for command in _about(commands, _STOPPING):
+        is_stop = command.action is OperatorAction.STOP_OUTPUTS
+        answers.append(OperatorAnswer(id=command.id, accepted=True, words=_stop_words(stopped, is_stop=is_stop)))
+        if is_stop is not bool(stopped):
+            stopped = command.said if is_stop else ""
+            events.append(_stop_event(command, now_s, is_stop=is_stop))
+    return stopped, tuple(answers), tuple(events)
+
+
+def _stop_words(stopped: str, *, is_stop: bool) -> str:
+    """Say what comes of a command, given who had stopped them before it."""
+    if is_stop:
+        return f"the outputs were stopped already, {stopped}" if stopped else "the outputs are stopped until released"
+    return f"the outputs are released; they were stopped {stopped}" if stopped else "the outputs were not stopped"
+
+
+def _stop_event(command: OperatorCommand, now_s: float, *, is_stop: bool) -> Event:
+    return Event(
+        kind=EventKind.STOPPED if is_stop else EventKind.RELEASED,
+        source=OUTPUTS,
+        at_s=now_s,
+        severity=Severity.SAFETY if is_stop else Severity.INFO,
+        reason=command.said,
+        by=command.by,
+    )
+
+
+# Arming: what drives about begins at rest, and stays so until a person who sees it says that it may move. A run that
+# lost its trust in the camera or the base must be told so again; frames that are late, and come again, disarm nothing.
+
+AT_START = "since the start"
+
+
+def while_disarmed(state: SafetyState, disarmed: str) -> SafetyState:
+    """Return what safety demands now, though the run may be disarmed.
+
+    Args:
+        disarmed: Since when or by what it is, in words; empty while it is armed.
+    """
+    if not disarmed:
+        return state
+    reason = f"disarmed {disarmed}"
+    return replace(state, mode=SafetyMode.DISARMED, reason=f"{reason}; {state.reason}" if state.reason else reason)
+
+
+def step_arming(
+    disarmed: str,
+    cause: str,
+    commands: Sequence[AnyCommand],
+    safety: SafetyState,
+    settings: Safety,
+    now_s: float,
+) -> tuple[str, tuple[OperatorAnswer, ...], tuple[Event, ...]]:
+    """Return by what the run is disarmed by now, the answers to those who arm or disarm it, and what happened.
+
+    Args:
+        disarmed: By what it was before, in words; empty while it was armed.
+        cause: Why it must be disarmed now, in words; empty for nothing.
+        safety: What safety demands in this cycle, a stop by a person included.
+    """
+    answers: list[OperatorAnswer] = []
+    events: list[Event] = []
+    for command in _about(commands, _ARMING):
+        is_arming = command.action is OperatorAction.ARM
+        refusal = _refuse_arming(command, cause, safety, settings) if is_arming and disarmed else ""
+        words = refusal or ("armed" if is_arming else "disarmed: every output is at its safe value until it is armed")
+        answers.append(OperatorAnswer(id=command.id, accepted=not refusal, words=words))
+        if refusal:
+            events.append(_arming_event(EventKind.REFUSED, now_s, refusal, command.by))
+        elif is_arming is bool(disarmed):
+            disarmed = "" if is_arming else command.said
+            events.append(
+                _arming_event(EventKind.ARMED if is_arming else EventKind.DISARMED, now_s, command.said, command.by)
+            )
+    if cause and not disarmed:
+        disarmed = f"since {cause}"
+        events.append(_arming_event(EventKind.DISARMED, now_s, cause))
+    return disarmed, tuple(answers), tuple(events)
+
+
+def _refuse_arming(command: OperatorCommand, cause: str, safety: SafetyState, settings: Safety) -> str:
+    """Return why the run may not be armed now, or an empty string."""
+    if settings.arm == "by-button" and not command.is_from_button:
+        return 'not armed: a push button must do it (safety.arm = "by-button"), beside what will move'
+    if cause:
+        return f"not armed: {cause}"
+    return "" if safety.mode is SafetyMode.ACTIVE else f"not armed: {safety.reason}"
+
+
+def _arming_event(kind: EventKind, now_s: float, reason: str, by: str = "") -> Event:
+    severity = {EventKind.DISARMED: Severity.SAFETY, EventKind.REFUSED: Severity.WARNING}.get(kind, Severity.INFO)
+    return Event(kind=kind, source=OUTPUTS, at_s=now_s, severity=severity, reason=reason, by=by)

@@ -7,15 +7,15 @@ A shape is all that the rest of the program knows of a kind of target. A detecto
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol
+
+from msgspec import Struct
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reading:
+class Reading(Struct, frozen=True, kw_only=True):
     """Where a target's centre is, as its shape works it out from one detection.
 
     Attributes:

@@ -28,16 +28,22 @@ MAX_TEXT_CHARACTERS = 4000
 
 INCH_M = 0.0254
 
-# The numbers, and how many decimals they have in a text that does not say.
 TEXT_FIELDS = ("rule", "target", "event", "severity", "reason", "by", "group", "time", "time_of_day")
-NUMBER_FIELDS = {
-    "distance_m": 2, "distance_cm": 0, "distance_mm": 0, "distance_ft": 1, "distance_in": 1,
-    "sigma_m": 3, "sigma_cm": 1, "depth_m": 2, "closing_mps": 2, "closing_kmh": 1, "closing_mph": 1,
-    "bearing_deg": 0, "elevation_deg": 0, "sequence": 0, "count": 0,
+
+# The figures of a track: how many decimals each has in a text that does not say, which figure it is, and its unit.
+_FIGURES = {
+    "distance_m": (2, "distance_m", 1), "distance_cm": (0, "distance_m", 100), "distance_mm": (0, "distance_m", 1000),
+    "distance_ft": (1, "distance_m", 1 / FOOT_M), "distance_in": (1, "distance_m", 1 / INCH_M),
+    "sigma_m": (3, "sigma_m", 1), "sigma_cm": (1, "sigma_m", 100), "depth_m": (2, "depth_m", 1),
+    "closing_mps": (2, "closing_mps", 1), "closing_kmh": (1, "closing_mps", 3.6),
+    "closing_mph": (1, "closing_mps", 3600 / (5280 * FOOT_M)),
+    "bearing_deg": (0, "bearing_rad", 180 / math.pi), "elevation_deg": (0, "elevation_rad", 180 / math.pi),
 }  # fmt: skip
 
-# Every field that a template may name.
 _COUNTS = ("sequence", "count")
+NUMBER_FIELDS = {name: decimals for name, (decimals, _, _) in _FIGURES.items()} | dict.fromkeys(_COUNTS, 0)
+
+# Every field that a template may name.
 FLAG_FIELDS = ("first_out",)
 FIELDS = (*TEXT_FIELDS, *NUMBER_FIELDS, *FLAG_FIELDS)
 
@@ -114,29 +120,11 @@ def fields(rule: Rule, notice: Notice, track: Track | None, time: str, group: st
         "sequence": event.sequence,
         "count": notice.count,
         "first_out": event.first_out,
-        **_figures(inputs),
+        **{name: _convert(getattr(inputs, figure), factor) for name, (_, figure, factor) in _FIGURES.items()},
     }
 
 
-def _figures(track: Track) -> dict[str, Value]:
-    return {
-        "distance_m": track.distance_m,
-        "distance_cm": _times(track.distance_m, 100),
-        "distance_mm": _times(track.distance_m, 1000),
-        "distance_ft": _times(track.distance_m, 1 / FOOT_M),
-        "distance_in": _times(track.distance_m, 1 / INCH_M),
-        "sigma_m": track.sigma_m,
-        "sigma_cm": _times(track.sigma_m, 100),
-        "depth_m": track.depth_m,
-        "closing_mps": track.closing_mps,
-        "closing_kmh": _times(track.closing_mps, 3.6),
-        "closing_mph": _times(track.closing_mps, 3600 / (5280 * FOOT_M)),
-        "bearing_deg": _times(track.bearing_rad, 180 / math.pi),
-        "elevation_deg": _times(track.elevation_rad, 180 / math.pi),
-    }
-
-
-def _times(value: float | None, factor: float) -> float | None:
+def _convert(value: float | None, factor: float) -> float | None:
     return None if value is None else value * factor
 
 

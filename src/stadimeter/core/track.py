@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import StrEnum
+
+from msgspec import Struct
 
 
 class TrackStatus(StrEnum):
@@ -19,8 +20,7 @@ class TrackStatus(StrEnum):
     """It has not been measured for too long. Its figures are the last ones known and move nothing."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Track:
+class Track(Struct, frozen=True, kw_only=True):
     """The filtered distance to one target. Figures are None until the target was seen.
 
     Attributes:

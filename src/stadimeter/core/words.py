@@ -54,3 +54,8 @@ def time_of_day(second: float) -> str:
 def day(weekday: int) -> str:
     """Return the name of a weekday, 0 for Monday."""
     return _DAYS[weekday]
+
+
+def one_line(text: str) -> str:
+    """Return a text as a screen can show it: one line, no control characters."""
+    return "".join(character if character.isprintable() else " " for character in text)

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
-import numpy as np
-from numpy.typing import NDArray
+from msgspec import Struct
 
 from stadimeter.config.plugins import DriverOptions
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, Points, Prediction, RejectedCandidate
+from stadimeter.core.detection import Detection, Plane, Points, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame, Image
 from stadimeter.core.target import TargetShape
 from stadimeter.errors import PictureError
@@ -26,7 +24,6 @@ class Detector(Protocol):
     @property
     def target_shape(self) -> TargetShape:
         """The known size and form of the target."""
-        ...
 
     def detect(
         self, frame: Frame, prediction: Prediction | None = None, *, lens: CameraModel | None = None
@@ -47,7 +44,6 @@ class Detector(Protocol):
         Raises:
             PictureError: The image has not the form that a `Frame` promises, see `check_image`.
         """
-        ...
 
 
 @runtime_checkable
@@ -60,7 +56,6 @@ class FindsSeveral(Protocol):
         Returns:
             Each that was found, with its `Detection.number`; where there is none, what `Detector.detect` returns.
         """
-        ...
 
 
 @runtime_checkable
@@ -69,11 +64,9 @@ class ShowsEdges(Protocol):
 
     def edge_points(self, frame: Frame, found: Detection, *, lens: CameraModel | None = None) -> Points:
         """Return the places where edges are seen, shape ``(n, 2)``, x and y in pixels; `found` is in the frame."""
-        ...
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Remedy:
+class Remedy(Struct, frozen=True, kw_only=True):
     """Other options with which a target that was refused may be found.
 
     Attributes:
@@ -97,7 +90,6 @@ class KnowsRemedies(Protocol):
 
     def remedies(self) -> Iterator[Remedy]:
         """Yield what to try; of several with one key, the first that helps is the best."""
-        ...
 
 
 class ColourSample(NamedTuple):
@@ -111,8 +103,7 @@ class ColourSample(NamedTuple):
     places_px: tuple[tuple[float, float], ...] = ()
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class ColourView:
+class ColourView(Struct, frozen=True, kw_only=True, eq=False):
     """What a range of colours shows in a picture.
 
     Attributes:
@@ -122,12 +113,11 @@ class ColourView:
     """
 
     detection: Detection
-    mask: NDArray[np.uint8]
+    mask: Plane
     others: tuple[RejectedCandidate, ...]
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class ColourProposal:
+class ColourProposal(Struct, frozen=True, kw_only=True, eq=False):
     """A range of colours for a target.
 
     Attributes:
@@ -148,21 +138,17 @@ class ProposesColour(Protocol):
     @staticmethod
     def propose_colour(samples: Sequence[ColourSample]) -> ColourProposal | None:
         """Return a range for all the pictures; None if nothing stands out there, or the background was pointed at."""
-        ...
 
     @staticmethod
     def view_colour(frame: Frame, colour: str) -> ColourView:
         """Return what a range, as the configuration has it, shows in a frame; a ValueError says why it is none."""
-        ...
 
     @staticmethod
     def widen_colour(colour: str, steps: int) -> str:
         """Return a range that covers more by a number of steps, or less by a negative one."""
-        ...
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Exercise:
+class Exercise(Struct, frozen=True, kw_only=True, eq=False):
     """A target that `bench` lets a detector find.
 
     Attributes:
@@ -172,7 +158,7 @@ class Exercise:
     """
 
     options: Mapping[str, Any]
-    patch: Image | None = field(default=None, compare=False)
+    patch: Image | None = None
 
 
 @runtime_checkable
@@ -182,7 +168,6 @@ class BringsExercise(Protocol):
     @staticmethod
     def exercise() -> Exercise:
         """Return what it has to find."""
-        ...
 
 
 @runtime_checkable
@@ -191,7 +176,6 @@ class DrawsTarget(Protocol):
 
     def draw(self) -> Drawing:
         """Return the target at its true size, with the white rim that it needs."""
-        ...
 
 
 def check_image(frame: Frame) -> None:

@@ -1,4 +1,4 @@
-"""Reading a picture: as light, between its pixels, and at a smaller size.
+"""Reading a picture: a part of it, what its border cuts off, as light, and at a smaller size.
 
 A pixel on an edge sees some of the one side and some of the other, and what it collects is light. A picture file does
 not hold light: a camera writes each value through a tone curve, so that half the light between black and white becomes
@@ -10,38 +10,86 @@ Written out with numpy where OpenCV's own functions round differently from one v
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from typing import TypeVar
 
 import cv2
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import ToneCurve
-from stadimeter.core.detection import Points
+from stadimeter.core.detection import Flags, Plane, Points
 from stadimeter.core.frame import Image
 
-Samples = NDArray[np.float32]
+
+class Region(Struct, frozen=True, kw_only=True):
+    """A part of a picture in whole pixels; right and bottom are the first beyond it."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    @classmethod
+    def whole(cls, image: Image) -> Region:
+        """Return all of a picture."""
+        return cls(left=0, top=0, right=image.shape[1], bottom=image.shape[0])
+
+    @classmethod
+    def around(
+        cls, centre_px: tuple[float, float], half_px: float, image: Image, *, outwards: bool = False
+    ) -> Region | None:
+        """Return the square around a point, as far as it is inside the picture.
+
+        The first row and column are rounded outwards, the last ones where `outwards` asks for it. None outside of the
+        picture or where a number is not finite: a prediction may be anything.
+        """
+        if not all(map(math.isfinite, (*centre_px, half_px))):
+            return None
+        (x, y), (height, width) = centre_px, image.shape[:2]
+        last = math.ceil if outwards else math.floor
+        left, right = max(math.floor(x - half_px), 0), min(last(x + half_px) + 1, width)
+        top, bottom = max(math.floor(y - half_px), 0), min(last(y + half_px) + 1, height)
+        if right <= left or bottom <= top:
+            return None
+        return cls(left=left, top=top, right=right, bottom=bottom)
+
+    @property
+    def left_top_px(self) -> Points:
+        """Its first pixel, x and y."""
+        return np.array((self.left, self.top), np.float64)
+
+    def of(self, image: Image) -> Image:
+        """Return this part of a picture, not copied."""
+        return image[self.top : self.bottom, self.left : self.right]
 
 
-def sample(image: Image, x_px: Points, y_px: Points) -> Samples:
-    """Read a picture between its pixels, bilinearly, for coordinates of any shape; channels are added to it.
+def touches_border(points_px: Points, shape: tuple[int, ...], margin_px: float) -> bool:
+    """Return whether an outline, ``(n, 2)``, comes nearer than a margin to the outermost pixels, or passes them."""
+    return bool(corners_on_border(points_px[None], shape, margin_px)[0])
 
-    Outside, the outermost pixels go on for ever.
+
+def sides_on_border(corners_px: Points, shape: tuple[int, ...], margin_px: float) -> Flags:
+    """Return which sides of outlines have both ends at one border of the picture, shape ``(c, n)``.
+
+    Args:
+        corners_px: Corners in order around each, shape ``(c, n, 2)``; side i leads from corner i to corner i + 1.
+        shape: Height and width of the picture.
+        margin_px: How near to the outermost pixels counts as on the border.
     """
-    height, width = image.shape[:2]
-    x = np.clip(x_px, 0, width - 1)
-    y = np.clip(y_px, 0, height - 1)
-    # The pixel above left of each place, or the last but one, so that there is always one to its right and below.
-    left = np.minimum(x.astype(np.intp), width - 2) if width > 1 else np.zeros(x.shape, np.intp)
-    top = np.minimum(y.astype(np.intp), height - 2) if height > 1 else np.zeros(y.shape, np.intp)
-    right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
-    share_x = (x - left).astype(np.float32)[..., np.newaxis]
-    share_y = (y - top).astype(np.float32)[..., np.newaxis]
-    above = image[top, left] * (1 - share_x) + image[top, right] * share_x
-    below = image[bottom, left] * (1 - share_x) + image[bottom, right] * share_x
-    values: Samples = above * (1 - share_y) + below * share_y
-    return values
+    # For x and y each: left or top, right or bottom. A side lies on a border if both its ends are beyond the same one.
+    last_px = np.array((shape[1], shape[0])) - 1 - margin_px
+    low, high = corners_px < margin_px, corners_px > last_px
+    after = [*range(1, corners_px.shape[1]), 0]
+    return np.asarray(((low & low[:, after]) | (high & high[:, after])).any(axis=2))
+
+
+def corners_on_border(corners_px: Points, shape: tuple[int, ...], margin_px: float) -> Flags:
+    """Return which outlines, shape ``(c, n, 2)``, reach the border of the picture or pass it, shape ``(c,)``."""
+    last_px = np.array((shape[1], shape[0])) - 1 - margin_px
+    return np.asarray(((corners_px < margin_px) | (corners_px > last_px)).any(axis=(1, 2)))
 
 
 def grey_of(image: Image) -> Image:
@@ -90,7 +138,7 @@ def light_table(tone_curve: ToneCurve) -> Light:
     return table
 
 
-def in_light(codes: NDArray[np.uint8], light: Light) -> Samples:
+def in_light(codes: Plane, light: Light) -> Light:
     """Return the light of code values of any shape; quicker than indexing with them."""
     return np.asarray(cv2.LUT(codes.reshape(len(codes), -1), light), np.float32).reshape(codes.shape)
 

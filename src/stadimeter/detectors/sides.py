@@ -11,17 +11,14 @@ the screen, and side i leads from corner i to corner i + 1.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from msgspec import Struct
 
-from stadimeter.core.detection import Points
-
-Values = NDArray[np.float64]
+from stadimeter.core.detection import Indices, Points, Profiles, Values
 
 # Share of a side left out at each end, where the other side blurs in and corners are bent, torn or rounded.
 CORNER_SHARE = 0.08
@@ -57,17 +54,58 @@ class SideLine(NamedTuple):
         return (1, width_px) if self.flat else (width_px, 1)
 
 
-class SideColumns(NamedTuple):
-    """Sides as arrays, shape ``(4, 1)`` each; see `SideLine`."""
+class SideFrame(NamedTuple):
+    """The expected sides of one outline, and the pixels in which their steps are looked for."""
 
-    start: Values
-    forward: Values
-    slope: Values
-    at_zero: Values
-    cosine: Values
-    outward: Values
-    next_along: Values  # how many places the next pixel along is away, counted row by row
-    next_across: Values
+    sides: list[SideLine]
+    middle: Values  # where along is the middle of the steps of each side, shape ``(4, 1)``
+    from_middle: Values  # where the steps are looked for, whole pixels along less the middle, shape ``(4, n)``
+    # The pixel in which the side is expected there, counted row by row, or the nearest one that may be, ``(4, n)``.
+    place: Indices
+    off_pixel: Values  # how much further across than this pixel the side is, ``(4, n)``; bent as the lens bends it
+    stride: Indices  # how many places further on the next pixel outwards is, shape ``(4, 1)``
+    outward: Values  # which way across leads out of the outline, 1 or -1, shape ``(4, 1)``
+    cosine: Values  # what turns a difference across into a distance from the side, shape ``(4, 1)``
+
+    def points(self, off_px: Values, width_px: int) -> Points:
+        """Return the points so far across from where the sides are expected, shape ``(4, n, 2)``."""
+        row, column = np.divmod(self.place, width_px)
+        across_px, flat = off_px + self.off_pixel, np.array([[side.flat] for side in self.sides])
+        return np.stack((column + across_px * ~flat, row + across_px * flat), axis=-1)
+
+
+def side_frame(
+    sides: list[SideLine],
+    steps: int,
+    width_px: int,
+    bend: Callable[[Values], Values] | None = None,
+    keep_room: Callable[[Values], Values] | None = None,
+) -> SideFrame:
+    """Return where steps are looked for along sides, in a picture of this width.
+
+    Args:
+        bend: How far across the lens bends the sides at places along them; None for not at all.
+        keep_room: Moves pixels across that are too near to the border; None where none are.
+    """
+    rows = [(s.start, s.forward, s.slope, s.at_zero, s.cosine, s.outward, *s.strides(width_px)) for s in sides]
+    start, forward, slope, at_zero, cosine, outward, next_along, next_across = np.array(rows).T[:, :, None]
+    along = np.rint(start + _step_shares(steps) * forward)
+    across = along * slope + at_zero
+    if bend is not None:
+        across += bend(along)
+    # A profile is read around the nearest pixel; the rest, at most half a pixel, is added to what is found in it.
+    pixel = np.rint(across) if keep_room is None else keep_room(np.rint(across))
+    middle = (along[:, :1] + along[:, -1:]) / 2
+    return SideFrame(
+        sides=sides,
+        middle=middle,
+        from_middle=along - middle,
+        place=(pixel * next_across + along * next_along).astype(np.intp),
+        off_pixel=across - pixel,
+        stride=(next_across * outward).astype(np.intp),
+        outward=outward,
+        cosine=cosine,
+    )
 
 
 def side_lines(corners: list[list[float]]) -> list[SideLine]:
@@ -89,22 +127,49 @@ def _side_line(start: list[float], end: list[float]) -> SideLine:
     return SideLine(flat, first, forward, slope, level - slope * first, cosine, length_px, outward)
 
 
-def side_columns(sides: list[SideLine], width_px: int) -> SideColumns:
-    """Return sides in a picture of this width as arrays."""
-    rows = [(s.start, s.forward, s.slope, s.at_zero, s.cosine, s.outward, *s.strides(width_px)) for s in sides]
-    return SideColumns(*np.array(rows).T[:, :, None])
-
-
 @cache
-def step_shares(steps: int) -> Values:
+def _step_shares(steps: int) -> Values:
     """Return where along a side its steps are looked for, as shares of its length."""
     return np.linspace(CORNER_SHARE, 1 - CORNER_SHARE, steps)
 
 
 @cache
-def pixels_across(reach: int) -> NDArray[np.intp]:
+def pixels_across(reach: int) -> Indices:
     """Return how many pixels outwards each row of a profile across a side is, shape ``(2 * reach + 1, 1, 1)``."""
     return np.arange(-reach, reach + 1)[:, None, None]
+
+
+def steepest_fall(share: Profiles) -> tuple[Indices, Profiles, Profiles]:
+    """Return where profiles fall most from above 0 to below it: the pixel before, by how much, and the share there.
+
+    Profiles run along the first axis: half a step is 0.5 inside of the outline and -0.5 outside.
+    """
+    is_in = share >= 0
+    drops = share[:-1] - share[1:]
+    drops *= is_in[:-1] > is_in[1:]
+    best = drops.argmax(axis=0)
+    # `take` wants flat indices: row times row length plus column.
+    place = best * best.size + _columns(*best.shape)
+    return best, drops.take(place), share.take(place)
+
+
+@cache
+def _columns(sides: int, steps: int) -> Indices:
+    return np.arange(sides * steps).reshape(sides, steps)
+
+
+def line_sums(weight: Values, along: Values, off: Values) -> list[list[float]]:
+    """Return for each side the sums of w, w x, w x², w y and w x y over its steps.
+
+    They are all that the normal equations of a line ``y = offset + slope * x`` need.
+    """
+    terms = np.empty((5, *off.shape))
+    terms[0] = weight
+    np.multiply(weight, along, out=terms[1])
+    np.multiply(terms[1], along, out=terms[2])
+    np.multiply(terms[:2], off, out=terms[3:])
+    sums: list[list[float]] = np.add.reduce(terms, axis=2).T.tolist()
+    return sums
 
 
 def corners_between(lines: Sequence[tuple[float, float, float]]) -> Points | None:
@@ -120,8 +185,7 @@ def corners_between(lines: Sequence[tuple[float, float, float]]) -> Points | Non
     return np.array(met)
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class QuadShapes:
+class QuadShapes(Struct, frozen=True, kw_only=True, eq=False):
     """The shapes of many outlines."""
 
     sides_px: Values  # the lengths of their sides, shape ``(c, 4)``; side i leads from corner i to corner i + 1
@@ -205,20 +269,3 @@ def grown(corners: Points, by_px: float | Values) -> Points:
     sine = np.abs(back[:, :, 0] * along[:, :, 1] - back[:, :, 1] * along[:, :, 0])
     moves_px = np.reshape(by_px, (-1, 1)) / np.maximum(sine, 0.2)
     return np.asarray(corners - (along + back) * moves_px[:, :, None])
-
-
-def points_beside(place: NDArray[np.intp], across_px: NDArray[np.float64], flat: list[bool], width_px: int) -> Points:
-    """Return the points beside pixels, above or below them along sides that are flat, else to the left or the right.
-
-    Args:
-        place: The pixels, counted row by row, shape ``(sides, n)``.
-        across_px: How far from them, shape ``(sides, n)``.
-        flat: Which of the sides are more horizontal.
-        width_px: The width of the picture.
-
-    Returns:
-        Shape ``(sides, n, 2)``.
-    """
-    row, column = np.divmod(place, width_px)
-    is_flat = np.array(flat)[:, None]
-    return np.stack((column + across_px * ~is_flat, row + across_px * is_flat), axis=-1)

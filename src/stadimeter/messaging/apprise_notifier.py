@@ -10,11 +10,11 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Self
 from urllib.parse import unquote
 
+from msgspec import Struct
 from pydantic import BeforeValidator, SecretStr, model_validator
 
 from stadimeter.config.addresses import address_in
@@ -210,8 +210,7 @@ def _overheard() -> Iterator[list[str]]:
 QUEUE_MAX = 100
 
 
-@dataclass(frozen=True, slots=True)
-class _PendingNotification:
+class _PendingNotification(Struct, frozen=True):
     """A notification, and until when it is tried."""
 
     notification: Notification

@@ -24,8 +24,7 @@ from stadimeter.messaging.mqtt_client import (
     make_client,
     publish_properties,
 )
-from stadimeter.messaging.outbox import MemoryOutbox
-from stadimeter.messaging.retained import RetainedList
+from stadimeter.messaging.outbox import MemoryOutbox, RetainedList
 
 # Interval, during a pause, of looking for messages of QoS 1, which shorten the pause.
 LOOK_EVERY_S = 0.5
@@ -115,6 +114,8 @@ class BrokerLink:
         """Take on which topics messages are published for the broker to keep; see `RetainedList`."""
         with self._lock:
             self._send_ours(self._retained.retain_only(topics))
+            if self._is_connected and not self._is_reading and not self._retained.is_read:
+                self._begin_to_read()  # a broker may answer before a run knows what it publishes
 
     def trouble(self) -> str:
         """Return in words what is wrong, or an empty string."""

@@ -14,7 +14,7 @@ from paho.mqtt.client import Client, ConnectFlags, DisconnectFlags, MQTTMessage
 from paho.mqtt.reasoncodes import ReasonCode
 
 from stadimeter.messaging.mqtt_client import MqttSettings
-from stadimeter.messaging.retained import PAGES_MAX
+from stadimeter.messaging.outbox import PAGES_MAX
 
 # A connection that ends sooner is not taken for a sign that all is well.
 STABLE_S = 10.0
@@ -91,7 +91,7 @@ class LinkEvents:
         if not self.is_accepted:
             self.note_nonsense()
         else:
-            self.ending = describe_oversized(self._options)
+            self.ending = f"{self._options.place} sent a message that is too large to be an answer to this program"
 
     def note_nonsense(self) -> None:
         """Note that the other side sent what is not MQTT."""
@@ -125,7 +125,9 @@ class LinkEvents:
             self._short_lives = 0 if self.was_stable else self._short_lives + 1
         if self.ending:
             return
-        guess = guess_shared_client_id(self._options) if self._short_lives >= SUSPICIOUS else ""
+        # Few brokers say that two programs take the connection from each other, and with MQTT 3.1.1 none can.
+        guess = f" (does another program use the client id '{self._options.client_id}'?)"
+        guess = guess if self._short_lives >= SUSPICIOUS else ""
         if flags.is_disconnect_packet_from_server:
             self.was_taken_over = reason.value == TAKEN_OVER
             self.ending = describe_disconnect(self._options, reason) + ("" if self.was_taken_over else guess)
@@ -135,7 +137,8 @@ class LinkEvents:
 
     def _on_publish(self, _client: Client, _data: Any, number: int, reason: ReasonCode, _more: Any) -> None:
         if reason.is_failure:
-            self.refusal = describe_rejection(self._options, reason)
+            below = f"a message below '{self._options.base}' ({reason})"
+            self.refusal = f"{self._options.place} refused {below}; check the broker's access list"
         self._done.append((number, reason.is_failure))
 
     def _on_subscribe(self, *_: Any) -> None:
@@ -209,24 +212,6 @@ def describe_non_mqtt(options: MqttSettings) -> str:
     return f"{options.place} does not answer as an MQTT broker does"
 
 
-def describe_oversized(options: MqttSettings) -> str:
-    """Say, in one line, that a message came that is far larger than any answer to us."""
-    return f"{options.place} sent a message that is too large to be an answer to this program"
-
-
-def guess_shared_client_id(options: MqttSettings) -> str:
-    """Guess, for the end of a line, at two programs that take the connection from each other.
-
-    Few brokers say so, and with MQTT 3.1.1 none can.
-    """
-    return f" (does another program use the client id '{options.client_id}'?)"
-
-
 def describe_silence(options: MqttSettings, *, had_answered: bool) -> str:
     """Say that the broker says nothing."""
     return f"{options.place} has stopped answering" if had_answered else f"{options.place} does not answer"
-
-
-def describe_rejection(options: MqttSettings, reason: ReasonCode) -> str:
-    """Say that the broker took us but not a message."""
-    return f"{options.place} refused a message below '{options.base}' ({reason}); check the broker's access list"

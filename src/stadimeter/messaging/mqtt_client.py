@@ -244,8 +244,9 @@ def _read_password(file: Path) -> str:
 
 def _tls_context(ca_file: Path | None) -> ssl.SSLContext:
     try:
-        certificates = _certificates(ca_file) if ca_file else None
-        context = ssl.create_default_context(cadata=certificates)
+        # Remarks between the certificates may be in any alphabet.
+        text = read_untrusted(ca_file, CERTIFICATES_MAX_BYTES).decode("ascii", "ignore") if ca_file else None
+        context = ssl.create_default_context(cadata=text)
     except UnreadableError as error:
         raise DeviceOpenError(f"ca_file {ca_file} cannot be read: {error.reason}") from error
     except (ssl.SSLError, ValueError) as error:
@@ -253,10 +254,6 @@ def _tls_context(ca_file: Path | None) -> ssl.SSLContext:
         raise DeviceOpenError(f"ca_file {ca_file} holds no certificate that can be used ({reason})") from error
     context.sslsocket_class = _TidySocket
     return context
-
-
-def _certificates(ca_file: Path) -> str:
-    return read_untrusted(ca_file, CERTIFICATES_MAX_BYTES).decode("ascii", "ignore")  # remarks may be in any alphabet
 
 
 class _TidySocket(ssl.SSLSocket):

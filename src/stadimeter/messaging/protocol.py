@@ -14,11 +14,9 @@ class Messenger(Protocol):
     @property
     def given_up(self) -> int:
         """Number of messages of QoS 1 given up so far: too many waited, they expired, or they were refused."""
-        ...
 
     def open(self) -> None:
         """Begin to connect and return at once. A broker that is away is not an error: it is tried again."""
-        ...
 
     def publish(self, message: Message) -> None:
         """Hand a message over. Returns at once.
@@ -26,22 +24,18 @@ class Messenger(Protocol):
         While there is no connection, messages of QoS 1 wait in a bounded queue and messages of QoS 0 are dropped and
         counted.
         """
-        ...
 
     def undelivered(self) -> tuple[Message, ...]:
         """Return the messages of QoS 1 that are neither acknowledged nor given up, oldest first.
 
         May be called from any thread, also after `close`. The next run publishes them again.
         """
-        ...
 
     def trouble(self) -> str:
         """Return what is wrong with the connection, such as ``127.0.0.1:1883 refused the connection``; else ``""``."""
-        ...
 
     def close(self) -> None:
         """Say goodbye, wait a moment at most for what is queued, and disconnect. May be called again."""
-        ...
 
 
 @runtime_checkable
@@ -53,7 +47,6 @@ class Retaining(Protocol):
 
         What an earlier run left on any other topic is cleared, as soon as there is a connection.
         """
-        ...
 
 
 @runtime_checkable
@@ -62,7 +55,6 @@ class ReachesItsPeer(Protocol):
 
     def reach(self) -> str:
         """Connect once, hang up, and return what is wrong, or an empty string. A running instance stays connected."""
-        ...
 
 
 class Notifier(Protocol):
@@ -71,7 +63,6 @@ class Notifier(Protocol):
     @property
     def given_up(self) -> int:
         """Number of notifications that were given up so far: they were not taken in time, or too many waited."""
-        ...
 
     def open(self) -> None:
         """Get ready and return at once. A service that is away is not an error: it is tried when there is something.
@@ -79,7 +70,6 @@ class Notifier(Protocol):
         Raises:
             DriverError: It can never work: a library, a file or its address is wrong.
         """
-        ...
 
     def notify(self, notification: Notification) -> None:
         """Hand a notification over. Returns at once.
@@ -87,19 +77,15 @@ class Notifier(Protocol):
         Notifications wait in a bounded queue until the service has taken them. One that cannot be delivered is tried
         again for a while, and then given up and counted.
         """
-        ...
 
     def undelivered(self) -> tuple[Notification, ...]:
         """Return the notifications that were neither taken nor given up, oldest first.
 
         May be called from any thread, also after `close`. The next run sends them again.
         """
-        ...
 
     def trouble(self) -> str:
         """Return what is wrong in one line, without the service's address, which is mostly a secret; else ``""``."""
-        ...
 
     def close(self) -> None:
         """Wait a moment at most for what is on its way, and let go. What is left over is `undelivered`."""
-        ...

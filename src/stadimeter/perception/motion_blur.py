@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, field
 from typing import NamedTuple
+
+from msgspec import Struct, field
 
 from stadimeter.core.detection import Detection
 from stadimeter.core.frame import Frame
@@ -48,8 +49,7 @@ class _Sighting(NamedTuple):
     found: Detection
 
 
-@dataclass(slots=True)
-class _Watched:
+class _Watched(Struct):
     last: _Sighting | None = None
     sightings: int = 0
     blurred: int = 0

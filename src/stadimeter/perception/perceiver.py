@@ -14,10 +14,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, Points, Prediction
@@ -158,8 +159,7 @@ class Expectations:
         return expected
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AngularMotion:
+class AngularMotion(Struct, frozen=True, kw_only=True):
     """How the direction of a target changes."""
 
     at_s: float  # the capture time of its last sighting
@@ -234,18 +234,11 @@ def predict(
     across_px = focal_px * sigma_rad * (1 + x * x + y * y)
     centre_px = camera.pixel(x * outwards, y * outwards)
     larger_px = size_px * _size_share(known, shape, camera.distance_share(*centre_px))
-    return _check_useful(
-        Prediction(
-            centre_px=centre_px,
-            size_px=size_px,
-            sigma_px=math.hypot(FLOOR_PX, FLOOR_SHARE * size_px, across_px, larger_px),
-        ),
-        camera,
-    )
+    sigma_px = math.hypot(FLOOR_PX, FLOOR_SHARE * size_px, across_px, larger_px)
+    return _check_useful(Prediction(centre_px=centre_px, size_px=size_px, sigma_px=sigma_px), camera)
 
 
-@dataclass(slots=True)
-class _Known:
+class _Known(Struct):
     """The figures of a track, brought to the time of the picture."""
 
     distance_m: float

@@ -11,14 +11,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX, CameraModel, Provenance
+from stadimeter.core.detection import Flags, Values
 from stadimeter.core.frame import Optics
 from stadimeter.core.lens_uncertainty import LensUncertainty
 from stadimeter.errors import CalibrationError
@@ -39,17 +41,15 @@ _COVERAGE_CELLS = (8, 6)
 _CORNERS_IN_COMMON = 4
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class BoardView:
+class BoardView(Struct, frozen=True, kw_only=True, eq=False):
     """The corners of a board in one picture."""
 
     picture: str
-    board_m: NDArray[np.float64]  # where the corners are on the board, shape (n, 2)
-    corners_px: NDArray[np.float64]  # where they are in the picture, shape (n, 2), in the same order
+    board_m: Values  # where the corners are on the board, shape (n, 2)
+    corners_px: Values  # where they are in the picture, shape (n, 2), in the same order
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ViewError:
+class ViewError(Struct, frozen=True, kw_only=True):
     """How well one picture fits the camera model."""
 
     picture: str
@@ -65,8 +65,7 @@ class ViewError:
         return bool(self.why_left_out)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BoardCalibration:
+class BoardCalibration(Struct, frozen=True, kw_only=True):
     """A camera model and how far to trust it."""
 
     camera_model: CameraModel
@@ -76,16 +75,15 @@ class BoardCalibration:
     uncovered: tuple[str, ...]  # the ninths of the picture without any corner, in words such as ``upper left``
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class _LensFit:
-    matrix: NDArray[np.float64]
-    distortion: NDArray[np.float64]
-    poses: tuple[tuple[NDArray[np.float64], NDArray[np.float64]], ...]  # turn and place of each board
-    view_rms_px: NDArray[np.float64]
+class _LensFit(Struct, frozen=True, kw_only=True, eq=False):
+    matrix: Values
+    distortion: Values
+    poses: tuple[tuple[Values, Values], ...]  # turn and place of each board
+    view_rms_px: Values
     rms_px: float
 
     @property
-    def lens(self) -> NDArray[np.float64]:
+    def lens(self) -> Values:
         """The parameters in the order of `stadimeter.core.lens_uncertainty.PARAMETERS`."""
         return np.concatenate((self.matrix[(0, 1, 0, 1), (0, 1, 2, 2)], self.distortion.ravel()[:5]))
 
@@ -152,7 +150,7 @@ def apart_px(view: BoardView, other: BoardView) -> float:
     return float(np.linalg.norm(here - there, axis=1).mean())
 
 
-def in_common(view: BoardView, other: BoardView) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def in_common(view: BoardView, other: BoardView) -> tuple[Values, Values]:
     """Return the corners of the one and the other view that both of them show, ``(n, 2)`` each, in the same order."""
     if np.array_equal(view.board_m, other.board_m):
         return view.corners_px, other.corners_px
@@ -165,7 +163,9 @@ def in_common(view: BoardView, other: BoardView) -> tuple[NDArray[np.float64], N
 def coverage(views: Sequence[BoardView], width_px: int, height_px: int) -> tuple[float, tuple[str, ...]]:
     """Return the share of the picture's area with a corner, in cells of a grid, and its ninths without any in words."""
     shape = (width_px, height_px)
-    return float(_mark_covered(views, shape, _COVERAGE_CELLS).mean()), _name_uncovered(views, shape)
+    rows, columns = np.nonzero(~_mark_covered(views, shape, (3, 3)))
+    uncovered = tuple(_PLACES[row][column] for row, column in zip(rows, columns, strict=True))
+    return float(_mark_covered(views, shape, _COVERAGE_CELLS).mean()), uncovered
 
 
 def _drop_outliers(
@@ -187,7 +187,7 @@ def _drop_outliers(
     return fit, used, bad
 
 
-def _outlier_limit_px(view_rms_px: NDArray[np.float64]) -> float:
+def _outlier_limit_px(view_rms_px: Values) -> float:
     """Return how badly a view may fit: far from the median, both in standard deviations and in proportion."""
     median = float(np.median(view_rms_px))
     sigma = 1.4826 * float(np.median(np.abs(view_rms_px - median)))
@@ -197,8 +197,10 @@ def _outlier_limit_px(view_rms_px: NDArray[np.float64]) -> float:
 def _fit(views: Sequence[BoardView], shape: tuple[int, int]) -> _LensFit:
     """Fit all five coefficients, or all but k3 where with it the lens would fold the picture."""
     fit = _opencv_fit(views, shape, 0)
-    if _lens(fit, shape) is None:
-        fit = _opencv_fit(views, shape, cv2.CALIB_FIX_K3)
+    try:
+        _lens(fit, shape)
+    except CalibrationError:
+        return _opencv_fit(views, shape, cv2.CALIB_FIX_K3)
     return fit
 
 
@@ -233,14 +235,7 @@ def _to_opencv(views: Sequence[BoardView]) -> tuple[list[NDArray[Any]], list[NDA
     )
 
 
-def _lens(fit: _LensFit, shape: tuple[int, int]) -> CameraModel | None:
-    try:
-        return _lens_or_error(fit, shape)
-    except CalibrationError:
-        return None
-
-
-def _lens_or_error(fit: _LensFit, shape: tuple[int, int]) -> CameraModel:
+def _lens(fit: _LensFit, shape: tuple[int, int]) -> CameraModel:
     matrix = fit.matrix
     return CameraModel(
         width_px=shape[0],
@@ -254,7 +249,7 @@ def _lens_or_error(fit: _LensFit, shape: tuple[int, int]) -> CameraModel:
 
 
 def _model(fit: _LensFit, views: Sequence[BoardView], shape: tuple[int, int], date: str) -> CameraModel:
-    lens = _lens_or_error(fit, shape)
+    lens = _lens(fit, shape)
     covariance = lens_covariance(_place_boards(fit, views), fit.lens)
     # The worse of both axes, as a share. σ, not the reprojection error, is what tells a good calibration: frontal
     # boards are explained as well by a longer lens further away.
@@ -290,7 +285,7 @@ def _place_boards(fit: _LensFit, views: Sequence[BoardView]) -> list[PlacedBoard
     ]
 
 
-def _mark_covered(views: Sequence[BoardView], shape: tuple[int, int], cells: tuple[int, int]) -> NDArray[np.bool_]:
+def _mark_covered(views: Sequence[BoardView], shape: tuple[int, int], cells: tuple[int, int]) -> Flags:
     """Return which cells of a grid over the picture have a corner, shape (rows, columns)."""
     covered = np.zeros(cells[::-1], dtype=np.bool_)
     corners = np.concatenate([view.corners_px for view in views])
@@ -298,11 +293,6 @@ def _mark_covered(views: Sequence[BoardView], shape: tuple[int, int], cells: tup
     columns, rows = np.floor((corners + 0.5) / np.array(shape) * np.array(cells)).astype(int).T
     covered[rows.clip(0, cells[1] - 1), columns.clip(0, cells[0] - 1)] = True
     return covered
-
-
-def _name_uncovered(views: Sequence[BoardView], shape: tuple[int, int]) -> tuple[str, ...]:
-    rows, columns = np.nonzero(~_mark_covered(views, shape, (3, 3)))
-    return tuple(_PLACES[row][column] for row, column in zip(rows, columns, strict=True))
 
 
 _PLACES = (

@@ -21,13 +21,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from msgspec import Struct
+from msgspec.structs import replace
 
 from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX, CameraModel, Provenance
-from stadimeter.core.detection import Detection, DetectionStatus
+from stadimeter.core.detection import Detection, DetectionStatus, Values
 from stadimeter.core.target import TargetShape
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.measure import measure
@@ -58,8 +58,7 @@ _FARTHER = (1.5, 2, 3, 4, 6, 8)
 _ADVISED_MIN_PX = 25.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FocalEstimate:
+class FocalEstimate(Struct, frozen=True, kw_only=True):
     """The focal length that one picture gives."""
 
     focal_px: float  # the focal length if there is no edge bias, F_i
@@ -67,8 +66,7 @@ class FocalEstimate:
     per_bias: float  # by how much it is too large for each pixel of edge bias, s_i
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FocalFit:
+class FocalFit(Struct, frozen=True, kw_only=True):
     """The focal length and the edge bias from all pictures."""
 
     focal_px: float
@@ -85,25 +83,19 @@ def fit_focal_length(estimates: Sequence[FocalEstimate]) -> FocalFit:
     focal_px, weights = _columns(estimates)
     bias_sigma_px = edge_bias_sigma_px(estimates)
     together = np.column_stack((np.ones_like(focal_px), [each.per_bias for each in estimates]))
-    alone = together[:, :1]
+    (focal, bias), covariance, is_fitted = (0.0, 0.0), together, False
     if bias_sigma_px <= BIAS_SIGMA_LIMIT_PX:
         (focal, bias), covariance = _solve(together, focal_px, weights)
         bias_sigma_px = math.sqrt(covariance[1, 1])
-        if bias_sigma_px <= BIAS_SIGMA_LIMIT_PX:
-            return FocalFit(
-                focal_px=float(focal),
-                focal_sigma_px=math.sqrt(covariance[0, 0]),
-                edge_bias_px=float(bias),
-                edge_bias_sigma_px=bias_sigma_px,
-                bias_was_fitted=True,
-            )
-    (focal,), covariance = _solve(alone, focal_px, weights)
+        is_fitted = bias_sigma_px <= BIAS_SIGMA_LIMIT_PX
+    if not is_fitted:
+        (focal,), covariance = _solve(together[:, :1], focal_px, weights)
     return FocalFit(
         focal_px=float(focal),
         focal_sigma_px=math.sqrt(covariance[0, 0]),
-        edge_bias_px=0.0,
+        edge_bias_px=float(bias) if is_fitted else 0.0,
         edge_bias_sigma_px=bias_sigma_px,
-        bias_was_fitted=False,
+        bias_was_fitted=is_fitted,
     )
 
 
@@ -116,15 +108,13 @@ def edge_bias_sigma_px(estimates: Sequence[FocalEstimate]) -> float:
     return 1 / math.sqrt(information) if information > 1e-12 * float(np.sum(weights)) * mean**2 else math.inf
 
 
-def _columns(estimates: Sequence[FocalEstimate]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _columns(estimates: Sequence[FocalEstimate]) -> tuple[Values, Values]:
     focal_px = np.array([each.focal_px for each in estimates])
     sigma_px = np.maximum([each.sigma_px for each in estimates], 1e-9 * focal_px)
     return focal_px, 1 / sigma_px**2
 
 
-def _solve(
-    design: NDArray[np.float64], values: NDArray[np.float64], weights: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _solve(design: Values, values: Values, weights: Values) -> tuple[Values, Values]:
     """Return the weighted least squares solution and its covariance, widened where the values disagree."""
     covariance = np.linalg.inv(design.T @ (design * weights[:, None])).astype(np.float64)
     solution = covariance @ (design.T @ (weights * values))
@@ -136,8 +126,7 @@ def _solve(
     return solution, covariance * max(1.0, disagreement)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class KnownDistance:
+class KnownDistance(Struct, frozen=True, kw_only=True):
     """A picture of a target at a known distance."""
 
     picture: str  # the picture's name, for messages and notes
@@ -151,8 +140,7 @@ class KnownDistance:
     less_bias: Detection | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FocalLength:
+class FocalLength(Struct, frozen=True, kw_only=True):
     """The focal length that one picture gives, and how well the camera model made from all fits it."""
 
     picture: str
@@ -177,8 +165,7 @@ class FocalLength:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Calibration:
+class Calibration(Struct, frozen=True, kw_only=True):
     """A camera model and what it came from."""
 
     camera_model: CameraModel
@@ -241,13 +228,12 @@ def with_readings(made: Calibration, again: Sequence[KnownDistance]) -> Calibrat
     Until then the readings are computed from what was found before, through another model. Where an edge bias is large,
     or the edges are unsure, the detector finds other edges through this one.
     """
-    pictures = tuple(_read(one, each, made.camera_model) for one, each in zip(made.pictures, again, strict=True))
+    pictures = tuple(
+        replace(one, residual_share=measured_depth_m(each, made.camera_model) / each.depth_m - 1)
+        for one, each in zip(made.pictures, again, strict=True)
+    )
     model = replace(made.camera_model, provenance=_provenance(pictures, made.camera_model.provenance.date))
     return replace(made, pictures=pictures, camera_model=model)
-
-
-def _read(one: FocalLength, again: KnownDistance, model: CameraModel) -> FocalLength:
-    return replace(one, residual_share=measured_depth_m(again, model) / again.depth_m - 1)
 
 
 def _pick_usable(known: Sequence[KnownDistance]) -> list[KnownDistance]:

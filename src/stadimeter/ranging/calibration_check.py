@@ -11,7 +11,8 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX, CameraModel
 from stadimeter.errors import CalibrationError
@@ -35,8 +36,7 @@ PICTURE_LIMIT_SIGMAS = 3.0
 MEAN_LIMIT_SIGMAS = 2.5
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Disagreement:
+class Disagreement(Struct, frozen=True, kw_only=True):
     """Two pictures that contradict each other.
 
     Attributes:
@@ -93,8 +93,7 @@ def _offset_m(near_m: float, near: FocalEstimate, far_m: float, far: FocalEstima
     return (far.focal_px - near.focal_px) / slope_px if slope_px else math.inf
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DistanceError:
+class DistanceError(Struct, frozen=True, kw_only=True):
     """How wrong the distance of one picture is."""
 
     picture: str
@@ -114,8 +113,7 @@ class DistanceError:
         return abs(self.sigmas) > PICTURE_LIMIT_SIGMAS
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CalibrationCheck:
+class CalibrationCheck(Struct, frozen=True, kw_only=True):
     """How well a camera model measures new pictures of known distance."""
 
     pictures: tuple[DistanceError, ...]  # one for each picture, in their order

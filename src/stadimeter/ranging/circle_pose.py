@@ -16,21 +16,17 @@ the larger one alone determines it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from msgspec import Struct
 
-from stadimeter.core.detection import Points
-
-Matrix = NDArray[np.float64]
+from stadimeter.core.detection import Points, Values
 
 # An ellipse has five unknowns.
 MIN_POINTS = 5
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class CirclePose:
+class CirclePose(Struct, frozen=True, kw_only=True, eq=False):
     """A pose of a circle, in the camera frame: x right, y down, z forward."""
 
     position_m: Points  # its centre, shape ``(3,)``
@@ -47,8 +43,7 @@ class CirclePose:
         return math.acos(min(1.0, -float(self.normal @ self.position_m) / self.distance_m))
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class CirclePoses:
+class CirclePoses(Struct, frozen=True, kw_only=True, eq=False):
     """Both poses that an outline allows."""
 
     poses: tuple[CirclePose, CirclePose]  # they explain the outline equally well
@@ -65,7 +60,7 @@ class CirclePoses:
         return self.poses[0].tilt_rad
 
 
-def cone_through(directions: Points) -> Matrix | None:
+def cone_through(directions: Points) -> Values | None:
     """Return Q of the elliptical cone ``d' Q d = 0`` through rays, by linear least squares, positive outside.
 
     None if they are on no such cone. The rays are x and y per unit of depth, ``(n, 2)``, and should lie all around it.
@@ -94,7 +89,7 @@ def cone_through(directions: Points) -> Matrix | None:
     return np.asarray(to_unit.T @ conic @ to_unit)
 
 
-def circle_poses(cone: Matrix, diameter_m: float) -> CirclePoses | None:
+def circle_poses(cone: Values, diameter_m: float) -> CirclePoses | None:
     """Return the two poses of a circle in front of the camera that is seen on a cone; None if that is not elliptic."""
     # Eigenvalues come in rising order, λ₃ < λ₂ ≤ λ₁. The axis of the cone belongs to λ₃, the only one below zero.
     (third, second, first), axes = np.linalg.eigh(cone)
@@ -107,12 +102,11 @@ def circle_poses(cone: Matrix, diameter_m: float) -> CirclePoses | None:
     along, across = math.sqrt((second - third) / (first - third)), math.sqrt((first - second) / (first - third))
     radius_m, steep = diameter_m / 2, math.sqrt(-first / third)
     # Mirrored about the axis: the part along it is the same, the part along λ₁'s eigenvector changes its sign.
-    poses = (
+    one, other = (
         CirclePose(
             position_m=radius_m * (steep * along * forward + sign / steep * across * sideways),
             normal=sign * across * sideways - along * forward,
         )
         for sign in (1, -1)
     )
-    one, other = poses
     return CirclePoses(poses=(one, other), axis=forward)

@@ -14,13 +14,12 @@ regression with multi-stage samples", Survey Methodology 28, 2002). The larger o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from msgspec import Struct
 
-Matrix = NDArray[np.float64]
+from stadimeter.core.detection import Values
 
 # As a share of the largest: smaller ones are rounding errors.
 _OF_POSE = 6
@@ -30,17 +29,16 @@ _MIN_EIGENVALUE = 1e-13
 _MAX_LEVERAGE = 0.9999
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class PlacedBoard:
+class PlacedBoard(Struct, frozen=True, kw_only=True, eq=False):
     """A board as a fit has it."""
 
-    board_m: Matrix  # its corners, shape (n, 3)
-    corners_px: Matrix  # where they were seen, shape (n, 2)
-    turn: Matrix  # its rotation vector, shape (3, 1)
-    shift: Matrix  # its position, shape (3, 1)
+    board_m: Values  # its corners, shape (n, 3)
+    corners_px: Values  # where they were seen, shape (n, 2)
+    turn: Values  # its rotation vector, shape (3, 1)
+    shift: Values  # its position, shape (3, 1)
 
 
-def lens_covariance(boards: Sequence[PlacedBoard], lens: Matrix) -> Matrix:
+def lens_covariance(boards: Sequence[PlacedBoard], lens: Values) -> Values:
     """Return the covariance of fx, fy, cx, cy, k1, k2, p1, p2 and k3; zero for k3 if that is zero."""
     fitted = slice(0, 9 if lens[8] else 8)
     seen = [_without_pose(board, lens) for board in boards]
@@ -55,7 +53,7 @@ def lens_covariance(boards: Sequence[PlacedBoard], lens: Matrix) -> Matrix:
     return covariance
 
 
-def _without_pose(board: PlacedBoard, lens: Matrix) -> tuple[Matrix, Matrix]:
+def _without_pose(board: PlacedBoard, lens: Values) -> tuple[Values, Values]:
     """Return how corners move with the lens while the board's pose makes up for what it can, and how far they are off.
 
     Shapes are (2n, 9) and (2n,).
@@ -71,7 +69,7 @@ def _without_pose(board: PlacedBoard, lens: Matrix) -> tuple[Matrix, Matrix]:
     return both[:, :-1], both[:, -1]
 
 
-def _inverse_root(normal: Matrix) -> Matrix:
+def _inverse_root(normal: Values) -> Values:
     """Return a matrix R with ``R R^T`` the inverse of the normal matrix.
 
     It is found in units in which the diagonal is 1, since coefficients of high powers differ by orders of magnitude.
@@ -81,7 +79,7 @@ def _inverse_root(normal: Matrix) -> Matrix:
     return np.asarray(scale[:, None] * vectors / np.sqrt(values.clip(_MIN_EIGENVALUE * values[-1])))
 
 
-def _pull(jacobian: Matrix, residuals_px: Matrix) -> Matrix:
+def _pull(jacobian: Values, residuals_px: Values) -> Values:
     """Return the square of a board's pull on parameters in which the normal matrix is 1."""
     # Bell and McCaffrey: residuals of a board are shrunk by its own leverage, (1 - H)^-1/2 undoes that. Singular values
     # of the whitened Jacobian are the roots of the eigenvalues of H.
@@ -91,7 +89,7 @@ def _pull(jacobian: Matrix, residuals_px: Matrix) -> Matrix:
     return np.outer(pull, pull)
 
 
-def _largest(root: Matrix, observed: Matrix) -> float:
+def _largest(root: Values, observed: Values) -> float:
     """Return the variance of a corner that explains the pulls of boards: on the mean, and on each focal length.
 
     The mean over all parameters is far surer than a single one, of which few boards say little. But every distance

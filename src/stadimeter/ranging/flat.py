@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, Points
@@ -71,8 +73,7 @@ class _Flat:
         return _SIGMA_FLOOR_PX
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DiscShape(_Flat):
+class DiscShape(_Flat, Struct, frozen=True, kw_only=True):
     """A flat circle, such as a sticker, a lid or a printed dot."""
 
     diameter_m: float
@@ -121,8 +122,7 @@ class DiscShape(_Flat):
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SheetShape(_Flat):
+class SheetShape(_Flat, Struct, frozen=True, kw_only=True):
     """A flat rectangle, such as a sheet of paper."""
 
     width_m: float  # its horizontal side as it hangs
@@ -190,11 +190,8 @@ class SheetShape(_Flat):
 def _edge_bias_share(detection: Detection, camera: CameraModel) -> float:
     """Return the standard deviation of the distance because all sides of a sheet appear too far out, or in, alike."""
     pitch_px = max(camera.chroma_pitch_px)
-    return (
-        2
-        * (_EDGE_BIAS_PX if pitch_px == 1 else _EDGE_BIAS_OF_CHROMA_PX)
-        / math.sqrt(detection.width_px * detection.height_px)
-    )
+    bias_px = _EDGE_BIAS_PX if pitch_px == 1 else _EDGE_BIAS_OF_CHROMA_PX
+    return 2 * bias_px / math.sqrt(detection.width_px * detection.height_px)
 
 
 class HungSheet(NamedTuple):
@@ -252,8 +249,7 @@ def _doubt_share(hung: Sequence[HungSheet]) -> float:
     return share
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TagShape(_Flat):
+class TagShape(_Flat, Struct, frozen=True, kw_only=True):
     """A square fiducial, such as an ArUco marker or an AprilTag."""
 
     side_m: float  # the side of its black square, without the white around it

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
@@ -73,8 +74,7 @@ def _without_figures(detection: Detection, status: MeasurementStatus, reason: st
     return Measurement(target=detection.target, status=status, captured_at_s=captured_at_s, reason=reason)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SigmaParts:
+class SigmaParts(Struct, frozen=True, kw_only=True):
     """The causes of a distance's standard deviation. Their squares add up to its square."""
 
     edges_m: float  # the noise of the edges in the picture, which differs from frame to frame

@@ -6,29 +6,112 @@ middle, give the plane's turn but for a mirror image about the line of sight. Op
 loses a pose where something is seen exactly from the front. Here nothing is divided by what then becomes zero. For four
 corners plain numbers are faster than arrays.
 
-How far four corners are from being the picture of a rectangle is found for many outlines at once, without their poses.
-The homography from a rectangle to its picture is ``[w r1, h r2, t]`` up to a factor, with r1 and r2 at right angles and
-of the same length (Z. Zhang, "A flexible new technique for camera calibration", 2000, section 2.3). Eight coordinates
-less six of the pose leave these two conditions. By how much the corners must move to fulfil them follows from their
-derivatives to first order.
+From such a pose, least squares lead to the one whose corners appear nearest to where they were seen: Levenberg's and
+Marquardt's method with derivatives in closed form (R. Hartley and A. Zisserman, "Multiple View Geometry", appendix 6).
+Two steps are enough.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stadimeter.core.detection import Points
-from stadimeter.ranging.pose_refinement import PlanePose, linearise, refine
+from stadimeter.core.detection import Points, Values
 
 Vector = tuple[float, float, float]
 Seen = Sequence[Sequence[float]]
-Values = NDArray[np.float64]
+
+# A step that would take less than this share off the sum of squares is the last one.
+MAX_STEPS = 8
+SETTLED_SHARE = 1e-3
+
+# The first damping, a share of the normal matrix's diagonal, and what it grows by where a step makes things worse.
+DAMPING, GROWTH = 1e-6, 30.0
+
+
+class PlanePose(NamedTuple):
+    """A pose of a plane: its axes in the camera frame, towards its right and its top, and where its centre is."""
+
+    right: Vector
+    up: Vector
+    position_m: Vector
+
+
+def linearise(pose: PlanePose, corners_m: Seen, seen: Seen) -> tuple[Values, Values] | None:
+    """Return how seen corners change with a small turn about the camera's axes and a shift, and how far off they are.
+
+    The shapes are ``(2 n, 6)`` and ``(2 n,)``, per unit of depth. None where a corner is not in front of the camera.
+    """
+    (ax, ay, az), (bx, by, bz), (px, py, pz) = pose
+    rows: list[tuple[float, ...]] = []
+    off: list[float] = []
+    for (a, b, *_), (seen_x, seen_y) in zip(corners_m, seen, strict=True):
+        x, y, z = a * ax + b * bx, a * ay + b * by, a * az + b * bz
+        depth = z + pz
+        if not depth > 0:
+            return None
+        nearness = 1 / depth
+        u, v = (x + px) * nearness, (y + py) * nearness
+        # Derivatives of u = X / Z and v = Y / Z: a turn w moves the corner by w × (x, y, z), a shift by itself.
+        # Columns: turn about x, y, z, then shift along x, y, z.
+        rows.append((-u * y * nearness, (z + u * x) * nearness, -y * nearness, nearness, 0.0, -u * nearness))
+        rows.append((-(z + v * y) * nearness, v * x * nearness, x * nearness, 0.0, nearness, -v * nearness))
+        off += (seen_x - u, seen_y - v)
+    return np.array(rows), np.array(off)
+
+
+def refine(pose: PlanePose, corners_m: Seen, seen: Seen) -> PlanePose:
+    """Return the pose nearby whose corners, x and y in its plane, appear nearest to where they were seen."""
+    now = linearise(pose, corners_m, seen)
+    damping = DAMPING
+    for _ in range(MAX_STEPS):
+        if now is None:
+            return pose
+        jacobian, off = now
+        square = float(off @ off)
+        normal = jacobian.T @ jacobian
+        # Every seventh element of a flat 6 by 6 matrix is its diagonal.
+        normal.flat[::7] *= 1 + damping
+        slope = jacobian.T @ off
+        try:
+            step = np.linalg.solve(normal, slope)
+        except np.linalg.LinAlgError:
+            return pose
+        # What the step would take off the sum of squares if all were linear; below 0.1 % of it nothing is gained.
+        gain = float(step @ slope)
+        if not gain > SETTLED_SHARE * square:
+            return pose
+        moved = _move(pose, step.tolist())
+        then = linearise(moved, corners_m, seen)
+        if then is not None and float(then[1] @ then[1]) < square:
+            pose, now, damping = moved, then, damping / GROWTH
+        else:
+            damping *= GROWTH
+    return pose
+
+
+def _move(pose: PlanePose, step: Sequence[float]) -> PlanePose:
+    """Return a pose turned about the camera's axes and shifted."""
+    turn, shift = (step[0], step[1], step[2]), step[3:]
+    right, up = _turn(pose.right, turn), _turn(pose.up, turn)
+    x, y, z = pose.position_m
+    return PlanePose(right, up, (x + shift[0], y + shift[1], z + shift[2]))
+
+
+def _turn(vector: Vector, turn: Vector) -> Vector:
+    """Return a vector turned about an axis by its length in radians (Rodrigues)."""
+    angle = math.hypot(*turn)
+    sine, rest = (math.sin(angle) / angle, (1 - math.cos(angle)) / angle**2) if angle > 1e-9 else (1.0, 0.5)
+    (x, y, z), (a, b, c) = vector, turn
+    across = (b * z - c * y, c * x - a * z, a * y - b * x)
+    p, q, r = across
+    again = (b * r - c * q, c * p - a * r, a * q - b * p)
+    turned = [old + sine * one + rest * two for old, one, two in zip(vector, across, again, strict=True)]
+    return turned[0], turned[1], turned[2]
+
 
 # The corners of a square with a side of 1 in its own frame, x right, y up, from the top left one on.
 SQUARE = np.array(((-0.5, 0.5, 0.0), (0.5, 0.5, 0.0), (0.5, -0.5, 0.0), (-0.5, -0.5, 0.0)))
@@ -37,11 +120,6 @@ SQUARE = np.array(((-0.5, 0.5, 0.0), (0.5, 0.5, 0.0), (0.5, -0.5, 0.0), (-0.5, -
 NOWHERE = ((0.0, 0.0),) * 4
 
 COORDINATES = 8
-
-# Derivatives are differences over this share of an outline's size.
-STEP = 1e-4
-
-_SHIFTS = np.concatenate((np.zeros((1, COORDINATES)), np.eye(COORDINATES))).reshape(-1, 1, 4, 2)
 
 
 class RectanglePose(NamedTuple):
@@ -290,70 +368,3 @@ def _probability(other: RectanglePose, best: RectanglePose, corner_sigma: float)
     # difference is that of the log-likelihoods.
     worse = max(other.misfit**2 - best.misfit**2, 0.0) * COORDINATES / max(corner_sigma, 1e-12) ** 2
     return 1 / (1 + math.exp(min(worse / 2, 700.0)))
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class RectangleFit:
-    """How well outlines fit a rectangle."""
-
-    # How far the corners appear from where the nearest picture of the rectangle has them: root mean square of
-    # the coordinates' moves, per unit of depth, shape ``(c,)``.
-    misfit: Values
-    # What the square of a misfit is multiplied by to give the share of all outlines that fit at least as well,
-    # shape ``(c,)``. Small outlines, and those seen from far, fit nearly anything.
-    chance_per_square: Values
-
-
-def rectangle_fit(directions: Points, aspect: float) -> RectangleFit:
-    """Compare outlines with pictures of a rectangle, whose widths may be either two sides.
-
-    The share of outlines that fit as well is the area of the ellipse of such fits in the plane of both conditions, the
-    cosine of the angle and the logarithm of the ratio: outlines of any kind are spread over about 1 in each.
-
-    Args:
-        directions: Corners of outlines, x and y per unit of depth with the lens's distortion undone, in order around
-            each, shape ``(c, 4, 2)``.
-        aspect: Width over height of the rectangle.
-    """
-    middle = np.add.reduce(directions, axis=1, keepdims=True) / 4
-    size = np.abs(directions - middle).max(axis=(1, 2), initial=0.0)
-    step = np.maximum(STEP * size, 1e-12)
-    with np.errstate(all="ignore"):  # outlines that are no quadrilateral give NaN
-        conditions = _conditions(directions + _SHIFTS * step[:, None, None])
-        slopes = (conditions[:, 1:] - conditions[:, :1]) / step
-        (a, c), b = np.add.reduce(slopes * slopes, axis=1), np.add.reduce(slopes[0] * slopes[1], axis=0)
-        (angle, ratio), log_aspect = conditions[:, 0], math.log(aspect)
-        determinant = a * c - b * b
-        # The square of the shortest move of all coordinates that takes both conditions to 0, to first order.
-        off = np.stack((ratio - log_aspect, ratio + log_aspect))
-        # Shortest move that fulfils two linear conditions J δ = -r: |δ|² = r' (J J')⁻¹ r, here with J J' = [[a, b], [b,
-        # c]] written out. Of the two aspects (upright, across) the nearer one counts.
-        move = ((c * angle * angle + a * off * off - (2 * b * angle) * off) / determinant).min(axis=0)
-        square = np.where(np.isfinite(move), np.maximum(move, 0.0), np.inf) / COORDINATES
-        area = (COORDINATES * math.pi) * np.sqrt(np.where(determinant > 0, determinant, 0.0))
-    return RectangleFit(misfit=np.sqrt(square), chance_per_square=area)
-
-
-def seen_sides(directions: Points) -> tuple[float, float]:
-    """Return the cosine between the sides of a rectangle in space, and their ratio, from its four corners ``(4, 2)``.
-
-    The cosine is not 0 for what is no rectangle; NaN for no quadrilateral.
-    """
-    with np.errstate(all="ignore"):
-        cosine, ratio = _conditions(directions[None]).tolist()
-    return cosine[0], math.exp(ratio[0])
-
-
-def _conditions(corners: Points) -> Values:
-    """Return the cosine between both sides in space, and the logarithm of their ratio, 0 for a square: ``(2, …)``."""
-    p0, p1, p2, p3 = np.ascontiguousarray(corners.transpose(-2, -1, *range(corners.ndim - 2)))
-    d1, d2, total = p1 - p2, p3 - p2, p0 - p1 + p2 - p3
-    across = d1[0] * d2[1] - d2[0] * d1[1]
-    # Heckbert's homography of the unit square again, for arrays: g and h are its last row, `first` and `second` its
-    # first two columns, parallel to the sides in space.
-    g, h = (total[0] * d2[1] - d2[0] * total[1]) / across, (d1[0] * total[1] - total[0] * d1[1]) / across
-    first, second = p1 - p0 + g * p1, p3 - p0 + h * p3
-    one = first[0] * first[0] + first[1] * first[1] + g * g
-    other = second[0] * second[0] + second[1] * second[1] + h * h
-    product = first[0] * second[0] + first[1] * second[1] + g * h
-    return np.stack((product / np.sqrt(one * other), np.log(one / other) / 2))

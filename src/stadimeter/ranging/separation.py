@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from msgspec import Struct
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection
+from stadimeter.core.detection import Detection, Values
 from stadimeter.core.measurement import Measurement
 from stadimeter.core.target import TargetShape
 from stadimeter.ranging.measure import sigma_parts
 
-Vector = NDArray[np.float64]
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SeenTarget:
+class SeenTarget(Struct, frozen=True, kw_only=True):
     """A target that was found and measured in a picture."""
 
     detection: Detection
@@ -26,8 +22,7 @@ class SeenTarget:
     shape: TargetShape
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Separation:
+class Separation(Struct, frozen=True, kw_only=True):
     """The straight line between the centres of two targets."""
 
     distance_m: float
@@ -66,7 +61,7 @@ def separation(one: SeenTarget, other: SeenTarget, camera: CameraModel) -> Separ
     return Separation(distance_m=apart_m, sigma_m=math.sqrt(max(variance_m2, 0.0)))
 
 
-def _own_m2(target: SeenTarget, position_m: Vector, along: Vector, camera: CameraModel) -> float:
+def _own_m2(target: SeenTarget, position_m: Values, along: Values, camera: CameraModel) -> float:
     parts = sigma_parts(target.measurement, target.shape, camera)
     distance_m = float(np.linalg.norm(position_m))
     share = float(along @ position_m) / distance_m
@@ -76,7 +71,7 @@ def _own_m2(target: SeenTarget, position_m: Vector, along: Vector, camera: Camer
     return (outwards_m * share) ** 2 + across_m**2 * max(1 - share**2, 0.0)
 
 
-def _of_sizes_m2(one: SeenTarget, other: SeenTarget, along: Vector) -> float:
+def _of_sizes_m2(one: SeenTarget, other: SeenTarget, along: Values) -> float:
     first_m, second_m = (
         float(along @ np.array(each.measurement.position_m)) * each.shape.relative_sigma for each in (one, other)
     )
@@ -85,7 +80,7 @@ def _of_sizes_m2(one: SeenTarget, other: SeenTarget, along: Vector) -> float:
     return first_m**2 + second_m**2
 
 
-def _of_lens_m2(first_m: Vector, second_m: Vector, along: Vector, camera: CameraModel) -> float:
+def _of_lens_m2(first_m: Values, second_m: Values, along: Values, camera: CameraModel) -> float:
     change = along @ (_moved_by_lens(second_m, camera) - _moved_by_lens(first_m, camera))
     if camera.uncertainty is not None:
         return float(change @ camera.uncertainty.covariance() @ change)
@@ -94,7 +89,7 @@ def _of_lens_m2(first_m: Vector, second_m: Vector, along: Vector, camera: Camera
     return (of_focal * camera.focal_relative_sigma) ** 2
 
 
-def _moved_by_lens(position_m: Vector, camera: CameraModel) -> Vector:
+def _moved_by_lens(position_m: Values, camera: CameraModel) -> Values:
     """Return how a position changes with each parameter of the lens, shape (3, 9)."""
     x, y = position_m[:2] / position_m[2]
     of_distance, of_x, of_y = camera.sensitivities(np.array([camera.pixel(x, y)]))[0]

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, replace
 
+from msgspec import Struct
+from msgspec.structs import replace
 from pydantic import Field
 
 from stadimeter.config.plugins import DriverContext, DriverOptions
@@ -29,8 +30,7 @@ class SimulatedActuatorOptions(DriverOptions):
         return True
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LevelChange:
+class LevelChange(Struct, frozen=True, kw_only=True):
     """A change of level."""
 
     at_s: float  # when, on the run's clock

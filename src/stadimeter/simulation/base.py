@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Annotated, ClassVar
 
+from msgspec.structs import replace
 from pydantic import AfterValidator
 
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import Duration, Speed
+from stadimeter.core.base_report import BaseReport
 from stadimeter.core.command import TwistCommand
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, LinkLostError
 from stadimeter.simulation.world import shared_world
@@ -85,6 +86,15 @@ class SimulatedBase:
     def tick(self, now_s: float) -> None:  # noqa: ARG002 -- the protocol has it; the world's clock is the same
         """Raise a `LinkLostError` if the base was unplugged."""
         self._check_link()
+
+    def report(self) -> BaseReport | None:
+        """Return how far the wheels have rolled, and whether the bumper is pressed; None before the base is open."""
+        if not self._is_open:
+            return None
+        robot = self._world.robot
+        left_m, right_m = (ticks / robot.ticks_per_metre for ticks in robot.ticks)
+        bumped = self._world.faults.bumper_pressed
+        return BaseReport(at_s=self._clock.now_s(), is_bumped=bumped, left_m=left_m, right_m=right_m)
 
     def stop(self) -> None:
         """Stand still at once, if open; a `LinkLostError` if the base was unplugged: it stops only by itself."""

@@ -9,7 +9,7 @@ turning shows as it should, driving does not: the walls keep their distance, as 
 from __future__ import annotations
 
 import math
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Literal
 
 import cv2
 import numpy as np
@@ -17,15 +17,19 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
 from stadimeter.config.plugins import DriverContext, DriverOptions
-from stadimeter.config.units import Frequency
+from stadimeter.config.units import Duration, Frequency
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame, Image
 from stadimeter.errors import CaptureTimeoutError, ConfigError, DeviceClosedError
-from stadimeter.simulation.noise import scramble
 from stadimeter.simulation.silhouette import Vector, paint_ball, paint_shadow
+from stadimeter.simulation.textured_room import TEXTURE_CONTRAST, TexturedRoom
 from stadimeter.simulation.world import World, shared_world
 
 Plane = NDArray[np.float32]
+
+# What the camera sees around the ball: walls at a distance that stays, whatever is driven; a room in true perspective,
+# with carpets and furniture; and one that is too plain to show any motion.
+RoomKind = Literal["backdrop", "textured", "plain"]
 Floats = NDArray[np.floating]
 
 # No yellow, no green, nothing dark: a colour range that finds the ball must find nothing else.
@@ -47,6 +51,10 @@ THINGS_BGR = (
 
 # Pixels by which the noise is larger than a picture each way: 4096 places to cut it from.
 SPARE_PX = 64
+
+# Of SplitMix64.
+_MASK = (1 << 64) - 1
+_GOLDEN = 0x9E3779B97F4A7C15
 
 # The time that a reader of a blocked camera waits.
 TIMEOUT_S = 0.1
@@ -72,7 +80,7 @@ class Room:
         panorama = _panorama(self._turn_px, top + np.arange(rows) / per_rad, camera_height_m, seed)
         self._panorama = panorama[:, np.arange(self._turn_px + self._view_px) % self._turn_px]
 
-    def view(self, heading_rad: float) -> Image:
+    def view(self, heading_rad: float, _place_m: tuple[float, float] = (0.0, 0.0)) -> Image:
         """Return what the camera sees at a heading, counter-clockwise from east, as a new picture, blue first."""
         first = (round(-heading_rad / (2 * math.pi) * self._turn_px) + self._left_px) % self._turn_px
         window = self._panorama[:, first : first + self._view_px]
@@ -152,27 +160,68 @@ class Renderer:
     The same arguments always give the same picture. `noise` is its standard deviation in grey levels of 255.
     """
 
-    def __init__(self, model: CameraModel, *, camera_height_m: float, seed: int, noise: float) -> None:
+    def __init__(
+        self, model: CameraModel, *, camera_height_m: float, seed: int, noise: float, room: RoomKind = "backdrop"
+    ) -> None:
         self._model = model
         self._camera_height_m = camera_height_m
-        self._room = Room(model, camera_height_m, seed)
+        self._room = (
+            Room(model, camera_height_m, seed)
+            if room == "backdrop"
+            else TexturedRoom(model, camera_height_m, seed, TEXTURE_CONTRAST if room == "textured" else 0.0)
+        )
         self._noise = _SensorNoise(model, seed, noise) if noise > 0 else None
 
-    def render(self, ball_m: Vector | None, radius_m: float, heading_rad: float, sequence: int = 0) -> Image:
+    def render(
+        self,
+        ball_m: Vector | None,
+        radius_m: float,
+        heading_rad: float,
+        sequence: int = 0,
+        place_m: tuple[float, float] = (0.0, 0.0),
+    ) -> Image:
         """Draw a new picture, blue first, shape ``(height, width, 3)``.
 
         Args:
             ball_m: The ball's centre in the camera frame: x right, y down, z forward; None for no ball.
             heading_rad: Where the camera looks, counter-clockwise from east.
             sequence: The frame's number, from which its noise follows.
+            place_m: Where the camera is, to the east and to the north; the backdrop is the same from everywhere.
         """
-        image = self._room.view(heading_rad)
+        image = self._room.view(heading_rad, place_m)
         if ball_m is not None:
             paint_shadow(image, self._model, ball_m, radius_m, self._camera_height_m)
             paint_ball(image, self._model, ball_m, radius_m)
+        return self.add_noise(image, sequence)
+
+    def add_noise(self, image: Image, sequence: int) -> Image:
+        """Add the noise of a frame to a picture, and return it."""
         if self._noise:
             self._noise.add_to(image, sequence)
         return image
+
+
+def scramble(*keys: int) -> int:
+    """Return 64 bits that look random and depend on every bit of every key, in order.
+
+    It is the output function of SplitMix64 (G. Steele, D. Lea and C. Flood, "Fast splittable pseudorandom number
+    generators", 2014), once for each key. Ten times cheaper than seeding a generator for each frame.
+    """
+    state = 0
+    for key in keys:
+        state = (state + _GOLDEN + key) & _MASK
+        state = ((state ^ (state >> 30)) * 0xBF58476D1CE4E5B9) & _MASK
+        state = ((state ^ (state >> 27)) * 0x94D049BB133111EB) & _MASK
+        state ^= state >> 31
+    return state
+
+
+def gaussian_pair(*keys: int) -> tuple[float, float]:
+    """Return two independent numbers of the standard normal distribution, by the Box-Muller transform, from keys."""
+    bits = scramble(*keys)
+    radius = math.sqrt(-2.0 * math.log(((bits >> 32) + 1) / 2**32))
+    angle = 2.0 * math.pi * (bits & 0xFFFFFFFF) / 2**32
+    return (radius * math.cos(angle), radius * math.sin(angle))
 
 
 class _SensorNoise:
@@ -213,6 +262,11 @@ class SimulatedCameraOptions(DriverOptions):
     """Whether to draw pictures. Without, every frame is black and costs nothing: for the detector ``ideal``."""
     noise: float = Field(default=2.0, ge=0, le=64)
     """Standard deviation of the sensor's noise in grey levels of 255."""
+    latency: Annotated[Duration, Field(le=1)] = 0.0
+    """How old a picture is when it is delivered, in seconds. Its capture time says so."""
+    room: RoomKind = "backdrop"
+    """What is around the ball: ``backdrop`` shows that the robot turns, ``textured`` and ``plain`` are in true
+    perspective. Only with the latter two is liveness judged by motion."""
 
     def build(self, context: DriverContext) -> SimulatedCamera:
         """Return the camera."""
@@ -223,8 +277,9 @@ class SimulatedCamera:
     """A camera on the simulated robot, level and looking straight ahead.
 
     Its frames are at whole multiples of the frame time from when it was first opened; those that were not read in time
-    are passed over. It honours the knobs ``camera_frozen`` and ``camera_blocked``. Frozen, it delivers the same old
-    frame again and again, with its old number and time, as a stuck driver does.
+    are passed over. It honours the knobs of the world. Frozen, it delivers the same old frame again and again, with its
+    old number and time, as a stuck driver does. With a frozen sensor its frames are new, with new times, and show the
+    same old view: under a clock that runs, or with noise that is added anew.
 
     Raises:
         ConfigError: The run has no camera model or no world.
@@ -243,17 +298,29 @@ class SimulatedCamera:
         self._blank = np.zeros((self._model.height_px, self._model.width_px, 3), np.uint8)
         self._blank.flags.writeable = False
         self._noise = options.noise if options.render else None
+        self._latency_s = options.latency
+        self._room = options.room
+        self._view: Image | None = None
         self._renderer: Renderer | None = None
         self._is_open = False
         self._start_s: float | None = None
         self._sequence = -1
         self._newest: Frame | None = None
 
+    @property
+    def shows_own_motion(self) -> bool:
+        """Whether it draws a room in true perspective: the backdrop does not come nearer."""
+        return self._noise is not None and self._room != "backdrop"
+
     def open(self) -> None:
         """Make ready to read. Frames are numbered on if the camera was open before."""
         if self._noise is not None and self._renderer is None:
             self._renderer = Renderer(
-                self._model, camera_height_m=self._world.camera_height_m, seed=self._world.seed, noise=self._noise
+                self._model,
+                camera_height_m=self._world.camera_height_m,
+                seed=self._world.seed,
+                noise=self._noise,
+                room=self._room,
             )
         if self._start_s is None:
             self._start_s = self._clock.now_s()
@@ -272,7 +339,7 @@ class SimulatedCamera:
             raise CaptureTimeoutError(f"the simulated camera is blocked: no frame for {TIMEOUT_S * 1e3:.0f} ms")
         self._sequence = self._next_sequence(self._start_s)
         captured_at_s = self._start_s + (self._sequence + 1) / self._rate_hz
-        self._clock.sleep_until_s(captured_at_s)
+        self._clock.sleep_until_s(captured_at_s + self._latency_s)
         self._world.look(self._model, captured_at_s)
         if self._newest is None or not self._world.faults.camera_frozen:
             self._newest = Frame(self._picture(captured_at_s), captured_at_s, self._sequence)
@@ -284,15 +351,31 @@ class SimulatedCamera:
 
     def _next_sequence(self, start_s: float) -> int:
         """Return the number of the first frame that is not in the past and was not read yet."""
-        gone = math.ceil((self._clock.now_s() - start_s) * self._rate_hz - 1e-6) - 1
+        gone = math.ceil((self._clock.now_s() - self._latency_s - start_s) * self._rate_hz - 1e-6) - 1
         return max(self._sequence + 1, gone)
 
     def _picture(self, time_s: float) -> Image:
         if self._renderer is None:
             return self._blank
-        ball_m = None if self._world.faults.target_hidden else self._world.target_in_camera(time_s)
-        heading_rad = self._world.robot.pose_at(time_s).heading_rad
-        return self._renderer.render(ball_m, self._world.ball.diameter_m / 2, heading_rad, self._sequence)
+        faults = self._world.faults
+        if self._view is not None and faults.frozen_under_clock:
+            return _with_clock(self._view, time_s)
+        if self._view is not None and faults.frozen_under_noise:
+            return self._renderer.add_noise(self._view.copy(), self._sequence)
+        ball_m = None if faults.target_hidden else self._world.target_in_camera(time_s)
+        pose = self._world.robot.pose_at(time_s)
+        radius_m, place_m = self._world.ball.diameter_m / 2, (pose.x_m, pose.y_m)
+        self._view = self._renderer.render(ball_m, radius_m, pose.heading_rad, self._sequence, place_m)
+        return self._view
+
+
+def _with_clock(view: Image, time_s: float) -> Image:
+    """Return a picture with a clock in its upper left corner, as IP cameras draw one, here with hundredths."""
+    image = view.copy()
+    scale = image.shape[1] / 640
+    place_px, white = (8, round(24 * scale)), (255, 255, 255)
+    cv2.putText(image, f"2026-11-23 {time_s:09.2f}", place_px, cv2.FONT_HERSHEY_SIMPLEX, scale, white, 2)
+    return image
 
 
 def lens(context: DriverContext) -> CameraModel:

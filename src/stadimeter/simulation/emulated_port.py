@@ -35,7 +35,7 @@ class Firmware(Protocol):
 
 
 class EmulatedPort:
-    """A pseudo-terminal whose other end an emulated firmware serves, each `SERVED_EVERY_S` of the run's clock.
+    """A pseudo-terminal whose other end an emulated firmware serves, each ``every_s`` of the run's clock.
 
     Its path stays the same when the cable is pulled and plugged in again, as below ``/dev/serial/by-id``. It may be
     used from several threads: a real clock serves it from one of its own.
@@ -44,6 +44,7 @@ class EmulatedPort:
         firmware: The program behind the port. Its board has its own power and lives on without the cable.
         is_plugged: Asked at each service whether the cable is in.
         after_step: Called after each service; moves what the firmware drives.
+        every_s: The time between two services.
 
     Raises:
         OSError: The system has no pseudo-terminal left.
@@ -55,9 +56,12 @@ class EmulatedPort:
         clock: Clock,
         is_plugged: Callable[[], bool] = lambda: True,
         after_step: Callable[[], None] = lambda: None,
+        *,
+        every_s: float = SERVED_EVERY_S,
     ) -> None:
         # Fault if False: nothing is read at the board's end, so that the port fills up and takes no more bytes.
         self.is_read = True
+        self.is_heard = True  # fault if False: what the board answers is lost on the way
         self._firmware = firmware
         self._is_plugged = is_plugged
         self._after_step = after_step
@@ -66,7 +70,7 @@ class EmulatedPort:
         self._folder = TemporaryDirectory(prefix="stadimeter-port-")
         self._link = Path(self._folder.name) / "emulated"
         self._plug_in()
-        self._cancel = clock.call_every(SERVED_EVERY_S, self.serve)
+        self._cancel = clock.call_every(every_s, self.serve)
 
     @property
     def path(self) -> str:
@@ -79,7 +83,9 @@ class EmulatedPort:
             self._firmware.step(now_s)
             self._follow_the_cable()
             if self._cable and self.is_read:
-                self._cable.write(self._firmware.receive(self._cable.read(), now_s))
+                answer = self._firmware.receive(self._cable.read(), now_s)
+                if answer and self.is_heard:
+                    self._cable.write(answer)
             self._after_step()
 
     def say(self, data: bytes) -> None:

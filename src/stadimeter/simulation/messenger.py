@@ -1,122 +1,149 @@
-"""A messenger without a broker: it keeps what was sent."""
+"""A messenger without a broker, and what it has in common with a notifier without a service: what was sent is kept."""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections import deque
-from dataclasses import dataclass
+from typing import ClassVar, Generic, TypeVar
 
+from msgspec import Struct
 from pydantic import Field
 
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.core.message import Message
+from stadimeter.core.notification import Notification
 from stadimeter.errors import DeviceClosedError
 from stadimeter.simulation.world import shared_world
 
+ItemT = TypeVar("ItemT", Message, Notification)
 
-class SimulatedMessengerOptions(DriverOptions):
-    """The table of a simulated messenger in the configuration."""
+
+class OutboxOptions(DriverOptions):
+    """The table of a simulated messenger or notifier in the configuration."""
 
     history: int = Field(default=1000, ge=1)
-    """How many delivered messages are kept to look at."""
+    """How many delivered items are kept to look at."""
     queue: int = Field(default=100, ge=1)
-    """How many messages of QoS 1 wait while the broker is gone; one more pushes the oldest out."""
+    """How many items that must arrive wait while the other side is gone; one more pushes the oldest out."""
+
+
+class Sent(Struct, Generic[ItemT], frozen=True, kw_only=True):
+    """A message or a notification that was delivered."""
+
+    at_s: float  # when it was delivered, on the run's clock
+    item: ItemT
+
+
+class Outbox(Generic[ItemT]):
+    """What was delivered, and what waits for the other side. It is delivered when it is next used after that is back.
+
+    Attributes:
+        given_up: How many were given up: pushed out of the queue, or past their time.
+    """
+
+    GONE: ClassVar[str]
+
+    def __init__(self, options: OutboxOptions, context: DriverContext, kind: str) -> None:
+        self.given_up = 0
+        self._name = f"the simulated {kind} '{context.name}'"
+        self._clock = context.clock
+        self._sent: deque[Sent[ItemT]] = deque(maxlen=options.history)
+        self._waiting: deque[tuple[float, ItemT]] = deque(maxlen=options.queue)
+        self._is_open = False
+
+    @abstractmethod
+    def is_away(self) -> bool:
+        """Return whether the other side is away now."""
+
+    def _expires_s(self, item: ItemT) -> float | None:  # noqa: ARG002 - what expires says so
+        """Return for how long something may wait; None for ever."""
+        return None
+
+    @property
+    def sent(self) -> tuple[Sent[ItemT], ...]:
+        """What was delivered, oldest first. Bounded: the oldest is forgotten."""
+        self._deliver()
+        return tuple(self._sent)
+
+    def open(self) -> None:
+        """Connect if the other side is there. Does nothing when open."""
+        self._is_open = True
+
+    def undelivered(self) -> tuple[ItemT, ...]:
+        """Return what waits for the other side, oldest first."""
+        return tuple(item for _, item in tuple(self._waiting))  # copied first: the loop goes on meanwhile
+
+    def trouble(self) -> str:
+        """Return in words what is wrong with the connection, or an empty string if it stands."""
+        if not self._is_open:
+            return f"{self._name} is not open"
+        if self.is_away():
+            return f"{self.GONE}; waiting: {len(self._waiting)}, given up so far: {self.given_up}"
+        self._deliver()
+        return ""
+
+    def close(self) -> None:
+        """Deliver what waits if the other side is there, and disconnect. May be called any number of times."""
+        self._deliver()
+        self._is_open = False
+
+    def _check_open(self) -> None:
+        if not self._is_open:
+            raise DeviceClosedError(f"{self._name} is not open")
+
+    def _put(self, item: ItemT) -> None:
+        self._deliver()
+        if len(self._waiting) == self._waiting.maxlen:
+            self.given_up += 1
+        self._waiting.append((self._clock.now_s(), item))
+        self._deliver()
+
+    def _deliver(self) -> None:
+        if not self._is_open or self.is_away():
+            return
+        now_s = self._clock.now_s()
+        while self._waiting:
+            since_s, item = self._waiting.popleft()
+            expires_s = self._expires_s(item)
+            if expires_s is None or now_s - since_s <= expires_s:
+                self._sent.append(Sent(at_s=now_s, item=item))
+            else:
+                self.given_up += 1
+
+
+class SimulatedMessengerOptions(OutboxOptions):
+    """The table of a simulated messenger in the configuration."""
 
     def build(self, context: DriverContext) -> SimulatedMessenger:
         """Return the messenger."""
         return SimulatedMessenger(self, context)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SentMessage:
-    """A message that was delivered."""
-
-    at_s: float  # when it was delivered, on the run's clock
-    message: Message
-
-
-@dataclass(frozen=True, slots=True)
-class _Waiting:
-    """A message in the queue, and when it came."""
-
-    since_s: float
-    message: Message
-
-    def is_wanted(self, now_s: float) -> bool:
-        expires_s = self.message.expires_s
-        return expires_s is None or now_s - self.since_s <= expires_s
-
-
-class SimulatedMessenger:
-    """A messenger whose broker is in the simulated world.
-
-    It honours the knob ``broker_gone``. What waits is delivered when the messenger is next used after the broker came
-    back: a cycle later in a run.
+class SimulatedMessenger(Outbox[Message]):
+    """A messenger whose broker is in the simulated world. It honours the knob ``broker_gone``.
 
     Raises:
         ConfigError: The run has no world.
     """
 
+    GONE = "the simulated broker is gone"
+
     def __init__(self, options: SimulatedMessengerOptions, context: DriverContext) -> None:
+        super().__init__(options, context, "messenger")
         self.dropped = 0  # how many messages of QoS 0 were lost for want of a broker
-        self.given_up = 0  # how many of QoS 1 were given up: pushed out of the queue, or past their time
-        self._name = context.name
-        self._clock = context.clock
         self._world = shared_world(context)
-        self._sent: deque[SentMessage] = deque(maxlen=options.history)
-        self._waiting: deque[_Waiting] = deque(maxlen=options.queue)
-        self._is_open = False
 
-    @property
-    def sent(self) -> tuple[SentMessage, ...]:
-        """The messages that were delivered, oldest first. Bounded: the oldest are forgotten."""
-        self._deliver()
-        return tuple(self._sent)
+    def is_away(self) -> bool:
+        """Return whether the broker is gone."""
+        return self._world.faults.broker_gone
 
-    def open(self) -> None:
-        """Connect if the broker is there. Does nothing when open."""
-        self._is_open = True
+    def _expires_s(self, item: Message) -> float | None:
+        return item.expires_s
 
     def publish(self, message: Message) -> None:
         """Deliver a message, or keep it until the broker is back."""
-        if not self._is_open:
-            raise DeviceClosedError(f"the simulated messenger '{self._name}' is not open")
-        if message.qos == 0 and self._world.faults.broker_gone:
+        self._check_open()
+        if message.qos == 0 and self.is_away():
             self.dropped += 1
-            return
-        self._deliver()
-        if len(self._waiting) == self._waiting.maxlen:
-            self.given_up += 1
-        self._waiting.append(_Waiting(self._clock.now_s(), message))
-        self._deliver()
-
-    def undelivered(self) -> tuple[Message, ...]:
-        """Return the messages that wait for the broker, oldest first."""
-        return tuple(each.message for each in tuple(self._waiting))  # copied first: the loop goes on meanwhile
-
-    def trouble(self) -> str:
-        """Return in words what is wrong with the connection, or an empty string if it stands."""
-        if not self._is_open:
-            return "the simulated messenger is not open"
-        if self._world.faults.broker_gone:
-            return (
-                f"the simulated broker is gone; messages waiting: {len(self._waiting)}, "
-                f"given up so far: {self.given_up}"
-            )
-        self._deliver()
-        return ""
-
-    def close(self) -> None:
-        """Deliver what waits if the broker is there, and disconnect. May be called any number of times."""
-        self._deliver()
-        self._is_open = False
-
-    def _deliver(self) -> None:
-        if not self._is_open or self._world.faults.broker_gone:
-            return
-        now_s = self._clock.now_s()
-        while self._waiting:
-            waiting = self._waiting.popleft()
-            if waiting.is_wanted(now_s):
-                self._sent.append(SentMessage(at_s=now_s, message=waiting.message))
-            else:
-                self.given_up += 1
+        else:
+            self._put(message)

@@ -37,8 +37,12 @@ OUT_OF_SIGHT = "out-of-sight"
 DURING = {
     "hide-target": "The ball is hidden on purpose: the robot must stop.",
     "freeze-camera": "The camera is frozen on purpose: old pictures must move nothing.",
+    "freeze-under-clock": "The sensor is frozen on purpose, under a clock that runs: the robot must notice, and stop.",
+    "freeze-under-noise": "The sensor is frozen on purpose, with noise added: the robot must notice, and stop.",
     "block-camera": "The camera is blocked on purpose: without pictures nothing may move.",
     "unplug-base": "The robot's cable is out on purpose: nothing reaches it, so it must stop by itself.",
+    "press-bumper": "The robot has bumped into something on purpose: it must stand.",
+    "silence-sensors": "The range sensors are silent on purpose: what must not come near may be near.",
     "broker-gone": "The message broker is away on purpose: messages must wait for it.",
     OUT_OF_SIGHT: "The ball is out of the camera's sight: the robot stands still until the ball comes back.",
 }
@@ -47,8 +51,12 @@ DURING = {
 AFTER = {
     "hide-target": "The ball is back in sight: the robot may go on.",
     "freeze-camera": "The camera sends new pictures again: the robot may go on.",
+    "freeze-under-clock": "The sensor works again: the robot may go on once it is armed.",
+    "freeze-under-noise": "The sensor works again: the robot may go on once it is armed.",
     "block-camera": "The camera sends pictures again: the robot may go on.",
     "unplug-base": "The robot's cable is in again: it is identified, and stands still for 3 s before it goes on.",
+    "press-bumper": "Nothing presses the bumper any more: the robot may go on.",
+    "silence-sensors": "The range sensors answer again: the robot may go on.",
     "broker-gone": "The message broker is back: what waited is delivered.",
     OUT_OF_SIGHT: "The ball has come back to the camera: the robot may go on.",
 }

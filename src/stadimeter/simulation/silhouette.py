@@ -12,10 +12,10 @@ In a picture each pixel's ray is intersected with the sphere, and the edge is an
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
@@ -42,8 +42,7 @@ FINE_PX = 96
 SHADOW_DEPTH = 0.5
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Silhouette:
+class Silhouette(Struct, frozen=True, kw_only=True):
     """The ellipse that a ball fills in a picture. Pixel coordinates have (0, 0) at the centre of the top left pixel."""
 
     centre_px: tuple[float, float]  # its centre, which lies a little further out than where the ball's centre is seen
@@ -103,8 +102,7 @@ def hits(direction: tuple[float, float], centre_m: Vector, radius_m: float) -> b
     return ahead > 0 and ahead * ahead >= (u * u + v * v + 1) * (x * x + y * y + z * z - radius_m * radius_m)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Patch:
+class _Patch(Struct, frozen=True, kw_only=True):
     """A part of a picture, in whole pixels, right and bottom excluded."""
 
     left: int
@@ -168,14 +166,22 @@ def _cast(
     bend_u, bend_v, twist = x * x - power, y * y - power, 2 * x * y
     middle_g = ahead0 * ahead0 - (u0 * u0 + v0 * v0 + 1) * power
     g = (bend_u * du * du + slope_u * du + middle_g) + (bend_v * dv * dv + slope_v * dv) + dv * (twist * du)
-    per_u = (((2 * bend_u) * du + slope_u) + twist * dv) * np.float32(abs(float(rays[0][1] - rays[0][0])))
-    per_v = (((2 * bend_v) * dv + slope_v) + twist * du) * np.float32(abs(float(rays[1][1] - rays[1][0])))
+    per_u = (((2 * bend_u) * du + slope_u) + twist * dv) * _step(rays[0])
+    per_v = (((2 * bend_v) * dv + slope_v) + twist * du) * _step(rays[1])
     inside_samples = g / (cv2.magnitude(per_u, per_v) + np.float32(1e-12))
     ahead = (x * du + ahead0) + y * dv
     cover = np.clip(inside_samples + np.float32(0.5), 0, 1) * (ahead > 0)
     squared = (rays[0] ** 2 + 1).astype(np.float32)[None, :] + (rays[1] ** 2).astype(np.float32)[:, None]
     depth_m = (ahead - np.sqrt(np.maximum(g, 0))) / squared
     return cover, _shade(depth_m, rays, centre_m, radius_m)
+
+
+def _step(rays: NDArray[np.float64]) -> np.float32:
+    """Return the distance between two samples; of a ball of which one column or row is in the picture, none is known.
+
+    Its edge is then as sharp as a sample.
+    """
+    return np.float32(abs(float(rays[1] - rays[0])) if len(rays) > 1 else 0.0)
 
 
 def _shade(

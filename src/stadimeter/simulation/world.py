@@ -8,21 +8,20 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import StrEnum
 from itertools import pairwise
 from typing import Any
 
+from msgspec import Struct
 from pydantic import Field, field_validator, model_validator
 
 from stadimeter.config.plugins import DriverContext, DriverOptions, OptionsTable
-from stadimeter.config.units import Angle, Duration, Length, LengthOrZero
+from stadimeter.config.units import Angle, Coordinate, Duration, Length, LengthOrZero
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.clock import Clock
 from stadimeter.errors import ConfigError
-from stadimeter.simulation.ball import Ball, Coordinate, Hand, WayPoint
+from stadimeter.simulation.motion import Ball, DifferentialRobot, Hand, Pose, WayPoint
 from stadimeter.simulation.narration import OUT_OF_SIGHT, Narrator, StoryLine
-from stadimeter.simulation.robot import DifferentialRobot, Pose
 
 # Under this name the drivers of a run share the world.
 SHARED_NAME = "world"
@@ -33,8 +32,12 @@ class FaultKind(StrEnum):
 
     HIDE_TARGET = "hide-target"
     FREEZE_CAMERA = "freeze-camera"
+    FREEZE_UNDER_CLOCK = "freeze-under-clock"
+    FREEZE_UNDER_NOISE = "freeze-under-noise"
     BLOCK_CAMERA = "block-camera"
     UNPLUG_BASE = "unplug-base"
+    PRESS_BUMPER = "press-bumper"
+    SILENCE_SENSORS = "silence-sensors"
     BROKER_GONE = "broker-gone"
 
 
@@ -118,22 +121,29 @@ class WorldOptions(DriverOptions):
         return self
 
 
-@dataclass(slots=True)
-class Faults:
+class Faults(Struct):
     """The knobs. Tests and people turn them by hand; the schedule of the configuration turns them too."""
 
     target_hidden: bool = False  # no camera shows the ball
     camera_frozen: bool = False  # the camera keeps delivering the same old frame, as a stuck driver does
+    frozen_under_clock: bool = False  # the sensor shows the same old view, over which a clock is drawn that runs
+    frozen_under_noise: bool = False  # the sensor shows the same old view, with noise that is added anew
     camera_blocked: bool = False  # no frame comes from the camera
     base_unplugged: bool = False  # the cable to the robot base is out
+    bumper_pressed: bool = False  # something presses the bumper of a simulated base
+    sensors_silent: bool = False  # no range sensor answers
     broker_gone: bool = False  # the message broker does not answer
 
 
 KNOBS = {
     FaultKind.HIDE_TARGET: "target_hidden",
     FaultKind.FREEZE_CAMERA: "camera_frozen",
+    FaultKind.FREEZE_UNDER_CLOCK: "frozen_under_clock",
+    FaultKind.FREEZE_UNDER_NOISE: "frozen_under_noise",
     FaultKind.BLOCK_CAMERA: "camera_blocked",
     FaultKind.UNPLUG_BASE: "base_unplugged",
+    FaultKind.PRESS_BUMPER: "bumper_pressed",
+    FaultKind.SILENCE_SENSORS: "sensors_silent",
     FaultKind.BROKER_GONE: "broker_gone",
 }
 

@@ -1,1 +1,1 @@
-"""For people who write drivers and rules: a clock to move by hand, recording doubles, contract suites."""
+"""For people who write drivers and rules: a clock to move by hand, contract suites."""

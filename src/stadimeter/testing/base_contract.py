@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import ClassVar
 
 import pytest
@@ -23,8 +22,7 @@ LOOP_S = 0.04
 LOST_WITHIN_S = 1.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BaseRig(OutputRig[MobileBase]):
+class BaseRig(OutputRig[MobileBase], frozen=True, kw_only=True):
     """A base with its counterpart, real or emulated.
 
     Its faults are `UNPLUGGED` (the port is gone), `SILENT` (bytes are taken, nothing is answered) and

@@ -12,11 +12,11 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from msgspec import Struct
 
 from stadimeter.cameras.protocol import Camera
 from stadimeter.core.clock import Clock
@@ -43,8 +43,7 @@ MAX_READS = 200
 CLOSE_LIMIT_S = 5.0
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class CameraRig:
+class CameraRig(Struct, frozen=True, kw_only=True, eq=False):
     """A camera that was not opened yet, and what is needed to watch it.
 
     Attributes:

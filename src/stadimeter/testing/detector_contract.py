@@ -14,11 +14,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 import pytest
+from msgspec import Struct
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
@@ -69,8 +70,7 @@ WRONG_PREDICTIONS: tuple[dict[str, Any], ...] = (
 TINY_SHAPES = ((1, 1), (1, 40), (40, 1), (2, 2), (3, 7))
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class KnownTarget:
+class KnownTarget(Struct, frozen=True, kw_only=True, eq=False):
     """A target whose true distance is known, and where a tracker would expect it."""
 
     distance_m: float
@@ -84,8 +84,7 @@ class KnownTarget:
         return Prediction(centre_px=self.centre_px, size_px=self.size_px, sigma_px=PREDICTION_SIGMA_PX)
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class DetectorRig:
+class DetectorRig(Struct, frozen=True, kw_only=True, eq=False):
     """A detector and what to show it. All frames have the same size, with even width and height.
 
     Attributes:
@@ -278,7 +277,7 @@ def _two(rig: DetectorRig) -> Frame:
 
 def _same(one: Detection, other: Detection) -> bool:
     """Compare two detections, to the last bit."""
-    return all(np.array_equal(getattr(one, each.name), getattr(other, each.name)) for each in fields(Detection))
+    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in Detection.__struct_fields__)
 
 
 def _halved(image: Image) -> Image:

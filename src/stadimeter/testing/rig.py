@@ -20,15 +20,14 @@ from abc import abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
 from typing import Any, ClassVar, Generic, TypeVar
 
 import pytest
+from msgspec import Struct, field
 
+from stadimeter.app.clock import SteppedClock
 from stadimeter.core.command import Command
 from stadimeter.errors import DriverError
-from stadimeter.testing.eventually import eventually
-from stadimeter.testing.manual_clock import ManualClock
 
 DeviceT = TypeVar("DeviceT")
 ResultT = TypeVar("ResultT")
@@ -49,6 +48,28 @@ Fault = Callable[[bool], None]
 _too_slow: dict[str, str] = {}
 
 
+class ManualClock(SteppedClock):
+    """A clock that a test moves."""
+
+    def advance_s(self, seconds: float) -> None:
+        """Move the clock on, calling on the way whatever is due."""
+        self.sleep_until_s(self.now_s() + seconds)
+
+
+def eventually(condition: Callable[[], ResultT], within_s: float = 120.0) -> ResultT:
+    """Wait until a condition returns something true, else raise `AssertionError`.
+
+    Args:
+        within_s: How long a condition that never comes true is waited for. It is no measurement: a machine at load 20
+            takes ten times as long for everything.
+    """
+    until_s = time.monotonic() + within_s
+    while not (result := condition()):
+        assert time.monotonic() < until_s, f"this did not become true within {within_s:g} s: {result!r}"
+        time.sleep(0.005)
+    return result
+
+
 def impossible(reason: str) -> Fault:
     """Return a fault that the device cannot have: the tests that need it are skipped, with the reason."""
 
@@ -59,8 +80,7 @@ def impossible(reason: str) -> Fault:
     return skip
 
 
-@dataclass(slots=True)
-class Stopwatch:
+class Stopwatch(Struct):
     """Fails a driver whose calls keep the control loop waiting."""
 
     slow_in_a_row: Counter[str] = field(default_factory=Counter)
@@ -118,8 +138,7 @@ def threads_left() -> Iterator[Callable[[], list[str]]]:
     yield left
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rig(Generic[DeviceT]):
+class Rig(Struct, Generic[DeviceT], frozen=True, kw_only=True, eq=False):
     """A driver and its device.
 
     Attributes:
@@ -132,7 +151,7 @@ class Rig(Generic[DeviceT]):
     device: DeviceT
     faults: Mapping[str, Fault]
     patience_s: float = 20.0
-    _stopwatch: Stopwatch = field(default_factory=Stopwatch, init=False, repr=False, compare=False)
+    _stopwatch: Stopwatch = field(default_factory=Stopwatch)
 
     def begin(self, fault: str) -> None:
         """Let something go wrong."""
@@ -159,8 +178,7 @@ class Rig(Generic[DeviceT]):
         return self.faults[fault]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OutputRig(Rig[DeviceT]):
+class OutputRig(Rig[DeviceT], frozen=True, kw_only=True):
     """An actuator or a base with its device.
 
     Attributes:

@@ -5,13 +5,17 @@ from __future__ import annotations
 import errno
 import fcntl
 import os
+import select
 from contextlib import suppress
 
 from gpiozero.pins.mock import MockFactory, MockPWMPin
 
-from stadimeter.actuators.output_pin import SHARED_KEY
 from stadimeter.config.plugins import DriverContext
+from stadimeter.gpio.output_pin import SHARED_KEY
 from stadimeter.simulation.emulated_port import EmulatedPort
+
+# A kernel moves bytes from the buffer that is written into another one, and then has room once more.
+MOVED_ON_WITHIN_MS = 200
 
 
 class WatchedPin(MockPWMPin):  # type: ignore[misc] # gpiozero has no types
@@ -118,7 +122,10 @@ def clog(port: EmulatedPort, *, begins: bool) -> None:
     if not begins:
         return
     descriptor = os.open(port.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    with suppress(BlockingIOError):
-        while True:
-            os.write(descriptor, b"\n" * 64)  # firmware passes over empty lines
+    room = select.poll()
+    room.register(descriptor, select.POLLOUT)
+    while room.poll(MOVED_ON_WITHIN_MS):
+        with suppress(BlockingIOError):
+            while True:
+                os.write(descriptor, b"\n" * 64)  # firmware passes over empty lines
     os.close(descriptor)

@@ -9,6 +9,7 @@ import json
 import sys
 from pathlib import Path
 
+from stadimeter.app.ending import end_with_input
 from stadimeter.errors import PageError
 from stadimeter.web.access import shown_address
 from stadimeter.web.page import PageOptions
@@ -26,6 +27,8 @@ def main() -> None:
         listener = listen(given["address"], given["port"], options.passwords)
     except PageError as error:
         sys.exit(_print_error(error))
+    if given.get("ends_with_input"):
+        end_with_input()
     scheme = "https" if certificate else "http"
     address = shown_address(*listener.getsockname()[:2])
     serve(options, listener, (certificate, key), lambda: print(f"The page: {scheme}://{address}/", flush=True))

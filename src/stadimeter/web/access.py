@@ -20,8 +20,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from stadimeter.errors import PageError
 from stadimeter.web.answers import as_error, as_json
 from stadimeter.web.attempts import Attempts
-from stadimeter.web.ended_sessions import EndedSessions, Session
-from stadimeter.web.passwords import PasswordFile, Passwords
+from stadimeter.web.passwords import EndedSessions, PasswordFile, Passwords, Session
 from stadimeter.web.routes import PAGE_OPERATIONS, PageOperation, Right
 
 # A session lasts this long, on the wall clock.

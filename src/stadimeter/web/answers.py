@@ -5,12 +5,12 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import AsyncGenerator
-from contextlib import aclosing, suppress
+from contextlib import aclosing
 from typing import Any
 from urllib.parse import quote
 
 from starlette.requests import ClientDisconnect, Request
-from starlette.responses import Response
+from starlette.responses import Response, StreamingResponse
 from starlette.types import Receive, Scope, Send
 
 from stadimeter.errors import PageError
@@ -60,33 +60,14 @@ async def bounded_body(request: Request, most_bytes: int) -> bytes:
     return b"".join(parts)
 
 
-class Streamed(Response):
+class Streamed(StreamingResponse):
     """Sends parts until they end, or the browser is gone. Waits until the browser has taken each."""
 
     def __init__(self, parts: AsyncGenerator[bytes, None], media: str) -> None:
-        super().__init__(None, media_type=media)
-        del self.headers["content-length"]
+        super().__init__(parts, media_type=media)
         self._parts = parts
 
-    async def __call__(self, _scope: Scope, receive: Receive, send: Send) -> None:
-        """PageAnswer a request."""
-        await send({"type": "http.response.start", "status": 200, "headers": self.raw_headers})
-        tasks = {asyncio.create_task(self._send(send)), asyncio.create_task(_gone(receive))}
-        try:
-            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
-
-    async def _send(self, send: Send) -> None:
-        async with aclosing(self._parts) as parts:
-            async for part in parts:
-                await send({"type": "http.response.body", "body": part, "more_body": True})
-        with suppress(OSError):
-            await send({"type": "http.response.body", "body": b""})
-
-
-async def _gone(receive: Receive) -> None:
-    while (await receive())["type"] != "http.disconnect":
-        pass
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request. What the parts hold is let go of at once, however it ends."""
+        async with aclosing(self._parts):
+            await super().__call__(scope, receive, send)

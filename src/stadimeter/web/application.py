@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
 
+import msgspec
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
@@ -27,7 +27,7 @@ _Endpoint = Callable[[Request], Awaitable[Response]]
 def application(page: Page) -> ASGIApp:
     """Return the application: every path of the table, and 404 for all else."""
     routes = [_route(page, operation) for operation in PAGE_OPERATIONS]
-    handlers: Mapping[Any, Any] = {PageError: _refused, HTTPException: _no_such, Exception: _defect}
+    handlers: Mapping[Any, Any] = {PageError: _answer_refusal, HTTPException: _no_such, Exception: _defect}
     return AccessGuard(Starlette(routes=routes, exception_handlers=handlers), page.access, login_form)
 
 
@@ -82,19 +82,12 @@ async def _body(request: Request, operation: PageOperation) -> Mapping[str, Any]
     if not text:
         return {}
     try:
-        found = json.loads(text, parse_constant=_no_number)
-    except (ValueError, RecursionError) as error:
-        raise PageError(400, "wrong-body", "the body of the request is no JSON") from error
-    if not isinstance(found, dict):
-        raise PageError(400, "wrong-body", "a JSON object is wanted")
-    return found
+        return msgspec.json.decode(text, type=dict[str, Any])
+    except (msgspec.MsgspecError, RecursionError) as error:
+        raise PageError(400, "wrong-body", f"the body of the request is no JSON object: {error}") from error
 
 
-def _no_number(name: str) -> None:
-    raise ValueError(f"{name} is no number")
-
-
-def _refused(_request: Request, error: PageError) -> Response:
+def _answer_refusal(_request: Request, error: PageError) -> Response:
     return as_error(error)
 
 

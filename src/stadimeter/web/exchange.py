@@ -1,12 +1,16 @@
-"""One question and its answer, over a control socket or the pipe of the workbench process."""
+"""What the links to the run and to the workbench share: one question and its answer, and the end of a process."""
 
 from __future__ import annotations
 
+import asyncio
 import json
 from asyncio import IncompleteReadError, LimitOverrunError, StreamReader, StreamWriter
-from collections.abc import Mapping
-from dataclasses import dataclass
+from asyncio.subprocess import Process
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from typing import Any
+
+from msgspec import Struct
 
 from stadimeter.app.control.framing import attached_bytes
 from stadimeter.errors import PageError
@@ -20,8 +24,7 @@ STATUS_OF_CODE = {"conflict": 409, "not-found": 404, "busy": 503}
 _OF_THE_FRAMING = frozenset({"transaction", "status", "error", "code", "bytes", "data"})
 
 
-@dataclass(frozen=True, slots=True)
-class PageAnswer:
+class PageAnswer(Struct, frozen=True):
     """What a run or the workbench answered, and the bytes that belong to it, such as a picture."""
 
     data: Any
@@ -70,3 +73,13 @@ def refusal(answer: Mapping[str, Any]) -> PageError:
 
 # What `take` may raise besides a refusal: the other side is gone, or says what makes no sense.
 UNREADABLE = (OSError, EOFError, ValueError, IncompleteReadError)
+
+
+async def end_process(process: Process, end: Callable[[], object], wait_s: float) -> None:
+    """End a process in the way that it heeds; kill it if it does not."""
+    for ask, limit_s in ((end, wait_s), (process.kill, None)):
+        with suppress(ProcessLookupError, TimeoutError):
+            async with asyncio.timeout(limit_s):
+                ask()
+                await process.wait()
+                return

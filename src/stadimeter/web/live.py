@@ -13,8 +13,9 @@ import time
 from collections import deque
 from collections.abc import AsyncGenerator, Callable, Mapping
 from contextlib import aclosing
-from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
+
+from msgspec import Struct
 
 from stadimeter.errors import PageError
 from stadimeter.web.exchange import PageAnswer
@@ -23,21 +24,18 @@ from stadimeter.web.run_link import RunLink
 # The pictures that a subscription may have.
 KINDS = ("none", "plain", "drawn")
 
-Explained: TypeAlias = Callable[[PageError], PageError]
-
 RETRY_S = 1.0
 EVENTS_KEPT = 100
 SAMPLES_KEPT_S = 300.0
 
 
-@dataclass(frozen=True, slots=True)
-class LiveMessage:
+class LiveMessage(Struct, frozen=True):
     """A snapshot as JSON, and its picture as JPEG."""
 
     snapshot: bytes
     picture: bytes = b""
 
-    def framed(self) -> bytes:
+    def encode(self) -> bytes:
         """Return it as the page's stream has it: both lengths, and both."""
         return struct.pack(">II", len(self.snapshot), len(self.picture)) + self.snapshot + self.picture
 
@@ -83,12 +81,14 @@ class Feed:
     """The messages of one kind of picture. It is subscribed to while it has watchers.
 
     Args:
-        explained: Says more of why there is no run.
+        explain: Says more of why there is no run.
     """
 
-    def __init__(self, link: RunLink, image: str, explained: Explained = lambda error: error) -> None:
+    def __init__(
+        self, link: RunLink, image: str, explain: Callable[[PageError], PageError] = lambda error: error
+    ) -> None:
         self._link = link
-        self._explained = explained
+        self._explain = explain
         self._args = {"image": image}
         self._history = History()
         self._number = 0
@@ -140,7 +140,7 @@ class Feed:
                         self._take(answer, is_first=is_first)
                         is_first = False
             except PageError as error:
-                why = self._explained(error)
+                why = self._explain(error)
                 self._publish({"gone": str(why), "code": why.code}, b"")
             except (AttributeError, LookupError, TypeError):
                 words = "the run says what this page does not understand: are they of one version?"
@@ -177,24 +177,6 @@ class Feed:
         if "gone" not in snapshot:
             words = b'{"waited_s":%.3f,' % (time.monotonic() - self._arrived_s) + words[1:]
         return LiveMessage(words, self._newest.picture)
-
-
-class Feeds:
-    """A feed for each kind of picture."""
-
-    def __init__(self, link: RunLink, explained: Explained) -> None:
-        self._of = {kind: Feed(link, kind, explained) for kind in KINDS}
-
-    def __getitem__(self, kind: str) -> Feed:
-        """Return the feed of a kind; `PageError` if there is none."""
-        if kind not in self._of:
-            raise PageError(400, "no-such-picture", f"image={kind!r}: one of {', '.join(KINDS)} is wanted")
-        return self._of[kind]
-
-    def close(self) -> None:
-        """Let all who watch go."""
-        for feed in self._of.values():
-            feed.close()
 
 
 def _json(value: Any) -> bytes:

@@ -8,11 +8,11 @@ import mimetypes
 import time
 from collections.abc import AsyncGenerator
 from contextlib import aclosing, asynccontextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
 
+from msgspec import Struct
 from starlette.requests import Request
 from starlette.responses import FileResponse, RedirectResponse, Response
 from starlette.staticfiles import StaticFiles
@@ -22,8 +22,7 @@ from stadimeter.errors import PageError
 from stadimeter.web.access import Access
 from stadimeter.web.answers import Streamed, as_json, as_picture, bounded_body
 from stadimeter.web.exchange import PageAnswer
-from stadimeter.web.live import Feeds, LiveMessage
-from stadimeter.web.openapi import openapi_document
+from stadimeter.web.live import KINDS, Feed, LiveMessage
 from stadimeter.web.passwords import PasswordFile
 from stadimeter.web.routes import Right
 from stadimeter.web.run_link import RunLink
@@ -43,8 +42,7 @@ REVALIDATED = {"Cache-Control": "no-cache"}
 mimetypes.add_type("text/javascript", ".js")  # a system's own table may say otherwise, and then no module is loaded
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PageOptions:
+class PageOptions(Struct, frozen=True, kw_only=True):
     """How the page is served.
 
     Attributes:
@@ -73,7 +71,7 @@ class Page:
         self.run = RunLink(self.configuration, options.socket)
         self.workbench = WorkbenchLink(command_of_workbench(self.configuration, options.socket))
         self.run_process = RunProcess(self.run)
-        self.feeds = Feeds(self.run, self.run_process.explained)
+        self.feeds = {kind: Feed(self.run, kind, self.run_process.explain) for kind in KINDS}
         self._static = StaticFiles(directory=HERE / "static", check_dir=False)
         self._shots: dict[str, tuple[float, PageAnswer]] = {}
         self._shooting = asyncio.Lock()
@@ -97,7 +95,8 @@ class Page:
     def end(self) -> None:
         """End all streams, and all requests that wait for an answer."""
         self._is_ending = True
-        self.feeds.close()
+        for feed in self.feeds.values():
+            feed.close()
         while self._limits:
             self._limits.pop().reschedule(0.0)
 
@@ -113,10 +112,6 @@ class Page:
     async def static(self, request: Request) -> Response:
         """A file of the page."""
         return await self._file(request.path_params["file"], request)
-
-    async def openapi(self, _request: Request) -> Response:
-        """The description of the API."""
-        return as_json(openapi_document())
 
     async def login_page(self, _request: Request) -> Response:
         """The form for the password."""
@@ -159,7 +154,7 @@ class Page:
     async def live(self, request: Request) -> Response:
         """Snapshots, for as long as the browser takes them."""
         messages = self._watched(request.query_params.get("image", "plain"), request)
-        return Streamed(_framed(messages), "application/octet-stream")
+        return Streamed(_frames(messages), "application/octet-stream")
 
     async def stream(self, request: Request) -> Response:
         """Pictures, each in the place of the one before, for anything that shows MJPEG."""
@@ -190,6 +185,8 @@ class Page:
 
     def _watched(self, image: str, request: Request) -> AsyncGenerator[LiveMessage, None]:
         """Return the messages of a feed, for as long as the session may read: a new password ends that."""
+        if image not in self.feeds:
+            raise PageError(400, "no-such-picture", f"image={image!r}: one of {', '.join(KINDS)} is wanted")
         feed = self.feeds[image]
 
         async def watched() -> AsyncGenerator[LiveMessage, None]:
@@ -210,7 +207,7 @@ class Page:
         try:
             told = await self.run_process.about()
         except PageError as error:
-            words = str(self.run_process.explained(error))
+            words = str(self.run_process.explain(error))
             return {"is_running": False, "words": words, "may_start": self.run_process.may_start}
         return {"is_running": True, "words": "", "may_start": False, **told}
 
@@ -232,10 +229,10 @@ def _image(request: Request) -> str:
     return "drawn" if request.query_params.get("drawn", "0") in {"1", "true"} else "plain"
 
 
-async def _framed(messages: AsyncGenerator[LiveMessage, None]) -> AsyncGenerator[bytes, None]:
+async def _frames(messages: AsyncGenerator[LiveMessage, None]) -> AsyncGenerator[bytes, None]:
     async with aclosing(messages):
         async for message in messages:
-            yield message.framed()
+            yield message.encode()
 
 
 async def _parts(messages: AsyncGenerator[LiveMessage, None]) -> AsyncGenerator[bytes, None]:

@@ -1,16 +1,24 @@
-"""The passwords of the page: a file of their own, which holds their hashes and the key that signs sessions."""
+"""The passwords of the page, in a file with their hashes and the key that signs sessions; and sessions that were ended.
+
+The cookies of ended sessions are signed, and would open the page until they end by themselves.
+"""
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import hmac
 import json
 import os
 import secrets
 import tempfile
-from dataclasses import dataclass, replace
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+import msgspec
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from stadimeter.errors import PageError
 from stadimeter.web.routes import Right
@@ -25,9 +33,11 @@ SCRYPT = {"n": 2**13, "r": 8, "p": 10}
 SERVICE_FOLDER = Path("/var/lib/stadimeter")
 NAMES = {"operate": Right.OPERATE, "read": Right.READ}
 
+# Of so many sessions of a right it is remembered that they were ended. One more ends others, and lets none go on.
+ENDED_MAX = 1000
 
-@dataclass(frozen=True, slots=True)
-class Passwords:
+
+class Passwords(Struct, frozen=True):
     """What the file holds.
 
     Attributes:
@@ -65,13 +75,10 @@ class PasswordFile:
     def passwords(self) -> Passwords | None:
         """Return what the file holds; None without a file. `PageError` if it cannot be read: no one may enter then."""
         try:
-            found = self.path.stat()
-            seen = (found.st_mtime_ns, found.st_ino, found.st_size)
+            seen = _signature(self.path)
             if seen != self._read_as:
-                self._passwords = _parsed(self.path.read_bytes())
+                self._passwords = _parse_passwords(self.path.read_bytes()) if seen is not None else None
                 self._read_as = seen
-        except FileNotFoundError:
-            self._passwords, self._read_as = None, None
         except (OSError, ValueError, KeyError, TypeError) as error:
             why = (
                 error.strerror
@@ -102,7 +109,7 @@ def place_of_passwords(configuration: Path | None) -> Path:
     raise PageError(400, "password", "name the CONFIG that the page is for, or give --password-file")
 
 
-def _parsed(text: bytes) -> Passwords:
+def _parse_passwords(text: bytes) -> Passwords:
     found = json.loads(text)
     return Passwords(
         {name: int(found["scrypt"][name]) for name in SCRYPT},
@@ -135,3 +142,77 @@ def replace_file(path: Path, text: str) -> None:
         except BaseException:
             Path(file.name).unlink(missing_ok=True)
             raise
+
+
+class Session(Struct, frozen=True):
+    """What a cookie says: what it opens, until when in seconds since 1970, and which session it is."""
+
+    right: Right
+    until_s: int
+    name: str
+
+
+class _OfRight(Struct):
+    """The ended sessions of one right, each with its end; and the end up to which every one counts as ended."""
+
+    ended: dict[str, int] = field(default_factory=dict)
+    floor_s: int = 0
+
+    def add(self, session: Session, now_s: float) -> None:
+        self.ended = {name: until_s for name, until_s in self.ended.items() if until_s > now_s}
+        self.ended[session.name] = session.until_s
+        while len(self.ended) > ENDED_MAX:
+            first = min(self.ended, key=self.ended.__getitem__)
+            self.floor_s = max(self.floor_s, self.ended.pop(first))
+
+
+class EndedSessions:
+    """Remembers ended sessions, in a file beside the passwords: a restart of the page opens none of them again.
+
+    Args:
+        path: The file; it is made when it is first needed.
+        unix_s: Seconds since 1970.
+    """
+
+    def __init__(self, path: Path, unix_s: Callable[[], float]) -> None:
+        self.path = path
+        self._unix_s = unix_s
+        self._read_as: tuple[int, ...] | None = None
+        self._of: dict[Right, _OfRight] = {}
+        self._writing = asyncio.Lock()
+
+    def has(self, session: Session) -> bool:
+        """Return whether a session was ended; `PageError` if that cannot be known: none goes on then."""
+        self._read()
+        ended = self._of.get(session.right)
+        return ended is not None and (session.until_s <= ended.floor_s or session.name in ended.ended)
+
+    async def add(self, session: Session) -> None:
+        """End a session, at once; `PageError` if the file cannot be written, so that a restart would revive it."""
+        async with self._writing:
+            self._read()
+            self._of.setdefault(session.right, _OfRight()).add(session, self._unix_s())
+            try:
+                await asyncio.to_thread(replace_file, self.path, msgspec.json.encode(self._of).decode())
+            except OSError as error:
+                words = f"you are logged out until the page restarts: {self.path} cannot be written: {error.strerror}"
+                raise PageError(503, "not-written", words) from error
+
+    def _read(self) -> None:
+        try:
+            seen = _signature(self.path)
+            if seen is not None and seen != self._read_as:
+                self._of = msgspec.json.decode(self.path.read_bytes(), type=dict[Right, _OfRight])
+                self._read_as = seen
+        except (OSError, msgspec.MsgspecError) as error:
+            words = f"{self.path}: cannot be read; delete it, and set the password anew to end all sessions"
+            raise PageError(503, "no-sessions", words) from error
+
+
+def _signature(path: Path) -> tuple[int, ...] | None:
+    """Return what changes with a file; None if there is none."""
+    try:
+        found = path.stat()
+    except FileNotFoundError:
+        return None
+    return found.st_mtime_ns, found.st_ino, found.st_size

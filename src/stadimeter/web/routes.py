@@ -1,15 +1,16 @@
 """Every path of the page, in one table: the right that it needs, who answers, and what its description says.
 
-The description of the API (`stadimeter.web.openapi`) is made from it. A path of the workbench names its function in
+The description of the API (`docs/openapi.py`) is made from it. A path of the workbench names its function in
 `stadimeter.workbench.server`, such as ``editing.check``; one of the page's process names a method of `web.page.Page`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any, Literal
+
+from msgspec import Struct, field
 
 from stadimeter.operator_actions import OperatorAction
 
@@ -28,8 +29,7 @@ class Right(IntEnum):
     OPERATE = 2
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PageOperation:
+class PageOperation(Struct, frozen=True, kw_only=True):
     """A path with a method.
 
     Attributes:
@@ -37,8 +37,8 @@ class PageOperation:
         to: Who answers: the run, the workbench, or this process itself.
         op: The operation that is asked for, or the name of this process's own method.
         summary: One line for the description of the API; empty for what it leaves out.
-        answer: The table of ``answers.toml`` that describes the answer.
-        query: The names of the query that are handed on, each with its kind, as in ``answers.toml``.
+        answer: The table of ``docs/openapi.toml`` that describes the answer.
+        query: The names of the query that are handed on, each with its kind, as in ``docs/openapi.toml``.
         body: The keys of the body with their kinds, or the name of a table; None where no body is described.
         body_max: In bytes; 0 where no body is read. Its keys are handed on.
         wait_s: How long the answer may take.
@@ -119,7 +119,6 @@ PAGE_OPERATIONS: tuple[PageOperation, ...] = (
         "GET", "/stream.mjpg", Right.READ, "stream", "Pictures as multipart MJPEG",
         query=_DRAWN, media="multipart/x-mixed-replace",
     ),
-    _own("GET", "/api/v1/openapi.json", Right.READ, "openapi"),
     _own(
         "GET", "/api/v1/session", Right.READ, "session", "The right of this session, and whether the run is there",
         answer="Session",
@@ -203,7 +202,7 @@ PAGE_OPERATIONS: tuple[PageOperation, ...] = (
         "outlook", "setup_results.show_outlook", "Distance against its standard deviation, for this target and lens"
     ),
     _set_up("take", "setup_operations.take", "Measure the focal length at a known distance", LONG_WAIT_S),
-    _set_up("board", "setup_board.board", "Calibrate with a board", LONG_WAIT_S),
+    _set_up("board", "setup_operations.board", "Calibrate with a board", LONG_WAIT_S),
     _desk(
         "GET", "setup/picture.jpg", "setup_operations.picture",
         "The newest picture of the set-up's camera, with its values in X-Values",

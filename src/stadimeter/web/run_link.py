@@ -36,14 +36,14 @@ class RunLink:
     async def ask(self, op: str, args: Mapping[str, Any] | None = None, wait_s: float = ANSWER_WAIT_S) -> PageAnswer:
         """Ask for an operation; `PageError` if it is refused, or no run answers."""
         try:
-            async with asyncio.timeout(wait_s), self._connected() as streams:
+            async with asyncio.timeout(wait_s), self._connection() as streams:
                 return await _exchange(streams, op, args or {})
         except TimeoutError as error:
             raise PageError(503, "no-answer", f"the run did not answer within {wait_s:g} s; does it hang?") from error
 
     async def subscription(self, args: Mapping[str, Any]) -> AsyncGenerator[PageAnswer, None]:
         """Yield snapshots until the run ends or is silent, which is a `PageError`."""
-        async with self._connected() as (reader, writer):
+        async with self._connection() as (reader, writer):
             try:
                 await put(writer, "subscribe", args)
                 while True:
@@ -56,19 +56,19 @@ class RunLink:
                 raise PageError(503, "no-run", "the run has ended") from error
 
     @asynccontextmanager
-    async def _connected(self) -> AsyncIterator[_Streams]:
-        reader, writer = await self._opened()
+    async def _connection(self) -> AsyncIterator[_Streams]:
+        reader, writer = await self._connect()
         try:
             yield reader, writer
         finally:
             writer.close()
 
-    async def _opened(self) -> _Streams:
+    async def _connect(self) -> _Streams:
         """Connect to where the run was last, else to where it is now."""
         try:
             if self._given is not None:
                 return await _open(self._given)
-            if self._found is not None and (streams := await self._opened_again(self._found)) is not None:
+            if self._found is not None and (streams := await self._reconnect(self._found)) is not None:
                 return streams
             self._found = await asyncio.to_thread(find, self.configuration, names_others=False)
             return await _open(self._found)
@@ -77,7 +77,7 @@ class RunLink:
         except OSError as error:
             raise PageError(503, "no-run", f"no run listens there: {error.strerror or error}") from error
 
-    async def _opened_again(self, path: Path) -> _Streams | None:
+    async def _reconnect(self, path: Path) -> _Streams | None:
         """Connect to where our run was; None if another, or none, is there now."""
         try:
             streams = await _open(path)

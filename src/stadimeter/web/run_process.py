@@ -1,24 +1,23 @@
 """The run that the page starts when there is none: a process of its own, which the page ends when it ends itself.
 
-If the page is killed, the run notices that and ends by itself: no output goes on that no one could end.
+If the page is killed, the run's standard input ends and so does the run: no output goes on that no one could end.
 """
 
 from __future__ import annotations
 
 import asyncio
 import os
-import select
 import subprocess
 import tempfile
-from asyncio.subprocess import DEVNULL, Process
+from asyncio.subprocess import DEVNULL, PIPE, Process
 from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
-from stadimeter.app.restarts import ENV_PARENT_PAGE_PID, ENV_PARENT_RUN_PID
 from stadimeter.errors import PageError
 from stadimeter.web import python
+from stadimeter.web.exchange import end_process
 from stadimeter.web.run_link import RunLink
 
 # Loading takes a small Pi many seconds, and some cameras take five to open.
@@ -41,35 +40,36 @@ class RunProcess:
         self._link = link
         self._is_of_service = _is_of_service(environ)
         self._process: Process | None = None
-        self._last_run = _LastRun()
+        self._last_pid = 0  # of the process that answered last as the run
         self._said: Any = None
         self._files = ExitStack()
         self._turn = asyncio.Lock()
 
     @property
     def may_start(self) -> bool:
-        """Whether the page starts runs: not where systemd does."""
-        return not self._is_of_service
+        """Whether the page can start a run: not where systemd does, nor beside another's that hangs or begins anew."""
+        return not self._is_of_service and not self._is_anothers_there()
 
     async def start(self) -> Any:
         """Start the run and return what it says of itself; `PageError` says why it did not start."""
         async with self._turn:
             if await self._is_running():
                 raise PageError(409, "is-running", "the run is there already")
-            if self._last_run.is_there() and not self._is_ours(self._last_run.pid):
-                words = "is there, but does not answer: wait until it has begun anew; if it hangs, end it first"
-                raise PageError(409, "is-running", f"the run (process {self._last_run.pid}) {words}")
+            if self._is_anothers_there():
+                raise PageError(409, "is-running", self._silent())
             if self._is_of_service:
                 words = "the service starts the run: `sudo systemctl start stadimeter`"
                 raise PageError(409, "is-service", words)
-            return await self._started()
+            return await self._start()
 
-    def explained(self, error: PageError) -> PageError:
+    def explain(self, error: PageError) -> PageError:
         """Say more of why no run can be asked: nothing is set up yet, or what the one that we started said last."""
         if error.code != "no-run":
             return error
         if not self._link.configuration.exists():
             return PageError(503, "no-configuration", "Nothing is set up yet.")
+        if self._is_anothers_there():
+            return PageError(503, "no-answer", self._silent())
         if self._process is not None and (self._process.returncode or 0) > 0:
             return PageError(503, "no-run", f"the run has ended: {_last_words(self._said)}")
         return error
@@ -78,22 +78,13 @@ class RunProcess:
         """End the run that we started, as Ctrl-C does; kill it if it does not end."""
         process, self._process = self._process, None
         self._files.close()
-        if process is None or process.returncode is not None:
-            return
-        with suppress(ProcessLookupError):
-            process.terminate()
-        try:
-            async with asyncio.timeout(END_WAIT_S):
-                await process.wait()
-        except TimeoutError:
-            with suppress(ProcessLookupError):
-                process.kill()
-            await process.wait()
+        if process is not None and process.returncode is None:
+            await end_process(process, process.terminate, END_WAIT_S)
 
     async def about(self) -> dict[str, Any]:
         """Return what the run says of itself, started here or elsewhere; `PageError` if none answers."""
         told: dict[str, Any] = (await self._link.ask("hello")).data
-        self._last_run.see(told.get("pid", 0))
+        self._last_pid = told.get("pid", 0)
         return told
 
     async def _is_running(self) -> bool:
@@ -103,16 +94,22 @@ class RunProcess:
             return False
         return True
 
-    def _is_ours(self, pid: int) -> bool:
-        return self._process is not None and self._process.pid == pid
+    def _silent(self) -> str:
+        words = "is there, but does not answer: wait until it has begun anew; if it hangs, end it first"
+        return f"the run (process {self._last_pid}) {words}"
 
-    async def _started(self) -> Any:
+    def _is_anothers_there(self) -> bool:
+        """Return whether a run that was not started here exists, and may answer nothing."""
+        is_ours = self._process is not None and self._process.pid == self._last_pid
+        return not is_ours and _is_run(self._last_pid)
+
+    async def _start(self) -> Any:
         await self.end()
         configuration = self._link.configuration
         if not configuration.exists():
             raise PageError(409, "no-configuration", f"{configuration} is not there yet: set it up and save it first")
         self._said = said = self._files.enter_context(tempfile.TemporaryFile())  # noqa: SIM115 - closed by end()
-        self._process = process = await _begun(configuration, said)
+        self._process = process = await _start_run(configuration, said)
         try:
             async with asyncio.timeout(START_MAX_S):
                 while process.returncode is None:
@@ -126,51 +123,28 @@ class RunProcess:
 
 
 def _is_of_service(environ: Mapping[str, str]) -> bool:
-    """Return whether systemd has started us, or our run; not a desktop's terminal, which is often a service itself."""
-    if "INVOCATION_ID" not in environ:
-        return False
+    """Return whether systemd has started us; not a desktop's terminal, which is often a service itself."""
     started = environ.get("SYSTEMD_EXEC_PID")  # as of version 248
-    return started in {None, str(os.getpid()), environ.get(ENV_PARENT_RUN_PID)}
+    return "INVOCATION_ID" in environ and started in {None, str(os.getpid())}
 
 
-class _LastRun:
-    """The process that answered last as the run. One that restarts keeps its number, and answers nothing meanwhile."""
-
-    def __init__(self) -> None:
-        self.pid = 0
-        self._process = -1
-
-    def see(self, pid: int) -> None:
-        """Remember a process."""
-        self._forget()
-        with suppress(OSError):
-            self.pid, self._process = pid, os.pidfd_open(pid)
-
-    def is_there(self) -> bool:
-        """Return whether it still is."""
-        if self._process >= 0 and select.select([self._process], [], [], 0)[0]:
-            self._forget()
-        return self._process >= 0
-
-    def _forget(self) -> None:
-        if self._process >= 0:
-            os.close(self._process)
-        self.pid, self._process = 0, -1
-
-    def __del__(self) -> None:
-        self._forget()
+def _is_run(pid: int) -> bool:
+    """Return whether a process is one of ours. One that restarts keeps its number, one that ended has no words."""
+    try:
+        return b"stadimeter" in Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return False
 
 
-async def _begun(configuration: Path, said: Any) -> Process:
-    command = [*python("stadimeter"), "run", str(configuration)]
+async def _start_run(configuration: Path, said: Any) -> Process:
+    command = [*python("stadimeter"), "run", str(configuration), "--end-with-input"]
     try:
         return await asyncio.create_subprocess_exec(
             *command,
-            stdin=DEVNULL,
+            stdin=PIPE,
             stdout=DEVNULL,
             stderr=said,
             start_new_session=True,
-            env={**os.environ, ENV_PARENT_PAGE_PID: str(os.getpid())},
         )
     except (OSError, subprocess.SubprocessError) as error:
         raise PageError(503, "not-started", f"the run cannot be started: {error}") from error

@@ -5,12 +5,11 @@ from __future__ import annotations
 import asyncio
 import errno
 import logging
-import os
 import signal
 import socket
 import ssl
 from collections import Counter
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -20,8 +19,6 @@ import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from stadimeter.app.ending import heeds_hangup
-from stadimeter.app.parent import watched_parent
-from stadimeter.app.restarts import ENV_PARENT_RUN_PID
 from stadimeter.errors import PageError
 from stadimeter.web.access import is_loopback
 from stadimeter.web.application import application
@@ -59,7 +56,7 @@ def listen(address: str | None, port: int, passwords: Path) -> socket.socket:
     wanted = (address,) if address else EVERYWHERE if has_password else ("127.0.0.1",)
     for each in wanted:
         try:
-            return _listening(each, port)
+            return _make_listener(each, port)
         except OSError as error:
             if each == wanted[-1] or error.errno in {errno.EADDRINUSE, errno.EACCES}:
                 raise PageError(503, "no-port", _why_not(each, port, error)) from error
@@ -92,7 +89,7 @@ def serve(
     tls: tuple[Path | None, Path | None] = (None, None),
     ready: Callable[[], None] = lambda: None,
 ) -> None:
-    """Serve the page until SIGTERM, SIGINT or SIGHUP, or the end of the run that started it.
+    """Serve the page until SIGTERM, SIGINT or SIGHUP.
 
     Each ends it at once: streams end, and requests that wait for an answer get an error.
     """
@@ -118,30 +115,8 @@ async def _serve(
     for number in numbers:
         loop.add_signal_handler(number, end)
     async with asyncio.TaskGroup() as work:
-        with at_end_of_run(end):
-            ready()
-            await server.serve(sockets=[listener])
-
-
-@contextmanager
-def at_end_of_run(end: Callable[[], None], environ: Mapping[str, str] = os.environ) -> Generator[None]:
-    """Call ``end`` when the run that started this process is gone, however it went; nothing if no run did."""
-    run = watched_parent(environ.get(ENV_PARENT_RUN_PID, ""))
-    if run is None:
-        yield
-        return
-    loop = asyncio.get_running_loop()
-
-    def ended() -> None:
-        loop.remove_reader(run)
-        end()
-
-    loop.add_reader(run, ended)
-    try:
-        yield
-    finally:
-        loop.remove_reader(run)
-        os.close(run)
+        ready()
+        await server.serve(sockets=[listener])
 
 
 def server_of(page: Page, tls: tuple[Path | None, Path | None] = (None, None)) -> uvicorn.Server:
@@ -252,7 +227,7 @@ class _Listener(socket.socket):
         return True
 
 
-def _listening(address: str, port: int) -> socket.socket:
+def _make_listener(address: str, port: int) -> socket.socket:
     listener = _Listener(socket.AF_INET6 if ":" in address else socket.AF_INET)
     try:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -5,13 +5,12 @@ from __future__ import annotations
 import asyncio
 from asyncio.subprocess import PIPE, Process
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from stadimeter.errors import PageError
 from stadimeter.web import python
-from stadimeter.web.exchange import LINE_MAX_BYTES, UNREADABLE, PageAnswer, put, take
+from stadimeter.web.exchange import LINE_MAX_BYTES, UNREADABLE, PageAnswer, end_process, put, take
 
 # The process ends after this long without a question: what it has loaded takes a small Pi a third of its memory.
 IDLE_MAX_S = 300.0
@@ -46,7 +45,7 @@ class WorkbenchLink:
             raise PageError(503, "busy", f"{WAITING_MAX} questions wait already for the workbench; try again later")
         self._waiting += 1
         # Whoever asked may hang up: the answer is read all the same, or it would be the next one's.
-        return await asyncio.shield(self._begun(self._ask(op, args, wait_s)))
+        return await asyncio.shield(self._begin(self._ask(op, args, wait_s)))
 
     async def close(self) -> None:
         """End the process; what it is still asked is not answered."""
@@ -54,7 +53,7 @@ class WorkbenchLink:
             work.cancel()
         await self._end()
 
-    def _begun(self, work: Any) -> asyncio.Task[Any]:
+    def _begin(self, work: Any) -> asyncio.Task[Any]:
         task = asyncio.create_task(work)
         self._work.add(task)
         task.add_done_callback(self._work.discard)
@@ -102,9 +101,9 @@ class WorkbenchLink:
 
     def _rest(self) -> None:
         if not self._waiting:
-            self._begun(self._rested())
+            self._begin(self._end_in_turn())
 
-    async def _rested(self) -> None:
+    async def _end_in_turn(self) -> None:
         async with self._turn:
             await self._end()
 
@@ -113,23 +112,11 @@ class WorkbenchLink:
         process, self._process = self._process, None
         if self._idle is not None:
             self._idle.cancel()
-        if process is None:
-            return
-        with suppress(ProcessLookupError):
-            if at_once:
-                process.kill()
-            elif process.stdin is not None:
-                process.stdin.close()
-        try:
-            async with asyncio.timeout(END_WAIT_S):
-                await process.wait()
-        except TimeoutError:
-            with suppress(ProcessLookupError):
-                process.kill()
-            await process.wait()
+        if process is not None and process.stdin is not None:
+            await end_process(process, process.kill if at_once else process.stdin.close, END_WAIT_S)
 
 
 def command_of_workbench(configuration: Path, socket: Path | None) -> list[str]:
     """Return what starts the workbench process of a configuration."""
-    given = [] if socket is None else ["--socket", str(socket)]
-    return [*python("stadimeter.workbench.server"), "--configuration", str(configuration), *given]
+    given = [] if socket is None else [str(socket)]
+    return [*python("stadimeter.workbench.server.process"), str(configuration), *given]

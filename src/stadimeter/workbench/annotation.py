@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
 import numpy as np
+from msgspec import Struct, field
 
 from stadimeter.config.atomic_file import write_atomically
-from stadimeter.config.picture_optics import with_optics
+from stadimeter.config.camera_file import with_optics
 from stadimeter.core.detection import Detection, DetectionStatus, Points, RejectedCandidate, no_points
 from stadimeter.core.frame import Image, Optics
 from stadimeter.errors import PictureError, reason_of
@@ -48,8 +48,7 @@ REACH_MAX_PX = 1e5
 _COLOURS = {DetectionStatus.FOUND: GREEN, DetectionStatus.TRUNCATED: ORANGE, DetectionStatus.NOT_FOUND: RED}
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Mark:
+class Mark(Struct, frozen=True, kw_only=True, eq=False):
     """Drawing for one target.
 
     Attributes:

@@ -15,7 +15,7 @@ import cv2
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.clock import SteppedClock
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.health import percentile
+from stadimeter.app.live.health import percentile
 from stadimeter.app.loop import Loop
 from stadimeter.cameras.protocol import Camera
 from stadimeter.config.plugins import (
@@ -191,12 +191,12 @@ def _latency(for_s: float) -> Latency:
     until_s = perf_counter() + for_s
 
     def end_in_time(_record: CycleRecord, _frame: Frame | None) -> None:
-        if perf_counter() > until_s and loop.health.frames:
+        if perf_counter() > until_s and loop.history.frames:
             loop.stop("measured for long enough")
 
     loop.listeners.append(end_in_time)
     loop.run()
-    ages_s = sorted(loop.health.data_ages_s)
+    ages_s = sorted(loop.history.data_ages_s)
     p50_ms, p95_ms, p99_ms = (_milliseconds(percentile(ages_s, share)) for share in (0.5, 0.95, 0.99))
     return Latency(frames=len(ages_s), p50_ms=p50_ms, p95_ms=p95_ms, p99_ms=p99_ms)
 

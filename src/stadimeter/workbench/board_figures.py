@@ -9,20 +9,17 @@ import os
 import platform
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
 from statistics import fmean, median
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 import cv2
 import numpy as np
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from msgspec import Meta, Struct, json
 
 import stadimeter
-from stadimeter.app.board_health import temperature_c
-from stadimeter.config.untrusted_file import JSON_MAX_BYTES, read_untrusted
-from stadimeter.errors import UnreadableError
+from stadimeter.app.live.health import temperature_c
 from stadimeter.workbench.doctor.computer import Computer
 
 # Version 1 had neither this number nor a start, a temperature or a processor limit, and rates instead of times.
@@ -30,17 +27,16 @@ SCHEMA_VERSION: Literal[2] = 2
 
 CGROUPS = Path("/sys/fs/cgroup")
 
-AboveZero = Annotated[float, Field(gt=0)]
-Count = Annotated[int, Field(ge=1)]
-Words = Annotated[str, Field(max_length=300)]
+AboveZero = Annotated[float, Meta(gt=0)]
+Count = Annotated[int, Meta(ge=1)]
+Words = Annotated[str, Meta(max_length=300)]
 
 
-class _Checked:
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", allow_inf_nan=False)
+class _Checked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Figures that are read again, which may have no fields but these."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Platform(_Checked):
+class Platform(_Checked, frozen=True, kw_only=True):
     """Computer and versions that were measured.
 
     Attributes:
@@ -63,8 +59,7 @@ class Platform(_Checked):
     numpy: Words
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Heat(_Checked):
+class Heat(_Checked, frozen=True, kw_only=True):
     """How a board bears the work; None for what it does not tell.
 
     Attributes:
@@ -72,11 +67,10 @@ class Heat(_Checked):
     """
 
     temperature_c: float | None
-    throttled: Annotated[str, Field(pattern="^0x[0-9a-fA-F]{1,8}$")] | None
+    throttled: Annotated[str, Meta(pattern="^0x[0-9a-fA-F]{1,8}$")] | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Times(_Checked):
+class Times(_Checked, frozen=True, kw_only=True):
     """How long the same work took, again and again.
 
     Attributes:
@@ -95,8 +89,7 @@ class Times(_Checked):
         return cls(median_ms=1e3 * median(ordered), p95_ms=1e3 * p95_s, mean_ms=1e3 * fmean(ordered))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DetectorSpeed(_Checked):
+class DetectorSpeed(_Checked, frozen=True, kw_only=True):
     """How fast one detector is on pictures of one size.
 
     Attributes:
@@ -110,21 +103,19 @@ class DetectorSpeed(_Checked):
     height_px: Count
     search: Times
     track: Times | None
-    found: Annotated[float, Field(ge=0, le=1)]
+    found: Annotated[float, Meta(ge=0, le=1)]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Latency(_Checked):
+class Latency(_Checked, frozen=True, kw_only=True):
     """Latency from the arrival of a frame until every actuator has its command, in the demonstration's run."""
 
-    frames: Annotated[int, Field(ge=0)]
+    frames: Annotated[int, Meta(ge=0)]
     p50_ms: AboveZero | None
     p95_ms: AboveZero | None
     p99_ms: AboveZero | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OwnRun(_Checked):
+class OwnRun(_Checked, frozen=True, kw_only=True):
     """A run of its own program over pictures of a ball, as small as a run can be.
 
     Attributes:
@@ -136,8 +127,7 @@ class OwnRun(_Checked):
     peak_memory_mb: AboveZero
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Figures(_Checked):
+class Figures(_Checked, frozen=True, kw_only=True):
     """All figures of a computer.
 
     Attributes:
@@ -151,32 +141,12 @@ class Figures(_Checked):
     after: Heat
     run: OwnRun
     latency: Latency
-    detectors: Annotated[tuple[DetectorSpeed, ...], Field(min_length=1, max_length=1000)]
-
-
-_FIGURES = TypeAdapter(Figures)
+    detectors: Annotated[tuple[DetectorSpeed, ...], Meta(min_length=1, max_length=1000)]
 
 
 def to_json(figures: Figures) -> str:
     """Return figures as the text of a file."""
-    return _FIGURES.dump_json(figures).decode()
-
-
-def read_figures(path: Path) -> Figures:
-    """Read a file that `bench --json` wrote.
-
-    Raises:
-        UnreadableError: It is none; the message says what is wrong with it first, in one line.
-    """
-    try:
-        return _FIGURES.validate_json(read_untrusted(path, JSON_MAX_BYTES))
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        what = f"{where}: {first['msg']}" if where else first["msg"]
-        raise UnreadableError(
-            path, f"it is not what `stadimeter bench --json` of this version writes: {what}"
-        ) from error
+    return json.encode(figures).decode()
 
 
 def this_computer(cgroups: Path = CGROUPS) -> Platform:
@@ -208,34 +178,23 @@ def _throttle_flags() -> str | None:
 def processor_limit(cgroups: Path = CGROUPS) -> float | None:
     """Return how many cores' time the control groups of this process are granted; None for no limit.
 
-    Both versions of Linux' control groups are looked at (Linux documentation, "CFS bandwidth control" and ``cpu.max``).
+    Linux documentation, "Control Group v2", ``cpu.max``: a quota and a period, for each group and those it is in.
     """
     try:
         lines = Path("/proc/self/cgroup").read_text(encoding="utf-8").splitlines()
     except OSError:
         return None
-    limits = [limit for line in lines for limit in _limits_of(cgroups, *line.split(":", 2)[1:])]
-    return min(limits, default=None)
-
-
-def _limits_of(cgroups: Path, controllers: str, group: str) -> list[float]:
-    """Return the limits of one group and of those it is in."""
-    if controllers and "cpu" not in controllers.split(","):
-        return []
-    inner = cgroups / controllers / group.lstrip("/")
-    folders = [inner, *inner.parents][: len(inner.parts) - len(cgroups.parts) + 1]
-    read = (_limit_in(folder) for folder in folders)
-    return [limit for limit in read if limit is not None]
+    groups = [cgroups / line.removeprefix("0::/") for line in lines if line.startswith("0::")]
+    folders = [folder for group in groups for folder in (group, *group.parents) if folder.is_relative_to(cgroups)]
+    return min(filter(None, map(_limit_in, folders)), default=None)
 
 
 def _limit_in(folder: Path) -> float | None:
-    names = ("cpu.max",) if (folder / "cpu.max").exists() else ("cpu.cfs_quota_us", "cpu.cfs_period_us")
     try:
-        quota, period = " ".join((folder / name).read_text(encoding="ascii") for name in names).split()
-        limit = int(quota) / int(period)
+        quota, period = (folder / "cpu.max").read_text(encoding="ascii").split()
+        return int(quota) / int(period)
     except (OSError, ValueError):  # no such file in this group, or "max"
         return None
-    return limit if limit > 0 else None
 
 
 def _board() -> str:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Generator, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from stadimeter.app.capture import Capture, capture_for
 from stadimeter.app.clock import MonotonicClock, SteppedClock
@@ -21,7 +23,7 @@ from stadimeter.errors import CaptureTimeoutError, ConfigError, EndOfFramesError
 from stadimeter.workbench.picture_quality import picture_remarks
 
 if TYPE_CHECKING:
-    from stadimeter.simulation.protocol import StagedWorld
+    from stadimeter.app.bootstrap import StagedWorld
 
 # The diameter of the ball in the room.
 BALL = "20 cm"
@@ -73,8 +75,7 @@ SETTLING_FRAMES = 10
 SETTLING_WAIT_S = 5.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Source:
+class Source(Struct, frozen=True, kw_only=True):
     """Where the frames come from.
 
     Attributes:
@@ -192,8 +193,7 @@ OTHER_PROGRAMS = (
 )
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class CameraShot:
+class CameraShot(Struct, frozen=True, kw_only=True, eq=False):
     """A picture of a camera.
 
     Attributes:

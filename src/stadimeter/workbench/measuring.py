@@ -1,24 +1,30 @@
-"""Measuring targets in picture files, one after the other: a bad picture does not stop the others."""
+"""Measuring targets in picture files, one after the other: a bad picture does not stop the others.
+
+For a target that is refused, the options that its detector proposes are tried on the picture.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from msgspec import Struct
+from msgspec.structs import replace
+
 from stadimeter.app.clock import SteppedClock
-from stadimeter.app.detectors import NamedDetector
+from stadimeter.app.detectors import NamedDetector, build_detectors
 from stadimeter.cameras.protocol import Camera
-from stadimeter.config.plugins import CAMERAS, DriverContext, load_driver
+from stadimeter.config.plugins import CAMERAS, DriverChoice, DriverContext, load_driver
 from stadimeter.config.untrusted_file import holds_video, open_untrusted
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, RejectedCandidate, no_points
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.target import TargetShape
-from stadimeter.detectors.protocol import Detector, FindsSeveral, ShowsEdges
+from stadimeter.detectors.protocol import Detector, FindsSeveral, KnowsRemedies, Remedy, ShowsEdges
 from stadimeter.errors import PictureError, StadimeterError, UnreadableError
 from stadimeter.perception.perceiver import Perceiver
 from stadimeter.ranging.measure import SigmaParts, measure, sigma_parts
@@ -29,28 +35,12 @@ if TYPE_CHECKING:
 
 
 # Endings of the names of videos, in lower case.
-VIDEO_SUFFIXES = frozenset(
-    [
-        ".avi",
-        ".flv",
-        ".h264",
-        ".m4v",
-        ".mjpeg",
-        ".mjpg",
-        ".mkv",
-        ".mov",
-        ".mp4",
-        ".mpeg",
-        ".mpg",
-        ".ts",
-        ".webm",
-        ".wmv",
-    ]
-)
+VIDEO_SUFFIXES = (
+    ".avi", ".flv", ".h264", ".m4v", ".mjpeg", ".mjpg", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".ts", ".webm", ".wmv",
+)  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class TargetResult:
+class TargetResult(Struct, frozen=True, kw_only=True, eq=False):
     """Result for one target in one picture.
 
     Attributes:
@@ -117,8 +107,7 @@ class TargetResult:
         }
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class PictureResult:
+class PictureResult(Struct, frozen=True, kw_only=True, eq=False):
     """Results of one picture; without a frame it could not be read."""
 
     file: str
@@ -254,3 +243,55 @@ def failed_results(file: str, targets: Sequence[NamedDetector], error: Exception
         )
         for target in targets
     )
+
+
+# Looks for a target with other options; returns None where it cannot be used.
+Look = Callable[[DriverChoice], Detection | None]
+
+
+def remedies_for(
+    choice: DriverChoice, refused: Detection, frame: Frame, lens: CameraModel | None, look: Look | None = None
+) -> list[Remedy]:
+    """Return the changes with which something that was refused in a picture is accepted: one of each option at most.
+
+    Args:
+        lens: The lens at the picture's resolution, with which it was refused; None where it is not known.
+        look: How to try a change; it is looked for in the picture if this is None.
+    """
+    (named,) = build_detectors([choice], lens)
+    detector = named.detector
+    if refused.status is not DetectionStatus.NOT_FOUND or not isinstance(detector, KnowsRemedies):
+        return []
+    helpful: dict[str, Remedy] = {}
+    for remedy in detector.remedies() if refused.rejected else ():
+        if remedy.key in helpful:
+            continue
+        changed = replace(choice, options=remedy.options)
+        found = look(changed) if look else build_detectors([changed], lens)[0].detector.detect(frame, lens=lens)
+        if found is not None and found.status is DetectionStatus.FOUND and _was_refused(found, refused):
+            helpful[remedy.key] = remedy
+    return [*helpful.values()]
+
+
+def remedy_notes(
+    result: PictureResult, choices: Sequence[DriverChoice], camera_model: CameraModel, noted: set[str]
+) -> Iterator[str]:
+    """Yield a sentence for each target that would be found in a picture with other options.
+
+    Args:
+        noted: The targets with a note in an earlier picture; each gets one note.
+    """
+    refused = {each.measurement.target: each.detection for each in result.targets}
+    for choice in choices:
+        detection = refused.get(choice.name)
+        if choice.name in noted or detection is None or result.frame is None:
+            continue
+        lens = camera_model.for_frame(result.frame)
+        remedies = remedies_for(choice, detection, result.frame, lens)
+        if remedies:
+            noted.add(choice.name)
+            yield f"{result.file}: {choice.name} is found with {' or '.join(map(str, remedies))}"
+
+
+def _was_refused(found: Detection, refused: Detection) -> bool:
+    return any(math.dist(found.centre_px, each.centre_px) < each.size_px / 2 for each in refused.rejected)

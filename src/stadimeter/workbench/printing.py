@@ -9,7 +9,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from stadimeter.config.paper import paper_sides
+from stadimeter.config.named_sizes import paper_sides
 from stadimeter.config.units import parse_length
 from stadimeter.core.drawing import Drawing, Line, Shape, Text, black_cells
 from stadimeter.errors import ConfigError

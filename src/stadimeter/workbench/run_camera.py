@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from stadimeter.app.capture import Capture
 from stadimeter.app.control.client import HELLO_WAIT_S, ask, fetch, find
 from stadimeter.cameras.protocol import AttachedCamera, ListsCameras
-from stadimeter.config.guides import guide
+from stadimeter.config.extras import guide
 from stadimeter.config.loader import load_camera_choice
 from stadimeter.config.plugins import CAMERAS, DriverChoice, driver_names, load_driver
 from stadimeter.core.frame import Frame, Optics
@@ -32,10 +33,10 @@ from stadimeter.workbench.frame_source import CameraShot, Source, open_source, s
 ASK_EVERY_S = 0.02
 
 
-class RunCamera:
-    """Gets the frames of a run over its control socket. It is a `stadimeter.app.capture.Capture`."""
+class RunCamera(Capture):
+    """Gets the frames of a run over its control socket."""
 
-    def __init__(self, socket: Path) -> None:
+    def __init__(self, socket: Path) -> None:  # the camera is the run's
         self._socket = socket
         self._is_open = False
         self._sequence = -1
@@ -60,14 +61,6 @@ class RunCamera:
             if time.monotonic() >= until_s or not self._socket.exists():
                 raise CaptureTimeoutError(f"the run that has this camera gives no picture: {why}")
             time.sleep(ASK_EVERY_S)
-
-    def trouble(self) -> str:
-        """Return an empty string: what goes wrong is raised by `latest`."""
-        return ""
-
-    def hung(self) -> str:
-        """Return an empty string: the camera is the run's."""
-        return ""
 
     def remarks(self) -> tuple[str, ...]:
         """Say whose camera it is."""

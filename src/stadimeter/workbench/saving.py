@@ -13,10 +13,11 @@ import re
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import zip_longest
 from pathlib import Path
+
+from msgspec import Struct
 
 from stadimeter.config.atomic_file import holds, write_all_atomically, write_atomically
 from stadimeter.config.loader import is_demonstration
@@ -39,8 +40,7 @@ _NAME = re.compile(rf"{_PART}(/{_PART})*")
 _WORDS_MAX = 80
 
 
-@dataclass(frozen=True, slots=True)
-class Version:
+class Version(Struct, frozen=True):
     """What a save replaced.
 
     Attributes:

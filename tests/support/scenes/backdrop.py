@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Protocol
 
 import cv2
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from support.scenes.target import Colour
@@ -34,8 +34,7 @@ CALM_RADII = 1.35
 """Distractors keep this far from the target, in radii of it: touching ones would be another trouble."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class KeepOut:
+class KeepOut(Struct, frozen=True, kw_only=True):
     """A circle in the picture.
 
     Attributes:
@@ -72,8 +71,7 @@ class Backdrop(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlainBackdrop:
+class PlainBackdrop(Struct, frozen=True, kw_only=True):
     """A wall with faint stains.
 
     Attributes:
@@ -96,8 +94,7 @@ class PlainBackdrop:
         return np.asarray(brightness[:, :, None] * decode_srgb(self.bgr), np.float32)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ClutterBackdrop:
+class ClutterBackdrop(Struct, frozen=True, kw_only=True):
     """Shapes of all colours on top of each other: rectangles, some of them in perspective, ellipses, polygons, bars.
 
     Attributes:

@@ -6,9 +6,9 @@ A ray d hits the sphere of radius r about c if ``(d·c)² >= |d|² (|c|² - r²)
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
@@ -29,8 +29,7 @@ SHININESS = 24.0
 """Phong's exponent: the highlight is about a quarter of the ball wide."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BallTarget:
+class BallTarget(Struct, frozen=True, kw_only=True):
     """A matte sphere in the light of a far lamp and of its surroundings.
 
     Attributes:

@@ -7,12 +7,12 @@ rotation turns to the camera's.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache, lru_cache
 
 import cv2
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from support.scenes.target import Colour
@@ -41,8 +41,7 @@ class Marking(StrEnum):
     PATCHES = "patches"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BallSurface:
+class BallSurface(Struct, frozen=True, kw_only=True):
     """The surface of one ball.
 
     Attributes:

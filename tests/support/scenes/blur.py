@@ -6,10 +6,10 @@ Both act on light, so they work on linear light, and on the samples before these
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 Plane = NDArray[np.float32]
@@ -18,8 +18,7 @@ REACH_SIGMAS = 4.0
 """The point spread is cut off there; 0.006 % of a Gaussian's light lies further out."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Blur:
+class Blur(Struct, frozen=True, kw_only=True):
     """What a point of light becomes.
 
     Attributes:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Protocol
 
 import cv2
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
@@ -31,8 +31,7 @@ WAVES = ((0.8, 0.6), (4.0, 0.28), (11.0, 0.12))
 MOST_CURL_RAD = 1.4
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HandCut:
+class HandCut(Struct, frozen=True, kw_only=True):
     """By how much the sides of a sheet are off the rectangle that was meant.
 
     Each place of a side lies evenly spread between minus and plus the most, so with a root mean square of the most
@@ -63,8 +62,7 @@ class HandCut:
         return np.asarray(most * np.interp(place, along, _deviations(self.seed, side)))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Curl:
+class Curl(Struct, frozen=True, kw_only=True):
     """A corner that bends up from the plane, as part of a cylinder.
 
     Attributes:
@@ -107,8 +105,7 @@ class Curl:
         return x + further * outwards[0], y + further * outwards[1], np.cos(bend).astype(np.float32)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CutSheetTarget(Posed):
+class CutSheetTarget(Posed, Struct, frozen=True, kw_only=True):
     """A sheet or a strip of tape. What is measured is the rectangle that was meant.
 
     Attributes:
@@ -216,8 +213,7 @@ class FlatTarget(Target, Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GroupTarget:
+class GroupTarget(Struct, frozen=True, kw_only=True):
     """A target with others beside it. Its truth is that of the first.
 
     Attributes:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import StrEnum
 
 import cv2
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from support.scenes.backdrop import KeepOut
@@ -29,8 +29,7 @@ class Ground(StrEnum):
     MAT = "plain mat"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FloorBackdrop:
+class FloorBackdrop(Struct, frozen=True, kw_only=True):
     """A floor seen at a slant, that gets smaller towards the top of the picture.
 
     Attributes:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from stadimeter.core.detection import Points
@@ -19,8 +19,7 @@ REACH_RADII = 2.6
 """How far out the fingers and the palm reach, in radii of the ball."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Hand:
+class Hand(Struct, frozen=True, kw_only=True):
     """Rounded fingers from one side, each over a part of the limb.
 
     Attributes:

@@ -7,10 +7,10 @@ drawn is kept beside it, so that results can be told apart by it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from stadimeter.core.camera_model import CameraModel
 from support.scenes.backdrop import Backdrop, ClutterBackdrop, PlainBackdrop
@@ -48,8 +48,7 @@ BACKDROPS = (*(str(ground) for ground in Ground), WALL, CLUTTER, PALE)
 HUE_MARGIN, SATURATION_SHARE, VALUE_SHARE = 12, 0.5, 0.22
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HardBall:
+class HardBall(Struct, frozen=True, kw_only=True):
     """A scene, what its user would give to the detector, and the kinds that it is of."""
 
     scene: Scene

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
 from support.scenes import draw
@@ -61,8 +62,7 @@ UNKNOWN_LENS_K1 = 0.08
 T = TypeVar("T", bound=Target)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HardFlat:
+class HardFlat(Struct, frozen=True, kw_only=True):
     """A scene, and the kinds that it is of.
 
     Attributes:

@@ -6,10 +6,9 @@ on: row v shows the picture shifted by ``skew · (v - reference) / height``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
@@ -20,8 +19,7 @@ Floats = NDArray[np.float64]
 Rays = tuple[Floats, Floats]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Lens:
+class Lens(Struct, frozen=True, kw_only=True):
     """How directions become pixels.
 
     Attributes:

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
+from msgspec.structs import replace
 
 from support.scenes.backdrop import ClutterBackdrop
 from support.scenes.ball import BallTarget

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 
 from stadimeter.core.detection import Points
 from support.scenes.lens import Floats
@@ -16,8 +16,7 @@ from support.scenes.tone import decode_srgb
 BISECTIONS = 24
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Occluder:
+class Occluder(Struct, frozen=True, kw_only=True):
     """A board with a straight edge, pushed before the target from one side until it hides its share.
 
     Attributes:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from stadimeter.core.detection import Points
@@ -14,8 +14,7 @@ from stadimeter.core.detection import Points
 Plane = NDArray[np.float32]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Patch:
+class Patch(Struct, frozen=True, kw_only=True):
     """A part of a picture in whole pixels, right and bottom excluded, each of them ``finer`` × ``finer`` samples.
 
     Attributes:

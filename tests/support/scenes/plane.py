@@ -7,11 +7,11 @@ takes each ray to the point that it hits (R. Hartley and A. Zisserman, "Multiple
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cache
 
 import cv2
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
@@ -36,8 +36,7 @@ TAG_FAMILIES = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pose:
+class Pose(Struct, frozen=True, kw_only=True):
     """Where a flat thing is, and how it is turned.
 
     Attributes:
@@ -95,8 +94,7 @@ class Posed:
         return self.pose.tilt_rad
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SheetTarget(Posed):
+class SheetTarget(Posed, Struct, frozen=True, kw_only=True):
     """A plain rectangle.
 
     Attributes:
@@ -133,8 +131,7 @@ class SheetTarget(Posed):
         return Layer(cover, _even(self.bgr, cover))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DiscTarget(Posed):
+class DiscTarget(Posed, Struct, frozen=True, kw_only=True):
     """A flat circle, such as a lid, a sticker or a printed dot.
 
     Attributes:
@@ -170,8 +167,7 @@ class DiscTarget(Posed):
         return Layer(cover, _even(self.bgr, cover))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TagTarget(Posed):
+class TagTarget(Posed, Struct, frozen=True, kw_only=True):
     """A square fiducial, black and white, with a white margin of one cell.
 
     Attributes:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from support.scenes.backdrop import SHEETLIKE_ASPECTS, TARGET_HUES, TARGET_SATURATION, KeepOut
@@ -33,8 +34,7 @@ SMOOTH, GRAIN, SPECKLE, CLOTH = range(4)
 AMPLITUDES = (0.015, 0.10, 0.18, 0.12)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RoomBackdrop:
+class RoomBackdrop(Struct, frozen=True, kw_only=True):
     """A room.
 
     Attributes:
@@ -120,8 +120,7 @@ class _View:
         return sides if self.rng.random() < 0.5 else (sides[1], sides[0])
 
 
-@dataclass(frozen=True, slots=True)
-class _Frame:
+class _Frame(Struct, frozen=True):
     """A thing's own axes in the camera's."""
 
     middle: Floats

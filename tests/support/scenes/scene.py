@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from msgspec import Struct, field
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points
@@ -16,8 +16,7 @@ from support.scenes.sensor import Sensor
 from support.scenes.target import Target
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Scene:
+class Scene(Struct, frozen=True, kw_only=True):
     """All that a picture follows from.
 
     Attributes:
@@ -48,8 +47,7 @@ class Scene:
             raise ValueError(f"{self.finer} samples along a pixel are not between 1 and 16")
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Truth:
+class Truth(Struct, frozen=True, kw_only=True, eq=False):
     """What is known about the target of a picture.
 
     Attributes:
@@ -70,8 +68,7 @@ class Truth:
     outline_px: Points
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class RenderedScene:
+class RenderedScene(Struct, frozen=True, kw_only=True, eq=False):
     """A picture and its truth.
 
     Attributes:

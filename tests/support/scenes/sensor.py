@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from stadimeter.core.frame import Image, Subsampling
@@ -16,8 +15,7 @@ Plane = NDArray[np.float32]
 SHARPENING_SIGMA_PX = 1.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Sensor:
+class Sensor(Struct, frozen=True, kw_only=True):
     """How a camera turns light into code values.
 
     Attributes:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
@@ -15,8 +15,7 @@ from support.scenes.lens import Floats
 Plane = NDArray[np.float32]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Shadow:
+class Shadow(Struct, frozen=True, kw_only=True):
     """The shadow of something with a straight edge, by ray.
 
     Attributes:
@@ -39,8 +38,7 @@ class Shadow:
         return np.asarray(1 - self.depth * share * share * (3 - 2 * share), np.float32)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ShadedBackdrop:
+class ShadedBackdrop(Struct, frozen=True, kw_only=True):
     """A backdrop with a shadow on it.
 
     Attributes:

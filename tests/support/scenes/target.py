@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
@@ -18,8 +18,7 @@ Colour = tuple[int, int, int]
 """An sRGB colour as OpenCV has it: blue, green, red, 0 to 255. It is what the camera would show of it in full light."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Layer:
+class Layer(Struct, frozen=True, eq=False):
     """What a target adds to samples.
 
     Attributes:

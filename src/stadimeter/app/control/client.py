@@ -6,13 +6,14 @@ import json
 import os
 import socket
 import time
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from msgspec import Struct
+
 from stadimeter.app.control.framing import attached_bytes
-from stadimeter.app.control.places import check_peer, left_out, left_since, running
+from stadimeter.app.control.places import check_peer, explain_left_out, left_since, running
 from stadimeter.errors import ControlError
 
 # A loop that runs answers within a cycle.
@@ -22,8 +23,7 @@ CONNECT_WAIT_S = 2.0
 HELLO_WAIT_S = 2.0
 
 
-@dataclass(frozen=True, slots=True)
-class Instance:
+class Instance(Struct, frozen=True):
     """A running instance.
 
     Attributes:
@@ -60,7 +60,7 @@ def fetch(
             check_peer(path, connection)
             connection.settimeout(wait_s)
             connection.sendall(request)
-            line, attached = _answer(connection, wait_s)
+            line, attached = _answer(connection)
     except ControlError:
         raise
     except TimeoutError as error:
@@ -86,11 +86,11 @@ def find(
     found = running() if sockets is None else list(sockets)
     if not found:
         words = "no instance of stadimeter is running; start one with `stadimeter run CONFIG`"
-        raise ControlError("; ".join(filter(None, (words, left_out() if names_others else ""))))
+        raise ControlError("; ".join(filter(None, (words, explain_left_out() if names_others else ""))))
     left = left_since(found[0]) if configuration is None and sockets is None and len(found) == 1 else []
     if configuration is None and len(found) == 1 and not left:
         return found[0]
-    instances = [instance for path in found if (instance := _introduced(path)) is not None]
+    instances = [instance for path in found if (instance := _try_introduce(path)) is not None]
     meant = [each for each in instances if configuration is None or each.configuration == configuration.resolve()]
     if configuration is not None and len(meant) == 1:
         return meant[0].socket
@@ -120,7 +120,7 @@ def describe_reload(taken: Mapping[str, Any]) -> str:
     return "; ".join(parts)
 
 
-def introduced(path: Path) -> Instance:
+def introduce(path: Path) -> Instance:
     """Ask an instance who it is; `ControlError` if it does not say."""
     told = ask(path, "hello", wait_s=HELLO_WAIT_S)
     try:
@@ -136,9 +136,9 @@ def introduced(path: Path) -> Instance:
         raise ControlError(f"{path}: that is no instance of stadimeter; its answer makes no sense") from error
 
 
-def _introduced(path: Path) -> Instance | None:
+def _try_introduce(path: Path) -> Instance | None:
     try:
-        return introduced(path)
+        return introduce(path)
     except ControlError:
         return None
 
@@ -162,29 +162,11 @@ def _connected(path: Path) -> socket.socket:
             return connection
 
 
-def _answer(connection: socket.socket, wait_s: float) -> tuple[bytes, bytes]:
+def _answer(connection: socket.socket) -> tuple[bytes, bytes]:
     """Return the line of an answer, empty where none came, and the bytes behind it."""
-    until_s = time.monotonic() + wait_s
-    received = bytearray()
-    _receive(connection, received, until_s, lambda: b"\n" in received)
-    line, _, rest = bytes(received).partition(b"\n")
-    attached = bytearray(rest)
-    size = _size(line)
-    _receive(connection, attached, until_s, lambda: len(attached) >= size)
-    return line, bytes(attached[:size])
-
-
-def _receive(connection: socket.socket, into: bytearray, until_s: float, is_enough: Callable[[], bool]) -> None:
-    """Receive until it is enough, or the other side ends."""
-    while not is_enough():
-        left_s = until_s - time.monotonic()
-        if left_s <= 0:
-            raise TimeoutError
-        connection.settimeout(left_s)
-        data = connection.recv(1 << 20)
-        if not data:
-            return
-        into += data
+    with connection.makefile("rb") as stream:
+        line = stream.readline()
+        return line, stream.read(_size(line))
 
 
 def _size(line: bytes) -> int:

@@ -13,12 +13,12 @@ from typing import Any
 BYTES_MAX = 64 * 1024 * 1024
 
 
-def framed(answer: Mapping[str, Any], attached: bytes = b"") -> bytes:
+def encode_answer(answer: Mapping[str, Any], attached: bytes = b"") -> bytes:
     """Return an answer as it is sent: one line, in ASCII, and the bytes that belong to it."""
-    return framed_line(answer, len(attached)) + attached
+    return encode_line(answer, len(attached)) + attached
 
 
-def framed_line(answer: Mapping[str, Any], attached_bytes: int = 0, data: str = "") -> bytes:
+def encode_line(answer: Mapping[str, Any], attached_bytes: int = 0, data: str = "") -> bytes:
     """Return the line of an answer alone.
 
     Args:

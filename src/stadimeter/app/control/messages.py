@@ -13,12 +13,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError
+import msgspec
+from msgspec import Struct
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
-from stadimeter.app.control.framing import framed_line
+from stadimeter.app.control.framing import encode_line
+from stadimeter.app.exact_json import plain
 from stadimeter.core.bounds import MAX_DURATION_S, MAX_TIME_S
 from stadimeter.core.operator import AnyCommand, HoldCommand, OperatorCommand
 from stadimeter.core.rules.explaining import Explanation
@@ -62,7 +64,7 @@ class ShelveArgs(RuleArgs):
 
 
 class OutputsArgs(_Strict):
-    """Who wants every output stopped or released, and why."""
+    """Who wants every output stopped or released, or the run armed or disarmed, and why."""
 
     by: _Name = ""
     why: _Words = ""
@@ -161,8 +163,7 @@ class _Envelope(_Strict):
     args: dict[str, Any] = Field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
-class Request:
+class Request(Struct, frozen=True):
     """A request that is sound.
 
     Attributes:
@@ -183,8 +184,7 @@ class Request:
 Attached = bytes | memoryview
 
 
-@dataclass(frozen=True, slots=True)
-class Reply:
+class Reply(Struct, frozen=True):
     """An answer: what was asked for, or why it is not done.
 
     Attributes:
@@ -202,9 +202,9 @@ class Reply:
     def line(self, transaction: Transaction) -> bytes:
         """Return one line, in ASCII: text from outside may hold what UTF-8 cannot, such as half of a surrogate pair."""
         answer: dict[str, Any] = {"transaction": transaction, "status": "error" if self.error else "ok"}
-        answer |= {"problems": [asdict(problem) for problem in self.problems]} if self.problems else {}
+        answer |= {"problems": [plain(problem) for problem in self.problems]} if self.problems else {}
         answer |= {"error": self.error} if self.error else {} if self.json else {"data": self.data}
-        return framed_line(answer, len(self.attached), self.json)
+        return encode_line(answer, len(self.attached), self.json)
 
 
 def parse_request(line: bytes) -> Request:
@@ -260,16 +260,5 @@ def _what_is_wrong(error: ValidationError, *within: str) -> str:
 
 def as_data(explanation: Explanation) -> dict[str, Any]:
     """Return an explanation as JSON has it: objects, lists, texts, finite numbers and null only."""
-    adapter = TypeAdapter(Explanation)
-    data: dict[str, Any] = adapter.dump_python(explanation, mode="json")
-    return {key: _without_infinities(value) for key, value in data.items()}
-
-
-def _without_infinities(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _without_infinities(inner) for key, inner in value.items()}
-    if isinstance(value, list):
-        return [_without_infinities(inner) for inner in value]
-    if isinstance(value, float) and value - value != 0.0:  # infinite, or no number
-        return None
-    return value
+    data: dict[str, Any] = json.loads(msgspec.json.encode(plain(explanation)))  # infinity and NaN become null
+    return data

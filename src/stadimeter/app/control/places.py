@@ -48,16 +48,16 @@ def _owner(folder: Path) -> int | None:
         return None
 
 
-def usable_folder(folder: Path) -> Path:
+def make_folder(folder: Path) -> Path:
     """Make a folder if it is not there; `ControlError` if that fails, or another user could put a socket there."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError as error:
         raise ControlError(f"{folder} cannot be used for a socket: {error.strerror or error}") from error
-    return checked_folder(folder)
+    return check_folder(folder)
 
 
-def checked_folder(folder: Path) -> Path:
+def check_folder(folder: Path) -> Path:
     """See that no other user can replace a socket in a folder; else `ControlError` says who could."""
     try:
         found = folder.lstat()
@@ -123,11 +123,11 @@ def is_alive(path: Path) -> bool:
         return True
 
 
-def left_out(environ: Mapping[str, str] = os.environ) -> str:
+def explain_left_out(environ: Mapping[str, str] = os.environ) -> str:
     """Return why a folder in which instances listen was left out, in words; empty if none was."""
     folder = runtime_folder(environ)
     try:
-        checked_folder(folder)
+        check_folder(folder)
     except ControlError as error:
         return str(error) if os.path.lexists(folder) else ""
     return ""
@@ -143,7 +143,7 @@ def check_peer(path: Path, connection: socket.socket) -> None:
         ControlError: It may be another program.
         OSError: The socket is gone.
     """
-    folder = checked_folder(path.parent.resolve())
+    folder = check_folder(path.parent.resolve())
     found = path.lstat()
     if not stat.S_ISSOCK(found.st_mode):
         raise ControlError(f"{path}: not asked: it is no socket")
@@ -159,6 +159,6 @@ def _folders(environ: Mapping[str, str] = os.environ) -> Iterable[Path]:
 
 def _sockets(folder: Path) -> list[Path]:
     try:
-        return sorted(checked_folder(folder).glob(f"*{ENDING}"))
+        return sorted(check_folder(folder).glob(f"*{ENDING}"))
     except (ControlError, OSError):
         return []

@@ -11,10 +11,11 @@ import shutil
 import threading
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from msgspec import Struct, field
 
 from stadimeter.app.control.messages import RecordArgs, Reply
 from stadimeter.app.control.socket_server import Answer
@@ -39,8 +40,7 @@ ENDING = ".mcap"
 LOOK_EVERY_S = 2.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Bounds:
+class Bounds(Struct, frozen=True, kw_only=True):
     """How much room recordings may take.
 
     Attributes:
@@ -65,8 +65,7 @@ def recordings_folder(configuration: Path) -> Path:
     return (Path.cwd() if is_demonstration(configuration) else beside) / FOLDER
 
 
-@dataclass(slots=True, kw_only=True)
-class _Begun:
+class _Begun(Struct, kw_only=True):
     """A recording, from when its file is open. It begins with the first cycle after that."""
 
     path: Path
@@ -142,7 +141,7 @@ class RecordingOnRequest:
         elif self._ready is not None:
             self._join(self._ready, record.observation.now_s)
 
-    def note_resumption(self, text: str) -> None:
+    def note_state(self, state: State) -> None:
         """Take in what the run restores from an earlier one: nothing records as early as that."""
 
     def note_reload(self, now_s: float, configuration: RecordedConfiguration) -> None:
@@ -209,12 +208,10 @@ class RecordingOnRequest:
 
     def _join(self, ready: _Begun, now_s: float) -> None:
         """Record from the next cycle on."""
-        from stadimeter.app.persistence.resumption import continuation_text  # noqa: PLC0415 - loaded by `_begin`
-
         state = self._state()
         if state is None:
             return
-        ready.recorder.note_continuation(lambda: continuation_text(state))
+        ready.recorder.note_state(state)
         if self._reloaded is not None:
             ready.writer.begin_with(self._reloaded)
         ready.began_unix_s = time.time()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
 from typing import Any, Protocol
 
 from stadimeter.app.control.client import describe_reload
@@ -13,6 +12,7 @@ from stadimeter.app.control.messages import ExplainArgs, HoldArgs, OutputsArgs, 
 from stadimeter.app.control.reloading import CheckedConfiguration, Reloader
 from stadimeter.app.control.socket_server import Answer, Asked
 from stadimeter.app.cycle import CycleRecord
+from stadimeter.app.exact_json import plain
 from stadimeter.config.findings import did_you_mean_or_list
 from stadimeter.core.decision import Decision, SafetyMode
 from stadimeter.core.operator import AnyCommand
@@ -100,9 +100,9 @@ class Control:
             if asked is not None and not given.accepted:
                 asked.answer(Reply(error=given.words))
             elif asked is not None and isinstance(asked.request.args, OutputsArgs):
-                self._stops.append((time.monotonic() + KEPT_WITHIN_S, asked, _stopped(given.words, record)))
+                self._stops.append((time.monotonic() + KEPT_WITHIN_S, asked, _describe_stop(given.words, record)))
             elif asked is not None:
-                asked.answer(Reply({"words": given.words, **_applied(asked, record)}))
+                asked.answer(Reply({"words": given.words, **_describe_applied(asked, record)}))
         self._answer_stops()
         questions, self._questions = self._questions, []
         for asked in questions:
@@ -163,7 +163,7 @@ class Control:
         return lambda: _explanation(past[1], args.rule, now_s - past[0])
 
 
-def _stopped(words: str, record: CycleRecord) -> dict[str, Any]:
+def _describe_stop(words: str, record: CycleRecord) -> dict[str, Any]:
     """Return what the operator who stopped or released the outputs must know: which outputs did not obey a stop."""
     if record.decision.safety is not SafetyMode.STOPPED:
         return {"words": words}
@@ -174,12 +174,12 @@ def _stopped(words: str, record: CycleRecord) -> dict[str, Any]:
     return {"words": "; ".join([words, *notes]), "unconfirmed": unconfirmed}
 
 
-def _applied(asked: Asked, record: CycleRecord) -> dict[str, Any]:
+def _describe_applied(asked: Asked, record: CycleRecord) -> dict[str, Any]:
     """Return what an output does that is held; nothing for any other request."""
     if not isinstance(asked.request.args, HoldArgs):
         return {}
     commands = [each for each in record.applied if each.output == asked.request.args.output]
-    return {"applied": asdict(commands[0]) if commands else None}
+    return {"applied": plain(commands[0]) if commands else None}
 
 
 def _explanation(decision: Decision, rule: str, ago_s: float) -> Reply:
@@ -192,7 +192,7 @@ def _explanation(decision: Decision, rule: str, ago_s: float) -> Reply:
 
 def _status(decision: Decision) -> Mapping[str, Any]:
     """Return what every rule and target is doing, for programs."""
-    rules = [asdict(trace) | {"reason": decision.reasons.get(trace.rule, "")} for trace in decision.rules]
+    rules = [plain(trace) | {"reason": decision.reasons.get(trace.rule, "")} for trace in decision.rules]
     targets = [
         {
             "target": track.target,
@@ -206,7 +206,7 @@ def _status(decision: Decision) -> Mapping[str, Any]:
         "safety_reason": decision.safety_reason,
         "rules": rules,
         "targets": targets,
-        "outputs": [asdict(output) for output in decision.outputs],
+        "outputs": [plain(output) for output in decision.outputs],
     }
 
 

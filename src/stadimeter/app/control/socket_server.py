@@ -25,6 +25,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
+from msgspec import Struct
+
 from stadimeter.app.control.messages import (
     LINE_MAX_BYTES,
     Attached,
@@ -36,7 +38,7 @@ from stadimeter.app.control.messages import (
     parse_request,
     transaction_of,
 )
-from stadimeter.app.control.places import checked_folder, is_alive
+from stadimeter.app.control.places import check_folder, is_alive
 from stadimeter.errors import ControlError
 
 # This many requests may wait for the loop, which takes them all once a cycle.
@@ -75,8 +77,7 @@ class Watched(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class Asked:
+class Asked(Struct, frozen=True):
     """A request, and how to answer it."""
 
     request: Request
@@ -111,7 +112,7 @@ class ControlSocket:
 
     def open(self) -> None:
         """Begin to listen; `ControlError` if that is impossible, or another user could listen there in our place."""
-        checked_folder(self.path.parent.resolve())
+        check_folder(self.path.parent.resolve())
         try:
             self._server = _SocketServer(self)
         except OSError as error:

@@ -1,17 +1,33 @@
-"""How a run is doing, in figures and in words."""
+"""How a run and its board are doing, in figures and in words.
+
+Sources: ``/sys/class/thermal`` and the kernel's hwmon driver ``rpi_volt`` (Linux documentation); the bits of
+``vcgencmd get_throttled`` are those of Raspberry Pi's documentation, "Raspberry Pi OS", section ``get_throttled``. The
+kernel of Raspberry Pi OS gives the same number, in hexadecimal, in a file of its firmware driver.
+"""
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from stadimeter.app.board_health import HOT_C, temperature_c, throttled_now
-from stadimeter.app.health import percentile
-from stadimeter.app.live.history import RunHistory
+from msgspec import Struct, field
+
+if TYPE_CHECKING:  # it loads numpy, and `doctor` looks at the board before it knows whether that loads
+    from stadimeter.app.live.history import RunHistory
+
+# From here on a Raspberry Pi slows its processor; a 3B+ from 60 °C.
+THERMAL = "sys/class/thermal/thermal_zone0/temp"
+THROTTLED = "sys/bus/platform/drivers/raspberrypi-firmware/*/get_throttled"
+HOT_C = 70.0
+THROTTLED_C = 80.0
+
+# The same bits, this much higher, stay set from their first time until the next start.
+SUPPLY_BITS = {0: "under-voltage"}
+HEAT_BITS = {1: "its clock is capped", 2: "throttled", 3: "slowed by heat"}
+SINCE_START = 16
 
 # The board is looked at this often: its files take up to a millisecond each, and nothing there changes faster.
 LOOK_EVERY_S = 5.0
@@ -21,6 +37,9 @@ DISK_FREE_MIN_BYTES = 200e6
 
 # A picture older than this is no longer a live one.
 OLD_S = 0.5
+
+# Times are of this many of the newest frames: ten seconds of a camera.
+LATEST = 300
 
 # Below this share of its speed, a simulation or a recording is slow for all who watch it.
 SLOW_PACE = 0.9
@@ -43,8 +62,7 @@ class BoardState(NamedTuple):
     memory_bytes: int | None = None
 
 
-@dataclass(slots=True)
-class Board:
+class Board(Struct):
     """Looks at the board now and then.
 
     Attributes:
@@ -71,8 +89,7 @@ class Board:
         return self._state
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LiveHealth:
+class LiveHealth(Struct, frozen=True, kw_only=True):
     """How a run is doing.
 
     Attributes:
@@ -151,12 +168,12 @@ CONNECTED = "connected"
 
 def live_health(history: RunHistory, board: Board, broker: str, trouble: str, pace: float = 1.0) -> LiveHealth:
     """Return how a run is doing now."""
-    cycle_s = sorted(history.cycle_times_s)
+    cycle_s = _latest(history.cycle_times_s)
     return LiveHealth(
         frame_rate_hz=history.frame_rate_hz * (pace if pace < SLOW_PACE else 1.0),
         pace=pace,
         frame_age_s=history.frame_age_s,
-        latency_s=_median(history.data_ages_s),
+        latency_s=percentile(_latest(history.data_ages_s), 0.5),
         cycle_s=(percentile(cycle_s, 0.5), percentile(cycle_s, 0.95)),
         dropped_frames=history.dropped_frames,
         board=board.state(),
@@ -165,8 +182,8 @@ def live_health(history: RunHistory, board: Board, broker: str, trouble: str, pa
     )
 
 
-def _median(values: Sequence[float]) -> float | None:
-    return percentile(sorted(values), 0.5)
+def _latest(values: Iterable[float]) -> list[float]:
+    return sorted(list(values)[-LATEST:])
 
 
 def _age(seconds: float) -> str:
@@ -191,3 +208,64 @@ def _memory_bytes(root: Path) -> int | None:
     except (OSError, IndexError):
         return None
     return int(pages) * os.sysconf("SC_PAGE_SIZE")
+
+
+def percentile(ordered: Sequence[float], share: float) -> float | None:
+    """Return the value that this share (0 to 1) of the values does not exceed; None if there are none."""
+    if not ordered:
+        return None
+    return ordered[min(len(ordered) - 1, int(share * len(ordered)))]
+
+
+def peak_memory_mb() -> float:
+    """Return the most memory that this program has had, in 10⁶ bytes.
+
+    Not from `resource`: that counts the memory of the process which started this one, if it had more.
+    """
+    status = Path("/proc/self/status").read_text(encoding="utf-8", errors="replace")
+    return int(status.partition("VmHWM:")[2].split()[0]) * 1024 / 1e6
+
+
+class Throttling(NamedTuple):
+    """What the firmware says of supply and heat, in words: at this moment, and at any time since the start."""
+
+    now: tuple[str, ...]
+    before: tuple[str, ...]
+
+
+def throttling(bits: int) -> Throttling:
+    """Return what the number of ``vcgencmd get_throttled`` means."""
+    meanings = {**SUPPLY_BITS, **HEAT_BITS}
+    return Throttling(
+        now=tuple(words for bit, words in meanings.items() if bits >> bit & 1),
+        before=tuple(words for bit, words in meanings.items() if bits >> (bit + SINCE_START) & 1),
+    )
+
+
+def throttled_now(root: Path = Path("/")) -> tuple[str, ...]:
+    """Return what is wrong with supply and heat at this moment, as far as the kernel says; starts no program."""
+    for file in sorted(root.glob(THROTTLED)):
+        try:
+            return throttling(int(file.read_text("ascii"), 16)).now
+        except (OSError, ValueError):
+            continue
+    return (SUPPLY_BITS[0],) if is_under_voltage(root) else ()
+
+
+def temperature_c(root: Path = Path("/")) -> float | None:
+    """Return the temperature of the processor; None where the kernel does not say."""
+    try:
+        return int((root / THERMAL).read_text("ascii")) / 1000
+    except (OSError, ValueError):
+        return None
+
+
+def is_under_voltage(root: Path = Path("/")) -> bool | None:
+    """Return whether a Raspberry Pi's supply is too low at this moment; None where the kernel does not say."""
+    for folder in sorted((root / "sys/class/hwmon").glob("hwmon*")):
+        try:
+            if (folder / "name").read_text("ascii").strip() == "rpi_volt":
+                return (folder / "in0_lcrit_alarm").read_text("ascii").strip() == "1"
+        except (OSError, ValueError):
+            continue
+    return None

@@ -1,18 +1,22 @@
-"""The recent past of a run, for those who watch it: bounded in memory however long the run lasts."""
+"""Figures and the recent past of a run: bounded in memory however long the run lasts."""
 
 from __future__ import annotations
 
-import math
-from array import array
+import os
+import time
 from bisect import bisect_right
-from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections import Counter, defaultdict, deque
+from collections.abc import Callable, Mapping, Sequence
+from operator import attrgetter
+from pathlib import Path
 from typing import NamedTuple
+
+from msgspec import Struct, field
 
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.core.decision import Event
 from stadimeter.core.frame import Frame
+from stadimeter.core.observation import FrameStamp
 from stadimeter.core.track import Track
 
 # For how long distances are remembered.
@@ -28,10 +32,8 @@ RATE_WINDOW_S = 2.0
 # Limit of remembered events. One who watches and does not read for long gets the newest of them.
 EVENTS_MAX = 500
 
-# Percentiles are over this many of the newest frames: ten seconds of a camera.
-TIMES_MAX = 300
-
-_FIELDS = 3
+# Percentiles are over this many of the newest frames: a run of weeks needs no more memory than one of minutes.
+TIMES_MAX = 10_000
 
 
 class DistanceSample(NamedTuple):
@@ -47,61 +49,23 @@ class DistanceSample(NamedTuple):
     sigma_m: float = 0.0
 
 
-class Samples(Sequence[DistanceSample]):
-    """Distances over time, oldest first, in 24 bytes each.
+class _Passed(NamedTuple):
+    """A frame that was processed: when it was captured and processed on the run's clock, and processed in real time."""
 
-    One thread adds, any thread may take a copy with `after`: each step is a single operation on one array, which the
-    interpreter does not divide.
-    """
-
-    __slots__ = ("_numbers",)
-
-    def __init__(self, numbers: array[float] | None = None) -> None:
-        self._numbers = array("d") if numbers is None else numbers
-
-    def __len__(self) -> int:
-        return len(self._numbers) // _FIELDS
-
-    def __getitem__(self, index: int) -> DistanceSample:  # type: ignore[override] # for slices there is `after`
-        first = range(0, len(self._numbers), _FIELDS)[index]
-        at_s, distance_m, sigma_m = self._numbers[first : first + _FIELDS]
-        return DistanceSample(at_s=at_s, distance_m=None if math.isnan(distance_m) else distance_m, sigma_m=sigma_m)
-
-    def __iter__(self) -> Iterator[DistanceSample]:
-        return (self[index] for index in range(len(self)))
-
-    def rows(self) -> Iterator[tuple[float, float, float]]:
-        """Yield time, distance (NaN for none) and standard deviation of each, for those who need them quickly."""
-        each = iter(self._numbers)
-        return zip(each, each, each, strict=True)
-
-    def append(self, sample: DistanceSample) -> None:
-        """Add the newest one."""
-        distance_m = math.nan if sample.distance_m is None else sample.distance_m
-        self._numbers.extend((sample.at_s, distance_m, sample.sigma_m))
-
-    def forget_before(self, at_s: float) -> None:
-        """Forget what is older."""
-        while self._numbers and self._numbers[0] < at_s:
-            del self._numbers[:_FIELDS]
-
-    def after(self, at_s: float) -> Samples:
-        """Return a copy of what is newer."""
-        numbers = self._numbers[:]
-        return Samples(numbers[_FIELDS * bisect_right(numbers[::_FIELDS], at_s) :])
+    captured_at_s: float
+    now_s: float
+    real_s: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Seen:
+class Seen(Struct, frozen=True, eq=False):
     """A frame, and the cycle in which it was new: what was found in exactly this frame."""
 
     record: CycleRecord
     frame: Frame | None
 
 
-@dataclass(slots=True)
-class RunHistory:
-    """The recent past of a run.
+class RunHistory(Struct):
+    """Counts, times and the recent past of a run.
 
     One thread adds; what is read is a copy, or one value, so that any thread may read.
 
@@ -110,24 +74,37 @@ class RunHistory:
         record: The newest cycle.
         seen: The newest frame with its cycle.
         events: The events, newest first.
+        frames: Cycles with a new frame.
         dropped_frames: How many frames the camera delivered that no cycle took, since the start.
-        cycle_times_s: The computing time of the newest cycles with a frame.
+        track_statuses: For each target, how many frames it spent in each status.
+        event_counts: How many events of each kind.
+        cycle_times_s: For the newest cycles with a frame, the computing time without waiting for the frame.
         data_ages_s: The age of their data when their commands had been applied.
+        first_command_s: How old the program was when the commands of its first frame had been applied; None before.
+        frame_at_s: When the loop was done with the newest frame, on the clock of `time.monotonic`.
+        cycle_at_s: When it was done with the newest cycle, on that clock; None before the first.
     """
 
+    real_time_s: Callable[[], float] = time.monotonic
     started_s: float = 0.0
     record: CycleRecord | None = None
     seen: Seen | None = None
     events: deque[Event] = field(default_factory=lambda: deque(maxlen=EVENTS_MAX))
+    cycles: int = 0
+    frames: int = 0
     dropped_frames: int = 0
+    track_statuses: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
+    event_counts: Counter[str] = field(default_factory=Counter)
     cycle_times_s: deque[float] = field(default_factory=lambda: deque(maxlen=TIMES_MAX))
     data_ages_s: deque[float] = field(default_factory=lambda: deque(maxlen=TIMES_MAX))
-    _samples: dict[str, Samples] = field(default_factory=dict)
-    _captured_s: deque[float] = field(default_factory=deque)
-    _sequence: int | None = None
+    first_command_s: float | None = None
+    frame_at_s: float = 0.0
+    cycle_at_s: float | None = None
+    _samples: dict[str, deque[DistanceSample]] = field(default_factory=lambda: defaultdict(deque))
+    _passed: deque[_Passed] = field(default_factory=deque)
 
     def add(self, record: CycleRecord, frame: Frame | None = None) -> None:
-        """Remember a cycle and the frame that was new in it, and forget what is too old.
+        """Take in a cycle and the frame that was new in it, and forget what is too old.
 
         Args:
             record: The cycle; its time is not before that of the last one.
@@ -136,21 +113,33 @@ class RunHistory:
         if self.record is None:
             self.started_s = now_s
         self.record = record
+        self.cycles += 1
+        self.cycle_at_s = self.real_time_s()
         if record.observation.frame is not None:
-            self._add_frame(record, frame, record.observation.frame.sequence)
-        while self._captured_s and self._captured_s[0] < now_s - RATE_WINDOW_S:
-            self._captured_s.popleft()
+            self._add_frame(record, frame, record.observation.frame, self.cycle_at_s)
+        while self._passed and self._passed[0].captured_at_s < now_s - RATE_WINDOW_S:
+            self._passed.popleft()
         for track in record.decision.tracks:
             self._add_track(now_s, track)
-        self.events.extendleft(record.decision.events)
+        for event in record.decision.events:
+            self.events.appendleft(event)
+            self.event_counts[event.kind.value] += 1
 
     @property
     def frame_rate_hz(self) -> float:
         """Frames a second, of late; 0 if none came."""
-        captured_s = tuple(self._captured_s)
-        if len(captured_s) < 2 or captured_s[-1] <= captured_s[0]:
+        passed = tuple(self._passed)
+        if len(passed) < 2 or passed[-1].captured_at_s <= passed[0].captured_at_s:
             return 0.0
-        return (len(captured_s) - 1) / (captured_s[-1] - captured_s[0])
+        return (len(passed) - 1) / (passed[-1].captured_at_s - passed[0].captured_at_s)
+
+    @property
+    def speed(self) -> float | None:
+        """How fast the run's clock passes of late, in seconds a second; None if unknown."""
+        passed = tuple(self._passed)
+        if len(passed) < 2 or passed[-1].real_s <= passed[0].real_s:
+            return None
+        return (passed[-1].now_s - passed[0].now_s) / (passed[-1].real_s - passed[0].real_s)
 
     @property
     def frame_age_s(self) -> float | None:
@@ -160,29 +149,43 @@ class RunHistory:
             return None
         return max(0.0, self.record.observation.now_s - stamp.captured_at_s)
 
-    def samples_after(self, at_s: float) -> Mapping[str, Samples]:
+    def samples_after(self, at_s: float) -> Mapping[str, Sequence[DistanceSample]]:
         """Return the distances of each target after a time, oldest first."""
-        return {target: samples.after(at_s) for target, samples in tuple(self._samples.items())}
+        return {target: newer(tuple(samples), at_s) for target, samples in tuple(self._samples.items())}
 
-    def _add_frame(self, record: CycleRecord, frame: Frame | None, sequence: int) -> None:
-        stamp = record.observation.frame
-        if stamp is None:
-            return
-        if self._sequence is not None:
-            self.dropped_frames += max(0, sequence - self._sequence - 1)
-        self._sequence = sequence
+    def _add_frame(self, record: CycleRecord, frame: Frame | None, stamp: FrameStamp, real_s: float) -> None:
+        before = self.seen.record.observation.frame if self.seen is not None else None
+        if before is None:
+            self.first_command_s = program_age_s()
+        else:
+            self.dropped_frames += max(0, stamp.sequence - before.sequence - 1)
+        self.frames += 1
         self.seen = Seen(record, frame)
-        self._captured_s.append(stamp.captured_at_s)
+        self.frame_at_s = real_s
+        self._passed.append(_Passed(stamp.captured_at_s, record.observation.now_s, real_s))
         self.cycle_times_s.append(record.busy_s)
         self.data_ages_s.append(record.observation.now_s - stamp.captured_at_s + record.busy_s)
+        for track in record.decision.tracks:
+            self.track_statuses[track.target][track.status.value] += 1
 
     def _add_track(self, now_s: float, track: Track) -> None:
-        samples = self._samples.get(track.target)
-        if samples is None:
-            samples = self._samples[track.target] = Samples()
+        samples = self._samples[track.target]
         distance_m = track.distance_m if track.is_valid else None
         last = samples[-1] if samples else None
         is_change = last is None or (last.distance_m is None) != (distance_m is None)
         if last is None or is_change or now_s - last.at_s >= SAMPLE_PERIOD_S - 1e-9:
             samples.append(DistanceSample(at_s=now_s, distance_m=distance_m, sigma_m=track.sigma_m or 0.0))
-            samples.forget_before(now_s - WINDOW_S)
+            while samples[0].at_s < now_s - WINDOW_S:
+                samples.popleft()
+
+
+def newer(samples: Sequence[DistanceSample], at_s: float) -> Sequence[DistanceSample]:
+    """Return the samples after a time, of some that are sorted by time."""
+    return samples[bisect_right(samples, at_s, key=attrgetter("at_s")) :]
+
+
+def program_age_s() -> float:
+    """Return how long ago this process was started, by the system's own record, to a hundredth of a second."""
+    after_name = Path("/proc/self/stat").read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
+    started_ticks = int(after_name[19])  # field 22, "starttime"; the second, the program's name, may contain spaces
+    return time.clock_gettime(time.CLOCK_BOOTTIME) - started_ticks / os.sysconf("SC_CLK_TCK")

@@ -3,32 +3,30 @@
 from __future__ import annotations
 
 import time
-from collections import deque
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+
+from msgspec import Struct, field
 
 from stadimeter.app.clock import SteppedClock
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.live.health import Board, LiveHealth, live_health
-from stadimeter.app.live.history import RATE_WINDOW_S, WINDOW_S, RunHistory, Samples, Seen
+from stadimeter.app.live.history import WINDOW_S, DistanceSample, RunHistory, Seen
 from stadimeter.core.clock import Clock
-from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import Decision, Event
 from stadimeter.core.detection import RejectedCandidate
-from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import MeasurementStatus
 from stadimeter.core.message import Message
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule
-from stadimeter.core.rules.explaining import explain
-from stadimeter.core.rules.reasons import Reasons
+from stadimeter.core.rules.explaining import Reasons, explain
 
 # This many messages to other programs are shown at most.
 MESSAGES_MAX = 50
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Surroundings:
+class Surroundings(Struct, frozen=True, kw_only=True):
     """What a run has beside its cycles, for those who watch it. Each may be asked from any thread, at any time.
 
     Attributes:
@@ -52,8 +50,7 @@ class Surroundings:
     has_corners: Mapping[str, bool] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RunSnapshot:
+class RunSnapshot(Struct, frozen=True, kw_only=True):
     """All that there is to see of a run at one moment.
 
     Attributes:
@@ -63,17 +60,15 @@ class RunSnapshot:
         samples: The recent distances of each target, oldest first.
         events: Newest first.
         messages: The messages to other programs, each with its time, newest first.
-        limits_m: The distances at which rules begin, by target, nearest first.
         health: How the run is doing.
     """
 
     record: CycleRecord | None = None
     seen: Seen | None = None
     started_s: float = 0.0
-    samples: Mapping[str, Samples] = field(default_factory=dict)
+    samples: Mapping[str, Sequence[DistanceSample]] = field(default_factory=dict)
     events: Sequence[Event] = ()
     messages: Sequence[tuple[float, Message]] = ()
-    limits_m: Mapping[str, Sequence[float]] = field(default_factory=dict)
     health: LiveHealth = field(default_factory=LiveHealth)
     narration: str = ""
     plan: Plan | None = None
@@ -85,6 +80,15 @@ class RunSnapshot:
     def looked_at(self) -> Mapping[str, Sequence[RejectedCandidate]]:
         """The rejected candidates of each target that the newest frame does not show, the most like it first."""
         return looked_at(self.seen.record) if self.seen is not None else {}
+
+    @property
+    def limits_m(self) -> Mapping[str, Sequence[float]]:
+        """The distances at which rules begin, by target, nearest first, to mark them in a chart."""
+        rules = self.plan.rules if self.plan is not None else ()
+        found: dict[str, set[float]] = defaultdict(set)
+        for rule in rules:
+            found[rule.target].update(_limits_m(rule))
+        return {target: sorted(values) for target, values in found.items()}
 
     @property
     def tilts_rad(self) -> Mapping[str, float]:
@@ -109,14 +113,6 @@ def looked_at(record: CycleRecord) -> Mapping[str, Sequence[RejectedCandidate]]:
     }
 
 
-def limits_m(plan: Plan) -> dict[str, list[float]]:
-    """Return, by target, the distances at which rules begin, nearest first, to mark them in a chart."""
-    found: dict[str, set[float]] = {target: set() for target in plan.targets}
-    for rule in plan.rules:
-        found[rule.target].update(_limits_m(rule))
-    return {target: sorted(values) for target, values in found.items()}
-
-
 def _limits_m(rule: AnyRule) -> tuple[float, ...]:
     match rule:
         case AlarmRule(condition=DistanceCondition(above_m=above_m, below_m=below_m)):
@@ -129,54 +125,33 @@ def _limits_m(rule: AnyRule) -> tuple[float, ...]:
             return ()
 
 
-@dataclass(slots=True)
-class LiveFeed:
-    """What there is to see of a run. The loop adds its cycles, which takes microseconds; any thread may look.
+class LiveFeed(Struct):
+    """What there is to see of a run, from any thread.
 
     Attributes:
         clock: The run's clock.
         unix_time_s: The computer's clock.
-        real_time_s: The clock of `time.monotonic`.
-        frame_at_s: When the loop was done with the newest frame, on that clock.
-        cycle_at_s: When it was done with the newest cycle, on that clock; None before the first.
     """
 
     clock: Clock
+    history: RunHistory = field(default_factory=RunHistory)
     surroundings: Surroundings = field(default_factory=Surroundings)
     board: Board = field(default_factory=Board)
     unix_time_s: Callable[[], float] = time.time
-    history: RunHistory = field(default_factory=RunHistory)
-    real_time_s: Callable[[], float] = time.monotonic
-    frame_at_s: float = 0.0
-    cycle_at_s: float | None = None
-    _passed: deque[tuple[float, float]] = field(default_factory=deque)
-
-    def __call__(self, record: CycleRecord, frame: Frame | None) -> None:
-        """Take in a cycle, in the loop's thread. No thread is woken: that alone can cost a loop a millisecond."""
-        self.history.add(record, frame)
-        self.cycle_at_s = self.real_time_s()
-        if frame is None:
-            return
-        self.frame_at_s = self.cycle_at_s
-        self._passed.append((self.frame_at_s, record.observation.now_s))
-        while self._passed[0][0] < self.frame_at_s - RATE_WINDOW_S:
-            self._passed.popleft()
 
     def pace(self) -> float:
         """Return how fast a simulation or a recording passes of late, as a share of the speed that was asked for.
 
         1 for a live camera, and where it shall pass as fast as the computer can.
         """
-        passed, speed = tuple(self._passed), self.clock.speed if isinstance(self.clock, SteppedClock) else None
-        if not speed or len(passed) < 2 or passed[-1][0] <= passed[0][0]:
-            return 1.0
-        (from_real_s, from_s), (to_real_s, to_s) = passed[0], passed[-1]
-        return (to_s - from_s) / (to_real_s - from_real_s) / speed
+        asked = self.clock.speed if isinstance(self.clock, SteppedClock) else None
+        speed = self.history.speed
+        return speed / asked if asked and speed is not None else 1.0
 
     def snapshot(self, window_s: float = WINDOW_S) -> RunSnapshot:
         """Return what there is to see now, with the distances of this long."""
         history, around = self.history, self.surroundings
-        record, plan = history.record, around.plan()
+        record = history.record
         return RunSnapshot(
             record=record,
             seen=history.seen,
@@ -184,10 +159,9 @@ class LiveFeed:
             samples=history.samples_after(record.observation.now_s - window_s if record is not None else 0.0),
             events=tuple(history.events),
             messages=tuple(around.messages())[:MESSAGES_MAX],
-            limits_m=limits_m(plan) if plan is not None else {},
             health=live_health(history, self.board, around.broker(), around.trouble(), self.pace()),
             narration=around.narration(),
-            plan=plan,
+            plan=around.plan(),
             has_corners=around.has_corners,
             run=around.run(),
             recording=around.recording(),
@@ -195,7 +169,8 @@ class LiveFeed:
 
     def cycle_age_s(self) -> float:
         """Return how old the newest cycle is in real time: a loop that hangs, also on a stepped clock, grows old."""
-        return self.real_time_s() - self.cycle_at_s if self.cycle_at_s is not None else 0.0
+        history = self.history
+        return history.real_time_s() - history.cycle_at_s if history.cycle_at_s is not None else 0.0
 
     def unix_offset_s(self) -> float:
         """Return what the computer's clock is ahead of the run's."""

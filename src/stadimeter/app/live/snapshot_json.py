@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from stadimeter.app.live.history import Samples, Seen
+from stadimeter.app.live.history import DistanceSample, Seen
 from stadimeter.app.live.snapshot import RunSnapshot, why
-from stadimeter.core.command import Command, LevelCommand
+from stadimeter.core.command import LevelCommand
 from stadimeter.core.decision import Decision, Event, OutputTrace, RuleTrace
 from stadimeter.core.detection import Detection, RejectedCandidate
 from stadimeter.core.message import Message
@@ -30,6 +30,9 @@ MESSAGES_MAX = 10
 SAMPLES_AT_ONCE = 200
 
 GIVE_WAY_S = 1e-5
+
+# What a rule's trace and its snapshot call the same.
+TRACE_FACTS = ("active", "acknowledged", "inhibits", "chattering", "first_out", "output")
 
 # Of more rules than this, those that do not change say in turn why: to work that out takes up to 0.1 ms each.
 REASONS_AT_ONCE = 12
@@ -91,7 +94,7 @@ def events_json(events: Iterable[Event], unix_offset_s: float) -> str:
     return _JSON.encode([_event(each, unix_offset_s) for each in events])
 
 
-def samples_json(samples: Mapping[str, Samples]) -> str:
+def samples_json(samples: Mapping[str, Iterable[DistanceSample]]) -> str:
     """Return distances as a JSON object: by target a list of time, distance or null, and standard deviation."""
     listed = (f"{_JSON.encode(name)}:[{','.join(_listed(found))}]" for name, found in samples.items())
     return f"{{{','.join(listed)}}}"
@@ -124,10 +127,10 @@ def outline_of(detection: Detection, *, has_corners: bool) -> list[list[float]]:
     return outline
 
 
-def _listed(samples: Samples) -> Iterator[str]:
-    for number, (at_s, distance_m, sigma_m) in enumerate(samples.rows(), start=1):
-        sigma = f"{sigma_m:.4f}" if math.isfinite(sigma_m) else "null"
-        yield f"[{at_s:.3f},{distance_m:.4f},{sigma}]" if math.isfinite(distance_m) else f"[{at_s:.3f},null,{sigma}]"
+def _listed(samples: Iterable[DistanceSample]) -> Iterator[str]:
+    for number, (at_s, *figures) in enumerate(samples, start=1):
+        known = ("null" if each is None or not math.isfinite(each) else f"{each:.4f}" for each in figures)
+        yield f"[{at_s:.3f},{','.join(known)}]"
         if not number % SAMPLES_AT_ONCE:
             time.sleep(GIVE_WAY_S)
 
@@ -139,12 +142,8 @@ def _target(snapshot: RunSnapshot, track: Track) -> dict[str, Any]:
         "name": track.target,
         "status": track.status.value,
         "is_valid": track.is_valid,
-        "distance_m": _rounded(track.distance_m, 4),
-        "sigma_m": _rounded(track.sigma_m, 4),
-        "closing_mps": _rounded(track.closing_mps, 3),
-        "closing_sigma_mps": _rounded(track.closing_sigma_mps, 3),
-        "bearing_rad": _rounded(track.bearing_rad, 4),
-        "elevation_rad": _rounded(track.elevation_rad, 4),
+        **_figures(track, "distance_m", "sigma_m", "bearing_rad", "elevation_rad", digits=4),
+        **_figures(track, "closing_mps", "closing_sigma_mps"),
         "tilt_rad": _rounded(snapshot.tilts_rad.get(track.target), 4),
         "reason": track.reason,
         "thresholds_m": [_rounded(limit_m, 4) for limit_m in snapshot.limits_m.get(track.target, ())],
@@ -162,11 +161,9 @@ def _detection(found: Detection, *, has_corners: bool) -> dict[str, Any]:
         "status": found.status.value,
         "reason": found.reason,
         "centre_px": _pixels(found.centre_px),
-        "width_px": _rounded(found.width_px, 2),
-        "height_px": _rounded(found.height_px, 2),
+        **_figures(found, "width_px", "height_px", "quality", digits=2),
         "outline_px": outline_of(found, has_corners=has_corners),
         "has_corners": has_corners,
-        "quality": _rounded(found.quality, 2),
     }
 
 
@@ -188,12 +185,7 @@ def _rules(plan: Plan | None, decision: Decision, reasons: ReasonsInTurn) -> Ite
         yield {
             "rule": trace.rule,
             "status": trace.status.value,
-            "active": trace.active,
-            "acknowledged": trace.acknowledged,
-            "gates": trace.gates,
-            "chattering": trace.chattering,
-            "first_out": trace.first_out,
-            "output": trace.output,
+            **{name: getattr(trace, name) for name in TRACE_FACTS},
             "target": rule.target if rule is not None else "",
             "severity": rule.severity.value if rule is not None else "",
             "is_alarm": alarm is not None,
@@ -214,37 +206,23 @@ def _outputs(snapshot: RunSnapshot) -> Iterator[dict[str, Any]]:
         name = command.output
         yield {
             "output": name,
-            **_value(command, applied.get(name)),
-            **_commanded(traces.get(name)),
+            "kind": "level" if isinstance(command, LevelCommand) else "motion",
+            **_figures(applied.get(name), "level", "linear_mps", "angular_radps"),  # null while it is out of order
+            **_commanded(traces.get(name, OutputTrace(output=name, winner=""))),
             "fault": faults.get(name, ""),
-            **_most(snapshot.plan, name),
+            **_max_speeds(snapshot.plan, name),
         }
 
 
-def _value(asked: Command, applied: Command | None) -> dict[str, Any]:
-    """Return what an output really does; null if unknown, since it is out of order."""
-    is_level = isinstance(asked, LevelCommand)
-    return {
-        "kind": "level" if is_level else "motion",
-        "level": _rounded(getattr(applied, "level", None), 3),
-        "linear_mps": _rounded(getattr(applied, "linear_mps", None), 3),
-        "angular_radps": _rounded(getattr(applied, "angular_radps", None), 3),
-    }
+def _commanded(trace: OutputTrace) -> dict[str, Any]:
+    return {name: getattr(trace, name) for name in ("winner", "reason", "losers", "held_by")}
 
 
-def _commanded(trace: OutputTrace | None) -> dict[str, Any]:
-    if trace is None:
-        return {"winner": "", "reason": "", "losers": (), "held_by": ""}
-    return {"winner": trace.winner, "reason": trace.reason, "losers": trace.losers, "held_by": trace.held_by}
-
-
-def _most(plan: Plan | None, name: str) -> dict[str, Any]:
-    found = next((each for each in plan.outputs if each.name == name), None) if plan is not None else None
-    base = found if isinstance(found, BaseOutput) else None
-    return {
-        "max_linear_mps": _rounded(base.linear_max_mps if base is not None else None),
-        "max_angular_radps": _rounded(base.angular_max_radps if base is not None else None),
-    }
+def _max_speeds(plan: Plan | None, name: str) -> dict[str, Any]:
+    outputs = plan.outputs if plan is not None else ()
+    base = next((each for each in outputs if each.name == name and isinstance(each, BaseOutput)), None)
+    speeds = _figures(base, "linear_max_mps", "angular_max_radps")
+    return {"max_linear_mps": speeds["linear_max_mps"], "max_angular_radps": speeds["angular_max_radps"]}
 
 
 def _safety(decision: Decision | None) -> dict[str, Any]:
@@ -258,8 +236,7 @@ def _health(snapshot: RunSnapshot) -> dict[str, Any]:
     median_s, p95_s = health.cycle_s
     return {
         "frame_rate_hz": _rounded(health.frame_rate_hz, 1),
-        "frame_age_s": _rounded(health.frame_age_s),
-        "latency_s": _rounded(health.latency_s),
+        **_figures(health, "frame_age_s", "latency_s"),
         "cycle_ms": {"p50": _milliseconds(median_s), "p95": _milliseconds(p95_s)},
         "dropped_frames": health.dropped_frames,
         "temperature_c": _rounded(health.board.temperature_c, 1),
@@ -268,7 +245,7 @@ def _health(snapshot: RunSnapshot) -> dict[str, Any]:
         "disk_free_bytes": health.board.disk_free_bytes,
         "memory_bytes": health.board.memory_bytes,
         "trouble": health.trouble,
-        "notes": [{"what": note.what, "words": note.words, "is_good": note.is_good} for note in health.notes],
+        "notes": [note._asdict() for note in health.notes],
     }
 
 
@@ -295,6 +272,11 @@ def _pixels(point: Iterable[float]) -> list[float | None]:
 
 def _milliseconds(seconds: float | None) -> float | None:
     return None if seconds is None else _rounded(seconds * 1e3)
+
+
+def _figures(known: object, *names: str, digits: int = 3) -> dict[str, float | None]:
+    """Return figures by their names, rounded; null for what is not known."""
+    return {name: _rounded(getattr(known, name, None), digits) for name in names}
 
 
 def _rounded(value: float | None, digits: int = 3) -> float | None:

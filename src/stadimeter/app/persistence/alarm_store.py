@@ -9,6 +9,8 @@ runs on one file would take turns in forgetting what the other remembers.
 Bytes that a failing card has flipped are noticed by SQLite's own check and by a checksum over everything that is
 remembered. What is damaged, or of a later version, is put aside under another name, for inspection.
 
+SQLite writes to what it opens, and makes files beside it. So the first bytes are read here, and a file that is not ours
+is never opened. Reading them blocks on nothing, whatever has the name: a folder, a pipe or a device is no state file.
 The bytes of a file may come from anywhere, and the libraries that read them raise whatever they like: an error of
 SQLite, text that is not UTF-8, a value of another type, no memory. So whatever is raised while reading means the same,
 and the file's size and the length of a value are bounded.
@@ -20,21 +22,106 @@ import hashlib
 import json
 import os
 import sqlite3
+import stat
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from enum import Enum, auto
+from itertools import count
 from pathlib import Path
+from typing import Any
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError
-
+from stadimeter.app.exact_json import decode, encode
 from stadimeter.app.persistence.resumption import ClockReading, Memory
-from stadimeter.app.persistence.state_file import APPLICATION_ID, Kind, kind_of, put_aside, too_large
+from stadimeter.config.atomic_file import rename_to_free_name
 from stadimeter.core.message import Message
 from stadimeter.core.notification import Notification
 from stadimeter.core.persistence import Absence, AlarmSnapshot
 from stadimeter.errors import StateError
 
-FORMAT = 3
+# Says whose file it is: ``Stad``.
+APPLICATION_ID = 0x53746164
+
+# A full state file has about 2 MiB, with the longest texts ten. What is larger we did not write, and do not read.
+SIZE_MAX = 32 * 2**20
+
+# What SQLite keeps beside a file.
+BESIDE = ("-wal", "-shm", "-journal")
+
+# Where a SQLite file has its application id; see https://www.sqlite.org/fileformat.html#the_database_header.
+_HEADER_BYTES = 100
+_MAGIC = b"SQLite format 3\0"
+_ID_AT = 68
+
+# So many bytes of those by which we know our own may be wrong: a memory card that flips one makes it no stranger's.
+_FLIPPED_MAX = 1
+
+
+class Kind(Enum):
+    """What has the name of a state file."""
+
+    NOTHING = auto()
+    """No file, or an empty one."""
+    OURS = auto()
+    """A state file, whole or not."""
+    FOREIGN = auto()
+    """Something else."""
+
+
+def kind_of(path: Path) -> Kind:
+    """Look at a file, without changing it or waiting for it.
+
+    Raises `StateError` if it is a folder, a pipe or a device, or cannot be looked at: a name too long, a loop of links.
+    """
+    try:
+        header = _header(path)
+    except FileNotFoundError:
+        return Kind.NOTHING
+    except (OSError, ValueError) as error:
+        raise StateError(f"{path} cannot be used: {getattr(error, 'strerror', None) or error}") from error
+    if not header:
+        return Kind.NOTHING
+    known = _MAGIC + APPLICATION_ID.to_bytes(4, "big")
+    found = header[: len(_MAGIC)] + header[_ID_AT : _ID_AT + 4]
+    wrong = sum(here != there for here, there in zip(found, known, strict=False)) + len(known) - len(found)
+    return Kind.OURS if wrong <= _FLIPPED_MAX else Kind.FOREIGN
+
+
+def _header(path: Path) -> bytes:
+    if not stat.S_ISREG(path.stat().st_mode):  # before it is opened: that alone resets some devices
+        raise ValueError("it is no regular file")
+    file = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        return os.read(file, _HEADER_BYTES) if stat.S_ISREG(os.fstat(file).st_mode) else b""
+    finally:
+        os.close(file)
+
+
+def too_large(path: Path) -> bool:
+    """Return whether a state file, or its log, has more bytes than we ever write."""
+    for file in (path, *(path.with_name(path.name + ending) for ending in BESIDE)):
+        with suppress(FileNotFoundError):  # SQLite removes its log when another process closes the file
+            if file.stat().st_size > SIZE_MAX:
+                return True
+    return False
+
+
+def put_aside(path: Path, why: str) -> Path:
+    """Rename a state file, and what SQLite keeps beside it, such as to ``run.sqlite3.damaged-1``; return that name.
+
+    Raises `StateError` if the folder is read-only, for example.
+    """
+    try:
+        aside = rename_to_free_name(path, (f"{path.name}.{why}-{number}" for number in count(1)))
+        for ending in BESIDE:
+            with suppress(FileNotFoundError):
+                path.with_name(path.name + ending).rename(aside.with_name(aside.name + ending))
+    except OSError as error:
+        raise StateError(f"{path} cannot be put aside: {error.strerror or error}") from error
+    return aside
+
+
+FORMAT = 4
 
 # Pages of 4 KiB after which SQLite moves the log into the file.
 LOG_PAGES_MAX = 64
@@ -42,12 +129,7 @@ LOG_PAGES_MAX = 64
 # No value in the file is longer.
 VALUE_BYTES_MAX = 2 * 2**20
 
-_MOMENT = TypeAdapter(ClockReading)
-_ITEM: TypeAdapter[Message | Notification] = TypeAdapter(Message | Notification)
-_ABSENT = TypeAdapter(tuple[Absence, ...])
-_ROW: TypeAdapter[tuple[AlarmSnapshot]] = TypeAdapter(
-    tuple[AlarmSnapshot], config=ConfigDict(ser_json_inf_nan="constants")
-)
+_ITEM: Any = Message | Notification  # mypy takes a union for no type
 
 # What SQLite says when nothing is wrong with the file, but with the disk or with us.
 _UNWRITABLE = frozenset(
@@ -129,10 +211,10 @@ class AlarmStore:
 
         Raises `StateError` if it could not be written, for a full disk for example.
         """
-        memories = {alarm.rule: _ROW.dump_json((alarm,)).decode() for alarm in memory.alarms}
-        rest = _MOMENT.dump_json(memory.moment).decode(), _ABSENT.dump_json(memory.absent).decode()
+        memories = {alarm.rule: encode(alarm).decode() for alarm in memory.alarms}
+        rest = encode(memory.moment).decode(), encode(memory.absent).decode()
         stopped = (memory.stopped,) if memory.stopped else ()
-        queued = [(name, _ITEM.dump_json(item).decode()) for name, item in memory.undelivered]
+        queued = [(name, encode(item).decode()) for name, item in memory.undelivered]
         rows, delivered = moved_on(self._queued, queued)
         changed = [(rule, memory) for rule, memory in memories.items() if self._written.get(rule) != memory]
         gone = [(rule,) for rule in self._written if rule not in memories]
@@ -253,11 +335,11 @@ class AlarmStore:
         if len(saved) != 1 or saved[0][2] != _sha256((*saved[0][:2], *stopped), rows.items(), queue.values()):
             raise _DamagedError("its checksum is wrong")
         try:
-            alarms = tuple(_ROW.validate_json(memory)[0] for memory in rows.values())
-            undelivered = tuple((name, _ITEM.validate_json(item)) for name, item in queue.values())
-            moment, absent = _MOMENT.validate_json(saved[0][0]), _ABSENT.validate_json(saved[0][1])
-        except ValidationError as error:
-            raise _DamagedError(f"it holds something else than alarms: {error.errors()[0]['msg']}") from error
+            alarms = tuple(decode(memory, AlarmSnapshot) for memory in rows.values())
+            undelivered = tuple((name, decode(item, _ITEM)) for name, item in queue.values())
+            moment, absent = decode(saved[0][0], ClockReading), decode(saved[0][1], tuple[Absence, ...])
+        except ValueError as error:
+            raise _DamagedError(f"it holds something else than alarms: {error}") from error
         self._written, self._queued = rows, queue
         return Memory(moment=moment, alarms=alarms, absent=absent, undelivered=undelivered, stopped="".join(stopped))
 

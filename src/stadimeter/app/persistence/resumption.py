@@ -9,25 +9,27 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from msgspec import Struct, field
+from msgspec.structs import replace
 
+from stadimeter.app.clock import is_synchronised
 from stadimeter.app.deliveries import Undelivered
-from stadimeter.app.wall_time import is_synchronised
+from stadimeter.app.exact_json import decode, encode
 from stadimeter.core.alarms.alarm import AlarmStep
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Event
 from stadimeter.core.holding import Hold
+from stadimeter.core.liveness import LivenessState
 from stadimeter.core.observation import OutputFault
 from stadimeter.core.outputs import OutputStep
 from stadimeter.core.persistence import Absence, AlarmSnapshot, meaning_of, restore_alarms
 from stadimeter.core.rule import AnyRule
+from stadimeter.core.rule_step import Step
 from stadimeter.core.rules.follow import FollowStep
 from stadimeter.core.rules.ramp import RampStep
-from stadimeter.core.rules.scheduler import RuleStep, with_steps
+from stadimeter.core.rules.scheduler import with_steps
 from stadimeter.core.safety import SafetyState
 from stadimeter.core.tracking.life_cycle import TrackState
 from stadimeter.errors import StateError
@@ -38,8 +40,7 @@ STEPPED = "stepped"
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ClockReading:
+class ClockReading(Struct, frozen=True, kw_only=True):
     """A moment on the run's clock and on the wall clock.
 
     Attributes:
@@ -83,8 +84,7 @@ def elapsed_s(before: ClockReading, now: ClockReading) -> float:
     return 0.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Memory:
+class Memory(Struct, frozen=True, kw_only=True):
     """What a run remembered, and when.
 
     Attributes:
@@ -100,72 +100,19 @@ class Memory:
     stopped: str = ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Resumption:
-    """What a run restores from an earlier one.
+def resume(state: State, memory: Memory, now: ClockReading) -> State:
+    """Return the state with which a run begins, as if the alarms had gone on since they were remembered.
 
-    Attributes:
-        alarms: What each alarm remembered, its times on the earlier run's clock.
-        shift_s: What to add to these times.
-        from_s: As of when the alarms remembered it, on the new run's clock.
-        now_s: The beginning of the new run, on its clock.
-        absent: Which targets were out of sight.
-        stopped: Who had stopped every output, and why, in words; empty if they were not stopped.
+    Args:
+        state: That of a run that has not begun.
     """
-
-    alarms: tuple[AlarmSnapshot, ...]
-    shift_s: float
-    from_s: float
-    now_s: float
-    absent: tuple[Absence, ...] = ()
-    stopped: str = ""
-
-    def of(self, state: State) -> State:
-        """Return the state with which to begin: that of a run that has not begun, with alarms that remember."""
-        begun = replace(state, stopped=self.stopped)
-        return restore_alarms(
-            begun, self.alarms, self.absent, shift_s=self.shift_s, from_s=self.from_s, now_s=self.now_s
-        )
-
-    def text(self) -> str:
-        """Return it as text, for a recording."""
-        return _RESUMPTION.dump_json((self,)).decode()
-
-
-# pydantic takes a configuration for a tuple, and not for a dataclass: each adapter is of a tuple with one element.
-_CONFIG = ConfigDict(ser_json_inf_nan="constants", defer_build=True)
-
-_RESUMPTION: TypeAdapter[tuple[Resumption]] = TypeAdapter(tuple[Resumption], config=_CONFIG)
-
-
-def resumption_at(now: ClockReading, memory: Memory) -> Resumption:
-    """Return what a run restores that begins now, as if the alarms had gone on in between."""
     from_s = now.at_s - elapsed_s(memory.moment, now)
+    begun = replace(state, stopped=memory.stopped)
     shift_s = from_s - memory.moment.at_s
-    return Resumption(
-        alarms=memory.alarms,
-        absent=memory.absent,
-        stopped=memory.stopped,
-        shift_s=shift_s,
-        from_s=from_s,
-        now_s=now.at_s,
-    )
+    return restore_alarms(begun, memory.alarms, memory.absent, shift_s=shift_s, from_s=from_s, now_s=now.at_s)
 
 
-class Restored(Protocol):
-    """What a recording restores before its first cycle."""
-
-    def of(self, state: State) -> State:
-        """Return the state with which it begins, given that of a run that has not begun."""
-        ...
-
-
-# How the JSON of a `Continuation` begins, and that of a `Resumption` does not.
-CONTINUATION_BEGINS = '[{"continued":'
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _RuleMemory:
+class _RuleMemory(Struct, frozen=True, kw_only=True):
     """What a rule remembers. By `meaning` it is known whether a rule of that name is still the same."""
 
     rule: str
@@ -175,7 +122,7 @@ class _RuleMemory:
     follow: FollowStep | None = None
 
     @classmethod
-    def of(cls, rule: AnyRule, step: RuleStep) -> _RuleMemory:
+    def of(cls, rule: AnyRule, step: Step) -> _RuleMemory:
         """Return what a rule remembers."""
         memory = cls(rule=rule.name, meaning=meaning_of(rule))
         match step:
@@ -183,16 +130,17 @@ class _RuleMemory:
                 return replace(memory, alarm=step)
             case RampStep():
                 return replace(memory, ramp=step)
-            case _:
+            case FollowStep():
                 return replace(memory, follow=step)
+            case _:
+                return memory
 
-    def step(self, rule: AnyRule) -> RuleStep | None:
+    def step(self, rule: AnyRule) -> Step | None:
         """Return it for a rule that means the same; None for any other."""
         return (self.alarm or self.ramp or self.follow) if self.meaning == meaning_of(rule) else None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _RunState:
+class _RunState(Struct, frozen=True, kw_only=True):
     """All that is remembered from one cycle to the next, without the plan."""
 
     now_s: float | None
@@ -207,50 +155,13 @@ class _RunState:
     due: tuple[Event, ...]
     holds: tuple[Hold, ...]
     stopped: str = ""
+    disagreeing: frozenset[str] = frozenset()
+    disarmed: str = ""
+    liveness: LivenessState = field(default_factory=LivenessState)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Continuation:
-    """What a recording restores that was begun in mid-course."""
-
-    continued: _RunState
-
-    def of(self, state: State) -> State:
-        """Return the state with which to go on. What the plan has otherwise by now begins anew."""
-        was, plan = self.continued, state.plan
-        known = {memory.rule: memory for memory in was.rules}
-        steps = tuple(
-            (known[rule.name].step(rule) or new) if rule.name in known else new
-            for rule, new in zip(plan.rules, state.rules.steps, strict=True)
-        )
-        tracks = {tracked.track.target: tracked for tracked in was.tracks}
-        outputs = {step.command.output: step for step in was.outputs}
-        names = {rule.name for rule in plan.rules}
-        return replace(
-            state,
-            now_s=was.now_s,
-            usual_step_s=was.usual_step_s,
-            tracks=tuple(tracks.get(new.track.target, new) for new in state.tracks),
-            rules=with_steps(plan, steps, {group: name for group, name in was.first_out.items() if name in names}),
-            safety=was.safety,
-            outputs=tuple(_like(outputs.get(new.command.output), new) for new in state.outputs),
-            faults=was.faults,
-            events=was.events,
-            due=was.due,
-            holds=was.holds,
-            stopped=was.stopped,
-        )
-
-
-def _like(was: OutputStep | None, new: OutputStep) -> OutputStep:
-    return was if was is not None and type(was.command) is type(new.command) else new
-
-
-_CONTINUATION: TypeAdapter[tuple[Continuation]] = TypeAdapter(tuple[Continuation], config=_CONFIG)
-
-
-def continuation_text(state: State) -> str:
-    """Return the state of a run as text, for a recording."""
+def state_text(state: State) -> str:
+    """Return the state of a run as text, for a recording that begins with it."""
     run = _RunState(
         now_s=state.now_s,
         usual_step_s=state.usual_step_s,
@@ -264,13 +175,54 @@ def continuation_text(state: State) -> str:
         due=state.due,
         holds=state.holds,
         stopped=state.stopped,
+        disagreeing=state.disagreeing,
+        disarmed=state.disarmed,
+        liveness=state.liveness,
     )
-    return _CONTINUATION.dump_json((Continuation(continued=run),)).decode()
+    return encode(run).decode()
 
 
-def read_resumption(text: str) -> Restored:
-    """Read what a recording restores; `StateError` if the text is something else."""
+def read_state(text: str, state: State) -> State:
+    """Return the state with which a recording begins. What the plan has otherwise by now begins anew.
+
+    Args:
+        text: From `state_text`.
+        state: That of a run that has not begun.
+
+    Raises:
+        StateError: The text is something else.
+    """
     try:
-        return (_CONTINUATION if text.startswith(CONTINUATION_BEGINS) else _RESUMPTION).validate_json(text)[0]
-    except ValidationError as error:
-        raise StateError(f"not the state of a run: {error.errors()[0]['msg']}") from error
+        was = decode(text, _RunState)
+    except ValueError as error:
+        raise StateError(f"not the state of a run: {error}") from error
+    plan = state.plan
+    known = {memory.rule: memory for memory in was.rules}
+    steps = tuple(
+        (known[rule.name].step(rule) or new) if rule.name in known else new
+        for rule, new in zip(plan.rules, state.rules.steps, strict=True)
+    )
+    tracks = {tracked.track.target: tracked for tracked in was.tracks}
+    outputs = {step.command.output: step for step in was.outputs}
+    names = {rule.name for rule in plan.rules}
+    return replace(
+        state,
+        now_s=was.now_s,
+        usual_step_s=was.usual_step_s,
+        tracks=tuple(tracks.get(new.track.target, new) for new in state.tracks),
+        rules=with_steps(plan, steps, {group: name for group, name in was.first_out.items() if name in names}),
+        safety=was.safety,
+        outputs=tuple(_like(outputs.get(new.command.output), new) for new in state.outputs),
+        faults=was.faults,
+        events=was.events,
+        due=was.due,
+        holds=was.holds,
+        stopped=was.stopped,
+        disagreeing=was.disagreeing,
+        disarmed=was.disarmed,
+        liveness=was.liveness,
+    )
+
+
+def _like(was: OutputStep | None, new: OutputStep) -> OutputStep:
+    return was if was is not None and type(was.command) is type(new.command) else new

@@ -13,14 +13,17 @@ power cut in between sends it twice, with one id.
 from __future__ import annotations
 
 import math
+import os
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stadimeter.app.deliveries import Deliveries, Undelivered
-from stadimeter.app.persistence.resumption import ClockReading, Memory, Resumption, resumption_at
+from stadimeter.app.persistence.resumption import ClockReading, Memory, resume
 from stadimeter.app.reporting import SYSTEM_EVENTS
+from stadimeter.app.service_folders import state_directory
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Event
 from stadimeter.core.persistence import SnapshotChange, classify_change, find_absences, snapshot_alarms
@@ -28,6 +31,8 @@ from stadimeter.errors import StateError
 
 if TYPE_CHECKING:  # a run without a state file works on a system without SQLite
     from stadimeter.app.persistence.alarm_store import AlarmStore
+
+ENDING = ".sqlite3"
 
 # What could not be written is tried again after this long.
 PASSING_EVERY_S = 10.0
@@ -80,12 +85,12 @@ class StateWriter:
         self._turned = threading.Condition()
         self._thread: threading.Thread | None = None
 
-    def begin(self, now_s: float) -> Resumption | None:
+    def begin(self, now_s: float, state: State) -> State | None:
         """Read the file, send what an earlier run left in it, and begin to write it.
 
         A file that cannot be used keeps no run from beginning.
 
-        Returns what the run restores from an earlier one; None if there is nothing.
+        Returns the state of a run that has not begun with what alarms restore from an earlier one; None for nothing.
         """
         try:
             memory = self._store.open()
@@ -99,7 +104,7 @@ class StateWriter:
         self._thread = threading.Thread(target=self._write_all, name="alarm keeper", daemon=True)
         self._thread.start()
         threading.Thread(target=self._flush_all, name="alarm flusher", daemon=True).start()
-        return resumption_at(self._moment_of(now_s), memory) if memory else None
+        return resume(state, memory, self._moment_of(now_s)) if memory else None
 
     def cycle(self, before: State, after: State, events: Iterable[Event] = ()) -> None:
         """Take in a cycle, after its messages were sent and before its listeners.
@@ -235,3 +240,22 @@ class StateWriter:
         with self._turned:
             self._turned.wait_for(lambda: self._newest is not None or self._is_ending, timeout=RETRY_S)
             self._newest = self._newest or state
+
+
+def state_file(configuration: Path, environ: Mapping[str, str] = os.environ) -> Path | None:
+    """Return the state file of a configuration, named after it; None for a user without a home.
+
+    It is in ``$STATE_DIRECTORY``, which systemd makes for a service; else in ``$XDG_STATE_HOME/stadimeter``, by default
+    ``~/.local/state/stadimeter``.
+    """
+    name = f"{configuration.stem}{ENDING}"
+    for_service = state_directory(environ)
+    if for_service is not None:
+        return for_service / name
+    of_user = environ.get("XDG_STATE_HOME")
+    if of_user:
+        return Path(of_user) / "stadimeter" / name
+    try:
+        return Path.home() / ".local" / "state" / "stadimeter" / name
+    except RuntimeError:  # no home
+        return None

@@ -9,13 +9,13 @@ Numbers are written so that reading them gives the same bits again. What is no n
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from msgspec import Struct
+from msgspec.json import schema
 
 from stadimeter.app.cycle import CycleRecord
+from stadimeter.app.exact_json import decode, encode
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 from stadimeter.core.bounds import MAX_TIME_S, is_time
 from stadimeter.core.decision import Decision, Event, RuleTrace
@@ -26,10 +26,6 @@ from stadimeter.errors import JournalError
 AS_BEFORE = b'"as before"'
 
 # The frame comes second in an observation, after one number.
-_RECORD = TypeAdapter(CycleRecord)
-_OBSERVATION = TypeAdapter(Observation)
-_RULE = TypeAdapter(RuleTrace)
-_LEFT_OUT: Mapping[str, bool | set[str]] = {"decision": {"rules", "reasons"}, "rejected": True, "detections": True}
 _NO_EVENTS = b'"events":[],'
 _NO_FRAME = b'"frame":null,'
 _FRAME_BEFORE = 80
@@ -39,31 +35,31 @@ _APPLIED = b',"applied":'
 _DECISION = b',"decision":'
 _RULES_KEY = b',"rules":'
 
+# What older recordings call the inhibits of a rule. No text holds these bytes: in one, quotes are escaped.
+_GATES, _INHIBITS = b',"gates":[', b',"inhibits":['
 
-@dataclass(frozen=True, slots=True)
-class _RecordedReload:
+
+class _RecordedReload(Struct, frozen=True):
     """A configuration that was reloaded while running, and when on the run's monotonic clock."""
 
     at_s: float
     configuration: RecordedConfiguration
 
 
-@dataclass(frozen=True, slots=True)
-class _Reloaded:
+class _Reloaded(Struct, frozen=True):
     reloaded: _RecordedReload
 
 
-# A decision alone, written as it is in a whole record: numbers can be configured for a tuple, not for a dataclass.
-_DECIDED: TypeAdapter[tuple[Decision]] = TypeAdapter(tuple[Decision], config=ConfigDict(ser_json_inf_nan="strings"))
+# The parts of a cycle before its decision, in their order, and those of a decision before its rules.
+_PARTS = ("observation", "applied", "timings_s")
+_DECIDED = tuple(name for name in Decision.__struct_fields__ if name not in {"rules", "reasons"})
 
-_DECIDED_LEFT_OUT: Mapping[int, set[str]] = {0: {"rules", "reasons"}}
-_RELOADED = TypeAdapter(_Reloaded)
 _RELOADED_BEGINS = b'{"reloaded":'
 
 
 def reload_json(at_s: float, configuration: RecordedConfiguration) -> bytes:
     """Write that another configuration was reloaded, on one line before the first cycle that it decided."""
-    return _RELOADED.dump_json(_Reloaded(_RecordedReload(at_s, configuration)))
+    return encode(_Reloaded(_RecordedReload(at_s, configuration)))
 
 
 def reload_of(line: bytes, place: str) -> RecordedConfiguration | None:
@@ -71,18 +67,18 @@ def reload_of(line: bytes, place: str) -> RecordedConfiguration | None:
     if not line.startswith(_RELOADED_BEGINS):
         return None
     try:
-        return _RELOADED.validate_json(line).reloaded.configuration
-    except ValidationError as error:
-        raise JournalError(f"{place}: not a configuration: {first_detail(error)}") from error
+        return decode(line, _Reloaded).reloaded.configuration
+    except ValueError as error:
+        raise JournalError(f"{place}: not a configuration: {error}") from error
 
 
 def cycle_schema() -> dict[str, Any]:
     """Return the JSON Schema of a cycle as `CycleEncoder` writes it."""
-    schema = _RECORD.json_schema(mode="serialization")
-    for key in ("rejected", "detections"):
-        del schema["properties"][key]
-    del schema["$defs"]["Decision"]["properties"]["reasons"]
-    return schema
+    written = schema(CycleRecord, schema_hook=lambda _kind: {"type": "array"})  # points in no journal
+    for name, left_out in (("CycleRecord", ("rejected", "detections")), ("Decision", ("reasons",))):
+        for key in left_out:
+            del written["$defs"][name]["properties"][key]
+    return written
 
 
 class CycleEncoder:
@@ -103,11 +99,12 @@ class CycleEncoder:
         """Write a cycle."""
         is_as_before = record.decision.rules is self._rules
         rules = AS_BEFORE if is_as_before and not self._repeats_rules else self.rules_json(record.decision.rules)
-        return _RECORD.dump_json(record, exclude=_LEFT_OUT)[: -len(b"}}")] + _RULES_KEY + rules + b"}}"
+        parts = encode({name: getattr(record, name) for name in _PARTS})
+        return parts[: -len(b"}")] + _DECISION + self.decision_json(record.decision) + _RULES_KEY + rules + b"}}"
 
     def decision_json(self, decision: Decision) -> bytes:
         """Write a decision without its rules, and without the brace that closes it."""
-        return _DECIDED.dump_json((decision,), exclude=_DECIDED_LEFT_OUT)[len(b"[") : -len(b"}]")]
+        return encode({name: getattr(decision, name) for name in _DECIDED})[: -len(b"}")]
 
     def rules_json(self, rules: tuple[RuleTrace, ...]) -> bytes:
         """Write what rules did; what did not change since the last time is not made again."""
@@ -117,7 +114,7 @@ class CycleEncoder:
             before, self._each = self._each, {}
             for rule in rules:
                 known = before.get(id(rule))
-                self._each[id(rule)] = known if known is not None else (rule, _RULE.dump_json(rule))
+                self._each[id(rule)] = known if known is not None else (rule, encode(rule))
             self._rules, self._rules_json = rules, b"[" + b",".join([json for _, json in self._each.values()]) + b"]"
         return self._rules_json
 
@@ -139,13 +136,13 @@ class RecordedCycle:
         self._line = line.rstrip()
         self._place = place
         rules = self._line[self._line.rfind(_RULES_KEY) + len(_RULES_KEY) : -len(b"}}")]
-        self.rules_json = rules_before if rules == AS_BEFORE else rules
+        self.rules_json = rules_before if rules == AS_BEFORE else rules.replace(_GATES, _INHIBITS)
 
     def observation(self) -> Observation:
         """Return what was observed. Like every part, it raises `JournalError` if the cycle is damaged."""
         try:
-            observation = _OBSERVATION.validate_json(self._line[len(_OPENING) : self._line.find(_APPLIED)])
-        except ValidationError:
+            observation = decode(self._line[len(_OPENING) : self._line.find(_APPLIED)], Observation)
+        except ValueError:
             observation = self.record().observation  # which names what is wrong, or knows another order of the parts
         captured_s = [measured.captured_at_s for measured in observation.measurements]
         if observation.frame is not None:
@@ -173,13 +170,6 @@ class RecordedCycle:
         head, key, _ = self._line.rpartition(_RULES_KEY)
         whole = head + key + self.rules_json + b"}}" if key else self._line
         try:
-            return _RECORD.validate_json(whole)
-        except ValidationError as error:
-            raise JournalError(f"{self._place}: not a cycle of a recording: {first_detail(error)}") from error
-
-
-def first_detail(error: ValidationError) -> str:
-    """Return the first thing that is wrong with a value that was read, in words, and where."""
-    detail = error.errors()[0]
-    place = ".".join(str(part) for part in detail["loc"])
-    return f"{place}: {detail['msg']}" if place else detail["msg"]
+            return decode(whole, CycleRecord)
+        except ValueError as error:
+            raise JournalError(f"{self._place}: not a cycle of a recording: {error}") from error

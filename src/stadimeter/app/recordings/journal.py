@@ -14,17 +14,18 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import BinaryIO
 
-from pydantic import TypeAdapter, ValidationError
+from msgspec import Struct, field
+from msgspec.structs import replace
 from pydantic_core import from_json
 
 import stadimeter
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.recordings.cycle_json import CycleEncoder, RecordedCycle, first_detail, reload_json, reload_of
+from stadimeter.app.exact_json import decode, encode
+from stadimeter.app.recordings.cycle_json import CycleEncoder, RecordedCycle, reload_json, reload_of
 from stadimeter.app.recordings.record_file import RecordFile
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, sha256_of
 from stadimeter.config.findings import format_value
@@ -34,13 +35,12 @@ from stadimeter.errors import JournalError, UnreadableError
 
 __all__ = ["FORMAT", "Journal", "JournalHeader", "JournalWriter", "read_journal", "sha256_of"]
 
-FORMAT = 1
+FORMAT = 2
 
 _FIRST_BYTES = b'{"stadimeter_journal":'
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class JournalHeader:
+class JournalHeader(Struct, frozen=True, kw_only=True):
     """The first line of a journal.
 
     Attributes:
@@ -64,9 +64,6 @@ class JournalHeader:
         return RecordedConfiguration(text=self.configuration, files=self.files)
 
 
-_HEADER = TypeAdapter(JournalHeader)
-
-
 class JournalWriter:
     """Writes a journal, in the thread of the caller; each line whole or not at all. A `Recorder` does so in a thread.
 
@@ -79,9 +76,7 @@ class JournalWriter:
     kind = "journal"
     takes_pictures = False
 
-    def __init__(self, path: Path, configuration: RecordedConfiguration | str, began_at: str | None = None) -> None:
-        if isinstance(configuration, str):
-            configuration = RecordedConfiguration(text=configuration)
+    def __init__(self, path: Path, configuration: RecordedConfiguration, began_at: str | None = None) -> None:
         self._encoder = CycleEncoder(repeats_rules=False)
         self._header = JournalHeader(
             stadimeter_journal=FORMAT,
@@ -101,10 +96,8 @@ class JournalWriter:
         """Take in what the run restores from an earlier one. Only before the first cycle."""
         self._header = replace(self._header, resumed=text)
 
-    def note_reload(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
+    def note_reload(self, now_s: float, configuration: RecordedConfiguration) -> None:
         """Add that another configuration was loaded, before the first cycle that it decides."""
-        if isinstance(configuration, str):
-            configuration = RecordedConfiguration(text=configuration)
         self._append(reload_json(now_s, configuration))
 
     def older_file(self) -> str:
@@ -119,12 +112,11 @@ class JournalWriter:
 
     def _append(self, line: bytes) -> None:
         if self._file.tell() == 0:
-            self._file.write(_HEADER.dump_json(self._header) + b"\n")
+            self._file.write(encode(self._header) + b"\n")
         self._file.write(line + b"\n")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Journal:
+class Journal(Struct, frozen=True, kw_only=True):
     """A journal that was read."""
 
     path: Path
@@ -187,6 +179,6 @@ def read_journal(path: Path) -> Journal:
         other = f"a journal of format {format_value(version)}"
         raise JournalError(f"{path}: {other}; this version of stadimeter reads format {FORMAT}")
     try:
-        return Journal(path=path, header=_HEADER.validate_python(found))
-    except ValidationError as error:
-        raise JournalError(f"{path}:1: damaged first line: {first_detail(error)}") from error
+        return Journal(path=path, header=decode(line, JournalHeader))
+    except ValueError as error:
+        raise JournalError(f"{path}:1: damaged first line: {error}") from error

@@ -8,8 +8,10 @@ from __future__ import annotations
 import hashlib
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
 from pathlib import Path
+
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from stadimeter.config.addresses import words_for_people
 from stadimeter.config.loader import Configuration, load_configuration
@@ -20,8 +22,7 @@ from stadimeter.errors import ConfigError, Problem, UnreadableError
 FILE_NAME = "configuration.toml"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RecordedConfiguration:
+class RecordedConfiguration(Struct, frozen=True, kw_only=True):
     """What a recording keeps of its configuration; `files` has the texts of those it names, by path."""
 
     text: str

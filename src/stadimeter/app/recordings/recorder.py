@@ -10,12 +10,14 @@ import queue
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.ending import Deadline
+from stadimeter.app.persistence.resumption import state_text
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+from stadimeter.core.decide import State
 from stadimeter.core.frame import Frame
 from stadimeter.errors import StadimeterError
 
@@ -48,7 +50,7 @@ class Writer(Protocol):
         """Take in what the run restores from an earlier one, before the first cycle."""
         ...
 
-    def note_reload(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
+    def note_reload(self, now_s: float, configuration: RecordedConfiguration) -> None:
         """Add that another configuration was loaded."""
         ...
 
@@ -63,20 +65,6 @@ class Writer(Protocol):
     def abandon(self) -> None:
         """Close the file as it is, after a failure."""
         ...
-
-
-@dataclass(frozen=True, slots=True)
-class _Reload:
-    now_s: float
-    configuration: RecordedConfiguration | str
-
-
-@dataclass(frozen=True, slots=True)
-class _Continued:
-    text: Callable[[], str]
-
-
-_Item = tuple[CycleRecord, Frame | None] | _Reload | _Continued
 
 
 class Recorder:
@@ -98,7 +86,7 @@ class Recorder:
         self._writer = writer
         self._is_live = is_live
         self._deadline = deadline or Deadline()
-        self._waiting: queue.SimpleQueue[_Item | None] = queue.SimpleQueue()
+        self._waiting: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._room_for = WAITING_MAX if is_live else IMAGES_WAITING_MAX
         self._has_room = threading.Event()
         self._ended_s: float | None = None
@@ -112,19 +100,15 @@ class Recorder:
         if self._is_live and frame is not None and self._waiting.qsize() > IMAGES_WAITING_MAX:
             self.images_left_out += 1
             frame = None
-        self._put((record, frame))
+        self._put(partial(self._writer.write, record, frame))
 
-    def note_resumption(self, text: str) -> None:
-        """Take in what the run restores from an earlier one. Only before the first cycle."""
-        self._writer.note_resumption(text)
+    def note_state(self, state: State) -> None:
+        """Take in the state with which the recording begins, before its first cycle. The disk's thread writes it."""
+        self._put(lambda: self._writer.note_resumption(state_text(state)))
 
-    def note_continuation(self, text: Callable[[], str]) -> None:
-        """Take in the state of a run in mid-course, before the first cycle. Its text is made in the disk's thread."""
-        self._put(_Continued(text))
-
-    def note_reload(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
+    def note_reload(self, now_s: float, configuration: RecordedConfiguration) -> None:
         """Take in that another configuration was loaded, before the first cycle that it decides."""
-        self._put(_Reload(now_s, configuration))
+        self._put(partial(self._writer.note_reload, now_s, configuration))
 
     def older_file(self) -> str:
         """Return in words where an older file of that name is now; empty if there was none."""
@@ -150,12 +134,12 @@ class Recorder:
         if self._thread.is_alive():
             self._give_up()
 
-    def _put(self, item: _Item) -> None:
-        """Hand an item over. This is the only producer, so the queue can only become shorter meanwhile."""
+    def _put(self, step: Callable[[], None]) -> None:
+        """Hand a step over. This is the only producer, so the queue can only become shorter meanwhile."""
         began_s = time.monotonic()
         while not self.failure:
             if self._waiting.qsize() < self._room_for:
-                self._waiting.put(item)
+                self._waiting.put(step)
                 return
             if self._is_live:
                 words = f"the disk does not keep up: {WAITING_MAX} cycles wait for it; the {self.kind} ends here"
@@ -180,20 +164,12 @@ class Recorder:
 
     def _run(self) -> None:
         try:
-            while (item := self._waiting.get()) is not None:
+            while (step := self._waiting.get()) is not None:
                 if not self._has_room.is_set():
                     self._has_room.set()
                 if not self.failure:
-                    self._write(item)
+                    step()
             self._writer.close()
         except BaseException as error:  # noqa: BLE001 - whatever it is, the run goes on without the recording
             self.failure = str(error) if isinstance(error, StadimeterError) else f"{type(error).__name__}: {error}"
             self._writer.abandon()
-
-    def _write(self, item: _Item) -> None:
-        if isinstance(item, _Reload):
-            self._writer.note_reload(item.now_s, item.configuration)
-        elif isinstance(item, _Continued):
-            self._writer.note_resumption(item.text())
-        else:
-            self._writer.write(*item)

@@ -13,10 +13,12 @@ import json
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
+
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 import stadimeter
 from stadimeter.app.cycle import CycleRecord
@@ -33,7 +35,7 @@ if TYPE_CHECKING:
     from mcap.writer import Writer
 
 # Begins the name of an attachment that holds a file that the configuration names.
-FORMAT = 1
+FORMAT = 2
 CYCLES = "/cycle"
 CONFIGURATION = "/configuration"
 IMAGES = "/camera/image"
@@ -56,8 +58,7 @@ SEQUENCE_MAX = 2**32
 ImageChoice = Literal["none", "events", "all"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ImageOptions:
+class ImageOptions(Struct, frozen=True, kw_only=True):
     """Which pictures a recording holds.
 
     Attributes:
@@ -72,8 +73,7 @@ class ImageOptions:
     quality_percent: int = 90
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Recorded:
+class Recorded(Struct, frozen=True, kw_only=True):
     """What a recording says about its run once and for all."""
 
     configuration: RecordedConfiguration
@@ -137,10 +137,8 @@ class RecordingWriter:
         """Take in that another configuration was loaded before there was anything to record."""
         self._recorded = replace(self._recorded, configuration=configuration)
 
-    def note_reload(self, now_s: float, configuration: RecordedConfiguration | str) -> None:
+    def note_reload(self, now_s: float, configuration: RecordedConfiguration) -> None:
         """Add that another configuration was loaded, before the first cycle that it decides."""
-        if isinstance(configuration, str):
-            configuration = RecordedConfiguration(text=configuration)
         writer = self._writer or self._begin(now_s)
         self._add(writer, CONFIGURATION, messages.CONFIGURATION, now_s, reload_json(now_s, configuration))
 

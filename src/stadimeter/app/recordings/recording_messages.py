@@ -30,25 +30,6 @@ from stadimeter.core.track import Track
 Schema = dict[str, Any]
 
 
-def _object(**properties: Schema) -> Schema:
-    return {"type": "object", "properties": properties}
-
-
-def _listed(items: Schema) -> Schema:
-    return {"type": "array", "items": items}
-
-
-_NUMBER: Schema = {"type": "number"}
-_COUNT: Schema = {"type": "integer", "minimum": 0}
-_TEXT: Schema = {"type": "string"}
-_TIME: Schema = {
-    "title": "time",
-    **_object(sec=_COUNT, nsec={"type": "integer", "minimum": 0, "maximum": 999_999_999}),
-}
-_POINT = _object(x=_NUMBER, y=_NUMBER)
-_COLOUR = _object(r=_NUMBER, g=_NUMBER, b=_NUMBER, a=_NUMBER)
-_METADATA = _listed(_object(key=_TEXT, value=_TEXT))
-
 COMPRESSED_IMAGE = "foxglove.CompressedImage"
 CAMERA_CALIBRATION = "foxglove.CameraCalibration"
 IMAGE_ANNOTATIONS = "foxglove.ImageAnnotations"
@@ -56,68 +37,6 @@ LOG = "foxglove.Log"
 TARGET = "stadimeter.Target"
 CYCLE = "stadimeter.Cycle"
 CONFIGURATION = "stadimeter.Configuration"
-
-_CIRCLE = _object(
-    timestamp=_TIME,
-    position=_POINT,
-    diameter=_NUMBER,
-    thickness=_NUMBER,
-    fill_color=_COLOUR,
-    outline_color=_COLOUR,
-    metadata=_METADATA,
-)
-_POINTS = _object(
-    timestamp=_TIME,
-    type=_COUNT,
-    points=_listed(_POINT),
-    outline_color=_COLOUR,
-    outline_colors=_listed(_COLOUR),
-    fill_color=_COLOUR,
-    thickness=_NUMBER,
-    metadata=_METADATA,
-)
-_LABEL = _object(
-    timestamp=_TIME,
-    position=_POINT,
-    text=_TEXT,
-    font_size=_NUMBER,
-    text_color=_COLOUR,
-    background_color=_COLOUR,
-    metadata=_METADATA,
-)
-
-# By name. That of a cycle is not here: it follows from `CycleRecord`.
-SCHEMAS: dict[str, Schema] = {
-    COMPRESSED_IMAGE: _object(
-        timestamp=_TIME, frame_id=_TEXT, data={**_TEXT, "contentEncoding": "base64"}, format=_TEXT
-    ),
-    CAMERA_CALIBRATION: _object(
-        timestamp=_TIME,
-        frame_id=_TEXT,
-        width=_COUNT,
-        height=_COUNT,
-        distortion_model=_TEXT,
-        D=_listed(_NUMBER),
-        K={**_listed(_NUMBER), "minItems": 9, "maxItems": 9},
-        R={**_listed(_NUMBER), "minItems": 9, "maxItems": 9},
-        P={**_listed(_NUMBER), "minItems": 12, "maxItems": 12},
-    ),
-    IMAGE_ANNOTATIONS: _object(circles=_listed(_CIRCLE), points=_listed(_POINTS), texts=_listed(_LABEL)),
-    LOG: _object(timestamp=_TIME, level=_COUNT, message=_TEXT, name=_TEXT, file=_TEXT, line=_COUNT),
-    TARGET: _object(
-        status=_TEXT,
-        measured_m=_NUMBER,
-        distance_m=_NUMBER,
-        sigma_m=_NUMBER,
-        depth_m=_NUMBER,
-        closing_mps=_NUMBER,
-        bearing_rad=_NUMBER,
-        elevation_rad=_NUMBER,
-    ),
-    CONFIGURATION: _object(reloaded=_object(at_s=_NUMBER, configuration=_object(text=_TEXT, files=_object()))),
-}
-for _name, _schema in SCHEMAS.items():
-    _schema["title"] = _name
 
 
 def plain(schema: Schema) -> Schema:
@@ -131,9 +50,10 @@ def _plain(schema: Schema, definitions: Schema) -> Schema:
     if "anyOf" in schema:
         return _joined([_plain(each, definitions) for each in schema["anyOf"] if each.get("type") != "null"])
     if schema.get("type") == "array":
-        return _listed(_plain(schema.get("items") or schema["prefixItems"][0], definitions))
+        return {"type": "array", "items": _plain(schema.get("items") or schema["prefixItems"][0], definitions)}
     if schema.get("type") == "object":
-        return _object(**{name: _plain(part, definitions) for name, part in schema.get("properties", {}).items()})
+        parts = {name: _plain(part, definitions) for name, part in schema.get("properties", {}).items()}
+        return {"type": "object", "properties": parts}
     return {"type": schema.get("type", "string")}
 
 
@@ -142,7 +62,8 @@ def _joined(schemas: list[Schema]) -> Schema:
     first = schemas[0]
     if first["type"] != "object":
         return first
-    return _object(**{name: part for schema in schemas for name, part in schema.get("properties", {}).items()})
+    parts = {name: part for schema in schemas for name, part in schema.get("properties", {}).items()}
+    return {"type": "object", "properties": parts}
 
 
 # Of foxglove.Log: info, warning, error, fatal.
@@ -163,6 +84,9 @@ _WHOLE_COLOUR = (cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FAC
 _LINE_LOOP = 2
 
 _OUTLINE_POINTS_MAX = 64
+
+# Of a track, what is plotted.
+_TRACK_FIGURES = ("distance_m", "sigma_m", "depth_m", "closing_mps", "bearing_rad", "elevation_rad")
 
 # Foxglove has (0, 0) at the corner of the first pixel, not at its centre.
 _FIRST_PIXEL = 0.5
@@ -208,15 +132,8 @@ def log(event: Event, time_ns: int) -> bytes:
 
 def target(track: Track, measured: Measurement | None) -> bytes:
     """Return what is known of a target in one cycle, to plot it; figures that are not known are null."""
-    figures = {
-        "measured_m": measured.distance_m if measured else None,
-        "distance_m": track.distance_m,
-        "sigma_m": track.sigma_m,
-        "depth_m": track.depth_m,
-        "closing_mps": track.closing_mps,
-        "bearing_rad": track.bearing_rad,
-        "elevation_rad": track.elevation_rad,
-    }
+    figures = {"measured_m": measured.distance_m if measured else None}
+    figures |= {name: getattr(track, name) for name in _TRACK_FIGURES}
     return _json({"status": track.status.value, **{name: _finite(value) for name, value in figures.items()}})
 
 
@@ -323,3 +240,43 @@ def _finite(value: float | None) -> float | None:
 
 def _json(message: Mapping[str, Any]) -> bytes:
     return json.dumps(message, separators=(",", ":")).encode()
+
+
+_WHEN = stamp(0)
+_SQUARE = Detection(target="", status=DetectionStatus.FOUND, outline_px=np.zeros((1, 2)))
+
+# A message of each kind, with something in every list. That of a cycle follows from `CycleRecord`.
+_EXAMPLES: dict[str, Schema] = {
+    COMPRESSED_IMAGE: {"timestamp": _WHEN, "frame_id": "", "data": "", "format": ""},
+    CAMERA_CALIBRATION: {
+        "timestamp": _WHEN,
+        "frame_id": "",
+        "width": 0,
+        "height": 0,
+        "distortion_model": "",
+        **{key: [0.0] for key in "DKRP"},
+    },
+    IMAGE_ANNOTATIONS: {
+        "circles": [{**_circle((0.0, 0.0), 0.0, _GREEN, _WHEN), "metadata": _named("")}],
+        "points": [{**_outline(_SQUARE, _WHEN), "outline_colors": [_GREEN]}],
+        "texts": [{**_label((0.0, 0.0), 0.0, "", _WHEN), "metadata": _named("")}],
+    },
+    LOG: {"timestamp": _WHEN, "level": 0, "message": "", "name": "", "file": "", "line": 0},
+    TARGET: {"status": "", "measured_m": 0.0, **dict.fromkeys(_TRACK_FIGURES, 0.0)},
+    CONFIGURATION: {"reloaded": {"at_s": 0.0, "configuration": {"text": "", "files": {}}}},
+}
+_TYPES = {float: "number", int: "integer", str: "string"}
+
+
+def _schema_of(example: Any) -> Schema:
+    """Return the schema of messages like one. Viewers know a time by its title."""
+    if isinstance(example, list):
+        return {"type": "array", "items": _schema_of(example[0])}
+    if not isinstance(example, dict):
+        return {"type": _TYPES[type(example)]}
+    title = {"title": "time"} if example.keys() == _WHEN.keys() else {}
+    return {**title, "type": "object", "properties": {name: _schema_of(part) for name, part in example.items()}}
+
+
+SCHEMAS = {name: {**_schema_of(example), "title": name} for name, example in _EXAMPLES.items()}
+SCHEMAS[COMPRESSED_IMAGE]["properties"]["data"]["contentEncoding"] = "base64"

@@ -7,20 +7,15 @@ from collections.abc import Iterator
 from itertools import combinations, islice
 from typing import Any
 
+from stadimeter.config.analysis import Subject
 from stadimeter.config.analysis.logic import Logic, Wanted
 from stadimeter.config.analysis.regions import beginning_of
-from stadimeter.config.analysis.subject import Subject
 from stadimeter.config.findings import Finding
 from stadimeter.config.rules.compiled import WrittenCondition
-from stadimeter.core.condition import (
-    AllOf,
-    Condition,
-    CountCondition,
-    DistanceCondition,
-    PresenceCondition,
-    SeparationCondition,
-)
-from stadimeter.core.conditions.limits import ends_of
+from stadimeter.core.conditions.compounds import AllOf, Condition
+from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition
+from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.limits import SeparationCondition, ends_of
 
 # Pairs of parts that are tried at most to name the two that clash: those of some sixty parts.
 _MAX_PAIRS = 2000

@@ -6,18 +6,170 @@ unknown) and not false.
 A situation says where each target is, how long it has been in sight, which rules are active, and what time it is. Each
 of these is one number on an axis of its own, so a set of situations is a box: for each axis a union of intervals. With
 boxes it is exact whether several conditions can hold together: no sampling, and no solver but the intersection of
-intervals. See `stadimeter.config.analysis.situations` for the boxes of each kind of condition.
+intervals. Ends do not count: no measurement is exactly at a threshold.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import Enum
+from typing import Any
 
-from stadimeter.config.analysis.situations import GONE, SEEN, Axis, Box, Truth, interval, situations
-from stadimeter.core.condition import AllOf, AnyOf, Condition, Leaf, Not
+from msgspec import Struct, field
+
+from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
+from stadimeter.core.conditions.contact import TimeToContactCondition
+from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
+from stadimeter.core.conditions.leaf import Leaf
+from stadimeter.core.conditions.limits import ends_of
+
+_DAY_S = 86400.0
+_WEEK_S = 7 * _DAY_S
+
+
+class Intervals(Struct, frozen=True):
+    """A union of intervals that do not touch, in rising order.
+
+    Attributes:
+        parts: The lower and the upper end of each.
+    """
+
+    parts: tuple[tuple[float, float], ...]
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no number is in it."""
+        return not self.parts
+
+    def __and__(self, other: Intervals) -> Intervals:
+        """Return what is in both."""
+        return union_of(
+            (max(low, other_low), min(high, other_high))
+            for low, high in self.parts
+            for other_low, other_high in other.parts
+        )
+
+    def __invert__(self) -> Intervals:
+        """Return what is not in it."""
+        ends = [-math.inf, *(end for part in self.parts for end in part), math.inf]
+        return union_of(zip(ends[::2], ends[1::2], strict=True))
+
+
+def interval(low: float | None, high: float | None) -> Intervals:
+    """Return one interval; None for an end that is free. It is empty if the ends are not in order."""
+    return union_of([(-math.inf if low is None else low, math.inf if high is None else high)])
+
+
+def union_of(parts: Iterable[tuple[float, float]]) -> Intervals:
+    """Return the union of intervals, which may overlap. Those whose ends are not in order are empty."""
+    merged: list[tuple[float, float]] = []
+    for low, high in sorted((low, high) for low, high in parts if low < high):
+        if merged and low <= merged[-1][1]:
+            merged[-1] = (merged[-1][0], max(merged[-1][1], high))
+        else:
+            merged.append((low, high))
+    return Intervals(tuple(merged))
+
+
+# Such as ``("distance", "ball")``. The axis ``("in sight", TARGET)`` is for how many seconds the target has been in
+# sight, and below zero for how many it has been lost.
+Axis = tuple[Any, ...]
+
+# A set of situations: for each axis a union of intervals. Axes that it does not name are free.
+Box = Mapping[Axis, Intervals]
+
+# Answers, as intervals on an axis of their own.
+YES, NO, NOT_KNOWN = interval(0.0, 1.0), interval(-1.0, 0.0), interval(1.0, 2.0)
+
+# On the axis ``("in sight", TARGET)``.
+SEEN, GONE = interval(0.0, None), interval(None, 0.0)
+ALL, LENGTHS = interval(None, None), interval(0.0, None)
+
+
+class Truth(Enum):
+    """Three-valued."""
+
+    TRUE = "true"
+    FALSE = "false"
+    UNKNOWN = "unknown"
+
+
+def situations(leaf: Leaf, truth: Truth, targets: tuple[str, ...]) -> Iterator[Box]:
+    """Yield the boxes of situations in which a simple condition is true, false or unknown, as `truth` says.
+
+    Args:
+        targets: All targets there are, for a count of all.
+    """
+    match leaf:
+        case PresenceCondition():
+            if truth is not Truth.UNKNOWN:
+                holds = interval(leaf.for_s, None) if leaf.seen else interval(None, -leaf.for_s)
+                yield {("in sight", leaf.target): holds if truth is Truth.TRUE else ~holds}
+        case CountCondition():
+            if truth is not Truth.UNKNOWN:
+                yield _count(leaf, truth, tuple(sorted(set(leaf.targets or targets))))
+        case ScheduleCondition():
+            yield _clock(leaf, truth)
+        case RuleCondition():
+            yield {("rule", leaf.rule): {Truth.TRUE: YES, Truth.FALSE: NO, Truth.UNKNOWN: NOT_KNOWN}[truth]}
+        case TimeToContactCondition():
+            yield from _contact(leaf, truth)
+        case _:
+            yield from _measured(leaf, truth)
+
+
+def week_of(schedule: ScheduleCondition) -> Intervals:
+    """Return at which seconds of the week a schedule holds, counted from midnight before Monday."""
+    length_s = schedule.to_s - schedule.from_s + (0.0 if schedule.to_s > schedule.from_s else _DAY_S)
+    starts = [number * _DAY_S + schedule.from_s for number in schedule.weekdays or range(7)]
+    whole = [(start, start + length_s) for start in starts]
+    return union_of([*whole, *((low - _WEEK_S, high - _WEEK_S) for low, high in whole)]) & interval(0.0, _WEEK_S)
+
+
+def _measured(leaf: Leaf, truth: Truth) -> Iterator[Box]:
+    """Yield the boxes of a condition on one figure, which is an axis of its targets and unknown without any of them.
+
+    One on no target is on what the base reports, or does not.
+    """
+    sights = [("in sight", target) for target in leaf.targets_named] or [("reported", leaf.noun)]
+    if truth is Truth.UNKNOWN:
+        yield from ({sight: GONE} for sight in sights)
+        return
+    inside, possible = interval(*leaf.limits), LENGTHS if leaf.unit == "m" else ALL
+    axis = (leaf.noun, *sorted(leaf.targets_named))
+    yield {**dict.fromkeys(sights, SEEN), axis: possible & (inside if truth is Truth.TRUE else ~inside)}
+
+
+def _count(leaf: CountCondition, truth: Truth, counted: tuple[str, ...]) -> Box:
+    low, high = ends_of(leaf.at_least, leaf.at_most)
+    holds = interval(low - 0.5, high + 0.5)
+    # Whole numbers from none to all, each with the half before and after it.
+    possible = interval(-0.5, len(counted) + 0.5)
+    return {("count", *counted): possible & (holds if truth is Truth.TRUE else ~holds)}
+
+
+def _clock(leaf: ScheduleCondition, truth: Truth) -> Box:
+    if truth is Truth.UNKNOWN:
+        return {("clock",): NOT_KNOWN}
+    week = week_of(leaf)
+    return {("clock",): YES, ("week",): interval(0.0, _WEEK_S) & (week if truth is Truth.TRUE else ~week)}
+
+
+def _contact(leaf: TimeToContactCondition, truth: Truth) -> Iterator[Box]:
+    sight, sure, closing = ("in sight", leaf.target), ("speed is sure", leaf.target), ("closing speed", leaf.target)
+    time = ("time to contact", leaf.target, leaf.contact_m)
+    inside = interval(None, leaf.below_s)
+    match truth:
+        case Truth.TRUE:
+            yield {sight: SEEN, sure: YES, time: inside, closing: interval(leaf.closing_min_mps, None)}
+        case Truth.FALSE:
+            yield {sight: SEEN, sure: YES, time: ~inside}
+            yield {sight: SEEN, sure: YES, closing: interval(None, leaf.closing_min_mps)}
+        case _:
+            yield {sight: GONE}
+            yield {sure: NO}
+
 
 # How many boxes one analysis may look at: some seconds on a small computer. A configuration that people write needs
 # some hundreds; beyond the limit everything counts as possible, so that nothing wrong is said.
@@ -47,8 +199,7 @@ Goal = tuple[Condition, Wanted]
 _Goals = tuple[Goal, "_Goals"] | None
 
 
-@dataclass(slots=True, kw_only=True)
-class Logic:
+class Logic(Struct, kw_only=True):
     """Answers which conditions can hold together.
 
     Attributes:

@@ -4,24 +4,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 
+from msgspec.structs import replace
+
+from stadimeter.config.analysis import Subject
 from stadimeter.config.analysis.logic import Goal, Logic, Wanted
-from stadimeter.config.analysis.subject import Subject
 from stadimeter.config.draft import BASE_NAME
 from stadimeter.config.findings import Finding, did_you_mean
 from stadimeter.config.rules.compiled import CompiledRule, WrittenCondition
-from stadimeter.core.condition import (
-    AllOf,
-    AnyOf,
-    Condition,
-    Not,
-    PresenceCondition,
-    RuleCondition,
-    depends_on,
-    leaves,
-    targets_of,
-)
+from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not, depends_on, leaves, targets_of
+from stadimeter.core.conditions.discrete import PresenceCondition, RuleCondition
 from stadimeter.core.decision import Severity
 from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, LostPolicy
 
@@ -44,7 +36,6 @@ def promise_warnings(subject: Subject) -> Iterator[Finding]:
     for declared, alarm in subject.alarms:
         yield from _clears_at_once(declared, alarm)
         yield from _waits_unheard(subject, declared, alarm)
-        yield from _latch_without_effect(declared, alarm)
         yield from _latch_suppresses(latched, declared, alarm)
         yield from _blind_stop(follows, declared, alarm)
 
@@ -56,16 +47,16 @@ def _safety(declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding]:
         message = f"a safety rule acts at once, and this one waits {waits}"
         hint = 'leave on_delay out; against false alarms write a higher probability in when, or severity = "alarm"'
         yield Finding(declared.at("on_delay"), message, hint, "safety-delayed")
-    if alarm.shelve_max_s > 0 and "shelve_max" in declared.table:
-        message = "a safety rule cannot be shelved"
-        yield Finding(declared.at("shelve_max"), message, 'leave it out, or write severity = "alarm"', "safety-shelved")
-    if alarm.suppress_when is not None:
-        message = "a safety rule cannot be suppressed"
-        hint = 'leave it out, or write severity = "alarm"'
-        yield Finding(declared.at("suppress_when"), message, hint, "safety-suppressed")
-    if alarm.observe:
-        message = "a safety rule cannot merely be observed: it would drive nothing"
-        yield Finding(declared.at("observe"), message, 'leave it out, or write severity = "alarm"', "safety-observed")
+    wrong = {
+        "shelve_max": alarm.shelve_max_s > 0 and "shelve_max" in declared.table and "cannot be shelved",
+        "suppress_when": alarm.suppress_when is not None and "cannot be suppressed",
+        "observe": alarm.observe and "cannot merely be observed: it would drive nothing",
+    }
+    codes = {"shelve_max": "safety-shelved", "suppress_when": "safety-suppressed", "observe": "safety-observed"}
+    for key, what in wrong.items():
+        if what:
+            hint = 'leave it out, or write severity = "alarm"'
+            yield Finding(declared.at(key), f"a safety rule {what}", hint, codes[key])
 
 
 def _groups_of_one(subject: Subject) -> Iterator[Finding]:
@@ -85,17 +76,14 @@ def _clears_at_once(declared: CompiledRule, alarm: AlarmRule) -> Iterator[Findin
 
 
 def _waits_unheard(subject: Subject, declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding]:
-    if (
-        not (alarm.latch or alarm.ack == "required")
-        or alarm.observe
-        or {"messenger", "status_led"} & set(subject.draft.table)
-    ):
-        return
-    if any(step.send is not None for step in alarm.escalation):
+    waits = (alarm.latch or alarm.ack == "required") and not alarm.observe
+    is_heard = not {"messenger", "status_led"}.isdisjoint(subject.draft.table) or any(
+        step.send is not None for step in alarm.escalation
+    )
+    calls_for_operator = alarm.ack_resets and alarm.output  # by what it drives
+    if not waits or is_heard or calls_for_operator:
         return
     drives = f" while it drives '{alarm.output}'" if alarm.latch and alarm.output else ""
-    if alarm.ack_resets and alarm.output:
-        return  # what it drives calls for the operator
     is_reset, key = alarm.latch and not alarm.ack_resets, "latch" if alarm.latch else "ack"
     does, command = ("reset", "reset") if is_reset else ("acknowledge", "ack")
     message = f"once raised, '{alarm.name}' waits for an operator to {does} it{drives}, and nothing notifies one"
@@ -104,13 +92,6 @@ def _waits_unheard(subject: Subject, declared: CompiledRule, alarm: AlarmRule) -
         "[status_led], or notify with a [notifiers.NAME]"
     )
     yield Finding(declared.at(key), message, hint, "latch-unheard")
-
-
-def _latch_without_effect(declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding]:
-    if alarm.observe and (alarm.latch or alarm.ack == "required"):
-        does, key = ("reset", "latch") if alarm.latch else ("acknowledge", "ack")
-        message = f"a rule that is only observed drives and sends nothing, and yet waits for an operator to {does} it"
-        yield Finding(declared.at(key), message, "leave one of the two out", "latch-observed")
 
 
 def _latch_suppresses(latched: Mapping[str, str], declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding]:
@@ -125,22 +106,16 @@ def _blind_stop(follows: list[FollowRule], declared: CompiledRule, alarm: AlarmR
     """Find rules that stop a base for one target while it follows another, and do not say what to do when blind."""
     if alarm.output != BASE_NAME or alarm.observe or alarm.lost.policy is not LostPolicy.HOLD:
         return
-    lost = declared.table.get("lost")
-    if isinstance(lost, dict) and "policy" in lost:
+    if "policy" in declared.table.get("lost", {}):
         return
-    for target in sorted(targets_of(alarm.condition)):
-        others = [rule.name for rule in follows if rule.target != target]
-        if others:
-            message = (
-                f"while '{target}' is out of sight, '{alarm.name}' stays as it was, and '{others[0]}' may drive the "
-                "base all the same"
-            )
-            hint = (
-                'write lost = { policy = "assert" } if not seeing it means danger, and { policy = "hold" } if it does '
-                "not"
-            )
-            yield Finding(declared.at("lost"), message, hint, "motion-blind")
-            return
+    targets = sorted(targets_of(alarm.condition))
+    pairs = [(target, rule.name) for target in targets for rule in follows if rule.target != target]
+    for target, other in pairs[:1]:
+        message = f"while '{target}' is out of sight, '{alarm.name}' stays as it was, and '{other}' may drive the base"
+        hint = (
+            'write lost = { policy = "assert" } if not seeing it means danger, and { policy = "hold" } if it does not'
+        )
+        yield Finding(declared.at("lost"), f"{message} all the same", hint, "motion-blind")
 
 
 # Conditions that ask for the opposite of another rule, and are unknown while that rule cannot be judged ---------------

@@ -5,12 +5,13 @@ Read from the tables as they were written, so that a rule with a mistake elsewhe
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
 from typing import Any
 
-from stadimeter.config.draft import BASE_NAME, Draft
+from msgspec import Struct
+
+from stadimeter.config.draft import Draft
 from stadimeter.config.findings import Finding, did_you_mean_or_list
 from stadimeter.config.models import ButtonTable
 from stadimeter.config.toml_lines import KeyPath
@@ -19,11 +20,14 @@ from stadimeter.core.words import duration
 
 # A longer ring is written with a gap.
 _MAX_NAMES = 8
+
+# More rings are found once these are mended: each takes a walk through all rules.
+_MAX_RINGS = 50
+
 _CONDITIONS = ("when", "suppress_when")
 
 
-@dataclass(frozen=True, slots=True)
-class _Name:
+class _Name(Struct, frozen=True):
     """A name that stands in a condition."""
 
     kind: str
@@ -33,7 +37,7 @@ class _Name:
 
 def reference_errors(draft: Draft) -> Iterator[Finding]:
     """Find names that stand for nothing, and rules that wait for themselves."""
-    rules, targets = set(_rule_names(draft)), draft.names("targets")
+    rules, targets = set(_rule_names(draft)), draft.target_names
     known = {"rule": rules, "target": set(targets)}
     for section, table in draft.tables("rules").items():
         for name in _names(section, table):
@@ -49,7 +53,7 @@ def rules_asked_for(draft: Draft) -> frozenset[str]:
     """Return the rules that conditions of others ask for."""
     sections = draft.tables("rules")
     return frozenset(
-        _in_section(name, sections).name
+        _section_of(name, sections)
         for section, table in sections.items()
         for name in _rules_in(section, table)
         if name.name != section
@@ -92,8 +96,7 @@ def _steps(draft: Draft, section: str, table: Mapping[str, Any]) -> Iterator[Fin
         if not isinstance(step, Mapping):
             continue
         at: KeyPath = ("rules", section, "escalation", number)
-        outputs = [*draft.names("actuators"), *([BASE_NAME] if BASE_NAME in draft.table else [])]
-        yield from _exists(step, "actuator", outputs, at)
+        yield from _exists(step, "actuator", draft.output_names, at)
         yield from _exists(step, "notify", draft.names("notifiers"), at)
         if "topic" in step and "messenger" not in draft.table:
             message = f"nothing sends '{step['topic']}': there is no section [messenger]"
@@ -137,71 +140,37 @@ def _exists(step: Mapping[str, Any], key: str, known: Iterable[str], at: KeyPath
 def _cycles(draft: Draft) -> Iterator[Finding]:
     """Find rings of rules, each of which asks whether the next is active. Each rule is reported in one at most."""
     sections = draft.tables("rules")
-    asks = {section: [_in_section(name, sections) for name in _rules_in(section, table)]
+    asks = {section: {_section_of(name, sections): name for name in _rules_in(section, table)}
             for section, table in sections.items()}  # fmt: skip
-    reported: set[str] = set()
-    for section in _without_the_free(asks):
-        ring = None if section in reported else _ring(section, asks)
-        if ring is not None:
-            reported.update(name.name for name in ring)
-            yield _in_a_ring(section, ring)
-
-
-def _without_the_free(asks: Mapping[str, list[_Name]]) -> list[str]:
-    """Leave out, one after the other, rules that ask for none of those that are left: they are in no ring."""
-    asked_by: dict[str, list[str]] = {section: [] for section in asks}
-    for section, names in asks.items():
-        for name in names:
-            asked_by.setdefault(name.name, []).append(section)
-    waits_for = {section: len(names) for section, names in asks.items()}
-    free = deque(name for name in asked_by if not waits_for.get(name))
-    while free:
-        for section in asked_by[free.popleft()]:
-            waits_for[section] -= 1
-            if not waits_for[section]:
-                free.append(section)
-    return [section for section, count in waits_for.items() if count]
+    order = list(asks)
+    for _ in range(_MAX_RINGS):
+        try:
+            TopologicalSorter(asks).prepare()
+            break
+        except CycleError as error:
+            # Each of them asks for the one before it, and the last is the first again.
+            ring: list[str] = error.args[1][:0:-1]
+            start = ring.index(min(ring, key=order.index))
+            ring = [*ring[start:], *ring[:start]]
+            yield _in_a_ring(ring, asks[ring[0]][ring[1 % len(ring)]].path)
+            asks = {section: names for section, names in asks.items() if section not in ring}
 
 
 def _rules_in(section: str, table: Mapping[str, Any]) -> Iterator[_Name]:
     return (name for name in _names(section, table) if name.kind == "rule")
 
 
-def _in_section(name: _Name, sections: Mapping[str, Any]) -> _Name:
+def _section_of(name: _Name, sections: Mapping[str, Any]) -> str:
     """Return the table that a rule comes from: ``near:ball`` comes from ``near``."""
-    return name if name.name in sections else _Name(name.kind, name.name.partition(":")[0], name.path)
+    return name.name if name.name in sections else name.name.partition(":")[0]
 
 
-def _ring(start: str, asks: Mapping[str, list[_Name]]) -> list[_Name] | None:
-    """Return the shortest way from a rule back to it; None if there is none."""
-    came_by: dict[str, _Name] = {}
-    came_from: dict[str, str] = {}
-    reached = deque([start])
-    while reached and start not in came_by:
-        section = reached.popleft()
-        for name in asks.get(section, ()):
-            if name.name not in came_by:
-                came_by[name.name], came_from[name.name] = name, section
-                reached.append(name.name)
-    return _way_back(start, came_by, came_from) if start in came_by else None
-
-
-def _way_back(start: str, came_by: Mapping[str, _Name], came_from: Mapping[str, str]) -> list[_Name]:
-    way = [came_by[start]]
-    section = came_from[start]
-    while section != start:
-        way.insert(0, came_by[section])
-        section = came_from[section]
-    return way
-
-
-def _in_a_ring(start: str, ring: list[_Name]) -> Finding:
-    suppresses = "suppress_when" in ring[0].path
+def _in_a_ring(ring: list[str], path: KeyPath) -> Finding:
     if len(ring) == 1:
-        message = f"the rule '{start}' {'suppresses itself' if suppresses else 'asks whether it is active itself'}"
-        return Finding(ring[0].path, message, "name another rule", "reference-cycle")
-    names = [f"'{start}'", *(f"'{name.name}'" for name in ring)]
+        does = "suppresses itself" if "suppress_when" in path else "asks whether it is active itself"
+        return Finding(path, f"the rule '{ring[0]}' {does}", "name another rule", "reference-cycle")
+    names = [f"'{name}'" for name in (*ring, ring[0])]
     if len(names) > _MAX_NAMES:
         names[_MAX_NAMES - 2 : -1] = ["…"]
     message = f"these rules wait for each other: {' → '.join(names)}"
-    return Finding(ring[0].path, message, "take one of them out of the ring", "reference-cycle")
+    return Finding(path, message, "take one of them out of the ring", "reference-cycle")

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from itertools import pairwise
 from typing import TypeVar
 
-from stadimeter.core.condition import (
-    AllOf,
-    AnyOf,
-    Condition,
-    DirectionCondition,
-    DistanceCondition,
-    Leaf,
-    Not,
-    PresenceCondition,
-    SeparationCondition,
-)
+from msgspec.structs import replace
+
+from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
+from stadimeter.core.conditions.discrete import PresenceCondition
+from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.leaf import Leaf
+from stadimeter.core.conditions.limits import DirectionCondition, SeparationCondition
 from stadimeter.core.rule import AlarmRule, AnyRule, RampRule
 
 _L = TypeVar("_L", bound=Leaf)

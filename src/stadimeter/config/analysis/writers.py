@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator
 
+from stadimeter.config.analysis import ASSUMED_RATE_HZ, Subject, delay_s
 from stadimeter.config.analysis.logic import Goal, Wanted
-from stadimeter.config.analysis.regions import region_of, widen, widened_region_of
-from stadimeter.config.analysis.situations import interval
-from stadimeter.config.analysis.subject import ASSUMED_RATE_HZ, Subject, delay_s
+from stadimeter.config.analysis.regions import region_of, widened_region_of
 from stadimeter.config.draft import BASE_NAME
 from stadimeter.config.findings import Finding
 from stadimeter.config.rules.compiled import CompiledRule
-from stadimeter.core.condition import Condition, DistanceCondition
+from stadimeter.core.conditions.compounds import Condition
 from stadimeter.core.decision import Severity
 from stadimeter.core.rule import AlarmRule, AnyRule, LostPolicy
 
@@ -34,8 +33,9 @@ def priority_warnings(subject: Subject) -> Iterator[Finding]:
 
 
 def _badly_combined(subject: Subject, earlier: CompiledRule, later: CompiledRule) -> Iterator[Finding]:
-    output, priority = later.rule.output, later.rule.priority
-    if output == BASE_NAME or subject.combination(output or ""):
+    output, priority = later.rule.output or "", later.rule.priority
+    table = subject.draft.output_tables.get(output)
+    if output == BASE_NAME or (table and "combine" in table.model_fields_set):
         return
     levels = [getattr(each.rule, "level", 1.0) for each in (earlier, later)]
     patterns = [getattr(each.rule, "pattern", None) for each in (earlier, later)]
@@ -59,36 +59,6 @@ def shadow_errors(subject: Subject) -> Iterator[Finding]:
 def shadow_warnings(subject: Subject) -> Iterator[Finding]:
     """Find other rules that never win their output."""
     return (finding for loser, finding in _shadowed(subject) if loser.rule.severity is not Severity.SAFETY)
-
-
-def overlap_warnings(subject: Subject) -> Iterator[Finding]:
-    """Find alarms meant to take turns, one of which goes on through all of the other's because of its deadband."""
-    for rivals in _rivals(subject):
-        for loser, winner in ((loser, winner) for loser in rivals for winner in rivals):
-            mine, other = _distance_alarm(loser.rule), _distance_alarm(winner.rule)
-            if mine and other and _goes_before(winner.rule, loser.rule) and _swallows(other, mine):
-                yield _swallowed(loser, winner, other)
-
-
-def _distance_alarm(rule: AnyRule) -> DistanceCondition | None:
-    condition = rule.condition if isinstance(rule, AlarmRule) else None
-    return condition if isinstance(condition, DistanceCondition) else None
-
-
-def _swallows(winner: DistanceCondition, loser: DistanceCondition) -> bool:
-    if (winner.target, winner.quantity) != (loser.target, loser.quantity):
-        return False
-    outer = widen(winner)
-    here, there = (interval(*each.limits) for each in (loser, winner))
-    return (here & there).is_empty and (here & ~interval(*outer.limits)).is_empty
-
-
-def _swallowed(loser: CompiledRule, winner: CompiledRule, condition: DistanceCondition) -> Finding:
-    message = (
-        f"with its deadband of {condition.deadband_m:g} m '{winner.rule.name}' goes on wherever '{loser.rule.name}' "
-        f"holds, and wins '{loser.rule.output}': coming from there, '{loser.rule.name}' never drives it"
-    )
-    return Finding(loser.path, message, f"make the deadband of '{winner.rule.name}' smaller", "band-overlap")
 
 
 def _rivals(subject: Subject) -> Iterator[list[CompiledRule]]:

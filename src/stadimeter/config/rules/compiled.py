@@ -6,15 +6,19 @@ the core runs names the line and the words that it came from.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 from typing import Any
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from stadimeter.config.rules.condition_tables import kinds_in
 from stadimeter.config.rules.tables import KINDS, RuleTable
 from stadimeter.config.toml_lines import KeyPath
-from stadimeter.core.condition import AllOf, AnyOf, Condition, Leaf, Not, RuleCondition, targets_of
+from stadimeter.config.toml_source import as_toml
+from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not, targets_of
+from stadimeter.core.conditions.discrete import RuleCondition
+from stadimeter.core.conditions.leaf import Leaf
 from stadimeter.core.rule import AlarmRule, AnyRule
 
 # Conditions that are a table of their own inside the table of the condition.
@@ -22,8 +26,7 @@ _MAX_LENGTH = 70
 _OF_ONE_QUANTITY = ("bearing", "elevation", "closing_speed", "time_to_contact", "separation", "count", "time")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WrittenCondition:
+class WrittenCondition(Struct, frozen=True, kw_only=True):
     """A condition and its table in the file."""
 
     path: KeyPath
@@ -75,7 +78,7 @@ class WrittenCondition:
 
     def __str__(self) -> str:
         """Return the table as it was written, short enough for a message."""
-        text = toml_of(self.table)
+        text = as_toml(self.table)
         return text if len(text) <= _MAX_LENGTH else f"{text[:_MAX_LENGTH]}…"
 
     def _parts(self, key: str, conditions: tuple[Condition, ...]) -> tuple[WrittenCondition, ...]:
@@ -88,8 +91,7 @@ class WrittenCondition:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CompiledRule:
+class CompiledRule(Struct, frozen=True, kw_only=True):
     """A rule as the core runs it, and the table that it was compiled from."""
 
     section: str
@@ -171,18 +173,3 @@ def _members_in(condition: Condition, several: Mapping[str, tuple[str, ...]]) ->
 
 def _at(path: KeyPath, table: object, condition: Condition) -> WrittenCondition:
     return WrittenCondition(path=path, table=table if isinstance(table, Mapping) else {}, condition=condition)
-
-
-def toml_of(value: object) -> str:
-    """Write a value as TOML in one line, such as ``{ below = "50 cm" }``."""
-    match value:
-        case Mapping():
-            return f"{{ {', '.join(f'{key} = {toml_of(entry)}' for key, entry in value.items())} }}"
-        case list():
-            return f"[{', '.join(toml_of(entry) for entry in value)}]"
-        case bool():
-            return str(value).lower()
-        case str():
-            return json.dumps(value, ensure_ascii=False)
-        case _:
-            return str(value)

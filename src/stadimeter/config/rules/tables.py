@@ -1,26 +1,26 @@
 """The table of a rule, and how it becomes the core's rules. Its defaults are those of `stadimeter.core.rule`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import Discriminator, Field, Tag
 
 from stadimeter.config.models import DurationAboveZero, Section, Share
+from stadimeter.config.rules.action_tables import FollowTable, PatternTable, RampTable, RuleCommon, StepTable
 from stadimeter.config.rules.condition_tables import WhenTable
-from stadimeter.config.rules.proportional_tables import FollowTable, RampTable, RuleCommon
-from stadimeter.config.rules.sequence_tables import PatternTable, StepTable
 from stadimeter.config.units import Duration
-from stadimeter.core import condition, rule
-from stadimeter.core.condition import targets_of
+from stadimeter.core import rule
+from stadimeter.core.conditions.compounds import Condition, leaves, targets_of
+from stadimeter.core.conditions.discrete import RuleCondition, ScheduleCondition
+from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.of_base import ContactSensorCondition
 from stadimeter.core.decision import Severity
 
 __all__ = ["KINDS", "FramesTable", "RuleTable", "WhenTable"]
 
 _LOST = rule.Lost()
 _RULE = rule.Rule(name="", target="")
-_DISTANCE = condition.DistanceCondition()
+_DISTANCE = DistanceCondition()
 _ALARM = rule.AlarmRule(name="", target="", condition=_DISTANCE)
 
 # One wrong frame raises nothing, and one missing frame delays nothing.
@@ -85,8 +85,8 @@ Tolerance = Annotated[
 class Conditions(NamedTuple):
     """The conditions of one rule table as the core sees them."""
 
-    when: condition.Condition | None
-    suppress_when: condition.Condition | None
+    when: Condition | None
+    suppress_when: Condition | None
 
 
 class RuleTable(Section):
@@ -213,7 +213,7 @@ class RuleTable(Section):
             return self.follow.to_plan(common)
         raise ValueError(f"the rule '{name}' has none of: {', '.join(KINDS)}")
 
-    def delay(self, judged: condition.Condition) -> rule.OnDelay:
+    def delay(self, judged: Condition) -> rule.OnDelay:
         """Return how long a condition must hold before the alarm is raised.
 
         Returns:
@@ -224,10 +224,8 @@ class RuleTable(Section):
             return rule.OnDelay(frames=self.on_delay.frames, of_frames=self.on_delay.of)
         if self.on_delay is not None:
             return rule.OnDelay(hold_s=self.on_delay)
-        is_sure = all(
-            leaf.probability_on is not None or isinstance(leaf, condition.RuleCondition | condition.ScheduleCondition)
-            for leaf in condition.leaves(judged)
-        )
+        without_noise = (RuleCondition, ScheduleCondition, ContactSensorCondition)
+        is_sure = all(leaf.probability_on is not None or isinstance(leaf, without_noise) for leaf in leaves(judged))
         return rule.OnDelay() if is_sure or self.severity is Severity.SAFETY else FRAMES_TO_RAISE
 
     @property
@@ -254,9 +252,7 @@ class RuleTable(Section):
             return written_s
         return 0.0 if self.severity is Severity.SAFETY else default_s
 
-    def _alarm(
-        self, common: RuleCommon, when: condition.Condition, suppress_when: condition.Condition | None
-    ) -> rule.AlarmRule:
+    def _alarm(self, common: RuleCommon, when: Condition, suppress_when: Condition | None) -> rule.AlarmRule:
         return rule.AlarmRule(
             **common,
             condition=when,

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Container, Iterator
+
+from msgspec.structs import replace
 
 from stadimeter.core.alarms import machine
-from stadimeter.core.alarms.machine import AlarmState, Phase, Trigger
+from stadimeter.core.alarms.machine import AlarmRecord, AlarmState, Trigger
 from stadimeter.core.alarms.state import NO_INHIBITS, Leg
 from stadimeter.core.condition_words import describe_verdict
-from stadimeter.core.conditions import verdict as conditions
-from stadimeter.core.conditions.compounds import Condition
-from stadimeter.core.conditions.inputs import RuleInputs
+from stadimeter.core.conditions.compounds import Condition, Verdict, judge
+from stadimeter.core.conditions.leaf import Rest, RuleInputs
 from stadimeter.core.decision import Event, EventKind, Notice, Severity
-from stadimeter.core.rule import ROUNDING_S, AlarmRule, EscalationStep, LostPolicy, Pattern
+from stadimeter.core.rule import ROUNDING_S, AlarmRule, EscalationStep, Pattern
 from stadimeter.core.rule_step import LevelRequest, Request, TwistRequest
 from stadimeter.core.track import Track
-from stadimeter.core.words import duration
 
 _GOOD_NEWS = frozenset(
     {
@@ -29,34 +28,46 @@ _GOOD_NEWS = frozenset(
     }
 )
 _NO_TRACK = Track(target="")
+_ALWAYS = Rest()
 
 
 class Evaluation:
-    """One evaluation of an alarm, in one cycle: its own copy of the alarm's state, and what has happened.
+    """One evaluation of an alarm, in one cycle: its own copy of the alarm's record, and what has happened.
 
     Attributes:
         rule: The alarm's rule.
-        state: What the alarm remembers, a copy that the evaluation changes.
+        record: What the alarm remembers, a copy that the evaluation changes.
         inputs: All that the rule is judged by.
         is_first: Whether no other alarm of its group has been raised.
+        rest: For how long all verdicts stay as they are; None for not at all.
     """
 
-    __slots__ = ("_phase", "_was_chattering", "events", "inputs", "is_first", "notices", "rule", "state")
+    __slots__ = ("_state", "_was_chattering", "events", "inputs", "is_first", "notices", "record", "rest", "rule")
 
-    def __init__(self, rule: AlarmRule, before: AlarmState, inputs: RuleInputs, *, is_first: bool = False) -> None:
+    def __init__(self, rule: AlarmRule, before: AlarmRecord, inputs: RuleInputs, *, is_first: bool = False) -> None:
         self.rule = rule
-        self.state = before.copy()
+        self.record = before.copy()
         self.inputs = inputs
         self.is_first = is_first
         self.events: tuple[Event, ...] = ()
         self.notices: tuple[Notice, ...] = ()
-        self._phase = before.phase
+        self.rest: Rest | None = _ALWAYS
+        self._state = before.state
         self._was_chattering = before.is_chattering
+
+    def judge(self, condition: Condition, leaves: tuple[bool, ...], *, is_active: bool) -> Verdict:
+        """Judge a condition that the alarm goes by, given what it remembers of its parts."""
+        verdict = judge(condition, self.inputs, leaves, is_active=is_active)
+        if self.rest is _ALWAYS:
+            self.rest = verdict.rest
+        elif self.rest is not None:
+            self.rest = self.rest & verdict.rest if verdict.rest is not None else None
+        return verdict
 
     @property
     def is_quiet(self) -> bool:
         """Whether anything keeps the alarm from acting and from notifying people."""
-        inhibits = self.state.inhibits
+        inhibits = self.record.inhibits
         if inhibits is NO_INHIBITS:
             return self.rule.observe
         return (
@@ -78,19 +89,19 @@ class Evaluation:
             reason: Why; empty for the figures of the condition.
             by: Who caused it.
         """
-        state, before = self.state, self._phase
-        if state.phase is before and state.is_chattering is self._was_chattering:
+        record, before = self.record, self._state
+        if record.state is before and record.is_chattering is self._was_chattering:
             return
-        if state.is_chattering is not self._was_chattering:
+        if record.is_chattering is not self._was_chattering:
             self._report_chattering()
-        is_active = state.is_active
+        is_active = record.is_active
         if is_active is not (before in machine.ACTIVE):
             is_on = before in machine.JUDGED_BY_ITS_END
-            reason = reason or describe_verdict(self.rule.condition, self.inputs, state.timers.leaves, is_active=is_on)
+            reason = reason or describe_verdict(self.rule.condition, self.inputs, record.timers.leaves, is_active=is_on)
             _begin(self, reason) if is_active else _end(self, reason, by)
-        self._phase, self._was_chattering = state.phase, state.is_chattering
-        is_over = state.phase is Phase.NORMAL and before not in {Phase.NORMAL, Phase.PENDING}
-        if is_over and state.inhibits.is_one_shot:
+        self._state, self._was_chattering = record.state, record.is_chattering
+        is_over = record.state is AlarmState.NORMAL and before not in {AlarmState.NORMAL, AlarmState.PENDING}
+        if is_over and record.inhibits.is_one_shot:
             unshelve(self, "the alarm has returned to normal")
 
     def add_event(self, kind: EventKind, reason: str, *, notify: bool, by: str = "") -> Event:
@@ -112,7 +123,7 @@ class Evaluation:
         return event
 
     def _report_chattering(self) -> None:
-        if self.state.is_chattering:
+        if self.record.is_chattering:
             most = self.rule.raises_per_min_max
             reason = f"raised {most} times within a minute, the limit; it stays active until it has calmed down"
             self.add_event(EventKind.CHATTERING, reason, notify=not self.is_quiet)
@@ -121,54 +132,54 @@ class Evaluation:
 
 
 def _begin(evaluation: Evaluation, reason: str) -> None:
-    now_s, state = evaluation.inputs.now_s, evaluation.state
+    now_s, record = evaluation.inputs.now_s, evaluation.record
     may_notify = not evaluation.is_quiet and now_s >= _cooled_down_at_s(evaluation)
-    reason = f"so from the start: {reason}" if state.held_from_start else reason
+    reason = f"so from the start: {reason}" if record.held_from_start else reason
     event = evaluation.add_event(EventKind.RAISED, reason, notify=may_notify)
-    state.raised_at_s = state.reported_at_s = now_s
+    record.raised_at_s = record.reported_at_s = now_s
     if may_notify:
-        state.notified_at_s = now_s
-    state.owes_notice = not may_notify
-    state.acknowledgement = None
-    state.leg = Leg(on="raised", began_s=now_s, event=event)
+        record.notified_at_s = now_s
+    record.owes_notice = not may_notify
+    record.acknowledgement = None
+    record.leg = Leg(on="raised", began_s=now_s, event=event)
 
 
 def _end(evaluation: Evaluation, reason: str, by: str) -> None:
-    state = evaluation.state
+    record = evaluation.record
     event = evaluation.add_event(
-        EventKind.CLEARED, reason, notify=not evaluation.is_quiet and not state.owes_notice, by=by
+        EventKind.CLEARED, reason, notify=not evaluation.is_quiet and not record.owes_notice, by=by
     )
-    state.raised_at_s = state.reported_at_s = None
-    state.owes_notice = state.is_announced_only = False
-    state.leg = Leg(on="cleared", began_s=evaluation.inputs.now_s, event=event)
+    record.raised_at_s = record.reported_at_s = None
+    record.owes_notice = record.is_announced_only = False
+    record.leg = Leg(on="cleared", began_s=evaluation.inputs.now_s, event=event)
 
 
 def stand(evaluation: Evaluation) -> None:
     """Let time pass for an alarm: inhibits may end, a re-alarm or a step may be due."""
     if evaluation.rule.suppress_when is not None:
         _suppress(evaluation, evaluation.rule.suppress_when)
-    until_s = evaluation.state.inhibits.shelved_until_s
+    until_s = evaluation.record.inhibits.shelved_until_s
     if until_s is not None and evaluation.inputs.now_s >= until_s:
         unshelve(evaluation, "the time is over")
-    if evaluation.state.is_active:
+    if evaluation.record.is_active:
         _report_again(evaluation)
-    if evaluation.rule.escalation and evaluation.state.leg is not None:
-        _send(evaluation, evaluation.state.leg)
+    if evaluation.rule.escalation and evaluation.record.leg is not None:
+        _send(evaluation, evaluation.record.leg)
 
 
-def requests_of(evaluation: Evaluation, before: tuple[Request, ...], bases: frozenset[str]) -> tuple[Request, ...]:
+def requests_of(evaluation: Evaluation, before: tuple[Request, ...], bases: Container[str]) -> tuple[Request, ...]:
     """Return what an alarm wants of outputs: at most one request for each.
 
     Args:
         before: What it wanted in the cycle before; returned if that is the same.
         bases: The names of the outputs that are bases.
     """
-    if evaluation.is_quiet or evaluation.state.has_let_go or evaluation.state.is_announced_only:
+    if evaluation.is_quiet or evaluation.record.has_let_go or evaluation.record.is_announced_only:
         return ()
     if not evaluation.rule.escalation and (
-        not evaluation.state.is_active or (before and evaluation.rule.pattern is None)
+        not evaluation.record.is_active or (before and evaluation.rule.pattern is None)
     ):
-        return before if evaluation.state.is_active else ()  # it asks for nothing, or always for the same
+        return before if evaluation.record.is_active else ()  # it asks for nothing, or always for the same
     wanted = {request.output: request for request in _requests(evaluation, bases)}
     requests = tuple(wanted.values())
     return before if requests == before else requests
@@ -176,30 +187,30 @@ def requests_of(evaluation: Evaluation, before: tuple[Request, ...], bases: froz
 
 def due_s(evaluation: Evaluation) -> float:
     """Return when a timer of an alarm fires, infinite for never. Those of its conditions are theirs."""
-    state, rule = evaluation.state, evaluation.rule
-    due = machine.due_s(rule, state, evaluation.inputs.now_s)
-    if state.inhibits.shelved_until_s is not None:
-        due = min(due, state.inhibits.shelved_until_s)
-    if state.is_active:
-        if rule.realarm_s is not None and state.reported_at_s is not None:
-            due = min(due, state.reported_at_s + rule.realarm_s)
-        if state.owes_notice and not evaluation.is_quiet:
+    record, rule = evaluation.record, evaluation.rule
+    due = machine.due_s(rule, record, evaluation.inputs.now_s)
+    if record.inhibits.shelved_until_s is not None:
+        due = min(due, record.inhibits.shelved_until_s)
+    if record.is_active:
+        if rule.realarm_s is not None and record.reported_at_s is not None:
+            due = min(due, record.reported_at_s + rule.realarm_s)
+        if record.owes_notice and not evaluation.is_quiet:
             due = min(due, _cooled_down_at_s(evaluation))
     return min(due, _escalation_due_s(evaluation))
 
 
 def _cooled_down_at_s(evaluation: Evaluation) -> float:
-    notified_at_s = evaluation.state.notified_at_s
+    notified_at_s = evaluation.record.notified_at_s
     return -math.inf if notified_at_s is None else notified_at_s + evaluation.rule.cooldown_s
 
 
 def _suppress(evaluation: Evaluation, condition: Condition) -> None:
     """Judge what suppresses the alarm. What cannot be known suppresses nothing: an alarm must not be quiet by guess."""
-    inhibits = evaluation.state.inhibits
-    verdict = conditions.judge(condition, evaluation.inputs, inhibits.leaves, is_active=inhibits.is_suppressed)
+    inhibits = evaluation.record.inhibits
+    verdict = evaluation.judge(condition, inhibits.leaves, is_active=inhibits.is_suppressed)
     is_suppressed = verdict.value is True
     if is_suppressed is not inhibits.is_suppressed or verdict.held != inhibits.leaves:
-        evaluation.state.inhibits = replace(inhibits, is_suppressed=is_suppressed, leaves=verdict.held)
+        evaluation.record.inhibits = replace(inhibits, is_suppressed=is_suppressed, leaves=verdict.held)
     if is_suppressed is not inhibits.is_suppressed:
         words = describe_verdict(condition, evaluation.inputs, inhibits.leaves, is_active=inhibits.is_suppressed)
         kind = EventKind.SUPPRESSED if is_suppressed else EventKind.UNSUPPRESSED
@@ -208,39 +219,39 @@ def _suppress(evaluation: Evaluation, condition: Condition) -> None:
 
 def unshelve(evaluation: Evaluation, reason: str, by: str = "") -> None:
     """End the shelving of an alarm; `by` is empty if it ended by itself."""
-    state = evaluation.state
-    state.inhibits = replace(state.inhibits, shelved_until_s=None, is_one_shot=False, shelved_by="")
+    record = evaluation.record
+    record.inhibits = replace(record.inhibits, shelved_until_s=None, is_one_shot=False, shelved_by="")
     evaluation.add_event(EventKind.UNSHELVED, reason, notify=False, by=by)
 
 
 def _report_again(evaluation: Evaluation) -> None:
     """Report an alarm that stands: since people were not notified yet, or since it has stood for long."""
-    state, now_s, realarm_s = evaluation.state, evaluation.inputs.now_s, evaluation.rule.realarm_s
-    if state.raised_at_s is None or state.reported_at_s is None:
+    record, now_s, realarm_s = evaluation.record, evaluation.inputs.now_s, evaluation.rule.realarm_s
+    if record.raised_at_s is None or record.reported_at_s is None:
         return
-    is_late = realarm_s is not None and now_s - state.reported_at_s >= realarm_s
-    if not (state.owes_notice or is_late):
+    is_late = realarm_s is not None and now_s - record.reported_at_s >= realarm_s
+    if not (record.owes_notice or is_late):
         return
-    still = f"still active after {now_s - state.raised_at_s:.1f} s"
+    still = f"still active after {now_s - record.raised_at_s:.1f} s"
     may_notify = not evaluation.is_quiet and now_s >= _cooled_down_at_s(evaluation)
-    if state.owes_notice and may_notify:
+    if record.owes_notice and may_notify:
         _realarm(evaluation, f"{still}, and not notified before", may_notify=True)
     elif is_late:
         _realarm(evaluation, still, may_notify=may_notify)
         if evaluation.rule.ack == "required":
-            machine.fire(state, Trigger.REALARM)
+            machine.fire(record, Trigger.REALARM)
             evaluation.report()
 
 
 def _realarm(evaluation: Evaluation, reason: str, *, may_notify: bool) -> None:
     """Report an alarm again. One that may not notify now does not begin its steps anew."""
-    now_s, state = evaluation.inputs.now_s, evaluation.state
+    now_s, record = evaluation.inputs.now_s, evaluation.record
     event = evaluation.add_event(EventKind.REALARMED, reason, notify=may_notify)
-    state.reported_at_s = now_s
+    record.reported_at_s = now_s
     if may_notify:
-        state.notified_at_s = now_s
-        state.owes_notice = False
-        state.leg = Leg(on="raised", began_s=now_s, event=event)
+        record.notified_at_s = now_s
+        record.owes_notice = False
+        record.leg = Leg(on="raised", began_s=now_s, event=event)
 
 
 def _send(evaluation: Evaluation, leg: Leg) -> None:
@@ -249,13 +260,13 @@ def _send(evaluation: Evaluation, leg: Leg) -> None:
     due = [position for position, step in _unsent(evaluation) if now_s + ROUNDING_S >= leg.began_s + step.after_s]
     if not due:
         return
-    evaluation.state.leg = replace(leg, sent=(*leg.sent, *due))
+    evaluation.record.leg = replace(leg, sent=(*leg.sent, *due))
     if evaluation.is_quiet or not leg.event.notify:
         return
-    count = evaluation.state.raises
+    count = evaluation.record.raises
     for position in due:
         step = evaluation.rule.escalation[position]
-        if not (step.only_unacknowledged and evaluation.state.is_acknowledged):
+        if not (step.only_unacknowledged and evaluation.record.is_acknowledged):
             event = _as_of_now(leg.event, evaluation)
             evaluation.notices += (Notice(rule=evaluation.rule.name, step=position, event=event, count=count),)
 
@@ -269,7 +280,7 @@ def _as_of_now(event: Event, evaluation: Evaluation) -> Event:
 
 
 def _unsent(evaluation: Evaluation) -> Iterator[tuple[int, EscalationStep]]:
-    leg = evaluation.state.leg
+    leg = evaluation.record.leg
     if leg is None:
         return
     for position, step in enumerate(evaluation.rule.escalation):
@@ -279,7 +290,7 @@ def _unsent(evaluation: Evaluation) -> Iterator[tuple[int, EscalationStep]]:
 
 def _escalation_due_s(evaluation: Evaluation) -> float:
     """Return when the next step of the escalation begins or ends."""
-    leg, now_s = evaluation.state.leg, evaluation.inputs.now_s
+    leg, now_s = evaluation.record.leg, evaluation.inputs.now_s
     if leg is None or not evaluation.rule.escalation:
         return math.inf
     due = [leg.began_s + step.after_s for _, step in _unsent(evaluation)]
@@ -289,22 +300,22 @@ def _escalation_due_s(evaluation: Evaluation) -> float:
     return min((at_s for at_s in due if at_s > now_s + ROUNDING_S), default=math.inf)
 
 
-def _requests(evaluation: Evaluation, bases: frozenset[str]) -> Iterator[Request]:
+def _requests(evaluation: Evaluation, bases: Container[str]) -> Iterator[Request]:
     """Yield what the alarm wants; of several for one output, the later counts."""
-    rule, state, leg = evaluation.rule, evaluation.state, evaluation.state.leg
+    rule, record, leg = evaluation.rule, evaluation.record, evaluation.record.leg
     if leg is None:
         return
-    since_s = evaluation.inputs.now_s - (state.raised_at_s if state.raised_at_s is not None else leg.began_s)
-    if rule.output is not None and state.is_active:
+    since_s = evaluation.inputs.now_s - (record.raised_at_s if record.raised_at_s is not None else leg.began_s)
+    if rule.output is not None and record.is_active:
         yield _request(evaluation, rule.output, rule.level, rule.pattern, since_s, is_base=rule.output in bases)
-    if state.is_active is not (leg.on == "raised"):
+    if record.is_active is not (leg.on == "raised"):
         return
     since_s = evaluation.inputs.now_s - leg.began_s + ROUNDING_S
     for step in rule.escalation:
         lasts_s = step.for_s if leg.on == "raised" or math.isfinite(step.for_s) else 0.0
         if step.output is None or step.on != leg.on or not step.after_s <= since_s < step.after_s + lasts_s:
             continue
-        if not (step.only_unacknowledged and state.is_acknowledged):
+        if not (step.only_unacknowledged and record.is_acknowledged):
             is_base = step.output in bases
             yield _request(evaluation, step.output, step.level, step.pattern, since_s - step.after_s, is_base=is_base)
 
@@ -319,76 +330,10 @@ def _request(
     return LevelRequest(rule=rule.name, output=output, priority=rule.priority, level=level)
 
 
-# ---- In words ----
-
-
-def latched_until(rule: AlarmRule, state: AlarmState) -> str:
-    """Return until when an alarm that latched stays active, such as ``latched until it is reset``."""
-    if rule.ack_resets:
-        return "latched until it is acknowledged"
-    return f"latched until it is {'' if state.is_acknowledged else 'acknowledged and '}reset"
-
-
-def why(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> str:
-    """Return why an alarm does what it does, after a cycle, in words with figures."""
-    if state.unknown_since_s is None:
-        return in_words(rule, state, inputs)
-    is_held = state.is_active and not state.has_let_go
-    is_held = is_held and machine.decided_by_policy(rule, state, inputs.now_s) is None
-    return f"{'held: ' if is_held else ''}{missing_in_words(rule, state, inputs)}: {in_words(rule, state, inputs)}"
-
-
-def in_words(rule: AlarmRule, state: AlarmState, inputs: RuleInputs, *, with_probability: bool = False) -> str:
-    """Return the figures behind the condition of an alarm."""
-    return describe_verdict(
-        rule.condition,
-        inputs,
-        state.timers.leaves,
-        is_active=state.is_judged_by_its_end,
-        with_probability=with_probability,
-    )
-
-
-def missing_in_words(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> str:
-    """Return what is missing to judge by, for how long, and what it counts as. It need not be the rule's own target."""
-    away_s = 0.0 if state.unknown_since_s is None else inputs.now_s - state.unknown_since_s
-    seen = "not known" if inputs.tracks[rule.target].is_valid else "not seen"
-    return f"{seen} for {away_s:.1f} s{policy_in_words(rule, state, inputs.now_s)}"
-
-
-def given_up_in_words(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> str:
-    """Return what becomes of an active alarm that has had nothing to judge by for too long."""
-    is_latched = state.phase in machine.LATCHED
-    then = f"it stays {latched_until(rule, state)}" if is_latched else "the output goes to its safe value"
-    return f"active, but {missing_in_words(rule, state, inputs)}; {then}"
-
-
-def why_not_latched(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> str:
-    """Return why there is nothing to reset in an alarm."""
-    if not state.is_active:
-        return "it is not latched"
-    if not rule.latch:
-        return "it does not latch, and clears by itself"
-    if state.unknown_since_s is None:
-        return "its condition still holds"
-    if rule.lost.policy is LostPolicy.HOLD:
-        late = f"after {duration(rule.lost.fault_after_s)} (lost.fault_after)"
-        return (
-            f"its condition held when last known; {missing_in_words(rule, state, inputs)}, and it can be reset {late}"
-        )
-    return f"its condition counts as holding: {missing_in_words(rule, state, inputs)} (lost.policy)"
-
-
-def policy_in_words(rule: AlarmRule, state: AlarmState, now_s: float) -> str:
-    """Return what not seeing counts as, such as ``, which counts as danger``; empty while it counts as nothing."""
-    decided = machine.decided_by_policy(rule, state, now_s)
-    return "" if decided is None else ", which counts as danger" if decided else ", which counts as over"
-
-
-def dismiss(rule: AlarmRule, state: AlarmState, inputs: RuleInputs, reason: str) -> tuple[Event, ...]:
+def dismiss(rule: AlarmRule, record: AlarmRecord, inputs: RuleInputs, reason: str) -> tuple[Event, ...]:
     """Return the event of an alarm that ceases to be, with its rule: that it cleared, if it was active."""
-    evaluation = Evaluation(rule, state, inputs)
-    if state.is_active:
-        may_notify = not evaluation.is_quiet and not state.owes_notice
+    evaluation = Evaluation(rule, record, inputs)
+    if record.is_active:
+        may_notify = not evaluation.is_quiet and not record.owes_notice
         evaluation.add_event(EventKind.CLEARED, reason, notify=may_notify)
     return evaluation.events

@@ -1,4 +1,4 @@
-"""The state machine of an alarm: its states, what triggers a change, and every transition. Nothing else sets a phase.
+"""The state machine of an alarm: its states, what triggers a change, and every transition. Nothing else sets a state.
 
 ::
 
@@ -10,9 +10,9 @@
 States as in ISA-18.2 and OPC 10000-9, 5.8. A raised, clearing or latched alarm is unacknowledged or acknowledged; one
 that needs no acknowledgement is acknowledged at once. Pending and clearing are the on-delay and the off-delay.
 
-All depends on rule, state and time alone. Each function changes the `AlarmState` that it is given: the copy of one
-evaluation (`AlarmState.copy`). The state of an earlier cycle is never changed. Inhibits (shelved, suppressed, out of
-service) are beside the machine, so an alarm is in the right phase when they end. With `ack_resets` an acknowledgement
+All depends on rule, state and time alone. Each function changes the `AlarmRecord` that it is given: the copy of one
+evaluation (`AlarmRecord.copy`). That of an earlier cycle is never changed. Inhibits (shelved, suppressed, out of
+service) are beside the machine, so an alarm is in the right state when they end. With `ack_resets` an acknowledgement
 is a reset as well.
 """
 
@@ -20,16 +20,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from copy import copy
 from enum import StrEnum
-from operator import attrgetter
 
-from stadimeter.core.alarms.delays import MINUTE_S, count_sample, is_too_frequent, with_raise
-from stadimeter.core.alarms.state import NO_INHIBITS, Acknowledgement, Inhibits, Leg, Resumed, Sample, Timers
+from msgspec import Struct, field
+from msgspec.structs import replace
+
+from stadimeter.core.alarms.state import (
+    MINUTE_S,
+    NO_INHIBITS,
+    Acknowledgement,
+    Inhibits,
+    Leg,
+    Resumed,
+    Sample,
+    Timers,
+    count_sample,
+    is_too_frequent,
+    with_raise,
+)
 from stadimeter.core.rule import ROUNDING_S, AlarmRule, LostPolicy
 
 
-class Phase(StrEnum):
+class AlarmState(StrEnum):
     """Where an alarm is."""
 
     NORMAL = "normal"
@@ -68,9 +81,9 @@ class Trigger(StrEnum):
     """It has stood for so long that it must be acknowledged again."""
 
 
-# Where a trigger leads from a phase. A trigger that is not there changes nothing.
-_P, _T = Phase, Trigger
-TRANSITIONS: Mapping[Phase, Mapping[Trigger, Phase]] = {
+# Where a trigger leads from a state. A trigger that is not there changes nothing.
+_P, _T = AlarmState, Trigger
+TRANSITIONS: Mapping[AlarmState, Mapping[Trigger, AlarmState]] = {
     _P.NORMAL: {_T.HOLDS: _P.PENDING, _T.RAISE: _P.UNACKNOWLEDGED, _T.RAISE_ACKNOWLEDGED: _P.ACKNOWLEDGED},
     _P.PENDING: {_T.ENDS: _P.NORMAL, _T.RAISE: _P.UNACKNOWLEDGED, _T.RAISE_ACKNOWLEDGED: _P.ACKNOWLEDGED},
     _P.UNACKNOWLEDGED: {
@@ -107,30 +120,24 @@ TRANSITIONS: Mapping[Phase, Mapping[Trigger, Phase]] = {
 }
 
 # The alarm is active: it drives its output.
-ACTIVE = frozenset(Phase) - {Phase.NORMAL, Phase.PENDING, Phase.RTN_UNACKNOWLEDGED}
+ACTIVE = frozenset(AlarmState) - {AlarmState.NORMAL, AlarmState.PENDING, AlarmState.RTN_UNACKNOWLEDGED}
 
 # The alarm waits for an acknowledgement.
-TO_ACKNOWLEDGE = frozenset(phase for phase in Phase if phase.value.endswith("unacknowledged"))
+TO_ACKNOWLEDGE = frozenset(state for state in AlarmState if state.value.endswith("unacknowledged"))
 
 # Only a reset ends the alarm; or its condition holds again.
-LATCHED = frozenset({Phase.LATCHED_UNACKNOWLEDGED, Phase.LATCHED})
+LATCHED = frozenset({AlarmState.LATCHED_UNACKNOWLEDGED, AlarmState.LATCHED})
 
 # The condition is judged by what ends it. One that latched has ended: to hold again it must begin again.
 JUDGED_BY_ITS_END = ACTIVE - LATCHED
 
-_HOLDING = frozenset({Phase.UNACKNOWLEDGED, Phase.ACKNOWLEDGED})
+_HOLDING = frozenset({AlarmState.UNACKNOWLEDGED, AlarmState.ACKNOWLEDGED})
 
 
-def after(phase: Phase, trigger: Trigger) -> Phase:
-    """Return the phase that a trigger leads to, or the same phase."""
-    return TRANSITIONS[phase].get(trigger, phase)
-
-
-@dataclass(slots=True)
-class AlarmState:
+class AlarmRecord(Struct):
     """What an alarm remembers. Times are on the run's clock. Only the evaluation that made a copy changes it."""
 
-    phase: Phase = Phase.NORMAL
+    state: AlarmState = field(default=AlarmState.NORMAL, name="phase")  # so it is called in state files
     timers: Timers = field(default_factory=Timers)
     unknown_since_s: float | None = None
     """Since when there is nothing to judge by; None while there is."""
@@ -161,153 +168,145 @@ class AlarmState:
     @property
     def is_active(self) -> bool:
         """Whether it is raised, clearing or latched. This is the one answer to whether an alarm is active."""
-        return self.phase in ACTIVE
+        return self.state in ACTIVE
 
     @property
     def is_acknowledged(self) -> bool:
         """Whether it was acknowledged, or need not be."""
-        return self.phase not in TO_ACKNOWLEDGE
+        return self.state not in TO_ACKNOWLEDGE
 
     @property
     def is_judged_by_its_end(self) -> bool:
         """Whether the condition is judged by what ends it."""
-        return self.phase in JUDGED_BY_ITS_END
+        return self.state in JUDGED_BY_ITS_END
 
     @property
     def has_let_go(self) -> bool:
         """Whether the output went to its safe value, since nothing confirms the alarm. A latch needs none to."""
-        return self.is_given_up and self.phase not in LATCHED
+        return self.is_given_up and self.state not in LATCHED
 
-    def copy(self) -> AlarmState:
+    def copy(self) -> AlarmRecord:
         """Return a copy to change. This takes 0.4 µs; `dataclasses.replace` on a frozen class takes 6 µs."""
-        return AlarmState(*_FIELDS(self))
+        return copy(self)
 
 
-_FIELDS = attrgetter(*[each.name for each in fields(AlarmState)])
-
-
-def fire(state: AlarmState, trigger: Trigger) -> None:
+def fire(record: AlarmRecord, trigger: Trigger) -> None:
     """Take an alarm through a trigger."""
-    state.phase = TRANSITIONS[state.phase].get(trigger, state.phase)
+    record.state = TRANSITIONS[record.state].get(trigger, record.state)
 
 
-def is_settled(state: AlarmState, holds: bool, leaves: tuple[bool, ...]) -> bool:
+def is_settled(record: AlarmRecord, holds: bool, leaves: tuple[bool, ...]) -> bool:
     """Return whether a sample changes nothing: it is like the one before, `leaves` included, and no timer runs."""
-    timers = state.timers
-    if state.resumed is not None or not timers.was_judged or holds is not timers.held_last or leaves != timers.leaves:
+    timers = record.timers
+    if record.resumed is not None or not timers.was_judged or holds is not timers.held_last or leaves != timers.leaves:
         return False
     if holds:
-        return state.phase in _HOLDING and timers.ended_s == 0.0
-    if state.phase in LATCHED:
+        return record.state in _HOLDING and timers.ended_s == 0.0
+    if record.state in LATCHED:
         return True
-    return not state.is_active and timers.held_s == 0.0 and True not in timers.recent
+    return not record.is_active and timers.held_s == 0.0 and True not in timers.recent
 
 
 def take_sample(
-    rule: AlarmRule, state: AlarmState, sample: Sample, holds: bool, leaves: tuple[bool, ...], *, now_s: float
+    rule: AlarmRule, record: AlarmRecord, sample: Sample, holds: bool, leaves: tuple[bool, ...], *, now_s: float
 ) -> None:
     """Take in a sample for which the condition of an alarm is known.
 
     Timers run on the capture times of the frames that were judged, so a recording gives the same alarms.
     """
     # Time between two samples counts only if both were judged. What held before a restart and holds now has held in it.
-    if state.resumed is None:
-        since_s = sample.since_s if state.timers.was_judged else 0.0
+    if record.resumed is None:
+        since_s = sample.since_s if record.timers.was_judged else 0.0
     else:
-        since_s = max(0.0, sample.at_s - state.resumed.from_s) if holds is state.timers.held_last else 0.0
-        state.resumed = None
-    state.held_from_start = state.held_from_start and holds
-    if state.phase in LATCHED:
-        state.timers = Timers(held_last=holds, was_judged=True, leaves=leaves)
-        fire(state, Trigger.HOLDS if holds else Trigger.ENDS)
-    elif state.is_active:
-        _while_active(rule, state, since_s, holds, leaves, now_s)
+        since_s = max(0.0, sample.at_s - record.resumed.from_s) if holds is record.timers.held_last else 0.0
+        record.resumed = None
+    record.held_from_start = record.held_from_start and holds
+    if record.state in LATCHED:
+        record.timers = Timers(held_last=holds, was_judged=True, leaves=leaves)
+        fire(record, Trigger.HOLDS if holds else Trigger.ENDS)
+    elif record.is_active:
+        _while_active(rule, record, since_s, holds, leaves, now_s)
     else:
-        _while_normal(rule, state, since_s, holds, leaves, now_s)
+        _while_normal(rule, record, since_s, holds, leaves, now_s)
 
 
 def _while_normal(
-    rule: AlarmRule, state: AlarmState, since_s: float, holds: bool, leaves: tuple[bool, ...], now_s: float
+    rule: AlarmRule, record: AlarmRecord, since_s: float, holds: bool, leaves: tuple[bool, ...], now_s: float
 ) -> None:
     """Count towards the on-delay: in seconds, or in frames of the newest ones."""
     delay = rule.on_delay
-    state.timers = timers = count_sample(rule, state.timers, since_s, holds, leaves, is_active=False)
+    record.timers = timers = count_sample(rule, record.timers, since_s, holds, leaves, is_active=False)
     if holds and timers.held_s + ROUNDING_S >= delay.hold_s and sum(timers.recent) >= delay.frames:
-        _raise(rule, state, now_s)
+        _raise(rule, record, now_s)
     else:
-        fire(state, Trigger.HOLDS if holds else Trigger.ENDS)
+        fire(record, Trigger.HOLDS if holds else Trigger.ENDS)
 
 
 def _while_active(
-    rule: AlarmRule, state: AlarmState, since_s: float, holds: bool, leaves: tuple[bool, ...], now_s: float
+    rule: AlarmRule, record: AlarmRecord, since_s: float, holds: bool, leaves: tuple[bool, ...], now_s: float
 ) -> None:
     """Count towards the off-delay."""
-    ended_s = state.timers.ended_s
-    if holds and state.is_chattering and ended_s >= rule.off_delay_s and state.phase not in _HOLDING:
+    ended_s = record.timers.ended_s
+    if holds and record.is_chattering and ended_s >= rule.off_delay_s and record.state not in _HOLDING:
         # Without the governor it would have cleared, and would be raised anew: that counts towards the next minute.
-        state.raises_at_s = with_raise(state.raises_at_s, rule.raises_per_min_max, now_s)
-        state.timers = Timers(held_last=True, was_judged=True, leaves=leaves)
-        fire(state, Trigger.HOLDS)
+        record.raises_at_s = with_raise(record.raises_at_s, rule.raises_per_min_max, now_s)
+        record.timers = Timers(held_last=True, was_judged=True, leaves=leaves)
+        fire(record, Trigger.HOLDS)
         return
-    state.timers = count_sample(rule, state.timers, since_s, holds, leaves, is_active=True)
-    fire(state, Trigger.HOLDS if holds else Trigger.ENDS)
+    record.timers = count_sample(rule, record.timers, since_s, holds, leaves, is_active=True)
+    fire(record, Trigger.HOLDS if holds else Trigger.ENDS)
     if not holds:
-        _clear_when_due(rule, state, state.timers.ended_s, now_s)
+        _clear_when_due(rule, record, record.timers.ended_s, now_s)
 
 
-def _raise(rule: AlarmRule, state: AlarmState, now_s: float) -> None:
-    timers = state.timers
-    state.timers = Timers(held_last=timers.held_last, was_judged=timers.was_judged, leaves=timers.leaves)
-    state.is_announced_only = state.held_from_start and rule.at_start == "announce"
-    state.raises += 1
-    state.raises_at_s = with_raise(state.raises_at_s, rule.raises_per_min_max, now_s)
-    fire(state, Trigger.RAISE if rule.ack == "required" else Trigger.RAISE_ACKNOWLEDGED)
+def _raise(rule: AlarmRule, record: AlarmRecord, now_s: float) -> None:
+    timers = record.timers
+    record.timers = Timers(held_last=timers.held_last, was_judged=timers.was_judged, leaves=timers.leaves)
+    record.is_announced_only = record.held_from_start and rule.at_start == "announce"
+    record.raises += 1
+    record.raises_at_s = with_raise(record.raises_at_s, rule.raises_per_min_max, now_s)
+    fire(record, Trigger.RAISE if rule.ack == "required" else Trigger.RAISE_ACKNOWLEDGED)
 
 
-def _clear_when_due(rule: AlarmRule, state: AlarmState, ended_s: float, now_s: float) -> None:
+def _clear_when_due(rule: AlarmRule, record: AlarmRecord, ended_s: float, now_s: float) -> None:
     """Clear or latch an alarm whose off-delay is over, unless it chatters."""
     if ended_s + ROUNDING_S < rule.off_delay_s:
         return
-    latches = _latches(rule, state)
-    if not latches and is_too_frequent(state.raises_at_s, rule.raises_per_min_max, now_s):
-        state.is_chattering = True
+    latches = _latches(rule, record)
+    if not latches and is_too_frequent(record.raises_at_s, rule.raises_per_min_max, now_s):
+        record.is_chattering = True
         return
-    state.timers = Timers(was_judged=state.timers.was_judged, leaves=state.timers.leaves)
-    fire(state, Trigger.LATCH if latches else Trigger.CLEAR)
+    record.timers = Timers(was_judged=record.timers.was_judged, leaves=record.timers.leaves)
+    fire(record, Trigger.LATCH if latches else Trigger.CLEAR)
 
 
-def _latches(rule: AlarmRule, state: AlarmState) -> bool:
+def _latches(rule: AlarmRule, record: AlarmRecord) -> bool:
     """Return whether an alarm stays active when its condition ends."""
-    return rule.latch and not (rule.ack_resets and state.is_acknowledged)
+    return rule.latch and not (rule.ack_resets and record.is_acknowledged)
 
 
-def acknowledge(rule: AlarmRule, state: AlarmState) -> None:
+def acknowledge(rule: AlarmRule, record: AlarmRecord) -> None:
     """Acknowledge an alarm, which for some resets it too."""
-    fire(state, Trigger.ACKNOWLEDGE)
+    fire(record, Trigger.ACKNOWLEDGE)
     if rule.ack_resets:
-        fire(state, Trigger.RESET)
+        fire(record, Trigger.RESET)
 
 
-def restart_timers(state: AlarmState, now_s: float) -> None:
+def restart_timers(record: AlarmRecord, now_s: float) -> None:
     """Begin the timers of an alarm anew, after time in which the program stood still.
 
     Neither a delay nor the time out of sight may be satisfied by time that was not observed.
     """
-    state.timers = Timers(held_last=state.timers.held_last, leaves=state.timers.leaves)
-    if state.resumed is not None:
-        state.resumed = replace(state.resumed, from_s=math.inf)
-    if state.unknown_since_s is not None:
-        state.unknown_since_s = now_s
+    record.timers = Timers(held_last=record.timers.held_last, leaves=record.timers.leaves)
+    if record.resumed is not None:
+        record.resumed = replace(record.resumed, from_s=math.inf)
+    if record.unknown_since_s is not None:
+        record.unknown_since_s = now_s
 
 
-def calm_down(rule: AlarmRule, state: AlarmState, now_s: float) -> None:
-    """End the chattering of a chattering alarm if it has calmed down."""
-    state.is_chattering = is_too_frequent(state.raises_at_s, rule.raises_per_min_max, now_s)
-
-
-def calms_s(rule: AlarmRule, state: AlarmState) -> float:
+def calms_s(rule: AlarmRule, record: AlarmRecord) -> float:
     """Return when a chattering alarm calms down, if it does not come again; infinite if it does not chatter."""
-    return state.raises_at_s[-rule.raises_per_min_max] + MINUTE_S if state.is_chattering else math.inf
+    return record.raises_at_s[-rule.raises_per_min_max] + MINUTE_S if record.is_chattering else math.inf
 
 
 # Nothing to judge by: a target out of sight, or another rule of which nothing is known.
@@ -316,9 +315,9 @@ def calms_s(rule: AlarmRule, state: AlarmState) -> float:
 # reported, and lets its output go; one that latches is latched, and can be reset.
 
 
-def decided_by_policy(rule: AlarmRule, state: AlarmState, now_s: float) -> bool | None:
+def decided_by_policy(rule: AlarmRule, record: AlarmRecord, now_s: float) -> bool | None:
     """Return whether the condition counts as holding while there is nothing to judge by; None for unknown."""
-    if state.unknown_since_s is None or now_s - state.unknown_since_s + ROUNDING_S < rule.lost.grace_s:
+    if record.unknown_since_s is None or now_s - record.unknown_since_s + ROUNDING_S < rule.lost.grace_s:
         return None
     return _BY_POLICY[rule.lost.policy]
 
@@ -326,73 +325,73 @@ def decided_by_policy(rule: AlarmRule, state: AlarmState, now_s: float) -> bool 
 _BY_POLICY = {LostPolicy.HOLD: None, LostPolicy.CLEAR: False, LostPolicy.ASSERT: True}
 
 
-def take_nothing(rule: AlarmRule, state: AlarmState, now_s: float) -> None:
+def take_nothing(rule: AlarmRule, record: AlarmRecord, now_s: float) -> None:
     """Take in a cycle with nothing to judge an alarm by."""
-    if state.unknown_since_s is None:
-        state.unknown_since_s = now_s
-    away_s = now_s - state.unknown_since_s + ROUNDING_S
-    decided = decided_by_policy(rule, state, now_s)
-    if away_s >= rule.lost.grace_s and state.timers.is_running and (decided is not False or not state.is_active):
+    if record.unknown_since_s is None:
+        record.unknown_since_s = now_s
+    away_s = now_s - record.unknown_since_s + ROUNDING_S
+    decided = decided_by_policy(rule, record, now_s)
+    if away_s >= rule.lost.grace_s and record.timers.is_running and (decided is not False or not record.is_active):
         # What was counted before the grace is too old to go on with. An off-delay goes on: not seeing counts as ended.
-        state.timers = Timers(was_judged=state.timers.was_judged, leaves=state.timers.leaves)
+        record.timers = Timers(was_judged=record.timers.was_judged, leaves=record.timers.leaves)
     if decided is True:
-        _assert(rule, state, now_s)
-    elif not state.is_judged_by_its_end:
+        _assert(rule, record, now_s)
+    elif not record.is_judged_by_its_end:
         return
     elif decided is False:
-        fire(state, Trigger.ENDS)
-        _clear_when_due(rule, state, ended_s(rule, state, now_s), now_s)
-    elif away_s >= rule.lost.fault_after_s and not state.is_given_up:
-        state.is_given_up = True
-        if _latches(rule, state):
-            fire(state, Trigger.LATCH)
+        fire(record, Trigger.ENDS)
+        _clear_when_due(rule, record, ended_s(rule, record, now_s), now_s)
+    elif away_s >= rule.lost.fault_after_s and not record.is_given_up:
+        record.is_given_up = True
+        if _latches(rule, record):
+            fire(record, Trigger.LATCH)
 
 
-def _assert(rule: AlarmRule, state: AlarmState, now_s: float) -> None:
-    if not state.is_active:
+def _assert(rule: AlarmRule, record: AlarmRecord, now_s: float) -> None:
+    if not record.is_active:
         # Every part counts as holding, and not seeing is a danger of its own: it acts.
-        state.timers = replace(state.timers, leaves=())
-        state.held_from_start = False
-        _raise(rule, state, now_s)
+        record.timers = replace(record.timers, leaves=())
+        record.held_from_start = False
+        _raise(rule, record, now_s)
         return
-    state.is_announced_only = state.is_given_up = False
-    if state.phase in LATCHED:  # what its parts did while it was latched counts no more than while it was not active
-        state.timers = replace(state.timers, leaves=())
-    fire(state, Trigger.HOLDS)
+    record.is_announced_only = record.is_given_up = False
+    if record.state in LATCHED:  # what its parts did while it was latched counts no more than while it was not active
+        record.timers = replace(record.timers, leaves=())
+    fire(record, Trigger.HOLDS)
 
 
-def ended_s(rule: AlarmRule, state: AlarmState, now_s: float) -> float:
+def ended_s(rule: AlarmRule, record: AlarmRecord, now_s: float) -> float:
     """Return for how long the condition has ended, time out of sight that counts as ended included."""
-    if state.unknown_since_s is None or decided_by_policy(rule, state, now_s) is not False:
-        return state.timers.ended_s
-    return state.timers.ended_s + now_s - state.unknown_since_s - rule.lost.grace_s + ROUNDING_S
+    if record.unknown_since_s is None or decided_by_policy(rule, record, now_s) is not False:
+        return record.timers.ended_s
+    return record.timers.ended_s + now_s - record.unknown_since_s - rule.lost.grace_s + ROUNDING_S
 
 
-def pass_over(state: AlarmState, since_s: float) -> None:
+def pass_over(record: AlarmRecord, since_s: float) -> None:
     """Let time pass that counts for no delay. If samples to the contrary follow, it belongs to them."""
-    if state.timers.is_running:
-        state.timers = replace(state.timers, contrary_s=state.timers.contrary_s + since_s)
+    if record.timers.is_running:
+        record.timers = replace(record.timers, contrary_s=record.timers.contrary_s + since_s)
 
 
-def come_back(rule: AlarmRule, state: AlarmState, now_s: float) -> None:
+def come_back(rule: AlarmRule, record: AlarmRecord, now_s: float) -> None:
     """Go on with an alarm for which there is something to judge by again. Coming back raises nothing by itself."""
-    if state.unknown_since_s is None:
+    if record.unknown_since_s is None:
         return
-    away_s = now_s - state.unknown_since_s
+    away_s = now_s - record.unknown_since_s
     # The time out of sight counts for no other timer, so the next sample starts counting anew.
-    ended = ended_s(rule, state, now_s) if state.is_active else 0.0
-    state.timers = replace(state.timers, was_judged=False, ended_s=ended)
-    state.unknown_since_s = None
-    state.is_given_up = False
-    pass_over(state, away_s)
+    ended = ended_s(rule, record, now_s) if record.is_active else 0.0
+    record.timers = replace(record.timers, was_judged=False, ended_s=ended)
+    record.unknown_since_s = None
+    record.is_given_up = False
+    pass_over(record, away_s)
 
 
-def due_s(rule: AlarmRule, state: AlarmState, now_s: float) -> float:
+def due_s(rule: AlarmRule, record: AlarmRecord, now_s: float) -> float:
     """Return when a timer fires though no sample comes; infinite for never."""
-    due = calms_s(rule, state)
-    if state.unknown_since_s is None:
+    due = calms_s(rule, record)
+    if record.unknown_since_s is None:
         return due
-    grace_s = state.unknown_since_s + rule.lost.grace_s
-    clear_s = grace_s + rule.off_delay_s - state.timers.ended_s
-    times_s = (grace_s, clear_s, state.unknown_since_s + rule.lost.fault_after_s)
+    grace_s = record.unknown_since_s + rule.lost.grace_s
+    clear_s = grace_s + rule.off_delay_s - record.timers.ended_s
+    times_s = (grace_s, clear_s, record.unknown_since_s + rule.lost.fault_after_s)
     return min(due, *[at_s if at_s > now_s + ROUNDING_S else math.inf for at_s in times_s])

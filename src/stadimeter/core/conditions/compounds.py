@@ -1,31 +1,40 @@
-"""Conditions made of others with `all`, `any` and `not`."""
+"""Whether a condition holds: simple ones, and those made of others with `all`, `any` and `not`.
+
+Three-valued, after Kleene: what is not known is neither true nor false, and a whole is known as soon as no unknown part
+could change it. `all` is false once one part is, `any` is true once one part is.
+
+Each simple part has a memory of its own: whether it held in the sample before. While the alarm is active, a part that
+held is judged by what ends it; a part that did not, by what begins it. While the alarm is inactive, all parts are
+judged by what begins them. Below a `not` this is turned round: the whole begins only when the part has surely ended,
+and ends only when the part has surely begun. So the figure that decides must come back over a deadband, wherever in the
+condition it stands, and no figure that stands still makes an alarm come and go.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
-from typing import Any, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
-from stadimeter.core.conditions.leaf import Leaf
-from stadimeter.core.conditions.other_rule import RuleCondition
+from msgspec import Struct
+from msgspec.structs import replace
+
+from stadimeter.core.conditions.discrete import RuleCondition
+from stadimeter.core.conditions.leaf import Leaf, Rest, RuleInputs
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AllOf:
+class AllOf(Struct, frozen=True, kw_only=True):
     """Holds when each of its conditions, one or more, holds."""
 
     conditions: tuple[Condition, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AnyOf:
+class AnyOf(Struct, frozen=True, kw_only=True):
     """Holds when at least one of its conditions holds."""
 
     conditions: tuple[Condition, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Not:
+class Not(Struct, frozen=True, kw_only=True):
     """Holds when its condition does not."""
 
     condition: Condition
@@ -38,14 +47,7 @@ _C = TypeVar("_C", bound=Condition)
 
 def leaves(condition: Condition) -> Iterator[Leaf]:
     """Yield the simple conditions that a condition is made of, from left to right."""
-    match condition:
-        case AllOf() | AnyOf():
-            for part in condition.conditions:
-                yield from leaves(part)
-        case Not():
-            yield from leaves(condition.condition)
-        case _:
-            yield condition
+    return (leaf for leaf, _ in _list_leaves(condition, is_inverted=False))
 
 
 def about(condition: _C, target: str) -> _C:
@@ -60,7 +62,7 @@ def about(condition: _C, target: str) -> _C:
             return condition if part is condition.condition else replace(condition, condition=part)
         case _:
             leaf: Any = condition
-            lacks_target = any(field.name == "target" for field in fields(leaf)) and not leaf.target
+            lacks_target = "target" in leaf.__struct_fields__ and not leaf.target
             return cast(_C, replace(leaf, target=target)) if lacks_target else condition
 
 
@@ -72,3 +74,116 @@ def depends_on(condition: Condition) -> frozenset[str]:
 def targets_of(condition: Condition) -> frozenset[str]:
     """Return the names of the targets that a condition is about, without those of a count of all targets."""
     return frozenset(target for leaf in leaves(condition) for target in leaf.targets_named)
+
+
+class Verdict(Struct, frozen=True):
+    """Whether a condition holds, and for how long that surely stays so.
+
+    Attributes:
+        value: None if it cannot be known. None is never taken for True or False.
+        held: For each simple part, from left to right, whether it holds; for one that cannot be known, whether it did
+            when it last could. Empty for a simple condition, whose memory is whether the alarm is active.
+        rest: For how long the verdict stays as it is while the memory does; None for not at all.
+    """
+
+    value: bool | None
+    held: tuple[bool, ...] = ()
+    rest: Rest | None = None
+
+
+class JudgedLeaf(NamedTuple):
+    """A simple part of a condition."""
+
+    leaf: Leaf
+    is_on: bool
+    """Whether it is judged by what ends it, not by what begins it."""
+    is_inverted: bool
+    """Whether it stands below an odd number of `not`, so that the whole begins when it ends."""
+
+
+def judge(condition: Condition, inputs: RuleInputs, held: tuple[bool, ...], *, is_active: bool) -> Verdict:
+    """Judge a condition.
+
+    Args:
+        held: From the verdict on the sample before; empty for none.
+        is_active: Whether the alarm is active: then the parts that held are judged by what ends them.
+    """
+    if isinstance(condition, Leaf):
+        return Verdict(condition.holds(inputs, is_active), (), condition.rest(inputs, is_active))
+    memory: list[bool] = []
+    value, rest = _judge_part(condition, inputs, held, memory, is_active, False)
+    return Verdict(value, tuple(memory), rest)
+
+
+def judged_leaves(condition: Condition, held: tuple[bool, ...], *, is_active: bool) -> tuple[JudgedLeaf, ...]:
+    """Return the simple parts of a condition, from left to right, and how `judge` judges each of them."""
+    if isinstance(condition, Leaf):
+        return (JudgedLeaf(condition, is_on=is_active, is_inverted=False),)
+    parts = enumerate(_list_leaves(condition, is_inverted=False))
+    return tuple(
+        [
+            JudgedLeaf(leaf, _is_on(held, index, is_active, is_inverted), is_inverted)
+            for index, (leaf, is_inverted) in parts
+        ]
+    )
+
+
+def judged_by_cycle(condition: Condition) -> bool:
+    """Return whether any part of a condition may change though no frame comes, so that every cycle counts."""
+    return any(leaf.is_by_cycle for leaf in leaves(condition))
+
+
+def _judge_part(  # positional arguments: the hot path of a cycle
+    condition: Condition,
+    inputs: RuleInputs,
+    held: tuple[bool, ...],
+    memory: list[bool],
+    is_active: bool,
+    is_inverted: bool,
+) -> tuple[bool | None, Rest | None]:
+    """Return whether a part of a condition holds, and for how long that stays so.
+
+    What to remember of its simple parts is added to the memory.
+    """
+    if isinstance(condition, Leaf):
+        is_on = _is_on(held, len(memory), is_active, is_inverted)
+        value = condition.holds(inputs, is_on)
+        memory.append(is_on if value is None else value)
+        return value, condition.rest(inputs, is_on)
+    if isinstance(condition, Not):
+        value, rest = _judge_part(condition.condition, inputs, held, memory, is_active, not is_inverted)
+        return None if value is None else not value, rest
+    decisive = isinstance(condition, AnyOf)
+    whole: bool | None = not decisive
+    together: Rest | None = Rest()
+    decided: Rest | None = None
+    for part in condition.conditions:  # to the end, since each part has a memory to keep
+        value, rest = _judge_part(part, inputs, held, memory, is_active, is_inverted)
+        if value is decisive:
+            whole = decisive
+            decided = decided or rest
+        elif value is None and whole is not decisive:
+            whole = None
+        together = None if together is None or rest is None else together & rest
+    # One part is enough to decide; but while the alarm is active each part has a memory that may change.
+    return whole, together if is_active or decided is None else decided
+
+
+def _is_on(held: tuple[bool, ...], index: int, is_active: bool, is_inverted: bool) -> bool:
+    """Return whether a simple part is judged by what ends it. While it cannot be judged it remembers the same.
+
+    While the alarm is inactive, what was before does not count: so an alarm that rests need not be judged to remember.
+    """
+    if not is_active:
+        return is_inverted
+    return held[index] if index < len(held) else not is_inverted
+
+
+def _list_leaves(condition: Condition, *, is_inverted: bool) -> Iterator[tuple[Leaf, bool]]:
+    if isinstance(condition, Leaf):
+        yield condition, is_inverted
+    elif isinstance(condition, Not):
+        yield from _list_leaves(condition.condition, is_inverted=not is_inverted)
+    else:
+        for part in condition.conditions:
+            yield from _list_leaves(part, is_inverted=is_inverted)

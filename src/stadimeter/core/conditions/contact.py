@@ -12,13 +12,13 @@ changes d − v·T by that share, and so hardly counts for a target that will be
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
+from msgspec import Struct
+
 from stadimeter.core.conditions.figures import probability_below
-from stadimeter.core.conditions.inputs import RuleInputs
-from stadimeter.core.conditions.leaf import UNKNOWN, Figure, JudgedFigure, Leaf, Rest
+from stadimeter.core.conditions.leaf import UNKNOWN, Figure, JudgedFigure, Leaf, Rest, RuleInputs
 from stadimeter.core.conditions.limits import FAR_SIGMAS, turning_point
 from stadimeter.core.track import Track
 
@@ -102,8 +102,7 @@ def pace_of(approach: Approach, closing_min_mps: float, speed_sigmas: float) -> 
     return SpeedKnowledge.SLOW if closing_mps + unsure_mps < closing_min_mps else SpeedKnowledge.UNSURE
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TimeToContactCondition(Leaf):
+class TimeToContactCondition(Leaf, Struct, frozen=True, kw_only=True):
     """How soon the target will be here, if it goes on as it does.
 
     Attributes:

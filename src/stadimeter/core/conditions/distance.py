@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from stadimeter.core.conditions.figures import Quantity, Uncertain, probability_below, quantity_of
-from stadimeter.core.conditions.inputs import RuleInputs
-from stadimeter.core.conditions.leaf import Figure, Rest
+from stadimeter.core.conditions.leaf import Figure, Rest, RuleInputs
 from stadimeter.core.conditions.limits import (
     LimitsCondition,
     ends_of,
@@ -16,8 +16,7 @@ from stadimeter.core.conditions.limits import (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DistanceCondition(LimitsCondition):
+class DistanceCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     """Whether the target is nearer or further than a threshold.
 
     Attributes:

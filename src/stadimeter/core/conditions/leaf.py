@@ -1,6 +1,6 @@
-"""A simple condition: the base of every kind.
+"""A simple condition, the base of every kind, and all that conditions are judged by.
 
-A kind is one file in this package. It states whether it holds, for how long it surely stays so, and the figure and the
+A kind is one class in this package. It states whether it holds, for how long it surely stays so, and the figure and the
 thresholds that it was judged by. `stadimeter.core.condition_words` words conditions, and
 `stadimeter.config.analysis.situations` reasons about them: a kind that these do not name by its noun, unit and limits.
 """
@@ -8,14 +8,50 @@ thresholds that it was judged by. `stadimeter.core.condition_words` words condit
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, NamedTuple
 
-from stadimeter.core.conditions.inputs import RuleInputs
+from msgspec import Struct, field
+
+from stadimeter.core.base_report import BaseReport
+from stadimeter.core.command import Command
+from stadimeter.core.decision import SafetyMode
+from stadimeter.core.measurement import Sighting
+from stadimeter.core.observation import WallTime
+from stadimeter.core.track import Track
 
 # The value of a figure that is not known. No figure that is known has it.
 UNKNOWN = -math.inf
+
+
+class RuleInputs(Struct, frozen=True, kw_only=True):
+    """All that conditions are judged by in one cycle.
+
+    Attributes:
+        tracks: The targets, by name.
+        now_s: The run's monotonic clock.
+        wall: The local time of day; None while it is not known.
+        active: Whether each rule is active, by its name; None for one that has nothing to judge by.
+        before: The targets as they were in the cycle before, by name.
+        base: What the robot base reported last; None without a base, and while it is out of order.
+        is_after_gap: Whether the program stood still before this cycle: unobserved time counts for no timer.
+        sightings: The last measurement of each target that was accepted, by its name; None for none.
+        frame_at_s: When the newest frame was taken; None before the first.
+        commands: What each output was commanded in the cycle before, by its name.
+        safety: Whether outputs may act, as far as it is known before the rules are judged.
+    """
+
+    tracks: Mapping[str, Track]
+    now_s: float
+    wall: WallTime | None = None
+    active: Mapping[str, bool | None] = field(default_factory=dict)
+    before: Mapping[str, Track] = field(default_factory=dict)
+    base: BaseReport | None = None
+    is_after_gap: bool = False
+    sightings: Mapping[str, Sighting | None] = field(default_factory=dict)
+    frame_at_s: float | None = None
+    commands: Mapping[str, Command] = field(default_factory=dict)
+    safety: SafetyMode = SafetyMode.ACTIVE
 
 
 class Figure(NamedTuple):
@@ -41,8 +77,7 @@ class Rest(NamedTuple):
         return Rest(self.intervals + other.intervals, min(self.due_s, other.due_s))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class JudgedFigure:
+class JudgedFigure(Struct, frozen=True, kw_only=True):
     """The figure that a condition was judged by and what it was compared with, in the SI unit.
 
     Attributes:

@@ -5,24 +5,70 @@ A decision keeps all that this takes, so any moment of a run or of its journal c
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from stadimeter.core.alarms import machine
-from stadimeter.core.alarms.actions import in_words, latched_until, policy_in_words
 from stadimeter.core.alarms.alarm import AlarmStep
-from stadimeter.core.alarms.machine import LATCHED, AlarmState, Phase
+from stadimeter.core.alarms.alarm_words import describe_alarm, in_words, latched_until, policy_in_words
+from stadimeter.core.alarms.machine import LATCHED, AlarmRecord, AlarmState
 from stadimeter.core.condition_words import Evidence, collect_evidence, describe_verdict
-from stadimeter.core.conditions.inputs import RuleInputs
+from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decision import Decision, OutputTrace, RuleStatus, SafetyMode
-from stadimeter.core.rule import AlarmRule, AnyRule
-from stadimeter.core.rules.reasons import Reasons
-from stadimeter.core.rules.scheduler import RuleStep
+from stadimeter.core.plan import Plan
+from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule
+from stadimeter.core.rule_step import Step
+from stadimeter.core.rules.follow import FollowStep, describe_follow
+from stadimeter.core.rules.ramp import describe_ramp
+from stadimeter.core.rules.scheduler import EvaluatedRules
 from stadimeter.core.words import rounded_duration
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Explanation:
+class Reasons(Mapping[str, str]):
+    """The reason of each rule, by its name. Put into words when it is read: a hundred at every frame cost too much."""
+
+    __slots__ = ("inputs", "judged", "plan")
+
+    def __init__(self, *, plan: Plan, judged: EvaluatedRules, inputs: RuleInputs) -> None:
+        self.plan = plan
+        self.judged = judged
+        self.inputs = inputs
+
+    def __getitem__(self, name: str) -> str:
+        rule, step = self.step(name)
+        match rule, step:
+            case AlarmRule(), AlarmStep():
+                return describe_alarm(rule, step.record, self.inputs_of_rules())
+            case RampRule(), _:
+                return describe_ramp(rule, self.inputs.tracks[rule.target])
+            case FollowRule(), FollowStep():
+                return describe_follow(rule, step, self.inputs.tracks[rule.target])
+            case _:
+                raise TypeError(f"rule {rule.name} remembers a {type(step).__name__}")
+
+    def __iter__(self) -> Iterator[str]:
+        return (rule.name for rule in self.plan.rules)
+
+    def __len__(self) -> int:
+        return len(self.plan.rules)
+
+    def step(self, name: str) -> tuple[AnyRule, Step]:
+        """Return a rule and what it does.
+
+        Raises:
+            KeyError: There is no such rule.
+        """
+        position = self.judged.layout.positions[name]
+        return self.plan.rules[position], self.judged.steps[position]
+
+    def inputs_of_rules(self) -> RuleInputs:
+        """Return all that the rules were judged by, with which of them are active."""
+        return replace(self.inputs, active=self.judged.active)
+
+
+class Explanation(Struct, frozen=True, kw_only=True):
     """What there is to say of a rule at a moment.
 
     Attributes:
@@ -30,7 +76,7 @@ class Explanation:
         sentence: All that matters, in words.
         evidence: The figures behind its condition, for each part of it; none for ramps and follow rules.
         timers: What it counts, in words.
-        gates: What keeps it quiet, in words.
+        inhibits: What keeps it quiet, in words.
         winner: Who commands its output: a rule, ``safety``, or ``safe``; empty for a rule without output.
         losers: The rules that asked for that output too.
     """
@@ -41,7 +87,7 @@ class Explanation:
     sentence: str
     evidence: tuple[Evidence, ...] = ()
     timers: tuple[str, ...] = ()
-    gates: tuple[str, ...] = ()
+    inhibits: tuple[str, ...] = ()
     winner: str = ""
     losers: tuple[str, ...] = ()
 
@@ -66,12 +112,12 @@ def explain(decision: Decision, name: str, *, with_probability: bool = True) -> 
     if isinstance(rule, AlarmRule) and isinstance(step, AlarmStep):
         alarm = _alarm(rule, step, inputs, with_probability=with_probability)
         clauses = [*alarm, *_consequence(rule, step, decision, inputs, output)]
-        timers, inhibits = tuple(_timers(rule, step.state, inputs.now_s)), tuple(_inhibits(rule, step.state, inputs))
-        leaves = step.state.timers.leaves
-        found = collect_evidence(rule.condition, inputs, leaves, is_active=step.state.is_judged_by_its_end)
+        timers, inhibits = tuple(_timers(rule, step.record, inputs.now_s)), tuple(_inhibits(rule, step.record, inputs))
+        leaves = step.record.timers.leaves
+        found = collect_evidence(rule.condition, inputs, leaves, is_active=step.record.is_judged_by_its_end)
     else:
         clauses = [f"{step.trace.status.value}: {reasons[name]}", *_consequence(rule, step, decision, inputs, output)]
-        timers, inhibits, found = (), step.trace.gates, ()
+        timers, inhibits, found = (), step.trace.inhibits, ()
     clauses += _noisiness(inputs, rule)
     return Explanation(
         rule=name,
@@ -80,7 +126,7 @@ def explain(decision: Decision, name: str, *, with_probability: bool = True) -> 
         sentence="; ".join(clauses),
         evidence=found,
         timers=timers,
-        gates=inhibits,
+        inhibits=inhibits,
         winner=output.winner if output else "",
         losers=output.losers if output else (),
     )
@@ -98,74 +144,74 @@ def _noisiness(inputs: RuleInputs, rule: AnyRule) -> Iterator[str]:
 
 def _alarm(rule: AlarmRule, step: AlarmStep, inputs: RuleInputs, *, with_probability: bool) -> Iterator[str]:
     """Say where an alarm is and why, and what would change that."""
-    state = step.state
-    words = in_words(rule, state, inputs, with_probability=with_probability)
-    if state.unknown_since_s is not None:
-        yield _unseen(rule, state, words, inputs.now_s)
-        yield from _timers(rule, state, inputs.now_s)
+    record = step.record
+    words = in_words(rule, record, inputs, with_probability=with_probability)
+    if record.unknown_since_s is not None:
+        yield _unseen(rule, record, words, inputs.now_s)
+        yield from _timers(rule, record, inputs.now_s)
         return
-    yield f"{_where(rule, state, inputs.now_s)}: {words}"
-    yield from _timers(rule, state, inputs.now_s)
-    yield from _turning_points(rule, state, inputs)
+    yield f"{_where(rule, record, inputs.now_s)}: {words}"
+    yield from _timers(rule, record, inputs.now_s)
+    yield from _turning_points(rule, record, inputs)
 
 
-_PHASES = {
-    Phase.NORMAL: "not raised",
-    Phase.PENDING: "not raised yet",
-    Phase.UNACKNOWLEDGED: "raised{ago}, not acknowledged",
-    Phase.ACKNOWLEDGED: "raised{ago}",
-    Phase.CLEARING_UNACKNOWLEDGED: "raised{ago}, about to clear, not acknowledged",
-    Phase.CLEARING: "raised{ago}, about to clear",
-    Phase.LATCHED_UNACKNOWLEDGED: "raised{ago}, {latched}",
-    Phase.LATCHED: "raised{ago}, {latched}",
-    Phase.RTN_UNACKNOWLEDGED: "over, not acknowledged",
+_STATES = {
+    AlarmState.NORMAL: "not raised",
+    AlarmState.PENDING: "not raised yet",
+    AlarmState.UNACKNOWLEDGED: "raised{ago}, not acknowledged",
+    AlarmState.ACKNOWLEDGED: "raised{ago}",
+    AlarmState.CLEARING_UNACKNOWLEDGED: "raised{ago}, about to clear, not acknowledged",
+    AlarmState.CLEARING: "raised{ago}, about to clear",
+    AlarmState.LATCHED_UNACKNOWLEDGED: "raised{ago}, {latched}",
+    AlarmState.LATCHED: "raised{ago}, {latched}",
+    AlarmState.RTN_UNACKNOWLEDGED: "over, not acknowledged",
 }
 
 
-def _where(rule: AlarmRule, state: AlarmState, now_s: float) -> str:
-    ago = f" {rounded_duration(now_s - state.raised_at_s)} ago" if state.raised_at_s is not None else ""
-    return _PHASES[state.phase].format(ago=ago, latched=latched_until(rule, state))
+def _where(rule: AlarmRule, record: AlarmRecord, now_s: float) -> str:
+    ago = f" {rounded_duration(now_s - record.raised_at_s)} ago" if record.raised_at_s is not None else ""
+    return _STATES[record.state].format(ago=ago, latched=latched_until(rule, record))
 
 
-def _unseen(rule: AlarmRule, state: AlarmState, words: str, now_s: float) -> str:
-    since_s = now_s if state.unknown_since_s is None else state.unknown_since_s
-    counts = policy_in_words(rule, state, now_s)
+def _unseen(rule: AlarmRule, record: AlarmRecord, words: str, now_s: float) -> str:
+    since_s = now_s if record.unknown_since_s is None else record.unknown_since_s
+    counts = policy_in_words(rule, record, now_s)
     unseen = f"there is nothing to judge by for {rounded_duration(now_s - since_s)}{counts}: {words}"
-    if counts or state.phase in LATCHED or state.phase is Phase.RTN_UNACKNOWLEDGED:
-        return f"{_where(rule, state, now_s)}; {unseen}"
-    return f"{'held as it was, raised' if state.is_active else 'not raised'}, since {unseen}"
+    if counts or record.state in LATCHED or record.state is AlarmState.RTN_UNACKNOWLEDGED:
+        return f"{_where(rule, record, now_s)}; {unseen}"
+    return f"{'held as it was, raised' if record.is_active else 'not raised'}, since {unseen}"
 
 
-def _timers(rule: AlarmRule, state: AlarmState, now_s: float) -> Iterator[str]:
-    timers, delay = state.timers, rule.on_delay
-    if not state.is_active and (timers.held_last or timers.held_s or any(timers.recent)):
+def _timers(rule: AlarmRule, record: AlarmRecord, now_s: float) -> Iterator[str]:
+    timers, delay = record.timers, rule.on_delay
+    if not record.is_active and (timers.held_last or timers.held_s or any(timers.recent)):
         if delay.hold_s:
             yield f"held for {rounded_duration(timers.held_s)} of the {rounded_duration(delay.hold_s)} that it takes"
         if delay.frames:
             yield f"held in {sum(timers.recent)} of the newest {delay.of_frames} frames; it takes {delay.frames}"
-    ended_s = machine.ended_s(rule, state, now_s)
-    if ended_s and state.is_active and state.phase not in LATCHED:
+    ended_s = machine.ended_s(rule, record, now_s)
+    if ended_s and record.is_active and record.state not in LATCHED:
         yield f"ended for {rounded_duration(ended_s)} of the {rounded_duration(rule.off_delay_s)} that it takes"
-    if state.is_chattering:
-        calm_s = machine.calms_s(rule, state) - now_s
+    if record.is_chattering:
+        calm_s = machine.calms_s(rule, record) - now_s
         yield f"chattering: it does not clear for another {rounded_duration(calm_s)} at least"
 
 
-def _turning_points(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> Iterator[str]:
+def _turning_points(rule: AlarmRule, record: AlarmRecord, inputs: RuleInputs) -> Iterator[str]:
     """Say at which figure the verdict on a simple condition would change, unless a delay runs that ends with it."""
-    is_on = state.is_judged_by_its_end
-    found = collect_evidence(rule.condition, inputs, state.timers.leaves, is_active=is_on)
+    is_on = record.is_judged_by_its_end
+    found = collect_evidence(rule.condition, inputs, record.timers.leaves, is_active=is_on)
     if len(found) != 1 or (found[0].holds and not is_on):
         return
     points = found[0].ends_at if is_on else found[0].begins_at
-    back = "would hold again" if state.is_active else "would raise"
+    back = "would hold again" if record.is_active else "would raise"
     verb = "would clear" if found[0].holds else back
     if points:
         yield f"{verb} at {points}"
 
 
-def _inhibits(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> Iterator[str]:
-    inhibits, now_s = state.inhibits, inputs.now_s
+def _inhibits(rule: AlarmRule, record: AlarmRecord, inputs: RuleInputs) -> Iterator[str]:
+    inhibits, now_s = record.inhibits, inputs.now_s
     if rule.observe:
         yield "it is only observed"
     if inhibits.shelved_until_s is not None:
@@ -179,29 +225,29 @@ def _inhibits(rule: AlarmRule, state: AlarmState, inputs: RuleInputs) -> Iterato
 
 
 def _consequence(
-    rule: AnyRule, step: RuleStep, decision: Decision, inputs: RuleInputs, output: OutputTrace | None
+    rule: AnyRule, step: Step, decision: Decision, inputs: RuleInputs, output: OutputTrace | None
 ) -> Iterator[str]:
     """Say what an active rule drives, or why it does not."""
     if isinstance(step, AlarmStep) and isinstance(rule, AlarmRule):
-        state, now_s = step.state, inputs.now_s
-        inhibits = list(_inhibits(rule, state, inputs))
+        record, now_s = step.record, inputs.now_s
+        inhibits = list(_inhibits(rule, record, inputs))
         if inhibits:
             yield f"kept quiet: {', '.join(inhibits)}"
             return
-        if not state.is_active:
+        if not record.is_active:
             return
-        yield from _owed_notice(rule, state, now_s)
-        if state.is_announced_only:
+        yield from _owed_notice(rule, record, now_s)
+        if record.is_announced_only:
             yield "it held when the target was seen first, so it is announced and drives nothing"
-        elif state.has_let_go:
+        elif record.has_let_go:
             yield "its output was given up: nothing confirms the alarm any more"
     if output is not None and step.requests:
         yield from _commanded(rule, decision, output)
 
 
-def _owed_notice(rule: AlarmRule, state: AlarmState, now_s: float) -> Iterator[str]:
-    if state.owes_notice and state.notified_at_s is not None:
-        left_s = state.notified_at_s + rule.cooldown_s - now_s
+def _owed_notice(rule: AlarmRule, record: AlarmRecord, now_s: float) -> Iterator[str]:
+    if record.owes_notice and record.notified_at_s is not None:
+        left_s = record.notified_at_s + rule.cooldown_s - now_s
         yield f"no notification for another {rounded_duration(max(0.0, left_s))} (cooldown)"
 
 

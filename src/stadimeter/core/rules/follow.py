@@ -1,27 +1,71 @@
-"""Keep a base at a distance from its target, and pointed at it.
+"""Follow a target with a base: what it drives by, and what it does without its target, on a tether, near a second one.
 
-A proportional law: v = k·(d − d₀)·max(0, cos β) and ω = −k_β·β, where d is the distance, d₀ the one to keep and β the
-bearing, positive to the right. Vision is late, and a late loop with too much gain swings: with a delay D the gain k
-should stay near 0.35 / D. The cosine slows the base while it still has to turn.
+The law is in `follow_law`. All figures are as of the moment at which a command acts: the base's own motion since the
+picture is taken out of them, see `own_motion` and `target_motion`.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
+from msgspec.structs import replace
+
+from stadimeter.core.base_report import BaseReport
+from stadimeter.core.command import TwistCommand
 from stadimeter.core.condition_words import describe_unseen
 from stadimeter.core.conditions.figures import quantity_of
-from stadimeter.core.decision import RuleStatus
+from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.decision import Event, EventKind, RuleStatus, RuleTrace, SafetyMode, Severity
+from stadimeter.core.plan import BaseOutput
 from stadimeter.core.rule import FollowRule
 from stadimeter.core.rule_step import Step, TwistRequest, trace_of
+from stadimeter.core.rules.follow_law import BRAKE_SHARE, TOO_NEAR, follow_twist, law_of
+from stadimeter.core.rules.own_motion import AT_REST, RESPONSE_S, FloorPose, OwnMotion, Twist, step_own_motion
+from stadimeter.core.rules.search import SearchStep, begin_search, step_search
+from stadimeter.core.rules.target_motion import RelativeTarget, TargetMotion, step_target_motion
 from stadimeter.core.track import Track
-from stadimeter.core.words import metres
+from stadimeter.core.words import duration, metres
+
+# A base does not drive by a distance whose standard deviation is more than this share of it.
+UNSURE_SHARE = 0.3
+
+# A tether counts as reached this near to its end, and as left this far before it.
+TETHER_END_M, TETHER_LEFT_M = 0.03, 0.2
+
+# The age of frames is averaged over about this many.
+AGE_FRAMES = 10.0
+
+# A target that was lost is taken to have gone on for this long as it moved last.
+MAX_FORETOLD_S = 1.0
+
+# Of a longer time between two cycles, no more counts as searched.
+MAX_CYCLE_S = 0.2
+
+KEEPS = "keeps"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FollowStep(Step):
-    """What a follow rule does in one cycle. It remembers nothing."""
+class FollowStep(Step, frozen=True, kw_only=True):
+    """What a follow rule remembers.
+
+    Attributes:
+        own: The way of the base.
+        target: The target on the floor; None before it was seen.
+        age_s: How old frames are when they are acted on, on average; None before the first.
+        search: The search that goes on or has ended; None while the target is in sight or none was begun.
+        origin: Where the base began, for the tether.
+        is_tethered: Whether it is at the end of its tether.
+        slow_at: Where on the floor the target was last near which it is slow; None before it was seen.
+        does: `KEEPS`, the phase of the search, or nothing.
+    """
+
+    own: OwnMotion | None = None
+    target: TargetMotion | None = None
+    age_s: float | None = None
+    search: SearchStep | None = None
+    origin: FloorPose | None = None
+    is_tethered: bool = False
+    slow_at: tuple[float, float] | None = None
+    does: str = ""
 
 
 def new_follow(rule: FollowRule) -> FollowStep:
@@ -29,55 +73,210 @@ def new_follow(rule: FollowRule) -> FollowStep:
     return FollowStep(trace=trace_of(rule, RuleStatus.UNKNOWN))
 
 
-# A base does not drive by a distance whose standard deviation is more than this share of it.
-UNSURE_SHARE = 0.3
+def step_follow(
+    rule: FollowRule, before: FollowStep, inputs: RuleInputs, base: BaseOutput | None
+) -> tuple[FollowStep, tuple[Event, ...]]:
+    """Judge a follow rule for one cycle; return what it does, and what happened."""
+    if base is None:
+        return FollowStep(trace=trace_of(rule, RuleStatus.UNKNOWN, before.trace)), ()
+    commanded = _commanded(inputs, base.name)
+    now, own = _take_in(rule, before, inputs, base, commanded)
+    twist: Twist | None = None
+    is_gentle, does = False, ""
+    search = None
+    if now.target is not None and _figures(inputs.tracks[rule.target]) is not None:
+        seen = now.target.seen_from(own.ahead(_response_s(rule, now), commanded))
+        twist = _follow(rule, now, seen, base, commanded)
+        is_gentle, does = seen.distance_m >= TOO_NEAR * rule.distance_m, KEEPS
+    else:
+        search, twist = _search(rule, now, own, inputs)
+        does = "" if search is None else search.phase
+    if twist is not None and now.origin is not None:
+        twist = _on_tether(rule, now.origin, own.place, base, twist)
+    after = replace(
+        now,
+        trace=_trace(rule, before, twist, is_known=does == KEEPS),
+        requests=_requests(rule, base, twist, is_gentle=is_gentle),
+        search=search,
+        is_tethered=_is_tethered(rule, before, now.origin, own.place),
+        does=does,
+    )
+    return after, _events(rule, before, after, inputs.now_s)
 
 
-def follow_twist(rule: FollowRule, distance_m: float, bearing_rad: float) -> tuple[float, float]:
-    """Return the speed forwards in m/s and the rate of turn in rad/s, positive to the left, within the rule's limits.
-
-    The bearing is positive to the right.
-    """
-    error_m = distance_m - rule.distance_m
-    linear_mps = 0.0
-    if abs(error_m) > rule.deadband_m:
-        wanted_mps = rule.gain_per_s * error_m * max(0.0, math.cos(bearing_rad))
-        linear_mps = min(max(wanted_mps, -rule.reverse_max_mps), rule.linear_max_mps)
-    angular_radps = 0.0
-    if abs(bearing_rad) > rule.deadband_rad:
-        wanted_radps = -rule.turn_gain_per_s * bearing_rad
-        angular_radps = min(max(wanted_radps, -rule.angular_max_radps), rule.angular_max_radps)
-    return linear_mps + 0.0, angular_radps + 0.0  # adding zero makes -0.0 an ordinary zero
+def _commanded(inputs: RuleInputs, output: str) -> Twist:
+    command = inputs.commands.get(output)
+    return (command.linear_mps, command.angular_radps) if isinstance(command, TwistCommand) else AT_REST
 
 
-def step_follow(rule: FollowRule, before: FollowStep, track: Track) -> FollowStep:
-    """Judge a follow rule for one cycle."""
-    figures = _figures(track)
-    if figures is None or rule.output is None:
-        return FollowStep(trace=trace_of(rule, RuleStatus.UNKNOWN, before.trace))
-    distance_m, _, bearing_rad = figures
-    linear_mps, angular_radps = follow_twist(rule, distance_m, bearing_rad)
+def _take_in(
+    rule: FollowRule, before: FollowStep, inputs: RuleInputs, base: BaseOutput, commanded: Twist
+) -> tuple[FollowStep, OwnMotion]:
+    """Return what is known by now of the way of the base and of the target on the floor."""
+    own = step_own_motion(before.own, inputs.now_s, commanded, inputs.base, base.track_width_m)
+    target, age_s, origin = before.target, before.age_s, before.origin or own.place
+    if inputs.safety is SafetyMode.DISARMED or inputs.safety is SafetyMode.STOPPED:
+        # A person has it in hand, and may carry it elsewhere: what was seen before says nothing of where it is then.
+        target, origin = None, own.place
+    sighting, track = inputs.sightings.get(rule.target), inputs.tracks[rule.target]
+    if sighting is not None and track.is_valid and (target is None or sighting.at_s > target.at_s):
+        now_age_s = max(0.0, inputs.now_s - sighting.at_s)
+        age_s = now_age_s if age_s is None else age_s + (now_age_s - age_s) / AGE_FRAMES
+        pose = own.at(sighting.at_s)
+        target = step_target_motion(target, sighting, pose, own.speeds[1], track.noise_factor)
+    slow_at = _place_of_slow(rule, before, inputs, own)
+    return replace(before, own=own, target=target, age_s=age_s, origin=origin, slow_at=slow_at), own
+
+
+def _response_s(rule: FollowRule, now: FollowStep) -> float:
+    """Return how long the wheels take to obey: what is stated beyond the age of the frames, or what is usual."""
+    return RESPONSE_S if rule.delay_s is None else max(0.0, rule.delay_s - (now.age_s or 0.0))
+
+
+def _follow(rule: FollowRule, now: FollowStep, seen: RelativeTarget, base: BaseOutput, commanded: Twist) -> Twist:
+    delay_s = rule.delay_s or (now.age_s or 0.0) + RESPONSE_S
+    linear_mps, angular_radps = follow_twist(rule, seen, law_of(rule, delay_s, base.linear_accel_mps2), commanded)
+    if rule.slow is not None and now.slow_at is not None and now.own is not None:
+        pose = now.own.newest
+        away_m = math.hypot(now.slow_at[0] - pose.x_m, now.slow_at[1] - pose.y_m)
+        share = (away_m - rule.slow.full_m) / (rule.slow.start_m - rule.slow.full_m)
+        linear_mps = min(linear_mps, rule.linear_max_mps * min(max(share, 0.0), 1.0))
+    return linear_mps, angular_radps
+
+
+def _place_of_slow(
+    rule: FollowRule, before: FollowStep, inputs: RuleInputs, own: OwnMotion
+) -> tuple[float, float] | None:
+    """Return where the target is that it is slow near. Out of sight it is taken to stay where it was."""
+    track = None if rule.slow is None else inputs.tracks.get(rule.slow.target)
+    if track is None or not track.is_valid or track.distance_m is None or track.bearing_rad is None:
+        return before.slow_at
+    pose = own.at(inputs.now_s if track.as_of_s is None else track.as_of_s)
+    away_rad = pose.heading_rad - track.bearing_rad
+    place = pose.x_m + track.distance_m * math.cos(away_rad), pose.y_m + track.distance_m * math.sin(away_rad)
+    return place if math.isfinite(place[0] + place[1]) else before.slow_at
+
+
+# Search
+
+
+def _search(
+    rule: FollowRule, now: FollowStep, own: OwnMotion, inputs: RuleInputs
+) -> tuple[SearchStep | None, Twist | None]:
+    """Return where a search is, and what the base shall do; None for standing still."""
+    settings = rule.search
+    if settings is None or now.target is None or rule.angular_max_radps == 0.0 or inputs.tracks[rule.target].is_valid:
+        return None, None
+    if inputs.safety is not SafetyMode.ACTIVE or now.is_tethered or _is_hindered(inputs.base):
+        return now.search, None
+    will_be = own.ahead(RESPONSE_S, AT_REST)
+    if now.search is None:
+        seen = now.target.seen_from(replace(will_be, at_s=min(will_be.at_s, now.target.at_s + MAX_FORETOLD_S)))
+        return begin_search(settings, own.newest.heading_rad, seen.bearing_rad), None
+    for_s = own.poses[-1].at_s - own.poses[max(0, len(own.poses) - 2)].at_s
+    search, turn_radps = step_search(
+        now.search, settings, own.newest.heading_rad, will_be.heading_rad, min(for_s, MAX_CYCLE_S)
+    )
+    turn_radps = min(max(turn_radps, -rule.angular_max_radps), rule.angular_max_radps)
+    return search, (0.0, turn_radps) if turn_radps else None
+
+
+def _is_hindered(report: BaseReport | None) -> bool:
+    """Return whether a base touches something or hangs over an edge: then it does not turn without sight."""
+    return report is not None and bool(report.is_bumped or report.is_at_cliff)
+
+
+# Tether
+
+
+def _on_tether(rule: FollowRule, origin: FloorPose, pose: FloorPose, base: BaseOutput, twist: Twist) -> Twist:
+    """Return a twist that ends on the tether: away from the origin no faster than the base can brake there."""
+    if rule.tether_m is None:
+        return twist
+    east_m, north_m = pose.x_m - origin.x_m, pose.y_m - origin.y_m
+    outward = east_m * math.cos(pose.heading_rad) + north_m * math.sin(pose.heading_rad)
+    if outward * twist[0] < 0.0:
+        return twist  # it leads back
+    left_m = rule.tether_m - math.hypot(east_m, north_m) - abs(twist[0]) * RESPONSE_S
+    most_mps = math.sqrt(2 * BRAKE_SHARE * base.linear_accel_mps2 * max(0.0, left_m))
+    return min(max(twist[0], -most_mps), most_mps) + 0.0, twist[1]
+
+
+def _is_tethered(rule: FollowRule, before: FollowStep, origin: FloorPose | None, pose: FloorPose) -> bool:
+    if rule.tether_m is None or origin is None:
+        return False
+    left_m = rule.tether_m - math.hypot(pose.x_m - origin.x_m, pose.y_m - origin.y_m)
+    return left_m <= (TETHER_LEFT_M if before.is_tethered else TETHER_END_M)
+
+
+# What others see of it
+
+
+def _trace(rule: FollowRule, before: FollowStep, twist: Twist | None, *, is_known: bool) -> RuleTrace:
+    if not is_known and twist is None:
+        return trace_of(rule, RuleStatus.UNKNOWN, before.trace)
+    return trace_of(rule, RuleStatus.ACTIVE if twist != AT_REST else RuleStatus.IDLE, before.trace)
+
+
+def _requests(rule: FollowRule, base: BaseOutput, twist: Twist | None, *, is_gentle: bool) -> tuple[TwistRequest, ...]:
+    if twist is None or rule.observe:
+        return ()
     request = TwistRequest(
         rule=rule.name,
-        output=rule.output,
+        output=base.name,
         priority=rule.priority,
-        linear_mps=linear_mps,
-        angular_radps=angular_radps,
+        linear_mps=twist[0],
+        angular_radps=twist[1],
+        is_gentle=is_gentle,
     )
-    requests = () if rule.observe else (request,)
-    status = RuleStatus.ACTIVE if (linear_mps, angular_radps) != (0.0, 0.0) else RuleStatus.IDLE
-    return FollowStep(trace=trace_of(rule, status, before.trace), requests=requests)
+    return (request,)
 
 
-def why(rule: FollowRule, track: Track) -> str:
+def _events(rule: FollowRule, before: FollowStep, after: FollowStep, now_s: float) -> tuple[Event, ...]:
+    found: list[tuple[EventKind, Severity, str]] = []
+    if after.search is not None and rule.search is not None:
+        was, phase = before.search.phase if before.search else "wait", after.search.phase
+        if was == "wait" and phase == "turn":
+            found.append((EventKind.SEARCH_BEGUN, Severity.INFO, _turning(after.search)))
+        if phase == "ended" and was != "ended":
+            words = f"not found within {duration(after.search.spent_s)}: it stands still until it sees its target"
+            found.append((EventKind.SEARCH_ENDED, rule.severity, words))
+    if after.is_tethered and not before.is_tethered:
+        words = f"it is {rule.tether_m:.2f} m from where it began, as far as its tether lets it"
+        found.append((EventKind.TETHERED, rule.severity, words))
+    return tuple(
+        Event(kind=kind, source=rule.name, at_s=now_s, severity=severity, reason=words, notify=not rule.observe)
+        for kind, severity, words in found
+    )
+
+
+def _turning(search: SearchStep) -> str:
+    return f"turns to the {'left' if search.side > 0 else 'right'} in search of its target"
+
+
+def describe_follow(rule: FollowRule, step: FollowStep, track: Track) -> str:
     """Return why a follow rule does what it does, in words with figures."""
     figures = _figures(track)
     if figures is None:
         distance = quantity_of(track, "distance")
-        return f"{metres(*distance[:2])} is too unsure to drive by" if distance else describe_unseen(track)
+        unseen = f"{metres(*distance[:2])} is too unsure to drive by" if distance else describe_unseen(track)
+        return unseen + _searching(rule, step)
     distance_m, sigma_m, bearing_rad = figures
     where = f"{metres(distance_m, sigma_m)} at {math.degrees(bearing_rad):+.0f}°"
-    return f"{where}, to keep {rule.distance_m:.2f} m ahead"
+    tether = ", at the end of its tether" if step.is_tethered else ""
+    return f"{where}, to keep {rule.distance_m:.2f} m ahead{tether}"
+
+
+def _searching(rule: FollowRule, step: FollowStep) -> str:
+    if step.search is None or rule.search is None:
+        return ""
+    match step.search.phase:
+        case "wait":
+            return f"; it waits {duration(rule.search.hidden_s)} before it searches"
+        case "ended":
+            return f"; it has searched for {duration(step.search.spent_s)} and stands still"
+        case _:
+            return f"; it {_turning(step.search)}: {math.degrees(step.search.turned_rad):.0f}° so far"
 
 
 def _figures(track: Track) -> tuple[float, float, float] | None:

@@ -14,15 +14,15 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
 
 import numpy as np
+from msgspec import Struct, field
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from stadimeter.core.condition import leaves
+from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.distance import distance_figure
-from stadimeter.core.conditions.inputs import RuleInputs
-from stadimeter.core.conditions.leaf import UNKNOWN, Figure, Rest
+from stadimeter.core.conditions.leaf import UNKNOWN, Figure, Rest, RuleInputs
 from stadimeter.core.decision import Severity
 from stadimeter.core.rule import ROUNDING_S, AlarmRule, AnyRule, RampRule
 
@@ -33,8 +33,7 @@ _Numbers = NDArray[np.float64]
 _Positions = NDArray[np.intp]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Watch:
+class Watch(Struct, frozen=True, kw_only=True, eq=False):
     """The rows of intervals: one for each rule and each figure that it watches.
 
     Attributes:
@@ -52,8 +51,7 @@ class Watch:
     safety: frozenset[int] = frozenset()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Quiescence:
+class Quiescence(Struct, frozen=True, kw_only=True, eq=False):
     """For how long each rule is quiescent.
 
     Attributes:

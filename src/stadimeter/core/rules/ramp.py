@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from dataclasses import dataclass
 
 from stadimeter.core.condition_words import describe_unseen
 from stadimeter.core.conditions.distance import distance_figure
@@ -25,8 +24,7 @@ from stadimeter.core.words import metres
 HOLD_ON_SIGMAS = 2.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RampStep(Step):
+class RampStep(Step, frozen=True, kw_only=True):
     """What a ramp does in one cycle."""
 
     level: float = 0.0
@@ -59,7 +57,7 @@ def rest_of_ramp(rule: RampRule, step: RampStep, track: Track) -> Rest | None:
     return Rest(((figure, *flat),))
 
 
-def why(rule: RampRule, track: Track) -> str:
+def describe_ramp(rule: RampRule, track: Track) -> str:
     """Return why a ramp does what it does, in words with figures."""
     figures = quantity_of(track, rule.quantity)
     if figures is None:

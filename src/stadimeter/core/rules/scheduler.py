@@ -11,30 +11,29 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
-from stadimeter.core.alarms.alarm import AlarmStep, Stepped, new_alarm, operate, step_alarm, with_state
+from msgspec import Struct, field
+from msgspec.structs import replace
+
+from stadimeter.core.alarms.alarm import AlarmStep, Stepped, new_alarm, operate, step_alarm, with_record
 from stadimeter.core.alarms.state import Sample
-from stadimeter.core.conditions.inputs import RuleInputs
-from stadimeter.core.conditions.leaf import Rest
+from stadimeter.core.conditions.leaf import Rest, RuleInputs
 from stadimeter.core.decision import Event, EventKind, Notice, RuleTrace
 from stadimeter.core.operator import OperatorAnswer, OperatorCommand
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule
+from stadimeter.core.rule_step import Step
 from stadimeter.core.rules.arbitration import Wanted, arbitrate, rearrange
 from stadimeter.core.rules.follow import FollowStep, new_follow, step_follow
 from stadimeter.core.rules.layout import Layout, layout_of
 from stadimeter.core.rules.quiescence import Quiescence, all_active
 from stadimeter.core.rules.ramp import RampStep, new_ramp, rest_of_ramp, step_ramp
 
-RuleStep = AlarmStep | RampStep | FollowStep
-
 _T = TypeVar("_T")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EvaluatedRules:
+class EvaluatedRules(Struct, frozen=True, kw_only=True):
     """All rules after a cycle.
 
     Attributes:
@@ -45,7 +44,7 @@ class EvaluatedRules:
         first_out: For each group with an alarm that was raised, the name of the first one.
     """
 
-    steps: tuple[RuleStep, ...] = ()
+    steps: tuple[Step, ...] = ()
     traces: tuple[RuleTrace, ...] = ()
     wanted: Wanted = field(default_factory=dict)
     active: Mapping[str, bool | None] = field(default_factory=dict)
@@ -54,8 +53,7 @@ class EvaluatedRules:
     layout: Layout = field(default_factory=Layout)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
+class Outcome(Struct, frozen=True, kw_only=True):
     """What came of evaluating all rules."""
 
     events: tuple[Event, ...] = ()
@@ -70,23 +68,23 @@ def new_rules(plan: Plan) -> EvaluatedRules:
     """Return the rules of a plan at the start of a run.
 
     Raises:
-        ValueError: Rules ask for each other in a circle.
+        CycleError: Rules ask for each other in a circle.
     """
     return with_steps(plan, tuple(_new_step(rule) for rule in plan.rules))
 
 
-def with_steps(plan: Plan, steps: tuple[RuleStep, ...], first_out: Mapping[str, str] | None = None) -> EvaluatedRules:
+def with_steps(plan: Plan, steps: tuple[Step, ...], first_out: Mapping[str, str] | None = None) -> EvaluatedRules:
     """Return the rules of a plan as they were remembered. All of them are judged in the next cycle.
 
     Raises:
-        ValueError: Rules ask for each other in a circle.
+        CycleError: Rules ask for each other in a circle.
     """
     layout = layout_of(plan)
     return EvaluatedRules(
         steps=steps,
         traces=tuple(step.trace for step in steps),
         wanted=arbitrate((request for step in steps for request in step.requests), layout.combined),
-        active={plan.rules[index].name: steps[index].trace.active for index in layout.order.askers},
+        active={plan.rules[index].name: steps[index].trace.active for index in layout.askers},
         first_out=first_out or {},
         quiescence=all_active(layout.watch),
         layout=layout,
@@ -141,7 +139,7 @@ class _Evaluation:
         self.active = before.active
         self.inputs = replace(inputs, active=before.active) if before.active else inputs
         self.first_out = before.first_out
-        self.changed: dict[int, RuleStep] = {}
+        self.changed: dict[int, Step] = {}
         self.rests: dict[int, Rest | None] = {}
         self.events: list[Event] = []
         self.notices: list[Notice] = []
@@ -156,26 +154,21 @@ class _Evaluation:
         answer, evaluations = operate(alarms, self.inputs, command)
         for index, evaluation in evaluations:
             _, rule, step = alarms[evaluation.rule.name]
-            self.changed[index] = with_state(rule, step, evaluation.state)
+            self.changed[index] = with_record(rule, step, evaluation.record)
             self.events += evaluation.events
             active.add(index)
         return answer
 
     def judge(self, active: set[int]) -> None:
         """Judge the active set, and those that it makes active, each after those that it asks for."""
-        order = self.before.layout.order
-        if not order.askers:
-            for index in sorted(active):
-                self._judge(index)
-            return
-        rank = order.rank
+        rank, askers = self.before.layout.rank, self.before.layout.askers
         waiting = [(rank[index], index) for index in active]
         heapq.heapify(waiting)
         while waiting:
             _, index = heapq.heappop(waiting)
             self._judge(index)
-            if index in order.askers and self._tells_others(index):
-                for asking in order.askers[index]:
+            if index in askers and self._tells_others(index):
+                for asking in askers[index]:
                     if asking not in active:
                         active.add(asking)
                         heapq.heappush(waiting, (rank[asking], asking))
@@ -202,7 +195,7 @@ class _Evaluation:
             return _NOTHING
         return Outcome(events=tuple(self.events), notices=tuple(self.notices), answers=answers)
 
-    def _step(self, index: int) -> RuleStep:
+    def _step(self, index: int) -> Step:
         return self.changed.get(index, self.before.steps[index])
 
     def _judge(self, index: int) -> None:
@@ -210,7 +203,7 @@ class _Evaluation:
         rest: Rest | None = None
         if isinstance(rule, AlarmRule) and isinstance(last, AlarmStep):
             stepped = self._alarm(index, rule, last)
-            step: RuleStep = stepped.step
+            step: Step = stepped.step
             self.events += stepped.events
             self.notices += stepped.notices
             rest = stepped.rest
@@ -220,7 +213,8 @@ class _Evaluation:
             step = step_ramp(rule, last, self.inputs.tracks[rule.target])
             rest = rest_of_ramp(rule, step, self.inputs.tracks[rule.target])
         elif isinstance(rule, FollowRule) and isinstance(last, FollowStep):
-            step = step_follow(rule, last, self.inputs.tracks[rule.target])
+            step, events = step_follow(rule, last, self.inputs, self.before.layout.bases.get(rule.output or ""))
+            self.events += events
         else:
             raise TypeError(f"rule {rule.name} remembers a {type(last).__name__}")
         self.rests[index] = rest
@@ -262,8 +256,8 @@ class _Evaluation:
                 self.changed[index] = replace(step, trace=replace(step.trace, first_out=is_first))
 
 
-def _is_unsettled(step: RuleStep) -> bool:
-    return isinstance(step, AlarmStep) and (step.state.is_active or not step.state.is_acknowledged)
+def _is_unsettled(step: Step) -> bool:
+    return isinstance(step, AlarmStep) and (step.record.is_active or not step.record.is_acknowledged)
 
 
 def _with(items: tuple[_T, ...], changed: Mapping[int, _T]) -> tuple[_T, ...]:
@@ -275,13 +269,13 @@ def _with(items: tuple[_T, ...], changed: Mapping[int, _T]) -> tuple[_T, ...]:
     return tuple(after)
 
 
-def _traces(before: EvaluatedRules, changed: Mapping[int, RuleStep]) -> tuple[RuleTrace, ...]:
+def _traces(before: EvaluatedRules, changed: Mapping[int, Step]) -> tuple[RuleTrace, ...]:
     """Return the traces. The same object tells those who listen, at no cost, that nothing changed."""
     renewed = {index: step.trace for index, step in changed.items() if step.trace is not before.steps[index].trace}
     return _with(before.traces, renewed)
 
 
-def _merge_requests(before: EvaluatedRules, changed: Mapping[int, RuleStep], steps: tuple[RuleStep, ...]) -> Wanted:
+def _merge_requests(before: EvaluatedRules, changed: Mapping[int, Step], steps: tuple[Step, ...]) -> Wanted:
     pairs = [(before.steps[index].requests, step.requests) for index, step in changed.items()]
     pairs = [(was, now) for was, now in pairs if now is not was]
     if not pairs:
@@ -294,7 +288,7 @@ def _merge_requests(before: EvaluatedRules, changed: Mapping[int, RuleStep], ste
     return rearrange(before.wanted, gone, come, layout.positions)
 
 
-def _new_step(rule: AnyRule) -> RuleStep:
+def _new_step(rule: AnyRule) -> Step:
     if isinstance(rule, AlarmRule):
         return new_alarm(rule)
     return new_ramp(rule) if isinstance(rule, RampRule) else new_follow(rule)

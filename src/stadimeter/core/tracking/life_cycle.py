@@ -14,16 +14,18 @@ really jumped, and so do more that do not: the track starts anew. How noisy the 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from typing import cast
 
-from stadimeter.core.measurement import Measurement
+from msgspec import Struct
+from msgspec.structs import replace
+
+from stadimeter.core.measurement import Measurement, Sighting
 from stadimeter.core.plan import Tracking
 from stadimeter.core.track import Track, TrackStatus
 from stadimeter.core.tracking import motion, noise_level
 from stadimeter.core.tracking.motion import Innovation, MotionState
 from stadimeter.core.tracking.noise_level import NoiseEstimate
-from stadimeter.core.tracking.sighting import Sighting, TentativeTrack, extend_tentative, sighting_of
+from stadimeter.core.tracking.sighting import TentativeTrack, extend_tentative, sighting_of
 
 # A target that keeps its speed has a probability of the constant-velocity model above this.
 MIN_CONSTANT_VELOCITY_SHARE = 0.5
@@ -40,8 +42,7 @@ MIN_RATIO = 0.5
 AGREEING_FRAMES = 3
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TrackState:
+class TrackState(Struct, frozen=True, kw_only=True):
     """All that is remembered of a target from one cycle to the next.
 
     Attributes:

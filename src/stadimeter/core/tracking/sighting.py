@@ -10,11 +10,10 @@ is two-point differencing: Bar-Shalom, Li, Kirubarajan, "Estimation with Applica
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from stadimeter.core.bounds import MAX_FIGURE, MAX_TIME_S
-from stadimeter.core.measurement import Measurement, MeasurementStatus
+from stadimeter.core.measurement import Measurement, MeasurementStatus, Sighting
 from stadimeter.core.plan import Tracking
 from stadimeter.core.tracking import motion
 from stadimeter.core.tracking.filter import NOISE_FLOOR_M
@@ -25,29 +24,6 @@ MAX_SPEED_MPS = 40.0
 
 # The frames that agree when a third is on the line through two.
 ON_A_LINE = 3
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Sighting:
-    """A measurement that may be used: every figure is there and not beyond all sense.
-
-    Attributes:
-        at_s: Capture time.
-        distance_m: The distance.
-        noise_m: The part of the standard deviation that differs from frame to frame, as stated.
-        scale_sigma: The part of the standard deviation that no filter can reduce, as a share of the distance.
-        depth_share: Depth divided by distance.
-        bearing_rad: The bearing.
-        elevation_rad: The elevation.
-    """
-
-    at_s: float
-    distance_m: float
-    noise_m: float
-    scale_sigma: float
-    depth_share: float
-    bearing_rad: float
-    elevation_rad: float
 
 
 def sighting_of(measurement: Measurement) -> Sighting | None:

@@ -2,7 +2,7 @@
 
 Blobs of the ball's colour say where to look (`blobs`). Around each, the steps from ball to background are found along
 spokes, between the pixels (`limb_edges`), and the cone of a sphere is fitted to them (`limb`,
-`stadimeter.ranging.sphere_cone`). Where a blob is not round, since part of the ball is in the shade or hidden, the
+`stadimeter.ranging.ball`). Where a blob is not round, since part of the ball is in the shade or hidden, the
 circle of edges around it is the start (`find_edge_circle`); where other things of its colour touch the ball, the
 largest circle within. What does not look like a ball then is refused, with the test that it failed (`BallGates`). Where
 a ball is expected, only the ring around its predicted limb is looked at.
@@ -12,27 +12,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from functools import lru_cache
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
+from msgspec.structs import replace
 from pydantic import Field
 
-from stadimeter.config.ball_sizes import BallDiameter
+from stadimeter.config.named_sizes import BallDiameter
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
-from stadimeter.core.frame import Frame, Image, Subsampling
+from stadimeter.core.frame import Frame, Subsampling
 from stadimeter.detectors.ball.blobs import Blob, find_blobs, join_patches, search_step, thin_out
 from stadimeter.detectors.ball.circles import ImageCircle, find_edge_circle
 from stadimeter.detectors.ball.colour_proposal import propose, view
-from stadimeter.detectors.ball.colour_ranges import loosen
 from stadimeter.detectors.ball.gates import (
     MIN_FILL,
     BallGates,
+    BallScene,
     FoundBall,
-    Refusal,
     is_as_expected,
     list_most_alike,
     max_score,
@@ -40,9 +39,9 @@ from stadimeter.detectors.ball.gates import (
     refuse_without_limb,
 )
 from stadimeter.detectors.ball.limb import find_limb, within
-from stadimeter.detectors.hsv import HsvRange, HsvRangeText, other_ranges, parse_hsv_range
+from stadimeter.detectors.hsv import HsvRange, HsvRangeText, loosen, other_ranges, parse_hsv_range
 from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView, Exercise, check_image
-from stadimeter.detectors.region import Region
+from stadimeter.detectors.sampling import Region
 from stadimeter.ranging.ball import BallShape
 
 # Reach of the search for the limb on either side of the circle around a blob: pixels, or cells and a half of the
@@ -125,17 +124,6 @@ class BallOptions(DriverOptions):
         return str(loosen(parse_hsv_range(colour), steps))
 
 
-class _Scene(NamedTuple):
-    """A frame that is searched."""
-
-    image: Image
-    lens: CameraModel  # the camera at its resolution; a likely one if it is not known
-    is_lens_known: bool  # whether it is
-    gates: BallGates  # what a ball must pass
-    refusals: list[Refusal]  # what was looked at and is no ball, filled while searching
-    expected: ImageCircle | None = None  # where the ball is expected, while it is looked for there
-
-
 class BallDetector:
     """Finds a sphere of one colour, whole or partly hidden.
 
@@ -176,7 +164,7 @@ class BallDetector:
         height are both its smaller diameter, across that direction, which is the one that says how deep the ball lies.
         """
         check_image(frame)
-        scene = _Scene(
+        scene = BallScene(
             image=frame.image,
             lens=lens or _likely_lens(frame.width_px, frame.height_px, frame.subsampling),
             is_lens_known=lens is not None,
@@ -202,7 +190,7 @@ class BallDetector:
             ball = self._search_other_ranges(scene)
         return self._report_not_found(scene, blobs) if ball is None else self._report_found(scene, ball)
 
-    def _find_large(self, scene: _Scene) -> FoundBall | None:
+    def _find_large(self, scene: BallScene) -> FoundBall | None:
         """Return a large ball beyond doubt, found in few pixels; None if it takes more of them to tell."""
         height, width = scene.image.shape[:2]
         if width * height <= COARSE_FROM_PIXELS * self._step**2 or self._step >= COARSE_STEP:
@@ -218,7 +206,7 @@ class BallDetector:
         scene.refusals.clear()
         return None
 
-    def _find_expected(self, scene: _Scene, prediction: Prediction) -> FoundBall | None:
+    def _find_expected(self, scene: BallScene, prediction: Prediction) -> FoundBall | None:
         """Look where the ball is expected: at the ring around its limb, or else at the blobs around it."""
         (x_px, y_px), radius_px = prediction.centre_px, prediction.size_px / 2
         if not all(map(math.isfinite, (x_px, y_px, radius_px, prediction.sigma_px))):
@@ -241,7 +229,7 @@ class BallDetector:
         ball = self._find_best(scene, find_blobs(scene.image, self._colour, self._step, region))
         return ball if ball is not None and is_as_expected(ball, prediction) else None
 
-    def _find_best(self, scene: _Scene, blobs: Sequence[Blob]) -> FoundBall | None:
+    def _find_best(self, scene: BallScene, blobs: Sequence[Blob]) -> FoundBall | None:
         """Return the ball that looks most like one around one of the blobs.
 
         First the circle around each blob is tried; then, of the largest ones that are no ball beyond doubt, the largest
@@ -264,7 +252,7 @@ class BallDetector:
                 best = _pick_better(best, search(scene, blob))
         return best
 
-    def _search_other_ranges(self, scene: _Scene) -> FoundBall | None:
+    def _search_other_ranges(self, scene: BallScene) -> FoundBall | None:
         """Return the ball by more or less of its range of colours; what was refused there is not reported."""
         # A range given by hand may hold the floor or a hand as well, so that the blob is no ball; the more saturated or
         # brighter part of it may be the ball alone.
@@ -277,7 +265,7 @@ class BallDetector:
 
     def _slower_searches(
         self, large: Sequence[Blob], sure: Sequence[Blob]
-    ) -> Iterator[tuple[Callable[[_Scene, Blob], FoundBall | None], Blob]]:
+    ) -> Iterator[tuple[Callable[[BallScene, Blob], FoundBall | None], Blob]]:
         """Yield slower searches around the largest blobs that are no ball beyond doubt."""
         doubtful = [blob for blob in large[:MAX_SEARCHED_AROUND] if blob not in sure]
         if not doubtful:
@@ -289,14 +277,14 @@ class BallDetector:
         for blob in doubtful:
             yield self._search_around, blob
 
-    def _search_within(self, scene: _Scene, blob: Blob) -> FoundBall | None:
+    def _search_within(self, scene: BallScene, blob: Blob) -> FoundBall | None:
         """Return the ball by the circle around a blob, unless that could not show enough of the ball's colour."""
         if blob.fill < MIN_FILL:
             scene.refusals.append(refuse_too_little_colour(blob.circle, blob.fill))
             return None
         return self._search_at(scene, blob.circle, max(FIRST_REACH_PX, REACH_OF_STEP * blob.step), blob.coloured_px2)
 
-    def _search_inscribed(self, scene: _Scene, blob: Blob) -> FoundBall | None:
+    def _search_inscribed(self, scene: BallScene, blob: Blob) -> FoundBall | None:
         """Return the ball by the largest circle in a blob, which is wider since other things of its colour touch it."""
         circle = blob.inscribed
         if not self._gates.min_radius_px <= circle.radius_px < NARROWER * blob.circle.radius_px:
@@ -304,27 +292,20 @@ class BallDetector:
         return self._search_at(scene, circle, max(FIRST_REACH_PX, REACH_OF_STEP * blob.step))
 
     def _search_at(
-        self, scene: _Scene, start: ImageCircle, reach_px: float, coloured_px2: float | None = None
+        self, scene: BallScene, start: ImageCircle, reach_px: float, coloured_px2: float | None = None
     ) -> FoundBall | None:
         """Return the ball near a circle; None, and a note of why, if there is none."""
         limb = find_limb(scene.image, start, reach_px, scene.lens)
         if limb is None:
             scene.refusals.append(refuse_without_limb(start))
             return None
-        judged = scene.gates.judge(
-            scene.image,
-            limb,
-            lens=scene.lens,
-            is_lens_known=scene.is_lens_known,
-            expected=scene.expected,
-            coloured_px2=coloured_px2,
-        )
+        judged = scene.gates.judge(scene, limb, coloured_px2)
         if isinstance(judged, FoundBall):
             return judged
         scene.refusals.append(judged)
         return None
 
-    def _search_around(self, scene: _Scene, blob: Blob) -> FoundBall | None:
+    def _search_around(self, scene: BallScene, blob: Blob) -> FoundBall | None:
         """Return the ball by the circle of edges around a blob, unless that is too thin to be part of a ball."""
         if blob.fill < MIN_FILL_AROUND:
             return None
@@ -333,7 +314,7 @@ class BallDetector:
             return None
         return self._search_at(scene, circle, within(circle))
 
-    def _report_found(self, scene: _Scene, ball: FoundBall) -> Detection:
+    def _report_found(self, scene: BallScene, ball: FoundBall) -> Detection:
         circle = ball.limb.circle
         # The apparent size is the ellipse's smaller axis with the lens's distortion undone: that axis alone gives the
         # depth, at any place in the picture (see `stadimeter.ranging.ball`). Diameter and its standard deviation are
@@ -353,7 +334,7 @@ class BallDetector:
             measured_with=scene.lens if scene.is_lens_known else None,
         )
 
-    def _report_not_found(self, scene: _Scene, blobs: Sequence[Blob]) -> Detection:
+    def _report_not_found(self, scene: BallScene, blobs: Sequence[Blob]) -> Detection:
         rejected = list_most_alike(scene.refusals)
         if not blobs:
             reason = f"no pixel has the ball's colour {self._colour}"

@@ -9,16 +9,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Image
 from stadimeter.detectors.ball.circles import ImageCircle
 from stadimeter.detectors.hsv import HsvRange, Mask
-from stadimeter.detectors.region import Region
+from stadimeter.detectors.sampling import Region
 
 # Pixels are left out only as long as the smallest accepted ball still has this radius in what remains.
 MIN_SEARCHED_RADIUS_PX = 1.25
@@ -35,8 +35,7 @@ MAX_POINTS = 60
 PATCH_GAP, MIN_PATCH = 0.5, 0.25
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Blob:
+class Blob(Struct, frozen=True, kw_only=True, eq=False):
     """Pixels of the ball's colour that hang together, or several such patches of one ball."""
 
     circle: ImageCircle  # the circle around which its limb may be: as wide or as high as the blob, whichever is more

@@ -7,19 +7,14 @@ the most of them on it is where the limb may be.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from msgspec import Struct
 
-from stadimeter.core.detection import Points
+from stadimeter.core.detection import Indices, Points, Values
 from stadimeter.core.frame import Image
-
-Values = NDArray[np.float64]
-Weights = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 # In how many directions the limb is looked for.
 RADIALS = 96
@@ -60,8 +55,7 @@ CHANNELS = np.ones(3, np.float32)
 EVENLY = 1 / 1.2207440846057596 ** np.arange(1, 4)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ImageCircle:
+class ImageCircle(Struct, frozen=True, kw_only=True):
     """A circle in pixels."""
 
     x_px: float
@@ -74,7 +68,7 @@ class Edges(NamedTuple):
 
     points_px: Points  # where they are, shape ``(n, k, 2)``
     # How steep they are, 1 for those as steep as the steepest in most directions, 0 for none, shape ``(n, k)``.
-    strength: Weights
+    strength: Values
 
 
 def find_edge_circle(image: Image, blob_px: Points, area_px2: float) -> ImageCircle | None:
@@ -163,8 +157,8 @@ def _peaks(steepness: Values) -> tuple[Indices, Values]:
     return columns + 1, peak[each[:, None], columns]
 
 
-def find_common_circle(points_px: Points, band_px: float = 1.0) -> ImageCircle | None:
-    """Find the circle within a band of which most of the points lie; None if no three of them form one.
+def find_common_circle(points_px: Points) -> ImageCircle | None:
+    """Find the circle within a pixel of which most of the points lie; None if no three of them form one.
 
     Circles through three points each are tried. The same points always give the same circle.
     """
@@ -172,9 +166,9 @@ def find_common_circle(points_px: Points, band_px: float = 1.0) -> ImageCircle |
     if not len(circles):
         return None
     across, down = points_px[:, 0] - circles[:, :1], points_px[:, 1] - circles[:, 1:2]
-    # Each point votes with 1 - (d / band)², none beyond the band (RANSAC with a truncated square as its score, MSAC: P.
+    # Each point votes with 1 - d², none beyond a pixel (RANSAC with a truncated square as its score, MSAC: P.
     # Torr and A. Zisserman, "MLESAC", 2000).
-    apart = (np.sqrt(across * across + down * down) - circles[:, 2:]) / band_px
+    apart = np.sqrt(across * across + down * down) - circles[:, 2:]
     score = np.maximum(1 - apart * apart, 0.0).sum(axis=1)
     x, y, radius = (float(value) for value in circles[int(np.argmax(score))])
     return ImageCircle(x_px=x, y_px=y, radius_px=radius)
@@ -232,7 +226,7 @@ def _support(edges: Edges, circles: Points, band: tuple[float, float]) -> Values
     return np.asarray(strongest.mean(axis=1), np.float64)
 
 
-def _enclosed_share(around: Points, circles: Points) -> Weights:
+def _enclosed_share(around: Points, circles: Points) -> Values:
     """Return for each circle the share of the points that it encloses, give or take 5 % of its radius."""
     dx = around[:, 0] - circles[:, :1]
     dy = around[:, 1] - circles[:, 1:2]

@@ -1,25 +1,24 @@
 """A range of colours for a ball that a person points at, or that stands out in the picture by itself.
 
-Ranges of many widths are drawn up around a place (`colour_ranges`), and the detector itself judges them: the range with
-which it sees the best ball there wins. Without a place, the blobs that stand out by a colour of their own are tried
-(`_pick_vivid`). Several places, and several pictures in several lights, join into one range.
+Ranges of many widths are drawn up around a place (`stadimeter.detectors.hsv`), and the detector itself judges them: the
+range with which it sees the best ball there wins. Without a place, the blobs that stand out by a colour of their own
+are tried (`_pick_vivid`). Several places, and several pictures in several lights, join into one range.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 from itertools import islice
 from typing import NamedTuple, Protocol
 
 import cv2
 import numpy as np
+from msgspec.structs import replace
 
 from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
 from stadimeter.core.frame import Frame, Image
-from stadimeter.detectors.ball.colour_ranges import Place, join_ranges, ranges_at, smooth, vivid_ranges_at, widen
-from stadimeter.detectors.hsv import HsvRange, Mask
+from stadimeter.detectors.hsv import HsvRange, Mask, Place, join_ranges, ranges_at, smooth, vivid_ranges_at, widen
 from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView
 
 # A place that gives a better ball than this by its own colour is on no stripe.
@@ -92,7 +91,6 @@ class Detect(Protocol):
 
     def __call__(self, frame: Frame, colour: HsvRange, around_px: Place | None = None) -> Detection:
         """Return what is found."""
-        ...
 
 
 def propose(samples: Sequence[ColourSample], detect: Detect) -> ColourProposal | None:
@@ -266,12 +264,11 @@ def _pick_vivid(image: Image, most: int) -> list[_VividBlob]:
             chosen.append(blob)
         if len(chosen) == most:
             break
-    return [_enlarge(blob, 1 / scale) for blob in chosen]
-
-
-def _enlarge(blob: _VividBlob, factor: float) -> _VividBlob:
-    x_px, y_px = blob.place
-    return _VividBlob(blob.score, ((x_px + 0.5) * factor - 0.5, (y_px + 0.5) * factor - 0.5), blob.radius_px * factor)
+    larger = 1 / scale
+    return [
+        _VividBlob(score, ((x_px + 0.5) * larger - 0.5, (y_px + 0.5) * larger - 0.5), radius_px * larger)
+        for score, (x_px, y_px), radius_px in chosen
+    ]
 
 
 def _find_vivid(hsv: cv2.typing.MatLike, lab: cv2.typing.MatLike, chroma: cv2.typing.MatLike) -> Iterator[_VividBlob]:

@@ -17,13 +17,10 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from stadimeter.core.detection import Flags, Indices, Profiles
 from stadimeter.core.frame import Image
 from stadimeter.detectors.ball.circles import ImageCircle
-
-Odds = NDArray[np.float32]
-Flags = NDArray[np.bool_]
 
 # Pixels each way from which the colours are counted.
 GRID = 32
@@ -66,8 +63,8 @@ class BallColours(NamedTuple):
 
     # How much each colour speaks for the ball, negative for what is around it: logarithms by the index of `_bins`,
     # shape ``(4096,)``.
-    odds: Odds
-    axis: Odds  # the direction from the colours around it to those of the ball, of length 1, shape ``(3,)``
+    odds: Profiles
+    axis: Profiles  # the direction from the colours around it to those of the ball, of length 1, shape ``(3,)``
 
 
 def learn_colours(image: Image, circle: ImageCircle) -> BallColours | None:
@@ -93,7 +90,7 @@ def learn_colours(image: Image, circle: ImageCircle) -> BallColours | None:
     return BallColours(_odds(inside, outside), _axis(inside.astype(np.float32), outside.astype(np.float32)))
 
 
-def _odds(inside: Image, outside: Image) -> Odds:
+def _odds(inside: Image, outside: Image) -> Profiles:
     # Histograms over 16³ colours, as shares. Smoothing by (1/2, 1, 1/2) along each channel stands for noise and
     # shading; the added 2 % keeps a colour that was seen once from being certain.
     shares = np.stack([np.bincount(_bins(each), minlength=BINS**3) / len(each) for each in (inside, outside)])
@@ -101,7 +98,7 @@ def _odds(inside: Image, outside: Image) -> Odds:
     return np.asarray(np.clip(np.log(ball / around), -MAX_ODDS, MAX_ODDS), np.float32)
 
 
-def _axis(inside: Odds, outside: Odds) -> Odds:
+def _axis(inside: Profiles, outside: Profiles) -> Profiles:
     """Return the direction along which both are furthest apart for how much each of them varies."""
     # Fisher's discriminant: (covariance within)⁻¹ times the difference of the means (R. Fisher, 1936). The added
     # variance of 30 squared levels (5.5 levels) keeps the solution stable on plain surfaces.
@@ -110,7 +107,7 @@ def _axis(inside: Odds, outside: Odds) -> Odds:
     return np.asarray(axis / max(float(np.sqrt(axis.dot(axis))), 1e-9), np.float32)
 
 
-def likely_drop(codes: Image, colours: BallColours) -> Odds:
+def likely_drop(codes: Image, colours: BallColours) -> Profiles:
     """Return how far the colour of each spoke falls from the ball's to others, from the pixel before to the one after.
 
     Returns:
@@ -124,7 +121,7 @@ def likely_drop(codes: Image, colours: BallColours) -> Odds:
     return np.asarray(drop * find_plausible(codes, colours.odds)[:, 1:-1])
 
 
-def find_plausible(codes: Image, odds: Odds) -> Flags:
+def find_plausible(codes: Image, odds: Profiles) -> Flags:
     """Return where on each spoke the limb may be by the colours on either side, shape ``(n, k)`` for ``(n, k, 3)``.
 
     Where colours say nothing, since ball and surroundings look alike, that is everywhere.
@@ -138,13 +135,13 @@ def find_plausible(codes: Image, odds: Odds) -> Flags:
     return np.asarray(sums >= sums.max(axis=1, keepdims=True) - PLAUSIBLE_ODDS)
 
 
-def _bins(codes: Image) -> NDArray[np.intp]:
+def _bins(codes: Image) -> Indices:
     # Exact in floating point; numpy's product with a matrix of two axes is much faster than any other.
     highest = (codes >> (8 - BITS)).astype(np.float32).reshape(-1, 3)
     return np.asarray(highest.dot(PLACES.astype(np.float32)).astype(np.intp).reshape(codes.shape[:-1]))
 
 
-def _smooth(shares: Odds) -> Odds:
+def _smooth(shares: Profiles) -> Profiles:
     """Spread the counts of each colour to its neighbours: light and noise move colours by more than a bin."""
     blue = SPREAD @ shares.reshape(-1, BINS, BINS * BINS)
     green = SPREAD @ blue.reshape(-1, BINS, BINS)

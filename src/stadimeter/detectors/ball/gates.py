@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from msgspec import Struct
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Points, Prediction, RejectedCandidate
+from stadimeter.core.detection import Points, Prediction, RejectedCandidate, Values
 from stadimeter.core.frame import Image
 from stadimeter.detectors.ball.circles import ImageCircle
 from stadimeter.detectors.ball.limb import SHARP_PX, Limb
@@ -82,8 +81,7 @@ AGREE_SIGMAS, AGREE_PX = 3.0, 1.0
 MAX_REJECTED = 8
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class FoundBall:
+class FoundBall(Struct, frozen=True, kw_only=True, eq=False):
     """A limb that passed every test."""
 
     limb: Limb
@@ -119,42 +117,29 @@ class Refusal(NamedTuple):
     candidate: RejectedCandidate
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BallGates:
+class BallGates(Struct, frozen=True, kw_only=True):
     """The tests that a limb has to pass."""
 
     colour: HsvRange
     min_radius_px: float
     max_radius_px: float  # the largest radius, perhaps infinite
 
-    def judge(
-        self,
-        image: Image,
-        limb: Limb,
-        *,
-        lens: CameraModel,
-        is_lens_known: bool,
-        expected: ImageCircle | None = None,
-        coloured_px2: float | None = None,
-    ) -> FoundBall | Refusal:
+    def judge(self, scene: BallScene, limb: Limb, coloured_px2: float | None = None) -> FoundBall | Refusal:
         """Return the ball, or the test that its limb failed, the cheapest first.
 
-        Args:
-            lens: The camera model that the limb was fitted with.
-            is_lens_known: Whether that is the camera's own.
-            expected: Where a ball is expected, in the frame after one in which it was seen; None if it is not. A limb
-                that agrees with that need not show as much of itself, and if nearly all of it is seen, its colour is
-                not judged again.
-            coloured_px2: The area around there that has the ball's colour; None if it is not known.
+        A limb that agrees with where a ball is expected need not show as much of itself, and if nearly all of it is
+        seen, its colour is not judged again. `coloured_px2` is the area around there that has the ball's colour.
         """
         # Tests in order of cost: size, support, corners, colour, overrun, quality. Each refusal carries how many were
         # passed, by which the closest one is named to the user.
         radius_px = limb.circle.radius_px
         if not self.min_radius_px <= radius_px <= self.max_radius_px:
-            return _refuse(limb.circle, f"lies in a circle of {2 * radius_px:.0f} px, limit {self.limits_text()}", 0.0)
-        agrees = expected is not None and _agrees(limb.circle, expected)
-        needed = _needed_support(limb, is_lens_known=is_lens_known) * (AGREEING_SHARE if agrees else 1.0)
-        cut_off = is_cut_off(limb.circle, image)
+            most = "" if math.isinf(self.max_radius_px) else f" to {2 * self.max_radius_px:.0f}"
+            limits = f"{2 * self.min_radius_px:.0f}{most} px"
+            return _refuse(limb.circle, f"lies in a circle of {2 * radius_px:.0f} px, limit {limits}", 0.0)
+        agrees = scene.expected is not None and _agrees(limb.circle, scene.expected)
+        needed = _needed_support(limb, is_lens_known=scene.is_lens_known) * (AGREEING_SHARE if agrees else 1.0)
+        cut_off = is_cut_off(limb.circle, scene.image)
         # Support is the share of spokes with a step on the limb. Of a ball at the border only the spokes inside the
         # picture count, if at least a quarter of the whole limb is seen.
         support = limb.support_inside if cut_off and limb.support >= MIN_CUT_OFF_SUPPORT else limb.support
@@ -166,14 +151,14 @@ class BallGates:
         margin = support - needed
         # Where a ball is expected and seen all around, its colour was judged less than a second ago: see
         # stadimeter.perception.perceiver. To judge it again would take as long as a fifth of all else.
-        is_known = expected is not None and margin >= FULL_QUALITY_MARGIN
-        fill = 1.0 if is_known else self._fill(image, limb.circle, coloured_px2)
+        is_known = scene.expected is not None and margin >= FULL_QUALITY_MARGIN
+        fill = 1.0 if is_known else self._fill(scene.image, limb.circle, coloured_px2)
         if fill < MIN_FILL:
             return refuse_too_little_colour(limb.circle, fill, tests_passed=2)
         # Only a barely supported limb is held against the colour outside: an arc of an ellipse or the corner of a thing
         # of the ball's colour is round too, but the colour goes on where no step is seen.
         if margin < CLEAR_MARGIN:
-            margin -= OVERRUN_WEIGHT * self._overrun(image, limb, lens)
+            margin -= OVERRUN_WEIGHT * self._overrun(scene.image, limb, scene.lens)
         ball = FoundBall(limb=limb, fill=fill, margin=margin, is_cut_off=cut_off)
         least = MIN_QUALITY + QUALITY_OF_SMALL_PX / radius_px
         if ball.quality < least and not agrees:
@@ -201,10 +186,16 @@ class BallGates:
             return colour_share(image, circle, self.colour)
         return min(1.0, coloured_px2 / (math.pi * circle.radius_px**2))
 
-    def limits_text(self) -> str:
-        """Return the limits of the diameter in words."""
-        most = "" if math.isinf(self.max_radius_px) else f" to {2 * self.max_radius_px:.0f}"
-        return f"{2 * self.min_radius_px:.0f}{most} px"
+
+class BallScene(NamedTuple):
+    """A frame that is searched."""
+
+    image: Image
+    lens: CameraModel  # the camera at its resolution; a likely one if it is not known
+    is_lens_known: bool  # whether it is
+    gates: BallGates  # what a ball must pass
+    refusals: list[Refusal]  # what was looked at and is no ball, filled while searching
+    expected: ImageCircle | None = None  # where the ball is expected, while it is looked for there
 
 
 def _agrees(circle: ImageCircle, expected: ImageCircle) -> bool:
@@ -229,7 +220,7 @@ def _is_square(limb: Limb) -> bool:
     return height_px > SQUARE_OFF * limb.circle.radius_px and all_px2 < (1 - SQUARE_SHARE) * round_px2
 
 
-def _fit_waves(waves: NDArray[np.float64], radii_px: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+def _fit_waves(waves: Values, radii_px: Values) -> tuple[Values, float]:
     """Return the heights of the waves that come nearest to the radii, and the sum of the squares that they leave."""
     fit = np.asarray(np.linalg.lstsq(waves.T, radii_px, rcond=None)[0], np.float64)
     left_px = radii_px - fit @ waves
@@ -260,7 +251,7 @@ def is_cut_off(circle: ImageCircle, image: Image) -> bool:
     return bool(middle_px < reach_px)
 
 
-def _nearest_px(points_px: Points, others_px: Points) -> NDArray[np.float64]:
+def _nearest_px(points_px: Points, others_px: Points) -> Values:
     """Return how far each point is from the nearest of the others."""
     apart = points_px[:, None] - others_px
     return np.asarray(np.hypot(apart[..., 0], apart[..., 1]).min(axis=1))

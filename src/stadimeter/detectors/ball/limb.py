@@ -8,22 +8,20 @@ robustly, and where too many steps miss it, started anew from the best of many c
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from msgspec import Struct
+from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Points
+from stadimeter.core.detection import Flags, Indices, Points, Values
 from stadimeter.core.frame import Image
 from stadimeter.detectors.ball.circles import ImageCircle, find_common_circle
 from stadimeter.detectors.ball.colours import BallColours, learn_colours
 from stadimeter.detectors.ball.limb_edges import LimbEdges, limb_edges
-from stadimeter.ranging.sphere_cone import MIN_RAYS, ConeFrame, SphereCone, with_ones
-
-Values = NDArray[np.float64]
+from stadimeter.ranging.ball import MIN_RAYS, ConeFrame, SphereCone, with_ones
 
 # Pixels read in the first look beyond where the limb may be, for the levels beside it.
 BEYOND_PX = 2.5
@@ -107,8 +105,7 @@ SIGMA_OF_SCATTER, SIGMA_OF_COARSE_CHROMA = 0.5, 0.7
 SIGMA_OF_CHANGE = 0.8
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Limb:
+class Limb(Struct, frozen=True, kw_only=True, eq=False):
     """The limb of a ball."""
 
     cone: SphereCone  # the rays that touch the ball
@@ -272,7 +269,7 @@ class _ConeFit(NamedTuple):
 
     cone: SphereCone
     misses_px: Values
-    on_it: NDArray[np.bool_]
+    on_it: Flags
     steps: int
     usual_px: float
 
@@ -377,7 +374,7 @@ def _correlation(misses: Values, squared: float) -> float:
 
 
 @lru_cache(maxsize=128)
-def _block_starts(steps: int, blocks: int) -> NDArray[np.intp]:
+def _block_starts(steps: int, blocks: int) -> Indices:
     return np.arange(blocks) * steps // blocks
 
 

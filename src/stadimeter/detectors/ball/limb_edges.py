@@ -18,25 +18,19 @@ Arrays have the spokes first, then the pixels along them from the inside to the 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from msgspec import Struct
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Points
+from stadimeter.core.detection import Flags, Indices, Points, Profiles, Values
 from stadimeter.core.frame import Image
 from stadimeter.detectors.ball.circles import ImageCircle
 from stadimeter.detectors.ball.colours import BallColours, likely_drop
 from stadimeter.detectors.sampling import Light, light_table, quantile
-
-Values = NDArray[np.float64]
-Profiles = NDArray[np.float32]
-Indices = NDArray[np.intp]
-Flags = NDArray[np.bool_]
 
 # Spokes across each of the four sides for each pixel of the radius: no row or column is read twice.
 MAX_SPOKES_A_SIDE = 16
@@ -99,8 +93,7 @@ BESIDE_PX = 3
 BLUR_OF_WIDTH = 0.3
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class LimbEdges:
+class LimbEdges(Struct, frozen=True, kw_only=True, eq=False):
     """Steps around something round."""
 
     places: Values  # where they are, shape ``(3, n)``: x and y in pixels, and ones
@@ -115,8 +108,7 @@ class LimbEdges:
         return self.places[:2].T
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class _Rose:
+class _Rose(Struct, frozen=True, kw_only=True, eq=False):
     """Spokes around any circle: a quarter of them crosses each of its four sides, at evenly spread angles."""
 
     # What the first pixels follow from: the sums of these rows, times the radius, the pixels inside, the
@@ -142,7 +134,6 @@ class _LimbSteps(NamedTuple):
     at: Profiles | Values  # where they are, in pixels from the start of the spoke, shape ``(n,)``
     width: Profiles  # how wide they are, shape ``(n,)``
     found: Flags  # which of them are steps, shape ``(n,)``
-    way: Profiles  # how much brighter it is inside than outside, for each channel
 
 
 def limb_edges(
@@ -318,7 +309,7 @@ def _measure_sharp(codes: Image, steepest: Indices, light: Light) -> _LimbSteps:
     drop = np.where(above > 0, here - after, before - here)
     # Linear interpolation between the two pixels on either side of half way.
     at = steepest + above / np.maximum(drop, 1e-3)
-    return _LimbSteps(at, width, (before > half) & (after <= half), way)
+    return _LimbSteps(at, width, (before > half) & (after <= half))
 
 
 @lru_cache(maxsize=64)
@@ -362,7 +353,7 @@ def _measure_blurred(codes: Image, steepest: Indices, light: Light) -> _LimbStep
             share, spoke, middle, (high + low - (shade if rounds >= UNSHADED_ROUNDS else 0.0)) / 2
         )
         middle = np.where(found, np.rint(at), middle).astype(np.intp)
-    return _LimbSteps(at, width, found & (high > low), way)
+    return _LimbSteps(at, width, found & (high > low))
 
 
 def _find_passages(share: Profiles, spoke: Indices, middle: Indices, half: Profiles) -> tuple[Profiles, Flags]:

@@ -46,8 +46,7 @@ from stadimeter.detectors.disc.edges import (
     measure_ellipse,
     quality,
 )
-from stadimeter.detectors.disc.ellipse import Ellipse, Lens
-from stadimeter.detectors.disc.profiles import EdgePicture
+from stadimeter.detectors.disc.ellipse import EdgePicture, Ellipse, Lens
 from stadimeter.detectors.disc.search import (
     MIN_RANGE,
     Outline,
@@ -58,7 +57,7 @@ from stadimeter.detectors.disc.search import (
 )
 from stadimeter.detectors.hsv import HsvRangeText
 from stadimeter.detectors.protocol import Exercise, check_image
-from stadimeter.detectors.region import Region, touches_border
+from stadimeter.detectors.sampling import Region, touches_border
 from stadimeter.ranging.flat import DiscShape
 
 # Number of candidates whose outlines are measured: the most promising.
@@ -163,79 +162,78 @@ class DiscDetector:
         Its width is its larger diameter and its height its smaller one, however it is turned.
         """
         check_image(frame)
-        through = Lens(camera=lens)
-        near = None if prediction is None else self._search_near(frame, through, prediction)
-        return near or self._search_anywhere(frame, through)
+        picture = EdgePicture(image=frame.image, lens=Lens(camera=lens))
+        near = None if prediction is None else self._search_near(picture, prediction)
+        return near or self._search_anywhere(picture)
 
-    def _search_near(self, frame: Frame, lens: Lens, prediction: Prediction) -> Detection | None:
+    def _search_near(self, picture: EdgePicture, prediction: Prediction) -> Detection | None:
         """Return the whole disc most like the prediction; None if there is none around it."""
         # Largest difference along an axis in place, or difference in size, in pixels; the most similar whole ellipse is
         # measured first. One at the border goes to the search of the whole picture.
         expected = np.array(prediction.centre_px)
         reach = AROUND_SIZES * prediction.size_px + AROUND_SIGMAS * prediction.sigma_px + AROUND_PX
-        region = Region.around(prediction.centre_px, reach, frame.image)
+        region = Region.around(prediction.centre_px, reach, picture.image)
         if region is None:
             return None
-        judged = self._judge_all(frame, View.of(frame.image, region), lens)
+        lens, judged = picture.lens, self._judge_all(picture, region)
 
         def unlike_px(disc: Disc) -> float:
             apart_px = np.abs(lens.bent(disc.edges.ellipse.centre_px) - expected).max()
             return float(max(apart_px, abs(diameters_px(disc.edges)[0] - prediction.size_px)))
 
         whole = sorted((each for each in judged.discs if not each.truncated), key=unlike_px)
-        found = self._pick_first(whole, frame, lens, judged)
+        found = self._pick_first(whole, picture, judged)
         return None if found is None or found.truncated else self._report_found(found, judged, lens)
 
-    def _search_anywhere(self, frame: Frame, lens: Lens) -> Detection:
-        judged = self._judge_all(frame, View.of(frame.image, Region.whole(frame.image)), lens)
-        found = self._pick_first(judged.ranked(), frame, lens, judged)
+    def _search_anywhere(self, picture: EdgePicture) -> Detection:
+        lens, judged = picture.lens, self._judge_all(picture, Region.whole(picture.image))
+        found = self._pick_first(judged.ranked(), picture, judged)
         if found is None:
             return self._report_not_found(judged, lens)
-        why = find_doubt(found, judged, lens, colour_share(frame.image, self._colour))
+        why = find_doubt(found, judged, lens, colour_share(picture.image, self._colour))
         return self._report_ambiguous(found, why, judged, lens) if why else self._report_found(found, judged, lens)
 
-    def _pick_first(self, discs: Iterable[Disc], frame: Frame, lens: Lens, judged: Judged) -> Disc | None:
+    def _pick_first(self, discs: Iterable[Disc], picture: EdgePicture, judged: Judged) -> Disc | None:
         """Return the first disc that is one still when it is measured thoroughly."""
         for disc in discs:
             judged.discs.remove(disc)
             # Two efforts: 48 lines and 4 looks tell which ellipses may be discs; only the one that is taken is worth
             # 144 lines and a hundredth of a pixel.
-            exact = self._measure(frame, lens, disc.edges.ellipse, REACH_AGAIN_PX, disc.is_bright, THOROUGHLY)
+            exact = self._measure(picture, disc.edges.ellipse, REACH_AGAIN_PX, disc.is_bright, THOROUGHLY)
             if isinstance(exact, Disc):
                 return exact
             judged.refused.append(exact)
         return None
 
-    def _judge_all(self, frame: Frame, view: View, lens: Lens) -> Judged:
-        """Judge what is elliptical in a view; if none of that is a whole disc, then what is partly hidden too."""
+    def _judge_all(self, picture: EdgePicture, region: Region) -> Judged:
+        """Judge what is elliptical in a region; if none of that is a whole disc, then what is partly hidden too."""
+        view = View.of(picture.image, region)
         min_px = max(MIN_SEARCH_PX, MIN_SEARCH_SHARE * self._min_px * view.scale)
         found = find_outlines(view.grey, min_px, bright=self._bright, dark=self._dark)
         judged = Judged(brightness_range=found.brightness_range, outlines=len(found.others))
-        refused = self._judge(frame, view, lens, found.ellipses, judged)
+        refused = self._judge(picture, view, found.ellipses, judged)
         others = pick_largest(found.others, MAX_REJECTED)
         # Pieces of outlines are tried only where no whole disc is: they cost a fit for each, and chance makes ellipses
         # of them.
         if not judged.has_whole:
             height, width = view.grey.shape
-            self._judge(frame, view, lens, find_partly_hidden([*refused, *others], (height, width)), judged)
+            self._judge(picture, view, find_partly_hidden([*refused, *others], (height, width)), judged)
         judged.refused += [refuse_shape(each, view) for each in others]
         return judged
 
-    def _judge(
-        self, frame: Frame, view: View, lens: Lens, outlines: Iterable[Outline], judged: Judged
-    ) -> list[Outline]:
+    def _judge(self, picture: EdgePicture, view: View, outlines: Iterable[Outline], judged: Judged) -> list[Outline]:
         """Measure outlines roughly, and return those that are no discs."""
         refused = []
         for outline in list(outlines)[:MAX_MEASURED]:
             # From here on ellipses are in pixels of the full picture with the lens's distortion undone, where a
             # circle's outline is an ellipse exactly.
-            start = lens.straighten(view.in_full(outline.ellipse))
+            start = picture.lens.straighten(view.in_full(outline.ellipse))
             if start is None:
                 continue
             # A pixel of the reduced picture is 1 / scale of the full one; the outline was found to within 2.5 of them
             # and 4 % of the size.
             reach_px = REACH_PX / view.scale + REACH_SHARE * outline.size_px / view.scale
-            result = self._measure(frame, lens, start, reach_px, outline.shape.is_bright, ROUGHLY)
+            result = self._measure(picture, start, reach_px, outline.shape.is_bright, ROUGHLY)
             if isinstance(result, Disc):
                 judged.discs.append(result)
             else:
@@ -244,22 +242,16 @@ class DiscDetector:
         return refused
 
     def _measure(
-        self, frame: Frame, lens: Lens, start: Ellipse, reach_px: float, is_bright: bool, effort: Effort
+        self, picture: EdgePicture, start: Ellipse, reach_px: float, is_bright: bool, effort: Effort
     ) -> Disc | RefusedDisc:
-        edges = measure_ellipse(
-            EdgePicture(image=frame.image, light=lens.light, bend=lens.bend),
-            start,
-            is_bright=is_bright,
-            reach_px=reach_px,
-            edge_bias_px=lens.camera.edge_bias_px if lens.camera else 0.0,
-            effort=effort,
-        )
+        lens = picture.lens
+        edges = measure_ellipse(picture, start, is_bright=is_bright, reach_px=reach_px, effort=effort)
         if edges is None:
             trouble = Trouble(0, f"has no elliptical edge within {reach_px:.1f} px")
             return RefusedDisc(ellipse=start, is_bright=is_bright, trouble=trouble)
         failed = find_trouble(edges, self._min_px, lens.light)
         if failed is None and self._colour is not None:
-            failed = find_colour_trouble(frame.image, edges.ellipse, lens, self._colour)
+            failed = find_colour_trouble(picture.image, edges.ellipse, lens, self._colour)
         if failed is not None:
             return RefusedDisc(ellipse=start, is_bright=is_bright, trouble=failed)
         # Back to where the picture shows it: the border cuts off what is seen there.
@@ -268,7 +260,7 @@ class DiscDetector:
             edges=edges,
             is_bright=is_bright,
             evidence=evidence(edges, lens.light),
-            truncated=touches_border(rim, frame.width_px, frame.height_px, BORDER_PX),
+            truncated=touches_border(rim, picture.image.shape, BORDER_PX),
         )
 
     def _report_found(self, disc: Disc, judged: Judged, lens: Lens) -> Detection:

@@ -9,9 +9,9 @@ one hardly is. A colour that the user has named leaves as many as have it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 
 import numpy as np
+from msgspec import Struct, field
 
 from stadimeter.core.detection import RejectedCandidate
 from stadimeter.core.frame import Image
@@ -42,8 +42,7 @@ MIN_DISC_COLOUR_SHARE = 0.6
 TESTS = 10
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class RefusedDisc:
+class RefusedDisc(Struct, frozen=True, kw_only=True, eq=False):
     """A candidate that is no disc, as an ellipse in the picture."""
 
     ellipse: Ellipse
@@ -58,8 +57,7 @@ class RefusedDisc:
         return f"{shade} outline, {2 * larger:.0f}x{2 * smaller:.0f} px, {self.trouble.text}"
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Disc:
+class Disc(Struct, frozen=True, kw_only=True, eq=False):
     """A candidate that is a disc, without the lens's distortion."""
 
     edges: EllipseEdges
@@ -67,14 +65,8 @@ class Disc:
     evidence: float
     truncated: bool
 
-    @property
-    def rank(self) -> tuple[bool, float]:
-        """Sort key, greater for a better one: a whole one comes before any that the border cuts off."""
-        return not self.truncated, self.evidence
 
-
-@dataclass(slots=True, kw_only=True)
-class Judged:
+class Judged(Struct, kw_only=True):
     """All candidates of a picture or of a part of it."""
 
     discs: list[Disc] = field(default_factory=list)
@@ -83,8 +75,8 @@ class Judged:
     outlines: int = 0  # how many outlines of another shape there are, at all levels of brightness
 
     def ranked(self) -> list[Disc]:
-        """Return the discs, the best first."""
-        return sorted(self.discs, key=lambda each: each.rank, reverse=True)
+        """Return the discs, the best first: a whole one comes before any that the border cuts off."""
+        return sorted(self.discs, key=lambda each: (not each.truncated, each.evidence), reverse=True)
 
     @property
     def has_whole(self) -> bool:

@@ -9,13 +9,21 @@ other outlines.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from msgspec import Struct
 
-from stadimeter.detectors.disc.ellipse import Ellipse, Rim, Values, turns
-from stadimeter.detectors.disc.profiles import MIN_LIGHT, EdgePicture, Mask, Steps, read_steps
+from stadimeter.core.detection import Flags, Values
+from stadimeter.detectors.disc.ellipse import (
+    MIN_LIGHT,
+    EdgePicture,
+    Ellipse,
+    Rim,
+    Steps,
+    read_steps,
+    turns,
+)
 from stadimeter.detectors.sampling import CODES, Light, quantile
 
 # Across how many lines the light is read at least; if the effort allows, one for each pixel of the outline.
@@ -85,8 +93,7 @@ MAX_BLUR_SHARE = 0.18
 MIN_HEIGHT = 0.6
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class EllipseEdges:
+class EllipseEdges(Struct, frozen=True, kw_only=True, eq=False):
     """Measured outline of a disc."""
 
     ellipse: Ellipse  # the ellipse through its edges, without the lens's distortion and the camera's edge bias
@@ -125,22 +132,23 @@ class _EllipseFit(NamedTuple):
     ellipse: Ellipse
     moved_px: float
     left_px: Values
-    on_ellipse: Mask
+    on_ellipse: Flags
     scatter_px: float
     sigma_px: float
 
 
 def measure_ellipse(
-    picture: EdgePicture, start: Ellipse, *, is_bright: bool, reach_px: float, edge_bias_px: float, effort: Effort
+    picture: EdgePicture, start: Ellipse, *, is_bright: bool, reach_px: float, effort: Effort
 ) -> EllipseEdges | None:
     """Fit an ellipse to the outline of a disc; None where there is none near the start, which is without distortion.
 
     Args:
         reach_px: How far from the start the outline may be.
-        edge_bias_px: How far outwards the camera moves the edges of something bright.
         effort: `ROUGHLY`, to tell what it is, or `THOROUGHLY`.
     """
     ellipse, widest_px, seen = start, 0.0, None
+    # How far outwards the camera moves the edges of something bright.
+    edge_bias_px = picture.lens.camera.edge_bias_px if picture.lens.camera else 0.0
     outwards_px = edge_bias_px if is_bright else -edge_bias_px
     lines = int(min(max(start.perimeter_px(), MIN_LINES), effort.max_lines))
     # Gauss-Newton, the light read anew after each step: the ellipse that stays is one whose edges are all half way,
@@ -205,7 +213,7 @@ def _is_hopeful(fit: _EllipseFit, steps: Steps) -> bool:
     return int(np.count_nonzero(fit.on_ellipse)) >= MIN_HOPEFUL_SHARE * int(np.count_nonzero(steps.visible))
 
 
-def _move_ellipse(ellipse: Ellipse, rim: Rim, off_px: Values, is_edge: Mask, fits: int) -> _EllipseFit | None:
+def _move_ellipse(ellipse: Ellipse, rim: Rim, off_px: Values, is_edge: Flags, fits: int) -> _EllipseFit | None:
     """Move an ellipse to the edges: a step of Gauss and Newton, with Tukey's weights against those that do not fit.
 
     A change of c by dc and of M by dM moves the place at t outwards by ``n · (dc + dM (cos t, sin t))``.
@@ -280,13 +288,13 @@ def _describe(picture: EdgePicture, fit: _EllipseFit, steps: Steps) -> EllipseEd
     )
 
 
-def _widest_gap(seen: Mask) -> float:
+def _widest_gap(seen: Flags) -> float:
     # Longest run without an edge, around the end of the array as well: the first place is appended one turn on.
     places = np.flatnonzero(seen)
     return float(np.diff(np.append(places, places[0] + len(seen))).max() - 1) / len(seen)
 
 
-def _bend_px(left_px: Values, seen: Mask) -> float:
+def _bend_px(left_px: Values, seen: Flags) -> float:
     """Return how far the edges are from the ellipse, less what each errs on its own, which is how neighbours differ."""
     # Noise of single edges averages out over a part of the outline, a bend does not: the variance of the means, less
     # the share of it that noise explains, is that of the bend. Differences of neighbours give the noise alone.

@@ -12,20 +12,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
-from stadimeter.core.detection import Points
+from stadimeter.core.detection import Flags, Plane, Points, Values
 from stadimeter.core.frame import Image
 from stadimeter.detectors.disc.ellipse import Ellipse, ellipse_from_moments, ellipse_through
-from stadimeter.detectors.region import Region
-from stadimeter.detectors.sampling import grey_of, reduced, to_full_scale
+from stadimeter.detectors.sampling import Region, grey_of, reduced, to_full_scale
 
-Plane = NDArray[np.uint8]
 Contour = NDArray[np.int32]
 
 # Outlines are looked for in a picture of this size, and measured in the full one.
@@ -60,8 +58,7 @@ SAME_PLACE, SAME_SIZE = 0.2, 0.15
 MAX_LOOKED_AT = 40
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class View:
+class View(Struct, frozen=True, kw_only=True, eq=False):
     """A part of a picture, reduced if it is large."""
 
     left_top_px: Points  # its first pixel in the whole picture, x and y
@@ -158,7 +155,7 @@ def max_off_px(ellipse: Ellipse) -> float:
     return max(OFF_PX, OFF_SHARE * (larger + smaller) / 2)
 
 
-def root_mean_square(values: NDArray[np.float64]) -> float:
+def root_mean_square(values: Values) -> float:
     """Return the root of the mean of squares."""
     return math.sqrt(float(values @ values) / len(values))
 
@@ -250,8 +247,6 @@ BORDER_PX = 2
 _STARTS = np.concatenate([np.arange(0, POINTS, POINTS // PIECES) for _ in PIECE_POINTS])
 _ENDS = _STARTS + np.repeat(PIECE_POINTS, PIECES)
 
-Conics = NDArray[np.float64]
-
 
 def find_partly_hidden(outlines: Iterable[Outline], shape: tuple[int, int]) -> list[Outline]:
     """Find ellipses that most of an outline lies on, hidden or cut off by the border in part, the largest first.
@@ -286,7 +281,7 @@ def _fit_most_of(outline: Outline, shape: tuple[int, int]) -> Outline | None:
     )
 
 
-def _on_best_piece(points: Points, inner: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _on_best_piece(points: Points, inner: Flags) -> Flags:
     """Return which points are on that ellipse through a piece of them that most are on."""
     # Centred and scaled to unit spread, as in `stadimeter.ranging.circle_pose.cone_through`: the normal equations are
     # well conditioned then. Pieces of a quarter and of half of the outline, eight starts each.
@@ -304,7 +299,7 @@ def _on_best_piece(points: Points, inner: NDArray[np.bool_]) -> NDArray[np.bool_
     return np.asarray(is_on[int(np.argmax(is_on.sum(axis=1)))])
 
 
-def _is_ellipse(a: Conics, b: Conics, c: Conics, d: Conics, e: Conics) -> NDArray[np.bool_]:
+def _is_ellipse(a: Values, b: Values, c: Values, d: Values, e: Values) -> Flags:
     """Return which conics are ellipses with points on them; the middle of the outline need not be inside."""
     area = 4 * a * c - b * b
     safe = np.where(area > 0, area, 1.0)
@@ -312,7 +307,7 @@ def _is_ellipse(a: Conics, b: Conics, c: Conics, d: Conics, e: Conics) -> NDArra
     return np.asarray((area > 0) & (((d * x + e * y) / 2 - 1) * a < 0), np.bool_)
 
 
-def _conics(rows: NDArray[np.float64]) -> Conics:
+def _conics(rows: Values) -> Values:
     """Return the conic through each piece, ``a x² + b x y + c y² + d x + e y = 1``, shape ``(pieces, 5)``."""
     twice = np.concatenate((rows, rows))
     # The normal equations of a piece are the difference of two running sums, so all pieces cost as much as one.
@@ -322,5 +317,5 @@ def _conics(rows: NDArray[np.float64]) -> Conics:
     return np.asarray(np.linalg.solve(normal, (sums[_ENDS] - sums[_STARTS])[:, :, None])[:, :, 0])
 
 
-def _is_on(ellipse: Ellipse, points: Points) -> NDArray[np.bool_]:
+def _is_on(ellipse: Ellipse, points: Points) -> Flags:
     return np.asarray(np.abs(ellipse.distances_px(points)) < TIMES_OFF * max_off_px(ellipse), np.bool_)

@@ -9,21 +9,19 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
-from stadimeter.config.paper import Paper, paper_sides
+from stadimeter.config.named_sizes import Paper, paper_sides
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import Length, parse_length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
-from stadimeter.core.drawing import Drawing, Rectangle
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.hsv import HsvRange, HsvRangeText
 from stadimeter.detectors.protocol import Exercise, Remedy, check_image
-from stadimeter.detectors.region import Region
-from stadimeter.detectors.sampling import light_table
+from stadimeter.detectors.sampling import Region
 from stadimeter.detectors.sheet.candidates import Findings, SheetCandidate
+from stadimeter.detectors.sheet.edges import SheetPicture
 from stadimeter.detectors.sheet.evidence import slack_share
 from stadimeter.detectors.sheet.one_outline import OutlineSides, edge_points, measure_outline
-from stadimeter.detectors.sheet.other_paper import mistaken_for, other_paper
 from stadimeter.detectors.sheet.search import EXPECTED_SIZES, MISFIT_FACTOR, MISFIT_SIGMAS, SLACK_SIGMAS, SheetSearch
 from stadimeter.detectors.sheet.side_tests import (
     MAX_BEND_PX,
@@ -31,6 +29,8 @@ from stadimeter.detectors.sheet.side_tests import (
     MIN_CONTRAST,
     MIN_MEAN_SUPPORT,
     MIN_SUPPORT,
+    mistaken_for,
+    other_paper,
 )
 from stadimeter.detectors.sides import diagonals_meet, grown, side_lengths, width_and_height
 from stadimeter.ranging.flat import KnownSide, SheetShape
@@ -115,12 +115,6 @@ class SheetOptions(DriverOptions):
         patch[10:95, 10:120] = 225
         return Exercise(options={"width": "11 in", "height": "8.5 in"}, patch=patch)
 
-    def draw(self) -> Drawing:
-        """Return a fine line to cut along, which is part of the sheet."""
-        line_m = 0.0002
-        cut = Rectangle(line_m / 2, line_m / 2, self.width - line_m, self.height - line_m, "#b0b0b0", outline_m=line_m)
-        return Drawing(self.width, self.height, (cut,))
-
 
 class SheetDetector:
     """Finds a flat rectangle, such as a sheet of paper, brighter or darker than what is behind it."""
@@ -167,8 +161,7 @@ class SheetDetector:
 
     def edge_points(self, frame: Frame, found: Detection, *, lens: CameraModel | None = None) -> Points:
         """Return where steps are seen along the sides of a sheet that was found."""
-        light = light_table("srgb" if lens is None else lens.tone_curve)
-        return edge_points(frame.image, found.outline_px, light, lens if lens and lens.distortion else None)
+        return edge_points(SheetPicture.of(frame.image, lens), found.outline_px)
 
     def remedies(self) -> Iterator[Remedy]:
         """Yield tolerances, the smallest first, and then papers that it may be mistaken for."""
@@ -266,8 +259,7 @@ def follow(
         return None
     if outline_px.shape != (4, 2) or not float(np.abs(outline_px).max()) < MAX_COORDINATE_PX:
         return None
-    bent = lens if lens.distortion else None
-    sides = measure_outline(image, outline_px, sigma_px, light_table(lens.tone_curve), bent)
+    sides = measure_outline(SheetPicture.of(image, lens), outline_px, sigma_px)
     if sides is None or not _looks_whole(sides, expected, min_side_px):
         return None
     # The limit has two parts, in pixels: of the measurement, and of a sheet that is no exact rectangle.

@@ -1,23 +1,30 @@
-"""Candidates for a sheet: how well they fit its shape, and what a search took and refused."""
+"""Candidates for a sheet: how well they fit its shape, and what a search took and refused.
+
+How far four corners are from being the picture of a rectangle is found for many outlines at once, without their poses.
+The homography from a rectangle to its picture is ``[w r1, h r2, t]`` up to a factor, with r1 and r2 at right angles and
+of the same length (Z. Zhang, "A flexible new technique for camera calibration", 2000, section 2.3). Eight coordinates
+less six of the pose leave these two conditions. By how much the corners must move to fulfil them follows from their
+derivatives to first order.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from msgspec import Struct, field
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Points, RejectedCandidate
+from stadimeter.core.detection import Flags, Points, RejectedCandidate, Values
 from stadimeter.detectors.sides import longest_sides_px, quad_area, side_lengths
 from stadimeter.ranging.flat import SheetShape
-from stadimeter.ranging.plane_pose import rectangle_fit
+from stadimeter.ranging.plane_pose import COORDINATES
 
-Which = NDArray[np.bool_]
+# Which candidates pass, and what to say of one that does not, by its number.
+Test = tuple[Flags, Callable[[int], str]]
 
 # Rejected candidates that are reported, and those that each test notes.
 MAX_REJECTED = 8
@@ -42,8 +49,7 @@ RIVAL_LOG_SIZE_A_LENGTH, MAX_LENGTHS = 0.05, 3.0
 SAME_PX = 1.0
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class SheetCandidate:
+class SheetCandidate(Struct, frozen=True, kw_only=True, eq=False):
     """An outline that looks like the sheet."""
 
     corners_px: Points  # its corners, clockwise on the screen, shape ``(4, 2)``
@@ -90,8 +96,7 @@ class RefusedCandidate(NamedTuple):
         return RejectedCandidate(centre_px=self.centre_px, size_px=self.size_px, reason=self.why(), corners_px=corners)
 
 
-@dataclass(slots=True, kw_only=True)
-class Findings:
+class Findings(Struct, kw_only=True):
     """Result of a search."""
 
     # What passed every test but, perhaps, that of the evidence.
@@ -130,7 +135,7 @@ class Findings:
 
     @property
     def doubt(self) -> str | None:
-        """Which two outlines fit, where neither is beyond doubt; None where it is clear which one is the sheet."""
+        """Flags two outlines fit, where neither is beyond doubt; None where it is clear which one is the sheet."""
         best, rival = self.best, self.rival
         if best is None or rival is None or min(best.evidence, rival.evidence) >= SURE_EVIDENCE:
             return None
@@ -142,26 +147,25 @@ class Findings:
         if not any(same):
             self.kept.append(candidate)
 
-    def refuse(
-        self, stage: int, corners: Points, failing: Which, why: Callable[[int], str], likely: Values | None = None
-    ) -> None:
-        """Note the most likely of the candidates, ``(c, 4, 2)``, that fail a test, or the largest.
+    def sift(self, stage: int, corners: Points, good: Flags, test: Test, likely: Values | None = None) -> Flags:
+        """Return which of the good candidates, ``(c, 4, 2)``, pass a test; note the likeliest, or largest, that fail.
 
         The later the test, the more like the sheet they are; how likely each is, about -10 to 10, counts like tests.
         """
         # The rank joins both: whole numbers are the stage. The logarithm of the size over ten stays below one test.
-        numbers = np.nonzero(failing)[0]
-        if not len(numbers):
-            return
-        sizes = longest_sides_px(corners[numbers])
-        ranks = np.log(sizes) / 10 if likely is None else np.clip(likely[numbers], -10.0, 10.0)
-        for which in np.argsort(-ranks, kind="stable")[:REFUSED_OF_A_KIND].tolist():
-            number = int(numbers[which])
-            x_px, y_px = corners[number].mean(axis=0).tolist()
-            rank, size_px = stage + float(ranks[which]), float(sizes[which])
-            self.refused.append(
-                RefusedCandidate(rank, stage, (x_px, y_px), size_px, corners[number], partial(why, number))
-            )
+        passed, why = test
+        numbers = np.nonzero(good & ~passed)[0]
+        if len(numbers):
+            sizes = longest_sides_px(corners[numbers])
+            ranks = np.log(sizes) / 10 if likely is None else np.clip(likely[numbers], -10.0, 10.0)
+            for which in np.argsort(-ranks, kind="stable")[:REFUSED_OF_A_KIND].tolist():
+                number = int(numbers[which])
+                x_px, y_px = corners[number].mean(axis=0).tolist()
+                rank, size_px = stage + float(ranks[which]), float(sizes[which])
+                self.refused.append(
+                    RefusedCandidate(rank, stage, (x_px, y_px), size_px, corners[number], partial(why, number))
+                )
+        return good & passed
 
     def largest_refused_px(self, stage: int) -> float:
         """Return the size of the largest candidate that was refused at a stage or later; 0 if none was."""
@@ -208,8 +212,6 @@ def _as_refused(candidate: SheetCandidate) -> RefusedCandidate:
     return RefusedCandidate(rank, KEPT_STAGE, candidate.centre_px, size_px, corners_px, lambda: reason)
 
 
-Values = NDArray[np.float64]
-
 # Focal lengths tried while the lens is not known, in lengths of the picture's longer side, from wide-angle to
 # telephoto: so close to each other that one beside the true one changes no verdict.
 FOCAL_LENGTHS = tuple(0.5 * 1.085**step for step in range(25))
@@ -218,8 +220,7 @@ FOCAL_LENGTHS = tuple(0.5 * 1.085**step for step in range(25))
 UNKNOWN_SIDES = (0.5, 0.65, 0.8, 1.0, 1.25, 1.55, 2.0)
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class SheetFit:
+class SheetFit(Struct, frozen=True, kw_only=True, eq=False):
     """Misfit of outlines to the sheet."""
 
     misfit_px: Values  # how far their corners are from where a sheet would have them, root mean square, shape ``(c,)``
@@ -262,3 +263,75 @@ class SheetOutlines:
             misfit_px=np.min([each.misfit for each in fits], axis=0) * focal_px,
             chance_per_square=chance if self._tells_chance else np.zeros_like(chance),
         )
+
+
+# Derivatives are differences over this share of an outline's size.
+STEP = 1e-4
+
+_SHIFTS = np.concatenate((np.zeros((1, COORDINATES)), np.eye(COORDINATES))).reshape(-1, 1, 4, 2)
+
+
+class RectangleFit(Struct, frozen=True, kw_only=True, eq=False):
+    """How well outlines fit a rectangle."""
+
+    # How far the corners appear from where the nearest picture of the rectangle has them: root mean square of
+    # the coordinates' moves, per unit of depth, shape ``(c,)``.
+    misfit: Values
+    # What the square of a misfit is multiplied by to give the share of all outlines that fit at least as well,
+    # shape ``(c,)``. Small outlines, and those seen from far, fit nearly anything.
+    chance_per_square: Values
+
+
+def rectangle_fit(directions: Points, aspect: float) -> RectangleFit:
+    """Compare outlines with pictures of a rectangle, whose widths may be either two sides.
+
+    The share of outlines that fit as well is the area of the ellipse of such fits in the plane of both conditions, the
+    cosine of the angle and the logarithm of the ratio: outlines of any kind are spread over about 1 in each.
+
+    Args:
+        directions: Corners of outlines, x and y per unit of depth with the lens's distortion undone, in order around
+            each, shape ``(c, 4, 2)``.
+        aspect: Width over height of the rectangle.
+    """
+    middle = np.add.reduce(directions, axis=1, keepdims=True) / 4
+    size = np.abs(directions - middle).max(axis=(1, 2), initial=0.0)
+    step = np.maximum(STEP * size, 1e-12)
+    with np.errstate(all="ignore"):  # outlines that are no quadrilateral give NaN
+        conditions = _conditions(directions + _SHIFTS * step[:, None, None])
+        slopes = (conditions[:, 1:] - conditions[:, :1]) / step
+        (a, c), b = np.add.reduce(slopes * slopes, axis=1), np.add.reduce(slopes[0] * slopes[1], axis=0)
+        (angle, ratio), log_aspect = conditions[:, 0], math.log(aspect)
+        determinant = a * c - b * b
+        # The square of the shortest move of all coordinates that takes both conditions to 0, to first order.
+        off = np.stack((ratio - log_aspect, ratio + log_aspect))
+        # Shortest move that fulfils two linear conditions J δ = -r: |δ|² = r' (J J')⁻¹ r, here with J J' = [[a, b], [b,
+        # c]] written out. Of the two aspects (upright, across) the nearer one counts.
+        move = ((c * angle * angle + a * off * off - (2 * b * angle) * off) / determinant).min(axis=0)
+        square = np.where(np.isfinite(move), np.maximum(move, 0.0), np.inf) / COORDINATES
+        area = (COORDINATES * math.pi) * np.sqrt(np.where(determinant > 0, determinant, 0.0))
+    return RectangleFit(misfit=np.sqrt(square), chance_per_square=area)
+
+
+def seen_sides(directions: Points) -> tuple[float, float]:
+    """Return the cosine between the sides of a rectangle in space, and their ratio, from its four corners ``(4, 2)``.
+
+    The cosine is not 0 for what is no rectangle; NaN for no quadrilateral.
+    """
+    with np.errstate(all="ignore"):
+        cosine, ratio = _conditions(directions[None]).tolist()
+    return cosine[0], math.exp(ratio[0])
+
+
+def _conditions(corners: Points) -> Values:
+    """Return the cosine between both sides in space, and the logarithm of their ratio, 0 for a square: ``(2, …)``."""
+    p0, p1, p2, p3 = np.ascontiguousarray(corners.transpose(-2, -1, *range(corners.ndim - 2)))
+    d1, d2, total = p1 - p2, p3 - p2, p0 - p1 + p2 - p3
+    across = d1[0] * d2[1] - d2[0] * d1[1]
+    # Heckbert's homography of the unit square again, for arrays: g and h are its last row, `first` and `second` its
+    # first two columns, parallel to the sides in space.
+    g, h = (total[0] * d2[1] - d2[0] * total[1]) / across, (d1[0] * total[1] - total[0] * d1[1]) / across
+    first, second = p1 - p0 + g * p1, p3 - p0 + h * p3
+    one = first[0] * first[0] + first[1] * first[1] + g * g
+    other = second[0] * second[0] + second[1] * second[1] + h * h
+    product = first[0] * second[0] + first[1] * second[1] + g * h
+    return np.stack((product / np.sqrt(one * other), np.log(one / other) / 2))

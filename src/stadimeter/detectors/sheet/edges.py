@@ -14,25 +14,22 @@ found: another version of OpenCV, which may round a contour differently, gives t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from msgspec import Struct
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Points
+from stadimeter.core.detection import Flags, Indices, Plane, Points, Profiles, Values
 from stadimeter.core.frame import Image
-from stadimeter.detectors.sampling import Light, in_light, median
+from stadimeter.detectors.sampling import Light, in_light, light_table, median
 from stadimeter.detectors.sheet.lines import (
     QuadFrame,
-    Values,
     fit_lines,
     intersections,
     quad_frame,
 )
 from stadimeter.detectors.sides import CORNER_SHARE
-
-Profiles = NDArray[np.float32]
 
 # Steps along each side: at the first look, the second, and at most and at least while lines settle.
 FIRST_STEPS = 16
@@ -76,8 +73,7 @@ SHARP_EDGE_PX = 2.5
 SAME_PX = 1.0
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class QuadEdges:
+class QuadEdges(Struct, frozen=True, kw_only=True, eq=False):
     """Measured sides of candidates. Side i leads from corner i to corner i + 1."""
 
     corners_px: Points  # where the lines meet, shape ``(c, 4, 2)``; NaN where they do not
@@ -85,7 +81,7 @@ class QuadEdges:
     colour_contrast: Values  # how much the inside differs in the channel that differs most, shape ``(c, 4)``
     support: Values  # the share of each side where there is a step on the line, of the sign that most have, ``(c, 4)``
     scatter_px: Values  # standard deviation of the steps about each line, shape ``(c, 4)``
-    steps: NDArray[np.int64]  # how many steps each line was fitted to, shape ``(c, 4)``
+    steps: Indices  # how many steps each line was fitted to, shape ``(c, 4)``
     edge_px: Values  # how many pixels each side takes from inside to outside at its steepest, shape ``(c, 4)``
     inside: Values  # the colour inside each side, in levels, shape ``(c, 4, 3)``
     unevenness: Values  # by how many levels the inside along each side usually differs from that colour, ``(c, 4)``
@@ -101,10 +97,10 @@ class QuadEdges:
 
     def __getitem__(self, which: object) -> QuadEdges:
         """Return some of the candidates, as numpy would choose them."""
-        return QuadEdges(**{name: getattr(self, name)[which] for name in self.__slots__})
+        return QuadEdges(**{name: getattr(self, name)[which] for name in self.__struct_fields__})
 
 
-def corner_sigmas_px(scatter_px: Values, steps: NDArray[np.int64], edge_px: Values) -> Values:
+def corner_sigmas_px(scatter_px: Values, steps: Indices, edge_px: Values) -> Values:
     """Return the standard deviation of the coordinates of corners between four sides; the last axis is of the sides."""
     # Variances in px^2: of the lines through the steps, and of blur, both as a mean over the four sides; and the floor.
     of_steps = SIGMA_FACTOR**2 * scatter_px**2 / np.maximum(steps, 1)
@@ -116,17 +112,26 @@ def joined(every: Sequence[QuadEdges]) -> QuadEdges:
     """Return candidates together."""
     if len(every) == 1:
         return every[0]
-    return QuadEdges(**{name: np.concatenate([getattr(each, name) for each in every]) for name in QuadEdges.__slots__})
+    return QuadEdges(
+        **{name: np.concatenate([getattr(each, name) for each in every]) for name in QuadEdges.__struct_fields__}
+    )
 
 
-def measure_edges(
-    image: Image,
-    corners_px: Points,
-    reach_px: float,
-    light: Light,
-    lens: CameraModel | None = None,
-    free: NDArray[np.bool_] | None = None,
-) -> QuadEdges:
+class SheetPicture(NamedTuple):
+    """A picture in which sides are measured."""
+
+    image: Image
+    light: Light
+    lens: CameraModel | None  # the lens, if it bends what is straight
+
+    @classmethod
+    def of(cls, image: Image, lens: CameraModel | None) -> SheetPicture:
+        """Return a picture that was taken through a lens, or one that is not known."""
+        light = light_table("srgb" if lens is None else lens.tone_curve)
+        return cls(image, light, lens if lens is not None and lens.distortion else None)
+
+
+def measure_edges(picture: SheetPicture, corners_px: Points, reach_px: float, free: Flags | None = None) -> QuadEdges:
     """Fit lines to the sides of candidates once, quickly, in few places and far across.
 
     Args:
@@ -135,28 +140,21 @@ def measure_edges(
         free: Which sides are none but where the border cuts, shape ``(c, 4)``; they stay as they are.
     """
     reaches = np.full(corners_px.shape[:2], reach_px + PLATEAU_PX)
-    return _fit(image, quad_frame(corners_px, FIRST_STEPS, reaches, image.shape, lens), light, free)
+    frame = quad_frame(corners_px, FIRST_STEPS, reaches, picture.image.shape, picture.lens)
+    return _fit(picture, frame, free)
 
 
-def measure_edges_closer(image: Image, edges: QuadEdges, light: Light, lens: CameraModel | None = None) -> QuadEdges:
+def measure_edges_closer(picture: SheetPicture, edges: QuadEdges) -> QuadEdges:
     """Fit lines to the sides of candidates once more, in few places but narrowly."""
-    return _fit(image, _narrow_frame(image, edges, NEXT_STEPS, lens), light, None)
+    return _fit(picture, _narrow_frame(picture, edges, NEXT_STEPS), None)
 
 
-def settle_edges(
-    image: Image,
-    edges: QuadEdges,
-    light: Light,
-    lens: CameraModel | None = None,
-    free: NDArray[np.bool_] | None = None,
-) -> QuadEdges:
-    """Fit lines to the sides of candidates in many places, narrowly, until they stay; `free`: see `measure_edges`."""
+def settle_edges(picture: SheetPicture, edges: QuadEdges) -> QuadEdges:
+    """Fit lines to the sides of candidates in many places, narrowly, until they stay."""
     moving = np.arange(len(edges))
     for _ in range(LOOKS):
         before = edges.corners_px[moving]
-        again = edges[moving]
-        some_free = None if free is None else free[moving]
-        again = _fit(image, _narrow_frame(image, again, MAX_STEPS, lens), light, some_free)
+        again = _fit(picture, _narrow_frame(picture, edges[moving], MAX_STEPS), None)
         edges = again if len(moving) == len(edges) else _replaced(edges, moving, again)
         moved = np.abs(again.corners_px - before).max(axis=(1, 2))
         moving = moving[moved > SETTLED_PX]
@@ -165,9 +163,9 @@ def settle_edges(
     return edges
 
 
-def _replaced(edges: QuadEdges, which: NDArray[np.intp], again: QuadEdges) -> QuadEdges:
+def _replaced(edges: QuadEdges, which: Indices, again: QuadEdges) -> QuadEdges:
     """Return the sides of candidates with those of some measured again."""
-    for name in QuadEdges.__slots__:
+    for name in QuadEdges.__struct_fields__:
         getattr(edges, name)[which] = getattr(again, name)
     return edges
 
@@ -183,20 +181,20 @@ def distinct_edges(edges: QuadEdges) -> QuadEdges:
     return edges[~np.tril(apart < SAME_PX, -1).any(axis=1)]
 
 
-def _narrow_frame(image: Image, edges: QuadEdges, max_steps: int, lens: CameraModel | None) -> QuadFrame:
+def _narrow_frame(picture: SheetPicture, edges: QuadEdges, max_steps: int) -> QuadFrame:
     corners = np.nan_to_num(edges.corners_px)
     # One step a pixel along the longest side of all candidates; shorter sides then read some pixels twice.
     longest = np.abs(corners[:, [1, 2, 3, 0]] - corners).max(initial=0.0)
     steps = int(min(max((1 - 2 * CORNER_SHARE) * longest, MIN_STEPS), max_steps))
     reaches = np.clip(edges.edge_px / 2 + PLATEAU_PX, *REACHES_PX)
-    return quad_frame(corners, steps, reaches, image.shape, lens)
+    return quad_frame(corners, steps, reaches, picture.image.shape, picture.lens)
 
 
-def _fit(image: Image, frame: QuadFrame, light: Light, free: NDArray[np.bool_] | None) -> QuadEdges:
+def _fit(picture: SheetPicture, frame: QuadFrame, free: Flags | None) -> QuadEdges:
     # Levels are the means of two pixels at either end of each profile, beyond the blur. The step is where the light,
     # projected on the line from the one colour to the other, passes half way; how much it counts follows from its
     # contrast and from how level the profile is on both sides.
-    codes = _profiles(image, frame)
+    codes, light = _profiles(picture.image, frame), picture.light
     reach = int(frame.reach.max(initial=0))
     # Two pixels at either end, as far as each outline itself reaches: rows of the profiles, which all have the widest
     # reach.
@@ -237,7 +235,7 @@ def _means(levels: Profiles) -> tuple[Profiles, Profiles]:
     return (levels[:, :, :, 0] + levels[:, :, :, 1]) * half, (levels[:, :, :, 2] + levels[:, :, :, 3]) * half
 
 
-def _profiles(image: Image, frame: QuadFrame) -> NDArray[np.uint8]:
+def _profiles(image: Image, frame: QuadFrame) -> Plane:
     """Return the code values across each side, from the inside to the outside, shape ``(c, 4, n, 2 reach + 1, 3)``."""
     reach = int(frame.reach.max(initial=0))
     width = image.shape[1]

@@ -6,16 +6,12 @@ outlines are worked on at once: arrays have the outlines first, then their four 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import NDArray
+from msgspec import Struct
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Points
+from stadimeter.core.detection import Flags, Indices, Points, Values
 from stadimeter.detectors.sides import CORNER_SHARE, LIMITS_PX, MAD_TO_SIGMA, MIN_SINE, areas
-
-Values = NDArray[np.float64]
 
 # Greatest reach across a side, as a share of the distance to the opposite one: looks of opposite sides must not meet.
 REACH_SHARE = 0.3
@@ -27,12 +23,11 @@ MIN_REACH_PX = 2
 CURVE_POINTS = 33
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class QuadFrame:
+class QuadFrame(Struct, frozen=True, kw_only=True, eq=False):
     """Expected sides. Arrays are of shape ``(c, 4, n)``, or ``(c, 4, 1)`` where nothing else is said."""
 
-    flat: NDArray[np.bool_]  # which sides are more horizontal
-    outward: NDArray[np.int64]  # which way across leads out of the outline, 1 or -1
+    flat: Flags  # which sides are more horizontal
+    outward: Indices  # which way across leads out of the outline, 1 or -1
     along: Values  # where the steps are looked for: whole pixels, with n steps
     across: Values  # where the side is expected there, with n steps; bent as the lens bends it
     pixel: Values  # the pixel there, or the nearest one with room for the reach around it, with n steps
@@ -40,7 +35,7 @@ class QuadFrame:
     at_zero: Values  # where it crosses along = 0
     cosine: Values  # what turns a difference across into a distance from the side
     length_px: Values  # how long the side is
-    reach: NDArray[np.int64]  # how many pixels are looked at in each direction
+    reach: Indices  # how many pixels are looked at in each direction
 
 
 def quad_frame(
@@ -86,12 +81,12 @@ def quad_frame(
     )
 
 
-def _along_first(pairs: Points, flat: NDArray[np.bool_]) -> tuple[Values, Values]:
+def _along_first(pairs: Points, flat: Flags) -> tuple[Values, Values]:
     x, y = pairs[..., 0], pairs[..., 1]
     return np.where(flat, x, y), np.where(flat, y, x)
 
 
-def bend(corners: Points, flat: NDArray[np.bool_], along: Values, lens: CameraModel) -> Values:
+def bend(corners: Points, flat: Flags, along: Values, lens: CameraModel) -> Values:
     """Return how far off the straight line between its corners each side appears: it is straight before the lens."""
     # A straight side is straight in directions (x and y per unit of depth, distortion undone), so points on it are
     # found there and projected back: CURVE_POINTS of them, and between them the bend is interpolated.
@@ -119,18 +114,17 @@ BEND_SHARE = 0.004
 ROUNDS = 3
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class QuadLines:
+class QuadLines(Struct, frozen=True, kw_only=True, eq=False):
     """A line for each side, as a difference from where it was expected: offset + slope * (along - middle)."""
 
     middle: Values  # shape ``(c, 4, 1)``
     offset: Values  # shape ``(c, 4, 1)``
     slope: Values  # shape ``(c, 4, 1)``
-    used: NDArray[np.bool_]  # which steps lie on the line, shape ``(c, 4, n)``
+    used: Flags  # which steps lie on the line, shape ``(c, 4, n)``
     scatter_px: Values  # standard deviation of these steps about it, shape ``(c, 4)``
 
     @property
-    def steps(self) -> NDArray[np.int64]:
+    def steps(self) -> Indices:
         """Number of steps on each line, shape ``(c, 4)``."""
         return np.asarray(self.used.sum(axis=2), np.int64)
 
@@ -180,7 +174,7 @@ def intersections(frame: QuadFrame, lines: QuadLines) -> Points:
     return np.stack((x, y), axis=2)
 
 
-def line_by_vote(along: Values, off: Values, found: NDArray[np.bool_], limit: Values) -> tuple[Values, Values]:
+def line_by_vote(along: Values, off: Values, found: Flags, limit: Values) -> tuple[Values, Values]:
     """Return the line through two steps to which most steps are near; of lines through pairs far from each other."""
     # Pairs of steps half a side apart, and a third apart: a line through near ones would be unsure, and with only one
     # distance an occluder of half a side would spoil every pair.
@@ -201,7 +195,7 @@ def line_by_vote(along: Values, off: Values, found: NDArray[np.bool_], limit: Va
     return np.take_along_axis(offsets, best, 2), np.take_along_axis(slopes, best, 2)
 
 
-def _limit(distance: Values, used: NDArray[np.bool_], widest: Values) -> Values:
+def _limit(distance: Values, used: Flags, widest: Values) -> Values:
     """Return how far from its line a step may be: three times the usual distance of those near it."""
     # The median of the used ones only: the others are sorted to the end as infinity.
     ordered = np.sort(np.where(used, np.abs(distance), np.inf), axis=2)

@@ -9,16 +9,13 @@ only what is read of the picture is in arrays: the pixels across first, then the
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from msgspec import Struct
 
-from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Points
-from stadimeter.core.frame import Image
+from stadimeter.core.detection import Indices, Plane, Points, Profiles, Values
 from stadimeter.detectors.sampling import Light, in_light, median
 from stadimeter.detectors.sheet.edges import (
     CLEAR_PX,
@@ -28,6 +25,7 @@ from stadimeter.detectors.sheet.edges import (
     REACHES_PX,
     SMOOTH,
     QuadEdges,
+    SheetPicture,
     corner_sigmas_px,
     joined,
     settle_edges,
@@ -37,18 +35,16 @@ from stadimeter.detectors.sides import (
     CORNER_SHARE,
     LIMITS_PX,
     MAD_TO_SIGMA,
-    SideLine,
+    SideFrame,
     corners_between,
+    line_sums,
     pixels_across,
-    points_beside,
     quad_area,
-    side_columns,
+    side_frame,
     side_lines,
-    step_shares,
+    steepest_fall,
 )
 
-Values = NDArray[np.float64]
-Profiles = NDArray[np.float32]
 OfSides = list[float]
 
 # Steps along each side, at least.
@@ -86,8 +82,7 @@ SLACK_PX = 0.4
 CALM = 0.12
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class OutlineSides:
+class OutlineSides(Struct, frozen=True, kw_only=True, eq=False):
     """Measured sides of one outline; each field as in `QuadEdges`, which has them for many."""
 
     corners_px: Points
@@ -95,9 +90,9 @@ class OutlineSides:
     colour_contrast: Values
     support: Values
     scatter_px: Values
-    steps: NDArray[np.int64]
+    steps: Indices
     edge_px: Values
-    codes_inside: NDArray[np.uint8]  # the two outermost pixels inside each step, ``(2, 4, n, 3)``
+    codes_inside: Plane  # the two outermost pixels inside each step, ``(2, 4, n, 3)``
     reach_px: float  # how far across was looked
     rough: float  # how far beside the edges profiles usually are from level, as a share of the contrast
 
@@ -112,41 +107,36 @@ class OutlineSides:
         inside = median(codes)
         uneven = median(np.abs(codes - inside).max(axis=1))
         return QuadEdges(
-            **{name: getattr(self, name)[None] for name in QuadEdges.__slots__ if name in self.__slots__},
+            **{
+                name: getattr(self, name)[None]
+                for name in QuadEdges.__struct_fields__
+                if name in self.__struct_fields__
+            },
             inside=inside[None, :, :, 0].astype(np.float64),
             unevenness=uneven[None, :, 0].astype(np.float64),
         )
 
 
-class _Frame(NamedTuple):
-    """Where the sides are looked for. Arrays are of shape ``(4, n)`` or ``(4, 1)``."""
+class _Look(NamedTuple):
+    """What is seen along the sides of an outline."""
 
-    sides: list[SideLine]
-    middle: OfSides  # along each side
-    from_middle: Values
-    off_pixel: Values  # how far across from the pixel the side is expected
-    outward: Values  # which way across leads out, 1 or -1
-    cosine: Values
-    max_off_px: Values  # how far from its line a step may be at most
+    at: SideFrame
+    max_off_px: Values  # how far from its line a step may be at most, shape ``(4, 1)``
     reach: int
-    place: NDArray[np.intp]  # which pixel, counted row by row, the side is expected in, or the nearest one
-    codes: NDArray[np.uint8]  # the pixels across, from the inside to the outside, ``(2 reach + 1, 4, n, 3)``
+    codes: Plane  # the pixels across, from the inside to the outside, ``(2 reach + 1, 4, n, 3)``
 
 
-def measure_outline(
-    image: Image, corners_px: Points, sigma_px: float, light: Light, lens: CameraModel | None = None
-) -> OutlineSides | None:
+def measure_outline(picture: SheetPicture, corners_px: Points, sigma_px: float) -> OutlineSides | None:
     """Measure the sides of an outline; None where it has none near by, or they reach the border of the picture.
 
     Args:
         corners_px: About where the corners are, clockwise on the screen, shape ``(4, 2)``.
         sigma_px: How far from there the true sides may be, a standard deviation.
-        lens: The lens, if it bends what is straight.
     """
     sides = None
     for off_px in (sigma_px, FAR_SIGMAS * sigma_px):
         # The reach holds the error of the start, half the edge, and a plateau to read the level on.
-        sides = _look(image, corners_px, off_px + USUAL_EDGE_PX / 2 + PLATEAU_PX, light, lens)
+        sides = _measure_within(picture, corners_px, off_px + USUAL_EDGE_PX / 2 + PLATEAU_PX)
         if sides is not None and sides.support.min() >= SUPPORTED:
             break
     if sides is None:
@@ -161,41 +151,33 @@ def measure_outline(
         if sides.reach_px >= off_px + needed_px - SLACK_PX and (sides.rough <= CALM or sides.reach_px < needed_px + 1):
             return sides
         expected_px = sides.corners_px
-        sides = _look(image, expected_px, needed_px, light, lens)
+        sides = _measure_within(picture, expected_px, needed_px)
         if sides is None:
             return None
     return sides
 
 
-def measure_each(
-    image: Image, outlines_px: Points, sigma_px: float, light: Light, lens: CameraModel | None = None
-) -> list[QuadEdges | None]:
+def measure_each(picture: SheetPicture, outlines_px: Points, sigma_px: float) -> list[QuadEdges | None]:
     """Measure the sides of a few outlines, ``(c, 4, 2)``, one by one; None for one that is not seen whole at once."""
-    every = (measure_outline(image, corners_px, sigma_px, light, lens) for corners_px in outlines_px)
+    every = (measure_outline(picture, corners_px, sigma_px) for corners_px in outlines_px)
     return [None if sides is None or sides.support.min() < SUPPORTED else sides.as_edges() for sides in every]
 
 
-def settle_each(image: Image, edges: QuadEdges, light: Light, lens: CameraModel | None = None) -> QuadEdges:
+def settle_each(picture: SheetPicture, edges: QuadEdges) -> QuadEdges:
     """Measure the sides of candidates that were measured closely, until they stay."""
     # What this engine does not see whole, such as a sheet that is partly hidden, goes to that for many candidates.
-    each = measure_each(image, edges.corners_px, SETTLED_OFF_PX, light, lens)
+    each = measure_each(picture, edges.corners_px, SETTLED_OFF_PX)
     missing = [number for number, sides in enumerate(each) if sides is None]
     if missing:
-        settled = settle_edges(image, edges[missing], light, lens)
+        settled = settle_edges(picture, edges[missing])
         for place, number in enumerate(missing):
             each[number] = settled[[place]]
     return joined([sides for sides in each if sides is not None])
 
 
-def _look(
-    image: Image, corners_px: Points, reach_px: float, light: Light, lens: CameraModel | None
-) -> OutlineSides | None:
-    frame = _frame(image, corners_px, reach_px, lens)
-    return None if frame is None else _measured(frame, light)
-
-
-def _frame(image: Image, corners_px: Points, reach_px: float, lens: CameraModel | None) -> _Frame | None:
+def _read(picture: SheetPicture, corners_px: Points, reach_px: float) -> _Look | None:
     """Read the picture across the sides; None for no outline, or one that leaves no room across, or to the border."""
+    image, lens = picture.image, picture.lens
     height, width = image.shape[:2]
     corners = corners_px.tolist()
     sides = side_lines(corners)
@@ -207,29 +189,18 @@ def _frame(image: Image, corners_px: Points, reach_px: float, lens: CameraModel 
         return None
     # One step a pixel along the longest side; more would read the same pixels twice.
     steps = int(min(max((1 - 2 * CORNER_SHARE) * max(extents), MIN_STEPS), MAX_STEPS))
-    lines = side_columns(sides, width)
-    along = np.rint(lines.start + step_shares(steps) * lines.forward)
-    across = along * lines.slope + lines.at_zero
-    if lens is not None and lens.distortion:
+    bent = None
+    if lens is not None:
         flat = np.array([[side.flat for side in sides]])
-        across += bend(corners_px[None], flat, along[None], lens)[0]
-    pixel = np.rint(across)
-    place = (pixel * lines.next_across + along * lines.next_along).astype(np.intp)
-    places = place + (lines.next_across * lines.outward).astype(np.intp) * pixels_across(reach)
-    middle = (along[:, :1] + along[:, -1:]) / 2
-    return _Frame(
-        sides=sides,
-        middle=middle[:, 0].tolist(),
-        from_middle=along - middle,
-        off_pixel=across - pixel,
-        outward=lines.outward,
-        cosine=lines.cosine,
-        max_off_px=np.array([[max(LIMITS_PX[1], BEND_SHARE * side.length_px)] for side in sides]),
-        reach=reach,
-        place=place,
-        # The picture as one row of pixels, so that a place is one index.
-        codes=image.reshape(-1, image.shape[2]).take(places, axis=0),
-    )
+
+        def bent(along: Values) -> Values:
+            return np.asarray(bend(corners_px[None], flat, along[None], lens)[0])
+
+    at = side_frame(sides, steps, width, bent)
+    # The picture as one row of pixels, so that a place is one index.
+    codes = image.reshape(-1, image.shape[2]).take(at.place + at.stride * pixels_across(reach), axis=0)
+    max_off_px = np.array([[max(LIMITS_PX[1], BEND_SHARE * side.length_px)] for side in sides])
+    return _Look(at, max_off_px, reach, codes)
 
 
 def _reach(corners: list[list[float]], extents: OfSides, reach_px: float, height: int, width: int) -> int:
@@ -246,64 +217,47 @@ def _rows(reach: int) -> Profiles:
     return np.arange(2 * reach + 1, dtype=np.float32)[:, None, None]
 
 
-@cache
-def _columns(sides: int, steps: int) -> NDArray[np.intp]:
-    return np.arange(sides * steps).reshape(sides, steps)
-
-
-def _crossing(share: Profiles) -> tuple[Profiles, Profiles]:
-    """Return how much profiles drop where they pass half way from the inside to the outside, and where that is."""
-    is_in = share >= 0
-    # Only where the sign changes from inside to outside; of several such places, that where it drops most.
-    drops = share[:-1] - share[1:]
-    drops *= is_in[:-1] > is_in[1:]
-    best = drops.argmax(axis=0)
-    # `take` wants flat indices: row times row length plus column. Between the two pixels the light falls in a straight
-    # line, so the crossing is at share / drop from the first.
-    place = best * best.size + _columns(*best.shape)
-    drop = drops.take(place)
-    return drop, best.astype(np.float32) + share.take(place) / np.maximum(drop, MIN_DROP)
-
-
-def _measured(frame: _Frame, light: Light) -> OutlineSides | None:
+def _measure_within(picture: SheetPicture, corners_px: Points, reach_px: float) -> OutlineSides | None:
     """Find the edge in each place, and fit a line to each side."""
-    contrasts, off, worth, drop, rough = _steps(frame, light)
-    line = _fit_lines(frame, off, worth)
-    corners = _intersections(frame, line.offset, line.slope)
+    look = _read(picture, corners_px, reach_px)
+    if look is None:
+        return None
+    contrasts, off, worth, drop, rough = _steps(look, picture.light)
+    line = _fit_lines(look, off, worth)
+    corners = _intersections(look.at, line.offset, line.slope)
     if corners is None:
         return None
     return OutlineSides(
         corners_px=corners,
         contrast=contrasts.sum(axis=1) / 3,
         colour_contrast=np.abs(contrasts).max(axis=1),
-        support=line.steps / frame.codes.shape[2],
+        support=line.steps / look.codes.shape[2],
         scatter_px=line.scatter_px,
         steps=line.steps,
         # The share falls from 0.5 to -0.5 across an edge; at its steepest by `drop` a pixel, so it is 1 / drop wide.
         edge_px=1 / np.maximum(median(drop), MIN_DROP)[:, 0].astype(np.float64),
-        codes_inside=frame.codes[:2],
-        reach_px=frame.reach,
+        codes_inside=look.codes[:2],
+        reach_px=look.reach,
         rough=rough,
     )
 
 
-def edge_points(image: Image, corners_px: Points, light: Light, lens: CameraModel | None = None) -> Points:
+def edge_points(picture: SheetPicture, corners_px: Points) -> Points:
     """Return where steps are seen along the sides between corners that were measured, shape ``(n, 2)``."""
-    frame = _frame(image, corners_px, REACHES_PX[0], lens)
-    if frame is None:
+    look = _read(picture, corners_px, REACHES_PX[0])
+    if look is None:
         return np.empty((0, 2))
-    _, off, worth, _, _ = _steps(frame, light)
-    off += frame.off_pixel
-    return points_beside(frame.place, off, [side.flat for side in frame.sides], image.shape[1])[worth > 0]
+    _, off, worth, _, _ = _steps(look, picture.light)
+    return look.at.points(off, picture.image.shape[1])[worth > 0]
 
 
-def _steps(frame: _Frame, light: Light) -> tuple[Profiles, Values, Profiles, Profiles, float]:
+def _steps(look: _Look, light: Light) -> tuple[Profiles, Values, Profiles, Profiles, float]:
     """Return contrasts; of each place how far off the edge is, how much that counts and how steep it is; and roughness.
 
     A step is a mixture of the two colours beside it, in light. So half way between them is half way along any direction
     in which they differ: here the one in which both sides of a side of the outline differ on the whole.
     """
-    codes = frame.codes
+    codes = look.codes
     # The outermost pixels tell how the colours differ on the whole, in levels: a mean over the steps of each side.
     difference = np.subtract(codes[0], codes[-1], dtype=np.float32)
     contrasts = np.add.reduce(difference, axis=1) / np.float32(codes.shape[2])
@@ -314,10 +268,12 @@ def _steps(frame: _Frame, light: Light) -> tuple[Profiles, Values, Profiles, Pro
     # `inside` and `outside` are sums of two pixels each. The share is 0.5 inside, -0.5 outside, 0 half way.
     share = lights - (inside + outside) / 4
     share *= 2 / np.where(np.abs(contrast) > MIN_LIGHT, contrast, np.inf).astype(np.float32)
-    drop, beyond = _crossing(share)
+    # Between the two pixels the light falls in a straight line, so the crossing is at share / drop from the first.
+    best, drop, share_there = steepest_fall(share)
+    beyond = best.astype(np.float32) + share_there / np.maximum(drop, MIN_DROP)
     # Roughness: further than CLEAR_PX from the crossing the share should be 0.5 or -0.5; the largest difference counts.
     # In place, since these arrays are the largest.
-    apart = np.abs(_rows(frame.reach) - beyond)
+    apart = np.abs(_rows(look.reach) - beyond)
     np.abs(share, out=share)
     share -= np.float32(0.5)
     np.abs(share, out=share)
@@ -329,7 +285,7 @@ def _steps(frame: _Frame, light: Light) -> tuple[Profiles, Values, Profiles, Pro
     # (Cauchy's weight). Along a side that is rough throughout, roughness tells nothing, hence the division by `usual`.
     worth = np.minimum(contrast / np.maximum(median(contrast), MIN_LIGHT), 1) / (1 + rough * rough)
     worth *= (drop > MIN_DROP) & (contrast > 0)
-    return contrasts, frame.outward * (beyond - frame.reach) - frame.off_pixel, worth, drop, float(usual.max())
+    return contrasts, look.at.outward * (beyond - look.reach) - look.at.off_pixel, worth, drop, float(usual.max())
 
 
 class _Lines(NamedTuple):
@@ -338,30 +294,25 @@ class _Lines(NamedTuple):
     offset: OfSides
     slope: OfSides
     scatter_px: Values
-    steps: NDArray[np.int64]  # how many steps lie on it
+    steps: Indices  # how many steps lie on it
 
 
-def _fit_lines(frame: _Frame, off: Values, worth: Profiles) -> _Lines:
+def _fit_lines(look: _Look, off: Values, worth: Profiles) -> _Lines:
     """Fit lines by least squares with Tukey's weights, from lines through medians, which outliers do not move."""
-    along, cosine = frame.from_middle, frame.cosine
+    along, cosine = look.at.from_middle, look.at.cosine
     # The slope is the median over pairs of steps half a side apart (Theil and Sen, with fixed pairs), so up to a
     # quarter of the steps may be outliers, and no iteration is needed.
     half = off.shape[1] // 2
     slope = median((off[:, -half:] - off[:, :half]) / (along[:, -half:] - along[:, :half]))
     rest = off - slope * along
     distance = np.abs(rest - median(rest)) * cosine
-    limit = np.minimum(np.maximum(3 * MAD_TO_SIGMA * median(distance), LIMITS_PX[0]), frame.max_off_px)
+    limit = np.minimum(np.maximum(3 * MAD_TO_SIGMA * median(distance), LIMITS_PX[0]), look.max_off_px)
     distance /= limit
-    # One round of Tukey's biweight, (1 - (d / limit)^2)^2. The rows of `terms` are w, w x, w x^2, w y, w x y: their
-    # sums are all that the normal equations of a line y = offset + slope * x need.
-    terms = np.empty((5, *off.shape))
-    weight = np.maximum(1 - distance * distance, 0, out=terms[0])
+    # One round of Tukey's biweight, (1 - (d / limit)^2)^2.
+    weight = np.maximum(1 - distance * distance, 0)
     weight *= weight
     weight *= worth
-    np.multiply(weight, along, out=terms[1])
-    np.multiply(terms[1], along, out=terms[2])
-    np.multiply(terms[:2], off, out=terms[3:])
-    lines = np.array([_line(sums) for sums in np.add.reduce(terms, axis=2).T.tolist()])
+    lines = np.array([_line(sums) for sums in line_sums(weight, along, off)])
     distance = off - lines[:, 1:] * along
     distance -= lines[:, :1]
     distance *= cosine
@@ -380,11 +331,11 @@ def _line(sums: OfSides) -> tuple[float, float]:
     return (height - slope * first) / total, slope
 
 
-def _intersections(frame: _Frame, offset: OfSides, slope: OfSides) -> Points | None:
+def _intersections(frame: SideFrame, offset: OfSides, slope: OfSides) -> Points | None:
     """Return the corners between neighbouring lines, ``(4, 2)``; None where two of them are all but parallel."""
     # A side across = slope * along + level as a x + b y = c, where along is x for the flat ones.
     lines = []
-    for side, off, steeper, middle in zip(frame.sides, offset, slope, frame.middle, strict=True):
+    for side, off, steeper, middle in zip(frame.sides, offset, slope, frame.middle.ravel().tolist(), strict=True):
         steep, level = side.slope + steeper, side.at_zero + off - steeper * middle
         lines.append((-steep, 1.0, level) if side.flat else (1.0, -steep, level))
     return corners_between(lines)

@@ -15,12 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stadimeter.core.detection import Points
+from stadimeter.core.detection import Flags, Indices, Plane, Points, Values
 from stadimeter.core.frame import Image
 from stadimeter.detectors.sides import areas, grown
 
-Mask = NDArray[np.uint8]
-Values = NDArray[np.float64]
 Polygon = NDArray[np.generic]
 
 # Levels at which a channel is split where one does not do, spread evenly between these percentiles of it.
@@ -69,7 +67,7 @@ SAME_PX = 3.0
 AFTER, BEFORE = [1, 2, 3, 0], [3, 0, 1, 2]
 
 
-def quick_masks(image: Image) -> Iterator[tuple[Mask, float]]:
+def quick_masks(image: Image) -> Iterator[tuple[Plane, float]]:
     """Yield black and white versions that show a sheet that stands out, and how many pixels too small it is there.
 
     White paper on brown wood hardly differs in brightness but clearly in its darkest channel.
@@ -79,17 +77,17 @@ def quick_masks(image: Image) -> Iterator[tuple[Mask, float]]:
         yield np.asarray(cv2.threshold(plane, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)[1], np.uint8), 0.0
 
 
-def bright_masks(image: Image) -> Iterator[tuple[Mask, float]]:
+def bright_masks(image: Image) -> Iterator[tuple[Plane, float]]:
     """Yield black and white versions of a picture that show a bright sheet before things of many colours."""
     yield from _levels(_extremes(image)[0], slice(0, None, 2))
 
 
-def more_bright_masks(image: Image) -> Iterator[tuple[Mask, float]]:
+def more_bright_masks(image: Image) -> Iterator[tuple[Plane, float]]:
     """Yield those at the levels between, for a sheet with something nearly as bright behind it."""
     yield from _levels(_extremes(image)[0], slice(1, None, 2))
 
 
-def thorough_masks(image: Image) -> Iterator[tuple[Mask, float]]:
+def thorough_masks(image: Image) -> Iterator[tuple[Plane, float]]:
     """Yield black and white versions of a picture that show a dark sheet, and one of any kind under uneven light."""
     darkest, brightest = _extremes(image)
     # Uneven light: what is brighter than the mean around it (of the darkest channel), or darker (of the brightest). The
@@ -106,7 +104,7 @@ def thorough_masks(image: Image) -> Iterator[tuple[Mask, float]]:
         yield np.asarray(cv2.threshold(change, limit, 255, cv2.THRESH_BINARY_INV)[1], np.uint8), FLAT_SHRINKS_PX
 
 
-def find_quadrilaterals(masks: Iterable[tuple[Mask, float]], smallest_side_px: float) -> Points:
+def find_quadrilaterals(masks: Iterable[tuple[Plane, float]], smallest_side_px: float) -> Points:
     """Return the outlines of four straight sides in masks, without those that are all but the same; a sheet or not.
 
     Each mask comes with the number of pixels by which things are too small in it. The corners are clockwise on the
@@ -128,7 +126,7 @@ def find_quadrilaterals(masks: Iterable[tuple[Mask, float]], smallest_side_px: f
     return _distinct(grown(corners, np.array(too_small)[rows]) if any(too_small) else corners)
 
 
-def _levels(plane: Mask, which: slice) -> Iterator[tuple[Mask, float]]:
+def _levels(plane: Plane, which: slice) -> Iterator[tuple[Plane, float]]:
     # Percentiles from the counts of every second pixel in both directions.
     some = plane[::2, ::2]
     shares = np.cumsum(np.bincount(some.ravel(), minlength=256)) * (100 / some.size)
@@ -137,13 +135,13 @@ def _levels(plane: Mask, which: slice) -> Iterator[tuple[Mask, float]]:
         yield np.asarray(cv2.threshold(plane, float(level), 255, cv2.THRESH_BINARY)[1], np.uint8), 0.0
 
 
-def _extremes(image: Image) -> tuple[Mask, Mask]:
+def _extremes(image: Image) -> tuple[Plane, Plane]:
     blue, green, red = cv2.split(image)
     darkest, brightest = cv2.min(cv2.min(blue, green), red), cv2.max(cv2.max(blue, green), red)
     return np.asarray(darkest, np.uint8), np.asarray(brightest, np.uint8)
 
 
-def _change(image: Image) -> Mask:
+def _change(image: Image) -> Plane:
     """Return how much the channel that changes most changes from pixel to pixel."""
     steepest = None
     for plane in cv2.split(image):
@@ -154,7 +152,7 @@ def _change(image: Image) -> Mask:
     return np.asarray(steepest, np.uint8)
 
 
-def _polygons(mask: Mask, smallest_side_px: float) -> list[Polygon]:
+def _polygons(mask: Plane, smallest_side_px: float) -> list[Polygon]:
     """Return polygons that stand for the outlines in a mask that are large enough, each ``(n, 1, 2)``."""
     # Enclosed areas and boxes are cheap and leave out most contours before a polygon is fitted.
     contours, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
@@ -178,7 +176,7 @@ def _polygons(mask: Mask, smallest_side_px: float) -> list[Polygon]:
     return polygons
 
 
-def _whole(polygons: list[Polygon], rows: NDArray[np.intp], smallest_side_px: float) -> tuple[NDArray[np.intp], Points]:
+def _whole(polygons: list[Polygon], rows: Indices, smallest_side_px: float) -> tuple[Indices, Points]:
     """Return which of the polygons of four corners are quadrilaterals that a sheet may be, and these."""
     corners = np.array([polygons[row] for row in rows.tolist()], np.float64).reshape(-1, 4, 2)
     vectors = corners[:, AFTER] - corners
@@ -188,7 +186,7 @@ def _whole(polygons: list[Polygon], rows: NDArray[np.intp], smallest_side_px: fl
     return rows[good], corners[good]
 
 
-def _turns_one_way(sine: Values) -> NDArray[np.bool_]:
+def _turns_one_way(sine: Values) -> Flags:
     """Return what is convex: the sides turn the same way at all four corners, and by more than the least angle."""
     return np.asarray((sine > MIN_SINE).all(axis=-1) | (sine < -MIN_SINE).all(axis=-1))
 
@@ -212,9 +210,7 @@ def _longest(polygons: list[Polygon]) -> tuple[Points, Points]:
     return starts[places] * is_piece, vectors[places] * is_piece
 
 
-def _of_pieces(
-    polygons: list[Polygon], rows: NDArray[np.intp], smallest_side_px: float
-) -> tuple[NDArray[np.intp], Points]:
+def _of_pieces(polygons: list[Polygon], rows: Indices, smallest_side_px: float) -> tuple[Indices, Points]:
     """Return the quadrilaterals that any four pieces of a polygon form: whose they are, and corners ``(c, 4, 2)``."""
     # Every choice of four of the six longest pieces, in order: 15 for each polygon. `sine` is that of the angle between
     # neighbouring pieces; where all four turn one way, their lines are met in order around a quadrilateral.
@@ -250,7 +246,7 @@ def _in_line(starts: Points, vectors: Points, along: Points, length: Values) -> 
 
 
 @cache
-def _fours() -> NDArray[np.int64]:
+def _fours() -> Indices:
     return np.array(list(combinations(range(PIECES_KEPT), 4)))
 
 
@@ -277,7 +273,7 @@ def _distinct(corners: Points) -> Points:
     return np.asarray(corners[np.argsort(-areas(corners), kind="stable")])
 
 
-def not_seen_before(corners: Points, seen: set[tuple[float, ...]]) -> NDArray[np.bool_]:
+def not_seen_before(corners: Points, seen: set[tuple[float, ...]]) -> Flags:
     """Return which outlines, ``(c, 4, 2)``, are not among those seen, to a pixel, and add them to these."""
     cells = [tuple(cell) for cell in np.rint(corners.reshape(-1, 8)).tolist()]
     new = np.array([cell not in seen for cell in cells], np.bool_)

@@ -7,26 +7,32 @@ candidate being the sheet and not one of the other outlines of the picture, see 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Points, Prediction
+from stadimeter.core.detection import Flags, Points, Prediction, Values
 from stadimeter.core.frame import Image
 from stadimeter.detectors.hsv import HsvRange, Mask
-from stadimeter.detectors.region import Region, corners_on_border, sides_on_border
-from stadimeter.detectors.sampling import light_table, reduced, to_full_scale
+from stadimeter.detectors.sampling import (
+    Region,
+    corners_on_border,
+    reduced,
+    sides_on_border,
+    to_full_scale,
+)
 from stadimeter.detectors.sheet.candidates import (
     SURE_EVIDENCE,
     Findings,
     SheetCandidate,
     SheetFit,
     SheetOutlines,
+    Test,
 )
 from stadimeter.detectors.sheet.edges import (
     QuadEdges,
+    SheetPicture,
     distinct_edges,
     joined,
     measure_edges,
@@ -41,7 +47,6 @@ from stadimeter.detectors.sheet.evidence import (
     slack_share,
 )
 from stadimeter.detectors.sheet.one_outline import measure_each, settle_each
-from stadimeter.detectors.sheet.other_paper import other_paper
 from stadimeter.detectors.sheet.quadrilaterals import (
     bright_masks,
     find_quadrilaterals,
@@ -54,15 +59,13 @@ from stadimeter.detectors.sheet.side_tests import (
     MIN_CONTRAST,
     MIN_CUT_SUPPORT,
     even_limits,
+    other_paper,
     side_tests,
     small_text,
     straight_text,
 )
 from stadimeter.detectors.sides import longest_sides_px, quad_shapes
 from stadimeter.ranging.flat import SheetShape
-
-Values = NDArray[np.float64]
-Which = NDArray[np.bool_]
 
 # Candidates are looked for at half the resolution; least and most pixels of the long side of what is searched.
 SEARCH_SCALE = 0.5
@@ -140,8 +143,7 @@ class SheetSearch:
         self._image = image
         self._colour = colour
         self._lens, self._size = lens, size
-        self._bent = lens if lens is not None and lens.distortion else None
-        self._light = light_table("srgb" if lens is None else lens.tone_curve)
+        self._picture = SheetPicture.of(image, lens)
         self._min_side_px = min_side_px
         self._aspect = max(size.width_m, size.height_m) / min(size.width_m, size.height_m)
         self._shape = SheetOutlines(size, lens, (image.shape[1], image.shape[0]))
@@ -201,49 +203,44 @@ class SheetSearch:
 
     def _at_once(self, outlines: Points, scale: float) -> QuadEdges | None:
         """Measure the sides of a few candidates one by one; None where one of them is not seen whole at once."""
-        each = measure_each(self._image, outlines, START_OFF_PX / scale, self._light, self._bent)
+        each = measure_each(self._picture, outlines, START_OFF_PX / scale)
         whole = [edges for edges in each if edges is not None]
         return distinct_edges(joined(whole)) if len(whole) == len(outlines) else None
 
     def _settled(self, findings: Findings, outlines: Points, scale: float) -> QuadEdges:
         """Measure the sides of many candidates, ever more closely, and ever fewer of them."""
-        edges = measure_edges(self._image, outlines, 2.0 + 1.0 / scale, self._light, self._bent)
+        edges = measure_edges(self._picture, outlines, 2.0 + 1.0 / scale)
         edges = self._still_fitting(findings, edges, FIRST_LOOK_OFF_PX)
         if len(edges):
-            edges = measure_edges_closer(self._image, edges, self._light, self._bent)
+            edges = measure_edges_closer(self._picture, edges)
             edges = self._still_fitting(findings, distinct_edges(edges), SECOND_LOOK_OFF_PX)[:MAX_SETTLED]
-        return distinct_edges(settle_each(self._image, edges, self._light, self._bent)) if len(edges) else edges
+        return distinct_edges(settle_each(self._picture, edges)) if len(edges) else edges
 
     def _of_the_shape(self, findings: Findings, outlines: Points) -> Points:
         """Return the outlines that the sheet may have, whatever their sides look like."""
         shapes = quad_shapes(outlines)
         longest = self._aspect / math.cos(MAX_TILT_RAD)
-        tests: tuple[tuple[Values, float, Callable[[int], str]], ...] = (
-            (-shapes.shorter_px, -0.8 * self._min_side_px, lambda i: small_text(shapes, i, self._min_side_px)),
+        tests: tuple[Test, ...] = (
+            (shapes.shorter_px >= 0.8 * self._min_side_px, lambda i: small_text(shapes, i, self._min_side_px)),
             (
-                shapes.side_ratio,
-                MAX_SIDE_RATIO,
+                shapes.side_ratio <= MAX_SIDE_RATIO,
                 lambda i: f"opposite sides of {shapes.side_ratio[i]:.1f} to 1, limit {MAX_SIDE_RATIO:.1f} to 1",
             ),
             (
-                -shapes.sharpest_rad,
-                -MIN_ANGLE_RAD,
+                shapes.sharpest_rad >= MIN_ANGLE_RAD,
                 lambda i: (
                     f"a corner of {math.degrees(shapes.sharpest_rad[i]):.0f} degrees, "
                     f"limit {math.degrees(MIN_ANGLE_RAD):.0f}"
                 ),
             ),
             (
-                shapes.aspect,
-                longest,
+                shapes.aspect <= longest,
                 lambda i: f"too long for the sheet: {shapes.aspect[i]:.1f} to 1, limit {longest:.1f} to 1",
             ),
         )
         good = np.ones(len(outlines), np.bool_)
-        for value, limit, why in tests:
-            passed = value <= limit
-            findings.refuse(0, outlines, good & ~passed, why)
-            good &= passed
+        for test in tests:
+            good = findings.sift(0, outlines, good, test)
         return outlines[good]
 
     def _fitting(self, findings: Findings, outlines: Points, off_px: float) -> Points:
@@ -252,34 +249,23 @@ class SheetSearch:
         misfit_px = self._shape.misfit_px(outlines)
         slack_px = SLACK_SIGMAS * self._slack * longest_sides_px(outlines)
         limits = off_px / np.sin(quad_shapes(outlines).sharpest_rad) + slack_px
-        good = misfit_px < limits
-        findings.refuse(
-            1,
-            outlines,
-            ~good,
-            lambda i: (
-                f"corners about {misfit_px[i]:.1f} px from those of the sheet, limit {limits[i]:.1f} px"
-                + self._other_text(outlines[i])
-            ),
-            2 * limits / np.maximum(misfit_px, limits),
-        )
-        return outlines[good]
+
+        def why(i: int) -> str:
+            text = f"corners about {misfit_px[i]:.1f} px from those of the sheet, limit {limits[i]:.1f} px"
+            return text + self._other_text(outlines[i])
+
+        every, likely = np.ones(len(outlines), np.bool_), 2 * limits / np.maximum(misfit_px, limits)
+        return outlines[findings.sift(1, outlines, every, (misfit_px < limits, why), likely)]
 
     def _still_fitting(self, findings: Findings, edges: QuadEdges, off_px: float) -> QuadEdges:
         """Return the candidates that have straight sides and fit the sheet about as well as they were measured."""
         edges = edges[np.isfinite(edges.corners_px).all(axis=(1, 2))]
+        corners, every = edges.corners_px, np.ones(len(edges), np.bool_)
         straight = edges.support.min(axis=1, initial=1.0) > FIRST_SUPPORT
-        findings.refuse(2, edges.corners_px, ~straight, lambda i: straight_text(edges, i, FIRST_SUPPORT))
-        misfit_px, limits = self._shape.misfit_px(edges.corners_px), self._misfit_limits(edges, off_px)
-        near = misfit_px < limits
-        findings.refuse(
-            3,
-            edges.corners_px,
-            straight & ~near,
-            lambda i: self._misfit_text(misfit_px[i], limits[i], edges.corners_px[i]),
-            2 * limits / np.maximum(misfit_px, limits),
-        )
-        return edges[straight & near]
+        good = findings.sift(2, corners, every, (straight, lambda i: straight_text(edges, i, FIRST_SUPPORT)))
+        misfit_px, limits = self._shape.misfit_px(corners), self._misfit_limits(edges, off_px)
+        near: Test = (misfit_px < limits, lambda i: self._misfit_text(misfit_px[i], limits[i], corners[i]))
+        return edges[findings.sift(3, corners, good, near, 2 * limits / np.maximum(misfit_px, limits))]
 
     def _misfit_limits(self, edges: QuadEdges, off_px: float = 0.0) -> Values:
         # The search at half the size is rough, so a sheet that is no exact rectangle either may be off by the sum.
@@ -305,22 +291,18 @@ class SheetSearch:
         min_quality = 0.0 if self._is_strict else MIN_QUALITY
         evidence = self._evidence(edges, fits, expected, looks)
         good = ~corners_on_border(edges.corners_px, self._image.shape, _margin_px(scale))
-        tests = (
+        tests: tuple[Test, ...] = (
             *_size_test(edges, expected),
             *side_tests(edges, self._min_side_px),
-            (
-                misfit_px <= limits,
-                lambda i: self._misfit_text(misfit_px[i], limits[i], edges.corners_px[i]),
-            ),
+            (misfit_px <= limits, lambda i: self._misfit_text(misfit_px[i], limits[i], edges.corners_px[i])),
             (
                 quality >= min_quality,
                 lambda i: f"looks little like the sheet: quality {quality[i]:.2f}, limit {min_quality:.2f}",
             ),
         )
         # In order: the first test that a candidate fails is the reason that is given for it.
-        for stage, (passed, why) in enumerate(tests, SERIOUS_STAGE):
-            findings.refuse(stage, edges.corners_px, good & ~passed, why, evidence / 2)
-            good &= passed
+        for stage, test in enumerate(tests, SERIOUS_STAGE):
+            good = findings.sift(stage, edges.corners_px, good, test, evidence / 2)
         for number in np.nonzero(good)[0].tolist():
             off_px = MISFIT_FACTOR * misfit_px[number] * self._is_strict
             findings.keep(
@@ -351,7 +333,7 @@ class SheetSearch:
         return np.asarray(evidence + EXPECTED_EVIDENCE - off**2 / 2)
 
     def _judge_cut_off(
-        self, findings: Findings, outlines: Points, on_border: Which, scale: float, looks: Looks
+        self, findings: Findings, outlines: Points, on_border: Flags, scale: float, looks: Looks
     ) -> None:
         """Look for a sheet that the border cuts: its sides inside the picture are those of one."""
         shapes = quad_shapes(outlines)
@@ -360,7 +342,7 @@ class SheetSearch:
         outlines, free = outlines[may_be][:MAX_LOOKED_AT], on_border[may_be][:MAX_LOOKED_AT]
         if not len(outlines):
             return
-        edges = measure_edges(self._image, outlines, 2.0 + 2.0 / scale, self._light, self._bent, free)
+        edges = measure_edges(self._picture, outlines, 2.0 + 2.0 / scale, free)
         evidence = cut_off_evidence(edges.corners_px, free) + looks.evidence(edges.corners_px, edges.inside, free)
         evidence = np.nan_to_num(evidence, nan=-np.inf)
         straight = np.where(free, 1.0, edges.support).min(axis=1) >= MIN_CUT_SUPPORT
@@ -385,7 +367,7 @@ def _margin_px(scale: float) -> float:
     return 1.0 + 1.0 / scale
 
 
-def _size_test(edges: QuadEdges, expected: Prediction | None) -> tuple[tuple[Which, Callable[[int], str]], ...]:
+def _size_test(edges: QuadEdges, expected: Prediction | None) -> tuple[Test, ...]:
     """Return a test whether candidates are about as large as is expected, if that is known."""
     if expected is None:
         return ()

@@ -11,14 +11,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Annotated, Literal
+from typing import Annotated
 
 import cv2
 import numpy as np
+from msgspec.structs import replace
 from pydantic import Field, ValidationInfo, field_validator
 
-from stadimeter.config.extras import missing
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import TONE_CURVES, CameraModel
@@ -26,15 +25,12 @@ from stadimeter.core.detection import Detection, DetectionStatus, Points, Predic
 from stadimeter.core.drawing import Drawing, black_cells
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.protocol import Exercise, check_image
-from stadimeter.detectors.region import touches_border
-from stadimeter.detectors.sampling import grey_of, light_table
+from stadimeter.detectors.sampling import grey_of, light_table, touches_border
 from stadimeter.detectors.sides import diagonals_meet, grown, side_lengths, width_and_height
-from stadimeter.detectors.tag.codes import SMALL_TAG_FAMILIES, SeenTag, TagFamilyName, tag_family
+from stadimeter.detectors.tag.codes import SeenTag, TagFamilyName, tag_family
 from stadimeter.detectors.tag.frame import BentSides
-from stadimeter.detectors.tag.outlines import MAX_OUTLINES
-from stadimeter.detectors.tag.search import ApriltagFinder, LookResult, TagSearch, candidate
+from stadimeter.detectors.tag.search import MAX_OUTLINES, LookResult, TagSearch, candidate
 from stadimeter.detectors.tag.sides import TagSides, edge_points, measure_sides
-from stadimeter.errors import DriverUnavailableError
 from stadimeter.ranging.flat import TagShape
 
 # Number of reported candidates that are not the tag.
@@ -82,9 +78,6 @@ class TagOptions(DriverOptions):
     without a tag is done with."""
     inverted: bool = False
     """Whether tags with a white border on black count as well."""
-    finder: Literal["opencv", "pyapriltags"] = "opencv"
-    """What looks once more where the fast search finds nothing: ``opencv``, or ``pyapriltags`` for AprilTags of less
-    than 32 pixels, which needs the extra ``tags``."""
 
     @field_validator("id")
     @classmethod
@@ -94,18 +87,9 @@ class TagOptions(DriverOptions):
             raise ValueError(f"{value} is not in {name}, whose tags are numbered 0 to {tag_family(name).members - 1}")
         return value
 
-    @field_validator("finder")
-    @classmethod
-    def _knows_family(cls, value: str, info: ValidationInfo) -> str:
-        name = info.data.get("family")
-        if value == "pyapriltags" and name is not None and name not in SMALL_TAG_FAMILIES:
-            known = ", ".join(SMALL_TAG_FAMILIES)
-            raise ValueError(f"'pyapriltags' does not know the family {name}; it knows {known}; write 'opencv'")
-        return value
-
     def build(self, context: DriverContext) -> TagDetector:
         """Return the detector."""
-        return TagDetector(context.name, self, _small_tags(self, context.name))
+        return TagDetector(context.name, self)
 
     @staticmethod
     def exercise() -> Exercise:
@@ -123,16 +107,11 @@ class TagOptions(DriverOptions):
         black = np.pad(np.pad(family.cells_of(self.id or 0), 1, constant_values=True), 1)
         return black_cells(black.tolist(), self.side / family.cells)
 
-    def lacks(self) -> tuple[str, ...]:
-        """Return whether the library for small tags is missing."""
-        trouble = missing("tags") if self.finder == "pyapriltags" else ""
-        return (f"{trouble}, or write finder = 'opencv'",) if trouble else ()
-
 
 class TagDetector:
-    """Finds one tag; with `small_tags` also one that is too small for the rest."""
+    """Finds one tag."""
 
-    def __init__(self, name: str, options: TagOptions, small_tags: ApriltagFinder | None = None) -> None:
+    def __init__(self, name: str, options: TagOptions) -> None:
         self._name = name
         self._size = TagShape(side_m=options.side, relative_sigma=(options.tolerance or 0.0) / options.side)
         self._number = options.id
@@ -144,7 +123,6 @@ class TagDetector:
                 light=light_table(tone_curve),
                 min_side_px=options.min_side_px,
                 inverted=options.inverted,
-                small_tags=small_tags,
             )
             for tone_curve in TONE_CURVES
         }
@@ -248,7 +226,7 @@ class TagDetector:
         sides = measure_sides(seen.grey, tag.corners_px, self._family.cells, self._search(lens).light, bent)
         # Sides are measured in the coordinates of the part that was searched.
         corners = (tag.corners_px if sides is None else sides.corners_px) + seen.left_top_px
-        if touches_border(corners, frame.width_px, frame.height_px, BORDER_PX):
+        if touches_border(corners, frame.image.shape, BORDER_PX):
             cut_off = self._unmeasured(tag, "is cut off by the border", DetectionStatus.TRUNCATED)
             return replace(cut_off, outline_px=corners)
         trouble = "has no straight sides" if sides is None else self._trouble(sides)
@@ -333,16 +311,3 @@ def _size_sigma_px(sides: TagSides, cell_px: float, *, compressed: bool) -> floa
     of_crowding = SIGMA_CROWDING_PX * (max(*sides.edge_px, MIN_EDGE_PX) / cell_px) ** CROWDING_POWER
     of_bends = SIGMA_BEND * sides.lines.bend_px
     return math.hypot(of_steps, SIGMA_FLOOR_PX, of_crowding, SIGMA_COMPRESSED_PX * compressed, of_bends)
-
-
-def _small_tags(options: TagOptions, name: str) -> ApriltagFinder | None:
-    """Load the library for small tags, if it is asked for; it takes long and is not always installed."""
-    if options.finder == "opencv":
-        return None
-    try:
-        return ApriltagFinder(options.family)
-    except ImportError as error:
-        raise DriverUnavailableError(
-            f"target {name}: finder = 'pyapriltags' needs a library: {missing('tags') or error}, "
-            "or write finder = 'opencv'"
-        ) from error

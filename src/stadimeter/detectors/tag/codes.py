@@ -8,19 +8,15 @@ among all members in all four directions; only if it is none of them, it is comp
 from __future__ import annotations
 
 import difflib
-from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from msgspec import Struct
 from pydantic import BeforeValidator
 
-from stadimeter.core.detection import Points
-
-Plane = NDArray[np.uint8]
-Points32 = NDArray[np.float32]
+from stadimeter.core.detection import Flags, Plane, Points, Profiles
 
 # Samples along a cell; the outermost are left out, since neighbouring cells blur into them.
 SAMPLES = 4
@@ -38,8 +34,7 @@ MAX_BORDER_ERRORS = 0.12
 MAX_BORDER_DOUBTS = 0.4
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class SeenTag:
+class SeenTag(Struct, frozen=True, kw_only=True, eq=False):
     """A tag whose code was read."""
 
     number: int  # which member of the family it is
@@ -101,13 +96,13 @@ def _cells(grey: Plane, corners: Points, count: int) -> Plane:
 
 
 @cache
-def _square(side: int) -> Points32:
+def _square(side: int) -> Profiles:
     """Return the corners of a square picture, from the outer edge of its first pixel on."""
     return np.array(((0, 0), (side, 0), (side, side), (0, side)), np.float32) - np.float32(0.5)
 
 
 @cache
-def _inner_means(count: int) -> Points32:
+def _inner_means(count: int) -> Profiles:
     """Return the matrix that takes the mean of the inner samples of each cell, shape ``(count, count * SAMPLES)``."""
     inner = np.zeros(SAMPLES, np.float32)
     inner[1:-1] = 1 / (SAMPLES - 2)
@@ -153,16 +148,12 @@ DICTIONARIES = {
     f"{APRILTAG}36h11": "DICT_APRILTAG_36h11",
 }
 
-# The families that the AprilTag library knows as well, each with its name there.
-SMALL_TAG_FAMILIES = {f"{APRILTAG}{name}": f"tag{name}" for name in ("16h5", "25h9", "36h11")}
-
 # The share of the errors that a family could correct which is accepted, as `cv2.aruco` does: correcting all of them
 # takes clutter for a tag.
 CORRECTED_SHARE = 0.6
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class TagFamily:
+class TagFamily(Struct, frozen=True, kw_only=True, eq=False):
     """A set of square tags that differ in their code."""
 
     name: str  # such as ``apriltag-36h11``
@@ -170,11 +161,11 @@ class TagFamily:
     members: int  # how many tags there are; they are numbered from 0
     # The cells inside the border, row by row, of each member: 1 for white, -1 for black. First all members upright,
     # then all turned clockwise by one, two and three quarters, shape ``(4 * members, (cells - 2)²)``.
-    codes: NDArray[np.float32]
+    codes: Profiles
     rows: dict[bytes, int]  # where in `codes` a code is, by its cells as bytes, 1 for white and 0 for black
     max_errors: int  # how many wrong cells are accepted
 
-    def cells_of(self, number: int) -> NDArray[np.bool_]:
+    def cells_of(self, number: int) -> Flags:
         """Return which cells inside the border of a member are black, upright, shape ``(cells - 2, cells - 2)``."""
         return np.asarray(self.codes[number] < 0).reshape(self.cells - 2, self.cells - 2)
 
@@ -207,7 +198,7 @@ def tag_family(name: str) -> TagFamily:
     )
 
 
-def _correctable(codes: NDArray[np.float32], members: int) -> int:
+def _correctable(codes: Profiles, members: int) -> int:
     """Return how many wrong cells leave no doubt which member it is: less than half of what two differ by at least.
 
     OpenCV says so too, but before version 5 wrongly for AprilTags.
@@ -219,7 +210,7 @@ def _correctable(codes: NDArray[np.float32], members: int) -> int:
     return max(0, (differ - 1) // 2)
 
 
-def _rows(codes: NDArray[np.float32]) -> dict[bytes, int]:
+def _rows(codes: Profiles) -> dict[bytes, int]:
     """Return where each code is; of those that look the same, the first."""
     white = (codes > 0).astype(np.uint8)
     return {white[row].tobytes(): row for row in reversed(range(len(white)))}

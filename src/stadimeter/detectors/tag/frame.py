@@ -8,24 +8,16 @@ which for so few is several times as fast as arrays.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from msgspec import Struct
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Points
-from stadimeter.detectors.sides import (
-    CORNER_SHARE,
-    SideColumns,
-    SideLine,
-    quad_area,
-    side_columns,
-    side_lines,
-    step_shares,
-)
+from stadimeter.core.detection import Points, Values
+from stadimeter.detectors.sides import CORNER_SHARE, SideFrame, SideLine, quad_area, side_frame, side_lines
 
-Values = NDArray[np.float64]
 OfSides = tuple[float, ...]
 
 # Steps along each side, at least: the slope is a median over half as many pairs.
@@ -46,8 +38,7 @@ PLATEAU_PX = 1.5
 START: OfSides = (START_PX,) * 4
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Look:
+class Look(Struct, frozen=True, kw_only=True):
     """Parameters of one fit."""
 
     # How far across a side is looked, in cells: the border of a tag is one wide, and so is its margin.
@@ -56,8 +47,7 @@ class Look:
     refit: bool  # whether the line through the medians is fitted again without what lies far from it
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class BentSides:
+class BentSides(Struct, frozen=True, kw_only=True, eq=False):
     """Distortion of straight sides by a lens."""
 
     camera: CameraModel  # the lens at the picture's resolution
@@ -71,21 +61,10 @@ class BentSides:
         return self.camera.project((directions + directions[[1, 2, 3, 0]]) / 2) - self.left_top_px
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class SideFrame:
+class TagFrame(NamedTuple):
     """The expected sides."""
 
-    sides: list[SideLine]  # the straight lines between the corners
-    middle: Values  # where along is the middle of the steps of each side, shape ``(4, 1)``
-    from_middle: Values  # where the steps are looked for, whole pixels along less the middle, shape ``(4, n)``
-    # The pixel in which the side is expected there, counted row by row, or the nearest one with room for the reach
-    # around it, shape ``(4, n)``.
-    place: NDArray[np.intp]
-    # How much further across than the middle of this pixel the side is, shape ``(4, n)``; bent as the lens bends it.
-    off_pixel: Values
-    stride: NDArray[np.intp]  # how many places further on the next pixel outwards is, shape ``(4, 1)``
-    outward: Values  # which way across leads out of the tag, 1 or -1, shape ``(4, 1)``
-    cosine: Values  # what turns a difference across into a distance from the side, shape ``(4, 1)``
+    at: SideFrame
     reach: tuple[int, ...]  # how many pixels are looked at in each direction
     max_reach: tuple[int, ...]  # how many could be, as far as cells allow it
 
@@ -103,14 +82,14 @@ class SideFrame:
         return min([reach - edge_px for edge_px, reach in zip(edges_px, self.reach, strict=True)])
 
 
-def side_frame(
+def tag_frame(
     corners_px: Points,
     cells: int,
     look: Look,
     shape: tuple[int, ...],
     edges_px: OfSides = START,
     bent: BentSides | None = None,
-) -> SideFrame | None:
+) -> TagFrame | None:
     """Return where the sides between four corners are; None where they, or the picture, are too small or they lead out.
 
     Args:
@@ -130,28 +109,14 @@ def side_frame(
     # As far as the edge takes to end, plus a plateau; but no further than the cells beside it allow.
     reach = tuple([min(math.ceil(e + PLATEAU_PX), most) for e, most in zip(edges_px, max_reach, strict=True)])
     steps = int(min(max(shortest_px * (1 - 2 * CORNER_SHARE), MIN_STEPS), look.max_steps))
-    lines = side_columns(sides, shape[1])
-    along = np.rint(lines.start + step_shares(steps) * lines.forward)
-    across = lines.at_zero + lines.slope * along
-    if bent is not None:
-        across += _bend(bent.middles(corners_px), sides, lines, along)
-    # A profile is read around the nearest pixel; the rest, at most half a pixel, is added to what is found in it.
-    pixel = np.rint(across)
-    if bent is not None or inside_px < max(reach):
-        pixel = _with_room(pixel, sides, max(reach), shape)
-    middle = (along[:, :1] + along[:, -1:]) / 2
-    return SideFrame(
-        sides=sides,
-        middle=middle,
-        from_middle=along - middle,
-        place=(pixel * lines.next_across + along * lines.next_along).astype(np.intp),
-        off_pixel=across - pixel,
-        stride=(lines.next_across * lines.outward).astype(np.intp),
-        outward=lines.outward,
-        cosine=lines.cosine,
-        reach=reach,
-        max_reach=max_reach,
+    at = side_frame(
+        sides,
+        steps,
+        shape[1],
+        None if bent is None else partial(_bend, bent.middles(corners_px), sides),
+        partial(_with_room, sides, max(reach), shape) if bent is not None or inside_px < max(reach) else None,
     )
+    return TagFrame(at, reach, max_reach)
 
 
 def _inside_px(points: list[list[float]], shape: tuple[int, ...]) -> float:
@@ -167,17 +132,19 @@ def _reaches(sides: list[SideLine], area_of_cells_px2: float, look: Look) -> tup
     return tuple([min(max(round(look.reach_cells * cell_px), REACH_PX[0]), REACH_PX[1]) for cell_px in cells_px])
 
 
-def _with_room(pixel: Values, sides: list[SideLine], reach: int, shape: tuple[int, ...]) -> Values:
+def _with_room(sides: list[SideLine], reach: int, shape: tuple[int, ...], pixel: Values) -> Values:
     """Return the nearest pixels to these that are at least `reach` pixels inside the picture."""
     # Across is y for flat sides, so they may go down to the last row, and the others to the last column.
     last = np.array([[shape[0] if side.flat else shape[1]] for side in sides]) - 1
     return np.asarray(np.minimum(np.maximum(pixel, reach), last - reach))
 
 
-def _bend(middles: Points, sides: list[SideLine], lines: SideColumns, along: Values) -> Values:
+def _bend(middles: Points, sides: list[SideLine], along: Values) -> Values:
     """Return how far off its straight line each side is bent, as a parabola through its ends and its middle."""
+    rows = [(side.start, side.forward, side.slope, side.at_zero) for side in sides]
+    start, forward, slope, at_zero = np.array(rows).T[:, :, None]
     flat = np.array([side.flat for side in sides])
     middle_along, middle_across = np.where(flat, middles.T, middles.T[::-1])[:, :, None]
-    share = (along - lines.start) / lines.forward
+    share = (along - start) / forward
     # 4 s (1 - s) is 1 in the middle of a side and 0 at its ends.
-    return np.asarray((middle_across - lines.at_zero - lines.slope * middle_along) * 4 * share * (1 - share))
+    return np.asarray((middle_across - at_zero - slope * middle_along) * 4 * share * (1 - share))

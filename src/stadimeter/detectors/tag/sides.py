@@ -11,21 +11,25 @@ Arrays have the pixels across first, then the four sides, then the steps along a
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cache, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from msgspec import Struct
 
-from stadimeter.core.detection import Points
+from stadimeter.core.detection import Flags, Indices, Plane, Points, Profiles, Values
 from stadimeter.detectors.sampling import Light, median
-from stadimeter.detectors.sides import LIMITS_PX, MAD_TO_SIGMA, corners_between, pixels_across, points_beside, quad_area
-from stadimeter.detectors.tag.frame import START, BentSides, Look, OfSides, SideFrame, side_frame
-
-Plane = NDArray[np.uint8]
-Values = NDArray[np.float64]
-Profiles = NDArray[np.float32]
+from stadimeter.detectors.sides import (
+    LIMITS_PX,
+    MAD_TO_SIGMA,
+    SideFrame,
+    corners_between,
+    line_sums,
+    pixels_across,
+    quad_area,
+    steepest_fall,
+)
+from stadimeter.detectors.tag.frame import START, BentSides, Look, OfSides, TagFrame, tag_frame
 
 # A wide and quick one first where cells are smaller than this, since the start may be off by two pixels.
 FIRST_LOOK = Look(reach_cells=1.1, max_steps=16, refit=False)
@@ -58,8 +62,7 @@ PARABOLA_VARIANCE, TIMES_NOISE = 5.0, 2.0
 MIN_RISE = 0.04
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class TagSides:
+class TagSides(Struct, frozen=True, kw_only=True, eq=False):
     """Measured sides of a tag. Side i leads from corner i to corner i + 1."""
 
     corners_px: Points  # where the lines meet, shape ``(4, 2)``
@@ -95,7 +98,7 @@ def measure_sides(
     # Each look starts from the last one's lines and widths, until the lines stay and the edges end within what is
     # looked at: then the corners do not depend on where the outline was found.
     for look in looks:
-        frame = side_frame(corners, cells, look, grey.shape, edges_px, bent)
+        frame = tag_frame(corners, cells, look, grey.shape, edges_px, bent)
         sides = None if frame is None else _fit(grey, frame, look, light)
         if frame is None or sides is None or not np.abs(sides.corners_px - corners_px).max() < MAX_MOVED_PX:
             return None
@@ -110,38 +113,32 @@ def measure_sides(
     return sides
 
 
-def _fit(grey: Plane, frame: SideFrame, look: Look, light: Light) -> TagSides | None:
+def _fit(grey: Plane, frame: TagFrame, look: Look, light: Light) -> TagSides | None:
     steps = _steps(_profiles(grey, frame, light), frame)
-    lines = fit_lines(frame, steps.off, steps.height > MIN_RISE, refit=look.refit)
-    met = intersections(frame, lines)
+    lines = fit_lines(frame.at, steps.off, steps.height > MIN_RISE, refit=look.refit)
+    met = intersections(frame.at, lines)
     if met is None:
         return None
-    return TagSides(
-        corners_px=met,
-        contrast=steps.contrast,
-        edge_px=steps.edge_px,
-        lines=lines,
-    )
+    return TagSides(corners_px=met, contrast=steps.contrast, edge_px=steps.edge_px, lines=lines)
 
 
 def edge_points(grey: Plane, corners_px: Points, cells: int, light: Light, bent: BentSides | None = None) -> Points:
     """Return where steps are seen along the sides between corners that were measured, shape ``(n, 2)``."""
-    frame = side_frame(corners_px, cells, NEXT_LOOK, grey.shape, START, bent)
+    frame = tag_frame(corners_px, cells, NEXT_LOOK, grey.shape, START, bent)
     if frame is None:
         return np.empty((0, 2))
     steps = _steps(_profiles(grey, frame, light), frame)
-    flat = [side.flat for side in frame.sides]
-    return points_beside(frame.place, steps.off + frame.off_pixel, flat, grey.shape[1])[steps.height > MIN_RISE]
+    return frame.at.points(steps.off, grey.shape[1])[steps.height > MIN_RISE]
 
 
-def _profiles(grey: Plane, frame: SideFrame, light: Light) -> Profiles:
+def _profiles(grey: Plane, frame: TagFrame, light: Light) -> Profiles:
     """Return the light across each side, from the inside to the outside, shape ``(2 * reach + 1, 4, n)``."""
     # Places count the picture row by row; a stride leads one pixel outwards. Light is looked up from the code values.
-    places = frame.place + frame.stride * pixels_across(max(frame.reach))
+    places = frame.at.place + frame.at.stride * pixels_across(max(frame.reach))
     return light.take(grey.reshape(-1).take(places))
 
 
-def _steps(profiles: Profiles, frame: SideFrame) -> _SideSteps:
+def _steps(profiles: Profiles, frame: TagFrame) -> _SideSteps:
     """Find where each profile passes half way from black to white; where it does not, the height is `MIN_RISE`."""
     inside, outside, cut_off = _levels(profiles, frame)
     # Light is from 0 to 1. A side that is no side gets an infinite contrast, so that no profile crosses half way.
@@ -149,29 +146,22 @@ def _steps(profiles: Profiles, frame: SideFrame) -> _SideSteps:
     half_way = [(black + white) / 2 for black, white in zip(inside, outside, strict=True)]
     no_side = [rise if abs(rise) > MIN_LIGHT else math.inf for rise in contrast]
     middle, whole = np.array((half_way, no_side), np.float32)[:, :, None]
-    # Light as a share of the step, -0.5 for black and 0.5 for white; the edge is where it changes its sign, at the
-    # place where it rises most.
-    share = (profiles - middle) / whole
-    is_outside = share > 0
-    rises = share[1:] - share[:-1]
-    rises *= is_outside[1:] > is_outside[:-1]
-    best = rises.argmax(axis=0)
-    # `take` wants flat indices. Between its two pixels the light rises in a straight line: half way is at -share /
-    # height from the first of them, in pixels outwards from the middle of the profile.
-    place = best * best.size + np.arange(best.size).reshape(best.shape)
-    height = np.maximum(rises.take(place), MIN_RISE)
-    beyond = best - max(frame.reach) - share.take(place) / height
+    # Light as a share of the step, 0.5 for black and -0.5 for white; the edge is where it changes its sign, at the
+    # place where it rises most. Between its two pixels the light rises in a straight line.
+    best, rise, share = steepest_fall((middle - profiles) / whole)
+    height = np.maximum(rise, MIN_RISE)
+    beyond = best - max(frame.reach) + share / height
     edge_px = [1 / each for each in median(height)[:, 0].tolist()]
     return _SideSteps(
         # Outwards becomes across, and the pixel's middle becomes where the side was expected.
-        off=frame.outward * beyond - frame.off_pixel,
+        off=frame.at.outward * beyond - frame.at.off_pixel,
         height=height,
         contrast=contrast,
         edge_px=tuple([max(e, 2 * r) if cut else e for e, r, cut in zip(edge_px, frame.reach, cut_off, strict=True)]),
     )
 
 
-def _levels(profiles: Profiles, frame: SideFrame) -> tuple[list[float], list[float], list[bool]]:
+def _levels(profiles: Profiles, frame: TagFrame) -> tuple[list[float], list[float], list[bool]]:
     """Return how bright it is inside and outside each side, and whether its edge goes on beyond what is looked at.
 
     The edge does where it still rises at either end, and where cells allow to look further.
@@ -193,7 +183,7 @@ def _levels(profiles: Profiles, frame: SideFrame) -> tuple[list[float], list[flo
 
 
 @lru_cache(maxsize=256)
-def _ends(reach: tuple[int, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _ends(reach: tuple[int, ...]) -> tuple[Indices, Indices]:
     """Return which rows of the profiles show black and white themselves, where the look ends first, by the sides.
 
     That is where the look ends, and the pixel before, unless so little is looked at that this would be on the edge. The
@@ -205,8 +195,7 @@ def _ends(reach: tuple[int, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return np.concatenate((widest - of_side + before, widest + of_side - before)), np.tile(np.arange(4), 2)[:, None]
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class TagLines:
+class TagLines(Struct, frozen=True, kw_only=True, eq=False):
     """A line for each side, as a difference from where it was expected: offset + slope * (along - middle)."""
 
     offset: Values  # shape ``(4, 1)``
@@ -217,7 +206,7 @@ class TagLines:
     bend_px: float  # by how much the steps follow a bend, the root of the sum of the squares of all sides
 
 
-def fit_lines(frame: SideFrame, off: Values, found: NDArray[np.bool_], *, refit: bool) -> TagLines:
+def fit_lines(frame: SideFrame, off: Values, found: Flags, *, refit: bool) -> TagLines:
     """Fit lines by least squares with Tukey's weights, from a line through medians, which outliers do not move.
 
     Where the steps are across, and which are found, has the shape ``(4, n)``. Without `refit` it is the line through
@@ -294,16 +283,9 @@ def _limit(distance: Values) -> Values:
 
 def _weighted_lines(along: Values, off: Values, weight: Values) -> tuple[Values, Values]:
     """Return offset and slope of the lines that are nearest to the steps, each with its weight."""
-    # The sums of w, w x, w x^2, w y and w x y over the steps are all that the normal equations of a line need. They are
-    # solved in plain numbers, side by side; 1e-9 keeps a side without steps from dividing by zero.
-    terms = np.empty((5, *weight.shape))
-    terms[0] = weight
-    np.multiply(weight, along, out=terms[1])
-    np.multiply(terms[1], along, out=terms[2])
-    np.multiply(weight, off, out=terms[3])
-    np.multiply(terms[1], off, out=terms[4])
+    # The normal equations solved in plain numbers, side by side; 1e-9 keeps a side without steps from dividing by zero.
     lines = []
-    for total, first, second, height, together in np.add.reduce(terms, axis=2).T.tolist():
+    for total, first, second, height, together in line_sums(weight, along, off):
         mean = first / max(total, 1e-9)
         slope = (together - mean * height) / max(second - mean * first, 1e-9)
         lines.append(((height - slope * first) / max(total, 1e-9), slope))

@@ -83,7 +83,7 @@ async function logOut() {
 function drawState() {
   const { snapshot, state } = live;
   const isLive = state.status === "live" && snapshot && live.staleMs() === null;
-  const active = isLive ? snapshot.rules.filter((rule) => !rule.acknowledged || (rule.is_alarm && rule.active && !rule.gates.length)) : [];
+  const active = isLive ? snapshot.rules.filter((rule) => !rule.acknowledged || (rule.is_alarm && rule.active && !rule.inhibits.length)) : [];
   const badges = [
     isLive && snapshot.recording && { key: "rec", kind: "alarm", words: "recording" },
     active.length && { key: "alarms", kind: "alarm", words: `${active.length} ${active.length === 1 ? "alarm" : "alarms"}` },
@@ -107,14 +107,16 @@ function banners(isLive) {
   const { snapshot, state } = live;
   if (state.status === "lost" && route() === VIEWS.setup) return []; // it needs no run, and starts one at its end
   if (state.code === "no-configuration") return [{ key: "new", kind: "warning", words: state.words, offersSetUp: session.right === "operate" }];
-  if (state.status === "lost") return [{ key: "lost", kind: "error", words: state.words, offersStart: session.right === "operate" && state.code !== "offline" }];
+  if (state.status === "lost") return [{ key: `lost ${state.code}`, kind: "error", words: state.words, offersStart: session.right === "operate" && state.code === "no-run" }];
   if (live.staleMs() >= SILENT_MS) return [{ key: "silent", kind: "error", words: `Nothing has come from the run for ${span(live.staleMs() / 1000)}. What is shown is old.` }];
   if (!isLive) return [];
   const { safety, health } = snapshot;
   const isStopped = safety.mode === "stopped";
+  const isDisarmed = safety.mode === "disarmed";
   return [
     isStopped && { key: "stopped", kind: "error", words: `Every output is at its safe value: ${safety.reason}`, offersRelease: session.right === "operate" },
-    safety.mode !== "active" && !isStopped && { key: "safety", kind: safety.mode === "stale" ? "error" : "warning", words: `Outputs are at their safe values: ${safety.reason || safety.mode}` },
+    isDisarmed && { key: "disarmed", kind: "warning", words: `Every output is at its safe value: ${safety.reason}`, offersArm: session.right === "operate" },
+    safety.mode !== "active" && !isStopped && !isDisarmed && { key: "safety", kind: safety.mode === "stale" ? "error" : "warning", words: `Outputs are at their safe values: ${safety.reason || safety.mode}` },
     health.trouble && { key: "trouble", kind: "warning", words: health.trouble },
   ].filter(Boolean);
 }
@@ -128,12 +130,13 @@ function markAge() {
   markAge.was = age !== null;
 }
 
-function banner({ offersStart, offersSetUp, offersRelease }) {
+function banner({ offersStart, offersSetUp, offersRelease, offersArm }) {
   const words = h("span");
   const start = offersStart && h("button", { type: "button", class: "button", onclick: startRun }, "Start the run");
-  const release = offersRelease && h("button", { type: "button", class: "button", onclick: releaseOutputs }, "Release");
+  const release = offersRelease && h("button", { type: "button", class: "button", onclick: () => letAct(RELEASE) }, "Release");
+  const arm = offersArm && h("button", { type: "button", class: "button", onclick: () => letAct(ARM) }, "Arm");
   const setUp = offersSetUp && h("a", { href: "#setup", class: "button" }, "Set it up");
-  const element = h("p", { class: "banner" }, words, start, setUp, release);
+  const element = h("p", { class: "banner" }, words, start, setUp, release, arm);
   element.update = (each) => {
     element.className = `banner is-${each.kind}`;
     if (words.said !== each.words) replace(words, inCode((words.said = each.words)));
@@ -156,15 +159,18 @@ async function stopOutputs() {
   }
 }
 
-async function releaseOutputs() {
+const RELEASE = { path: "outputs/release", title: "Release the outputs", action: "Release" };
+const ARM = { path: "outputs/arm", title: "Arm the run", action: "Arm" };
+
+async function letAct({ path, title, action }) {
   const fields = [
     { name: "why", label: "Why", placeholder: "may be left empty", maxLength: 200 },
     { name: "by", label: "Your name", value: localStorage.getItem("name") ?? "", placeholder: "may be left empty", maxLength: 60 },
   ];
-  const given = await ask({ title: "Release the outputs", words: "They act again at once, as the rules want them to: what moves may move off.", fields, action: "Release" });
+  const given = await ask({ title, words: "Outputs act at once, as the rules want them to: what moves may move off.", fields, action });
   if (!given) return;
   try {
-    say((await api.post("outputs/release", { by: given.by || undefined, why: given.why })).words);
+    say((await api.post(path, { by: given.by || undefined, why: given.why })).words);
   } catch (error) {
     say(error.message, "error");
   }

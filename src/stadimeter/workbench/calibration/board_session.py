@@ -12,12 +12,15 @@ third difference of it is noise, multiplied by the square root of 20.
 
 from __future__ import annotations
 
+import datetime as dt
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from stadimeter.core.frame import Frame, Image, Optics
@@ -33,6 +36,7 @@ from stadimeter.ranging.board_calibration import (
     edges_away,
     in_common,
 )
+from stadimeter.workbench.measuring import open_picture
 
 # Larger pictures are searched at a smaller scale; the corners are refined at full scale.
 MAX_SEARCH_PX = 2048
@@ -42,8 +46,7 @@ CHARUCO_CORNERS_MIN = 6
 _CLASSIC = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Chessboard:
+class Chessboard(Struct, frozen=True, kw_only=True):
     """A chessboard.
 
     Attributes:
@@ -77,8 +80,7 @@ class Chessboard:
         return (corners + 0.5) / scale - 0.5 if found else None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CharucoBoard:
+class CharucoBoard(Struct, frozen=True, kw_only=True):
     """A chessboard with a marker in every white square, which need not be in the picture as a whole.
 
     Attributes:
@@ -139,6 +141,61 @@ class CharucoBoard:
 
 
 Board = Chessboard | CharucoBoard
+
+
+def today() -> str:
+    """Return the date of today, as ISO 8601 has it."""
+    return dt.datetime.now().astimezone().date().isoformat()
+
+
+class BoardPictures(Struct, frozen=True, kw_only=True):
+    """Views of a board in pictures.
+
+    Attributes:
+        missed: Picture and reason, for each in which it was not.
+        optics: How the camera was set, if a picture says it.
+    """
+
+    views: tuple[BoardView, ...]
+    missed: tuple[tuple[str, str], ...]
+    width_px: int
+    height_px: int
+    optics: Optics | None = None
+
+
+def find_boards(
+    paths: Sequence[Path], board: Board, watched: Callable[[Sequence[Path]], Iterable[Path]] = iter
+) -> BoardPictures:
+    """Look for a board in pictures.
+
+    Args:
+        watched: Goes through the pictures, such as to show how many are done.
+
+    Raises:
+        PictureError: A picture cannot be read.
+        CalibrationError: The pictures differ in resolution, or in how the camera was set.
+    """
+    views: list[BoardView] = []
+    missed: list[tuple[str, str]] = []
+    shape, optics = (0, 0), None
+    for path in watched(paths):
+        frame = open_picture(path)
+        here = (frame.width_px, frame.height_px)
+        shape = here if shape == (0, 0) else shape
+        if here != shape:
+            raise CalibrationError(
+                f"{paths[0]} has {shape[0]}x{shape[1]} px, {path} has {here[0]}x{here[1]}; calibrate from pictures of "
+                "one resolution, all held the same way"
+            )
+        optics = optics or frame.optics
+        if optics and frame.optics and (change := optics.change_to(frame.optics)):
+            raise CalibrationError(f"{path}: {change}; calibrate from pictures of one setting")
+        found = board.find(str(path), frame.image)
+        if isinstance(found, BoardView):
+            views.append(found)
+        else:
+            missed.append((str(path), found))
+    return BoardPictures(views=tuple(views), missed=tuple(missed), width_px=shape[0], height_px=shape[1], optics=optics)
 
 
 # So many views at least; fewer may fit by chance.

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from stadimeter.app.detectors import NamedDetector, build_detectors
 from stadimeter.config.plugins import DriverChoice
@@ -20,14 +22,13 @@ from stadimeter.ranging.calibration import (
     calibrate,
     with_readings,
 )
-from stadimeter.workbench.remedies import remedies_for
+from stadimeter.workbench.measuring import remedies_for
 
 # Returns the picture of a name: reads its file, or has kept it. It may raise `StadimeterError`.
 FrameOf = Callable[[str], Frame]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DistanceFit:
+class DistanceFit(Struct, frozen=True, kw_only=True):
     """A calibration, and what became of its pictures.
 
     Attributes:

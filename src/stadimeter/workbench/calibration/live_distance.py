@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
-from dataclasses import dataclass
-from types import TracebackType
-from typing import Self
+from collections.abc import Sequence
+
+from msgspec import Struct
 
 from stadimeter.app.detectors import build_detectors
 from stadimeter.config.plugins import DriverChoice
-from stadimeter.core.camera_model import CameraModel, ToneCurve
+from stadimeter.core.camera_model import ToneCurve
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CalibrationError
@@ -54,11 +52,11 @@ LARGE_ENOUGH_PX = 20.0
 NO_MISTAKE_M = 0.2
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Take:
+class Take(Struct, frozen=True, eq=False, kw_only=True):
     """The result of several frames at one distance.
 
     Attributes:
+        known: What was found in the frame that counts.
         distance_m: As the person gave it: from the lens to the target's nearest point.
         frames: How many frames were taken.
         found: In how many of them the target was found whole.
@@ -69,6 +67,8 @@ class Take:
     """
 
     name: str
+    known: KnownDistance
+    frame: Frame
     distance_m: float
     frames: int
     found: int
@@ -79,51 +79,31 @@ class Take:
 
 
 class LiveDistance:
-    """A calibration before a camera. Use it as a context, which opens the camera and closes it.
+    """A calibration before an open camera.
 
     Of several frames at one distance the one of median size counts: their common error, that of the tape, would not
     get smaller by counting all of them.
 
     Args:
-        camera: The camera, such as `opened` gives it.
         target: The target to look for: one.
-        note: Takes a sentence for the person, such as on a setting that the camera did not take.
     """
 
     def __init__(
         self,
-        camera: AbstractContextManager[Source],
+        source: Source,
         target: DriverChoice,
         *,
         date: str,
         distance_relative_sigma: float = DISTANCE_RELATIVE_SIGMA,
         tone_curve: ToneCurve = "srgb",
-        note: Callable[[str], None] = lambda _words: None,
     ) -> None:
-        self._opening = camera
-        self._source: Source
+        self._source = source
         self._choices = (target,)
         (self._target,) = build_detectors(self._choices, None)
         self._date = date
         self._relative_sigma = distance_relative_sigma
         self._tone_curve: ToneCurve = tone_curve
-        self._note = note
-        self._known: dict[str, KnownDistance] = {}
-        self._pictures: dict[str, Frame] = {}
         self._takes: dict[str, Take] = {}
-
-    def __enter__(self) -> Self:
-        """Open the camera and let it settle; `DriverError` if it cannot be opened."""
-        self._source = self._opening.__enter__()
-        for remark in self._source.capture.remarks():
-            self._note(remark)
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close the camera."""
-        self._opening.__exit__(kind, error, trace)
 
     @property
     def measured_to(self) -> str:
@@ -139,11 +119,6 @@ class LiveDistance:
     def takes(self) -> tuple[Take, ...]:
         """What was seen at each distance, in the order in which they were taken."""
         return tuple(self._takes.values())
-
-    @property
-    def pictures(self) -> dict[str, Frame]:
-        """The frame that counts of each distance, by the name of its take."""
-        return dict(self._pictures)
 
     @property
     def is_proved(self) -> bool:
@@ -181,9 +156,20 @@ class LiveDistance:
             raise CalibrationError(_why_not_found(name, missed, len(seen), self._choices[0]))
         found.sort(key=lambda pair: _size_px(pair[0]))
         known, frame = found[len(found) // 2]
-        take = self._take(name, distance_m, known, [_size_px(each) for each, _ in found], len(seen))
-        self._known[name], self._pictures[name], self._takes[name] = known, frame, take
-        return take
+        size_px, spread_share = _steady_size(name, known, [_size_px(each) for each, _ in found])
+        self._takes[name] = Take(
+            name=name,
+            known=known,
+            frame=frame,
+            distance_m=distance_m,
+            frames=len(seen),
+            found=len(found),
+            size_px=size_px,
+            spread_share=spread_share,
+            reads_m=self._reads_m(known),
+            reason=known.detection.reason,
+        )
+        return self._takes[name]
 
     def calibration(self) -> Calibration:
         """Return the calibration from all distances.
@@ -192,8 +178,8 @@ class LiveDistance:
             CalibrationError: The distances contradict each other, or the target is not found through the camera model.
         """
         fit = fit_distances(
-            tuple(self._known.values()),
-            self._pictures.__getitem__,
+            [take.known for take in self.takes],
+            lambda name: self._takes[name].frame,
             self._choices,
             date=self._date,
             distance_relative_sigma=self._relative_sigma,
@@ -209,10 +195,6 @@ class LiveDistance:
             raise CalibrationError("there is no distance yet; take one")
         return fit.calibration
 
-    def camera_model(self) -> CameraModel:
-        """Return the camera model; raises as `calibration` does."""
-        return self.calibration().camera_model
-
     def _frames(self, number: int) -> Sequence[Frame]:
         """Return fresh frames: the one that waited may show the hand that put the target there."""
         if self._source.is_live:
@@ -221,29 +203,8 @@ class LiveDistance:
         number = max(1, min(number, FRAMES_MAX_BYTES // first.image.nbytes))
         return [first, *(self._source.capture.latest(SETTLING_WAIT_S) for _ in range(number - 1))]
 
-    def _take(self, name: str, distance_m: float, known: KnownDistance, sizes_px: Sequence[float], frames: int) -> Take:
-        size_px = statistics.median(sizes_px)
-        # 1.4826 times the median of the absolute deviations is the standard deviation, whatever single frames show.
-        spread_share = 1.4826 * statistics.median(abs(each - size_px) for each in sizes_px) / size_px
-        expected_share = known.detection.size_sigma_px / size_px
-        if spread_share > max(SPREAD_SHARE_MAX, SPREAD_SIGMAS_MAX * expected_share):
-            raise CalibrationError(
-                f"{name} the target's size changed by {spread_share:.1%} from frame to frame: keep the target and the"
-                " camera still, and lock focus and exposure if the camera lets you"
-            )
-        return Take(
-            name=name,
-            distance_m=distance_m,
-            frames=frames,
-            found=len(sizes_px),
-            size_px=size_px,
-            spread_share=spread_share,
-            reads_m=self._reads_m(known),
-            reason=known.detection.reason,
-        )
-
     def _reads_m(self, known: KnownDistance) -> float | None:
-        others = [each for name, each in self._known.items() if name != known.picture]
+        others = [take.known for name, take in self._takes.items() if name != known.picture]
         if not others:
             return None
         model = calibrate(others, date=self._date, distance_relative_sigma=self._relative_sigma).camera_model
@@ -255,6 +216,20 @@ def _why_not_found(name: str, missed: Sequence[tuple[KnownDistance, Frame]], fra
     why = f"{known.detection.reason}{remedy_words(known, frame, choice)}"
     reasons = "; ".join((why, *picture_remarks(frame.image)))
     return f"{name} the target was found in {frames - len(missed)} of {frames} frames: {reasons}"
+
+
+def _steady_size(name: str, known: KnownDistance, sizes_px: Sequence[float]) -> tuple[float, float]:
+    """Return the median size and its spread as a share; raises `CalibrationError` if something moved meanwhile."""
+    size_px = statistics.median(sizes_px)
+    # 1.4826 times the median of the absolute deviations is the standard deviation, whatever single frames show.
+    spread_share = 1.4826 * statistics.median(abs(each - size_px) for each in sizes_px) / size_px
+    expected_share = known.detection.size_sigma_px / size_px
+    if spread_share > max(SPREAD_SHARE_MAX, SPREAD_SIGMAS_MAX * expected_share):
+        raise CalibrationError(
+            f"{name} the target's size changed by {spread_share:.1%} from frame to frame: keep the target and the"
+            " camera still, and lock focus and exposure if the camera lets you"
+        )
+    return size_px, spread_share
 
 
 def _size_px(known: KnownDistance) -> float:

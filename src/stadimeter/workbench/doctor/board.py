@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from stadimeter.app.board_health import HOT_C, THROTTLED_C, is_under_voltage, temperature_c, throttling
+from stadimeter.app.live.health import HOT_C, THROTTLED_C, is_under_voltage, temperature_c, throttling
 from stadimeter.workbench.doctor.computer import Computer, Diagnosis, fine, unknown, warning, wrong
 from stadimeter.workbench.doctor.examined import Examined
 
@@ -80,7 +80,7 @@ def clock(examined: Examined) -> Iterator[Diagnosis]:
         return
     remedy = "`sudo timedatectl set-ntp true`, and a network; a Pi 5 keeps time with a battery on its clock"
     seen = "the clock is not synchronised"
-    if examined.goes_by_the_clock:
+    if examined.configured.is_scheduled:
         yield wrong(f"{seen}, and rules with a schedule wait for it", remedy)
     else:
         yield warning(f"{seen}: times in logs and messages may be wrong", remedy)

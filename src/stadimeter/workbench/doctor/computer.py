@@ -14,13 +14,18 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from stadimeter.app.wall_time import is_synchronised
+from msgspec import Struct, field
+
+from stadimeter.app.clock import is_synchronised
 from stadimeter.config.extras import NUMPY_1, PACKAGE_AGAIN, PACKAGED, PICAMERA2, PICAMERA2_TOO_OLD, SEE_SYSTEM
+from stadimeter.errors import Problem
+
+if TYPE_CHECKING:  # reading a configuration loads the libraries that may be broken
+    from stadimeter.config.loader import Configuration
 
 
 class DiagnosisSeverity(StrEnum):
@@ -32,8 +37,7 @@ class DiagnosisSeverity(StrEnum):
     UNKNOWN = "not known"
 
 
-@dataclass(frozen=True, slots=True)
-class Diagnosis:
+class Diagnosis(Struct, frozen=True):
     """What a check found.
 
     Attributes:
@@ -69,8 +73,7 @@ def unknown(seen: str, remedy: str = "") -> Diagnosis:
 COMMAND_S = 4.0
 
 
-@dataclass(frozen=True, slots=True)
-class CommandResult:
+class CommandResult(Struct, frozen=True):
     """What a command printed before it ended; `code` is None if it was stopped since it took too long."""
 
     code: int | None
@@ -95,12 +98,7 @@ def _text(printed: bytes | None) -> str:
     return (printed or b"").decode("utf-8", "replace")
 
 
-def _free_bytes(path: Path) -> int:
-    return shutil.disk_usage(path).free
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Computer:
+class Computer(Struct, frozen=True, kw_only=True):
     """What the checks may ask.
 
     Attributes:
@@ -114,7 +112,7 @@ class Computer:
     run: Callable[[Sequence[str], float], CommandResult | None] = run_command
     environment: Mapping[str, str] = field(default_factory=lambda: os.environ)
     is_clock_right: Callable[[], bool] = is_synchronised
-    free_bytes: Callable[[Path], int] = _free_bytes
+    free_bytes: Callable[[Path], int] = lambda path: shutil.disk_usage(path).free
 
     def has(self, path: str) -> bool:
         """Return whether there is such a file or folder."""
@@ -141,10 +139,13 @@ class Computer:
         """Return the name of the device that a path such as ``/dev/serial0`` leads to."""
         return self._at(path).resolve().name
 
+    def users(self) -> list[list[str]]:
+        """Return the fields of each user, as the file ``/etc/passwd`` has them."""
+        return [line.split(":") for line in self.text("/etc/passwd").splitlines()]
+
     def home(self, user: str) -> str:
         """Return the home of a user, or what would be a usual one."""
-        lines = [line.split(":") for line in self.text("/etc/passwd").splitlines()]
-        return next((fields[5] for fields in lines if fields[0] == user and len(fields) > 5), f"/home/{user}")
+        return next((each[5] for each in self.users() if each[0] == user and len(each) > 5), f"/home/{user}")
 
     def settings(self, *patterns: str) -> dict[str, str]:
         """Return what files of lines ``KEY=VALUE`` set; later files and lines win."""
@@ -189,6 +190,27 @@ class Computer:
         return self.root / path.lstrip("/")
 
 
+class Configured(Struct, frozen=True):
+    """What the checks ask of a configuration; without one it has no pins, no ports and no schedule.
+
+    Attributes:
+        why_none: Why a configuration that is there, or was named, cannot be used.
+        pins: The GPIOs of its outputs and buttons.
+        ports: The serial ports that its base names.
+        is_scheduled: Whether any rule asks for the time of day.
+        safe_lines: The lines of the list of safe outputs; none for simulated outputs.
+        find_warnings: Returns what `check` finds, what this computer lacks first.
+    """
+
+    why_none: Diagnosis | None = None
+    configuration: Configuration | None = None
+    pins: frozenset[int] = frozenset()
+    ports: tuple[str, ...] = ()
+    is_scheduled: bool = False
+    safe_lines: tuple[str, ...] = ()
+    find_warnings: Callable[[], Sequence[Problem]] = tuple
+
+
 # Of these, lgpio is looked for and not imported: it leaves a named pipe in the working directory.
 IMPORT_S = 15.0
 LIBRARIES = ("numpy", "cv2", "simplejpeg", "pydantic", "picamera2")
@@ -225,8 +247,7 @@ def python_command() -> tuple[str, ...]:
     return (sys.executable, "-s") if sys.flags.no_user_site else (sys.executable,)
 
 
-@dataclass(frozen=True, slots=True)
-class Imports:
+class Imports(Struct, frozen=True):
     """What importing the libraries in another Python printed, line by line, and whether it ended in time."""
 
     lines: list[dict[str, Any]]
@@ -259,17 +280,13 @@ def libraries(imports: Imports) -> Iterator[Diagnosis]:
     missing = [each["name"] for each in found if each["missing"] and each["name"] not in OPTIONAL]
     if missing:
         yield wrong(f"{' and '.join(missing)} is not installed", _again(python))
-    if (untried := _last_import(lines)) is not None:
+    if untried := lines[-1].get("trying"):
         how = "takes too long" if imports.is_late else "crashes Python"
         yield wrong(f"importing {untried} {how}", _again(python))
     if not (missing or untried or any(each["error"] for each in found)):
         loaded = (each for each in found if each["name"] in LIBRARIES and not each["missing"])
         names = ", ".join(f"{each['name']} {each['version']}".strip() + _origin(each) for each in loaded)
         yield fine(f"Python {python['python']} in {python['prefix']}; {names} load together")
-
-
-def _last_import(lines: list[dict[str, Any]]) -> str | None:
-    return lines[-1].get("trying")
 
 
 def _origin(library: dict[str, Any]) -> str:

@@ -36,7 +36,7 @@ def groups(examined: Examined) -> Iterator[Diagnosis]:
         yield unknown("which user this is: the kernel does not say")
         return
     sudo = computer.environment.get("SUDO_USER", "") if ids["Uid"][0] == "0" else ""
-    user = sudo or _name(computer, ids["Uid"][0])
+    user = sudo or next((each[0] for each in computer.users() if each[2:3] == ids["Uid"][:1]), ids["Uid"][0])
     if user == "root":
         yield fine("root may use every device; other users need the groups video, dialout and gpio")
         return
@@ -73,22 +73,17 @@ def _lacking(
 
 
 def _groups_needed(examined: Examined) -> set[str]:
-    configuration = examined.configuration
-    if configuration is None or examined.is_of_service:  # the service has the groups of its unit
+    found = examined.configured
+    if found.configuration is None or examined.is_of_service:  # the service has the groups of its unit
         return set()
-    cameras = {"video"} if configuration.camera.driver in ATTACHED else set()
-    return cameras | ({"dialout"} if examined.ports else set()) | ({"gpio"} if examined.pins else set())
+    needed = {"video": found.configuration.camera.driver in ATTACHED, "dialout": found.ports, "gpio": found.pins}
+    return {group for group, why in needed.items() if why}
 
 
 def _ids(computer: Computer) -> dict[str, list[str]]:
     """Return the user and the groups of this process, as the kernel knows them."""
     lines = dict(line.split(":", 1) for line in computer.text("/proc/self/status").splitlines() if ":" in line)
     return {key: lines.get(key, "").split() for key in ("Uid", "Groups")}
-
-
-def _name(computer: Computer, number: str) -> str:
-    lines = [line.split(":") for line in computer.text("/etc/passwd").splitlines()]
-    return next((fields[0] for fields in lines if fields[2:3] == [number]), number)
 
 
 def cameras(examined: Examined) -> Iterator[Diagnosis]:
@@ -120,7 +115,8 @@ def _list_cameras(computer: Computer) -> list[dict[str, Any]] | None:
 
 def _ribbon(examined: Examined, *, has_any: bool, has_ribbon: bool) -> Iterator[Diagnosis]:
     """Tell why there is no camera on a ribbon cable, or none at all."""
-    computer = examined.computer
+    computer, found = examined.computer, examined.configured.configuration
+    driver = found.camera.driver if found is not None else ""
     if computer.is_pi and not has_ribbon:
         config = computer.text(*CONFIG_TXT)
         if re.search(r"^\s*start_x\s*=\s*1", config, re.MULTILINE):
@@ -132,26 +128,17 @@ def _ribbon(examined: Examined, *, has_any: bool, has_ribbon: bool) -> Iterator[
         if _has_sensor(computer):
             yield _why_unseen(examined)
             return
-        if _names(examined, "picamera2") or (examined.configuration is None and not has_any):
+        if driver == "picamera2" or not (driver or has_any):
             yield _no_sensor(computer, config, has_any=has_any)
             return
     if has_any:
         return
     seen = "no camera is found on this computer"
-    if _wants_attached(examined):
+    is_stream = found is not None and getattr(found.camera.options, "is_stream", False)
+    if not driver or (driver in ATTACHED and not is_stream):
         yield wrong(seen, "plug one in; `ls /dev/video*` lists those that the kernel knows")
     else:
         yield fine(f"{seen}, and the configuration needs none")
-
-
-def _wants_attached(examined: Examined) -> bool:
-    configuration = examined.configuration
-    is_stream = configuration is not None and getattr(configuration.camera.options, "is_stream", False)
-    return configuration is None or (_names(examined, *ATTACHED) and not is_stream)
-
-
-def _names(examined: Examined, *drivers: str) -> bool:
-    return examined.configuration is not None and examined.configuration.camera.driver in drivers
 
 
 def _has_sensor(computer: Computer) -> bool:
@@ -196,7 +183,7 @@ def pins(examined: Examined) -> Iterator[Diagnosis]:
     """Tell whether pins can be driven, and through what."""
     computer = examined.computer
     if not computer.is_pi:
-        if examined.pins:
+        if examined.configured.pins:
             yield wrong("the configuration drives pins, and this is no Raspberry Pi", "run it on one")
         return
     factory = computer.environment.get("GPIOZERO_PIN_FACTORY", "lgpio")
@@ -206,17 +193,14 @@ def pins(examined: Examined) -> Iterator[Diagnosis]:
     elif factory != "lgpio":
         yield wrong(f"GPIOZERO_PIN_FACTORY={factory}: pins are driven through lgpio", "`unset GPIOZERO_PIN_FACTORY`")
     elif examined.imports.lacks(LIBRARIES["pi"]):
-        judged = wrong if examined.pins else warning
+        judged = wrong if examined.configured.pins else warning
         yield judged("the library lgpio, which drives pins, is not installed", install_line("pi"))
     elif "gpiochip0" not in chips:
         yield wrong("there is no /dev/gpiochip0", "`sudo apt full-upgrade`, and restart: the kernel has no driver")
     else:
-        yield fine(f"pins are driven through lgpio, by /dev/{_header_chip(computer, chips)}")
-
-
-def _header_chip(computer: Computer, chips: list[str]) -> str:
-    """Return the chip that gpiozero takes for the header: on a Pi 5 number 4, where there is one."""
-    return "gpiochip4" if "Raspberry Pi 5" in computer.model and "gpiochip4" in chips else "gpiochip0"
+        is_pi_5 = "Raspberry Pi 5" in computer.model  # gpiozero takes chip 4 there, if there is one
+        chip = "gpiochip4" if is_pi_5 and "gpiochip4" in chips else "gpiochip0"
+        yield fine(f"pins are driven through lgpio, by /dev/{chip}")
 
 
 def serial(examined: Examined) -> Iterator[Diagnosis]:
@@ -224,8 +208,8 @@ def serial(examined: Examined) -> Iterator[Diagnosis]:
     computer = examined.computer
     console = re.search(r"console=(ttyAMA\d+|ttyS\d+)", computer.text("/proc/cmdline"))
     if computer.is_pi and console:
-        is_used = console[1] in map(computer.node, examined.ports) or (
-            console[1] in ON_HEADER and {14, 15} & examined.pins
+        is_used = console[1] in map(computer.node, examined.configured.ports) or (
+            console[1] in ON_HEADER and {14, 15} & examined.configured.pins
         )
         where = f"{console[1]} (GPIO 14 and 15)" if console[1] in ON_HEADER else console[1]
         if is_used:
@@ -235,16 +219,14 @@ def serial(examined: Examined) -> Iterator[Diagnosis]:
             )
         else:
             yield fine(f"the system's console is on {where}; leave that free")
-    yield from _takers(computer, has_base=bool(examined.ports))
+    if examined.configured.ports or computer.paths("/dev/tty[UA][SC][BM]*"):
+        yield from _takers(computer)
     found = computer.paths("/dev/serial/by-id/*")
     if found:
         yield fine(f"serial ports, by the names that stay right: {', '.join(found)}")
 
 
-def _takers(computer: Computer, *, has_base: bool) -> Iterator[Diagnosis]:
-    is_threat = has_base or bool(computer.paths("/dev/tty[UA][SC][BM]*"))
-    if not is_threat:
-        return
+def _takers(computer: Computer) -> Iterator[Diagnosis]:
     if computer.is_active("ModemManager.service"):
         yield warning(
             "ModemManager runs, and writes to serial ports that it does not know",

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
 from statistics import median
 from typing import Any, Literal
 
+from msgspec import Struct, field
+
+from stadimeter.app.exact_json import plain
 from stadimeter.app.recordings.cycle_json import CycleEncoder, RecordedCycle
 from stadimeter.core.decision import Decision, Event
 from stadimeter.core.observation import Observation
@@ -18,8 +20,7 @@ SHOWN_DIFFERENCES = 10
 LOOKED_INTO = 1000
 
 
-@dataclass(slots=True, kw_only=True)
-class Difference:
+class Difference(Struct, kw_only=True):
     """A cycle, counted from 0, in which parts of the decision are not the recorded ones."""
 
     cycle: int
@@ -27,8 +28,7 @@ class Difference:
     what: tuple[str, ...]
 
 
-@dataclass(slots=True, kw_only=True)
-class ReplayResult:
+class ReplayResult(Struct, kw_only=True):
     """Counts and events of a replay beside those of its recording.
 
     Attributes:
@@ -94,12 +94,13 @@ class Comparison:
 
 def _differing(decision: Decision, recorded: Decision) -> tuple[str, ...]:
     return tuple(
-        name for name in Decision.__slots__ if name != "reasons" and getattr(decision, name) != getattr(recorded, name)
+        name
+        for name in Decision.__struct_fields__
+        if name != "reasons" and getattr(decision, name) != getattr(recorded, name)
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MeasuredAgain:
+class MeasuredAgain(Struct, frozen=True, kw_only=True):
     """One target in the pictures of a recording.
 
     Attributes:
@@ -154,8 +155,7 @@ SAME_WITHIN_S = 5.0
 MOVED_S = 1e-9
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EventChange:
+class EventChange(Struct, frozen=True, kw_only=True):
     """An event that is not the same with both sets of rules; it is of the new rules, unless it is lost.
 
     Attributes:
@@ -167,8 +167,7 @@ class EventChange:
     by_s: float = 0.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RuleChange:
+class RuleChange(Struct, frozen=True, kw_only=True):
     """The figures of a rule with both sets of rules; None where there is no such rule."""
 
     rule: str
@@ -176,8 +175,7 @@ class RuleChange:
     new: RuleFigures | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReplayDiff:
+class ReplayDiff(Struct, frozen=True, kw_only=True):
     """The difference that new rules make: changed events in order of time, and the figures of each rule."""
 
     changes: tuple[EventChange, ...]
@@ -196,8 +194,8 @@ class ReplayDiff:
         return {
             "minutes": self.minutes,
             "same_events": self.same,
-            "changes": [asdict(change) for change in self.changes],
-            "rules": [asdict(rule) for rule in self.rules],
+            "changes": [plain(change) for change in self.changes],
+            "rules": [plain(rule) for rule in self.rules],
         }
 
 

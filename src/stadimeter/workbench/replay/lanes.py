@@ -12,6 +12,9 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
 
+import msgspec
+from msgspec import Struct
+
 from stadimeter.core.command import Command, LevelCommand
 from stadimeter.core.decision import Decision
 from stadimeter.core.observation import Observation
@@ -33,11 +36,10 @@ CYCLES_MAX = 400_000
 Point = tuple[float, float | None, float]
 
 
-@dataclass(slots=True)
-class Lane:
+class Lane(Struct):
     """When something was on, as spans that do not touch each other."""
 
-    spans: list[tuple[float, float]] = field(default_factory=list)
+    spans: list[tuple[float, float]] = msgspec.field(default_factory=list)
     _is_on: bool = False
 
     def add(self, at_s: float, *, is_on: bool) -> None:
@@ -62,13 +64,12 @@ class Lane:
         return list(zip(begins, ends, strict=True))
 
 
-@dataclass(slots=True)
-class ReplaySide:
+class ReplaySide(Struct):
     """The decisions of one configuration."""
 
     tally: Tally
-    rules: dict[str, Lane] = field(default_factory=dict)
-    levels: dict[str, list[Point]] = field(default_factory=dict)
+    rules: dict[str, Lane] = msgspec.field(default_factory=dict)
+    levels: dict[str, list[Point]] = msgspec.field(default_factory=dict)
 
     def add(self, at_s: float, observation: Observation, decision: Decision) -> None:
         """Add a cycle."""

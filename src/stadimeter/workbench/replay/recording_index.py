@@ -9,8 +9,9 @@ from __future__ import annotations
 import os
 import struct
 from bisect import bisect_right
-from dataclasses import dataclass, field
 from pathlib import Path
+
+from msgspec import Struct, field
 
 from stadimeter.app.recordings.cycle_json import RecordedCycle
 from stadimeter.app.recordings.journal import readable
@@ -40,16 +41,14 @@ _BACK_MAX = 60
 _KEPT_MAX = 2
 
 
-@dataclass(frozen=True, slots=True)
-class _Chunk:
+class _Chunk(Struct, frozen=True):
     at_byte: int
     length: int
     from_ns: int
     to_ns: int
 
 
-@dataclass(frozen=True, slots=True)
-class _Entry:
+class _Entry(Struct, frozen=True):
     """A cycle, and the picture that was new in it, if it was recorded, with what is drawn into it."""
 
     at_ns: int
@@ -58,8 +57,7 @@ class _Entry:
     annotations: bytes
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RecordedMoment:
+class RecordedMoment(Struct, frozen=True, eq=False):
     """The newest cycle and picture at a moment of a recording.
 
     Attributes:
@@ -77,8 +75,7 @@ class RecordedMoment:
     annotations: bytes = b""
 
 
-@dataclass(slots=True, kw_only=True)
-class RecordingIndex:
+class RecordingIndex(Struct, kw_only=True):
     """Where the moments of a recording stand in its file."""
 
     recording: McapRecording

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import struct
 from base64 import b64decode
 from binascii import Error as Base64Error
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from zlib import crc32
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from stadimeter.app.recordings.cycle_json import RecordedCycle, reload_of
 from stadimeter.app.recordings.journal import JournalHeader, readable
@@ -50,8 +51,7 @@ _WINDOW_MAX_BYTES = 2**25
 _IMAGE_BEGINS = b'"data":"'
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RecordedImage:
+class RecordedImage(Struct, frozen=True, eq=False):
     """A picture of a recording, not decoded yet.
 
     Attributes:
@@ -87,8 +87,7 @@ class RecordedImage:
         return Frame(self.decode(), stamp.captured_at_s, stamp.sequence, self.place)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class McapRecording:
+class McapRecording(Struct, frozen=True, kw_only=True):
     """A recording that was opened."""
 
     path: Path
@@ -246,7 +245,7 @@ def _decompress_chunk(place: str, data: bytes) -> Chunk:
     content: bytes = _call_reader(place, _decompress, chunk)
     if len(content) != chunk.uncompressed_size or chunk.uncompressed_crc not in {0, crc32(content)}:
         raise JournalError(f"{place}: the recording is damaged: a chunk holds something else than was written")
-    return replace(chunk, compression="", data=content)
+    return dataclasses.replace(chunk, compression="", data=content)
 
 
 def _decompress(chunk: Chunk) -> bytes:

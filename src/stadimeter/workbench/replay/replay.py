@@ -5,13 +5,15 @@ from __future__ import annotations
 import gc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
+from msgspec import Struct
+from msgspec.structs import replace
+
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.detectors import NamedDetector, build_detectors
-from stadimeter.app.persistence.resumption import read_resumption
+from stadimeter.app.persistence.resumption import read_state
 from stadimeter.app.recordings.cycle_json import RecordedCycle
 from stadimeter.app.recordings.journal import JournalHeader, read_journal, readable
 from stadimeter.app.recordings.record_file import MAGIC
@@ -141,7 +143,7 @@ def first_state(recording: AnyRecording, plan: Plan) -> State:
     if not recording.header.resumed:
         return state
     try:
-        return read_resumption(recording.header.resumed).of(state)
+        return read_state(recording.header.resumed, state)
     except StateError as error:
         raise JournalError(f"{recording.path}: {error}") from error
 
@@ -204,8 +206,7 @@ def journal_record(cycle: Replayed) -> CycleRecord:
     return CycleRecord(observation=observation, decision=decision, applied=(), timings_s={})
 
 
-@dataclass(frozen=True, slots=True)
-class ReplayRun:
+class ReplayRun(Struct, frozen=True):
     """Decides over a recording by one configuration. It may be gone through any number of times, always the same.
 
     Attributes:

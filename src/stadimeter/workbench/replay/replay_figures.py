@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
 from statistics import median
 
 import numpy as np
+from msgspec import Struct, field
 from numpy.typing import NDArray
 
-from stadimeter.core.condition import DistanceCondition, leaves
+from stadimeter.core.conditions.compounds import leaves
+from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import Decision, Event, EventKind
 from stadimeter.core.observation import Observation
 from stadimeter.core.plan import Plan
@@ -28,8 +29,7 @@ BRIEF_S = 0.5
 Values = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class Stay:
+class Stay(Struct, frozen=True):
     """A time through which a target was where a condition holds.
 
     Attributes:
@@ -105,8 +105,7 @@ def _merge(found: Sequence[Stay]) -> list[Stay]:
 EARLY_S = 0.5
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RuleFigures:
+class RuleFigures(Struct, frozen=True, kw_only=True):
     """What one rule comes to.
 
     Attributes:
@@ -125,8 +124,7 @@ class RuleFigures:
     least_distance_m: float | None = None
 
 
-@dataclass(slots=True)
-class Tally:
+class Tally(Struct):
     """Counts through a replay what its figures are made of."""
 
     plan: Plan

@@ -2,149 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
+import math
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from stadimeter.config.loader import Configuration
-from stadimeter.config.rule_test_tables import InputTable, MotionTable, OperatorTable, PathPoint, RuleTest
-from stadimeter.config.rules.figure_tables import DAYS
-from stadimeter.core.command import LevelCommand
+from stadimeter.config.rule_test_tables import ExpectTable, PathPoint, RuleTest, SpanTable
+from stadimeter.core.command import Command, LevelCommand
+from stadimeter.core.conditions.compounds import judge
+from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decide import decide, initial_state
-from stadimeter.core.decision import Decision, Event
-from stadimeter.core.observation import FrameStamp, Observation, WallTime
-from stadimeter.core.operator import OperatorCommand
-from stadimeter.core.plan import Plan
-from stadimeter.errors import ConfigError, JournalError, Problem, StadimeterError
-from stadimeter.workbench.replay.lanes import Lane, Point, thin_points
-from stadimeter.workbench.replay.replay import read_recording
-from stadimeter.workbench.rule_tests.expecting import watches
-from stadimeter.workbench.rule_tests.synthetic_track import Nuisances, SensorModel, SyntheticTrack, sensor_models
-from stadimeter.workbench.rule_tests.watching import DecidedCycle, Failure, Watcher
-
-# The frame rate where neither the test nor the camera names one.
-RATE_HZ = 30.0
-
-# Without a frame there is a cycle this often, as in a run.
-WAIT_S = 0.1
-_DAY_S = 86400.0
-_ROUNDING_S = 1e-9
-
-
-def observations(
-    given: InputTable, configuration: Configuration, sensors: Mapping[str, SensorModel]
-) -> Iterator[Observation]:
-    """Yield what the core sees, a cycle at a time. Nothing is opened but a recording.
-
-    Args:
-        sensors: How sure each target's distance is expected to be; not needed for a recording.
-
-    Yields:
-        The observations. Synthetic ones begin at 0 s.
-
-    Raises:
-        JournalError: The recording cannot be read, or holds none of the targets.
-    """
-    if given.journal is not None:
-        yield from _recorded_observations(given.journal, configuration.plan.targets)
-        return
-    tracks = _tracks(given, configuration, sensors)
-    orders = sorted(given.operator, key=lambda order: order.at)
-    for number, (at_s, frame) in enumerate(_cycles(given, frame_rate_hz(given, configuration))):
-        due = [order for order in orders if order.at <= at_s + _ROUNDING_S]
-        orders = orders[len(due) :]
-        yield Observation(
-            now_s=at_s,
-            frame=None if frame is None else FrameStamp(sequence=frame, captured_at_s=at_s),
-            measurements=() if frame is None else tuple([track.measure(at_s) for track in tracks]),
-            camera_fault="" if frame is not None else "no frame in time",
-            wall=_wall(given, at_s),
-            operator_commands=tuple([_command(order, f"test-{number}-{index}") for index, order in enumerate(due)]),
-        )
+from stadimeter.core.decision import Event, EventKind, RuleStatus, RuleTrace
+from stadimeter.core.outputs import safe_command
+from stadimeter.core.plan import Output, Plan
+from stadimeter.core.rule import AlarmRule, AnyRule
+from stadimeter.core.rules.explaining import explain
+from stadimeter.core.track import Track
+from stadimeter.errors import ConfigError, Problem, StadimeterError
+from stadimeter.workbench.rule_tests.inputs import observations, position_at
+from stadimeter.workbench.rule_tests.watches import (
+    CountWatch,
+    DecidedCycle,
+    EndWatch,
+    Failure,
+    FindEvents,
+    FirstWatch,
+    InWords,
+    IsMet,
+    PeakWatch,
+    RuleTestWatch,
+    StateWatch,
+    WatchedItem,
+    WithinWatch,
+)
 
 
-def frame_rate_hz(given: InputTable, configuration: Configuration) -> float:
-    """Return the frame rate that a test names; else that of the camera; else a usual one."""
-    return given.rate or getattr(configuration.camera.options, "rate", None) or RATE_HZ
-
-
-def _recorded_observations(journal: Path, targets: tuple[str, ...]) -> Iterator[Observation]:
-    seen: set[str] = set()
-    for cycle in read_recording(journal).cycles():
-        observation = cycle.observation()
-        seen.update([measured.target for measured in observation.measurements])
-        yield observation
-    if not seen & set(targets):
-        held = f"only {', '.join(sorted(seen))}" if seen else "no measurement at all"
-        raise JournalError(f"{journal} holds {held}, and the rules are about {', '.join(targets)}")
-
-
-def _tracks(
-    given: InputTable, configuration: Configuration, sensors: Mapping[str, SensorModel]
-) -> tuple[SyntheticTrack, ...]:
-    motions = given.motions(configuration.plan.targets)
-    nowhere = MotionTable()
-    return tuple(
-        SyntheticTrack(
-            target=target,
-            path=motions.get(target, nowhere).path(),
-            sensor=sensors[target],
-            nuisances=Nuisances(
-                noise=given.noise,
-                correlation=configuration.plan.tracking.autocorrelation,
-                dropouts=given.dropouts,
-                outliers=given.outliers,
-                lost=motions.get(target, nowhere).lost,
-            ),
-            seed=given.seed,
-        )
-        for target in configuration.plan.targets
-    )
-
-
-def _cycles(given: InputTable, rate_hz: float) -> Iterator[tuple[float, int | None]]:
-    """Yield the time of each cycle and the number of its frame, or None for a cycle without one."""
-    last_s = -WAIT_S
-    for frame in range(int(given.moving_s * rate_hz + _ROUNDING_S) + 1):
-        at_s = frame / rate_hz
-        if any(span.holds(at_s) for span in given.frozen):
-            continue
-        yield from ((waited_s, None) for waited_s in _waits(last_s, at_s))
-        yield at_s, frame
-        last_s = at_s
-    yield from ((waited_s, None) for waited_s in _waits(last_s, given.moving_s))
-    if last_s < given.moving_s - _ROUNDING_S:
-        yield given.moving_s, None  # so that the test ends when it says, not at the last frame before
-
-
-def _waits(last_s: float, next_s: float) -> Iterator[float]:
-    for count in range(1, int((next_s - last_s - _ROUNDING_S) / WAIT_S) + 1):
-        yield last_s + count * WAIT_S
-
-
-def _wall(given: InputTable, at_s: float) -> WallTime | None:
-    if given.clock is None:
-        return None
-    days, second_of_day = divmod(given.clock + at_s, _DAY_S)
-    return WallTime(second_of_day=second_of_day, weekday=(DAYS.index(given.day) + int(days)) % len(DAYS))
-
-
-def _command(order: OperatorTable, identity: str) -> OperatorCommand:
-    ((action, rule),) = order.orders()
-    return OperatorCommand(
-        id=identity,
-        action=action,
-        rule=rule,
-        by=order.by,
-        why=order.why,
-        for_s=order.duration,
-        one_shot=order.one_shot,
-    )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RuleTestResult:
+class RuleTestResult(Struct, frozen=True, kw_only=True):
     """What came of one test.
 
     Attributes:
@@ -167,130 +64,273 @@ class RuleTestResult:
         return not self.failures and not self.trouble
 
 
-class RuleTests:
-    """Runs tests of one configuration."""
-
-    def __init__(self, configuration: Configuration) -> None:
-        self._configuration = configuration
-        self._sensors: Mapping[str, SensorModel] | None = None
-
-    def run(self, test: RuleTest) -> RuleTestResult:
-        """Run one test; a recording that cannot be read, or a target of unknown size, is trouble. Deterministic."""
-        try:
-            return self._run(test)
-        except ConfigError as error:
-            return RuleTestResult(test=test, trouble="; ".join(_words(problem) for problem in error.problems))
-        except StadimeterError as error:
-            return RuleTestResult(test=test, trouble=str(error))
-
-    def _run(self, test: RuleTest) -> RuleTestResult:
-        plan, watching = self._configuration.plan, list(_watches(test, self._configuration.plan))
-        state, start_s, cycle = initial_state(plan), None, None
-        events: list[tuple[float, Event]] = []
-        cycles = 0
-        for observation in observations(test.input, self._configuration, self._known_sensors(test)):
-            state, decision = decide(state, observation)
-            start_s = observation.now_s if start_s is None else start_s
-            cycle = DecidedCycle(at_s=observation.now_s - start_s, start_s=start_s, decision=decision)
-            events += [(event.at_s - start_s, event) for event in decision.events]
-            for watch in watching:
-                watch.see(cycle)
-            cycles += 1
-        return RuleTestResult(
-            test=test,
-            failures=tuple(failure for watch in watching for failure in watch.failures()),
-            events=tuple(events),
-            took_s=cycle.at_s if cycle else 0.0,
-            cycles=cycles,
-        )
-
-    def _known_sensors(self, test: RuleTest) -> Mapping[str, SensorModel]:
-        """Return the sensor models, which are worked out once, and not for recordings."""
-        if test.input.journal is not None:
-            return {}
-        if self._sensors is None:
-            self._sensors = sensor_models(self._configuration)
-        return self._sensors
-
-
-def _watches(test: RuleTest, plan: Plan) -> Sequence[Watcher]:
-    paths = _paths(test, plan)
-    targets = {rule.name: rule.target for rule in plan.rules}
-    return [
-        watch
-        for name, expected in test.expect.items()
-        for watch in watches(name, expected, plan, paths.get(targets.get(name, ""), ()))
-    ]
-
-
-def _paths(test: RuleTest, plan: Plan) -> Mapping[str, tuple[PathPoint, ...]]:
-    if test.input.journal is not None:
-        return {}
-    return {target: motion.path() for target, motion in test.input.motions(plan.targets).items()}
+def run_rule_test(configuration: Configuration, test: RuleTest) -> RuleTestResult:
+    """Run one test; a recording that cannot be read, or a target of unknown size, is trouble. Deterministic."""
+    try:
+        return _run(configuration, test)
+    except ConfigError as error:
+        return RuleTestResult(test=test, trouble="; ".join(_words(problem) for problem in error.problems))
+    except StadimeterError as error:
+        return RuleTestResult(test=test, trouble=str(error))
 
 
 def _words(problem: Problem) -> str:
     return f"{problem.key}: {problem.message}" if problem.key else problem.message
 
 
-# The number of events that are listed beside a chart.
-EVENTS_MAX = 100
-
-
-@dataclass(slots=True)
-class Lanes:
-    """What a plan decides over observations. Times are in seconds from the first observation.
-
-    Attributes:
-        active: By rule, when it was active.
-        steps: By output, from when on it had which level; of a base, the speeds forwards and of turning.
-    """
-
-    active: dict[str, Lane] = field(default_factory=dict)
-    steps: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
-    events: list[tuple[float, Event]] = field(default_factory=list)
-    samples: dict[str, list[Point]] = field(default_factory=dict)
-    took_s: float = 0.0
-
-    def see(self, at_s: float, observation: Observation, decision: Decision) -> None:
-        """Take in a cycle."""
-        for trace in decision.rules:
-            self.active.setdefault(trace.rule, Lane()).add(at_s, is_on=trace.active is True)
-        for command in decision.commands:
-            now = (command.level,) if isinstance(command, LevelCommand) else (command.linear_mps, command.angular_radps)
-            steps = self.steps.setdefault(command.output, [])
-            if not steps or steps[-1][1:] != now:
-                steps.append((at_s, *now))
-        for measured in observation.measurements:
-            point = (at_s, measured.distance_m, measured.sigma_m or 0.0)
-            self.samples.setdefault(measured.target, []).append(point)
-        self.events += [(at_s, event) for event in decision.events]
-        self.took_s = at_s
-
-    def as_json(self) -> dict[str, Any]:
-        """Return it as JSON has it."""
-        return {
-            "seconds": self.took_s,
-            "rules": [
-                {"rule": rule, "active": [{"from_s": start, "to_s": end} for start, end in lane.thinned()]}
-                for rule, lane in self.active.items()
-            ],
-            "outputs": [
-                {"output": name, "steps": [list(step) for step in steps]} for name, steps in self.steps.items()
-            ],
-            "samples": {name: list(map(list, thin_points(points))) for name, points in self.samples.items()},
-            "events": [
-                {"at_s": at_s, "kind": event.kind.value, "source": event.source, "reason": event.reason}
-                for at_s, event in self.events[:EVENTS_MAX]
-            ],
-        }
-
-
-def lanes_of(plan: Plan, observations: Iterable[Observation]) -> Lanes:
-    """Decide on observations by a plan; opens and moves nothing."""
-    lanes, state, start_s = Lanes(), initial_state(plan), None
-    for observation in observations:
+def _run(configuration: Configuration, test: RuleTest) -> RuleTestResult:
+    plan, watches = configuration.plan, list(_build_watches(test, configuration.plan))
+    state, start_s, at_s = initial_state(plan), None, 0.0
+    events: list[tuple[float, Event]] = []
+    cycles = 0
+    for observation in observations(test.input, configuration):
         state, decision = decide(state, observation)
         start_s = observation.now_s if start_s is None else start_s
-        lanes.see(observation.now_s - start_s, observation, decision)
-    return lanes
+        at_s = observation.now_s - start_s
+        cycle = DecidedCycle(at_s=at_s, start_s=start_s, decision=decision)
+        events += [(event.at_s - start_s, event) for event in decision.events]
+        for watch in watches:
+            watch.see(cycle)
+        cycles += 1
+    return RuleTestResult(
+        test=test,
+        failures=tuple(failure for watch in watches for failure in watch.failures()),
+        events=tuple(events),
+        took_s=at_s,
+        cycles=cycles,
+    )
+
+
+def _build_watches(test: RuleTest, plan: Plan) -> Iterator[RuleTestWatch]:
+    """Yield what looks for everything that is expected. A rule and an output may share a name."""
+    motions = {} if test.input.journal is not None else test.input.motions(plan.targets)
+    paths = {target: motion.path() for target, motion in motions.items()}
+    for name, expected in test.expect.items():
+        for index, rule in enumerate(plan.rules):
+            if rule.name == name:
+                yield from _RuleWatches(rule, index, expected, paths.get(rule.target, ())).all()
+        for index, output in enumerate(plan.outputs):
+            if output.name == name:
+                yield from _OutputWatches(output, index, expected).all()
+
+
+def _watch_moments(
+    item: WatchedItem, moments: Sequence[float | SpanTable] | None, words: str, is_met: IsMet, got: InWords
+) -> Iterator[RuleTestWatch]:
+    for moment in moments or ():
+        if isinstance(moment, SpanTable):
+            when = f"from {moment.start:.2f} s to {moment.end_s:.2f} s"
+            yield StateWatch(item, f"{words} {when}", is_met, got, moment.start, moment.end_s)
+        else:
+            yield StateWatch(item, f"{words} at {moment:.2f} s", is_met, got, moment, moment)
+
+
+class _RuleWatches(Struct, frozen=True):
+    """Makes the watches of one rule.
+
+    Attributes:
+        path: Where the rule's target truly is when; empty where that is not known.
+    """
+
+    rule: AnyRule
+    index: int
+    expected: ExpectTable
+    path: Sequence[PathPoint]
+
+    def all(self) -> Iterator[RuleTestWatch]:
+        """Yield a watch for each key that is given."""
+        expected = self.expected
+        yield from self._counts()
+        for kind in (EventKind.RAISED, EventKind.CLEARED):
+            yield from self._firsts(kind)
+        active, inactive = self._item("active_at"), self._item("inactive_at")
+        yield from _watch_moments(active, expected.active_at, "active", self._is_active, self._status)
+        yield from _watch_moments(inactive, expected.inactive_at, "not active", self._is_inactive, self._status)
+        if expected.status is not None:
+            yield self._end("status", expected.status.value, self._status)
+        if expected.acknowledged is not None:
+            words = {True: "acknowledged", False: "not acknowledged"}
+            wanted = words[expected.acknowledged]
+            yield self._end("acknowledged", wanted, lambda cycle: words[self._trace(cycle).acknowledged])
+
+    def _trace(self, cycle: DecidedCycle) -> RuleTrace:
+        return cycle.decision.rules[self.index]
+
+    def _is_active(self, cycle: DecidedCycle) -> bool:
+        return self._trace(cycle).active is True
+
+    def _is_inactive(self, cycle: DecidedCycle) -> bool:
+        return not self._is_active(cycle)
+
+    def _status(self, cycle: DecidedCycle) -> str:
+        return self._trace(cycle).status.value
+
+    def _describe(self, cycle: DecidedCycle) -> str:
+        return explain(cycle.decision, self.rule.name).sentence
+
+    def _item(self, key: str) -> WatchedItem:
+        return WatchedItem(self.rule.name, key, self._describe)
+
+    def _events(self, *kinds: EventKind) -> FindEvents:
+        name = self.rule.name
+        return lambda cycle: [event for event in cycle.decision.events if event.source == name and event.kind in kinds]
+
+    def _find_notified(self, cycle: DecidedCycle) -> list[Event]:
+        events = self._events(EventKind.RAISED, EventKind.CLEARED, EventKind.REALARMED)
+        return [event for event in events(cycle) if event.notify]
+
+    def _find_sent(self, cycle: DecidedCycle) -> list[Event]:
+        return [notice.event for notice in cycle.decision.notices if notice.rule == self.rule.name]
+
+    def _counts(self) -> Iterator[RuleTestWatch]:
+        transitions = self._events(EventKind.RAISED, EventKind.CLEARED)
+        counted = (
+            ("raised", self._events(EventKind.RAISED), "raise"),
+            ("cleared", self._events(EventKind.CLEARED), "clearing"),
+            ("notified", self._find_notified, "notification"),
+            ("sent", self._find_sent, "message"),
+            ("transitions_max", transitions, "transition"),
+            ("transitions_per_min_max", transitions, "transition"),
+        )
+        for key, find, noun in counted:
+            count: float | None = getattr(self.expected, key)
+            if count is not None:
+                near = RuleStatus.CLEARING if key == "cleared" else RuleStatus.PENDING
+                least = 0 if key.endswith("_max") else count
+                yield CountWatch(
+                    self._item(key), find, noun, self._is_in(near), least, count, is_rate="_per_min_" in key
+                )
+
+    def _is_in(self, status: RuleStatus) -> IsMet:
+        return lambda cycle: self._trace(cycle).status is status
+
+    def _firsts(self, kind: EventKind) -> Iterator[RuleTestWatch]:
+        verb, find = kind.value, self._events(kind)
+        by_s, after_s, within_s = (getattr(self.expected, f"{verb}_{key}") for key in ("by", "after", "within"))
+        if by_s is not None:
+            yield FirstWatch(self._item(f"{verb}_by"), find, verb, f"{verb} by {by_s:.2f} s", by_s=by_s)
+        if after_s is not None:
+            words = f"{verb} not before {after_s:.2f} s"
+            yield FirstWatch(self._item(f"{verb}_after"), find, verb, words, not_before_s=after_s)
+        if within_s is not None:
+            if not (isinstance(self.rule, AlarmRule) and isinstance(self.rule.condition, DistanceCondition)):
+                raise TypeError(f"the rule {self.rule.name} has no limit on the distance alone")  # checked before
+            bounds = (self.rule.condition.above_m, self.rule.condition.below_m)
+            limits = " and ".join(f"{each:.2f} m" for each in bounds if each)
+            truth = _Truth(self.rule.condition, self.path)
+            is_raised = kind is EventKind.RAISED
+            words = f"its condition truly {'begins to hold' if is_raised else 'ends'} ({limits})"
+            is_met = truth.begins if is_raised else truth.ends
+            item = self._item(f"{verb}_within")
+            yield WithinWatch(item, find, verb, words, within_s=within_s, is_met=is_met)
+
+    def _end(self, key: str, wanted: str, words: InWords) -> RuleTestWatch:
+        return EndWatch(self._item(key), f"{wanted} at the end", lambda cycle: words(cycle) == wanted, words)
+
+
+class _Truth:
+    """Judges the condition of a rule by where its target truly is, with the standard deviation that the track states.
+
+    From then on the rule could know: what is later than that is late. A truth that is within the limit by less than the
+    standard deviation asks for is none that a rule could act on.
+    """
+
+    def __init__(self, condition: DistanceCondition, path: Sequence[PathPoint]) -> None:
+        self._condition = condition
+        self._path = path
+        self._before: Track | None = None
+        self._has_begun = False
+
+    def begins(self, cycle: DecidedCycle) -> bool:
+        """Return whether the condition begins to hold. Shown every cycle, since a target may pass through a band."""
+        return self._holds(cycle, is_on=False)
+
+    def ends(self, cycle: DecidedCycle) -> bool:
+        """Return whether the condition ends, having held."""
+        if not self._has_begun:
+            self._has_begun = self._holds(cycle, is_on=False)
+            return False
+        return not self._holds(cycle, is_on=True)
+
+    def _holds(self, cycle: DecidedCycle, *, is_on: bool) -> bool:
+        target = self._condition.target
+        track = next(track for track in cycle.decision.tracks if track.target == target)
+        if not self._path or not track.is_valid:
+            return is_on
+        true = position_at(self._path, cycle.at_s)
+        depth_m = true.distance_m * math.cos(true.bearing_rad) * math.cos(true.elevation_rad)
+        track = replace(track, distance_m=true.distance_m, depth_m=depth_m)
+        before = {} if self._before is None else {target: self._before}
+        self._before = track
+        inputs = RuleInputs(tracks={target: track}, now_s=cycle.at_s, before=before)
+        return judge(self._condition, inputs, (), is_active=is_on).value is True
+
+
+class _OutputWatches(Struct, frozen=True):
+    """Makes the watches of one output."""
+
+    output: Output
+    index: int
+    expected: ExpectTable
+
+    def all(self) -> Iterator[RuleTestWatch]:
+        """Yield a watch for each key that is given."""
+        expected = self.expected
+        for table in expected.level_at or ():
+            low, high = table.limits
+            words = f"level from {max(0.0, low):.2f} to {min(1.0, high):.2f}"
+            is_met = partial(self._is_within, low, high)
+            yield from _watch_moments(self._item("level_at"), [table.at], words, is_met, self._does)
+        if (most := expected.level_max) is not None:
+            yield self._never_above("level_max", most, self._level, f"never above level {most:.2f}")
+        if expected.level_reaches is not None:
+            yield PeakWatch(self._item("level_reaches"), expected.level_reaches, self._level)
+        if (most := expected.speed_max) is not None:
+            yield self._never_above("speed_max", most, self._speed_mps, f"never faster than {most:.2f} m/s")
+        if expected.speed_reaches is not None:
+            yield PeakWatch(self._item("speed_reaches"), expected.speed_reaches, self._speed_mps, " m/s")
+        stopped, acting = self._item("stopped_at"), self._item("acts_at")
+        yield from _watch_moments(stopped, expected.stopped_at, "at its safe value", self._is_stopped, self._does)
+        yield from _watch_moments(acting, expected.acts_at, "not at its safe value", self._is_acting, self._does)
+
+    def _command(self, cycle: DecidedCycle) -> Command:
+        return cycle.decision.commands[self.index]
+
+    def _level(self, cycle: DecidedCycle) -> float:
+        command = self._command(cycle)
+        return command.level if isinstance(command, LevelCommand) else 0.0
+
+    def _is_within(self, low: float, high: float, cycle: DecidedCycle) -> bool:
+        return low <= self._level(cycle) <= high
+
+    def _speed_mps(self, cycle: DecidedCycle) -> float:
+        command = self._command(cycle)
+        return 0.0 if isinstance(command, LevelCommand) else abs(command.linear_mps)
+
+    def _is_stopped(self, cycle: DecidedCycle) -> bool:
+        return command_figures(self._command(cycle)) == command_figures(safe_command(self.output))
+
+    def _is_acting(self, cycle: DecidedCycle) -> bool:
+        return not self._is_stopped(cycle)
+
+    def _does(self, cycle: DecidedCycle) -> str:
+        command = self._command(cycle)
+        if isinstance(command, LevelCommand):
+            return f"level {command.level:.2f}"
+        return f"{command.linear_mps:.2f} m/s, {math.degrees(command.angular_radps):.0f} deg/s"
+
+    def _describe(self, cycle: DecidedCycle) -> str:
+        trace = cycle.decision.outputs[self.index]
+        why = trace.reason or cycle.decision.reasons.get(trace.winner, "")
+        return f"{self._does(cycle)}, commanded by {trace.winner}: {why}"
+
+    def _item(self, key: str) -> WatchedItem:
+        return WatchedItem(self.output.name, key, self._describe)
+
+    def _never_above(self, key: str, most: float, figure: Callable[[DecidedCycle], float], words: str) -> RuleTestWatch:
+        return StateWatch(self._item(key), words, lambda cycle: figure(cycle) <= most, self._does)
+
+
+def command_figures(command: Command) -> tuple[float, ...]:
+    """Return the level of a command; of a base's, the speeds forwards and of turning."""
+    return (command.level,) if isinstance(command, LevelCommand) else (command.linear_mps, command.angular_radps)

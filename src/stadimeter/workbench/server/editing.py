@@ -8,12 +8,12 @@ from __future__ import annotations
 import difflib
 import time
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from stadimeter.app.control.client import HELLO_WAIT_S, ask, find
 from stadimeter.app.control.reloading import needs_restart
+from stadimeter.app.exact_json import plain
 from stadimeter.app.feasibility import feasibility_warnings
 from stadimeter.app.recordings.recorded_configuration import sha256_of
 from stadimeter.app.this_computer import warnings_here
@@ -24,10 +24,9 @@ from stadimeter.config.toml_source import Texts
 from stadimeter.config.units import path_from
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text
 from stadimeter.errors import ChangedMeanwhileError, ConfigError, ControlError, Problem, UnreadableError
-from stadimeter.workbench.rule_tests.running import RuleTestResult, RuleTests
+from stadimeter.workbench.rule_tests.running import RuleTestResult, run_rule_test
 from stadimeter.workbench.saving import check_is_not_ours, difference_in_words, files_of, save_files, versions
-from stadimeter.workbench.server.arguments import get_bool, get_text
-from stadimeter.workbench.server.operations import Desk, DeskReply, operation
+from stadimeter.workbench.server.operations import Desk, operation
 
 # No test of a configuration begins later than this: whoever asks waits, and so do all others.
 TESTS_MAX_S = 20.0
@@ -37,47 +36,55 @@ DIFF_LINES_MAX = 400
 
 
 @operation
-def configuration(desk: Desk, _args: Mapping[str, Any]) -> DeskReply:
+def configuration(desk: Desk) -> dict[str, Any]:
     """Answer the text of the configuration as it is saved, its version, and the former ones."""
     saved = saved_text(desk)
-    return DeskReply(
-        data={
-            "text": saved or "",
-            "version": version_of(saved),
-            "path": str(desk.configuration),
-            "exists": saved is not None,
-            "versions": _versions(desk, saved or ""),
-        }
-    )
+    return {
+        "text": saved or "",
+        "version": version_of(saved),
+        "path": str(desk.configuration),
+        "exists": saved is not None,
+        "versions": _versions(desk, saved or ""),
+    }
 
 
 @operation
-def check(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
+def check(desk: Desk, text: str, files: dict[str, str] | None = None, *, tests: bool = False) -> dict[str, Any]:
     """Answer what is wrong with a text and what it does in words; with ``tests``, what its tests come to."""
-    typed, files, with_tests = _text(args), files_with(args), get_bool(args, "tests")
-    return DeskReply(data=_checked(desk, typed, files, with_tests=with_tests))
+    try:
+        found = load_text(desk, text, files)
+    except ConfigError as error:
+        return {"problems": _list_problems(error.problems, error.warnings), "words": [], "rules": [], "tests": []}
+    warnings = (*found.warnings, *feasibility_warnings(found), *warnings_here(found))
+    return {
+        "problems": _list_problems((), warnings),
+        "words": list(describe(found)),
+        "rules": _rule_lines(found),
+        "tests": _run_tests(found) if tests else [],
+    }
 
 
 @operation
-def save(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
+def save(
+    desk: Desk, text: str, files: dict[str, str] | None = None, base_version: str = "", *, even_if_wrong: bool = False
+) -> dict[str, Any]:
     """Save a text, and files such as the camera file with it; keep what was there."""
-    typed, files = _text(args), files_with(args)
-    if not get_bool(args, "even_if_wrong"):
-        loaded(desk, typed, files)
-    return _saved(desk, {**files, desk.configuration.name: typed}, args)
+    typed = text.replace("\r\n", "\n")
+    if not even_if_wrong:
+        load_text(desk, typed, files)
+    return _save(desk, {**(files or {}), desk.configuration.name: typed}, base_version)
 
 
 @operation
-def version(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
+def version(desk: Desk, id_: str) -> dict[str, Any]:
     """Answer the text of a former version."""
-    wanted = get_text(args, "id")
-    return DeskReply(data={"id": wanted, "text": files_of(desk.configuration, wanted)[desk.configuration.name]})
+    return {"id": id_, "text": files_of(desk.configuration, id_)[desk.configuration.name]}
 
 
 @operation
-def restore(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
+def restore(desk: Desk, id_: str, base_version: str = "") -> dict[str, Any]:
     """Bring a former version back, with the files that were saved with it; what it replaces is kept in turn."""
-    return _saved(desk, files_of(desk.configuration, get_text(args, "id")), args)
+    return _save(desk, files_of(desk.configuration, id_), base_version)
 
 
 def saved_text(desk: Desk) -> str | None:
@@ -99,9 +106,13 @@ def version_of(saved: str | None) -> str:
     return "" if saved is None else sha256_of(saved)
 
 
-def loaded(desk: Desk, text: str, files: Mapping[str, str]) -> Configuration:
-    """Return what a text comes to at the place of the configuration; `ConfigError` for one that cannot be used."""
-    return load_configuration(desk.configuration, texts=_texts(desk, text, files))
+def load_text(desk: Desk, text: str, files: dict[str, str] | None = None) -> Configuration:
+    """Return what a text comes to at the place of the configuration; `ConfigError` for one that cannot be used.
+
+    Args:
+        files: The texts of files that are looked at, or saved, with it, by their names.
+    """
+    return load_configuration(desk.configuration, texts=_texts(desk, text, files or {}))
 
 
 def _texts(desk: Desk, text: str, files: Mapping[str, str]) -> Texts:
@@ -109,45 +120,10 @@ def _texts(desk: Desk, text: str, files: Mapping[str, str]) -> Texts:
     return {**{path_from(place.parent, name): each for name, each in files.items()}, place: text}
 
 
-def _text(args: Mapping[str, Any]) -> str:
-    return _writable(get_text(args, "text")).replace("\r\n", "\n")
-
-
-def _writable(words: str) -> str:
-    """Return a text that a file can hold; half of a surrogate pair, which JSON can write, is none."""
-    try:
-        words.encode()
-    except UnicodeEncodeError as error:
-        raise ConfigError("the text holds half of a character, which no file can have") from error
-    return words
-
-
-def files_with(args: Mapping[str, Any]) -> dict[str, str]:
-    """Return the texts of files that are looked at, or saved, with a configuration."""
-    files = args.get("files") or {}
-    if not isinstance(files, Mapping) or not all(isinstance(each, str) for pair in files.items() for each in pair):
-        raise ConfigError("the files beside a configuration are texts, by their names")
-    return {name: _writable(each) for name, each in files.items()}
-
-
-def _checked(desk: Desk, text: str, files: Mapping[str, str], *, with_tests: bool) -> dict[str, Any]:
-    try:
-        found = loaded(desk, text, files)
-    except ConfigError as error:
-        return {"problems": _listed(error.problems, error.warnings), "words": [], "rules": [], "tests": []}
-    warnings = (*found.warnings, *feasibility_warnings(found), *warnings_here(found))
-    return {
-        "problems": _listed((), warnings),
-        "words": list(describe(found)),
-        "rules": _rule_lines(found),
-        "tests": _tested(found) if with_tests else [],
-    }
-
-
-def _listed(errors: tuple[Problem, ...], warnings: tuple[Problem, ...]) -> list[dict[str, Any]]:
+def _list_problems(errors: tuple[Problem, ...], warnings: tuple[Problem, ...]) -> list[dict[str, Any]]:
     found = [("error", each) for each in errors] + [("warning", each) for each in warnings]
     return [
-        {**asdict(problem), "severity": severity} for severity, problem in sorted(found, key=lambda each: each[1].line)
+        {**plain(problem), "severity": severity} for severity, problem in sorted(found, key=lambda each: each[1].line)
     ]
 
 
@@ -155,12 +131,15 @@ def _rule_lines(found: Configuration) -> list[dict[str, Any]]:
     return [{"rule": rule.name, "line": found.spans["rules", rule.name].line} for rule in found.plan.rules]
 
 
-def _tested(found: Configuration) -> list[dict[str, Any]]:
-    tests, until_s = RuleTests(found), time.monotonic() + TESTS_MAX_S
-    return [_test_result(tests.run(test)) if time.monotonic() < until_s else _left_out(test) for test in found.tests]
+def _run_tests(found: Configuration) -> list[dict[str, Any]]:
+    until_s = time.monotonic() + TESTS_MAX_S
+    return [
+        _test_result(run_rule_test(found, test)) if time.monotonic() < until_s else _pass_over(test)
+        for test in found.tests
+    ]
 
 
-def _left_out(test: RuleTest) -> dict[str, Any]:
+def _pass_over(test: RuleTest) -> dict[str, Any]:
     words = f"not run: the tests before it took {TESTS_MAX_S:g} s; `stadimeter test` runs all"
     return {"name": test.name, "line": test.line, "ok": None, "words": words}
 
@@ -176,14 +155,12 @@ def _test_result(result: RuleTestResult) -> dict[str, Any]:
     }
 
 
-def _saved(desk: Desk, files: Mapping[str, str], args: Mapping[str, Any]) -> DeskReply:
+def _save(desk: Desk, files: Mapping[str, str], base_version: str) -> dict[str, Any]:
     place = desk.configuration
     check_is_not_ours(place)
-    needs = _needed(desk, files)
-    base = get_text(args, "base_version", "")
-    _, kept = save_files(place.parent, files, lambda: _refuse_if_changed(desk, base, files[place.name]))
-    data = {"version": version_of(files[place.name]), "kept": kept.name if kept else None, "needs": needs}
-    return DeskReply(data=data)
+    needs = _find_need(desk, files)
+    _, kept = save_files(place.parent, files, lambda: _refuse_if_changed(desk, base_version, files[place.name]))
+    return {"version": version_of(files[place.name]), "kept": kept.name if kept else None, "needs": needs}
 
 
 def _refuse_if_changed(desk: Desk, base_version: str, ours: str) -> None:
@@ -217,14 +194,14 @@ def _versions(desk: Desk, text: str) -> list[dict[str, Any]]:
     return told
 
 
-def _needed(desk: Desk, files: Mapping[str, str]) -> str:
+def _find_need(desk: Desk, files: Mapping[str, str]) -> str:
     """Return what it takes that a run goes by these files: ``nothing``, ``reload``, ``restart``, or a ``start``."""
     try:
         digest = ask(run_socket(desk), "hello", wait_s=HELLO_WAIT_S).get("digest")
     except ControlError:
         return "start"
     new = _load_or_none(desk.configuration, _texts(desk, files[desk.configuration.name], files))
-    running = _running(desk, digest)
+    running = _find_running(desk, digest)
     if new is None or running is None or needs_restart(running, new):
         return "restart"
     return "nothing" if sha256_of(new.text) == digest else "reload"
@@ -235,7 +212,7 @@ def run_socket(desk: Desk) -> Path:
     return desk.run_socket or find(desk.configuration, names_others=False)
 
 
-def _running(desk: Desk, digest: object) -> Configuration | None:
+def _find_running(desk: Desk, digest: object) -> Configuration | None:
     """Return the configuration that the run goes by: of the texts that are there, the one with its digest."""
     place = desk.configuration
     for path in (place, *(each.folder / place.name for each in versions(place))):

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import importlib
+import inspect
+import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, get_type_hints
+
+from msgspec import Struct, ValidationError, convert, defstruct, field
+from msgspec.structs import asdict
 
 from stadimeter.errors import ConfigError
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DeskReply:
+class DeskReply(Struct, frozen=True, kw_only=True):
     """What an operation gives back.
 
     Attributes:
@@ -25,8 +28,7 @@ class DeskReply:
     attached: bytes = b""
 
 
-@dataclass(slots=True, kw_only=True)
-class Desk:
+class Desk(Struct, kw_only=True):
     """What the operations of one workbench process share.
 
     Attributes:
@@ -44,13 +46,36 @@ class Desk:
 
 # Raises `StadimeterError`; the sentence is shown on the page. An error of another kind is a defect.
 Operation = Callable[[Desk, Mapping[str, Any]], DeskReply]
+FunctionT = TypeVar("FunctionT", bound=Callable[..., Any])
 
 _KNOWN: dict[str, Operation] = {}
 
 
-def operation(function: Operation) -> Operation:
-    """Let a function of this package be asked for, by its module and its name, such as ``editing.check``."""
-    _KNOWN[f"{function.__module__.rpartition('.')[2]}.{function.__name__}"] = function
+def operation(function: FunctionT) -> FunctionT:
+    """Let a function of this package be asked for, by its module and its name, such as ``editing.check``.
+
+    What comes from a browser must have the types of the function's parameters behind the desk. A ``_`` at the end of a
+    name is not part of the key. The function returns data, or a `DeskReply` where bytes belong to it.
+    """
+    hints = get_type_hints(function)
+    parameters = list(inspect.signature(function).parameters.values())[1:]
+    fields = [
+        (each.name, hints[each.name], *([] if each.default is each.empty else [each.default])) for each in parameters
+    ]
+    arguments = defstruct("Arguments", fields, kw_only=True, rename=lambda name: name.rstrip("_"))
+
+    def answer(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
+        try:
+            json.dumps(args, ensure_ascii=False, allow_nan=False).encode()
+            given = convert(args, arguments)
+        except ValueError as error:  # JSON can write both, and no file can hold them
+            raise ConfigError(f"half of a character, or a number without bounds, cannot be used: {error}") from error
+        except ValidationError as error:
+            raise ConfigError(f"this cannot be asked for: {error}") from error
+        reply = function(desk, **asdict(given))
+        return reply if isinstance(reply, DeskReply) else DeskReply(data=reply)
+
+    _KNOWN[f"{function.__module__.rpartition('.')[2]}.{function.__name__}"] = answer
     return function
 
 

@@ -1,17 +1,22 @@
-"""The process: reads requests as lines, answers each in order, and outlives whatever goes wrong in one."""
+"""The process, which the page starts: it answers requests in order, and outlives whatever goes wrong in one."""
 
 from __future__ import annotations
 
 import json
+import os
 import select
+import signal
 import sys
 import traceback
 from collections.abc import Iterator
 from contextlib import suppress
+from pathlib import Path
 from typing import Any, BinaryIO
 
-from stadimeter.app.control.framing import framed
-from stadimeter.errors import ConfigError, Problem, StadimeterError
+from msgspec import to_builtins
+
+from stadimeter.app.control.framing import encode_answer
+from stadimeter.errors import ConfigError, StadimeterError
 from stadimeter.workbench.server.operations import Desk, find_operation
 
 # A configuration within JSON, with room for one that is much too long; a longer line is passed over.
@@ -69,13 +74,13 @@ def _answer_request(desk: Desk, line: bytes) -> bytes:
     try:
         transaction, name, args = _request(line)
         reply = find_operation(name)(desk, args)
-        return framed({"transaction": transaction, "status": "ok", "data": reply.data}, reply.attached)
+        return encode_answer({"transaction": transaction, "status": "ok", "data": reply.data}, reply.attached)
     except StadimeterError as error:
-        return framed({"transaction": transaction, **error_fields(error)})
+        return encode_answer({"transaction": transaction, **error_fields(error)})
     except BaseException as error:  # noqa: BLE001 - a defect in one operation must not end the others
         traceback.print_exc(file=sys.stderr)
         words = f"this is a defect of stadimeter, not of yours: {type(error).__name__}: {error}"
-        return framed({"transaction": transaction, "status": "error", "error": words, "code": "defect"})
+        return encode_answer({"transaction": transaction, "status": "error", "error": words, "code": "defect"})
 
 
 def _request(line: bytes) -> tuple[Any, str, dict[str, Any]]:
@@ -93,19 +98,19 @@ def _request(line: bytes) -> tuple[Any, str, dict[str, Any]]:
 
 def error_fields(error: StadimeterError) -> dict[str, Any]:
     """Return an error as an answer has it."""
-    answer: dict[str, Any] = {"status": "error", "error": str(error)}
-    code = getattr(error, "code", "")
-    problems = getattr(error, "problems", ())
-    data = getattr(error, "data", None)
-    return {
-        **answer,
-        **({"code": code} if code else {}),
-        **({"data": data} if data else {}),
-        **({"problems": [as_json(each) for each in problems]} if problems else {}),
-    }
+    more = {key: to_builtins(value) for key in ("code", "data", "problems") if (value := getattr(error, key, None))}
+    return {"status": "error", "error": str(error), **more}
 
 
-def as_json(problem: Problem) -> dict[str, Any]:
-    """Return a problem as an answer has it."""
-    keys = ("message", "file", "line", "column", "end_column", "key", "hint", "code")
-    return {key: getattr(problem, key) for key in keys}
+def main(configuration: str, *socket: str) -> None:
+    """Answer on a copy of standard output: what a library prints must not get between the answers."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the page, which ends this by closing the pipe
+    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    desk = Desk(configuration=Path(configuration).resolve(), run_socket=Path(*socket) if socket else None)
+    with os.fdopen(os.dup(sys.stdin.fileno()), "rb", buffering=0) as requests:
+        serve(desk, requests, answers)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.live.history import Seen
 from stadimeter.app.live.pictures import Pictures
-from stadimeter.app.live.snapshot import RunSnapshot, limits_m
+from stadimeter.app.live.snapshot import RunSnapshot
 from stadimeter.app.live.snapshot_json import ReasonsInTurn, shared_json
 from stadimeter.app.recordings.recorded_configuration import load_recorded
 from stadimeter.core.detection import Detection, DetectionStatus, Points
 from stadimeter.core.plan import Plan
 from stadimeter.errors import ConfigError, JournalError
 from stadimeter.workbench.replay.recording_index import RecordedMoment, RecordingIndex
-from stadimeter.workbench.server.arguments import get_number
 from stadimeter.workbench.server.operations import Desk, DeskReply, operation
 from stadimeter.workbench.server.recordings import began_unix_s, index_of, path_of
 
@@ -34,18 +33,18 @@ SHOWN = ("frame", "targets", "rules", "outputs", "safety")
 
 
 @operation
-def recording_frame(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
+def recording_frame(desk: Desk, name: str, at_s: float = 0.0, draw: str = "drawn") -> DeskReply:
     """Answer the picture of a moment of a recording, as JPEG, and what was known and decided then.
 
     ``at_s`` is since its beginning; ``draw`` is ``plain`` to draw nothing.
     """
-    path = path_of(desk, args)
+    path = path_of(desk, name)
     if path.suffix != ".mcap":
         raise JournalError(f"{path.name} is a journal, and has no pictures; its decisions can be replayed")
     index = index_of(desk, path)
-    moment = index.moment(get_number(args, "at_s", 0.0))
+    moment = index.moment(at_s)
     seen = None if moment.seen is None else Seen(_with_detections(moment), moment.frame)
-    jpeg = Pictures().jpeg(seen, "plain" if args.get("draw") == "plain" else "drawn", QUALITY) if seen else b""
+    jpeg = Pictures().jpeg(seen, "plain" if draw == "plain" else "drawn", QUALITY) if seen else b""
     return DeskReply(data=_values(desk, index, moment, seen), attached=jpeg)
 
 
@@ -55,8 +54,7 @@ def _values(desk: Desk, index: RecordingIndex, moment: RecordedMoment, seen: See
     now_s = record.observation.now_s
     unix_s = began_unix_s(index.recording.header, 0.0) + moment.at_s
     plan = _plan(desk, index)
-    limits = limits_m(plan) if plan is not None else {}
-    snapshot = RunSnapshot(record=record, seen=seen, started_s=now_s - moment.at_s, plan=plan, limits_m=limits)
+    snapshot = RunSnapshot(record=record, seen=seen, started_s=now_s - moment.at_s, plan=plan)
     told = json.loads(shared_json(snapshot, 0, now_s, unix_s - now_s, ReasonsInTurn()) + "}")
     for target in told["targets"]:
         target["detection"], target["rejected"] = None, []
@@ -89,13 +87,13 @@ def _detections(moment: RecordedMoment) -> Iterator[Detection]:
         found = json.loads(moment.annotations or b"{}")
         for line in found.get("points", []):
             outline = np.array([[point["x"], point["y"]] for point in line["points"]], float).reshape(-1, 2)
-            yield _outlined(line["metadata"][0]["value"], outline - FIRST_PIXEL)
+            yield _detection_of(line["metadata"][0]["value"], outline - FIRST_PIXEL)
         for number, circle in enumerate(found.get("circles", [])):
             if circle["outline_color"]["r"] < circle["outline_color"]["g"]:  # not red, which is what was rejected
                 centre = circle["position"]["x"] - FIRST_PIXEL, circle["position"]["y"] - FIRST_PIXEL
                 named = circle["metadata"]
                 target = named[0]["value"] if named else found["texts"][number]["text"].rsplit(" ", 2)[0]
-                yield _outlined(target, _rim(centre, float(circle["diameter"])))
+                yield _detection_of(target, _rim(centre, float(circle["diameter"])))
     except (ValueError, KeyError, TypeError, AttributeError, IndexError):  # damaged, or of another program
         return
 
@@ -106,7 +104,7 @@ def _rim(centre_px: tuple[float, float], across_px: float) -> Points:
     return rim
 
 
-def _outlined(target: str, outline_px: Points) -> Detection:
+def _detection_of(target: str, outline_px: Points) -> Detection:
     x, y = (outline_px.min(axis=0) + outline_px.max(axis=0)) / 2
     centre = float(x), float(y)
     return Detection(target=target, status=DetectionStatus.FOUND, centre_px=centre, outline_px=outline_px)

@@ -7,7 +7,6 @@ import os
 import re
 import stat
 import tomllib
-from collections.abc import Mapping
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
@@ -21,7 +20,7 @@ from stadimeter.errors import ControlError, JournalError, NotThereError, Stadime
 from stadimeter.workbench.replay.recording_index import RecordingIndex, read_index
 from stadimeter.workbench.replay.replay import read_recording
 from stadimeter.workbench.server.editing import run_socket
-from stadimeter.workbench.server.operations import Desk, DeskReply, operation
+from stadimeter.workbench.server.operations import Desk, operation
 
 # Of recordings with pictures, and of journals.
 ENDINGS = frozenset({".mcap", ".jsonl"})
@@ -35,7 +34,7 @@ _NOW_WITHIN = 120
 
 
 @operation
-def recordings(desk: Desk, _args: Mapping[str, Any]) -> DeskReply:
+def recordings(desk: Desk) -> dict[str, Any]:
     """Answer the recordings that there are, newest first."""
     folder = folder_of(desk)
     found = {path: about_file for path in folder.glob("*") if path.suffix in ENDINGS and (about_file := _file(path))}
@@ -44,22 +43,22 @@ def recordings(desk: Desk, _args: Mapping[str, Any]) -> DeskReply:
     for path in newest[:LISTED_MAX]:
         with suppress(FileNotFoundError):  # deleted since, or removed by a run that recorded nothing
             listed.append(about(desk, path))
-    return DeskReply(data={"folder": str(folder), "recordings": listed, "left_out": max(0, len(newest) - LISTED_MAX)})
+    return {"folder": str(folder), "recordings": listed, "left_out": max(0, len(newest) - LISTED_MAX)}
 
 
 @operation
-def recording(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
+def recording(desk: Desk, name: str) -> dict[str, Any]:
     """Answer what there is to say about one recording; with its configuration and where it is."""
-    path = path_of(desk, args)
+    path = path_of(desk, name)
     told = about(desk, path)
     header = None if told["damage"] and not told["seconds"] else read_recording(path).header
-    return DeskReply(data={**told, "path": str(path), "text": header.configuration if header else ""})
+    return {**told, "path": str(path), "text": header.configuration if header else ""}
 
 
 @operation
-def delete(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
+def delete(desk: Desk, name: str) -> dict[str, Any]:
     """Delete a recording, unless it is being written."""
-    path = path_of(desk, args)
+    path = path_of(desk, name)
     with open_untrusted(path) as file:
         if _is_being_written(file):
             raise JournalError(f"{path.name} is being recorded; stop that first")
@@ -68,7 +67,7 @@ def delete(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
         except OSError as error:
             raise JournalError(f"{path.name} cannot be deleted: {(error.strerror or str(error)).lower()}") from error
     desk.kept.pop("recording", None)
-    return DeskReply(data={"name": path.name})
+    return {"name": path.name}
 
 
 def folder_of(desk: Desk) -> Path:
@@ -82,15 +81,14 @@ def folder_of(desk: Desk) -> Path:
     return Path(desk.kept.get("recordings folder") or recordings_folder(desk.configuration))
 
 
-def path_of(desk: Desk, args: Mapping[str, Any]) -> Path:
+def path_of(desk: Desk, name: str) -> Path:
     """Return where the recording is that is meant; never another file than one of that folder.
 
     Raises:
         NotThereError: There is none of that name.
     """
-    name = args.get("name")
     folder = folder_of(desk)
-    if isinstance(name, str) and name == Path(name).name and Path(name).suffix in ENDINGS and _file(folder / name):
+    if name == Path(name).name and Path(name).suffix in ENDINGS and _file(folder / name):
         return folder / name
     raise NotThereError(f"there is no recording {name!r} in {folder}")
 
@@ -123,13 +121,13 @@ def about(desk: Desk, path: Path) -> dict[str, Any]:
     known: dict[Any, dict[str, Any]] = desk.kept.setdefault("recordings", {})
     key = _key(path)
     if key not in known or known[key]["is_growing"]:
-        known[key] = _looked_into(path)
+        known[key] = _look_into(path)
         while len(known) > LISTED_MAX:
             del known[next(iter(known))]
     return known[key]
 
 
-def _looked_into(path: Path) -> dict[str, Any]:
+def _look_into(path: Path) -> dict[str, Any]:
     file_about = path.stat()
     told: dict[str, Any] = {
         "name": path.name,

@@ -6,15 +6,14 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from stadimeter.app.live.snapshot import limits_m
+from stadimeter.app.live.snapshot import RunSnapshot
 from stadimeter.core.plan import BaseOutput, Plan
 from stadimeter.core.words import duration
 from stadimeter.workbench.replay.comparison import EventChange, ReplayDiff, RuleChange
 from stadimeter.workbench.replay.lanes import CYCLES_MAX, Lane, Point, SideBySide, thin_points
 from stadimeter.workbench.replay.replay import ReplayRun, read_recording, replay_run
-from stadimeter.workbench.server.arguments import get_number, get_text
-from stadimeter.workbench.server.editing import files_with, loaded
-from stadimeter.workbench.server.operations import Desk, DeskReply, operation
+from stadimeter.workbench.server.editing import load_text
+from stadimeter.workbench.server.operations import Desk, operation
 from stadimeter.workbench.server.recordings import about, path_of
 
 # Unless it is said otherwise, an answer comes at the latest after this time.
@@ -27,17 +26,19 @@ KEPT_MAX = 3
 
 
 @operation
-def replay_diff(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
+def replay_diff(
+    desk: Desk, name: str, text: str, files: dict[str, str] | None = None, for_s: float = FOR_S
+) -> dict[str, Any]:
     """Answer what a text would have done on a recording, beside what was decided then.
 
     A long recording takes a while. The answer comes after ``for_s`` with what there is by then; the same question again
     goes on from there. ``progress`` is 1 when it is at its end.
     """
-    path, wanted, files = path_of(desk, args), get_text(args, "text"), files_with(args)
-    side_by_side = _find_comparison(desk, path, wanted, files)
+    path = path_of(desk, name)
+    side_by_side = _find_comparison(desk, path, text, files or {})
     if not side_by_side.is_done:
-        side_by_side.go_on(min(FOR_MAX_S, max(0.05, get_number(args, "for_s", FOR_S))))
-    return DeskReply(data=_comparison_fields(side_by_side, about(desk, path)))
+        side_by_side.go_on(min(FOR_MAX_S, max(0.05, for_s)))
+    return _comparison_fields(side_by_side, about(desk, path))
 
 
 def _find_comparison(desk: Desk, path: Path, wanted: str, files: Mapping[str, str]) -> SideBySide:
@@ -50,22 +51,22 @@ def _find_comparison(desk: Desk, path: Path, wanted: str, files: Mapping[str, st
     kept: dict[Any, tuple[SideBySide, int]] = desk.kept.setdefault("replay-diff", {})
     found = kept.pop(asked, None)
     if found is None or (found[0].is_done and found[1] != size):
-        found = _begun(desk, path, wanted, files), size
+        found = _begin(desk, path, wanted, files), size
     kept[asked] = found
     while len(kept) > KEPT_MAX:
         del kept[next(iter(kept))]
     return found[0]
 
 
-def _begun(desk: Desk, path: Path, wanted: str, files: Mapping[str, str]) -> SideBySide:
-    after = loaded(desk, wanted, files)
+def _begin(desk: Desk, path: Path, wanted: str, files: Mapping[str, str]) -> SideBySide:
+    after = load_text(desk, wanted, dict(files))
     recording = read_recording(path)
     return SideBySide(replay_run(recording, None), ReplayRun(recording, after))
 
 
 def _comparison_fields(found: SideBySide, recording: Mapping[str, Any]) -> dict[str, Any]:
     plan, difference = found.after.configuration.plan, found.difference()
-    limits = sorted({limit_m for each in limits_m(plan).values() for limit_m in each})
+    limits = sorted({limit_m for each in RunSnapshot(plan=plan).limits_m.values() for limit_m in each})
     whole_s = max(recording["seconds"] or 0.0, found.seconds)
     return {
         "from_s": 0.0,

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from stadimeter.app.exact_json import plain
 from stadimeter.config.driver_tables import CAMERA
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.core.frame import Frame
@@ -18,10 +18,9 @@ from stadimeter.workbench.frame_source import SETTLING_WAIT_S
 from stadimeter.workbench.measuring import open_picture
 from stadimeter.workbench.run_camera import source_beside_run
 from stadimeter.workbench.saving import check_is_not_ours
-from stadimeter.workbench.setup.answers import ANSWERS, load_answers, was_left
 from stadimeter.workbench.setup.camera_step import CameraStep, HeldCamera, picture_names, table_of
 from stadimeter.workbench.setup.colour_step import ColourTrial
-from stadimeter.workbench.setup.interview import Interview
+from stadimeter.workbench.setup.interview import ANSWERS, Interview, load_answers, was_left
 from stadimeter.workbench.setup.question import Accepted, Known, Question
 
 # The last minute of what was measured, at 30 pictures a second.
@@ -92,7 +91,7 @@ class SetupDesk:
         check_is_not_ours(self._configuration)
         self.leave()
         saved = self._saved()
-        known = Known(folder=self.folder, opening=self.camera.opened, looks_ahead=False)
+        known = Known(folder=self.folder, opening=self.camera.hold, looks_ahead=False)
         if anew or not was_left(self._file, self._configuration):
             self._interview = Interview(self.folder, earlier=saved, known=known)
             return
@@ -131,8 +130,8 @@ class SetupDesk:
         """
         if self.interview.next_key != CameraStep.key:
             raise ConfigError("the camera is chosen already; go back to that question to choose another")
-        choice = self.known.chosen(CAMERA, ("camera",), table_of(text))
-        with self.camera.opened(choice) as source:
+        choice = self.known.choose(CAMERA, ("camera",), table_of(text))
+        with self.camera.hold(choice) as source:
             self.shown = source.capture.latest(SETTLING_WAIT_S)
         self._offered = choice
         return choice
@@ -150,7 +149,7 @@ class SetupDesk:
         if self._offered is None and not self.known.is_live:
             self.shown = self.known.frame
             return self.shown
-        with self.camera.opened(choice) as source:
+        with self.camera.hold(choice) as source:
             self.shown = source.capture.latest(SETTLING_WAIT_S)
         return self.shown
 
@@ -203,4 +202,4 @@ class SetupDesk:
 
 def _as_json(question: Question) -> dict[str, Any]:
     options = [each._asdict() for each in question.options]
-    return {**asdict(question), "found": list(question.found), "options": options}
+    return {**plain(question), "found": list(question.found), "options": options}

@@ -8,27 +8,35 @@ with clicks or ``look``. Answers come in order, so no picture comes meanwhile.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
+from msgspec.structs import replace
+
+from stadimeter.config.camera_file import save_camera_model
+from stadimeter.config.units import parse_length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus
-from stadimeter.errors import ConfigError
+from stadimeter.errors import CalibrationError, ConfigError
+from stadimeter.ranging.board_calibration import coverage
+from stadimeter.workbench.calibration.board_session import Board, BoardSession, CharucoBoard, Chessboard, today
 from stadimeter.workbench.colour_aids import NOTHING_STANDS_OUT, colour_picture
 from stadimeter.workbench.picture_quality import better_exposure_s
-from stadimeter.workbench.server.arguments import get_bool, get_number, get_points, get_text, get_texts
 from stadimeter.workbench.server.operations import Desk, DeskReply, operation
 from stadimeter.workbench.server.setup_desk import SetupDesk
 from stadimeter.workbench.setup import colour_step
-from stadimeter.workbench.setup.camera_step import PLAYED_KEYS, table_of, with_exposure, with_playing, with_resolution
+from stadimeter.workbench.setup.camera_step import PLAYED_KEYS, table_of, with_settings
+from stadimeter.workbench.setup.question import BOARD_FILE
 from stadimeter.workbench.setup.trying import (
     DRAWINGS,
+    describe_picture,
     draw_findings,
-    jpeg_of,
+    encode_jpeg,
     look_for_target,
     target_so_far,
-    values_of,
 )
+
+# Corners or squares along a side of a board.
+MIN_CORNERS, MAX_CORNERS = 3, 60
 
 
 def setup_of(desk: Desk) -> SetupDesk:
@@ -41,100 +49,91 @@ def setup_of(desk: Desk) -> SetupDesk:
 
 
 @operation
-def state(desk: Desk, _args: Mapping[str, Any]) -> DeskReply:
+def state(desk: Desk) -> Mapping[str, Any]:
     """Answer the answers so far, and the question that is next."""
-    return DeskReply(data=setup_of(desk).state())
+    return setup_of(desk).state()
 
 
 @operation
-def begin(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
+def begin(desk: Desk, *, anew: bool = False) -> Mapping[str, Any]:
     """Begin, or go on where it was left."""
     setup = setup_of(desk)
-    setup.begin(anew=get_bool(args, "anew"))
-    return DeskReply(data=setup.state())
+    setup.begin(anew=anew)
+    return setup.state()
 
 
 @operation
-def answer(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
+def answer(desk: Desk, answer: str, question: str | None = None, *, confirm: bool = True) -> dict[str, Any]:
     """Answer the question; a doubtful answer is asked again, once, unless ``confirm`` is false.
 
     With ``question``, its key, no other question is answered: another device may have gone on.
     """
     setup = setup_of(desk)
-    if "question" in args and get_text(args, "question") != setup.interview.next_key:
+    if question is not None and question != setup.interview.next_key:
         raise ConfigError("another question is asked now: the set-up went on, on another device")
-    accepted = setup.answer(get_text(args, "answer"), confirm=get_bool(args, "confirm", default=True))
-    return DeskReply(data={**setup.state(), "notes": list(accepted.notes)})
+    accepted = setup.answer(answer, confirm=confirm)
+    return {**setup.state(), "notes": list(accepted.notes)}
 
 
 @operation
-def back(desk: Desk, _args: Mapping[str, Any]) -> DeskReply:
+def back(desk: Desk) -> Mapping[str, Any]:
     """Take back the last answer."""
     setup = setup_of(desk)
     if not setup.back():
         raise ConfigError("this is the first question")
-    return DeskReply(data=setup.state())
+    return setup.state()
 
 
 @operation
-def leave(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
+def leave(desk: Desk, *, camera_only: bool = False) -> Mapping[str, Any]:
     """Close the camera, and keep the answers. With ``camera_only`` the set-up stays at its question."""
     setup = setup_of(desk)
-    if get_bool(args, "camera_only"):
+    if camera_only:
         setup.camera.close()
     else:
         setup.leave()
-    return DeskReply(data=setup.state())
+    return setup.state()
 
 
 @operation
-def picture(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
+def picture(desk: Desk, draw: str = "target", file: str = "", width_px: int = 0) -> DeskReply:
     """Answer what the camera sees now: figures, and a JPEG that may be smaller than they are about.
 
     With ``file``, the picture of that name among those that the camera shows.
     """
-    setup, draw = setup_of(desk), get_text(args, "draw", "target")
+    setup = setup_of(desk)
     if draw not in DRAWINGS:
         raise ConfigError(f"draw is one of {', '.join(DRAWINGS)}")
-    name, width_px = get_text(args, "file", ""), int(get_number(args, "width_px", 0))
-    frame = setup.picture(name) if name else setup.newest()
+    frame = setup.picture(file) if file else setup.newest()
     if draw == "mask" and setup.trial.colour:
-        seen = colour_step.view(frame, setup.trial.colour)
-        values = {**values_of(frame, seen.detection, None), "words": colour_step.in_words(seen)}
+        seen = colour_step.view_range(frame, setup.trial.colour)
+        values = {**describe_picture(frame, seen.detection, None), "words": colour_step.describe_view(seen)}
         image = colour_picture(frame.image, seen, setup.trial.colour)
-        return DeskReply(data=values, attached=jpeg_of(image, width_px))
+        return DeskReply(data=values, attached=encode_jpeg(image, width_px))
     target = None if draw == "plain" else target_so_far(setup.known, setup.trial.colour)
     if target is None:
-        return DeskReply(data=values_of(frame, None, None), attached=jpeg_of(frame.image, width_px))
+        return DeskReply(data=describe_picture(frame, None, None), attached=encode_jpeg(frame.image, width_px))
     found, measured = look_for_target(setup.known, frame, target)
-    if measured is not None and not name:
+    if measured is not None and not file:
         setup.remember(replace(measured, captured_at_s=frame.captured_at_s))
     image = draw_findings(frame, found, measured, with_candidates=draw == "candidates")
-    return DeskReply(data=values_of(frame, found, measured), attached=jpeg_of(image, width_px))
+    return DeskReply(data=describe_picture(frame, found, measured), attached=encode_jpeg(image, width_px))
 
 
 @operation
-def camera(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
+def camera(
+    desk: Desk, camera: str, exposure: str = "", resolution: str = "", played: dict[str, str] | None = None
+) -> dict[str, Any]:
     """Look through a camera that is offered; with ``exposure``, lock that at a time such as ``10 ms``.
 
     ``resolution`` is one to ask it for, such as ``1280x720``; ``played``, how files are played. The answer to give,
     with all of it, is in the reply; ``picture`` shows what it sees.
     """
-    setup, wanted = setup_of(desk), get_text(args, "camera")
-    exposure, resolution, played = (
-        get_text(args, "exposure", ""),
-        get_text(args, "resolution", ""),
-        get_texts(args, "played"),
-    )
-    if played:
-        wanted = with_playing(wanted, played)
-    if resolution:
-        wanted = with_resolution(wanted, resolution)
-    if exposure:
-        wanted = with_exposure(wanted, exposure)
+    setup = setup_of(desk)
+    wanted = with_settings(camera, exposure=exposure, resolution=resolution, played=played or {})
     choice = setup.offer(wanted)
     frame = setup.newest()
-    with setup.camera.opened(choice) as source:
+    with setup.camera.hold(choice) as source:
         settings = source.capture.remarks()
     told = {
         "answer": wanted,
@@ -148,64 +147,68 @@ def camera(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
         "is_locked": getattr(choice.options, "exposure", None) is not None,
         "proposed_exposure_s": better_exposure_s(frame.image, frame.exposure_s),
     }
-    return DeskReply(data={**values_of(frame, None, None), **told})
+    return {**describe_picture(frame, None, None), **told}
 
 
 @operation
-def colour(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
+def colour(  # noqa: PLR0913 - the keys of its request
+    desk: Desk,
+    clicks: tuple[tuple[float, float], ...] = (),
+    forget: bool | int | None = None,
+    range_: str | None = None,
+    widen: int | None = None,
+    of: str = "newest",
+    *,
+    look: bool = False,
+) -> dict[str, Any]:
     """Try a range of colours: from clicks on the picture that was shown last, or a given one, widened or narrowed.
 
     With ``look``, that of what stands out by itself, which takes seconds. ``forget`` takes back all clicks if it is
     true, or the one of that number, from 0, as the answer lists them.
     """
     setup = setup_of(desk)
-    clicks, frame, trial = get_points(args, "clicks"), setup.shown or setup.newest(), setup.trial
-    if args.get("forget") is True:
+    frame, trial = setup.shown or setup.newest(), setup.trial
+    if forget is True:
         trial.forget()
-    elif "forget" in args:
-        trial.forget_click(int(get_number(args, "forget")))
-    if "range" in args:
-        trial.take(get_text(args, "range"), frame)
-    if get_bool(args, "look") and not trial.look(frame):
+    elif forget is not None:
+        trial.forget_click(forget)
+    if range_ is not None:
+        trial.take(range_, frame)
+    if look and not trial.look(frame):
         raise ConfigError(f"{NOTHING_STANDS_OUT}; click on it")
     is_pointed_at = True
     if clicks:
-        is_pointed_at = trial.point(frame, clicks, same_picture=get_text(args, "of", "newest") == "kept")
-    if "widen" in args:
-        trial.widen(int(get_number(args, "widen")))
+        is_pointed_at = trial.point(frame, clicks, same_picture=of == "kept")
+    if widen is not None:
+        trial.widen(widen)
     if not trial.colour:
-        return DeskReply(
-            data={"range": "", "found": False, "words": colour_step.CLICK, "others": [], "pictures": 0, "clicks": []}
-        )
-    seen = colour_step.view((trial.seen_in if clicks else None) or frame, trial.colour)
+        return {"range": "", "found": False, "words": colour_step.CLICK, "others": [], "pictures": 0, "clicks": []}
+    seen = colour_step.view_range((trial.seen_in if clicks else None) or frame, trial.colour)
     is_found = is_pointed_at and seen.detection.status is not DetectionStatus.NOT_FOUND
-    return DeskReply(
-        data={
-            "range": trial.colour,
-            "widen": trial.steps,
-            "widen_max": colour_step.MAX_STEPS,
-            "found": is_found,
-            "words": colour_step.in_words(seen, is_pointed_at=is_pointed_at),
-            "centre_px": list(seen.detection.centre_px) if is_found else None,
-            "width_px": seen.detection.width_px if is_found else None,
-            "others": [{"centre_px": list(each.centre_px), "size_px": each.size_px} for each in seen.others],
-            "pictures": len(trial.samples),
-            "clicks": [list(place) for place in trial.places],
-        }
-    )
+    return {
+        "range": trial.colour,
+        "widen": trial.steps,
+        "widen_max": colour_step.MAX_STEPS,
+        "found": is_found,
+        "words": colour_step.describe_view(seen, is_pointed_at=is_pointed_at),
+        "centre_px": list(seen.detection.centre_px) if is_found else None,
+        "width_px": seen.detection.width_px if is_found else None,
+        "others": [{"centre_px": list(each.centre_px), "size_px": each.size_px} for each in seen.others],
+        "pictures": len(trial.samples),
+        "clicks": [list(place) for place in trial.places],
+    }
 
 
 @operation
-def take(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
+def take(desk: Desk, distance: str, sigma: str = "", *, confirm: bool = True) -> dict[str, Any]:
     """Take frames of the target at a known distance, and say what lens follows; takes a second or more."""
     setup = setup_of(desk)
     key = setup.interview.next_key
     if key not in {"calibration", "proof"}:
         raise ConfigError("no distance is asked for now")
-    sigma = get_text(args, "sigma", "").strip()
-    given = get_text(args, "distance") + (f" ± {sigma}" if sigma else "")
-    accepted = setup.answer(given, confirm=get_bool(args, "confirm", default=True))
-    return DeskReply(data={**setup.state(), **lens_as_json(setup.known.camera_model), "notes": list(accepted.notes)})
+    given = f"{distance} ± {sigma.strip()}" if sigma.strip() else distance
+    accepted = setup.answer(given, confirm=confirm)
+    return {**setup.state(), **lens_as_json(setup.known.camera_model), "notes": list(accepted.notes)}
 
 
 def lens_as_json(model: CameraModel | None) -> dict[str, Any]:
@@ -217,10 +220,87 @@ def lens_as_json(model: CameraModel | None) -> dict[str, Any]:
 
 
 @operation
-def world(desk: Desk, args: Mapping[str, Any]) -> DeskReply:
+def world(desk: Desk, x_m: float, y_m: float = 0.0) -> Mapping[str, Any]:
     """Put the ball of the simulated room somewhere: so far ahead, and to the left."""
     room = setup_of(desk).camera.room
     if room is None:
         raise ConfigError("there is no simulated room before this camera; move the real thing")
-    room.place(get_number(args, "x_m"), get_number(args, "y_m", 0.0))
-    return DeskReply(data=room.where())
+    room.place(x_m, y_m)
+    return room.where()
+
+
+@operation
+def board(  # noqa: PLR0913 - the keys of its request
+    desk: Desk,
+    *,
+    do: Literal["start", "look", "finish"] = "look",
+    columns: int = 0,
+    rows: int = 0,
+    square: str = "",
+    marker: str = "",
+    dictionary: str = "",
+) -> dict[str, Any]:
+    """Begin with a board (``do`` is ``start``), look at the newest picture (``look``), or take the lens (``finish``).
+
+    A board has ``columns`` and ``rows``, and ``square``, such as ``25 mm``: of a chessboard its inner corners count.
+    With ``marker`` and ``dictionary`` it is a ChArUco board, whose squares count. To look takes a tenth of a second or
+    two; after some ten views, a second.
+    """
+    if setup_of(desk).interview.next_key != "calibration":
+        raise ConfigError("no calibration is asked for now")
+    if do == "finish":
+        return _finish(desk)
+    if do == "start":
+        made = _parse_board(columns, rows, square, marker, dictionary)
+        desk.kept["board"] = BoardSession(made, date=today(), must_be_steady=True)
+    return _look(desk)
+
+
+def _parse_board(columns: int, rows: int, square: str, marker: str, dictionary: str) -> Board:
+    if not (MIN_CORNERS <= columns <= MAX_CORNERS and MIN_CORNERS <= rows <= MAX_CORNERS):
+        raise ConfigError(f"a board has {MIN_CORNERS} to {MAX_CORNERS} columns and rows, not {columns} and {rows}")
+    try:
+        square_m = parse_length(square)
+        marker_m = parse_length(marker) if marker else 0.0
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
+    if not marker_m:
+        return Chessboard(columns=columns, rows=rows, square_m=square_m)
+    return CharucoBoard(columns=columns, rows=rows, square_m=square_m, marker_m=marker_m, dictionary=dictionary)
+
+
+def _session(desk: Desk) -> BoardSession:
+    session: BoardSession | None = desk.kept.get("board")
+    if session is None:
+        raise ConfigError("first say which board it is")
+    return session
+
+
+def _look(desk: Desk) -> dict[str, Any]:
+    session, frame = _session(desk), setup_of(desk).newest()
+    why_not = session.look(frame)
+    share, uncovered = coverage(session.views, frame.width_px, frame.height_px) if session.views else (0.0, ())
+    made = session.calibration
+    return {
+        "taken": not why_not,
+        "words": f"{why_not[0].upper()}{why_not[1:]}." if why_not else f"View {len(session.views)} is taken.",
+        "views": len(session.views),
+        "missing": list(session.missing()),
+        "done": session.is_done,
+        "coverage": share,
+        "uncovered": list(uncovered),
+        "corners_px": session.seen.corners_px.tolist() if session.seen is not None else [],
+        "covered_px": [view.corners_px.mean(axis=0).tolist() for view in session.views],
+        "rms_px": made.rms_px if made else None,
+        **lens_as_json(made.camera_model if made else None),
+    }
+
+
+def _finish(desk: Desk) -> dict[str, Any]:
+    setup, session = setup_of(desk), _session(desk)
+    if session.calibration is None:
+        raise CalibrationError(f"the views do not tell the lens yet; still missing: {'; '.join(session.missing())}")
+    save_camera_model(setup.known.path(BOARD_FILE), session.calibration.camera_model)
+    accepted = setup.answer(BOARD_FILE, confirm=False)
+    del desk.kept["board"]
+    return {**setup.state(), **lens_as_json(setup.known.camera_model), "notes": list(accepted.notes)}

@@ -2,31 +2,31 @@
 
 from __future__ import annotations
 
+import math
 import re
 import shlex
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
+
+from msgspec.structs import replace
 
 from stadimeter.app.detectors import build_detectors
 from stadimeter.config.camera_file import load_camera_model
+from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.units import parse_angle, parse_length
-from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.camera_model import CameraModel, Provenance
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CalibrationError, ConfigError
-from stadimeter.ranging.calibration import DISTANCE_RELATIVE_SIGMA
+from stadimeter.ranging.calibration import DISTANCE_RELATIVE_SIGMA, KnownDistance
+from stadimeter.ranging.calibration_check import disagreement
 from stadimeter.workbench.annotation import write_picture
+from stadimeter.workbench.calibration.board_session import today
+from stadimeter.workbench.calibration.distance_fit import fit_distances, look_at_distance, remedy_words
 from stadimeter.workbench.calibration.live_distance import APART_MIN, LiveDistance
-from stadimeter.workbench.setup.answers import words_of
-from stadimeter.workbench.setup.lens import (
-    contradiction,
-    guess_lens,
-    is_unusual,
-    lens_from,
-    lens_in_words,
-    parse_distance,
-    picture_at,
-    today,
-)
+from stadimeter.workbench.measuring import open_picture
+from stadimeter.workbench.picture_metadata import check_lens_settings
 from stadimeter.workbench.setup.question import (
     BOARD_FILE,
     CAMERA_FILE,
@@ -36,8 +36,9 @@ from stadimeter.workbench.setup.question import (
     Option,
     Question,
     SetupStep,
+    words_of,
 )
-from stadimeter.workbench.setup.target import build_target, look, why_not_measured
+from stadimeter.workbench.setup.target import PLUS_OR_MINUS, build_target, look, target_shape, why_not_measured
 
 # The width of what a usual webcam sees.
 GUESS = "60 deg"
@@ -55,13 +56,11 @@ class CalibrationStep(SetupStep):
         """Have the most certain way ready that there is."""
         name = known.answers["target"]
         put = f" Put the {name} into the middle of the picture." if known.is_live else ""
-        options = [*_known_files(known), *_live(known), *_named_pictures(known)]
-        options.append(Option(GUESS, "a guess: the camera sees that much across; distances may be wrong by a tenth"))
+        options = tuple(_options(known))
         return Question(
-            key=self.key,
             text=f"How far away is the {name}? That calibrates the camera.{put} {_how_to_measure(known)}",
             found=_drawn_distances(known),
-            options=tuple(options),
+            options=options,
             ready=options[0].answer,
             unattended=GUESS if known.is_live and options[0].answer != CAMERA_FILE else "",
             form=(
@@ -77,11 +76,13 @@ class CalibrationStep(SetupStep):
             return _from_file(known, text)
         if re.fullmatch(r"[\d.,]+\s*(deg|°)", text):
             rough = ("This is rough: distances may be wrong by a tenth of themselves.",)
-            return _accept_lens(known, guess_lens(known.frame, _angle(text)), text, rough)
-        pictures, seen = (_pictures(known, text), ()) if "@" in text else _picture_now(known, text)
+            return _accept_lens(known, guess_lens(known.frame, text), text, rough)
+        if "@" not in text:
+            picture, seen = _picture_now(known, text)
+            return _from_pictures(known, [picture], picture, seen)
+        pictures = _pictures(known, text)
         is_one_word = len(pictures) == 1 and " " not in pictures[0]
-        answer = pictures[0] if is_one_word else shlex.join(pictures)
-        return _from_pictures(known, pictures, answer, seen)
+        return _from_pictures(known, pictures, pictures[0] if is_one_word else shlex.join(pictures), ())
 
 
 class ProofStep(SetupStep):
@@ -99,7 +100,6 @@ class ProofStep(SetupStep):
         """Ask for a distance several times as large."""
         name, far = known.answers["target"], _far(known)
         return Question(
-            key=self.key,
             text=f"Now put the {name} farther away, which proves the first distance. How far away is it?",
             options=(Option(far, "three times as far"), Option(SKIP, "no proof")),
             ready=far,
@@ -111,39 +111,25 @@ class ProofStep(SetupStep):
         """Look at the second distance; refuse what contradicts the first."""
         if text == SKIP:
             return Accepted(answer=SKIP)
+        second = text
+        seen: tuple[str, ...] = ()
         if "@" not in text:
             _check_apart(known, text)
-        second, seen = ([text], ()) if "@" in text else _picture_now(known, text)
-        pictures = [known.answers["calibration"], *second]
-        why = contradiction([picture_at(known.folder, each) for each in pictures], build_target(known))
-        if why:
-            raise CalibrationError(why)
-        return _from_pictures(known, pictures, second[0], (*seen, "The two distances agree."))
+            second, seen = _picture_now(known, text)
+        pictures = [known.answers["calibration"], second]
+        _check_agreement([picture_at(known.folder, each) for each in pictures], build_target(known))
+        return _from_pictures(known, pictures, second, (*seen, "The two distances agree."))
 
 
 def _check_apart(known: Known, text: str) -> None:
     """Refuse a second distance that is as good as the first: it proves nothing."""
-    second_m, _ = _distance(text)
-    first_m = picture_at(known.folder, known.answers["calibration"]).depth_m - _limb_radius_m(known)
+    second_m, _ = parse_distance(text)
+    first_m = _first_distance_m(known)
     if max(first_m, second_m) < APART_MIN * min(first_m, second_m):
         raise CalibrationError(
             f"{second_m:.3g} m proves nothing beside {first_m:.3g} m: one must be {APART_MIN:g} times as far as the "
             f"other, such as {_far(known)}"
         )
-
-
-def _angle(text: str) -> float:
-    try:
-        return parse_angle(text)
-    except ValueError as error:
-        raise ConfigError(str(error)) from error
-
-
-def _distance(text: str) -> tuple[float, float]:
-    try:
-        return parse_distance(text)
-    except ValueError as error:
-        raise ConfigError(f"{error}; or give pictures, such as near.jpg@50cm") from error
 
 
 def _pictures(known: Known, text: str) -> list[str]:
@@ -154,14 +140,9 @@ def _pictures(known: Known, text: str) -> list[str]:
             pictures[-1] += word
         else:
             pictures.append(word)
-    paths = {Path(frame.source).name: str(_path_from(known.folder, frame)) for frame in known.frames if frame.source}
+    paths = {Path(frame.source).name: known.relative(frame.source) for frame in known.frames if frame.source}
     named = (each.rpartition("@") for each in pictures)
     return [f"{paths.get(name, name)}{at}{distance}" for name, at, distance in named]
-
-
-def _path_from(folder: Path, frame: Frame) -> Path:
-    path = Path(frame.source)
-    return path.relative_to(folder) if path.is_relative_to(folder) else path
 
 
 def _measured_to(name: str) -> str:
@@ -171,14 +152,14 @@ def _measured_to(name: str) -> str:
 def _how_to_measure(known: Known) -> str:
     """Say between which points a distance is meant: to a ball, that with a picture is another than that alone."""
     to = _measured_to(known.answers["target"])
-    if known.is_live or not _limb_radius_m(known):
+    if known.is_live or not target_shape(build_target(known)).limb_radius_m:
         return f"Measure from the lens to {to}."
     return f"Measure from the lens: to the ball's middle if you name a picture, to {to} if you give a distance alone."
 
 
 def _drawn_distances(known: Known) -> tuple[str, ...]:
     """Draw both distances to a ball; nothing for what is flat, of which they are the same."""
-    behind_m = _limb_radius_m(known)
+    behind_m = target_shape(build_target(known)).limb_radius_m
     if not behind_m:
         return ()
     middle_m = f"{1 + behind_m:.4g}"
@@ -188,40 +169,40 @@ def _drawn_distances(known: Known) -> tuple[str, ...]:
     )
 
 
+def _first_distance_m(known: Known) -> float:
+    depth_m = picture_at(known.folder, known.answers["calibration"]).depth_m
+    return depth_m - target_shape(build_target(known)).limb_radius_m
+
+
 def _far(known: Known) -> str:
-    shape_m = _limb_radius_m(known)
-    near_m = picture_at(known.folder, known.answers["calibration"]).depth_m - shape_m
-    return f"{3 * near_m:.3g} m"
+    return f"{3 * _first_distance_m(known):.3g} m"
 
 
-def _limb_radius_m(known: Known) -> float:
-    (named,) = build_detectors([build_target(known)], None)
-    return named.detector.target_shape.limb_radius_m
+def _options(known: Known) -> Iterator[Option]:
+    """Yield answers, the most certain first: a camera file, a live picture, pictures named ``2ft.png``, and a guess."""
+    if _is_usable(known, CAMERA_FILE):
+        yield Option(CAMERA_FILE, "the camera file in this folder")
+    if known.is_live:
+        yield Option("1 m", f"the {known.answers['target']} is 1 m from the lens now")
+    named = {f"{known.relative(each.source)}@{Path(each.source).stem}" for each in known.frames if _is_named(each)}
+    if named:
+        yield Option(shlex.join(sorted(named)), "the distances to the middle that the names say")
+    yield Option(GUESS, "a guess: the camera sees that much across; distances may be wrong by a tenth")
 
 
-def _known_files(known: Known) -> list[Option]:
+def _is_usable(known: Known, file: str) -> bool:
     try:
-        load_camera_model(known.path(CAMERA_FILE)).for_frame(known.frame)
+        load_camera_model(known.path(file)).for_frame(known.frame)
     except (ConfigError, CalibrationError):
-        return []
-    return [Option(CAMERA_FILE, "the camera file in this folder")]
+        return False
+    return True
 
 
-def _live(known: Known) -> list[Option]:
-    return [Option("1 m", f"the {known.answers['target']} is 1 m from the lens now")] if known.is_live else []
-
-
-def _named_pictures(known: Known) -> list[Option]:
-    """Return the pictures whose names are distances, such as ``2ft.png``."""
-    named = []
-    for frame in known.frames:
-        name = Path(frame.source)
-        try:
-            parse_length(name.stem)
-        except ValueError:
-            continue
-        named.append(f"{_path_from(known.folder, frame)}@{name.stem}")
-    return [Option(shlex.join(sorted(set(named))), "the distances to the middle that the names say")] if named else []
+def _is_named(frame: Frame) -> bool:
+    try:
+        return parse_length(Path(frame.source).stem) > 0
+    except ValueError:
+        return False
 
 
 def _from_file(known: Known, text: str) -> Accepted:
@@ -232,7 +213,7 @@ def _from_file(known: Known, text: str) -> Accepted:
 
 def _from_pictures(known: Known, pictures: list[str], answer: str, seen: tuple[str, ...]) -> Accepted:
     taken = [picture_at(known.folder, each) for each in pictures]
-    model, notes = lens_from(taken, build_target(known))
+    model, notes = fit_lens(taken, build_target(known))
     model.for_frame(known.frame)  # refuses pictures of another aspect than the camera's
     return _accept_lens(known, model, answer, (*seen, *notes))
 
@@ -241,37 +222,36 @@ def _accept_lens(
     known: Known, model: CameraModel, answer: str, notes: tuple[str, ...], model_file: str = ""
 ) -> Accepted:
     known.camera_model, known.model_file = model, model_file
-    words = (*notes, lens_in_words(model))
+    words = (*notes, describe_lens(model))
     why_not = why_not_measured(known, model)
     return Accepted(
         answer=answer, notes=(*words, why_not) if why_not else words, doubt=is_unusual(model) or bool(why_not)
     )
 
 
-def _picture_now(known: Known, text: str) -> tuple[list[str], tuple[str, ...]]:
+def _picture_now(known: Known, text: str) -> tuple[str, tuple[str, ...]]:
     """Keep what the camera sees as a picture at a known distance.
 
     Returns:
         It as ``PICTURE@DEPTH``, and what was seen.
     """
-    distance_m, relative_sigma = _distance(text)
+    distance_m, relative_sigma = parse_distance(text)
     frame, seen = _take_live(known, distance_m) if known.is_live else _take_shown(known)
     picture = f"{PICTURES}/at-{distance_m:g}m.png"
     write_picture(known.path(picture), frame.image, frame.optics)
-    depth_m = distance_m + _limb_radius_m(known)
+    depth_m = distance_m + target_shape(build_target(known)).limb_radius_m
     known_to = "" if relative_sigma == DISTANCE_RELATIVE_SIGMA else f"±{relative_sigma * depth_m:.4g}m"
-    return [f"{picture}@{depth_m:.5g}m{known_to}"], (seen,)
+    return f"{picture}@{depth_m:.5g}m{known_to}", (seen,)
 
 
 def _take_live(known: Known, distance_m: float) -> tuple[Frame, str]:
     if known.camera is None:
         raise ConfigError("there is no camera")
-    with LiveDistance(known.opening(known.camera), build_target(known), date=today()) as session:
-        take = session.take(distance_m)
-        frame = session.pictures[take.name]
-    known.frames = (frame,)
+    with known.opening(known.camera) as source:
+        take = LiveDistance(source, build_target(known), date=today()).take(distance_m)
+    known.frames = (take.frame,)
     spread = f"spread {take.spread_share:.1%}"
-    return frame, f"Found in {take.found} of {take.frames} frames, {take.size_px:.0f} px, {spread}."
+    return take.frame, f"Found in {take.found} of {take.frames} frames, {take.size_px:.0f} px, {spread}."
 
 
 def _take_shown(known: Known) -> tuple[Frame, str]:
@@ -279,3 +259,141 @@ def _take_shown(known: Known) -> tuple[Frame, str]:
     if found.status is not DetectionStatus.FOUND:
         raise ConfigError(words)
     return known.frame, words
+
+
+# Relative standard deviation of a focal length from a guessed width of the view.
+GUESS_RELATIVE_SIGMA = 0.1
+
+# Nobody measures from a lens better than this share of a distance; and worse than that says nothing.
+BEST_KNOWN, WORST_KNOWN = 0.001, 0.2
+
+# A camera that sees more or less than this is unusual: a size or a distance may be in another unit than was meant.
+MIN_VIEW_RAD, MAX_VIEW_RAD = math.radians(20), math.radians(130)
+
+
+class PictureAt(NamedTuple):
+    """A picture in which the target's centre has a known depth."""
+
+    path: Path
+    depth_m: float
+    relative_sigma: float
+
+
+def parse_distance(text: str) -> tuple[float, float]:
+    """Read a distance such as ``1 m``, or ``1 m ± 5 mm``; return it in metres, and how well it is known.
+
+    Returns:
+        The distance, and its standard deviation as a share of it: that of a tape, unless it is named.
+
+    Raises:
+        ConfigError: It is no distance, or is not known well enough to calibrate with.
+    """
+    length, is_said, sigma = PLUS_OR_MINUS.sub("±", text).partition("±")
+    try:
+        distance_m = parse_length(length.strip())
+        share = parse_length(sigma.strip()) / distance_m if is_said else DISTANCE_RELATIVE_SIGMA
+    except ValueError as error:
+        raise ConfigError(f"{error}; or give pictures, such as near.jpg@50cm") from error
+    if not 0 < share <= WORST_KNOWN:
+        raise ConfigError(f"{text!r}: a distance that is known to {share:.0%} of itself calibrates nothing")
+    return distance_m, max(share, BEST_KNOWN)
+
+
+def picture_at(folder: Path, text: str) -> PictureAt:
+    """Read ``PICTURE@DISTANCE``; a `ConfigError` if it is none."""
+    path, at, length = text.rpartition("@")
+    if not (at and path):
+        raise ConfigError(f"{text!r} does not say how far away the target is; write it such as 2ft.png@24in")
+    return PictureAt(folder / Path(path).expanduser(), *parse_distance(length))
+
+
+def fit_lens(pictures: Sequence[PictureAt], choice: DriverChoice) -> tuple[CameraModel, tuple[str, ...]]:
+    """Find out the focal length from pictures, and return what a person should know about them.
+
+    Raises:
+        CalibrationError: The target is not found in a picture, or no lens explains what was seen.
+        PictureError: A picture cannot be read.
+    """
+    notes = check_lens_settings([each.path for each in pictures])
+    fit = fit_distances(
+        _known_distances(pictures, choice),
+        _frame_of,
+        [choice],
+        date=today(),
+        distance_relative_sigma=_relative_sigma(pictures),
+        tone_curve="srgb",
+    )
+    _check_found(fit.left_out, choice)
+    if fit.calibration is None:
+        raise CalibrationError("no picture can be used")
+    made = fit.calibration
+    reads = [f"{Path(each.picture).name} reads {each.residual_share:+.1%}" for each in made.pictures]
+    several = ("With this, " + ", ".join(reads) + ".",) if len(reads) > 1 else ()
+    return made.camera_model, (*notes, *several)
+
+
+def _check_agreement(pictures: Sequence[PictureAt], choice: DriverChoice) -> None:
+    """Raise a `CalibrationError` if two of the pictures contradict each other."""
+    found = disagreement(_known_distances(pictures, choice), distance_relative_sigma=_relative_sigma(pictures))
+    if found is not None:
+        raise CalibrationError(
+            f"the two distances contradict each other by {abs(found.share):.1%}, and {found.allowed_share:.1%} is the "
+            "most that tape and edges allow: does the focus move, is the size right, were both measured from the lens?"
+        )
+
+
+def _relative_sigma(pictures: Sequence[PictureAt]) -> float:
+    """Return how well the distances are known: as well as the worst of them."""
+    return max(each.relative_sigma for each in pictures)
+
+
+def guess_lens(frame: Frame, width: str) -> CameraModel:
+    """Return the lens of a camera that sees an angle across its picture; a `ConfigError` if no camera does."""
+    try:
+        view_rad = parse_angle(width)
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
+    if not 0 < view_rad < math.radians(170):
+        raise ConfigError(f"no camera sees {math.degrees(view_rad):g}° across; write it such as 60 deg")
+    focal_px = frame.width_px / 2 / math.tan(view_rad / 2)
+    return replace(
+        CameraModel.with_focal_length(focal_px, frame.width_px, frame.height_px),
+        focal_relative_sigma=GUESS_RELATIVE_SIGMA,
+        provenance=Provenance(method=f"a guess: {math.degrees(view_rad):g} degrees across", date=today()),
+    )
+
+
+def describe_lens(model: CameraModel) -> str:
+    """Say what a lens sees, and whether that is unusual."""
+    words = (
+        f"Focal length {model.fx_px:.0f} px ± {model.focal_relative_sigma:.1%}: the camera sees "
+        f"{math.degrees(_view_rad(model)):.0f}° across."
+    )
+    return f"{words} That is unusual: check the size and the distance, and their units." if is_unusual(model) else words
+
+
+def is_unusual(model: CameraModel) -> bool:
+    """Return whether hardly any camera has such a lens."""
+    return not MIN_VIEW_RAD <= _view_rad(model) <= MAX_VIEW_RAD
+
+
+def _view_rad(model: CameraModel) -> float:
+    return 2 * math.atan(model.width_px / 2 / model.fx_px)
+
+
+def _known_distances(pictures: Sequence[PictureAt], choice: DriverChoice) -> tuple[KnownDistance, ...]:
+    (target,) = build_detectors([choice], None)
+    known = tuple(look_at_distance(str(each.path), open_picture(each.path), each.depth_m, target) for each in pictures)
+    _check_found(known, choice)
+    return known
+
+
+def _check_found(known: Sequence[KnownDistance], choice: DriverChoice) -> None:
+    for each in known:
+        if each.detection.status is not DetectionStatus.FOUND:
+            remedy = remedy_words(each, _frame_of(each.picture), choice)
+            raise CalibrationError(f"{each.picture}: the target is not found whole: {each.detection.reason}{remedy}")
+
+
+def _frame_of(name: str) -> Frame:
+    return open_picture(Path(name))

@@ -6,6 +6,7 @@ import re
 import shlex
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +30,7 @@ from stadimeter.workbench.frame_source import (
 from stadimeter.workbench.measuring import is_video_file
 from stadimeter.workbench.picture_quality import picture_remarks
 from stadimeter.workbench.run_camera import NONE_FOUND, list_cameras
-from stadimeter.workbench.setup.answers import words_of
-from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Option, Question, SetupStep
+from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Option, Question, SetupStep, words_of
 
 # The picture in which places are meant that answers name.
 SHOWN = f"{PICTURES}/camera.png"
@@ -72,11 +72,13 @@ class CameraStep(SetupStep):
         options = [Option(each.choice, f"{each.name}: {words}") for each, words in listed]
         options += [Option(pictures, "the pictures in this folder")] if pictures else []
         ready = options[0].answer if options else ""
+        why_none = "No camera is found; `stadimeter cameras` says what to look at."
+        if not pictures:
+            why_none = f"{NONE_FOUND[0].upper()}{NONE_FOUND[1:]}."
         options.append(Option(SIMULATED, f"a simulated room with a ball of {BALL}, to try it without a camera"))
         return Question(
-            key=self.key,
             text="Which camera?",
-            found=() if cameras else (_no_camera(pictures),),
+            found=() if cameras else (why_none,),
             options=tuple(options),
             ready=ready,
             form=(
@@ -87,7 +89,7 @@ class CameraStep(SetupStep):
 
     def accept(self, known: Known, text: str) -> Accepted:
         """Take pictures with the camera."""
-        choice = known.chosen(CAMERA, ("camera",), table_of(text))
+        choice = known.choose(CAMERA, ("camera",), table_of(text))
         known.frames, known.is_live = _frames(known, choice)
         known.camera = choice
         known.camera_model = None
@@ -96,13 +98,6 @@ class CameraStep(SetupStep):
         seen = f"It sees {size}.{known.shown_in(SHOWN)}"
         remarks = tuple(f"{each[0].upper()}{each[1:]}." for each in picture_remarks(known.frame.image))
         return Accepted(answer=text, notes=(seen, *remarks), doubt=bool(remarks))
-
-
-def _no_camera(pictures: str) -> str:
-    """Say that no camera is found: at length if there is nothing else."""
-    if pictures:
-        return "No camera is found; `stadimeter cameras` says what to look at."
-    return f"{NONE_FOUND[0].upper()}{NONE_FOUND[1:]}."
 
 
 def table_of(text: str) -> dict[str, Any]:
@@ -138,51 +133,41 @@ def _is_option(word: str) -> bool:
     return word.partition("=")[0] in PLAYED_KEYS and "=" in word
 
 
-def with_playing(text: str, played: Mapping[str, str]) -> str:
-    """Return the answer for files with other options of how they are played, such as ``{"loop": "no"}``.
-
-    Raises:
-        ConfigError: A quotation mark is missing.
-    """
-    wanted = {key: "".join(value.split()) for key, value in played.items() if key in PLAYED_KEYS}
-    if _names_driver(text):
-        return _with_options(text, **wanted)
-    files = [word for word in words_of(text) if not _is_option(word)]
-    return " ".join([*map(_quote, files), *(f"{key}={value}" for key, value in wanted.items())])
-
-
-def _quote(file: str) -> str:
-    return file if _PLAIN.fullmatch(file) else shlex.quote(file)
-
-
 def picture_names(known: Known, choice: DriverChoice) -> tuple[str, ...]:
     """Return the files of a camera that shows pictures, by the names that answers have for them; else nothing.
 
     Raises:
         PictureError: One of them is not there.
     """
-    shown = files_shown(choice)[:PICTURES_MAX]
-    return tuple(str(each.relative_to(known.folder) if each.is_relative_to(known.folder) else each) for each in shown)
+    return tuple(map(known.relative, files_shown(choice)[:PICTURES_MAX]))
 
 
-def with_exposure(text: str, exposure: str) -> str:
-    """Return the answer for a camera with its exposure locked at a time such as ``10 ms``, in place of another one."""
-    return _with_options(text, exposure=exposure.strip())
+def with_settings(
+    text: str, *, exposure: str = "", resolution: str = "", played: Mapping[str, str] | None = None
+) -> str:
+    """Return the answer for a camera with other settings in place of its own.
 
-
-def with_resolution(text: str, resolution: str) -> str:
-    """Return the answer for a camera with a resolution such as ``1280x720``, in place of another one.
+    Args:
+        exposure: A time such as ``10 ms`` to lock it at.
+        resolution: Such as ``1280x720``.
+        played: How files are played, such as ``{"loop": "no"}``.
 
     Raises:
-        ConfigError: It is none.
+        ConfigError: It is no resolution, or a quotation mark is missing.
     """
-    figures = re.fullmatch(r"\s*(\d+)\s*[x×]\s*(\d+)\s*", resolution)
-    if figures is None:
-        raise ConfigError(f"{resolution!r} is no resolution; write it such as 1280x720")
-    return _with_options(text, width_px=figures[1], height_px=figures[2])
-
-
-def _with_options(text: str, **options: str) -> str:
+    options = {key: "".join(value.split()) for key, value in (played or {}).items() if key in PLAYED_KEYS}
+    if options and not _names_driver(text):
+        files = [
+            word if _PLAIN.fullmatch(word) else shlex.quote(word) for word in words_of(text) if not _is_option(word)
+        ]
+        return " ".join([*files, *(f"{key}={value}" for key, value in options.items())])
+    if resolution:
+        figures = re.fullmatch(r"\s*(\d+)\s*[x×]\s*(\d+)\s*", resolution)
+        if figures is None:
+            raise ConfigError(f"{resolution!r} is no resolution; write it such as 1280x720")
+        options |= {"width_px": figures[1], "height_px": figures[2]}
+    if exposure:
+        options["exposure"] = exposure.strip()
     kept = [part for part in text.split(",") if part.partition("=")[0] not in options]
     return ",".join([*kept, *(f"{key}={value.replace(',', '.')}" for key, value in options.items())])
 
@@ -192,28 +177,25 @@ def _frames(known: Known, choice: DriverChoice) -> tuple[tuple[Frame, ...], bool
     with known.opening(choice) as source:
         if source.is_live:
             return (source.capture.latest(SETTLING_WAIT_S),), True
-        frames = _spread(_recorded_frames(source))
+        frames = _spread_frames(source)
     if not frames:
         raise PictureError(f"the camera {choice.driver} gives no picture")
     return frames, False
 
 
-def _recorded_frames(source: Source) -> Iterator[Frame]:
-    """Yield frames; a `CalibrationError` names the first that no lens fits which fits the others."""
-    first: Frame | None = None
-    for frame, _ in zip(source.frames(lambda _: None), range(MAX_RECORDED_FRAMES), strict=False):
-        first = first or frame
+def _spread_frames(source: Source) -> tuple[Frame, ...]:
+    """Return some frames of a recording at even distances, and hold no more than twice as many at any time.
+
+    Raises:
+        CalibrationError: No lens fits all of them; it names the first that another one is needed for.
+    """
+    kept: list[Frame] = []
+    step = 1
+    for number, frame in enumerate(islice(source.frames(lambda _: None), MAX_RECORDED_FRAMES)):
+        first = kept[0] if kept else frame
         check_one_aspect(
             (first.source, first.width_px, first.height_px), (frame.source, frame.width_px, frame.height_px)
         )
-        yield frame
-
-
-def _spread(frames: Iterator[Frame]) -> tuple[Frame, ...]:
-    """Return some of many frames at even distances, and hold no more than twice as many at any time."""
-    kept: list[Frame] = []
-    step = 1
-    for number, frame in enumerate(frames):
         if number % step == 0:
             kept.append(frame)
         if len(kept) == 2 * MAX_FRAMES:
@@ -227,7 +209,7 @@ def _try(known: Known, camera: AttachedCamera, number: int) -> str:
         return camera.trouble or camera.node
     name = f"{PICTURES}/camera-{number}.png"
     try:
-        frame = take_frame(known.chosen(CAMERA, ("camera",), camera_table(camera.choice)), known.opening)
+        frame = take_frame(known.choose(CAMERA, ("camera",), camera_table(camera.choice)), known.opening)
     except StadimeterError as error:
         return str(error)
     write_picture(known.path(name), frame.image, frame.optics)
@@ -260,7 +242,7 @@ class HeldCamera:
         return self._source.room if self._source is not None else None
 
     @contextmanager
-    def opened(self, choice: DriverChoice) -> Iterator[Source]:
+    def hold(self, choice: DriverChoice) -> Iterator[Source]:
         """Give a camera that is open and has settled. A recording is read from its beginning, and not held.
 
         A camera that fails is let go: the next look opens it anew, or another way.

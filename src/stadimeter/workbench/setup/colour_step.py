@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import NamedTuple
+
+from msgspec import Struct, field
 
 from stadimeter.config.plugins import DETECTORS, load_driver
 from stadimeter.core.detection import DetectionStatus
@@ -23,9 +24,8 @@ from stadimeter.workbench.colour_aids import (
     split_places,
 )
 from stadimeter.workbench.measuring import open_picture
-from stadimeter.workbench.setup.answers import words_of
 from stadimeter.workbench.setup.camera_step import SHOWN
-from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Question, SetupStep
+from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Question, SetupStep, words_of
 from stadimeter.workbench.setup.target import build_target, is_doubtful, look
 
 # Pictures that are kept with their clicks; the oldest makes room for another.
@@ -34,14 +34,13 @@ MAX_PICTURES = 6
 # By how many steps a range can be widened or narrowed.
 MAX_STEPS = 12
 
-NOT_THERE = "No ball is seen where you point: click on another part of it, or bring it nearer."
+NOT_THERE = "No ball is seen where you point: point at another part of it, or bring it nearer."
 MISSED = "No ball is seen with this range."
 CLICK = "Click on the ball."
-OTHERS = "Something else has this colour, at {places}: take it away, narrow the range, or click on the ball once more."
+OTHERS = "Something else has this colour, at {places}: take it away, narrow the range, or point at more of the ball."
 
 
-@dataclass(slots=True)
-class ColourTrial:
+class ColourTrial(Struct):
     """Clicks on pictures of a ball, and the range that follows from them.
 
     Attributes:
@@ -103,7 +102,7 @@ class ColourTrial:
 
     def take(self, colour: str, frame: Frame) -> None:
         """Try a range that a person gives; a `ConfigError` if it is none."""
-        view(frame, colour)
+        view_range(frame, colour)
         self.fitted, self.steps = colour, 0
 
     def widen(self, steps: int) -> None:
@@ -149,7 +148,7 @@ def ball_colours() -> type[ProposesColour]:
     return driver
 
 
-def view(frame: Frame, colour: str) -> ColourView:
+def view_range(frame: Frame, colour: str) -> ColourView:
     """Return what a range shows in a frame; a `ConfigError` if it is none."""
     try:
         return ball_colours().view_colour(frame, colour)
@@ -157,7 +156,7 @@ def view(frame: Frame, colour: str) -> ColourView:
         raise ConfigError(str(error)) from error
 
 
-def in_words(seen: ColourView, *, is_pointed_at: bool = True) -> str:
+def describe_view(seen: ColourView, *, is_pointed_at: bool = True) -> str:
     """Say what a range shows in a picture, and what else has the colour."""
     if seen.detection.status is DetectionStatus.NOT_FOUND or not is_pointed_at:
         return MISSED if is_pointed_at else NOT_THERE
@@ -206,21 +205,14 @@ class ColourStep(SetupStep):
     key = "colour"
     names_files = True
 
-    def __init__(self) -> None:
-        self._proposed: tuple[str, tuple[str, ...]] | None = None
-        self._camera = ""  # the one that it was proposed for
-
     def is_asked(self, known: Known) -> bool:
         """Return whether the target is a ball."""
         return known.answers.get("target") == "ball"
 
     def question(self, known: Known) -> Question:
-        """Propose the range of what stands out, or the one that the last answer has led to."""
-        if self._camera != known.answers["camera"]:
-            self._proposed, self._camera = None, known.answers["camera"]
-        ready, found = self._proposed or (self._what_stands_out(known) if known.looks_ahead else ("", ()))
+        """Propose the range of what stands out."""
+        ready, found = _what_stands_out(known) if known.looks_ahead else ("", ())
         return Question(
-            key=self.key,
             text="What colour is the ball?",
             found=found,
             ready=ready,
@@ -233,28 +225,26 @@ class ColourStep(SetupStep):
     def accept(self, known: Known, text: str) -> Accepted:
         """Take a range, or find one for places and pictures."""
         if ":" in text and "@" not in text:
-            self._proposed = None
             found, words = look(known, build_target(known, colour=text))
             return Accepted(answer=text, notes=(words,), doubt=is_doubtful(found))
         samples = _samples(known, text)
         proposal = ball_colours().propose_colour(samples)
         if proposal is None:
             raise ConfigError(ONLY_BACKGROUND if any(each.places_px for each in samples) else NOTHING_STANDS_OUT)
-        notes = _notes_on(known, samples, proposal)
-        self._proposed = proposal.colour, notes
-        return Accepted(answer=proposal.colour, notes=notes, doubt=True)
+        return Accepted(answer=proposal.colour, notes=_notes_on(known, samples, proposal), doubt=True)
 
-    def _what_stands_out(self, known: Known) -> tuple[str, tuple[str, ...]]:
-        for frame in known.frames:
-            samples = [ColourSample(frame)]
-            proposal = ball_colours().propose_colour(samples)
-            if proposal is not None and proposal.views[0].detection.status is DetectionStatus.FOUND:
-                known.frames = (frame, *(each for each in known.frames if each is not frame))
-                write_picture(known.path(SHOWN), frame.image)
-                self._proposed = proposal.colour, _notes_on(known, samples, proposal)
-                return self._proposed
-        words = f"{NOTHING_STANDS_OUT[0].upper()}{NOTHING_STANDS_OUT[1:]}: point at it in {SHOWN}."
-        return "", (words,)
+
+def _what_stands_out(known: Known) -> tuple[str, tuple[str, ...]]:
+    """Return the range of what stands out in a picture, which becomes the one that is shown, and words about it."""
+    for frame in known.frames:
+        samples = [ColourSample(frame)]
+        proposal = ball_colours().propose_colour(samples)
+        if proposal is not None and proposal.views[0].detection.status is DetectionStatus.FOUND:
+            known.frames = (frame, *(each for each in known.frames if each is not frame))
+            write_picture(known.path(SHOWN), frame.image)
+            return proposal.colour, _notes_on(known, samples, proposal)
+    words = f"{NOTHING_STANDS_OUT[0].upper()}{NOTHING_STANDS_OUT[1:]}: point at it in {SHOWN}."
+    return "", (words,)
 
 
 def _samples(known: Known, text: str) -> list[ColourSample]:
@@ -273,13 +263,4 @@ def _notes_on(known: Known, samples: Sequence[ColourSample], proposal: ColourPro
     """Say what a range shows, and draw it."""
     view = proposal.views[0]
     write_picture(known.path(COLOURED), colour_picture(samples[0].frame.image, view, proposal.colour))
-    x_px, y_px = view.detection.centre_px
-    if not is_where_pointed(samples[0], view):
-        notes = ["With this range, no ball is found where you point."]
-    else:
-        notes = [f"A ball at {x_px:.0f},{y_px:.0f}, {view.detection.width_px:.0f} px across.{known.shown_in(COLOURED)}"]
-    for other in view.others:
-        notes.append(f"Something else has that colour, at {other.centre_px[0]:.0f},{other.centre_px[1]:.0f}.")
-    if view.others:
-        notes.append("Take it away, or point at several places on the ball.")
-    return tuple(notes)
+    return (f"{describe_view(view, is_pointed_at=is_where_pointed(samples[0], view))}{known.shown_in(COLOURED)}",)

@@ -1,27 +1,157 @@
-"""From complete answers to files: a pure function, the same answers give the same files."""
+"""From answers to files: the wishes of ``wishes.toml``, and the configuration that they come to. Pure functions."""
 
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
+from msgspec import Struct
+
 from stadimeter.config.camera_file import camera_file_text
-from stadimeter.config.toml_source import as_toml
-from stadimeter.config.units import parse_length
+from stadimeter.config.toml_source import as_toml, key_and_value
+from stadimeter.config.units import DURATIONS_S, LENGTHS_M, SPEEDS_MPS, parse_length, parse_quantity
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.errors import ConfigError
 from stadimeter.workbench.setup.camera_step import SIMULATED, table_of
 from stadimeter.workbench.setup.question import CAMERA_FILE, CONFIGURATION
 from stadimeter.workbench.setup.target import size_and_tolerance, target_table
-from stadimeter.workbench.setup.wish_steps import (
-    NOTHING,
-    SCREEN,
-    actuator_table,
-    base_table,
-    chosen_wishes,
-    messenger_table,
-)
-from stadimeter.workbench.setup.wishes import Wish, fill_blanks
+
+# An output that only the views show.
+SCREEN = "screen"
+
+# No output: the rule reports and drives nothing.
+NOTHING = "nothing"
+
+# Ready distances are within this share of how far away the target is found reliably: hysteresis needs the rest.
+WITHIN_REACH = 0.8
+
+_UNITS = {"m": LENGTHS_M, "s": DURATIONS_S, "m/s": SPEEDS_MPS}
+
+_BLANK = re.compile(r"\{(\w+)(?::([\d.]+)(/s)?)?\}")
+
+
+class Blank(Struct, frozen=True, kw_only=True):
+    """A figure that a wish leaves open; its units are those of the ready answer.
+
+    Attributes:
+        beyond: The blank before it that it must be above; empty if it may be anything.
+        within: The blank before it that it must be below.
+    """
+
+    key: str
+    text: str
+    ready: str
+    beyond: str = ""
+    within: str = ""
+
+    @property
+    def unit(self) -> str:
+        """Its SI unit: m, s or m/s."""
+        return _si_unit(self.ready)
+
+    @property
+    def is_length(self) -> bool:
+        """Whether it is a distance."""
+        return self.unit == "m"
+
+
+class Wish(Struct, frozen=True, kw_only=True):
+    """Something that people want to happen; ``wishes.toml`` says what its parts mean."""
+
+    key: str
+    title: str
+    sentence: str
+    blanks: tuple[Blank, ...]
+    output: str
+    rules: str
+
+
+def _wish(key: str, table: dict[str, Any]) -> Wish:
+    blanks = tuple(Blank(key=name, **blank) for name, blank in table.pop("blanks").items())
+    return Wish(key=key, blanks=blanks, **table)
+
+
+_FILE = Path(__file__).with_name("wishes.toml")
+
+WISHES = tuple(_wish(key, table) for key, table in tomllib.loads(_FILE.read_text(encoding="utf-8")).items())
+
+_BY_KEY = {wish.key: wish for wish in WISHES}
+
+
+def find_wishes(answers: Mapping[str, str]) -> tuple[Wish, ...]:
+    """Return the wishes of the answers."""
+    return tuple(_BY_KEY[key] for key in answers.get("wish", "").split())
+
+
+def fill_blanks(template: str, answers: Mapping[str, str]) -> str:
+    """Return a template with an answer in place of each blank."""
+
+    def answer(blank: re.Match[str]) -> str:
+        text = " ".join(answers[blank[1]].split())
+        if not blank[2]:
+            return text
+        unit = _si_unit(text)
+        return f"{float(blank[2]) * parse_quantity(text, _UNITS[unit], ''):.4g} {unit}{blank[3] or ''}"
+
+    return _BLANK.sub(answer, template)
+
+
+def figure_si(text: str, blank: Blank) -> float:
+    """Return a figure in SI units; a ConfigError unless it is above zero, in units like those of the ready answer."""
+    try:
+        value = parse_quantity(text, _UNITS[blank.unit], blank.ready)
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
+    if value <= 0:
+        raise ConfigError(f"{text!r} is not above zero; write it such as {blank.ready!r}")
+    return value
+
+
+def ready_answers(wish: Wish, seen_up_to_m: float) -> dict[str, str]:
+    """Return the ready answers to the blanks, nearer where the camera would not see that far."""
+    lengths = [parse_length(blank.ready) for blank in wish.blanks if blank.is_length]
+    nearer = min(1.0, WITHIN_REACH * seen_up_to_m / max(lengths, default=1.0))
+    return {
+        blank.key: f"{nearer * parse_length(blank.ready):.2g} m" if nearer < 1 and blank.is_length else blank.ready
+        for blank in wish.blanks
+    }
+
+
+def _si_unit(figure: str) -> str:
+    unit = figure.lstrip("+-.,0123456789eE ")  # no unit begins with an e
+    return next(si for si, units in _UNITS.items() if unit in units)
+
+
+def actuator_table(text: str) -> dict[str, Any]:
+    """Return the table of an output such as ``buzzer 23``."""
+    driver, *pin = text.split() or [""]
+    if driver == SCREEN:
+        return {"driver": "simulated"}
+    return {"driver": driver, **({"pin": int(pin[0]) if pin[0].isdecimal() else pin[0]} if pin else {})}
+
+
+def base_table(answers: Mapping[str, str]) -> dict[str, Any]:
+    """Return the table ``[base]``: its driver, the options of the answers ``base_…``, and the limits of every base."""
+    limits = {"max_speed": answers.get("follow_speed", "0.3 m/s"), "max_turn_rate": "60 deg/s"}
+    if answers["base"] == SCREEN:
+        return {"driver": "simulated", **limits}
+    own = {key.removeprefix("base_"): _option(text) for key, text in answers.items() if key.startswith("base_")}
+    return {"driver": answers["base"], **own, **limits}
+
+
+def _option(text: str) -> Any:
+    """Return an option as TOML would have it, such as ``1440`` or ``{ forward = 17 }``; else the text."""
+    return key_and_value(f"value = {text}")[1]
+
+
+def messenger_table(broker: str) -> dict[str, Any]:
+    """Return the table ``[messenger]``."""
+    host, _, port = broker.partition(":")
+    return {"driver": "mqtt", "host": host, **({"port": int(port) if port.isdecimal() else port} if port else {})}
+
 
 _TITLE = """\
 # Written by `stadimeter init`. Change what you like:
@@ -48,14 +178,14 @@ def configuration_files(answers: Mapping[str, str], camera_model: CameraModel, m
 def rule_names(answers: Mapping[str, str]) -> tuple[str, ...]:
     """Return the names of the rules that the answers lead to."""
     return tuple(
-        re.findall(r"^\[rules\.([\w-]+)\]$", "".join(wish.rules for wish in chosen_wishes(answers)), re.MULTILINE)
+        re.findall(r"^\[rules\.([\w-]+)\]$", "".join(wish.rules for wish in find_wishes(answers)), re.MULTILINE)
     )
 
 
 def _configuration(answers: Mapping[str, str], model_file: str) -> str:
     outputs = _outputs(answers)
     tables: list[tuple[str, Mapping[str, Any]]] = [("camera", {**table_of(answers["camera"]), "model": model_file})]
-    tables += _targets(answers)
+    tables.append((f"targets.{answers['target']}", target_table(answers)))
     tables += [(f"actuators.{name}", actuator_table(answer)) for name, answer in outputs.values() if name]
     if "base" in answers:
         tables.append(("base", base_table(answers)))
@@ -65,7 +195,7 @@ def _configuration(answers: Mapping[str, str], model_file: str) -> str:
     written: dict[str, str] = {}
     for name, table in tables:
         written[name] = f"[{name}]\n" + "".join(f"{key} = {as_toml(value)}\n" for key, value in table.items())
-    rules = [_rules(wish, answers, outputs.get(wish.key, ("", ""))[0]) for wish in chosen_wishes(answers)]
+    rules = [_rules(wish, answers, outputs.get(wish.key, ("", ""))[0]) for wish in find_wishes(answers)]
     return _TITLE + "\n".join([*written.values(), *rules])
 
 
@@ -77,21 +207,11 @@ def _world(answers: Mapping[str, str]) -> list[tuple[str, Mapping[str, Any]]]:
     return [("world", {})] if answers.get("base") == SCREEN else []
 
 
-def _targets(answers: Mapping[str, str]) -> list[tuple[str, Mapping[str, Any]]]:
-    kind, first = answers["target"], target_table(answers)
-    targets: list[tuple[str, Mapping[str, Any]]] = [(f"targets.{kind}", first)]
-    if "apart_second" in answers:
-        second = answers["apart_second"]
-        own = {"id": int(second)} if kind == "tag" else {"hsv": second}
-        targets.append((f"targets.{kind}-2", {**first, **own}))
-    return targets
-
-
 def _outputs(answers: Mapping[str, str]) -> dict[str, tuple[str, str]]:
     """Return for each wish that drives an actuator its name and the answer; wishes with one answer share it."""
     named: dict[str, str] = {}
     outputs = {}
-    for wish in chosen_wishes(answers):
+    for wish in find_wishes(answers):
         answer = answers.get(f"{wish.key}_output", NOTHING)
         if answer == NOTHING:
             continue
@@ -111,7 +231,5 @@ def _rules(wish: Wish, answers: Mapping[str, str], output: str) -> str:
         nearest, farthest = (parse_length(answers[f"parking_{key}"]) for key in ("stop", "slow"))
         figures["middle"] = f"{(nearest + farthest) / 2:.4g} m"
     target = answers["target"]
-    drives = f'actuator = "{output}"\n' if output else ""
-    if wish.key != "apart":
-        drives += f'target = "{target}"\n'
+    drives = (f'actuator = "{output}"\n' if output else "") + f'target = "{target}"\n'
     return fill_blanks(wish.rules.replace("{drives}", drives), {**figures, "target": target, "output": output})

@@ -1,29 +1,35 @@
-"""The interview: the next question, checking an answer, and the answers that are kept."""
+"""The interview: the next question, checking an answer, the answers that are kept, and the files that it writes."""
 
 from __future__ import annotations
 
+import glob
+import os
+import shlex
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 
+from msgspec.structs import replace
+
+import stadimeter
+from stadimeter.config.atomic_file import write_atomically
 from stadimeter.config.findings import did_you_mean_or_list
-from stadimeter.errors import ConfigError, Problem, StadimeterError
-from stadimeter.workbench.setup.answers import ANSWERS, relative_to_setup, save_answers
+from stadimeter.config.toml_source import as_toml, read_toml
+from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES
+from stadimeter.errors import ConfigError, Problem, StadimeterError, reason_of
+from stadimeter.workbench.saving import save_files
+from stadimeter.workbench.setup.base_steps import base_drivers
 from stadimeter.workbench.setup.calibration_steps import CalibrationStep, ProofStep
 from stadimeter.workbench.setup.camera_step import CameraStep
 from stadimeter.workbench.setup.colour_step import ColourStep
-from stadimeter.workbench.setup.question import Accepted, Known, Question, SetupStep
+from stadimeter.workbench.setup.files import WISHES
+from stadimeter.workbench.setup.question import Accepted, Known, Question, SetupStep, words_of
 from stadimeter.workbench.setup.target import SizeStep, TagStep, TargetStep
-from stadimeter.workbench.setup.wish_steps import (
-    BaseStep,
-    BrokerStep,
-    SecondTargetStep,
-    WheelsStep,
-    WishOutputStep,
-    WishStep,
-    wish_steps,
-)
-from stadimeter.workbench.setup.wishes import WISHES
+from stadimeter.workbench.setup.wish_steps import WishStep, wish_steps
+
+# The questions that come first, whatever the answers.
+_FIRST: tuple[type[SetupStep], ...] = (
+    CameraStep, TargetStep, SizeStep, TagStep, ColourStep, CalibrationStep, ProofStep, WishStep,
+)  # fmt: skip
 
 # After another answer to one of these, later answers of an earlier interview mean nothing.
 _CHANGES_ALL = frozenset({CameraStep.key, TargetStep.key})
@@ -45,10 +51,9 @@ class Interview:
         self.known = known or Known(folder=folder)
         self.known.make_folder()
         self._earlier = dict(earlier or {})
-        self._first: tuple[SetupStep, ...] = (
-            CameraStep(), TargetStep(), SizeStep(), TagStep(), ColourStep(), CalibrationStep(), ProofStep(), WishStep(),
-        )  # fmt: skip
+        self._first = [step() for step in _FIRST]
         self._doubted: dict[str, str] = {}
+        self._asked: dict[str, Question] = {}
 
     @property
     def path(self) -> Path:
@@ -70,9 +75,11 @@ class Interview:
         step = self._next()
         if step is None:
             return None
-        asked = step.question(self.known)
+        if step.key not in self._asked:  # finding out what to ask may take seconds
+            self._asked = {step.key: step.question(self.known)}
+        asked = self._asked[step.key]
         ready = self._doubted.get(step.key) or self._earlier.get(step.key) or asked.ready
-        return replace(asked, ready=ready, kind=step.kind)
+        return replace(asked, key=step.key, ready=ready, kind=step.kind or step.key)
 
     def answer(self, text: str, *, confirm: bool = True) -> Accepted:
         """Answer the next question.
@@ -106,6 +113,7 @@ class Interview:
         if step.key in _CHANGES_ALL and self._earlier.get(step.key) != accepted.answer:
             self._earlier.clear()  # the size of a ball is none of a sheet
         self.known.answers[step.key] = accepted.answer
+        self._asked.clear()
         return replace(accepted, doubt=False)
 
     def resume(self, saved: Mapping[str, str]) -> Iterator[tuple[str, Accepted]]:
@@ -127,6 +135,7 @@ class Interview:
         key, answer = self.known.answers.popitem()
         self._earlier[key] = answer
         self._doubted.pop(key, None)
+        self._asked.clear()
         save_answers(self.path, self.known.answers)
         return True
 
@@ -137,11 +146,9 @@ class Interview:
 
 def answer_keys() -> tuple[str, ...]:
     """Return the key of every question that may be asked."""
-    others = (CameraStep, TargetStep, SizeStep, TagStep, ColourStep, CalibrationStep, ProofStep, WishStep)
-    more = (SecondTargetStep, BaseStep, WheelsStep, BrokerStep)
-    blanks = (f"{wish.key}_{blank.key}" for wish in WISHES for blank in wish.blanks)
-    outputs = (WishOutputStep(wish).key for wish in WISHES if wish.output not in {"base", "mqtt"})
-    return (*(step.key for step in (*others, *more)), *blanks, *outputs)
+    wishes = " ".join(wish.key for wish in WISHES)
+    steps = [step for base in base_drivers() for step in wish_steps({"wish": wishes, "base": base})]
+    return tuple(dict.fromkeys(step.key for step in (*(step() for step in _FIRST), *steps)))
 
 
 def check_keys(answers: Mapping[str, str], file: str) -> None:
@@ -155,7 +162,7 @@ def check_keys(answers: Mapping[str, str], file: str) -> None:
         )
 
 
-def all_answered(interview: Interview, given: Mapping[str, str], file: str) -> Iterator[tuple[str, Accepted]]:
+def answer_all(interview: Interview, given: Mapping[str, str], file: str) -> Iterator[tuple[str, Accepted]]:
     """Answer every question from a file, or with the ready answer; yield each with what came of it.
 
     Raises:
@@ -181,3 +188,111 @@ def _ready(interview: Interview) -> tuple[str, tuple[str, ...]]:
     if question is None or not question.ready:
         raise ConfigError(" ".join(("this needs an answer:", *(question.found if question else ()))))
     return question.ready, question.found
+
+
+# The file in the folder in which answers are kept.
+ANSWERS = "init-answers.toml"
+
+_ANSWERS_TITLE = "# Answers to the questions of `stadimeter init`. `stadimeter init --answers FILE` gives them again.\n"
+
+
+def save_answers(path: Path, answers: Mapping[str, str]) -> None:
+    """Write the answers, or leave what was there.
+
+    Raises:
+        ConfigError: They cannot be written there.
+    """
+    lines = "".join(f"{key} = {as_toml(answer)}\n" for key, answer in answers.items())
+    try:
+        write_atomically(path, (_ANSWERS_TITLE + lines).encode())
+    except OSError as error:
+        raise ConfigError([Problem(f"the answers cannot be written: {reason_of(error)}", str(path))]) from error
+
+
+def load_answers(path: Path) -> dict[str, str]:
+    """Read answers. A number counts as text, and a list as one answer that holds several things.
+
+    Raises:
+        ConfigError: It is no TOML file, or a value is something else; with the line.
+    """
+    source = read_toml(path, CONFIGURATION_MAX_BYTES)
+    answers = {key: _answer(value) for key, value in source.table.items()}
+    wrong = [key for key, answer in answers.items() if answer is None]
+    if wrong:
+        hint = 'write it such as size = "6.4 cm"'
+        raise ConfigError(
+            Problem("an answer is text, a number, or a list of these", str(path), source.spans[(key,)].line, key, hint)
+            for key in wrong
+        )
+    return {key: answer for key, answer in answers.items() if answer is not None}
+
+
+def _answer(value: object) -> str | None:
+    if isinstance(value, list):
+        parts = [_answer(each) for each in value]
+        return None if None in parts else shlex.join(part for part in parts if part is not None)
+    return str(value) if isinstance(value, str | int | float) and not isinstance(value, bool) else None
+
+
+def relative_to_setup(folder: Path, text: str) -> str:
+    """Return an answer in which files of the current folder are named as the folder of the setup sees them.
+
+    Files are looked for in the folder of the setup first. What is no file in either stays as it is.
+
+    Raises:
+        ConfigError: A quotation mark is missing.
+    """
+    words = words_of(text)
+    moved = [_relative_word(folder, word) for word in words]
+    return text if moved == words else shlex.join(moved)
+
+
+def _relative_word(folder: Path, word: str) -> str:
+    name, at, rest = word.partition("@")  # what follows is a place or a distance
+    is_here_only = bool(glob.glob(name)) and not glob.glob(str(folder / name))  # noqa: PTH207 - Path's are relative
+    if not is_here_only:
+        return word
+    return os.path.relpath(name, folder) + at + rest
+
+
+def write_files(folder: Path, files: Mapping[str, str]) -> Iterator[str]:
+    """Write files; yield a sentence for each. One that would stay the same is left alone.
+
+    Raises:
+        ConfigError: A file cannot be written there; then none is.
+    """
+    written, kept = save_files(folder, files)
+    for name in files:
+        path = folder / name
+        if name not in written:
+            path.touch()  # newer than the answers, as `was_left` wants it
+            yield f"{path} is as it was"
+        else:
+            was_there = kept is not None and (kept / name).exists()
+            yield f"wrote {path}{f'; the one that was there is {kept / name} now' if kept and was_there else ''}"
+
+
+def was_left(answers: Path, configuration: Path) -> bool:
+    """Return whether an interview was left before its end: its answers are newer than what came of the last one."""
+    answered_ns = _modified_ns(answers)
+    return answered_ns is not None and answered_ns > (_modified_ns(configuration) or 0)
+
+
+def _modified_ns(path: Path) -> int | None:
+    try:
+        return path.stat().st_mtime_ns
+    except FileNotFoundError:
+        return None
+
+
+def load_example(name: str) -> str:
+    """Return an example configuration that comes with the program.
+
+    Raises:
+        ConfigError: There is none of that name; it lists them.
+    """
+    folder = Path(stadimeter.__file__).parent / "configurations"
+    texts = {path.stem: path for path in sorted(folder.glob("*.toml"))}
+    if name not in texts:
+        raise ConfigError([Problem(f"there is no example {name!r}, only {', '.join(texts)}", key="--example")])
+    return texts[name].read_text(encoding="utf-8")

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import shlex
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from msgspec import Struct, field
+
 from stadimeter.config.driver_tables import DriverKind, read_driver_table
+from stadimeter.config.findings import Finding
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.units import validation_context
 from stadimeter.core.camera_model import CameraModel
@@ -25,8 +28,7 @@ PICTURES = "init"
 BOARD_FILE = f"{PICTURES}/board.toml"
 
 
-@dataclass(slots=True, kw_only=True)
-class Known:
+class Known(Struct, kw_only=True):
     """What is known so far.
 
     Attributes:
@@ -70,6 +72,11 @@ class Known:
         """Return the path of a file that an answer names."""
         return self.folder / Path(name).expanduser()
 
+    def relative(self, file: str | Path) -> str:
+        """Return the name that answers have for a file: its path from the folder, if it is in it."""
+        path = Path(file)
+        return str(path.relative_to(self.folder) if path.is_relative_to(self.folder) else path)
+
     def make_folder(self) -> None:
         """Make the folder, and the one for pictures in it; a `ConfigError` says why that cannot be."""
         try:
@@ -79,16 +86,29 @@ class Known:
                 [Problem(f"the folder cannot be made: {reason_of(error)}", str(self.folder / PICTURES))]
             ) from error
 
-    def chosen(self, kind: DriverKind[Any], at: tuple[str, ...], table: dict[str, Any]) -> DriverChoice:
+    def choose(self, kind: DriverKind, at: tuple[str, ...], table: dict[str, Any]) -> DriverChoice:
         """Return the driver of a table as the configuration will hold it.
 
         Raises:
             ConfigError: It says everything that is wrong; where it stands is nothing that a person has written.
         """
-        read = read_driver_table(kind, at, table, validation_context(self.file))
-        if read.choice is None or read.findings:
-            raise ConfigError(Problem(each.message, hint=each.hint) for each in read.findings)
-        return read.choice
+        findings: list[Finding] = []
+        choice, _ = read_driver_table(kind, at, table, validation_context(self.file), findings)
+        if choice is None or findings:
+            raise ConfigError(Problem(each.message, hint=each.hint) for each in findings)
+        return choice
+
+
+def words_of(text: str) -> list[str]:
+    """Return the words of an answer; what has a space stands in quotation marks.
+
+    Raises:
+        ConfigError: A quotation mark is missing.
+    """
+    try:
+        return shlex.split(text)
+    except ValueError as error:
+        raise ConfigError(f"{text!r} lacks a quotation mark") from error
 
 
 class Option(NamedTuple):
@@ -98,12 +118,11 @@ class Option(NamedTuple):
     meaning: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Question:
+class Question(Struct, frozen=True, kw_only=True):
     """What is asked next.
 
     Attributes:
-        key: The name of the answer in a file of answers.
+        key: The name of the answer in a file of answers; `Interview` fills it in, and the kind.
         found: What was found out before it was asked, a sentence each.
         ready: The answer that is taken if none is given; empty if there is none.
         form: How an answer may look, for people who want another one.
@@ -115,8 +134,8 @@ class Question:
         blanks: The blanks of that sentence: ``key``, ``text`` and the ``ready`` answer.
     """
 
-    key: str
     text: str
+    key: str = ""
     found: tuple[str, ...] = ()
     options: tuple[Option, ...] = ()
     ready: str = ""
@@ -128,8 +147,7 @@ class Question:
     blanks: tuple[Mapping[str, str], ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Accepted:
+class Accepted(Struct, frozen=True, kw_only=True):
     """An answer that can be used.
 
     Attributes:
@@ -148,28 +166,27 @@ class SetupStep(ABC):
 
     Attributes:
         key: The name of the answer.
+        kind: What it asks for, see `Question.kind`; empty for the key.
         names_files: Whether answers may name files.
+        asked: The question, where it depends on nothing.
     """
 
     key: str
+    kind = ""
     names_files = False
-
-    @property
-    def kind(self) -> str:
-        """What it asks for; see `Question.kind`."""
-        return self.key
+    asked: Question
 
     def is_asked(self, known: Known) -> bool:  # noqa: ARG002 - most are
         """Return whether earlier answers leave this open."""
         return True
 
-    @abstractmethod
-    def question(self, known: Known) -> Question:
+    def question(self, known: Known) -> Question:  # noqa: ARG002 - most look at earlier answers
         """Find out what can be found out, and return what to ask.
 
         Raises:
             StadimeterError: An earlier answer is of no use any more, such as a camera that was unplugged.
         """
+        return self.asked
 
     @abstractmethod
     def accept(self, known: Known, text: str) -> Accepted:

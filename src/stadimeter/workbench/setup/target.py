@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from stadimeter.app.detectors import build_detectors
-from stadimeter.config.ball_sizes import BALLS
 from stadimeter.config.driver_tables import TARGET
-from stadimeter.config.paper import PAPER
+from stadimeter.config.named_sizes import BALLS, PAPER
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.units import split_quantities
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
+from stadimeter.core.target import TargetShape
 from stadimeter.errors import ConfigError, StadimeterError
 from stadimeter.workbench.annotation import Mark, annotate, write_picture
 from stadimeter.workbench.frame_source import BALL, take_frame
-from stadimeter.workbench.remedies import remedies_for
+from stadimeter.workbench.measuring import remedies_for
 from stadimeter.workbench.setup.camera_step import SIMULATED
 from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Option, Question, SetupStep
 
@@ -65,12 +65,17 @@ def _tag_keys(text: str) -> dict[str, Any]:
     return keys
 
 
+def target_shape(choice: DriverChoice) -> TargetShape:
+    """Return what a target's detector knows of its shape."""
+    (named,) = build_detectors([choice], None)
+    return named.detector.target_shape
+
+
 def build_target(known: Known, **answers: str) -> DriverChoice:
     """Return the target with further answers; a `ConfigError` says what is wrong with them, in people's units too."""
     table = target_table({**known.answers, **answers})
-    choice = known.chosen(TARGET, ("targets", table["detector"]), table)
-    (named,) = build_detectors([choice], None)
-    size_m = named.detector.target_shape.shortest_m
+    choice = known.choose(TARGET, ("targets", table["detector"]), table)
+    size_m = target_shape(choice).shortest_m
     if not MIN_SIZE_M <= size_m <= MAX_SIZE_M:
         likely = "millimetres or inches" if size_m > MAX_SIZE_M else "centimetres or metres"
         raise ConfigError(
@@ -78,6 +83,17 @@ def build_target(known: Known, **answers: str) -> DriverChoice:
             f"did you mean {likely}?"
         )
     return choice
+
+
+def detect_in(frames: Sequence[Frame], choice: DriverChoice, lens: CameraModel | None) -> tuple[Frame, Detection]:
+    """Return the first frame in which the target is found, or else the first of all, with what is detected in it."""
+    (named,) = build_detectors([choice], lens)
+    seen: list[tuple[Frame, Detection]] = []
+    for frame in frames:
+        seen.append((frame, named.detector.detect(frame, lens=lens and lens.for_frame(frame))))
+        if seen[-1][1].status is DetectionStatus.FOUND:
+            return seen[-1]
+    return seen[0]
 
 
 def look(known: Known, choice: DriverChoice, size: str = "") -> tuple[Detection, str]:
@@ -93,14 +109,7 @@ def look(known: Known, choice: DriverChoice, size: str = "") -> tuple[Detection,
     """
     if known.is_live and known.camera is not None:
         known.frames = (take_frame(known.camera, known.opening),)
-    (named,) = build_detectors([choice], known.camera_model)
-    seen: list[tuple[Frame, Detection]] = []
-    for frame in known.frames:
-        lens = known.camera_model.for_frame(frame) if known.camera_model else None
-        seen.append((frame, named.detector.detect(frame, lens=lens)))
-        if seen[-1][1].status is DetectionStatus.FOUND:
-            break
-    frame, found = next((each for each in seen if each[1].status is DetectionStatus.FOUND), seen[0])
+    frame, found = detect_in(known.frames, choice, known.camera_model)
     known.frames = (frame, *(each for each in known.frames if each is not frame))
     words = f"{describe_detection(choice.name, found)}"
     words += _remedy_in_words(choice, found, frame, known.camera_model, size or known.answers["size"])
@@ -114,16 +123,14 @@ def why_not_measured(known: Known, lens: CameraModel) -> str:
 
     Before a live camera it need not be there now: only what is found without the lens contradicts it.
     """
-    choice, why = build_target(known), ""
-    (named,) = build_detectors([choice], lens)
-    for frame in known.frames:
-        found = named.detector.detect(frame, lens=lens.for_frame(frame))
-        if found.status is DetectionStatus.FOUND:
-            return ""
-        if not why and not (known.is_live and named.detector.detect(frame).status is not DetectionStatus.FOUND):
-            remedy = _remedy_in_words(choice, found, frame, lens, known.answers["size"])
-            why = f"Through this lens nothing is measured. {describe_detection(choice.name, found)}{remedy}"
-    return why
+    choice = build_target(known)
+    frame, found = detect_in(known.frames, choice, lens)
+    if found.status is DetectionStatus.FOUND:
+        return ""
+    if known.is_live and detect_in([frame], choice, None)[1].status is not DetectionStatus.FOUND:
+        return ""
+    remedy = _remedy_in_words(choice, found, frame, lens, known.answers["size"])
+    return f"Through this lens nothing is measured. {describe_detection(choice.name, found)}{remedy}"
 
 
 def _remedy_in_words(
@@ -162,11 +169,9 @@ def family_in_view(known: Known) -> str:
             choice = build_target(known, tag=family)
         except StadimeterError:
             continue
-        (named,) = build_detectors([choice], None)
-        for frame in known.frames:
-            found = named.detector.detect(frame)
-            if found.status is DetectionStatus.FOUND:
-                return f"{family} {found.number}"
+        _, found = detect_in(known.frames, choice, None)
+        if found.status is DetectionStatus.FOUND:
+            return f"{family} {found.number}"
     return ""
 
 
@@ -200,9 +205,7 @@ class TargetStep(SetupStep):
 
     key = "target"
 
-    def question(self, known: Known) -> Question:  # noqa: ARG002
-        """Return the kinds of targets."""
-        return Question(key=self.key, text="What shall be measured?", options=KINDS, ready="ball")
+    asked = Question(text="What shall be measured?", options=KINDS, ready="ball")
 
     def accept(self, known: Known, text: str) -> Accepted:  # noqa: ARG002
         """Take one of the kinds."""
@@ -223,7 +226,6 @@ class SizeStep(SetupStep):
         ready, form = _SIZES[kind]
         ready = BALL if kind == "ball" and known.answers["camera"] == SIMULATED else ready
         return Question(
-            key=self.key,
             text=f"How large is the {kind}? The distances are as right as this is: measure it.",
             ready=ready,
             form=form,
@@ -233,7 +235,7 @@ class SizeStep(SetupStep):
     def accept(self, known: Known, text: str) -> Accepted:
         """Check the size, and look for what needs no more to be found."""
         choice = build_target(known, size=text)
-        named = (_in_figures(choice.options),) if text[:1].isalpha() else ()
+        named = (_describe_size(choice.options),) if text[:1].isalpha() else ()
         if known.answers["target"] not in {"sheet", "disc"}:
             return Accepted(answer=text, notes=named)
         found, words = look(known, choice, text)
@@ -253,7 +255,6 @@ class TagStep(SetupStep):
         """Look for tags of several families."""
         seen = family_in_view(known)
         return Question(
-            key=self.key,
             text="Which family of tags, and which number?",
             found=(f"The picture shows {seen}.",) if seen else ("The picture shows no tag.",),
             ready=seen or "36h11",
@@ -266,7 +267,7 @@ class TagStep(SetupStep):
         return Accepted(answer=text, notes=(words,), doubt=is_doubtful(found))
 
 
-def _in_figures(options: Any) -> str:
+def _describe_size(options: Any) -> str:
     """Say how large a thing is that was given by its name."""
     sides_m = [getattr(options, key) for key in ("diameter", "width", "height") if hasattr(options, key)]
     return f"That is {' × '.join(f'{100 * side_m:g}' for side_m in sides_m)} cm."

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import cv2
@@ -13,23 +15,25 @@ from stadimeter.app.detectors import build_detectors
 from stadimeter.config.loader import Configuration
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.rule_test_tables import InputTable
-from stadimeter.config.units import DURATIONS_S, parse_quantity
+from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame, Image
 from stadimeter.core.measurement import Measurement
 from stadimeter.core.observation import FrameStamp, Observation
+from stadimeter.core.plan import Plan
 from stadimeter.core.words import metres
 from stadimeter.errors import ConfigError, PictureError, StadimeterError
-from stadimeter.ranging.feasibility import expect, farthest_m
+from stadimeter.ranging.similar_triangles import expect, farthest_m
 from stadimeter.workbench.annotation import Mark, annotate
 from stadimeter.workbench.measuring import Measuring
 from stadimeter.workbench.picture_quality import picture_remarks
-from stadimeter.workbench.rule_tests.running import WAIT_S, observations
-from stadimeter.workbench.rule_tests.synthetic_track import sensor_models
+from stadimeter.workbench.replay.lanes import Lane, Point, thin_points
+from stadimeter.workbench.rule_tests.inputs import observations, wait_times
+from stadimeter.workbench.rule_tests.running import command_figures
+from stadimeter.workbench.setup.files import SCREEN, figure_si, find_wishes
 from stadimeter.workbench.setup.question import Known
-from stadimeter.workbench.setup.target import build_target, describe_detection
-from stadimeter.workbench.setup.wish_steps import SCREEN, chosen_wishes, reliable_range_m
-from stadimeter.workbench.setup.wishes import figure_si, ready_answers
+from stadimeter.workbench.setup.target import build_target, describe_detection, target_shape
+from stadimeter.workbench.setup.wish_steps import wish_steps
 
 # The rules are tried on this many seconds of the camera's past measurements.
 LAST_S = 60.0
@@ -57,18 +61,9 @@ def complete_answers(known: Known, changed: Mapping[str, str]) -> dict[str, str]
     if known.camera_model is None or "wish" not in known.answers:
         raise ConfigError("first choose what shall happen")
     answers = {**known.answers, **changed}
-    for wish in chosen_wishes(answers):
-        for key, ready in ready_answers(wish, reliable_range_m(known)).items():
-            answers.setdefault(f"{wish.key}_{key}", ready)
-        match wish.output:
-            case "base":
-                answers.setdefault("base", SCREEN)
-            case "mqtt":
-                answers.setdefault("broker", "127.0.0.1")
-            case _:
-                answers.setdefault(f"{wish.key}_output", SCREEN)
-        if wish.key == "apart" and "apart_second" not in answers:
-            raise ConfigError("first say how the second target differs from the first")
+    for step in wish_steps(answers):
+        is_output = step.kind == "output" or step.key == "base"
+        answers.setdefault(step.key, SCREEN if is_output else step.question(known).ready)
     return answers
 
 
@@ -82,18 +77,14 @@ def recent_observations(history: Sequence[Measurement]) -> Iterator[Observation]
     for number, measured in enumerate(lately):
         now_s = measured.captured_at_s
         if now_s - before_s > GAP_S:
-            waits = range(1, int((now_s - before_s) / WAIT_S))
-            yield from (Observation(now_s=before_s + count * WAIT_S, camera_fault="no frame") for count in waits)
+            yield from (Observation(now_s=at_s, camera_fault="no frame") for at_s in wait_times(before_s, now_s))
         stamp = FrameStamp(sequence=number, captured_at_s=now_s)
         yield Observation(now_s=now_s, frame=stamp, measurements=(measured,))
         before_s = now_s
 
 
 def simulate_approach(configuration: Configuration, answers: Mapping[str, str]) -> Iterator[Observation]:
-    """Yield observations of a target that comes from beyond every distance of the wishes, goes back, and disappears.
-
-    A second target stands still half way.
-    """
+    """Yield observations of a target that comes from beyond every distance of the wishes, goes back, and disappears."""
     lengths_m, times_s = _figures(answers)
     far_m, near_m = 1.5 * max(lengths_m, default=2.0), 0.6 * min(lengths_m, default=1.0)
     gone_s = min(MAX_DURATION_S, max(GONE_S, *(1.2 * each for each in times_s), 0.0))
@@ -102,30 +93,22 @@ def simulate_approach(configuration: Configuration, answers: Mapping[str, str]) 
         points += [(at_s, distance_m), (at_s + stays_s, distance_m)]
         at_s += stays_s + WALK_S
     end_s = points[-1][0]
-    first, *others = configuration.plan.targets
-    walk = {
+    table = {
         "points": [{"at": f"{moment_s} s", "distance": f"{distance_m} m"} for moment_s, distance_m in points],
         "lost": [{"from": f"{end_s - gone_s} s", "for": f"{gone_s + 1} s"}],
+        "rate": "10 Hz",
     }
-    still = {"hover": {"at": f"{(far_m + near_m) / 2} m", "for": f"{end_s} s"}}
-    table = {"targets": {first: walk, **dict.fromkeys(others, still)}, "rate": "10 Hz"}
-    yield from observations(InputTable.model_validate(table), configuration, sensor_models(configuration))
+    yield from observations(InputTable.model_validate(table), configuration)
 
 
 def _figures(answers: Mapping[str, str]) -> tuple[list[float], list[float]]:
     """Return the distances of the wishes in metres, and their times in seconds."""
-    lengths_m, times_s = [], []
-    for wish in chosen_wishes(answers):
+    figures: dict[str, list[float]] = {"m": [], "s": [], "m/s": []}
+    for wish in find_wishes(answers):
         for blank in wish.blanks:
-            text = answers[f"{wish.key}_{blank.key}"]
-            try:
-                if blank.is_length:
-                    lengths_m.append(figure_si(text, blank))
-                else:
-                    times_s.append(parse_quantity(text, DURATIONS_S, blank.ready))
-            except ValueError:
-                continue  # a speed, or what the question refuses
-    return lengths_m, times_s
+            with suppress(ConfigError):  # what the question refuses
+                figures[blank.unit].append(figure_si(answers[f"{wish.key}_{blank.key}"], blank))
+    return figures["m"], figures["s"]
 
 
 # Nearer than where a target fills this share of the picture's shorter side, it is cut off sooner or later.
@@ -145,8 +128,7 @@ def outlook(known: Known) -> dict[str, Any]:
     """
     if known.camera_model is None:
         raise ConfigError("the camera is not calibrated yet")
-    (named,) = build_detectors([build_target(known)], None)
-    shape, lens = named.detector.target_shape, known.camera_model.for_frame(known.frame)
+    shape, lens = target_shape(build_target(known)), known.camera_model.for_frame(known.frame)
     nearest_m = farthest_m(shape, lens, WHOLE_SHARE * min(lens.width_px, lens.height_px))
     reaches_m = farthest_m(shape, lens)
     rows = [expect(shape, lens, each) for each in (nearest_m, *_between(nearest_m, reaches_m), reaches_m)]
@@ -155,12 +137,7 @@ def outlook(known: Known) -> dict[str, Any]:
         "farthest_m": reaches_m,
         "focal_sigma_share": lens.focal_relative_sigma,
         "rows": [
-            {
-                "distance_m": each.distance_m,
-                "sigma_m": each.sigma_m,
-                "noise_m": each.noise_m,
-                "width_px": each.size_px,
-            }
+            {"distance_m": each.distance_m, "sigma_m": each.sigma_m, "noise_m": each.noise_m, "width_px": each.size_px}
             for each in rows
         ],
     }
@@ -205,10 +182,10 @@ def look_for_target(known: Known, frame: Frame, target: DriverChoice) -> tuple[D
     return result.detection or Detection(target=target.name, status=DetectionStatus.NOT_FOUND), result.measurement
 
 
-def values_of(frame: Frame, seen: Detection | None, measured: Measurement | None) -> Mapping[str, Any]:
+def describe_picture(frame: Frame, seen: Detection | None, measured: Measurement | None) -> Mapping[str, Any]:
     """Return what is known of a picture, as JSON has it; places are in the camera's own pixels."""
     remarks = [f"{each[0].upper()}{each[1:]}." for each in picture_remarks(frame.image, frame.exposure_s)]
-    is_found = seen is not None and seen.status is DetectionStatus.FOUND
+    found = seen if seen is not None and seen.status is DetectionStatus.FOUND else None
     return {
         "width_px": frame.width_px,
         "height_px": frame.height_px,
@@ -216,11 +193,11 @@ def values_of(frame: Frame, seen: Detection | None, measured: Measurement | None
         "remarks": remarks,
         "words": describe_detection(seen.target, seen) if seen else "",
         "status": seen.status.value if seen else None,
-        "found": is_found,
+        "found": found is not None,
         "distance_m": measured.distance_m if measured else None,
         "sigma_m": measured.sigma_m if measured else None,
-        "centre_px": [round(each, 1) for each in seen.centre_px] if seen is not None and is_found else None,
-        "size_px": [round(seen.width_px, 1), round(seen.height_px, 1)] if seen is not None and is_found else None,
+        "centre_px": [round(each, 1) for each in found.centre_px] if found else None,
+        "size_px": [round(found.width_px, 1), round(found.height_px, 1)] if found else None,
         "rejected": [
             {"centre_px": list(each.centre_px), "size_px": each.size_px, "reason": each.reason}
             for each in (seen.rejected if seen else ())
@@ -230,7 +207,9 @@ def values_of(frame: Frame, seen: Detection | None, measured: Measurement | None
 
 def draw_findings(frame: Frame, seen: Detection, measured: Measurement | None, *, with_candidates: bool) -> Image:
     """Return the picture with the target's outline, and the numbered candidates that were refused."""
-    (*_, headline) = (seen.target, *_distance(measured))
+    headline = seen.target
+    if measured is not None and measured.distance_m is not None:
+        headline = f"{headline}: {metres(measured.distance_m, measured.sigma_m or 0.0)}"
     mark = Mark(
         detection=seen,
         has_corners=len(seen.outline_px) == 4,
@@ -240,13 +219,7 @@ def draw_findings(frame: Frame, seen: Detection, measured: Measurement | None, *
     return annotate(frame.image, [mark])
 
 
-def _distance(measured: Measurement | None) -> tuple[str, ...]:
-    if measured is None or measured.distance_m is None:
-        return ()
-    return (f"{measured.target}: {metres(measured.distance_m, measured.sigma_m or 0.0)}",)
-
-
-def jpeg_of(image: Image, width_px: int = 0) -> bytes:
+def encode_jpeg(image: Image, width_px: int = 0) -> bytes:
     """Return a picture as JPEG, no wider than asked for; 0 for as it is."""
     if 0 < width_px < image.shape[1]:
         height_px = max(1, round(image.shape[0] * width_px / image.shape[1]))
@@ -255,3 +228,46 @@ def jpeg_of(image: Image, width_px: int = 0) -> bytes:
     if not done:
         raise PictureError("the picture cannot be encoded")
     return data.tobytes()
+
+
+# The number of events that are listed beside a chart.
+EVENTS_MAX = 100
+
+
+def show_decisions(plan: Plan, seen: Iterable[Observation]) -> dict[str, Any]:
+    """Decide on observations by a plan, and return what came of it as JSON has it; opens and moves nothing.
+
+    Times are in seconds from the first observation. ``rules`` says when each was active; ``outputs`` from when on each
+    had which level, or which speeds forwards and of turning.
+    """
+    active: defaultdict[str, Lane] = defaultdict(Lane)
+    steps: defaultdict[str, list[tuple[float, ...]]] = defaultdict(list)
+    samples: defaultdict[str, list[Point]] = defaultdict(list)
+    events: list[dict[str, Any]] = []
+    state, start_s, at_s = initial_state(plan), None, 0.0
+    for observation in seen:
+        state, decision = decide(state, observation)
+        start_s = observation.now_s if start_s is None else start_s
+        at_s = observation.now_s - start_s
+        for trace in decision.rules:
+            active[trace.rule].add(at_s, is_on=trace.active is True)
+        for command in decision.commands:
+            figures, before = command_figures(command), steps[command.output]
+            if not before or before[-1][1:] != figures:
+                before.append((at_s, *figures))
+        for measured in observation.measurements:
+            samples[measured.target].append((at_s, measured.distance_m, measured.sigma_m or 0.0))
+        events += [
+            {"at_s": at_s, "kind": event.kind.value, "source": event.source, "reason": event.reason}
+            for event in decision.events
+        ]
+    return {
+        "seconds": at_s,
+        "rules": [
+            {"rule": rule, "active": [{"from_s": start, "to_s": end} for start, end in lane.thinned()]}
+            for rule, lane in active.items()
+        ],
+        "outputs": [{"output": name, "steps": [list(step) for step in each]} for name, each in steps.items()],
+        "samples": {name: list(map(list, thin_points(points))) for name, points in samples.items()},
+        "events": events[:EVENTS_MAX],
+    }

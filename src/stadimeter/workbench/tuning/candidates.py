@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from stadimeter.config.findings import did_you_mean_or_list
 from stadimeter.config.loader import Configuration
-from stadimeter.core.condition import DistanceCondition
+from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import Severity
 from stadimeter.core.rule import AlarmRule, OnDelay
 from stadimeter.errors import ConfigError, Problem
@@ -23,8 +24,7 @@ DEADBANDS_SIGMAS = (0.0, 1.0, 2.0, 3.0, 4.0)
 OFF_DELAYS_S = (0.0, 0.5, 1.0, 2.0)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Settings:
+class Settings(Struct, frozen=True, kw_only=True):
     """The settings of an alarm that can be tuned.
 
     Attributes:
@@ -38,8 +38,7 @@ class Settings:
     off_delay_s: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Tuned:
+class Tuned(Struct, frozen=True, kw_only=True):
     """The alarm that is tuned.
 
     Attributes:
@@ -164,8 +163,7 @@ _HALF = 0.5
 OFTEN_SHARE = 0.5
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Count:
+class Count(Struct, frozen=True, kw_only=True):
     """The raises of an alarm while the target stood at one clearance.
 
     Attributes:
@@ -177,8 +175,7 @@ class Count:
     duration_s: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Slope:
+class Slope(Struct, frozen=True, kw_only=True):
     """The fall of the logarithm of a rate, for each standard deviation further away.
 
     Attributes:
@@ -189,8 +186,7 @@ class Slope:
     sigma: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rate:
+class Rate(Struct, frozen=True, kw_only=True):
     """False alarms a day.
 
     Attributes:

@@ -10,14 +10,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from stadimeter.core.bounds import MAX_FIGURE
-from stadimeter.core.condition import Quantity
+from stadimeter.core.conditions.figures import Quantity
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.tracking.filter import NOISE_FLOOR_M
 from stadimeter.errors import JournalError
@@ -61,8 +62,7 @@ _FIT_ROUNDS = 4
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Series:
+class Series(Struct, frozen=True, kw_only=True, eq=False):
     """The measurements of a target in one recording, a frame each.
 
     Attributes:
@@ -77,8 +77,7 @@ class Series:
     scale: float
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Stretch:
+class Stretch(Struct, frozen=True, kw_only=True, eq=False):
     """Some seconds of a recording.
 
     Attributes:
@@ -102,8 +101,7 @@ class Stretch:
         return float(self.steps_s.sum())
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class RecordedNoise:
+class RecordedNoise(Struct, frozen=True, kw_only=True, eq=False):
     """The noise of recordings.
 
     Attributes:

@@ -12,10 +12,10 @@ goes on as it was recorded.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from msgspec import Struct
 
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule
@@ -69,8 +69,7 @@ Tried = Mapping[str, Settings]
 Crossings = dict[str, list[Sequence[Transition]]]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Beginning:
+class Beginning(Struct, frozen=True, kw_only=True):
     """Settings for when an alarm begins, and their figures.
 
     Attributes:
@@ -86,8 +85,7 @@ class Beginning:
     late_p95_s: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Ending:
+class Ending(Struct, frozen=True, kw_only=True):
     """Settings for when an alarm ends, and their figures.
 
     Attributes:
@@ -100,8 +98,7 @@ class Ending:
     ends_after_s: float
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Proposal:
+class Proposal(Struct, frozen=True, kw_only=True, eq=False):
     """The proposed settings, and all that they rest on.
 
     Attributes:

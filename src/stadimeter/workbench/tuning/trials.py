@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from stadimeter.core.decide import decide, initial_state
@@ -40,8 +41,7 @@ _STANDING_S = 5.0
 _AROUND_S = 1.5
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class OperatingPoints:
+class OperatingPoints(Struct, frozen=True, kw_only=True, eq=False):
     """The distances at which a target stood while no alarm was right.
 
     Attributes:
@@ -145,8 +145,7 @@ APPROACH_S, AFTER_S = 3.0, 2.0
 MIN_DISTANCE_SHARE = 0.3
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Transition:
+class Transition(Struct, frozen=True, kw_only=True):
     """An alarm was raised, or cleared."""
 
     at_s: float

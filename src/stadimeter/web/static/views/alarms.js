@@ -12,7 +12,7 @@ export function mount(root, context) {
   const { api, live, unit, session } = context;
   const list = h("ul", { class: "list alarms" });
   const none = h("p", { class: "quiet" }, "No rule of this configuration raises an alarm.");
-  const all = h("button", { type: "button", class: "button primary", hidden: true, onclick: () => act(actionsOf({ is_alarm: true, acknowledged: false, gates: [], severity: "safety" }, session)[0], "", context).then(refresh) }, "Acknowledge all");
+  const all = h("button", { type: "button", class: "button primary", hidden: true, onclick: () => act(actionsOf({ is_alarm: true, acknowledged: false, inhibits: [], severity: "safety" }, session)[0], "", context).then(refresh) }, "Acknowledge all");
   const least = h("select", { onchange: () => drawHistory() }, SEVERITIES.map((each) => h("option", { value: each }, each === "info" ? "everything" : `${each} and above`)));
   const history = h("ol", { class: "list events" });
   const nothing = h("p", { class: "quiet" }, "Nothing.");

@@ -18,8 +18,8 @@ const action = (op, more) => ({ op, ...ACTIONS[op], ...more });
 /** The actions that a rule has now, the urgent ones first; none for one who may only look. */
 export function actionsOf(rule, session) {
   if (session.right !== "operate" || !rule.is_alarm) return [];
-  const isShelved = rule.gates.includes("shelved");
-  const isOut = rule.gates.includes("out of service");
+  const isShelved = rule.inhibits.includes("shelved");
+  const isOut = rule.inhibits.includes("out of service");
   return [
     !rule.acknowledged && action("ack", { isUrgent: true }),
     rule.status === "latched" && action("reset", { isUrgent: true }),

@@ -7,9 +7,9 @@ import { actionsOf, act } from "./rule_actions.js";
 const LOOKS = { pending: "warning", clearing: "warning", returned: "warning", unknown: "unknown" };
 
 /** What a state looks like: its shape and its colour; its word is always beside them. */
-export function lookOf({ status, severity, gates, acknowledged, is_alarm }) {
+export function lookOf({ status, severity, inhibits, acknowledged, is_alarm }) {
   if (status !== "active" && status !== "latched") return LOOKS[status] ?? "quiet";
-  if (gates.length) return "warning";
+  if (inhibits.length) return "warning";
   if (!is_alarm) return "good";
   return severity === "alarm" || severity === "safety" || !acknowledged || status === "latched" ? "alarm" : severity === "info" ? "good" : "warning";
 }
@@ -49,7 +49,7 @@ function card(context) {
 const whyOnly = ({ reason, status, output }) => reason.replace(`${status}: `, "").replace(`; it commands '${output}'`, "");
 
 export function stateInWords(rule) {
-  const extra = [...rule.gates, rule.acknowledged ? "" : "not acknowledged", rule.chattering ? "chattering" : "", rule.first_out ? "first" : ""];
+  const extra = [...rule.inhibits, rule.acknowledged ? "" : "not acknowledged", rule.chattering ? "chattering" : "", rule.first_out ? "first" : ""];
   return [rule.status, ...extra].filter(Boolean).join(", ");
 }
 

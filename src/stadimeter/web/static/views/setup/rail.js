@@ -13,7 +13,7 @@ const STAGES = [
 const FIRST = ["camera", "target", "size", "tag", "colour", "calibration", "proof", "wish"];
 
 function stageOf(key) {
-  const kind = FIRST.includes(key) ? key : key.endsWith("_output") ? "output" : ["base", "wheels", "broker"].includes(key) ? "base" : "blank";
+  const kind = FIRST.includes(key) ? key : key.endsWith("_output") ? "output" : /^(base|base_.*|broker)$/.test(key) ? "base" : "blank";
   return STAGES.findIndex(([, kinds]) => kinds.includes(kind));
 }
 

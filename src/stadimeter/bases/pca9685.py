@@ -1,0 +1,269 @@
+"""Boards that drive motors through a PCA9685 over I2C: Freenove 4WD, Waveshare JetBot, Adafruit MotorKit, and others.
+
+**This base does not stop by itself.** The chip goes on pulsing as it was written last when the host dies, until it is
+written again or loses its power, and a chip that was put to sleep resumes when it is woken. So every channel is
+switched off when it is opened and closed, and `Pca9685Options.i2c_stop` says how anybody else does it.
+
+Registers as in NXP's data sheet PCA9685 (rev. 4), section 7.3. Channels of the boards as in their makers' code:
+``Motor.py`` of Freenove_4WD_Smart_Car_Kit_for_Raspberry_Pi, ``motor.py`` of NVIDIA-AI-IOT/jetbot (the lines for
+Waveshare's board), ``adafruit_motorkit.py``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Annotated, ClassVar, Literal, Protocol, Self
+
+from msgspec import Struct
+from pydantic import Field, model_validator
+
+from stadimeter.bases.h_bridge import HBridgeBase, HBridgeOptions, MotorTable
+from stadimeter.bases.i2c_link import I2cDevice, I2cLink, bus_number, i2c_lacks
+from stadimeter.bases.protocol import MotorOutputs, WiresMotors
+from stadimeter.config.plugins import PORTS, DriverContext, I2cStop, driver_names, load_driver
+from stadimeter.config.units import Frequency
+from stadimeter.errors import DeviceOpenError, LinkLostError
+
+MODE1, MODE2, SUBADR1, CHANNEL_0, ALL_OFF_HIGH, PRESCALE = 0x00, 0x01, 0x02, 0x06, 0xFD, 0xFE
+AUTO_INCREMENT, SLEEP = 0x20, 0x10
+TOTEM_POLE = 0x04
+
+# Written to the high byte of a channel's end of pulse: it is off, whatever else is written.
+FULL_OFF = 0x10
+ALL_OFF = bytes([ALL_OFF_HIGH, FULL_OFF])
+
+# What SUBADR1 to ALLCALLADR hold from power-up on, and what nobody changes: the chip's signature.
+SIGNATURE = bytes([0xE2, 0xE4, 0xE8, 0xE0])
+
+# Levels of a channel: 12 bits, and 4096 for on all the time.
+FULL = 4096
+
+OSCILLATOR_HZ = 25e6
+MIN_PRESCALE, MAX_PRESCALE = 3, 255
+WAKING_S = 0.001  # the oscillator needs 0.5 ms
+
+# How often the chip of a moving robot is asked whether it is still awake: gone, or without power, within 0.1 s.
+ASKED_EVERY_S = 0.05
+
+
+class MotorBoard(Struct, frozen=True, kw_only=True):
+    """A board with this chip as it is sold."""
+
+    address: int
+    frequency_hz: float
+    left: tuple[MotorOutputs, ...]
+    right: tuple[MotorOutputs, ...]
+
+
+BOARDS = {
+    "freenove-4wd": MotorBoard(
+        address=0x40,
+        frequency_hz=50.0,  # the servos on channels 8 to 15 want it
+        left=(MotorOutputs(forward=1, backward=0), MotorOutputs(forward=2, backward=3)),
+        right=(MotorOutputs(forward=7, backward=6), MotorOutputs(forward=5, backward=4)),
+    ),
+    "jetbot": MotorBoard(
+        address=0x60,
+        frequency_hz=1500.0,
+        left=(MotorOutputs(forward=1, backward=0),),
+        right=(MotorOutputs(forward=2, backward=3),),
+    ),
+    "motorkit": MotorBoard(  # its M1 on the left, its M2 on the right
+        address=0x60,
+        frequency_hz=1500.0,
+        left=(MotorOutputs(forward=10, backward=9, pwm=8),),
+        right=(MotorOutputs(forward=11, backward=12, pwm=13),),
+    ),
+}
+
+Channel = Annotated[int, Field(ge=0, le=15)]
+
+
+class EmulatedChip(I2cDevice, WiresMotors, Protocol):
+    """A chip in memory that turns the wheels of the simulated robot."""
+
+
+class MotorChannels(MotorTable):
+    """The channels of one motor, 0 to 15: forward and backward, both and pwm, or direction and pwm."""
+
+    forward: Channel | None = None
+    """High drives forwards. It is pulsed, unless ``pwm`` is named."""
+    backward: Channel | None = None
+    """High drives backwards."""
+    direction: Channel | None = None
+    """For drivers with one input for the direction: high drives forwards, low backwards."""
+    pwm: Channel | None = None
+    """How strongly."""
+
+
+class Pca9685Options(HBridgeOptions):
+    """The table of a board with a PCA9685 in the configuration."""
+
+    title: ClassVar = "a motor board over I2C: Freenove 4WD, JetBot, Adafruit MotorKit"
+
+    port: str = "/dev/i2c-1"
+    """The I2C bus, or ``emulated-pca9685``."""
+    board: Literal["freenove-4wd", "jetbot", "motorkit"] | None = Field(default=None, examples=["freenove-4wd"])
+    """The board; left out where ``left`` and ``right`` name the channels."""
+    address: int | None = Field(default=None, ge=0x08, le=0x77)
+    """Of the chip, 7 bits; None for the board's, or 0x40."""
+    left: tuple[MotorChannels, ...] = ()
+    """The channels of each motor on the left."""
+    right: tuple[MotorChannels, ...] = ()
+    """The channels of each motor on the right."""
+    frequency: Frequency | None = Field(default=None, ge=24.0, le=1526.0)
+    """Of the pulses; None for the board's, or 1 kHz. Servos on the same chip want 50 Hz."""
+
+    @model_validator(mode="after")
+    def _check_motors(self) -> Self:
+        if bool(self.left) != bool(self.right) or bool(self.left) == (self.board is not None):
+            raise ValueError(f"name a board ({', '.join(BOARDS)}), or the channels of the motors as left and right")
+        board = self.chosen_board()
+        named = [each for motor in (*board.left, *board.right) for each in _channels(motor)]
+        twice = sorted({each for each in named if named.count(each) > 1})
+        if twice:
+            raise ValueError(f"channel {twice[0]} is named twice; each input of a motor needs its own")
+        if not self.is_simulated() and bus_number(self.port) is None:
+            raise ValueError(f"{self.port!r} is not an I2C bus; write it such as '/dev/i2c-1'")
+        return self
+
+    def chosen_board(self) -> MotorBoard:
+        """Return the board with what the configuration says otherwise."""
+        sold = BOARDS.get(self.board or "", MotorBoard(address=0x40, frequency_hz=1000.0, left=(), right=()))
+        return MotorBoard(
+            address=sold.address if self.address is None else self.address,
+            frequency_hz=self.frequency or sold.frequency_hz,
+            left=sold.left or tuple(motor.outputs() for motor in self.left),
+            right=sold.right or tuple(motor.outputs() for motor in self.right),
+        )
+
+    def build(self, context: DriverContext) -> Pca9685Base:
+        """Return the base."""
+        return Pca9685Base(self, context)
+
+    def is_simulated(self) -> bool:
+        """Return whether the chip is an emulated one."""
+        return self.port in driver_names(PORTS)
+
+    def lacks(self) -> tuple[str, ...]:
+        """Return what keeps the bus from being opened."""
+        return () if self.is_simulated() else i2c_lacks(self.port)
+
+    def i2c_stop(self) -> I2cStop | None:
+        """Return the write that switches every channel off."""
+        bus = bus_number(self.port)
+        return None if bus is None else I2cStop(bus=bus, address=self.chosen_board().address, writes=(ALL_OFF,))
+
+
+class Pca9685Base(HBridgeBase):
+    """A `MobileBase` whose motors hang on channels of a PCA9685."""
+
+    def __init__(self, options: Pca9685Options, context: DriverContext) -> None:
+        self._board = board = options.chosen_board()
+        super().__init__(options, context, (board.left, board.right), full=FULL)
+        self._port = options.port
+        self._link: I2cLink | None = None
+        self._asked_s = -math.inf
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the bus is taken."""
+        return self._link is not None
+
+    def open(self) -> None:
+        """Find the chip, switch every channel off, and set its frequency. Does nothing when open.
+
+        Raises:
+            DeviceOpenError: There is no such bus, nothing answers there, or something that is no PCA9685.
+        """
+        if self.is_open:
+            return
+        link = I2cLink(self._port, self._board.address, self._find_emulated())
+        link.open()
+        try:
+            self._identify(link)
+            self._set_up(link)
+        except LinkLostError as error:
+            link.close()
+            raise DeviceOpenError(str(error)) from error
+        except BaseException:
+            link.close()
+            raise
+        self._forget()
+        self._asked_s = -math.inf
+        self._link = link
+
+    def _find_emulated(self) -> EmulatedChip | None:
+        if self._port not in driver_names(PORTS):
+            return None
+        chip: EmulatedChip = load_driver(PORTS, self._port)().build(self._context)
+        chip.wire(self._board.left, self._board.right)
+        return chip
+
+    def _identify(self, link: I2cLink) -> None:
+        """Read what every such chip has, before anything is written to what may be a sensor."""
+        found = b"".join(link.read(SUBADR1 + offset) for offset in range(len(SIGNATURE)))
+        if found != SIGNATURE or link.read(PRESCALE)[0] < MIN_PRESCALE:
+            raise DeviceOpenError(
+                f"{link.name} is no PCA9685 (its registers 2 to 5 hold {found.hex(' ')}, not {SIGNATURE.hex(' ')}); "
+                "check address: i2cdetect -y 1 lists what is there"
+            )
+
+    def _set_up(self, link: I2cLink) -> None:
+        """Switch off what an earlier program left on, then set the frequency, which the chip takes only asleep."""
+        prescale = round(OSCILLATOR_HZ / (4096 * self._board.frequency_hz)) - 1
+        prescale = min(MAX_PRESCALE, max(MIN_PRESCALE, prescale))
+        link.write(ALL_OFF)
+        link.write(bytes([MODE1, SLEEP | AUTO_INCREMENT]))
+        link.write(bytes([PRESCALE, prescale]))
+        link.write(bytes([MODE2, TOTEM_POLE]))
+        link.write(bytes([MODE1, AUTO_INCREMENT]))  # without the bit that resumes old pulses
+        clock = self._context.clock
+        clock.sleep_until_s(clock.now_s() + WAKING_S)
+        if link.read(PRESCALE)[0] != prescale or link.read(MODE1)[0] != AUTO_INCREMENT:
+            raise DeviceOpenError(f"{link.name} does not keep what is written to it; is its supply steady?")
+
+    def tick(self, now_s: float) -> None:
+        """End the braking of a robot that stands, and look whether the chip is there and awake."""
+        super().tick(now_s)
+        self._check_link()
+
+    def _check_link(self) -> None:
+        """Ask the chip, now and then. One that lost its power is asleep, and must be set up anew."""
+        now_s = self._context.clock.now_s()
+        if self._link is None or now_s - self._asked_s < ASKED_EVERY_S:
+            return
+        mode = self._link.read(MODE1)[0]
+        if mode != AUTO_INCREMENT:
+            raise LinkLostError(f"{self._link.name} was reset (MODE1 is {mode:#04x}): its power was interrupted")
+        self._asked_s = now_s
+
+    def _send(self, levels: Mapping[int, int]) -> None:
+        """Write every channel that must change; neighbours in one transfer, so that they change together."""
+        assert self._link is not None  # noqa: S101 - callers have looked
+        runs: list[list[int]] = []
+        for channel in sorted(levels):
+            if not runs or runs[-1][-1] != channel - 1:
+                runs.append([])
+            runs[-1].append(channel)
+        for run in sorted(runs, key=lambda run: max(levels[each] for each in run)):
+            self._link.write(bytes([CHANNEL_0 + 4 * run[0]]) + b"".join(_pulse(levels[each]) for each in run))
+
+    def _let_go(self) -> None:
+        link, self._link = self._link, None
+        if link is not None:
+            try:
+                link.write(ALL_OFF)
+            finally:
+                link.close()
+
+
+def _channels(motor: MotorOutputs) -> Sequence[int]:
+    return [each for each in (motor.forward, motor.backward, motor.pwm) if each is not None]
+
+
+def _pulse(level: int) -> bytes:
+    """Return the four registers of a channel: where in 4096 steps its pulse begins and ends, low bytes first."""
+    begins, ends = (FULL, 0) if level == FULL else (0, level or FULL)  # 4096 is the bit for always on, or always off
+    return begins.to_bytes(2, "little") + ends.to_bytes(2, "little")

@@ -1,0 +1,324 @@
+"""What every base on a serial port has in common: its options, and the driver around its codec.
+
+A base is one file with two classes: its options, derived from `SerialBaseOptions`, and its protocol, a
+`stadimeter.bases.serial_codec.SerialCodec`. Opening the port, waiting for the base, limits, signs and order of the
+wheels, silence, stops that must be repeated, frames that were sent in part, and the way out are here.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import cycle
+from typing import ClassVar, Self
+
+from msgspec.structs import replace
+from pydantic import Field, PositiveInt, model_validator
+
+from stadimeter.bases.acknowledgements import Acknowledgements, Unacknowledged
+from stadimeter.bases.differential_drive import DifferentialDrive, Motion, WheelSpeeds
+from stadimeter.bases.serial_codec import Answers, BaseMessage, SerialCodec
+from stadimeter.bases.serial_greeting import TAKES_EFFECT_S, Greeting
+from stadimeter.bases.serial_link import SerialLink, port_lacks
+from stadimeter.config.plugins import PORTS, DriverContext, DriverOptions, SerialStop, driver_names
+from stadimeter.config.units import Duration, Length, SerialPort, Speed
+from stadimeter.core.base_report import BaseReport
+from stadimeter.core.command import TwistCommand
+from stadimeter.errors import DeviceClosedError, DeviceOpenError, LinkLostError, ProtocolError
+
+LOST_AFTER_S = 0.5
+
+# Reports that a base gives only when asked: often enough for a battery and for odometry beside a camera.
+POLLED_EVERY_S = 0.2
+
+# Some boards take every byte for a sign of life. So while wheels turn, a question only follows a command: else they
+# would turn on while nobody commands them.
+POLLED_AFTER_COMMAND_S = 0.1
+
+# No base that this is for has more; a number beyond is damage on the line.
+MAX_BATTERY_V = 100.0
+
+STANDING = WheelSpeeds(left_mps=0.0, right_mps=0.0)
+
+_REPORTED = ("battery_v", "is_bumped", "is_at_cliff", "errors")
+
+
+class SerialBaseOptions(DriverOptions):
+    """The options of every base on a serial port."""
+
+    auto_stop_advice: ClassVar[str]
+
+    port: SerialPort
+    """The serial port, best as ``/dev/serial/by-id/…``; or an emulated one: ``emulated-`` and the driver's name."""
+    baud: PositiveInt = 115200
+    """The speed of the line."""
+    track_width: Length = Field(examples=["20 cm"])
+    """Distance between the middles of the two driven wheels."""
+    max_wheel_speed: Speed = 0.5
+    """No wheel is asked to run faster."""
+    swap_sides: bool = False
+    """Whether the base's left motor drives the right wheel."""
+    invert_left: bool = False
+    """Whether the left wheel turns backwards when told to turn forwards."""
+    invert_right: bool = False
+    """The same for the right wheel."""
+    boot_wait: Duration = 4.0
+    """How long the base, which opening the port may reset, may take until it answers."""
+
+    @model_validator(mode="after")
+    def _check_wheels_can_turn(self) -> Self:
+        if self.max_wheel_speed <= 0:
+            raise ValueError("max_wheel_speed is 0: a base whose wheels cannot turn goes nowhere")
+        return self
+
+    def codec(self) -> SerialCodec:
+        """Return a new codec of the protocol."""
+        raise NotImplementedError(f"{type(self).__name__} has no method `codec`")
+
+    def stops_by_itself_after_s(self) -> float:
+        """Return how long the base drives on when nothing comes, in seconds; infinity for a base that never stops."""
+        raise NotImplementedError(f"{type(self).__name__} does not say whether its base stops by itself")
+
+    def kinematics(self) -> DifferentialDrive:
+        """Return the kinematics that these figures describe."""
+        return DifferentialDrive(track_width_m=self.track_width, max_wheel_mps=self.max_wheel_speed)
+
+    def build(self, context: DriverContext) -> SerialBase:
+        """Return the base."""
+        return SerialBase(self, context)
+
+    def is_simulated(self) -> bool:
+        """Return whether the port is an emulated one."""
+        return self.port in driver_names(PORTS)
+
+    def lacks(self) -> tuple[str, ...]:
+        """Return what keeps the port from being opened."""
+        return () if self.is_simulated() else port_lacks(self.port)
+
+    def serial_stop(self) -> SerialStop | None:
+        """Return a stop behind what ends a frame that the program may have begun."""
+        if self.is_simulated():
+            return None
+        codec = self.codec()
+        return SerialStop(port=self.port, baud=self.baud, frame=codec.ends_cut_frame + codec.stop)
+
+    def to_motors(self, left: float, right: float) -> tuple[float, float]:
+        """Return what the base's left and right motor shall do, as they are wired, for what the wheels shall do."""
+        left, right = self._signed(left, right)
+        return (right, left) if self.swap_sides else (left, right)
+
+    def to_wheels(self, left: float, right: float) -> tuple[float, float]:
+        """Return what the left and right wheel do, for what the base's motors do."""
+        return self._signed(*((right, left) if self.swap_sides else (left, right)))
+
+    def _signed(self, left: float, right: float) -> tuple[float, float]:
+        return (-left if self.invert_left else left, -right if self.invert_right else right)
+
+
+class DutyBaseOptions(SerialBaseOptions):
+    """The options of a base whose commands have no unit, such as duties: what the highest does must be measured."""
+
+    full_speed: Speed = Field(examples=["1 m/s"])
+    """How fast a wheel rolls at the highest command: measure it."""
+
+    @model_validator(mode="after")
+    def _check_speed_is_reached(self) -> Self:
+        if self.max_wheel_speed > self.full_speed:
+            raise ValueError(
+                f"max_wheel_speed {self.max_wheel_speed:g} m/s is above full_speed {self.full_speed:g} m/s, which the "
+                "wheels cannot exceed: measure full_speed, or write a lower max_wheel_speed"
+            )
+        return self
+
+
+class SerialBase:
+    """A `MobileBase` over a serial port.
+
+    Every command is one write, and nothing waits in a queue of ours: a port that does not take a frame is an error.
+    """
+
+    def __init__(self, options: SerialBaseOptions, context: DriverContext) -> None:
+        self._options = options
+        self._context = context
+        self._clock = context.clock
+        self._drive = options.kinematics()
+        self._link: SerialLink | None
+        self._begin(None, options.codec())
+
+    def open(self) -> None:
+        """Open the port, wait until the base answers, set its time-out and make it stand. Does nothing when open."""
+        if self._link:
+            return
+        codec = self._options.codec()
+        link = SerialLink(self._context.port_path(self._options.port), self._options.baud)
+        link.open()
+        try:
+            Greeting(link=link, clock=self._clock, codec=codec, boot_wait_s=self._options.boot_wait).run()
+        except LinkLostError as error:
+            link.close()
+            raise DeviceOpenError(f"the base vanished while it was greeted: {error}") from error
+        except BaseException:
+            link.close()
+            raise
+        self._begin(link, codec)
+
+    def apply(self, command: TwistCommand) -> TwistCommand:
+        """Move as commanded.
+
+        The speeds returned are those sent: limited along the same curve, and rounded to what its protocol can say.
+
+        Raises:
+            LinkLostError: The port is gone, takes no bytes, or nothing was heard for `LOST_AFTER_S`.
+            ProtocolError: The base refused a command.
+        """
+        link = self._opened()
+        now_s = self._clock.now_s()
+        self._read(link, now_s)
+        self._check_silence(link)
+        wheels = self._drive.wheels(Motion(linear_mps=command.linear_mps, angular_radps=command.angular_radps))
+        left_mps, right_mps = self._options.to_motors(wheels.left_mps, wheels.right_mps)
+        encoded = self._codec.encode(WheelSpeeds(left_mps=left_mps, right_mps=right_mps))
+        self._send(link, encoded.frame, now_s, is_stop=encoded.sent == STANDING)
+        left_mps, right_mps = self._options.to_wheels(encoded.sent.left_mps, encoded.sent.right_mps)
+        sent = self._drive.motion(WheelSpeeds(left_mps=left_mps, right_mps=right_mps))
+        return replace(command, linear_mps=sent.linear_mps, angular_radps=sent.angular_radps)
+
+    def tick(self, now_s: float) -> None:
+        """Read answers, ask for reports, and repeat a stop that may not have arrived, also over a link that is lost."""
+        link = self._opened()
+        self._read(link, now_s)
+        if self._awaited.stop_is_overdue(now_s):
+            self._awaited.repeating()
+            self._send(link, self._codec.stop, now_s, is_stop=True)
+        self._check_silence(link)
+        if self._is_standing or now_s - self._commanded_s < POLLED_AFTER_COMMAND_S:
+            self._poll(link, now_s)
+
+    def report(self) -> BaseReport | None:
+        """Return what the base reported last; None if it has reported nothing."""
+        return self._report
+
+    def stop(self) -> None:
+        """Stand still at once. Does nothing when closed."""
+        if self._link:
+            self._send(self._link, self._codec.stop, self._clock.now_s(), is_stop=True)
+
+    def close(self) -> None:
+        """Stop, wait shortly until the stop has left the computer, and release the port, even if the stop fails."""
+        link = self._link
+        if not link:
+            return
+        try:
+            self.stop()
+            link.drain()
+            for frame in self._codec.closing:
+                link.write(frame)
+                link.drain()
+                self._clock.sleep_until_s(self._clock.now_s() + TAKES_EFFECT_S)
+        finally:
+            self._link = None
+            link.close()
+
+    def _begin(self, link: SerialLink | None, codec: SerialCodec) -> None:
+        self._link = link
+        self._codec = codec
+        now_s = self._clock.now_s()
+        self._awaited = Acknowledgements()
+        if codec.answers is not Answers.EACH_COMMAND:
+            self._awaited = Unacknowledged(now_s, streams=codec.answers is Answers.STREAM, stops=codec.stops)
+        self._polls = cycle(codec.polls)
+        self._polled_s = -math.inf
+        self._sent_s = self._commanded_s = now_s
+        self._frame_cut_short = False
+        self._is_standing = True
+        self._refusals_to_ignore = 0
+        self._report: BaseReport | None = None
+        self._start_m: tuple[float, float] | None = None
+        self._speeds_s = now_s
+        self._rolled_m = (0.0, 0.0)
+
+    def _opened(self) -> SerialLink:
+        if self._link is None:
+            raise DeviceClosedError(f"the base '{self._context.name}' is not open")
+        return self._link
+
+    def _send(self, link: SerialLink, frame: bytes, now_s: float, *, is_stop: bool) -> None:
+        """Send a command, noted first: a stop that fails is tried again."""
+        if self._frame_cut_short and self._codec.ends_cut_frame:
+            frame = self._after_a_cut(frame, now_s)
+        self._awaited.sent(now_s, stop=is_stop)
+        self._commanded_s, self._is_standing = now_s, is_stop
+        self._write(link, frame)
+
+    def _after_a_cut(self, frame: bytes, now_s: float) -> bytes:
+        """Return the frame behind what ends the one before.
+
+        The firmware may hold the beginning of a frame that the port took only in part. A stop appended to ``m 10``
+        would make it spin. So that remainder is ended first: it is done or refused, and this frame follows at once.
+        """
+        self._refusals_to_ignore += 1
+        self._awaited.sent(now_s, stop=False)
+        return self._codec.ends_cut_frame + frame
+
+    def _write(self, link: SerialLink, frame: bytes) -> None:
+        quiet_from_s = self._sent_s + self._codec.gap_s
+        if self._clock.now_s() < quiet_from_s:
+            self._clock.sleep_until_s(quiet_from_s)
+        self._codec.note_sent(frame)
+        self._frame_cut_short = True
+        link.write(frame)
+        self._frame_cut_short = False
+        self._sent_s = self._clock.now_s()
+
+    def _poll(self, link: SerialLink, now_s: float) -> None:
+        question = next(self._polls, b"") if now_s - self._polled_s >= POLLED_EVERY_S else b""
+        if question and not self._frame_cut_short:
+            self._polled_s = now_s
+            self._write(link, question)
+
+    def _read(self, link: SerialLink, now_s: float) -> None:
+        for message in self._codec.feed(link.read()):
+            self._awaited.heard(now_s)
+            if message.was_done is not None:
+                self._awaited.note_answer(is_done=message.was_done)
+            if message.was_done is False:
+                self._take_refusal(link)
+            self._take_report(message, now_s)
+        self._awaited.looked(now_s)
+        if self._codec.trouble:
+            raise ProtocolError(f"the base at {link.path} does not drive: {self._codec.trouble}")
+
+    def _take_refusal(self, link: SerialLink) -> None:
+        if not self._refusals_to_ignore:
+            raise ProtocolError(
+                f"the base at {link.path} refused a motor command; if it always does, {self._codec.refusal_hint}"
+            )
+        self._refusals_to_ignore -= 1
+
+    def _take_report(self, message: BaseMessage, now_s: float) -> None:
+        known = {name: value for name in _REPORTED if (value := getattr(message, name)) is not None}
+        if not 0 <= known.get("battery_v", 0.0) <= MAX_BATTERY_V:
+            del known["battery_v"]
+        if rolled_m := self._rolled(message, now_s):
+            known |= dict(zip(("left_m", "right_m"), self._options.to_wheels(*rolled_m), strict=True))
+        if known:
+            self._report = replace(self._report or BaseReport(at_s=now_s), at_s=now_s, **known)
+
+    def _rolled(self, message: BaseMessage, now_s: float) -> tuple[float, float] | None:
+        """Return how far the base's motors have rolled since it was opened, if the message is about that."""
+        if message.left_m is not None and message.right_m is not None:
+            start_left_m, start_right_m = self._start_m = self._start_m or (message.left_m, message.right_m)
+            return (message.left_m - start_left_m, message.right_m - start_right_m)
+        if message.left_mps is not None and message.right_mps is not None:
+            seconds = now_s - self._speeds_s
+            left_m, right_m = self._rolled_m
+            self._speeds_s = now_s
+            self._rolled_m = (left_m + message.left_mps * seconds, right_m + message.right_mps * seconds)
+            return self._rolled_m
+        return None
+
+    def _check_silence(self, link: SerialLink) -> None:
+        if self._awaited.silent_s > LOST_AFTER_S:
+            said = "acknowledged" if self._codec.answers is Answers.EACH_COMMAND else "reported"
+            raise LinkLostError(
+                f"the base at {link.path} has {said} nothing for {LOST_AFTER_S} s; check its cable and its power"
+            )

@@ -1,0 +1,173 @@
+"""Conditions on what is known or not, but never unsure: presence, count, time of day, another rule."""
+
+from __future__ import annotations
+
+import math
+
+from msgspec import Struct
+
+from stadimeter.core.conditions.leaf import Figure, JudgedFigure, Leaf, Rest, RuleInputs
+from stadimeter.core.conditions.limits import ends_of
+from stadimeter.core.observation import WallTime
+
+
+class PresenceCondition(Leaf, Struct, frozen=True, kw_only=True):
+    """Whether the target is in sight.
+
+    Attributes:
+        seen: True: holds while the target is tracked. False: holds while it is lost or was never seen.
+        for_s: Only when that has been so for this long without a break.
+        target: The target; empty for that of the rule.
+    """
+
+    seen: bool
+    for_s: float = 0.0
+    target: str = ""
+
+    noun = "presence"
+    is_by_cycle = True
+
+    @property
+    def unit(self) -> str:
+        """Seconds, for one that takes time."""
+        return "s" if self.for_s else ""
+
+    @property
+    def targets_named(self) -> tuple[str, ...]:
+        """Its target."""
+        return (self.target,)
+
+    def holds(self, inputs: RuleInputs, is_on: bool) -> bool:  # noqa: ARG002 - nothing is unsure of it
+        """Return whether it holds; see `Leaf.holds`."""
+        track = inputs.tracks[self.target]
+        if track.is_valid is not self.seen:
+            return False
+        return not self.for_s or (track.since_s is not None and inputs.now_s >= track.since_s + self.for_s)
+
+    def figures(self) -> tuple[Figure, ...]:
+        """Return whether its target is in sight, 1 or 0."""
+        return (Figure(_is_seen, (self.target,)),)
+
+    def rest(self, inputs: RuleInputs, is_on: bool) -> Rest:  # noqa: ARG002
+        """Return that it stays as it is until its target comes or goes, or until its time has come."""
+        track = inputs.tracks[self.target]
+        seen, due_s = float(track.is_valid), math.inf
+        if self.for_s and track.is_valid is self.seen and track.since_s is not None:
+            due_s = track.since_s + self.for_s
+        return Rest(((self.figures()[0], seen, seen),), due_s if inputs.now_s < due_s else math.inf)
+
+    def reading(self, inputs: RuleInputs, is_on: bool) -> JudgedFigure | None:  # noqa: ARG002
+        """Return for how many seconds it has been so, for one that takes time."""
+        if not self.for_s:
+            return None
+        track = inputs.tracks[self.target]
+        is_so = track.is_valid is self.seen and track.since_s is not None
+        held_s = inputs.now_s - track.since_s if is_so and track.since_s is not None else 0.0
+        return JudgedFigure(value=held_s, low=self.for_s)
+
+
+class CountCondition(Leaf, Struct, frozen=True, kw_only=True):
+    """How many targets are in sight.
+
+    Attributes:
+        targets: Of these; empty for all.
+        at_least: Holds with no fewer than this; None for no such threshold.
+        at_most: Holds with no more than this.
+    """
+
+    targets: tuple[str, ...] = ()
+    at_least: int | None = None
+    at_most: int | None = None
+
+    noun = "count"
+    is_by_cycle = True
+
+    @property
+    def targets_named(self) -> tuple[str, ...]:
+        """Those that it counts; empty for all."""
+        return self.targets
+
+    def holds(self, inputs: RuleInputs, is_on: bool) -> bool:  # noqa: ARG002 - nothing is unsure of it
+        """Return whether it holds; see `Leaf.holds`."""
+        count = self.count(inputs)
+        least, most = self.at_least, self.at_most
+        return (least is None or count >= least) and (most is None or count <= most)
+
+    def figures(self) -> tuple[Figure, ...]:
+        """Return the count."""
+        return (Figure(_in_sight, self.targets),)
+
+    def rest(self, inputs: RuleInputs, is_on: bool) -> Rest:  # noqa: ARG002
+        """Return that it stays as it is until the count changes."""
+        count = self.count(inputs)
+        return Rest(((self.figures()[0], count, count),))
+
+    def count(self, inputs: RuleInputs) -> float:
+        """Return how many of its targets are in sight."""
+        return _in_sight(inputs, *self.targets)
+
+    def reading(self, inputs: RuleInputs, is_on: bool) -> JudgedFigure:  # noqa: ARG002
+        """Return the count."""
+        low, high = ends_of(self.at_least, self.at_most)
+        return JudgedFigure(value=self.count(inputs), low=low, high=high)
+
+
+class ScheduleCondition(Leaf, Struct, frozen=True, kw_only=True):
+    """Whether it is a certain time of day, local time. Unknown while the clock is not synchronised.
+
+    Attributes:
+        from_s: It begins this long after midnight.
+        to_s: It ends this long after midnight; before or at `from_s`, on the day after.
+        weekdays: On these days, 0 for Monday; the day on which it begins counts. Empty for every day.
+    """
+
+    from_s: float
+    to_s: float
+    weekdays: tuple[int, ...] = ()
+
+    noun = "time of day"
+    is_by_cycle = True
+
+    def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:  # noqa: ARG002
+        """Return whether it holds; see `Leaf.holds`."""
+        return None if inputs.wall is None else self.covers(inputs.wall)
+
+    def covers(self, wall: WallTime) -> bool:
+        """Return whether a local time of day is within it."""
+        second, days = wall.second_of_day, self.weekdays
+        is_today = not days or wall.weekday in days
+        if self.from_s < self.to_s:
+            return is_today and self.from_s <= second < self.to_s
+        began_yesterday = not days or (wall.weekday - 1) % 7 in days
+        return (is_today and second >= self.from_s) or (began_yesterday and second < self.to_s)
+
+    def rest(self, inputs: RuleInputs, is_on: bool) -> Rest | None:  # noqa: ARG002
+        """Return that it is judged in every cycle: the time of day goes by another clock, which may jump."""
+        return None
+
+
+class RuleCondition(Leaf, Struct, frozen=True, kw_only=True):
+    """Whether another rule is active. Unknown while that rule has nothing to judge by."""
+
+    rule: str
+
+    noun = "rule"
+    is_by_cycle = True
+
+    def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:  # noqa: ARG002
+        """Return whether it holds; see `Leaf.holds`."""
+        return inputs.active.get(self.rule)
+
+    def rest(self, inputs: RuleInputs, is_on: bool) -> Rest:  # noqa: ARG002
+        """Return that it stays as it is: the scheduler evaluates it when the other rule changes."""
+        return Rest()
+
+
+def _is_seen(inputs: RuleInputs, target: str) -> float:
+    return float(inputs.tracks[target].is_valid)
+
+
+def _in_sight(inputs: RuleInputs, *targets: str) -> float:
+    """Return how many of some targets are in sight; of all, if none are named."""
+    tracks = inputs.tracks
+    return float(sum([tracks[target].is_valid for target in targets or tracks]))

@@ -1,0 +1,1 @@
+"""GPIO pins, for the drivers of actuators, buttons and bases alike."""

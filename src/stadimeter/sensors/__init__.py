@@ -1,0 +1,1 @@
+"""Range sensors: ultrasonic and time of flight, read beside the vision loop."""

@@ -1,0 +1,148 @@
+"""A PCA9685 on an I2C bus, emulated down to its registers, with motors behind its channels.
+
+What is as in the chip: registers and their values after power-up, the pointer that moves on only with AI, the prescaler
+that is taken only asleep, pulses that stand still asleep and resume by RESTART, ``ALL_LED`` registers that are written
+only, and that it goes on pulsing as before when the host is gone. Source: NXP's data sheet PCA9685, rev. 4.
+"""
+
+from __future__ import annotations
+
+import errno
+
+from stadimeter.config.plugins import DriverContext, DriverOptions
+from stadimeter.core.clock import Clock
+from stadimeter.simulation.h_bridge_motors import HBridgeMotors
+from stadimeter.simulation.world import World, shared_world
+
+_MODE1, _CHANNEL_0, _CHANNELS_END, _ALL_0, _PRESCALE = 0x00, 0x06, 0x46, 0xFA, 0xFE
+_RESTART, _AUTO_INCREMENT, _SLEEP = 0x80, 0x20, 0x10
+_POWER_UP = {0x00: 0x11, 0x01: 0x04, 0x02: 0xE2, 0x03: 0xE4, 0x04: 0xE8, 0x05: 0xE0, _PRESCALE: 0x1E}
+_FULL = 0x1000
+
+
+class Pca9685Chip:
+    """The chip's registers, as a function of what is written."""
+
+    def __init__(self) -> None:
+        self.power_up()
+
+    def power_up(self) -> None:
+        """Begin anew: asleep, every channel off."""
+        self.registers = bytearray(256)
+        for register, value in _POWER_UP.items():
+            self.registers[register] = value
+        for channel in range(16):
+            self.registers[_CHANNEL_0 + 4 * channel + 3] = _FULL >> 8
+        self._pointer = 0
+        self._waits_for_restart = False
+
+    def take(self, data: bytes) -> None:
+        """Take a transfer: the number of a register, and what is written from there on."""
+        if data:
+            self._pointer = data[0]
+        for value in data[1:]:
+            self._write(self._pointer, value)
+            self._move_on()
+
+    def give(self, count: int) -> bytes:
+        """Return what a read transfer gets; the registers of all channels at once read as 0."""
+        given = bytearray()
+        for _ in range(count):
+            is_readable = not _ALL_0 <= self._pointer < _PRESCALE
+            given.append(self.registers[self._pointer] if is_readable else 0)
+            self._move_on()
+        return bytes(given)
+
+    def duty(self, channel: int) -> float:
+        """Return for which share of the time a channel is high."""
+        at = _CHANNEL_0 + 4 * channel
+        begins, ends = (int.from_bytes(self.registers[at + each : at + each + 2], "little") for each in (0, 2))
+        if ends & _FULL or self.registers[_MODE1] & _SLEEP or self._waits_for_restart:
+            return 0.0
+        return 1.0 if begins & _FULL else ((ends - begins) % _FULL) / _FULL
+
+    def _move_on(self) -> None:
+        if self.registers[_MODE1] & _AUTO_INCREMENT:
+            self._pointer = 0 if self._pointer == _CHANNELS_END - 1 else (self._pointer + 1) % 256
+
+    def _write(self, register: int, value: int) -> None:
+        if register == _MODE1:
+            self._set_mode(value)
+        elif register == _PRESCALE:
+            if self.registers[_MODE1] & _SLEEP:
+                self.registers[_PRESCALE] = max(3, value)
+        elif _ALL_0 <= register < _PRESCALE:
+            for at in range(_CHANNEL_0 + register - _ALL_0, _CHANNELS_END, 4):
+                self.registers[at] = value
+            self._resume()
+        else:
+            self.registers[register] = value
+            if _CHANNEL_0 <= register < _CHANNELS_END:
+                self._resume()
+
+    def _set_mode(self, value: int) -> None:
+        before = self.registers[_MODE1]
+        if value & _SLEEP and not before & _SLEEP and any(map(self.duty, range(16))):
+            self._waits_for_restart = True
+        elif value & _RESTART and not before & _SLEEP and not value & _SLEEP:
+            self._waits_for_restart = False
+        self.registers[_MODE1] = (value & ~_RESTART) | (_RESTART if self._waits_for_restart else 0)
+
+    def _resume(self) -> None:
+        self._waits_for_restart = False
+        self.registers[_MODE1] &= ~_RESTART
+
+
+class EmulatedPca9685:
+    """The chip on a bus, its channels turning the wheels of the simulated robot.
+
+    Attributes:
+        is_held: Fault: something holds the clock of the bus low, so that every transfer times out.
+    """
+
+    def __init__(self, world: World, clock: Clock) -> None:
+        self.chip = Pca9685Chip()
+        self.is_held = False
+        self._world = world
+        self._clock = clock
+        self.motors = HBridgeMotors(world, clock, self.chip.duty)
+        self.wire = self.motors.wire
+
+    def write(self, data: bytes) -> None:
+        """Take a transfer, unless the cable is out."""
+        self._reach()
+        self.motors.serve(self._clock.now_s())
+        self.chip.take(data)
+
+    def read(self, count: int) -> bytes:
+        """Answer a read, unless the cable is out."""
+        self._reach()
+        return self.chip.give(count)
+
+    def close(self) -> None:
+        """Let the host go away: the chip goes on as before."""
+
+    def _reach(self) -> None:
+        if self._world.faults.base_unplugged:
+            raise OSError(errno.EREMOTEIO, "Remote I/O error")
+        if self.is_held:
+            raise OSError(errno.ETIMEDOUT, "Connection timed out")
+
+
+class EmulatedPca9685Options(DriverOptions):
+    """The emulated chip has no table in the configuration: a base names it as its port."""
+
+    @classmethod
+    def device(cls, context: DriverContext) -> EmulatedPca9685:
+        """Return the run's emulated chip; the first to ask connects it to the world's robot."""
+
+        def connect() -> EmulatedPca9685:
+            device = EmulatedPca9685(shared_world(context), context.clock)
+            context.at_end(device.motors.close)
+            return device
+
+        return context.share("emulated PCA9685", connect)
+
+    def build(self, context: DriverContext) -> EmulatedPca9685:
+        """Return the emulated chip."""
+        return self.device(context)

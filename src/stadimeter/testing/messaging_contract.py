@@ -1,0 +1,264 @@
+"""The contracts of every messenger and of every notifier: subclass one with a fixture ``make_rig``.
+
+`stadimeter.testing.rig` shows how.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Iterator
+from typing import Any, TypeVar
+
+import pytest
+
+from stadimeter.core.decision import Severity
+from stadimeter.core.message import Message
+from stadimeter.core.notification import Notification
+from stadimeter.errors import DeviceClosedError
+from stadimeter.messaging.protocol import Messenger, Notifier
+from stadimeter.testing.rig import Contract, Rig, threads_left
+
+GONE, SILENT = "gone", "silent"
+
+SenderT = TypeVar("SenderT", Messenger, Notifier)
+
+# More than any queue holds.
+TOO_MANY = 1500
+
+
+class DeliveryRig(Rig[SenderT], frozen=True, kw_only=True):
+    """A messenger or a notifier, which tries again within a fraction of a second, and the other side.
+
+    Its faults are `GONE` and `SILENT`: the other side takes nothing, or takes it and does not answer.
+
+    Attributes:
+        delivered: Returns topic and payload, or title and body, of everything that reached the other side, in order.
+    """
+
+    delivered: Callable[[], list[tuple[str, str]]]
+
+    @abstractmethod
+    def item(self, text: str) -> Message | Notification:
+        """Return what must arrive, with a text in it."""
+
+    @abstractmethod
+    def send(self, text: str) -> None:
+        """Hand that over, which must not take long whatever the other side does."""
+
+    @abstractmethod
+    def arrived(self, *texts: str) -> bool:
+        """Return whether exactly these texts reached the other side, in this order."""
+
+
+class MessengerRig(DeliveryRig[Messenger], frozen=True, kw_only=True):
+    """A messenger and the other side, such as a broker.
+
+    Its faults are `GONE` (the other side goes without a word, and takes no connection) and `SILENT` (connections
+    stand, but nothing gets through; when it ends, they break). Topics in `delivered` are below the base; messages of
+    the messenger's own, such as its availability, may be among them.
+    """
+
+    def item(self, text: str) -> Message:
+        """Return a message that must arrive."""
+        return Message(topic="contract/alert", payload=text, qos=1)
+
+    def send(self, text: str) -> None:
+        """Publish a message that must arrive."""
+        self.timed("publish", self.item(text))
+
+    def send_state(self, text: str) -> None:
+        """Publish a message that may be lost."""
+        self.timed("publish", Message(topic="contract/state", payload=text))
+
+    def arrived(self, *texts: str) -> bool:
+        """Return whether exactly these payloads, in this order, reached the contract's topics."""
+        return [payload for topic, payload in self.delivered() if topic.startswith("contract/")] == list(texts)
+
+
+class NotifierRig(DeliveryRig[Notifier], frozen=True, kw_only=True):
+    """A notifier and the service behind it.
+
+    Its faults are `GONE` (the service refuses everything) and `SILENT` (it takes requests and does not answer them
+    until the fault ends).
+    """
+
+    def item(self, text: str) -> Notification:
+        """Return a notification."""
+        return Notification(title="the door", body=text, severity=Severity.ALARM)
+
+    def send(self, text: str) -> None:
+        """Notify."""
+        self.timed("notify", self.item(text))
+
+    def arrived(self, *texts: str) -> bool:
+        """Return whether exactly these texts reached the service, in this order."""
+        return [body for _, body in self.delivered()] == list(texts)
+
+
+class DeliveryContract(Contract):
+    """The tests that messengers and notifiers share."""
+
+    @pytest.fixture
+    def sender(self, rig: DeliveryRig[Any]) -> Iterator[Any]:
+        """The messenger or notifier; closed in the end, whatever happened."""
+        yield rig.device
+        rig.device.close()
+
+    def test_closing_it_ends_its_threads(self, rig: DeliveryRig[Any], sender: Any) -> None:
+        with threads_left() as left:
+            sender.open()
+            rig.send("one")
+            rig.eventually(lambda: rig.arrived("one"))
+            sender.close()
+            assert not left()
+
+    def test_sending_before_it_was_opened_is_refused(self, rig: DeliveryRig[Any]) -> None:
+        with pytest.raises(DeviceClosedError):
+            rig.send("too early")
+
+    def test_sending_after_it_was_closed_is_refused(self, rig: DeliveryRig[Any], sender: Any) -> None:
+        sender.open()
+        sender.close()
+        with pytest.raises(DeviceClosedError):
+            rig.send("too late")
+
+    def test_closing_twice_or_without_opening_is_harmless(self, sender: Any) -> None:
+        sender.close()
+        sender.open()
+        sender.close()
+        sender.close()
+
+    def test_what_is_sent_arrives_in_order(self, rig: DeliveryRig[Any], sender: Any) -> None:
+        sender.open()
+        for number in range(30):
+            rig.send(str(number))
+        rig.eventually(lambda: rig.arrived(*(str(number) for number in range(30))))
+
+    def test_opening_twice_sends_nothing_twice(self, rig: DeliveryRig[Any], sender: Any) -> None:
+        sender.open()
+        sender.open()
+        rig.send("once")
+        rig.send("after it")
+        rig.eventually(lambda: rig.arrived("once", "after it"))
+
+    def test_it_can_be_opened_again(self, rig: DeliveryRig[Any], sender: Any) -> None:
+        sender.open()
+        sender.close()
+        sender.open()
+        rig.send("the second time")
+        rig.eventually(lambda: rig.arrived("the second time"))
+
+    def test_closing_delivers_what_is_on_its_way(self, rig: DeliveryRig[Any], sender: Any) -> None:
+        sender.open()
+        rig.eventually(lambda: not sender.trouble())
+        rig.send("last words")
+        sender.close()
+        rig.eventually(lambda: rig.arrived("last words"))
+
+    def test_without_the_other_side_it_opens_all_the_same_and_says_so_in_one_line(
+        self, rig: DeliveryRig[Any], sender: Any
+    ) -> None:
+        rig.begin(GONE)
+        sender.open()
+        rig.send("in vain")
+        words = rig.eventually(sender.trouble)
+        assert "\n" not in words
+        assert "://" not in words, "the address of a service is a secret more often than not"
+        sender.close()
+        with pytest.raises(DeviceClosedError):
+            rig.send("too late")
+
+    @pytest.mark.parametrize("fault", [GONE, SILENT])
+    def test_sending_never_waits_for_the_other_side(self, rig: DeliveryRig[Any], sender: Any, fault: str) -> None:
+        sender.open()
+        rig.begin(fault)
+        for number in range(5):
+            rig.send(str(number))
+        rig.end(fault)
+        rig.eventually(lambda: not sender.trouble() and sender.undelivered() == ())
+
+    def test_what_must_arrive_waits_for_the_other_side(self, rig: DeliveryRig[Any], sender: Any) -> None:
+        rig.begin(GONE)
+        sender.open()
+        for number in range(30):
+            rig.send(str(number))
+        rig.eventually(sender.trouble)
+        assert sender.undelivered() == tuple(rig.item(str(number)) for number in range(30))
+        rig.end(GONE)
+        rig.eventually(lambda: rig.arrived(*(str(number) for number in range(30))))
+        rig.eventually(lambda: not sender.trouble())
+        rig.eventually(lambda: sender.undelivered() == ())
+        assert sender.given_up == 0
+
+    def test_what_is_left_at_the_end_is_known_and_sent_when_it_is_opened_again(
+        self, rig: DeliveryRig[Any], sender: Any
+    ) -> None:
+        rig.begin(GONE)
+        sender.open()
+        rig.send("late")
+        rig.send("late too")
+        sender.close()
+        assert sender.undelivered() == (rig.item("late"), rig.item("late too"))
+        rig.end(GONE)
+        sender.open()
+        rig.send("later")
+        rig.eventually(lambda: rig.arrived("late", "late too", "later"))
+        rig.eventually(lambda: sender.undelivered() == ())
+
+    def test_more_than_fits_is_given_up_and_counted(self, rig: DeliveryRig[Any], sender: Any) -> None:
+        """What gives way is the oldest that is not on its way."""
+        rig.begin(GONE)
+        sender.open()
+        for number in range(TOO_MANY):
+            rig.send(str(number))
+        left = sender.undelivered()
+        assert left[-60:] == tuple(rig.item(str(number)) for number in range(TOO_MANY - 60, TOO_MANY))
+        assert len(left) + sender.given_up == TOO_MANY
+        assert sender.given_up > 0
+
+
+class MessengerContract(DeliveryContract):
+    """The tests of a messenger."""
+
+    def test_states_do_not_wait_for_the_other_side(self, rig: MessengerRig, sender: Messenger) -> None:
+        rig.begin(GONE)
+        sender.open()
+        for number in range(30):
+            rig.send(str(number))
+            rig.send_state("not to be seen")
+        rig.end(GONE)
+        rig.eventually(lambda: not sender.trouble())
+        rig.send("the end")
+        rig.eventually(lambda: rig.arrived(*(str(number) for number in range(30)), "the end"))
+
+    def test_it_recovers_from_a_broken_link(self, rig: MessengerRig, sender: Messenger) -> None:
+        sender.open()
+        rig.eventually(lambda: not sender.trouble())
+        rig.begin(GONE)
+        rig.eventually(sender.trouble)
+        rig.send("meanwhile")
+        rig.end(GONE)
+        rig.eventually(lambda: not sender.trouble())
+        rig.send_state("as if nothing had happened")
+        rig.eventually(lambda: rig.arrived("meanwhile", "as if nothing had happened"))
+
+    def test_what_was_sent_but_not_acknowledged_is_not_lost(self, rig: MessengerRig, sender: Messenger) -> None:
+        """That the operating system has taken a message does not mean that the other side has."""
+        sender.open()
+        rig.eventually(lambda: not sender.trouble())
+        rig.begin(SILENT)
+        rig.send("into the silence")
+        rig.end(SILENT)
+        rig.eventually(lambda: rig.arrived("into the silence"))
+        rig.eventually(lambda: sender.undelivered() == ())
+
+
+class NotifierContract(DeliveryContract):
+    """The tests of a notifier."""
+
+    def test_title_and_text_arrive_as_they_are(self, rig: NotifierRig, sender: Notifier) -> None:
+        sender.open()
+        body = '0.42 m ± 0.01 is below 0.50 m\nfor {certain} <b>&amp; "quoted" *and* 100 %\\n'
+        rig.send(body)
+        rig.eventually(lambda: rig.delivered() == [("the door", body)])
+        assert not sender.trouble()

@@ -1,0 +1,184 @@
+"""A configuration made ready for proof: rules, safety and base driver as they are, everything around them staged."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+from stadimeter.app.service import safe_lines
+from stadimeter.app.watchdog import limit_s
+from stadimeter.config import plugins
+from stadimeter.config.loader import Configuration
+from stadimeter.config.plugins import DriverChoice, load_driver
+from stadimeter.config.rule_test_tables import PathPoint
+from stadimeter.core.plan import BaseOutput
+from stadimeter.core.rule import FollowRule
+from stadimeter.errors import ConfigError, Problem
+from stadimeter.workbench.prove.faults import LASTS_S, NEEDS_FIRMWARE, UNPLUGS
+from stadimeter.workbench.prove.staged_camera import StagedCameraOptions
+from stadimeter.workbench.prove.watch import MotionLimits
+from stadimeter.workbench.rule_tests.inputs import SyntheticTrack, sensor_models
+
+# The target is this much too far away, or the most of it at which it is found; and a little to the right.
+_AHEAD_M = (1.5, 1.0, 0.5, 0.2)
+_BEARING_RAD = 0.05
+
+# What stands in for drivers that reach beyond this computer, by section.
+_STAND_INS = {
+    "actuators": plugins.ACTUATORS,
+    "sensors": plugins.SENSORS,
+    "status_led": plugins.ACTUATORS,
+    "messenger": plugins.MESSENGERS,
+    "notifiers": plugins.NOTIFIERS,
+}
+
+
+class StagedConfiguration(Struct, frozen=True, kw_only=True):
+    """What every trial of a proof begins with.
+
+    Attributes:
+        configuration: With a staged camera, the emulated base, and simulated drivers for everything else.
+        base: The base, emulated.
+        port: The name of its emulated port; empty for a base without one.
+        sketch_stops_s: The time-out that the configuration says the base's own program has; None where opening the
+            base sets it, or nothing is said.
+        safe_lines: What the watchdog process does to make the base safe; empty where it can do nothing.
+        watchdog_s: How old the data may grow on which the base acts, before it kills a program that hangs.
+        seen: What measures each target in a picture that shows the followed one, and no other.
+        hidden: What does in a picture that shows none.
+    """
+
+    configuration: Configuration
+    base: DriverChoice
+    port: str
+    sketch_stops_s: float | None
+    limits: MotionLimits
+    safe_lines: tuple[str, ...]
+    watchdog_s: float
+    seen: tuple[SyntheticTrack, ...]
+    hidden: tuple[SyntheticTrack, ...]
+
+    def alphabet(self) -> tuple[str, ...]:
+        """Return the faults that this configuration can suffer."""
+        firmware = getattr(load_driver(plugins.PORTS, self.port), "firmware", None) if self.port else None
+        impossible: frozenset[str] = frozenset()
+        if self.configuration.messenger is None:
+            impossible |= {"lose-broker"}
+        if firmware is None:
+            impossible |= NEEDS_FIRMWARE if self.base.driver == "simulated" else NEEDS_FIRMWARE | UNPLUGS
+        if not hasattr(firmware, "reset"):
+            impossible |= {"reset-base"}
+        return tuple(fault for fault in LASTS_S if fault not in impossible)
+
+
+def stage(configuration: Configuration) -> StagedConfiguration:
+    """Make a configuration ready for proof. Nothing is opened.
+
+    Raises:
+        ConfigError: No base follows a target, the base has no emulator, or there is no camera model.
+    """
+    follow = next((each for each in configuration.plan.rules if isinstance(each, FollowRule)), None)
+    if configuration.base is None or follow is None:
+        raise _unfit(configuration, "base", "nothing drives: a proof needs a [base] and a rule with follow")
+    base, port = _emulated(configuration, configuration.base)
+    world = load_driver(plugins.WORLDS, "simulated").model_validate(_robot(base.options))
+    drivers = {at: _stand_in(at, choice) for at, choice in configuration.drivers.items() if at[0] != "buttons"}
+    drivers |= {
+        ("camera",): DriverChoice(name="camera", driver="staged", options=StagedCameraOptions()),
+        ("base",): base,
+        ("world",): DriverChoice(name="world", driver="simulated", options=world),
+    }
+    return StagedConfiguration(
+        configuration=replace(configuration, drivers=drivers, button_tables={}),
+        base=base,
+        port=port,
+        sketch_stops_s=_sketch_time_out_s(base),
+        limits=_limits(configuration, base, follow),
+        safe_lines=tuple(safe_lines(configuration.base)) if not configuration.base.is_simulated else (),
+        watchdog_s=limit_s(configuration),
+        seen=_tracks(configuration, follow, follow.target),
+        hidden=_tracks(configuration, follow, ""),
+    )
+
+
+def _unfit(configuration: Configuration, key: str, message: str, hint: str = "") -> ConfigError:
+    return ConfigError([Problem(message, file=str(configuration.path), key=key, hint=hint)])
+
+
+def _emulated(configuration: Configuration, base: DriverChoice) -> tuple[DriverChoice, str]:
+    """Return the base behind the emulator of its protocol, and the name of that port."""
+    if base.driver == "simulated":
+        return base, ""
+    port = f"emulated-{base.driver}"
+    if port not in plugins.driver_names(plugins.PORTS) or "port" not in type(base.options).model_fields:
+        hint = f"these are emulated: {', '.join(plugins.driver_names(plugins.PORTS))}"
+        raise _unfit(configuration, "base.driver", f"there is no emulator of the base '{base.driver}'", hint)
+    return replace(base, options=base.options.model_copy(update={"port": port})), port
+
+
+def _stand_in(at: tuple[str | int, ...], choice: DriverChoice) -> DriverChoice:
+    group = _STAND_INS.get(str(at[0]))
+    if group is None or choice.driver == "simulated":
+        return choice
+    return DriverChoice(name=choice.name, driver="simulated", options=load_driver(group, "simulated")())
+
+
+def _robot(base: Any) -> dict[str, Any]:
+    """Return the figures of the robot that a base drives, as options of its world."""
+    # The ball of the simulated world is beyond the reach of any range sensor.
+    far = {"at": "0 s", "x": "1000 m", "y": "0 m"}
+    figures: dict[str, Any] = {"track_width": f"{getattr(base, 'track_width', 0.2)} m", "path": [far]}
+    if getattr(base, "ticks_per_turn", None) is not None:
+        figures["ticks_per_metre"] = base.ticks_per_turn / (math.pi * base.wheel_diameter)
+    return figures
+
+
+def _tracks(configuration: Configuration, follow: FollowRule, shown: str) -> tuple[SyntheticTrack, ...]:
+    """Return what measures each target, of which one shows: always as far ahead, as if it led the robot on."""
+    sensors = sensor_models(configuration)
+    places = [follow.distance_m + each for each in _AHEAD_M]
+    distance_m = next(filter(sensors[follow.target].is_found, places), places[-1])
+    path = [PathPoint(at_s=0.0, distance_m=distance_m, bearing_rad=_BEARING_RAD)]
+    return tuple(
+        SyntheticTrack(target=name, path=path if name == shown else (), sensor=sensor, seed=1, noise=0.0)
+        for name, sensor in sensors.items()
+    )
+
+
+def _limits(configuration: Configuration, base: DriverChoice, follow: FollowRule) -> MotionLimits:
+    plan = configuration.plan
+    output = next(each for each in plan.outputs if isinstance(each, BaseOutput) and each.name == base.name)
+    half_track_m = getattr(base.options, "track_width", 0.2) / 2
+    commanded_mps = output.linear_max_mps + output.angular_max_radps * half_track_m
+    return MotionLimits(
+        stale_s=max(configuration.leases_s[base.name], plan.safety.max_frame_age_s),
+        lost_s=plan.tracking.coast_s + plan.safety.max_frame_age_s,
+        beyond_s=_own_time_out_s(base),
+        wheel_mps=min(commanded_mps, getattr(base.options, "max_wheel_speed", commanded_mps)),
+        cruise_mps=min(follow.linear_max_mps, output.linear_max_mps),
+        linear_mps=output.linear_max_mps,
+        angular_radps=output.angular_max_radps,
+        gap_s=plan.safety.max_frame_age_s,
+        good_frames=plan.safety.good_frames,
+        searches=follow.search is not None,
+        needs_arming=plan.safety.arm != "at-start",
+    )
+
+
+def _own_time_out_s(base: DriverChoice) -> float:
+    """Return after how long a base that is left alone stops by itself, as its driver says; infinite for never."""
+    if isinstance(base.options, plugins.StopsByItself):
+        return base.options.stops_by_itself_after_s()
+    return float(getattr(base.options, "auto_stop", 0.0) or math.inf)
+
+
+def _sketch_time_out_s(base: DriverChoice) -> float | None:
+    """Return the time-out of a base whose driver only says it: what is sent at opening is the same for any."""
+    options: Any = base.options
+    if "auto_stop" not in type(options).model_fields or not hasattr(options, "codec"):
+        return None
+    longer = options.model_copy(update={"auto_stop": 2 * options.auto_stop + 0.1})
+    return options.auto_stop or math.inf if options.codec().opening == longer.codec().opening else None

@@ -1,0 +1,242 @@
+"""One trial: a run of the program from its start, through a sequence of faults, until it drives again or stands."""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from msgspec import Struct, field
+
+from stadimeter.app.bootstrap import build
+from stadimeter.app.loop import Limits, Loop
+from stadimeter.app.recordings.journal import JournalWriter
+from stadimeter.app.recordings.recorded_configuration import to_be_recorded
+from stadimeter.config.plugins import DriverContext
+from stadimeter.core.operator import OperatorCommand
+from stadimeter.operator_actions import OperatorAction
+from stadimeter.workbench.prove.faults import FINAL, FOR_EVER_S, LASTS_S, UNPLUGS, FaultSequence
+from stadimeter.workbench.prove.staged_camera import Stage, StagedCapture, StagedDefectError, StagedEye
+from stadimeter.workbench.prove.staged_clock import StagedClock
+from stadimeter.workbench.prove.staging import StagedConfiguration
+from stadimeter.workbench.prove.watch import MotionWatch, Violation
+
+# The wheels are looked at this often, as the emulated port is served.
+_LOOK_EVERY_S = 0.01
+
+# The world goes on for this long after the last fault has ended: a base whose cable was out rests for 3 s, once its
+# port was opened again after at most 1 s, and half a second of driving shows whether it was allowed to.
+AFTERWARDS_S = 5.0
+
+# Long enough after every fault is over for a robot that drives to be where it was without them.
+_DRIVES_AGAIN_S = 0.5
+
+# A base that nothing can move any more stands if its wheels did not turn for this long.
+_STANDS_S = 0.3
+
+# No sleep beside the loop is longer than this.
+_AWAITED_S = 0.6
+
+# The watchdog process has made outputs safe by then; its own tests measure it with real processes.
+_WATCHDOG_REACTS_S = 0.1
+
+# By then enough sound frames have come for a run to be armed.
+_ARMED_AT_S = 0.4
+
+_NOISE = b"\xff\x00\r\n#\x80"
+
+
+class TrialResult(Struct, frozen=True, kw_only=True):
+    """What came of one sequence of faults.
+
+    Attributes:
+        violation: What did not hold; None for nothing.
+        longest_s: By reason, for how long the wheels turned at most; see `watch`.
+        driven_mps: The fastest that a wheel turned.
+        simulated_s: How long the trial was, in the robot's time.
+    """
+
+    sequence: FaultSequence
+    violation: Violation | None
+    longest_s: dict[str, float] = field(default_factory=dict)
+    driven_mps: float = 0.0
+    simulated_s: float = 0.0
+
+
+def run_trial(staged: StagedConfiguration, sequence: FaultSequence, journal: Path | None = None) -> TrialResult:
+    """Run one trial, always with the same result.
+
+    Args:
+        journal: Where to write what the core saw and decided, for `replay`; None for nowhere.
+    """
+    trial = _Trial(staged, sequence)
+    writer = None if journal is None else JournalWriter(journal, to_be_recorded(staged.configuration))
+    try:
+        if writer is not None:
+            trial.loop.listeners.append(writer.write)
+        trial.run()
+    finally:
+        if writer is not None:
+            writer.close()
+        trial.close()
+    watch = trial.watch
+    return TrialResult(
+        sequence=sequence,
+        violation=watch.violation,
+        longest_s=watch.longest_s,
+        driven_mps=watch.driven_mps,
+        simulated_s=trial.clock.now_s(),
+    )
+
+
+class _Trial:
+    """A run and its stage."""
+
+    def __init__(self, staged: StagedConfiguration, sequence: FaultSequence) -> None:
+        self.clock = StagedClock()
+        self.watch = MotionWatch(limits=staged.limits)
+        self._stage = Stage(clock=self.clock, watch=self.watch)
+        self._staged = staged
+        self._is_decided = self._is_stopped = self._is_end_due = self._is_killed = False
+        lasts_s = (0.0 if each.fault in FINAL else LASTS_S[each.fault] for each in sequence)
+        self._over_s = max((each.at_s + span_s for each, span_s in zip(sequence, lasts_s, strict=True)), default=1.0)
+        self._end_s = self._over_s + AFTERWARDS_S
+        parts: Any = build(staged.configuration, clock=self.clock)
+        self._world, self._board = parts.world, self._emulated_board(staged, parts.shared)
+        # The emulated board outlives the program.
+        self._closers, parts.shared.closers = parts.shared.closers, []
+        camera = parts.capture._camera  # noqa: SLF001 - it was built by its options
+        camera.stage = self._stage
+        parts.capture = parts.cycle.capture = StagedCapture(camera, self.clock)
+        parts.cycle.perceiver = StagedEye(self._stage, staged.seen, staged.hidden)
+        if staged.limits.needs_arming:
+            self._has_armed = False
+            hand = SimpleNamespace(open=bool, close=bool, trouble=str, commands=self._arm_once)
+            parts.buttons = {"arm": hand}
+        self.loop = Loop(parts)
+        self.loop.listeners.append(lambda record, _frame: self.watch.see_cycle(record))
+        for each in sequence:
+            self.clock.call_at(each.at_s, partial(self._begin, each.fault))
+        self.clock.call_outside(_LOOK_EVERY_S, self._look)
+
+    def run(self) -> None:
+        """Run it until nothing can come any more."""
+        with suppress(StagedDefectError):
+            self.loop.run(Limits(seconds=self._end_s))
+        while not self._is_decided and self.clock.now_s() < self._end_s:  # what is beyond the program goes on
+            self._stage.wait(_LOOK_EVERY_S)
+
+    def close(self) -> None:
+        """Let what ran beside the loop end, and give the emulated port back."""
+        self._stage.active.clear()
+        self._stage.wait(_AWAITED_S)
+        for close in reversed(self._closers):
+            close()
+
+    def _emulated_board(self, staged: StagedConfiguration, shared: Any) -> Any:
+        """Return the emulated board, made before the base asks for its port; None for a base without one."""
+        if not staged.port:
+            return None
+        before = set(shared.parts)
+        DriverContext(name=staged.base.name, clock=self.clock, shared=shared).port_path(staged.port)
+        board = next(part for name, part in shared.parts.items() if name not in before)
+        if staged.sketch_stops_s is not None:
+            board.firmware.timeout_s = staged.sketch_stops_s
+        return board
+
+    def _arm_once(self) -> tuple[OperatorCommand, ...]:
+        """Arm the run as soon as it can be armed, and never again."""
+        if self._has_armed or self.clock.now_s() < _ARMED_AT_S:
+            return ()
+        self._has_armed = True
+        return (OperatorCommand(id="arm", action=OperatorAction.ARM, by="prove", is_from_button=True),)
+
+    def _begin(self, fault: str) -> None:
+        self._stage.active[fault] += 1
+        if LASTS_S[fault] < FOR_EVER_S:
+            self.clock.call_at(self.clock.now_s() + LASTS_S[fault], partial(self._end, fault))
+        self._turn_knobs()
+        if fault == "reset-base":
+            self._board.firmware.reset(LASTS_S[fault])
+        elif fault == "end-process":
+            self._end_program()
+        elif fault in ("stop-process", "hang-process", "kill-process"):
+            self._stop_program(LASTS_S[fault])
+
+    def _end(self, fault: str) -> None:
+        self._stage.active[fault] -= 1
+        self._turn_knobs()
+
+    def _turn_knobs(self) -> None:
+        """Have the simulated world and the emulated board follow what is wrong."""
+        is_on = self._stage.is_on
+        is_out, is_deaf = is_on(*UNPLUGS), is_on("deafen-base")
+        self._world.faults.base_unplugged, self._world.faults.broker_gone = is_out, is_on("lose-broker")
+        if hasattr(self._board, "firmware"):
+            self._board.firmware.silent, self._board.port.is_heard = is_deaf, not is_on("mute-base")
+        self.watch.note_cable(self.clock.now_s(), is_cut=is_out or is_deaf, is_out=is_out)
+
+    def _end_program(self) -> None:
+        """End the run, as a signal handler does; that of a stopped process runs when it goes on."""
+        self._is_end_due = self._is_stopped
+        if not self._is_stopped:
+            self.watch.note_end(self.clock.now_s())
+            self.loop.stop("ended, as staged")
+
+    def _stop_program(self, lasts_s: float) -> None:
+        """Let time pass without the program: for a while, or to the end if it was killed."""
+        was_stopped, self._is_stopped = self._is_stopped, True
+        now_s = self.clock.now_s()
+        killed_s = now_s if lasts_s == FOR_EVER_S else self._hung_until_s()
+        if killed_s < now_s + lasts_s:
+            self._is_killed, lasts_s = True, FOR_EVER_S
+            self.clock.call_at(killed_s + _WATCHDOG_REACTS_S, self._make_safe)
+        self.watch.note_program(now_s, killed_s + _WATCHDOG_REACTS_S if self._staged.safe_lines else math.inf)
+        self.clock.stop_program(min(now_s + lasts_s, self._end_s), lambda: self._is_decided)
+        self._is_stopped = was_stopped
+        if self._is_killed:
+            self.loop.end("killed, as staged")
+        elif not was_stopped:
+            self.watch.note_program(self.clock.now_s(), None)
+            if self._is_end_due:
+                self._end_program()
+
+    def _hung_until_s(self) -> float:
+        """Return when the watchdog process kills a program that was stopped now; infinite for never."""
+        outputs = self.loop.parts.outputs if self._staged.safe_lines else ()
+        acting_s = [since_s for each in outputs if (since_s := each.acts_since_s()) is not None]
+        return min(acting_s, default=math.inf) + self._staged.watchdog_s
+
+    def _make_safe(self) -> None:
+        """Do what the watchdog process does to the base when the program is dead."""
+        for kind, where, *what in map(str.split, self._staged.safe_lines):
+            if kind == "pin":
+                pin = self._board.factory.pin(int(where))
+                pin.frequency = None
+                pin.state = float(what == ["high"])
+            elif kind == "i2c":
+                for frame in what[-1].split(","):
+                    self._board.write(bytes.fromhex(frame))
+            elif self._stage.is_on(*UNPLUGS, "deafen-base"):
+                self.watch.note_stop_lost()
+            else:
+                self._board.firmware.receive(bytes.fromhex(what[-1]), self.clock.now_s())
+
+    def _look(self, now_s: float) -> None:
+        """Judge the wheels; end a trial that is decided."""
+        if self._stage.is_on("garble-answers"):
+            self._board.port.say(_NOISE)
+        if self._is_decided or now_s > self._end_s:
+            return
+        watch = self.watch
+        watch.see_wheels(now_s, self._world.robot.wheels_mps)
+        if self._is_killed or self._stage.is_on(*FINAL):  # nothing is left that could turn the wheels
+            is_over = now_s >= self._over_s and now_s - watch.turned_s > _STANDS_S
+        else:
+            is_over = now_s > self._over_s and now_s - max(self._over_s, watch.moved_since_s) > _DRIVES_AGAIN_S
+        self._is_decided = is_over or watch.violation is not None
+        if self._is_decided:
+            self.loop.end("decided, as staged")

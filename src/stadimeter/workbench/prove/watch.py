@@ -1,0 +1,268 @@
+"""What must hold in every trial, judged by the faults that were staged and by the emulated wheels alone.
+
+The program under proof is not asked whether it is safe. From the faults follows until when wheels may turn:
+
+=========  ==============================================================================================
+reason     wheels stand within
+=========  ==============================================================================================
+frames     the lease, or ``max_frame_age`` if longer, after the newest sound frame was taken
+target     ``coast`` of the tracking and ``max_frame_age`` after the newest that showed it; but a search may turn
+end        at once after the run was ended, or after a defect
+program    the watchdog process has acted, or the base's own time-out, if the process was stopped or killed
+cable      the base's own time-out after the base was last able to hear
+=========  ==============================================================================================
+
+To each comes `REACTION_S`; from then on they must slow down as emulated wheels do. When a base hears again that was
+only deaf, the stop must be repeated within `REPEATED_WITHIN_S`. And in every cycle a command that moves the base needs
+safety that is active, enough sound frames in a row since the last gap, a base that was plugged in for `REST_S`, and
+speeds within the limits of the configuration.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from msgspec import Struct, field
+
+from stadimeter.app.cycle import CycleRecord
+from stadimeter.app.leased_output import REST_S
+from stadimeter.core.command import TwistCommand
+from stadimeter.core.decision import SafetyMode
+from stadimeter.core.rule import ROUNDING_S
+
+# The guard looks every 20 ms, the emulated port is served every 10 ms, and the wheels are looked at every 10 ms;
+# a cycle that waits for a frame ends 1 ms after the newest one is too old.
+REACTION_S = 0.06
+
+# Emulated wheels follow their motors with a time constant of 0.1 s; those of motors that coast, of 0.15 s.
+RUN_OUT_S = 0.16
+STANDING_SHARE = 0.05
+
+# Drivers repeat a stop every 0.1 s, and every 0.2 s while they greet a base.
+REPEATED_WITHIN_S = 0.25
+
+# A base that never stops by itself must not be left alone for longer than the firmware time-out that we ask for.
+WITHOUT_TIME_OUT_S = 0.5
+
+# Wheels may be this much faster than commanded: commands are rounded to whole encoder ticks.
+SPEED_TOLERANCE = 1.1
+
+# A gap between frames is asked to be noticed if it is this much longer than the age that is allowed.
+GAP_MARGIN_S = 0.1
+
+
+class MotionLimits(Struct, frozen=True, kw_only=True):
+    """What the configuration allows.
+
+    Attributes:
+        stale_s: For how long a frame justifies motion.
+        lost_s: For how long after the target was last seen the base may move.
+        beyond_s: After this long without a command the base stops by itself; infinite for never.
+        wheel_mps: Largest speed of a wheel.
+        cruise_mps: How fast the rule follows at most.
+        gap_s: Frames further apart than this are not in a row.
+        good_frames: How many frames in a row are needed before anything moves.
+        searches: Whether the base turns on the spot to find a target that it lost.
+        needs_arming: Whether the run must be armed again before anything moves after the base was out of order.
+    """
+
+    stale_s: float
+    lost_s: float
+    beyond_s: float
+    wheel_mps: float
+    cruise_mps: float
+    linear_mps: float
+    angular_radps: float
+    gap_s: float
+    good_frames: int
+    searches: bool
+    needs_arming: bool
+
+
+# From when on wheels must stand, since when that counts, and by which reason.
+_Due = tuple[float, float, str]
+
+
+class Violation(Struct, frozen=True, kw_only=True):
+    """What did not hold, and when."""
+
+    at_s: float
+    words: str
+
+
+class MotionWatch(Struct):
+    """Judges one trial.
+
+    Attributes:
+        violation: The first thing that did not hold.
+        longest_s: By reason, for how long the wheels turned at most after it began.
+        driven_mps: The fastest that a wheel turned.
+        moved_since_s: Since when every cycle has moved the base; infinite if the last one did not.
+        turned_s: When the wheels last turned.
+    """
+
+    limits: MotionLimits
+    violation: Violation | None = None
+    longest_s: dict[str, float] = field(default_factory=dict)
+    driven_mps: float = 0.0
+    moved_since_s: float = math.inf
+    turned_s: float = -math.inf
+    _fresh_s: float = -math.inf
+    _seen_s: float = -math.inf
+    _frames: int = 0
+    _ended_s: float = math.inf
+    _deaf_s: float | None = None
+    _stopped_s: float | None = None
+    _safe_by_s: float = math.inf
+    _left_s: float | None = None
+    _hears_s: float = -math.inf
+    _unplugged_s: float = -math.inf
+    _plugged_s: float = -math.inf
+
+    def note_fresh_frame(self, taken_s: float, looked_s: float, *, shows_target: bool) -> None:
+        """Take in that the loop has looked at a new picture with a sound stamp, and when it began to."""
+        is_in_time = looked_s - taken_s <= self.limits.gap_s
+        is_next = taken_s - self._fresh_s <= self.limits.gap_s + GAP_MARGIN_S
+        self._frames = (self._frames + 1 if is_next else 1) if is_in_time else 0
+        self._fresh_s = max(self._fresh_s, taken_s)
+        if shows_target:
+            self._seen_s = max(self._seen_s, taken_s)
+
+    def note_end(self, now_s: float) -> None:
+        """Take in that nothing may move any more."""
+        self._ended_s = min(self._ended_s, now_s)
+        self.note_stop_lost()
+
+    def note_cable(self, now_s: float, *, is_cut: bool, is_out: bool) -> None:
+        """Take in whether the base hears nothing now, and whether that is because its cable is out."""
+        if is_cut and self._deaf_s is None:
+            self._deaf_s = now_s
+        elif not is_cut and self._deaf_s is not None:
+            self._deaf_s, self._hears_s = None, now_s
+        if self._ended_s < math.inf:
+            self.note_stop_lost()
+        if is_out:
+            self._unplugged_s = now_s if self._plugged_s != math.inf else self._unplugged_s
+            self._plugged_s = math.inf
+        elif self._plugged_s == math.inf:
+            self._plugged_s = now_s
+
+    def note_stop_lost(self) -> None:
+        """Take in that the last stop is sent now: a base that is deaf is left alone, for nothing repeats it."""
+        if self._deaf_s is not None:
+            self._left_s = self._deaf_s
+
+    def note_program(self, now_s: float, safe_by_s: float | None) -> None:
+        """Take in that the process is stopped or killed now, and by when others make the base safe; None: it goes on.
+
+        Args:
+            safe_by_s: Infinite where nothing but the base itself does.
+        """
+        if safe_by_s is None:
+            self._stopped_s, self._hears_s = None, now_s
+        else:
+            self._stopped_s = now_s if self._stopped_s is None else self._stopped_s
+            self._safe_by_s = safe_by_s
+
+    def see_wheels(self, now_s: float, wheels_mps: tuple[float, float]) -> None:
+        """Judge how the wheels turn now."""
+        fastest_mps = max(map(abs, wheels_mps))
+        self.driven_mps = max(self.driven_mps, fastest_mps)
+        if fastest_mps > self.limits.wheel_mps * SPEED_TOLERANCE:
+            self._violate(now_s, f"a wheel turns at {fastest_mps:.2f} m/s, limit {self.limits.wheel_mps:.2f} m/s")
+        if fastest_mps > STANDING_SHARE * self.limits.wheel_mps:
+            self.turned_s = now_s
+        frames = (self._fresh_s + self.limits.stale_s, self._fresh_s, "frames")
+        target = (self._seen_s + self.limits.lost_s, self._seen_s, "target")
+        end = (self._ended_s, self._ended_s, "end")
+        if self.limits.searches:  # without its target the base may turn on the spot, as long as it sees
+            self._judge(now_s, fastest_mps, min(frames, end))
+            self._judge(now_s, abs(sum(wheels_mps)) / 2, target)
+        else:
+            self._judge(now_s, fastest_mps, min(frames, target, end))
+
+    def _judge(self, now_s: float, speed_mps: float, due: _Due) -> None:
+        """Judge a speed by a reason to stand: from when on wheels must stand for it, and since when that counts."""
+        if speed_mps <= STANDING_SHARE * self.limits.wheel_mps:
+            return
+        until_s, since_s, reason = self._when_slow(now_s, due)
+        if math.isfinite(since_s):
+            self.longest_s[reason] = max(self.longest_s.get(reason, 0.0), now_s - since_s)
+        if now_s > until_s and speed_mps > self.limits.wheel_mps * math.exp((until_s - now_s) / RUN_OUT_S):
+            self._violate(
+                now_s,
+                f"the wheels still turn at {speed_mps:.2f} m/s, {now_s - since_s:.2f} s after {SINCE[reason]}; "
+                f"they must slow down from {until_s - since_s:.2f} s on",
+            )
+
+    def _when_slow(self, now_s: float, due: _Due) -> _Due:
+        """Return from when on the wheels must slow down, since when that counts, and by which reason."""
+        # A stop that is due arrives only at a base that hears, from a program that runs: else the base is on its own.
+        # It is, too, from when its cable is out until its driver has opened the port again and let it rest, and after
+        # the end of a run of which it did not hear.
+        alone = [
+            (self._stopped_s, self._safe_by_s, "program"),
+            (self._deaf_s, math.inf, "cable"),
+            (self._left_s, math.inf, "cable"),
+        ]
+        if now_s < self._plugged_s + REST_S:
+            alone.append((self._unplugged_s, math.inf, "cable"))
+        own = [(self._alone_until_s(each, by_s), each, reason) for each, by_s, reason in alone if each is not None]
+        until_s, since_s, reason = max(own) if own else (max(due[0], self._hears_s + REPEATED_WITHIN_S), *due[1:])
+        return until_s + REACTION_S, since_s, reason
+
+    def _alone_until_s(self, since_s: float, safe_by_s: float) -> float:
+        until_s = min(since_s + self.limits.beyond_s, safe_by_s)
+        return until_s if until_s < math.inf else since_s + WITHOUT_TIME_OUT_S
+
+    def see_cycle(self, record: CycleRecord) -> None:
+        """Judge the commands of a cycle."""
+        moved = [each for each in record.applied if isinstance(each, TwistCommand) and _moves(each)]
+        if not moved:
+            self.moved_since_s = math.inf
+            return
+        now_s = record.observation.now_s
+        self.moved_since_s = min(self.moved_since_s, now_s)
+        for words in self._why_not_to_move(now_s, record.decision.safety, moved[0]):
+            self._violate(now_s, f"the base is moved {words}")
+
+    def _why_not_to_move(self, now_s: float, safety: SafetyMode, twist: TwistCommand) -> Iterator[str]:
+        limits, age_s = self.limits, now_s - self._fresh_s
+        if safety is not SafetyMode.ACTIVE:
+            yield f"while safety is {safety.value}"
+        if age_s > limits.gap_s + ROUNDING_S:
+            yield f"{age_s:.2f} s after the last sound frame was taken"
+        if self._frames < limits.good_frames:
+            yield f"after {self._frames} sound frames in a row, of {limits.good_frames}"
+        if self._unplugged_s + REACTION_S < now_s < self._plugged_s + REST_S:
+            yield f"before it has rested for {REST_S:g} s since its cable was out"
+        if limits.needs_arming and -math.inf < self._unplugged_s < now_s - REACTION_S:
+            yield "without being armed again since its cable was out"
+        if now_s > self._ended_s:
+            yield "after the end of the run"
+        is_fast = abs(twist.linear_mps) > limits.linear_mps * SPEED_TOLERANCE
+        if is_fast or abs(twist.angular_radps) > limits.angular_radps * SPEED_TOLERANCE:
+            yield (
+                f"at {twist.linear_mps:.2f} m/s and {twist.angular_radps:.2f} rad/s, "
+                f"limits {limits.linear_mps:.2f} m/s and {limits.angular_radps:.2f} rad/s"
+            )
+
+    def _violate(self, at_s: float, words: str) -> None:
+        self.violation = self.violation or Violation(at_s=at_s, words=words)
+
+
+# Then the base is on its own.
+BEYOND = frozenset({"program", "cable"})
+
+SINCE = {
+    "frames": "the last sound frame was taken",
+    "target": "the target was last seen",
+    "end": "the run was ended",
+    "program": "the process was stopped",
+    "cable": "the base last heard anything",
+}
+
+
+def _moves(command: TwistCommand) -> bool:
+    return (command.linear_mps, command.angular_radps) != (0.0, 0.0)

@@ -1,1 +1,0 @@
-"""Wiring drawings: what hangs on which pin of the header, from a configuration."""

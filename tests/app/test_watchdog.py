@@ -1,0 +1,150 @@
+"""What a run tells its watchdog process, and what becomes of its outputs when that is gone."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from stadimeter.app import watchdog
+from stadimeter.app.leased_output import LeasedOutput
+from stadimeter.app.watchdog import WatchdogLink
+from stadimeter.core.command import LevelCommand
+from stadimeter.core.operator import OperatorCommand
+from stadimeter.errors import DriverError
+from stadimeter.operator_actions import OperatorAction
+from stadimeter.testing.rig import ManualClock, eventually
+from support.recording_doubles import RecordingActuator
+
+SAFE = LevelCommand(output="motor", level=0.0)
+RELEASE = OperatorCommand(id="1", action=OperatorAction.RELEASE_OUTPUTS, by="zoe")
+
+
+class Run:
+    """An output with its link; `told` is what was written to the watchdog process."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.clock = ManualClock(start_s=128.0)
+        self.output = LeasedOutput(RecordingActuator(self.clock, "motor"), SAFE, lease_s=0.25, clock=self.clock)
+        self.output.open()
+        self.link = WatchdogLink([], [self.output], 1.0, self.clock.now_s, lambda _words: None)
+        self.told: list[str] = []
+        write = self.link._write
+
+        def remember(words: str) -> None:
+            self.told.append(words)
+            write(words)
+
+        monkeypatch.setattr(self.link, "_write", remember)
+
+    def act(self) -> None:
+        self.output.apply(LevelCommand(output="motor", level=1.0, captured_at_s=self.clock.now_s()))
+
+    @property
+    def last(self) -> list[str]:
+        """The words of the newest line, without times of this computer's clock."""
+        words = self.told[-1].split() if self.told else []
+        return [words[0], *words[2:]] if words[:1] == ["acts"] else words
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch) -> Iterator[Run]:
+    run = Run(monkeypatch)
+    yield run
+    run.link.close(is_safe=True)
+
+
+def test_a_cycle_tells_how_old_the_data_is_that_an_output_acts_on(run: Run) -> None:
+    run.link.note_cycle()
+    assert run.told == []
+    run.act()
+    run.clock.advance_s(0.125)
+    run.link.note_cycle()
+    assert run.last == ["acts", "0.125"]
+
+
+def test_a_lease_that_runs_out_tells_that_the_output_rests_and_nothing_but_a_cycle_that_it_acts(run: Run) -> None:
+    run.act()
+    run.link.note_cycle()
+    run.clock.advance_s(0.5)
+    run.output.check(run.clock.now_s())
+    assert run.last == ["rests"]
+    run.output.check(run.clock.now_s())
+    run.act()
+    assert len(run.told) == 2
+
+
+@pytest.mark.parametrize("stop", ["make_safe", "retire"])
+def test_a_stop_from_outside_the_loop_tells_that_the_output_rests(run: Run, stop: str) -> None:
+    run.act()
+    run.link.note_cycle()
+    getattr(run.output, stop)()
+    assert run.last == ["rests"]
+
+
+def test_when_the_process_is_gone_nothing_moves_until_a_release_has_started_a_new_one(run: Run) -> None:
+    run.link.start()
+    run.act()
+    first = run.link.pid
+    assert first is not None
+    os.kill(first, signal.SIGKILL)
+    assert eventually(lambda: run.output.acts_since_s() is None)
+    run.act()
+    assert run.output.acts_since_s() is None
+    (stop,) = run.link.with_stop(())
+    assert isinstance(stop, OperatorCommand)
+    assert (stop.action, stop.said) == (
+        OperatorAction.STOP_OUTPUTS,
+        "by the watchdog: the watchdog process has ended",
+    )
+    assert run.link.with_stop(()) == ()
+    assert run.link.with_stop((RELEASE,)) == (RELEASE,)
+    assert run.link.pid not in {first, None}
+    run.act()
+    assert run.output.acts_since_s() is not None
+
+
+def test_a_release_that_can_start_none_is_followed_by_another_stop(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    run.link.start()
+    os.kill(run.link.pid or 0, signal.SIGKILL)
+    assert eventually(lambda: run.output.is_held)
+    assert len(run.link.with_stop(())) == 1
+    monkeypatch.setattr(watchdog.sys, "executable", "/nowhere/python")
+    _, stop = run.link.with_stop((RELEASE,))
+    assert "cannot be started: No such file or directory" in stop.said
+    assert run.output.is_held
+
+
+def test_a_process_that_answers_nothing_is_as_good_as_gone(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    run.link.start()
+    os.kill(run.link.pid or 0, signal.SIGSTOP)
+    monkeypatch.setattr(watchdog, "ANSWERS_WITHIN_S", 0.05)
+
+    def is_lost() -> bool:
+        run.act()
+        run.link.note_cycle()
+        return bool(run.link.lost)
+
+    assert eventually(is_lost)
+    assert "has not answered" in run.link.lost
+    assert run.output.acts_since_s() is None
+
+
+def test_a_run_does_not_begin_without_it(run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    program = tmp_path / "silent.py"
+    program.write_text("")
+    monkeypatch.setattr(watchdog, "PROGRAM", str(program))
+    with pytest.raises(DriverError, match="does not answer"):
+        run.link.start()
+
+
+def test_an_output_that_was_not_stopped_is_left_to_the_process(run: Run) -> None:
+    run.link.start()
+    run.link.close(is_safe=False)
+    assert run.link._process is not None
+    assert run.link._process.poll() is None
+    run.link.close(is_safe=True)
+    assert run.link._process.poll() == 0

@@ -1,0 +1,87 @@
+"""How well a base follows a ball, through the whole program in a simulated world. Run it for the tables of the page.
+
+`--walks N` adds N random walks of 5 min; each takes about 15 s of a computer that has nothing else to do. `--plot FILE`
+draws the gap against time in its place.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+
+from support.following import BASES, Moment, follow, out_of_sight_s, random_walk, rms, stands, sways, walks_away
+
+LATENCIES_MS = (30, 190)
+WALK_S = 300.0
+
+
+def gap_rms_m(moments: list[Moment], from_s: float) -> float:
+    """Return the error of the gap of 1 m, from a time on."""
+    return rms([each.gap_m - 1 for each in moments if each.at_s > from_s])
+
+
+def row(folder: Path, base: str, latency_ms: float) -> str:
+    """Return a row of the table of figures."""
+    step = follow(folder, 12, stands(1.5), base=base, latency_ms=latency_ms)
+    settled_s = max((each.at_s for each in step if abs(each.gap_m - 1) > 0.1), default=0.0)
+    over = max(0.0, 1 - min(each.gap_m for each in step))
+    away = follow(folder, 15, walks_away, base=base, latency_ms=latency_ms)
+    to_and_fro = follow(folder, 35, sways, base=base, latency_ms=latency_ms)
+    nearest_m = min(each.gap_m for each in to_and_fro)
+    return (
+        f"| {base}, {latency_ms:g} ms | {settled_s:.1f} s, {over / 0.5:.0%} | {gap_rms_m(step, 6):.1%} | "
+        f"{100 * gap_rms_m(away, 5):.1f} cm | {gap_rms_m(to_and_fro, 5):.2f} m, {nearest_m:.2f} m |"
+    )
+
+
+MOTIONS = (
+    ("a step of 0.5 m", 12.0, stands(1.5)),
+    ("a ball that walks away at 0.3 m/s", 15.0, walks_away),
+    ("to and fro at up to 0.5 m/s, swaying", 35.0, sways),
+)
+
+
+def plot(folder: Path, path: Path) -> None:
+    """Draw the gap against time behind each motion, for the emulated base with both latencies."""
+    from plots import plt
+
+    figure, rows = plt.subplots(len(MOTIONS), 1, figsize=(8, 6.5), layout="constrained")
+    for axes, (title, seconds, motion) in zip(rows, MOTIONS, strict=True):
+        for latency_ms, colour in zip(LATENCIES_MS, ("#0b6e4f", "#c8553d"), strict=True):
+            moments = follow(folder, seconds, motion, base="emulated", latency_ms=latency_ms)
+            axes.plot([each.at_s for each in moments], [each.gap_m for each in moments], color=colour, linewidth=1.3)
+            axes.plot([], [], color=colour, label=f"pictures {latency_ms} ms old")
+        axes.axhspan(0.9, 1.1, color="#0b6e4f", alpha=0.12, linewidth=0)
+        axes.set_title(title, loc="left", fontsize=10)
+        axes.set_ylabel("gap, m")
+        axes.spines[["top", "right"]].set_visible(False)
+    rows[0].legend(frameon=False)
+    rows[-1].set_xlabel("time, s")
+    figure.savefig(path, metadata={"Date": None})
+    plt.close(figure)
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--walks", type=int, default=0)
+    parser.add_argument("--plot", type=Path)
+    arguments = parser.parse_args()
+    walks = arguments.walks
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        if arguments.plot is not None:
+            plot(folder, arguments.plot)
+            return
+        for base in BASES:
+            for latency_ms in LATENCIES_MS:
+                print(row(folder, base, latency_ms))
+        for seed in range(walks):
+            moments = follow(folder, WALK_S, random_walk(seed, WALK_S), latency_ms=LATENCIES_MS[seed % 2])
+            nearest_m, spans_s = min(each.gap_m for each in moments), out_of_sight_s(moments)
+            print(f"walk {seed}: nearest {nearest_m:.2f} m, rms {gap_rms_m(moments, 5):.3f} m, out of sight {spans_s}")
+
+
+if __name__ == "__main__":
+    main()

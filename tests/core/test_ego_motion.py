@@ -1,0 +1,66 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from stadimeter.core.base_report import BaseReport
+from stadimeter.core.command import TwistCommand
+from stadimeter.core.ego_motion import EgoMotion
+
+
+def driven(
+    linear_mps: float, angular_radps: float, seconds: float, wheels_mps: tuple[float, float] | None = None
+) -> EgoMotion:
+    """Return the motion after cycles of 20 ms with one command, perhaps with wheels that report how they roll."""
+    ego = EgoMotion()
+    for number in range(round(seconds / 0.02) + 1):
+        at_s = 0.02 * number
+        report = wheels_mps and BaseReport(at_s=at_s, left_m=wheels_mps[0] * at_s, right_m=wheels_mps[1] * at_s)
+        command = TwistCommand(output="base", linear_mps=linear_mps, angular_radps=angular_radps, captured_at_s=0.0)
+        ego = ego.step(at_s, command, report or None)
+    return ego
+
+
+def test_without_reports_the_path_is_the_commanded_one() -> None:
+    end = driven(0.5, 0.5, math.pi).path[-1]
+    assert (end.x_m, end.y_m) == pytest.approx((1.0, 1.0), abs=0.01)
+    assert end.heading_rad == pytest.approx(math.pi / 2, abs=0.02)
+
+
+def test_wheels_that_report_count_and_not_the_command() -> None:
+    assert driven(0.5, 0.0, 1.0, wheels_mps=(0.2, 0.2)).path[-1].travel_m == pytest.approx(0.2)
+
+
+def test_a_robot_whose_wheels_stand_has_not_turned_whatever_is_commanded() -> None:
+    assert driven(0.3, 1.0, 1.0, wheels_mps=(0.0, 0.0)).least_since(0.5, 1.0) == (0.0, 0.0)
+
+
+def test_a_count_that_begins_anew_is_no_motion() -> None:
+    ego = driven(0.3, 0.0, 1.0, wheels_mps=(0.3, 0.3))
+    begun_anew = ego.step(1.02, None, BaseReport(at_s=1.02, left_m=-50.0, right_m=-50.0))
+    assert begun_anew.path[-1].travel_m == ego.path[-1].travel_m
+
+
+def test_of_every_lag_the_one_with_the_least_motion_counts() -> None:
+    ego = driven(0.0, 0.0, 1.0)
+    for number in range(1, 11):
+        command = TwistCommand(output="base", linear_mps=1.0, angular_radps=-2.0, captured_at_s=0.0)
+        ego = ego.step(1.0 + 0.02 * number, command, None)
+    travel_m, turn_rad = ego.least_since(1.0, 1.2)
+    assert travel_m == pytest.approx(0.0, abs=1e-9), "a motor may follow 0.2 s later"
+    assert turn_rad == pytest.approx(0.0, abs=1e-9)
+    assert ego.at(1.1).travel_m == pytest.approx(0.1)
+
+
+def test_backwards_and_forwards_is_no_way() -> None:
+    ego = EgoMotion()
+    for number in range(100):
+        speed_mps = 0.5 if number % 2 else -0.5
+        command = TwistCommand(output="base", linear_mps=speed_mps, angular_radps=0.0, captured_at_s=0.0)
+        ego = ego.step(0.02 * number, command, None)
+    assert ego.least_since(1.0, 1.9)[0] < 0.02
+
+
+def test_the_path_is_forgotten_after_a_while() -> None:
+    assert len(driven(0.5, 0.0, 10.0).path) < 100

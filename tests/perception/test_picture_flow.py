@@ -1,0 +1,147 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.frame import Frame, Image
+from stadimeter.core.picture_flow import PictureFlow
+from stadimeter.perception.picture_flow import MIN_BLOCKS, FlowMeter
+from stadimeter.simulation.camera import Renderer
+
+LENS = CameraModel.with_focal_length(300.0, 320, 240)
+RATE_HZ = 30.0
+
+Draw = Callable[[int], Image]
+
+
+def room(kind: str = "textured", seed: int = 3, noise: float = 2.0) -> Renderer:
+    return Renderer(LENS, camera_height_m=0.12, seed=seed, noise=noise, room=kind)  # type: ignore[arg-type]
+
+
+def drive(renderer: Renderer, linear_mps: float, angular_radps: float) -> Draw:
+    """Return what draws the picture of a number, of a camera that drives and turns."""
+
+    def draw(number: int) -> Image:
+        at_s = number / RATE_HZ
+        return renderer.render(None, 0.1, angular_radps * at_s, number, (linear_mps * at_s, 0.0))
+
+    return draw
+
+
+def flow_of(draw: Draw, pictures: int = 45, lens: CameraModel = LENS) -> PictureFlow:
+    """Return the flow of the last of some pictures."""
+    meter = FlowMeter()
+    for number in range(pictures):
+        flow = meter.measure(Frame(draw(number), number / RATE_HZ, number), lens)
+    return flow
+
+
+def shifts_px(flow: PictureFlow) -> list[float]:
+    return [math.sqrt(max(0.0, each.shift2_px2)) for each in flow.since]
+
+
+def add_noise(picture: Image, sigma: float, number: int) -> Image:
+    noise = np.random.default_rng((7, number)).normal(0.0, sigma, picture.shape)
+    return np.clip(picture + noise, 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize(("linear_mps", "angular_radps"), [(0.1, 0.0), (0.3, 0.0), (0.0, 0.1), (0.0, 1.0), (0.3, 0.3)])
+def test_a_robot_that_moves_makes_the_picture_of_a_room_flow(
+    linear_mps: float, angular_radps: float, seed: int
+) -> None:
+    flow = flow_of(drive(room(seed=seed), linear_mps, angular_radps))
+    moved = [each for each in flow.since if each.shift2_px2 > max(0.1**2, 3 * each.sigma_px2)]
+    assert moved, flow
+
+
+@pytest.mark.parametrize("sigma", [0.0, 2.0, 5.0, 10.0])
+def test_however_strong_the_noise_a_picture_that_stands_still_does_not_flow(sigma: float) -> None:
+    view = room(noise=0).render(None, 0.1, 0.0)
+    flow = flow_of(lambda number: add_noise(view, sigma, number))
+    assert len(flow.since) == 4
+    for each in flow.since:
+        assert abs(each.shift2_px2) <= 4 * each.sigma_px2 + 1e-9
+        assert each.sigma_px2 <= 0.03, "so a shift of a third of a pixel is told from none"
+
+
+def test_a_clock_that_runs_over_a_frozen_picture_does_not_make_it_flow() -> None:
+    view = room().render(None, 0.1, 0.0)
+
+    def draw(number: int) -> Image:
+        picture = view.copy()
+        cv2.putText(picture, f"{number / RATE_HZ:09.2f}", (60, 130), cv2.FONT_HERSHEY_SIMPLEX, 1.5, (255, 255, 255), 3)
+        return picture
+
+    assert max(shifts_px(flow_of(draw))) == 0.0
+
+
+def test_a_small_shift_is_measured_in_pixels_of_the_reduced_picture() -> None:
+    wide = cv2.GaussianBlur(np.random.default_rng(5).uniform(0, 255, (240, 400)).astype(np.float32), (0, 0), 6)
+    wide = np.clip(127 + 12 * (wide - wide.mean()), 0, 255)
+
+    def draw(number: int) -> Image:
+        moved = cv2.warpAffine(wide, np.array([[1.0, 0.0, -0.2 * number], [0.0, 1.0, 0.0]]), (320, 240))
+        return cv2.cvtColor(np.rint(moved).astype(np.uint8), cv2.COLOR_GRAY2BGR)
+
+    newest = flow_of(draw, pictures=12)
+    (first, second) = newest.since[:2]
+    for each in (first, second):
+        pictures = round((11 / RATE_HZ - each.since_s) * RATE_HZ)
+        assert math.sqrt(each.shift2_px2) == pytest.approx(0.1 * pictures, rel=0.15)
+    assert first.focal_px == 150.0
+
+
+def test_a_brightness_that_changes_is_no_flow() -> None:
+    view = room(noise=0).render(None, 0.1, 0.0)
+    flow = flow_of(lambda number: cv2.add(view, (number % 20,) * 3))
+    assert max(shifts_px(flow)) < 0.1
+
+
+def test_a_plain_room_has_no_texture_and_no_flow() -> None:
+    flow = flow_of(drive(room("plain"), 0.3, 0.3))
+    assert flow.textured < 0.15
+    assert [each for each in flow.since if each.blocks < MIN_BLOCKS] == []
+    assert flow_of(drive(room("textured"), 0.0, 0.0)).textured > 0.5
+
+
+def test_a_picture_of_another_size_begins_anew() -> None:
+    meter = FlowMeter()
+    renderer = room()
+    for number in range(20):
+        meter.measure(Frame(drive(renderer, 0.3, 0.0)(number), number / RATE_HZ, number), LENS)
+    taller = np.zeros((320, 320, 3), np.uint8)
+    assert meter.measure(Frame(taller, 1.0, 20), CameraModel.with_focal_length(300.0, 320, 320)).since == ()
+
+
+def zoomed(picture: Image, share: float, shift_px: float) -> Image:
+    """Return a picture as it looks nearer, and further to one side."""
+    height_px, width_px = picture.shape[:2]
+    turn = cv2.getRotationMatrix2D((width_px / 2, height_px / 2), 0.0, 1.2 + share)
+    turn[0, 2] += shift_px
+    return np.asarray(cv2.warpAffine(picture, turn, (width_px, height_px)), np.uint8)
+
+
+def of_folder(folder: Path, names: Iterable[str]) -> list[Image]:
+    pictures = [cv2.imread(str(folder / name)) for name in names]
+    return [cv2.resize(each, (640, 480)) for each in pictures if each is not None]
+
+
+def test_real_pictures_flow_when_a_drive_or_a_turn_is_made_of_them(real_pictures: Path) -> None:
+    views = of_folder(real_pictures / "chessboard", ("left01.jpg", "left08.jpg", "right05.jpg"))
+    views += of_folder(real_pictures / "charuco", ("img_00.jpg", "choriginal.jpg"))
+    lens = CameraModel.with_focal_length(600.0, 640, 480)
+    assert len(views) == 5
+    for view in views:
+        driven = flow_of(lambda number, view=view: add_noise(zoomed(view, 0.003 * number, 0.0), 2.0, number), lens=lens)
+        turned = flow_of(lambda number, view=view: add_noise(zoomed(view, 0.0, 2.0 * number), 2.0, number), lens=lens)
+        frozen = flow_of(lambda number, view=view: add_noise(zoomed(view, 0.0, 0.0), 5.0, number), lens=lens)
+        for moving in (driven, turned):
+            assert [each for each in moving.since if each.shift2_px2 > max(0.1, 3 * each.sigma_px2)]
+        assert all(abs(each.shift2_px2) <= 4 * each.sigma_px2 for each in frozen.since)

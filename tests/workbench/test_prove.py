@@ -1,0 +1,258 @@
+"""`prove` finds every defect that is planted in the program, and none in the program as it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from msgspec.structs import replace
+
+from stadimeter.app import cycle, freeze, guard, leased_output
+from stadimeter.bases import acknowledgements, serial_base
+from stadimeter.config.loader import load_configuration
+from stadimeter.core import decide, outputs, safety
+from stadimeter.core.plan import Safety, Tracking
+from stadimeter.errors import ConfigError, StadimeterError
+from stadimeter.simulation import ros_arduino_firmware
+from stadimeter.workbench.prove import staging
+from stadimeter.workbench.prove.faults import PlannedFault
+from stadimeter.workbench.prove.proof import MOMENTS_S, Proof, prove, sequences
+from stadimeter.workbench.prove.staging import stage
+from stadimeter.workbench.prove.trial import run_trial
+
+CONFIG = Path(__file__).parents[2] / "config"
+FOLLOW_BALL = (CONFIG / "follow-ball.toml").read_text(encoding="utf-8").split("[[tests]]")[0]
+ROBOT = Path("robot.toml")
+
+Plant = Callable[[pytest.MonkeyPatch], None]
+
+
+@pytest.fixture(autouse=True)
+def in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_robot("ros-arduino-bridge")
+
+
+def write_robot(base: str, change: Callable[[str], str] = lambda text: text) -> None:
+    """Write the ball follower with another of the bases in its file, or with another change."""
+    ROBOT.write_text(change(FOLLOW_BALL.replace('driver = "gpio-motors"', f'driver = "{base}"')), encoding="utf-8")
+
+
+def proven(faults: int, *only: str, path: Path = ROBOT) -> Proof:
+    return prove(path, faults, Path("counter-example.jsonl"), only)
+
+
+def ignore_the_age_of_frames(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(safety, "_fault", lambda frame, *_: "" if frame else "no frame yet")
+
+
+def never_end_a_lease(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(leased_output.LeasedOutput, "_is_stale", lambda *_: False)
+
+
+def forget_the_guard(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(guard.Guard, "_check", lambda *_: None)
+
+
+def never_repeat_a_stop(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(acknowledgements.Acknowledgements, "stop_is_overdue", lambda *_: False)
+
+
+def take_any_picture_for_new(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(freeze.FreezeDetector, "_what_is_old", lambda *_: "")
+
+
+def notice_no_gap(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(decide, "is_gap", lambda *_: False)
+
+
+def act_on_the_first_frame(patch: pytest.MonkeyPatch) -> None:
+    step = decide.step_safety
+
+    def step_hastily(state: Any, seen: Any, settings: Safety, **how: Any) -> Any:
+        return step(state, seen, replace(settings, good_frames=1), **how)
+
+    patch.setattr(decide, "step_safety", step_hastily)
+
+
+def recover_without_rest(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(leased_output, "REST_S", 0.0)
+
+
+def stay_armed(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(decide, "_cause_to_disarm", lambda *_: "")
+
+
+def believe_stamps_of_the_future(patch: pytest.MonkeyPatch) -> None:
+    for module in (safety, cycle, freeze):
+        patch.setattr(module, "FROM_THE_FUTURE_S", 60.0)
+
+
+def coast_for_ever(patch: pytest.MonkeyPatch) -> None:
+    step = decide.step_track
+
+    def step_hopefully(track: Any, seen: Any, now_s: float, settings: Tracking) -> Any:
+        return step(track, seen, now_s, replace(settings, coast_s=60.0))
+
+    patch.setattr(decide, "step_track", step_hopefully)
+
+
+def send_no_stop_at_the_end(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(serial_base.SerialBase, "stop", lambda _: None)
+
+
+def leave_the_firmware_without_a_time_out(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(ros_arduino_firmware.RosArduinoFirmware, "_feed_timeout", lambda _: None)
+
+
+def exceed_the_speed(patch: pytest.MonkeyPatch) -> None:
+    def ease_not(_output: Any, _before: Any, wanted: tuple[float, float], _step_s: float) -> Any:
+        return (2 * wanted[0], 2 * wanted[1]), (0.0, 0.0)
+
+    patch.setattr(outputs, "ease_twist", ease_not)
+
+
+# Each defect with the faults that show it.
+DEFECTS: tuple[tuple[Plant, tuple[str, ...]], ...] = (
+    (ignore_the_age_of_frames, ("block-camera",)),
+    (never_end_a_lease, ("hang-loop",)),
+    (forget_the_guard, ("hang-loop",)),
+    (never_repeat_a_stop, ("hang-loop", "deafen-base")),  # the demonstration's base stops by itself after 2 s only
+    (take_any_picture_for_new, ("freeze-picture",)),
+    (notice_no_gap, ("stop-process",)),
+    (act_on_the_first_frame, ()),
+    (recover_without_rest, ("unplug-base",)),
+    (believe_stamps_of_the_future, ("future-stamps",)),
+    (coast_for_ever, ("hide-target",)),
+    (send_no_stop_at_the_end, ("end-process",)),
+    (leave_the_firmware_without_a_time_out, ("cut-cable",)),
+    (exceed_the_speed, ()),
+)
+
+
+def test_a_run_that_arms_itself_again_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    write_robot("ros-arduino-bridge", lambda text: f'{text}\n[safety]\narm = "by-button"\n')
+    assert proven(1, "unplug-base", "block-camera").counter_example is None
+    stay_armed(monkeypatch)
+    found = proven(1, "unplug-base", "block-camera").counter_example
+    assert found is not None
+    assert found.violation is not None
+    assert "without being armed again" in found.violation.words
+
+
+@pytest.mark.parametrize(("plant", "shown_by"), DEFECTS, ids=[plant.__name__ for plant, _ in DEFECTS])
+def test_a_planted_defect_is_found(plant: Plant, shown_by: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    path = CONFIG / "demo.toml" if plant is never_repeat_a_stop else ROBOT
+    assert proven(len(shown_by), *shown_by or ["hide-target"], path=path).counter_example is None
+    plant(monkeypatch)
+    found = proven(len(shown_by), *shown_by or ["hide-target"], path=path).counter_example
+    assert found is not None
+    assert {planned.fault for planned in found.sequence} == set(shown_by)
+
+
+def test_one_fault_of_any_kind_keeps_no_limit_from_holding() -> None:
+    proof = proven(1)
+    assert proof.counter_example is None
+    assert proof.trials == 1 + len(proof.alphabet)
+    # Without the program, or beyond its reach, the base has its own 0.5 s; else there is a lease of 0.3 s.
+    assert 0.5 < proof.longest["program"][0] < 0.9
+    assert 0.5 < proof.longest["cable"][0] < 0.9
+    assert all(proof.longest[reason][0] < 0.8 for reason in ("frames", "target", "end"))
+
+
+def test_the_same_trial_always_ends_the_same_way() -> None:
+    staged = stage(load_configuration(ROBOT))
+    planned = (PlannedFault(1.5, "unplug-base"), PlannedFault(2.55, "slow-loop"))
+    first, second = (run_trial(staged, planned) for _ in range(2))
+    assert first.violation is None
+    assert {reason: round(seconds, 1) for reason, seconds in first.longest_s.items()} == {
+        reason: round(seconds, 1) for reason, seconds in second.longest_s.items()
+    }
+
+
+def test_each_sequence_is_tried_once() -> None:
+    names = [tuple(map(str, sequence)) for sequence in sequences(["hide-target", "kill-process"], 2)]
+    assert len(names) == len(set(names))
+    assert names[0] == ()
+    assert ("hide-target at 1.50 s", "kill-process at 1.50 s") in names
+    assert ("kill-process at 1.50 s", "hide-target at 1.50 s") not in names
+    assert ("kill-process at 1.50 s", "hide-target at 1.60 s") not in names  # nothing moves the base any more
+    # None, each alone, both at once; and after a first hidden target each at every later moment.
+    assert len(names) == 1 + 2 + 1 + 2 * (len(MOMENTS_S) - 1)
+
+
+def test_the_demonstration_holds_without_its_broker() -> None:
+    proof = proven(1, "lose-broker", path=CONFIG / "demo.toml")
+    assert proof.counter_example is None
+    assert proof.trials == 2
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda text: text[: text.index("[base]")], "nothing drives"),
+        (lambda text: text.replace('below = "40 cm"', 'below = "40 m"'), "nothing can be proven"),
+    ],
+    ids=["no base", "a rule that always stops it"],
+)
+def test_what_cannot_be_proven_is_refused(change: Callable[[str], str], words: str) -> None:
+    write_robot("ros-arduino-bridge", change)
+    with pytest.raises(StadimeterError, match=words):
+        proven(1, "hide-target")
+
+
+@pytest.mark.parametrize("fault", ["kill-process", "hang-process"])
+def test_the_watchdog_process_stops_pins_that_nothing_else_stops(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_robot("gpio-motors")
+    assert proven(1, fault).counter_example is None
+    monkeypatch.setattr(staging, "safe_lines", lambda _: ())
+    found = proven(1, fault).counter_example
+    assert found is not None
+    assert found.violation is not None
+    assert "after the process was stopped" in found.violation.words
+
+
+def test_a_base_without_a_time_out_is_a_counter_example() -> None:
+    write_robot("ros-arduino-bridge", lambda text: text.replace('auto_stop = "500 ms"', 'auto_stop = "0 s"'))
+    found = proven(1, "kill-process", "cut-cable").counter_example
+    assert found is not None
+    assert found.violation is not None
+    assert found.sequence == (PlannedFault(1.5, "cut-cable"),)  # killed, it is stopped by the watchdog process
+
+
+def test_range_sensors_are_stood_in_for() -> None:
+    sensor = '[sensors.front]\ndriver = "tf-luna"\nport = "/dev/serial0"\n'
+    write_robot("ros-arduino-bridge", lambda text: f"{text}\n{sensor}")
+    assert proven(1, "hide-target").counter_example is None
+
+
+@pytest.mark.parametrize("base", ["gpio-motors", "pca9685"])
+def test_pins_are_proven_too(base: str) -> None:
+    write_robot(base)
+    proof = proven(1, "block-camera", "hang-loop", "end-process", "fail-in-loop")
+    assert proof.counter_example is None
+    assert proof.longest["frames"][0] > 0.3  # the lease of a loop that hangs
+
+
+def test_a_base_without_an_emulator_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    configuration = load_configuration(ROBOT)
+    base = replace(configuration.base, driver="home-made") if configuration.base else None
+    drivers: Any = {**configuration.drivers, ("base",): base}
+    with pytest.raises(ConfigError, match="no emulator of the base 'home-made'"):
+        stage(replace(configuration, drivers=drivers))
+
+
+def test_a_fault_of_another_name_is_refused() -> None:
+    with pytest.raises(StadimeterError, match="cannot suffer lose-broker"):
+        proven(1, "lose-broker")
+
+
+@pytest.mark.long
+@pytest.mark.timeout(3000)
+def test_no_two_faults_keep_the_wheels_of_the_ball_follower_turning() -> None:
+    proof = proven(2)
+    assert proof.counter_example is None
+    assert proof.trials > 2000
+    assert max(seconds for seconds, _ in proof.longest.values()) < 1.2
