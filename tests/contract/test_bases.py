@@ -13,6 +13,7 @@ from stadimeter.simulation.h_bridge_motors import FULL_DUTY_MPS, STARTS_AT_DUTY,
 from stadimeter.simulation.pca9685_chip import EmulatedPca9685Options
 from stadimeter.simulation.world import World, WorldOptions
 from stadimeter.testing.base_contract import SILENT, TAKES_NO_BYTES, UNPLUGGED, BaseContract, BaseRig
+from stadimeter.testing.output_contract import raised_by
 from stadimeter.testing.rig import TICK_S, ManualClock, eventually, impossible
 from stadimeter.testing.wires import WatchedPins, clog, is_locked
 
@@ -244,14 +245,23 @@ def ros2_rig(
 
     def waiting_link() -> Any:
         link = type(options).link(options)
-        send = link.send
+        send, check, close = link.send, link.check, link.close
 
         def send_and_wait(motion: Any) -> None:
             heard = len(peer.heard)
             send(motion)
             eventually(lambda: len(peer.heard) > heard or not peer.is_used)
 
-        link.send = send_and_wait
+        def check_as_lost_once_it_is() -> None:
+            """Wait for the news that the peer has gone: it takes time on the network, none on the clock of the rig."""
+            eventually(lambda: peer.is_used or raised_by(check))
+            check()
+
+        def close_and_wait() -> None:
+            close()
+            eventually(lambda: not peer.is_used)
+
+        link.send, link.check, link.close = send_and_wait, check_as_lost_once_it_is, close_and_wait
         return link
 
     def unplug(begins: bool) -> None:
