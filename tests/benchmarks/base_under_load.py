@@ -181,12 +181,19 @@ class _Board(Struct):
 
 
 def _fill(path: str) -> None:
-    """Fill the port up with what the firmware passes over."""
+    """Fill the port up with what the firmware passes over. The kernel moves it on once more: then again."""
     descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    while _fill_once(descriptor):
+        time.sleep(0.005)
+    os.close(descriptor)
+
+
+def _fill_once(descriptor: int) -> int:
+    count = 0
     with suppress(BlockingIOError):
         while True:
-            os.write(descriptor, b"\n" * 64)
-    os.close(descriptor)
+            count += os.write(descriptor, b"\n" * 64)
+    return count
 
 
 class Rig:
