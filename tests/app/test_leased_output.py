@@ -84,6 +84,20 @@ def test_the_safe_value_never_grows_old(output, driver, clock):
     assert driver.commands == [SAFE, SAFE]
 
 
+def test_a_command_is_sent_again_twenty_times_a_second_while_its_frame_is_fresh(driver, clock):
+    """A detector of two frames a second must not let a board stand that waits no longer than 100 ms."""
+    output = LeasedOutput(driver, SAFE, lease_s=1.0, clock=clock)
+    output.open()
+    Guard([output], clock).start()
+    output.apply(full(100.0))
+    clock.advance_s(2.0)
+    sent_s = [call.at_s for call in driver.calls if call.command == full(100.0)]
+    assert 19 <= len(sent_s) <= 21
+    assert max(later - sooner for sooner, later in pairwise(sent_s)) <= 0.0801
+    assert sent_s[-1] <= 101.0
+    assert driver.level == 0.1
+
+
 def test_a_driver_that_fails_is_stopped_and_takes_no_commands(output, driver):
     driver.fail_with = LinkLostError("unplugged")
     assert output.apply(full(100.0)) is None

@@ -36,6 +36,10 @@ MAX_WAIT_S = 8.0
 # A driver that was opened again stays at its safe value for this long.
 REST_S = 3.0
 
+# While its frame is fresh a command is sent again: some boards stand 100 ms after the last one, and a slow detector
+# must not let their wheels stutter.
+RESENT_EVERY_S = 0.05
+
 RESTING = f"it answers again, and stays at its safe value for {REST_S:g} s before it may act"
 
 
@@ -85,6 +89,7 @@ class LeasedOutput:
         self._lease_s = lease_s
         self._clock = clock
         self._command = safe
+        self._sent_s = -math.inf
         self._retired = False
         self._times_made_safe = 0
         self._was_opened = False
@@ -137,16 +142,21 @@ class LeasedOutput:
             if self.fault or self._retired:
                 return None
             self._command = self.safe if self.is_held or self._is_stale(command, self._clock.now_s()) else command
-            before = self._times_made_safe
+            self._sent_s = self._clock.now_s()
             try:
-                applied = self._driver.apply(self._command)
-                if self._times_made_safe != before:  # by a signal handler, within that call
-                    self._command = self.safe
-                    applied = self._driver.apply(self.safe)
+                applied = self._send()
                 return None if self._stopped_again() else applied
             except DriverError as error:
                 self._fail(error)
                 return None
+
+    def _send(self) -> Command:
+        before = self._times_made_safe
+        applied = self._driver.apply(self._command)
+        if self._times_made_safe != before:  # by a signal handler, within that call
+            self._command = self.safe
+            applied = self._driver.apply(self.safe)
+        return applied
 
     def check(self, now_s: float) -> None:
         """End the newest command if its lease has run out, and let the driver move its patterns on.
@@ -200,6 +210,9 @@ class LeasedOutput:
                 self._command = self.safe
                 self._driver.apply(self.safe)
                 self.at_rest()
+            elif self.acts_since_s() is not None and not self.is_held and now_s - self._sent_s >= RESENT_EVERY_S:
+                self._sent_s = max(self._sent_s + RESENT_EVERY_S, now_s - RESENT_EVERY_S)  # the mean rate holds
+                self._send()
             self._driver.tick(now_s)
             self._stopped_again()
         except DriverError as error:
