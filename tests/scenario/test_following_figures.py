@@ -1,33 +1,28 @@
 """How well a base follows, through the whole program: one with lagging wheels, and one that obeys at once."""
 
+import tomllib
+from pathlib import Path
+
 import pytest
 
 from support.following import (
-    MAX_SPEED_MPS,
-    MAX_TURN_RADPS,
     follow,
+    is_within_limits,
     out_of_sight_s,
     random_walk,
     rms,
     stands,
+    swaying_path,
     sways,
     walks_away,
 )
 
-# What is applied is rounded to whole encoder ticks per frame of the sketch: this many m/s of a wheel.
-TICK = 0.004
+REPOSITORY = Path(__file__).parents[2]
 
 
 @pytest.fixture(params=["emulated", "ideal"])
 def base(request):
     return request.param
-
-
-def within_limits(moments):
-    most_radps = MAX_TURN_RADPS + TICK / 0.1
-    return all(
-        abs(each.linear_mps) <= MAX_SPEED_MPS + TICK and abs(each.angular_radps) <= most_radps for each in moments
-    )
 
 
 @pytest.mark.parametrize("latency_ms", [30, 190])
@@ -38,7 +33,7 @@ def test_a_step_of_half_a_metre_is_settled_within_2_5_s_and_standing_stays_withi
     assert max((each.at_s for each in moments if abs(each.gap_m - 1) > 0.1), default=0.0) <= 2.5
     assert min(each.gap_m for each in moments) >= 0.95
     assert rms([each.gap_m - 1 for each in moments if each.at_s > 6]) <= 0.02
-    assert within_limits(moments)
+    assert is_within_limits(moments)
 
 
 @pytest.mark.parametrize("latency_ms", [30, 190])
@@ -54,7 +49,27 @@ def test_a_ball_that_goes_to_and_fro_and_sways_is_kept_within_10_cm_and_never_at
     moments = follow(tmp_path, 35, sways, base=base, latency_ms=latency_ms)
     assert rms([each.gap_m - 1 for each in moments if each.at_s > 5]) <= {30: 0.10, 190: 0.11}[latency_ms]
     assert min(each.gap_m for each in moments) > 0.5
-    assert within_limits(moments)
+    assert is_within_limits(moments)
+
+
+def test_beside_other_balls_that_swing_and_sway_the_gap_errs_by_10_cm_or_less_in_eight_of_ten(base, tmp_path):
+    runs = [follow(tmp_path, 35, swaying_path(seed), base=base, latency_ms=190) for seed in range(10)]
+    errors_m = sorted(rms([each.gap_m - 1 for each in moments if each.at_s > 5]) for moments in runs)
+    assert errors_m[7] <= 0.10
+    assert errors_m[9] <= 0.13
+    assert all(each.gap_m > 0.5 for moments in runs for each in moments)
+
+
+@pytest.mark.parametrize("latency_ms", [30, 190])
+def test_the_follow_ball_configuration_stays_further_than_half_the_distance_from_a_ball_at_half_a_metre_a_second(
+    latency_ms, tmp_path
+):
+    shipped = tomllib.loads((REPOSITORY / "config" / "follow-ball.toml").read_text())
+    table = shipped["rules"]["follow"]["follow"]
+    keys = ", ".join(f'{key} = "{value}"' for key, value in table.items())
+    for path in (sways, swaying_path(1), swaying_path(2)):
+        moments = follow(tmp_path, 35, path, latency_ms=latency_ms, rule=keys, most=shipped["base"]["max_speed"])
+        assert min(each.gap_m for each in moments) > 0.5
 
 
 def test_a_ball_that_is_hidden_for_a_second_is_followed_again_within_1_5_s(base, tmp_path):
@@ -76,5 +91,5 @@ def test_on_random_walks_it_runs_into_nothing_and_finds_its_ball_again(base, tmp
     for seed in (101, 102):
         moments = follow(tmp_path, 60, random_walk(seed, 60), base=base)
         assert min(each.gap_m for each in moments) > 0.5
-        assert within_limits(moments)
+        assert is_within_limits(moments)
         assert all(span_s <= 8.0 for span_s in out_of_sight_s(moments))

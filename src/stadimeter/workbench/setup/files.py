@@ -135,7 +135,7 @@ def actuator_table(text: str) -> dict[str, Any]:
 
 def base_table(answers: Mapping[str, str]) -> dict[str, Any]:
     """Return the table ``[base]``: its driver, the options of the answers ``base_…``, and the limits of every base."""
-    limits = {"max_speed": answers.get("follow_speed", "0.3 m/s"), "max_turn_rate": "60 deg/s"}
+    limits = {"max_speed": answers.get("follow_speed", "0.5 m/s"), "max_turn_rate": "60 deg/s"}
     if answers["base"] == SCREEN:
         return {"driver": "simulated", **limits}
     own = {key.removeprefix("base_"): _option(text) for key, text in answers.items() if key.startswith("base_")}
