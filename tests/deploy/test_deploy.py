@@ -141,6 +141,14 @@ class TestUnit:
         allowed = {line.split("=")[1].split()[0] for line in lines if line.startswith("DeviceAllow=")}
         assert {"char-*gpiomem*", "char-gpiochip", "char-ttyUSB", "char-ttyACM", "char-video4linux"} <= allowed
 
+    def test_it_may_use_motor_boards_and_range_sensors_on_i2c_whose_module_is_there_when_it_starts(
+        self, deploy: Path
+    ) -> None:
+        lines = (deploy / "stadimeter.service").read_text().splitlines()
+        groups = next(line.split("=")[1].split() for line in lines if line.startswith("SupplementaryGroups="))
+        assert ("DeviceAllow=char-i2c rw" in lines, "i2c" in groups) == (True, True)
+        assert "i2c_dev" in (deploy / "modules-load.conf").read_text().splitlines()
+
     def test_a_reload_asks_the_program_that_runs_and_state_and_socket_have_their_folders(self, deploy: Path) -> None:
         lines = (deploy / "stadimeter.service").read_text().splitlines()
         assert "ExecReload=/opt/stadimeter/bin/stadimeter reload --socket /run/stadimeter/appliance.sock" in lines
