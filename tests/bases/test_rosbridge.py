@@ -5,19 +5,26 @@ import socket
 import threading
 from collections.abc import Iterator
 from contextlib import suppress
+from pathlib import Path
 
 import pytest
 from pydantic import ValidationError
 
 pytest.importorskip("websockets", reason="the library of the extra ros2")
 
+from stadimeter.app.bootstrap import build
+from stadimeter.app.cycle import CycleRecord
+from stadimeter.app.loop import Limits, Loop
 from stadimeter.bases.ros2_base import Ros2Base
 from stadimeter.bases.rosbridge import RosbridgeOptions
+from stadimeter.config.loader import load_configuration
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.command import TwistCommand
+from stadimeter.core.frame import Frame
 from stadimeter.errors import DeviceOpenError, DriverError, LinkLostError, ProtocolError
 from stadimeter.testing.rig import ManualClock, eventually
 from support.rosbridge_server import RosbridgeServer
+from support.simulated_run import SIMULATED_BALL
 from support.tunnel import Tunnel
 
 
@@ -101,6 +108,43 @@ def test_a_stop_is_repeated(bridge: RosbridgeServer, driven: list[tuple[float, f
     eventually(lambda: len(driven) == 5)
     assert driven[2:] == [(0.0, 0.0)] * 3
     base.close()
+
+
+def test_a_battery_is_reported_until_its_robot_says_nothing_of_it_any_more(bridge: RosbridgeServer) -> None:
+    clock = ManualClock()
+    base = base_at(bridge.url, clock, battery_topic="/battery_state")
+    base.open()
+    assert base.report() is None
+    eventually(lambda: bridge.subscribed == {"/battery_state": "sensor_msgs/msg/BatteryState"})
+    bridge.say({"op": "publish", "topic": "/battery_state", "msg": {"voltage": 11.5}})
+    eventually(lambda: base.tick(clock.now_s()) or base.report())
+    assert base.report().battery_v == 11.5
+    clock.advance_s(31.0)
+    assert base.report() is None
+    base.close()
+
+
+def test_a_run_publishes_where_its_target_is_while_it_sees_it(bridge: RosbridgeServer, tmp_path: Path) -> None:
+    path = tmp_path / "robot.toml"
+    path.write_text(
+        SIMULATED_BALL + f'[base]\ndriver = "ros2-rosbridge"\nurl = "{bridge.url}"\npose_topic = "/target_pose"\n'
+        '[rules.follow]\nactuator = "base"\nfollow = { distance = "1 m", max_speed = "0.1 m/s" }\n[world]\n'
+    )
+    loop = Loop(build(load_configuration(path), speed=None))
+    world = loop.parts.shared.parts["world"]
+    seen = []
+
+    def listen(record: CycleRecord, frame: Frame | None) -> None:
+        world.faults.target_hidden = record.observation.now_s > 2.0
+        seen.extend(each for each in record.decision.tracks if frame and each.measured_at_s == frame.captured_at_s)
+
+    loop.listeners.append(listen)
+    loop.run(Limits(seconds=4.0))
+    poses = [fields["pose"]["pose"]["position"] for fields in bridge.poses]
+    assert 30 < len(poses) == len(seen)
+    for pose, track in zip(poses, seen, strict=True):
+        assert math.dist(pose.values(), (0, 0, 0)) == pytest.approx(track.distance_m)
+        assert math.atan2(-pose["y"], pose["x"]) == pytest.approx(track.bearing_rad)
 
 
 def test_what_rosbridge_refuses_is_an_error(bridge: RosbridgeServer) -> None:
@@ -187,6 +231,8 @@ def test_a_port_where_something_else_listens_is_no_rosbridge() -> None:
         {"message": "Pose"},
         {"max_linear": "-1 m/s"},
         {"port": "/dev/ttyUSB0"},
+        {"pose_topic": "no topic"},
+        {"pose_bearing_sigma": "0 deg"},
     ],
 )
 def test_a_table_that_cannot_be_meant_is_refused(table: dict[str, str]) -> None:

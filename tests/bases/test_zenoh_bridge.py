@@ -11,7 +11,9 @@ pytest.importorskip("rosbags", reason="an independent decoder of CDR, of the gro
 from stadimeter.bases.ros2_base import Ros2Base
 from stadimeter.bases.zenoh_bridge import ZenohOptions
 from stadimeter.config.plugins import DriverContext
+from stadimeter.core.base_report import BaseReport
 from stadimeter.core.command import TwistCommand
+from stadimeter.core.track import Track
 from stadimeter.errors import DeviceOpenError, LinkLostError, ProtocolError
 from stadimeter.testing.rig import ManualClock, eventually
 from support.zenoh_robot import ZenohRobot
@@ -91,6 +93,21 @@ def test_a_bridge_that_ends_is_a_lost_link_and_cannot_be_opened(robot: ZenohRobo
     base.close()
     with pytest.raises(DeviceOpenError, match="no Zenoh answers"):
         base.open()
+
+
+def test_poses_of_targets_and_the_battery_go_over_the_same_session(robot: ZenohRobot) -> None:
+    base = base_at(robot.endpoint, pose_topic="/target_pose", battery_topic="/battery_state", pose_target="ball")
+    base.open()
+    base.show_target(Track(target="ball", distance_m=2.0, sigma_m=0.1, bearing_rad=0.0, elevation_rad=0.0))
+    base.show_target(Track(target="post", distance_m=3.0, sigma_m=0.1, bearing_rad=0.0, elevation_rad=0.0))
+    base.show_target(Track(target="ball"))
+    eventually(lambda: robot.poses)
+    robot.say_battery(11.5)
+    eventually(lambda: base.tick(1.0) or base.report())
+    assert base.report() == BaseReport(at_s=1.0, battery_v=11.5)
+    base.close()
+    (pose,) = robot.poses
+    assert (pose.header.frame_id, pose.pose.pose.position.x) == ("camera_link", 2.0)
 
 
 @pytest.mark.parametrize("table", [{"endpoint": "robot.local"}, {"topic": "/cmd_vel/"}, {"message": "twist"}])

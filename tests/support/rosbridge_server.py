@@ -24,12 +24,17 @@ class RosbridgeServer:
         takes: What the robot subscribes with; an empty string for no subscriber.
         has_rosapi: Whether rosapi runs beside it.
         heard: What the robot has got: messages of its own type.
+        poses: The poses of targets that were published after their topic was advertised.
+        subscribed: The topics that were subscribed to, and their types.
     """
 
     def __init__(self, drive: Callable[[float, float], None], takes: str = "Twist") -> None:
         self.takes = takes
         self.has_rosapi = True
         self.heard: list[dict[str, Any]] = []
+        self.poses: list[dict[str, Any]] = []
+        self.subscribed: dict[str, str] = {}
+        self._advertised: dict[str, str] = {}
         self._drive = drive
         self._connections: set[ServerConnection] = set()
         self._server: Server | None = None
@@ -81,6 +86,14 @@ class RosbridgeServer:
                 values = self._answer(service, topic)
                 answer = {"op": "service_response", "id": name, "service": service, "values": values}
                 connection.send(json.dumps(answer | {"result": self.has_rosapi}))
+            case {"op": "advertise", "topic": topic, "type": name}:
+                self._advertised[topic] = name
+            case {"op": "subscribe", "topic": topic, "type": name}:
+                self.subscribed[topic] = name
+            case {"op": "publish", "topic": topic, "msg": fields} if (
+                self._advertised.get(topic) == "geometry_msgs/msg/PoseWithCovarianceStamped"
+            ):
+                self.poses.append(fields)
             case {"op": "publish", "topic": "/cmd_vel", "msg": fields} if ("header" in fields) == (
                 self.takes == "TwistStamped"
             ):

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import zenoh
 from rosbags.typesys import Stores, get_typestore
 
@@ -13,15 +15,27 @@ from support.broker import free_port
 STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
+def battery_state(voltage: float, frame_id: str = "battery") -> Any:
+    """Return the state of a battery of which little more than the voltage is known."""
+    types = STORE.types
+    header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](0, 0), frame_id)
+    unknown = [math.nan] * 6
+    nothing = np.array([], np.float32)
+    states = (0, 0, 0, True)
+    return types["sensor_msgs/msg/BatteryState"](header, voltage, *unknown, *states, nothing, nothing, "", "")
+
+
 class ZenohRobot:
     """The bridge of a robot that takes ``/cmd_vel``, and decodes it with an independent library.
 
     Attributes:
         heard: The messages that the robot has got.
+        poses: The poses of targets that something on the robot has got, on ``/target_pose``.
     """
 
     def __init__(self, drive: Callable[[float, float], None], takes: str = "Twist", topic: str = "cmd_vel") -> None:
         self.heard: list[Any] = []
+        self.poses: list[Any] = []
         self._drive = drive
         self._takes = takes
         self._topic = topic
@@ -47,7 +61,13 @@ class ZenohRobot:
         config.insert_json5("listen/endpoints", f'["{self.endpoint}"]')
         config.insert_json5("scouting/multicast/enabled", "false")
         self._session = zenoh.open(config)
+        self._session.declare_subscriber("target_pose", self._take_pose)
         self.subscribe()
+
+    def say_battery(self, voltage: float) -> None:
+        """Publish the state of the battery."""
+        message = battery_state(voltage)
+        self._session.put("battery_state", bytes(STORE.serialize_cdr(message, message.__msgtype__)))
 
     def subscribe(self) -> None:
         """Let the robot's base begin: it subscribes, and the bridge declares a token for that."""
@@ -66,6 +86,11 @@ class ZenohRobot:
         if self._session:
             self._session.close()
             self._session = None
+
+    def _take_pose(self, sample: Any) -> None:
+        self.poses.append(
+            STORE.deserialize_cdr(sample.payload.to_bytes(), "geometry_msgs/msg/PoseWithCovarianceStamped")
+        )
 
     def _take(self, sample: Any) -> None:
         message = STORE.deserialize_cdr(sample.payload.to_bytes(), f"geometry_msgs/msg/{self._takes}")

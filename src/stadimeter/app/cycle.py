@@ -24,6 +24,7 @@ from stadimeter.core.measurement import Measurement
 from stadimeter.core.observation import FrameStamp, Observation, OutputFault, WallTime
 from stadimeter.core.operator import AnyCommand
 from stadimeter.core.safety import FROM_THE_FUTURE_S
+from stadimeter.core.track import Track
 from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import DriverError
 from stadimeter.perception.perceiver import Perceiver
@@ -122,6 +123,8 @@ class Cycle:
         state, decision = decide(state, observation)
         watch.lap("decide")
         applied = self._applied(decision.commands)
+        if frame:
+            self._show_targets(decision.tracks, frame.captured_at_s)
         watch.lap("apply")
         record = CycleRecord(
             observation=observation,
@@ -172,6 +175,12 @@ class Cycle:
     def _applied(self, commands: Sequence[Command]) -> tuple[Command, ...]:
         applied = (output.apply(command) for output, command in zip(self.outputs, commands, strict=True))
         return tuple(command for command in applied if command is not None)
+
+    def _show_targets(self, tracks: Sequence[Track], captured_at_s: float) -> None:
+        """Pass on what the new frame has shown, and nothing that is only predicted."""
+        shown = [track for track in tracks if track.measured_at_s == captured_at_s]
+        for output in self.outputs:
+            output.show_targets(shown)
 
 
 class CycleRecord(Struct, frozen=True, kw_only=True):

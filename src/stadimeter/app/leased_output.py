@@ -14,13 +14,14 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, Protocol
 
 from stadimeter.core.base_report import BaseReport
 from stadimeter.core.clock import Clock, TaskEndedError
 from stadimeter.core.command import Command
+from stadimeter.core.track import Track
 from stadimeter.errors import DriverError
 
 # A stop waits this long for a driver that is busy in another thread.
@@ -149,6 +150,19 @@ class LeasedOutput:
             except DriverError as error:
                 self._fail(error)
                 return None
+
+    def show_targets(self, tracks: Iterable[Track]) -> None:
+        """Pass on the targets that the newest frame has shown, where the driver wants them."""
+        show: Callable[[Track], None] | None = getattr(self._driver, "show_target", None)
+        if show is None:
+            return
+        with self._lock:
+            try:
+                for track in tracks:
+                    if not self.fault and not self._retired:
+                        show(track)
+            except DriverError as error:
+                self._fail(error)
 
     def _send(self) -> Command:
         before = self._times_made_safe

@@ -9,6 +9,7 @@ from msgspec import Struct
 
 from stadimeter.core.base_report import BaseReport
 from stadimeter.core.command import TwistCommand
+from stadimeter.core.track import Track
 
 
 class MobileBase(Protocol):
@@ -63,6 +64,17 @@ class MobileBase(Protocol):
 
         Raises:
             LinkLostError: The stop could not be sent; the port is released all the same.
+        """
+
+
+class ShowsTargets(Protocol):
+    """A base whose other side wants to know where targets are, such as a robot that runs ROS 2."""
+
+    def show_target(self, track: Track) -> None:
+        """Pass on a target that the newest frame has shown.
+
+        Raises:
+            LinkLostError: The base no longer answers.
         """
 
 

@@ -10,6 +10,7 @@ stands for ever under a driver that sends ``Twist``. So the other side is asked 
 from __future__ import annotations
 
 import math
+import time
 from typing import Annotated, ClassVar, Protocol
 
 from msgspec.structs import replace
@@ -17,16 +18,22 @@ from pydantic import Field
 
 from stadimeter.bases.acknowledgements import Unacknowledged
 from stadimeter.bases.differential_drive import Motion
-from stadimeter.bases.ros2_messages import MessageName
+from stadimeter.bases.ros2_messages import MessageName, TargetPose, target_pose
 from stadimeter.config.extras import missing
 from stadimeter.config.plugins import DriverContext, DriverOptions
-from stadimeter.config.units import Duration, Speed, TurnRate
+from stadimeter.config.units import Angle, Duration, Speed, TurnRate
 from stadimeter.core.base_report import BaseReport
 from stadimeter.core.command import TwistCommand
+from stadimeter.core.track import Track
 from stadimeter.errors import DeviceClosedError
 
 # Nothing says that a stop arrived.
 _STOPS = 3
+
+# A voltage older than this is not known any more. Robots report it every second, or every ten.
+_BATTERY_WITHIN_S = 30.0
+
+TopicName = Annotated[str, Field(pattern=r"^/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*$")]
 
 _STANDING = Motion(linear_mps=0.0, angular_radps=0.0)
 
@@ -45,6 +52,12 @@ class VelocityLink(Protocol):
 
     def send(self, motion: Motion) -> None:
         """Send a message; `LinkLostError` if it cannot be sent."""
+
+    def show(self, pose: TargetPose) -> None:
+        """Send the pose of a target; `LinkLostError` if it cannot be sent."""
+
+    def battery_v(self) -> float | None:
+        """Return the voltage that has come since this was last asked, if any. Never waits."""
 
     def check(self) -> None:
         """Read what the other side has sent. Never waits.
@@ -72,12 +85,22 @@ class Ros2BaseOptions(DriverOptions):
         'and write auto_stop = "500 ms"'
     )
 
-    topic: Annotated[str, Field(pattern=r"^/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*$")] = "/cmd_vel"
+    topic: TopicName = "/cmd_vel"
     """Where the robot takes its speeds."""
     message: Annotated[MessageName, Field(examples=["TwistStamped"])] = "Twist"
     """What it takes: ``TwistStamped`` in most robots since ROS 2 Jazzy."""
     frame_id: str = "base_link"
     """The frame of reference that a ``TwistStamped`` names."""
+    pose_topic: TopicName | None = None
+    """Where targets are published, as ``PoseWithCovarianceStamped``; None for nowhere."""
+    pose_target: str = ""
+    """The one target that is published; empty for each."""
+    pose_frame_id: str = "camera_link"
+    """The frame of reference of the camera: ahead, to the left, upwards (REP 103)."""
+    pose_bearing_sigma: Annotated[Angle, Field(gt=0)] = math.radians(0.5)
+    """Standard deviation of the direction of a target. Nothing measures it: it is how well the camera is mounted."""
+    battery_topic: TopicName | None = None
+    """Where the robot publishes its ``BatteryState``; None for nowhere."""
     max_linear: Speed = 0.5
     """No faster speed forwards or backwards is sent."""
     max_angular: TurnRate = 2.0
@@ -110,6 +133,7 @@ class Ros2Base:
         self._context = context
         self._link: VelocityLink | None = None
         self._awaited = Unacknowledged(context.clock.now_s(), streams=False, stops=_STOPS)
+        self._report: BaseReport | None = None
 
     def open(self) -> None:
         """Connect, check the type of message, and stop the robot. Does nothing when open."""
@@ -137,18 +161,30 @@ class Ros2Base:
         link.send(motion)
         return replace(command, linear_mps=motion.linear_mps, angular_radps=motion.angular_radps)
 
+    def show_target(self, track: Track) -> None:
+        """Publish where a target is, if that is wanted."""
+        if self._options.pose_topic is None or self._options.pose_target not in ("", track.target):
+            return
+        age_s = self._context.clock.now_s() - (track.as_of_s or 0.0)
+        if pose := target_pose(track, time.time() - age_s, self._options.pose_bearing_sigma):
+            self._opened().show(pose)
+
     def tick(self, now_s: float) -> None:
         """Look after the link, and repeat a stop."""
         link = self._opened()
         link.check()
+        if (battery_v := link.battery_v()) is not None:
+            self._report = BaseReport(at_s=now_s, battery_v=battery_v)
         if self._awaited.stop_is_overdue(now_s):
             self._awaited.repeating()
             self._awaited.sent(now_s, stop=True)
             link.send(_STANDING)
 
     def report(self) -> BaseReport | None:
-        """Return None: nothing is subscribed to."""
-        return None
+        """Return the voltage of the battery; None where it is not published, or was not for long."""
+        if self._report and self._context.clock.now_s() - self._report.at_s > _BATTERY_WITHIN_S:
+            self._report = None
+        return self._report
 
     def stop(self) -> None:
         """Stand still at once. Does nothing when closed."""

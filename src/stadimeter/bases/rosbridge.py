@@ -21,7 +21,15 @@ from pydantic import Field
 
 from stadimeter.bases.differential_drive import Motion
 from stadimeter.bases.ros2_base import Ros2BaseOptions
-from stadimeter.bases.ros2_messages import MessageName, type_name, velocity_json
+from stadimeter.bases.ros2_messages import (
+    BATTERY_TYPE,
+    POSE_TYPE,
+    TargetPose,
+    battery_from_json,
+    pose_json,
+    type_name,
+    velocity_json,
+)
 from stadimeter.config.extras import missing
 from stadimeter.errors import DeviceOpenError, DriverUnavailableError, LinkLostError, ProtocolError
 
@@ -37,6 +45,9 @@ _PONG_WITHIN_S = 1.0
 _TAKEN_WITHIN_US = 50_000
 _CONFIRMED_WITHIN_MS = 500
 
+# What websockets 17 raises when its thread finds the connection broken while another thread writes.
+_RACE = AssertionError
+
 
 class RosbridgeOptions(Ros2BaseOptions):
     """The table of such a base in the configuration."""
@@ -49,17 +60,17 @@ class RosbridgeOptions(Ros2BaseOptions):
 
     def link(self) -> RosbridgeLink:
         """Return a link that is not open."""
-        return RosbridgeLink(self.url, self.topic, self.message, self.frame_id)
+        return RosbridgeLink(self)
 
 
 class RosbridgeLink:
     """A web socket to rosbridge."""
 
-    def __init__(self, url: str, topic: str, message: MessageName, frame_id: str) -> None:
-        self._url = url
-        self._topic = "/" + topic.removeprefix("/")
-        self._message = message
-        self._frame_id = frame_id
+    def __init__(self, options: RosbridgeOptions) -> None:
+        self._options = options
+        self._url, self._message = options.url, options.message
+        self._topic = "/" + options.topic.removeprefix("/")
+        self._battery_v: float | None = None
         self._socket: Any = None
 
     def open(self) -> None:
@@ -69,17 +80,33 @@ class RosbridgeLink:
         try:
             self._check_other_side()
             self._say({"op": "advertise", "topic": self._topic, "type": type_name(self._message)})
+            if self._options.pose_topic:
+                self._say({"op": "advertise", "topic": self._options.pose_topic, "type": POSE_TYPE})
+            if self._options.battery_topic:
+                self._say({"op": "subscribe", "topic": self._options.battery_topic, "type": BATTERY_TYPE})
         except LinkLostError as error:
             raise DeviceOpenError(f"the connection was lost while it was opened: {error}") from error
 
     def send(self, motion: Motion) -> None:
         """Send a message."""
-        fields = velocity_json(motion, self._message, self._frame_id)
+        fields = velocity_json(motion, self._message, self._options.frame_id)
         self._say({"op": "publish", "topic": self._topic, "msg": fields})
 
+    def show(self, pose: TargetPose) -> None:
+        """Send the pose of a target."""
+        fields = pose_json(pose, self._options.pose_frame_id)
+        self._say({"op": "publish", "topic": self._options.pose_topic, "msg": fields})
+
+    def battery_v(self) -> float | None:
+        """Return the voltage that `check` has read since this was last asked."""
+        battery_v, self._battery_v = self._battery_v, None
+        return battery_v
+
     def check(self) -> None:
-        """Read what rosbridge has sent. It says something of its own accord only if it refuses something."""
+        """Read what rosbridge has sent: what it refuses, and what was subscribed to."""
         while said := self._read(0):
+            if said.get("op") == "publish" and isinstance(fields := said.get("msg"), dict):
+                self._battery_v = battery_from_json(fields)
             if said.get("op") == "status" and said.get("level") == "error":
                 raise ProtocolError(f"rosbridge at {self._url} refuses {self._topic}: {said.get('msg')}")
 
@@ -105,7 +132,7 @@ class RosbridgeLink:
                 ping_interval=_PINGED_EVERY_S,
                 ping_timeout=_PONG_WITHIN_S,
             )
-        except (OSError, WebSocketException) as error:
+        except (OSError, WebSocketException, _RACE) as error:
             raise DeviceOpenError(
                 f"no rosbridge answers at {self._url}: {error}; is rosbridge_server running on the robot?"
             ) from error
@@ -148,7 +175,7 @@ class RosbridgeLink:
 
         try:
             self._socket.send(json.dumps(operation))
-        except (ConnectionClosed, OSError) as error:
+        except (ConnectionClosed, OSError, _RACE) as error:
             raise self._lost(error) from error
 
     def _read(self, seconds: float) -> dict[str, Any] | None:
@@ -159,7 +186,7 @@ class RosbridgeLink:
             said = json.loads(self._socket.recv(timeout=seconds))
         except TimeoutError:
             return None
-        except (ConnectionClosed, OSError) as error:
+        except (ConnectionClosed, OSError, _RACE) as error:
             raise self._lost(error) from error
         except ValueError as error:
             raise ProtocolError(f"what answers at {self._url} is no rosbridge: {error}") from error

@@ -19,7 +19,7 @@ from pydantic import Field
 
 from stadimeter.bases.differential_drive import Motion
 from stadimeter.bases.ros2_base import Ros2BaseOptions
-from stadimeter.bases.ros2_messages import MessageName, velocity_cdr
+from stadimeter.bases.ros2_messages import TargetPose, battery_from_cdr, pose_cdr, velocity_cdr
 from stadimeter.config.extras import missing
 from stadimeter.errors import DeviceOpenError, DriverUnavailableError, LinkLostError, ProtocolError
 
@@ -41,19 +41,20 @@ class ZenohOptions(Ros2BaseOptions):
 
     def link(self) -> ZenohLink:
         """Return a link that is not open."""
-        return ZenohLink(self.endpoint, self.topic, self.message, self.frame_id)
+        return ZenohLink(self)
 
 
 class ZenohLink:
     """A session with the bridge."""
 
-    def __init__(self, endpoint: str, topic: str, message: MessageName, frame_id: str) -> None:
-        self._endpoint = endpoint
-        self._key = topic.removeprefix("/")
-        self._message = message
-        self._frame_id = frame_id
+    def __init__(self, options: ZenohOptions) -> None:
+        self._options = options
+        self._endpoint, self._message = options.endpoint, options.message
+        self._key = options.topic.removeprefix("/")
+        self._battery_v: float | None = None
         self._session: Any = None
         self._publisher: Any = None
+        self._pose_publisher: Any = None
         # The tokens of subscribers that live; a thread of Zenoh writes it.
         self._subscribers: set[str] = set()
 
@@ -68,11 +69,27 @@ class ZenohLink:
                     self._subscribers.add(str(reply.ok.key_expr))
         self._check_types()
         self._publisher = self._session.declare_publisher(self._key, express=True)
+        if self._options.pose_topic:
+            self._pose_publisher = self._session.declare_publisher(self._options.pose_topic.removeprefix("/"))
+        if self._options.battery_topic:
+            self._session.declare_subscriber(self._options.battery_topic.removeprefix("/"), self._note_battery)
 
     def send(self, motion: Motion) -> None:
         """Send a message, or drop it where the network is full."""
+        self._put(self._publisher, velocity_cdr(motion, self._message, self._options.frame_id))
+
+    def show(self, pose: TargetPose) -> None:
+        """Send the pose of a target, or drop it where the network is full."""
+        self._put(self._pose_publisher, pose_cdr(pose, self._options.pose_frame_id))
+
+    def battery_v(self) -> float | None:
+        """Return the voltage that has come since this was last asked."""
+        battery_v, self._battery_v = self._battery_v, None
+        return battery_v
+
+    def _put(self, publisher: Any, message: bytes) -> None:
         try:
-            self._publisher.put(velocity_cdr(motion, self._message, self._frame_id))
+            publisher.put(message)
         except Exception as error:  # Zenoh's own are of no common type
             raise LinkLostError(f"the session with {self._endpoint} is lost: {error}") from error
 
@@ -91,7 +108,7 @@ class ZenohLink:
         """End the session."""
         if self._session:
             self._session.close()
-            self._session = self._publisher = None
+            self._session = self._publisher = self._pose_publisher = None
 
     def _connect(self) -> Any:
         try:
@@ -109,6 +126,9 @@ class ZenohLink:
             raise DeviceOpenError(
                 f"no Zenoh answers at {self._endpoint}: {error}; is zenoh-bridge-ros2dds running on the robot?"
             ) from error
+
+    def _note_battery(self, sample: Any) -> None:
+        self._battery_v = battery_from_cdr(sample.payload.to_bytes())
 
     def _note(self, sample: Any) -> None:
         """Take in that a subscriber has come or gone."""
