@@ -19,8 +19,8 @@ BLIND_INTERVALS = 128
 # Pictures that come after less than this part of the usual period, on the average, come faster than captured.
 FAST = 0.85
 
-# After a gap as long as the age that stops a robot, a slow drain matters: ffmpeg's catches up at 1.05 times the pace.
-# So the pace is measured for longer, which tells 3 % from a jitter of 10 ms, before what waited counts as dropped.
+# After a gap as long as the age that stops a robot, a long queue that drains slowly matters. So the pace is measured
+# for longer, which tells 3 % from a jitter of 10 ms, before what waited counts as dropped.
 LONG_GAP_S = 0.2
 LONG_SETTLE_S = 1.5
 LONG_FAST = 0.97
@@ -64,11 +64,13 @@ class ArrivalPace:
         is_blind: Whether nothing else would show a lag that builds up. Then the usual period is the shortest mean so
             far, pictures that fall behind it bit by bit count as a gap too, and a slower pace is believed only after
             `SLOWER_AFTER_S`.
+        has_long_queue: Whether many pictures may wait, as in a sender; a device keeps four or so.
     """
 
-    def __init__(self, *, is_blind: bool = False) -> None:
+    def __init__(self, *, is_blind: bool = False, has_long_queue: bool = False) -> None:
         self.is_slower = False
         self._is_blind = is_blind
+        self._has_long_queue = has_long_queue
         self._settle_s, self._fast = (BLIND_SETTLE_S, BLIND_FAST) if is_blind else (SETTLE_S, FAST)
         self._last_at_s = math.nan
         self._usual: deque[tuple[float, int]] = deque(maxlen=BLIND_INTERVALS if is_blind else USUAL_INTERVALS)
@@ -135,7 +137,7 @@ class ArrivalPace:
             return False
         self._longest_gap_s = max(self._longest_gap_s, interval_s)
         settle_s, fast = self._settle_s, self._fast
-        if self._longest_gap_s > LONG_GAP_S:
+        if self._has_long_queue and self._longest_gap_s > LONG_GAP_S:
             settle_s, fast = max(settle_s, LONG_SETTLE_S), LONG_FAST
         recent = self._last(settle_s, USUAL_INTERVALS if self._is_blind else PICTURES_NEEDED)
         if recent is not None and self._is_blind:

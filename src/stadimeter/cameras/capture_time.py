@@ -77,7 +77,8 @@ class StreamTime:
     def __init__(self, latency_s: float = 0.0) -> None:
         self._latency_s = latency_s
         self._last_captured_s = -math.inf
-        self._pace, self._blind_pace = ArrivalPace(), ArrivalPace(is_blind=True)
+        self._pace = ArrivalPace(has_long_queue=True)
+        self._blind_pace = ArrivalPace(is_blind=True, has_long_queue=True)
         self._has_clock = False
         self.why_late = ""
         self.restart()

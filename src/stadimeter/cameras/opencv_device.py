@@ -15,7 +15,7 @@ os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")
 import cv2
 import numpy as np
 
-from stadimeter.cameras.arrival_pace import ArrivalPace
+from stadimeter.cameras.arrival_pace import BLIND_SETTLE_S, ArrivalPace
 from stadimeter.cameras.capture_time import DriverStamp, KernelTime, StreamTime
 from stadimeter.cameras.live_camera import CapturedPicture, LiveCamera
 from stadimeter.cameras.opencv_settings import (
@@ -188,7 +188,8 @@ class OpenCvCamera(LiveCamera):
             elif self._clock.now_s() - grab_began_s < 0.5 * min(DEVICE_WAIT_S, self._options.read_timeout):
                 raise LinkLostError(self._loss())
             waited_s = self._clock.now_s() - began_s
-            if waited_s >= limit_s:
+            # Opening a stream anew leaves behind what a sender kept, but takes longer than a pace does to be believed.
+            if waited_s >= limit_s + (BLIND_SETTLE_S if passed_over["late"] else 0.0):
                 raise CaptureTimeoutError(
                     f"the camera {self._name} gave no whole picture for {waited_s:.1f} s{self._in_words(passed_over)}"
                 )
