@@ -9,6 +9,7 @@ from stadimeter.config.plugins import DriverContext
 from stadimeter.core.command import LevelCommand
 from stadimeter.gpio.output_pin import SHARED_KEY
 from stadimeter.testing.rig import ManualClock
+from support.each_case import each_case
 
 
 def make(context: DriverContext, **options: object) -> GpiozeroBuzzer:
@@ -100,7 +101,7 @@ def test_a_buzzer_needs_no_pulses(clock: ManualClock) -> None:
     assert factory.pin(23).state is True
 
 
-@pytest.mark.parametrize(
+@each_case(
     "wrong",
     [
         {"beep": "10 ms"},
@@ -110,7 +111,6 @@ def test_a_buzzer_needs_no_pulses(clock: ManualClock) -> None:
         {"slowest": 1.0},
         {"pin": True},
     ],
-    ids=str,
 )
 def test_beeps_that_could_not_be_told_apart_are_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(ValidationError):

@@ -10,6 +10,7 @@ from stadimeter.actuators.vibration_motor import DutySteps, GpiozeroVibrationMot
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.command import LevelCommand
 from stadimeter.testing.rig import ManualClock
+from support.each_case import each_case
 
 
 def make(context: DriverContext, **options: object) -> GpiozeroVibrationMotor:
@@ -26,9 +27,7 @@ def states(factory: MockFactory) -> list[float]:
     return [state for _, state in factory.pin(18).states]
 
 
-@pytest.mark.parametrize(
-    ("level", "percent"), [(0.0, 0), (1e-9, 40), (0.02, 40), (0.25, 54), (0.5, 70), (0.99, 99), (1.0, 100)]
-)
+@each_case(("level", "percent"), [(0.0, 0), (1e-9, 40), (0.02, 40), (0.25, 54), (0.5, 70), (0.99, 99), (1.0, 100)])
 def test_levels_above_zero_are_spread_over_the_duties_from_the_weakest_to_full(level: float, percent: int) -> None:
     assert DutySteps(0.4).percent(level) == percent
 
@@ -113,7 +112,7 @@ def test_the_frequency_is_the_configured_one(context: DriverContext, factory: Mo
     assert factory.pin(18).frequency is None
 
 
-@pytest.mark.parametrize(
+@each_case(
     "wrong",
     [
         {"frequency": "20 kHz"},
@@ -126,7 +125,6 @@ def test_the_frequency_is_the_configured_one(context: DriverContext, factory: Mo
         {"pin": "18"},
         {"power": 1},
     ],
-    ids=str,
 )
 def test_options_that_no_motor_could_follow_are_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(ValidationError):

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from stadimeter.app.control.messages import ARGS, Reply, operator_command, parse_request, transaction_of
 from stadimeter.errors import ControlError
 from stadimeter.operator_actions import OperatorAction
+from support.each_case import each_case
 
 ANYTHING = st.recursive(
     st.none() | st.booleans() | st.floats() | st.integers() | st.text() | st.sampled_from([*ARGS, "rule", "op"]),
@@ -30,7 +31,7 @@ def test_any_bytes_are_a_request_or_are_refused_in_words(line):
         assert request.transaction == transaction
 
 
-@pytest.mark.parametrize("op", sorted({*ARGS} - {"hold-output", "record"}))
+@each_case("op", sorted({*ARGS} - {"hold-output", "record"}))
 def test_an_operation_needs_no_more_than_its_name(op):
     assert parse_request(json.dumps({"op": op}).encode()).op == op
 

@@ -6,6 +6,7 @@ import pytest
 
 from stadimeter.app.freeze import MAX_REMEMBERED, FreezeDetector
 from stadimeter.core.frame import Frame
+from support.each_case import each_case
 
 
 def frame(captured_at_s: float, image: np.ndarray) -> Frame:
@@ -92,8 +93,8 @@ def numbered(number: int, height_px: int = 48) -> np.ndarray:
     return np.random.default_rng(number).integers(0, 256, (height_px, 64, 3), dtype=np.uint8)
 
 
-@pytest.mark.parametrize("rate_hz", [5, 30, 60])
-@pytest.mark.parametrize("cycle_s", [0.2, 1.0, 20.0])
+@each_case("rate_hz", [5, 30, 60])
+@each_case("cycle_s", [0.2, 1.0, 20.0])
 def test_old_pictures_that_come_again_in_turn_are_not_new(cycle_s: float, rate_hz: int) -> None:
     freeze, count = FreezeDetector(), max(2, round(cycle_s * rate_hz))
     new = [freeze.is_new(frame(at / rate_hz, numbered(at % count)), at / rate_hz) for at in range(3 * count + 1)]

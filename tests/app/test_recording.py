@@ -31,6 +31,7 @@ from stadimeter.errors import DriverUnavailableError, JournalError
 from stadimeter.ranging.ball import BallShape
 from stadimeter.workbench.replay.recording_reader import read_mcap
 from stadimeter.workbench.replay.replay import read_recording
+from support.each_case import each_case
 from support.observing import Rehearsal
 from support.recordings import records_of
 from support.replaying import replay
@@ -158,7 +159,7 @@ def check(value, schema):
             check(part, schema["items"])
 
 
-@pytest.mark.parametrize("schema", [*SCHEMAS.values(), plain(cycle_schema())], ids=[*SCHEMAS, "stadimeter.Cycle"])
+@each_case("schema", [*SCHEMAS.values(), plain(cycle_schema())], ids=[*SCHEMAS, "stadimeter.Cycle"])
 def test_schemas_are_as_plain_as_every_viewer_takes_them(schema):
     def look(part):
         assert part["type"] in {"object", "array", "string", "integer", "number", "boolean"}

@@ -19,6 +19,7 @@ from stadimeter.core.decision import Decision, Event, EventKind, RuleStatus, Rul
 from stadimeter.core.message import Message
 from stadimeter.core.rule import AlarmRule, EscalationStep, Rule, Send, Template
 from stadimeter.core.track import Track, TrackStatus
+from support.each_case import each_case
 
 NOON = "2026-06-01T12:00:00.000+00:00"
 LATER = "2026-06-01T12:00:07.000+00:00"
@@ -143,7 +144,7 @@ def test_a_change_of_status_is_told_at_once() -> None:
     assert [payload["seq"] for payload in listener.payloads] == [0, 1, 2, 3]
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("moved", "is_told"),
     [
         (ball(distance_m=2.009), False),
@@ -257,7 +258,7 @@ def test_an_alarm_is_an_event_that_is_never_retained_and_has_an_id_of_its_own() 
     )
 
 
-@pytest.mark.parametrize("kind", list(EventKind))
+@each_case("kind", list(EventKind))
 def test_every_kind_of_event_is_told(kind: EventKind) -> None:
     (message,) = Listener().decided(decision(events=[happened(kind, source="it")]))
     payload = json.loads(message.payload)

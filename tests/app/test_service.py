@@ -27,6 +27,7 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CaptureTimeoutError
 from stadimeter.testing.rig import ManualClock
+from support.each_case import each_case
 from support.simulated_run import SIMULATED_BALL
 
 
@@ -173,7 +174,7 @@ def test_a_driver_that_hangs_is_given_less_time(system: System, seen: tuple[Cycl
         rig.run(3.0, has_frame=False)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("failed", "pause", "hung_s", "silent_s"),
     [
         (0, 0, 30, 300),

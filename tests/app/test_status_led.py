@@ -20,6 +20,7 @@ from stadimeter.core.observation import Observation, OutputFault
 from stadimeter.core.track import Track, TrackStatus
 from stadimeter.testing.rig import ManualClock
 from stadimeter.testing.wires import WatchedPins
+from support.each_case import each_case
 from support.simulated_run import SIMULATED_BALL
 
 PIN = 17
@@ -42,7 +43,7 @@ GONE = {"safety": SafetyMode.STALE, "camera_fault": "unplugged", "safety_reason"
 BROKEN = (OutputFault(output="motor", reason="unplugged"),)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("known", "status"),
     [
         ({}, Status.WATCHING),

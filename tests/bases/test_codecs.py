@@ -17,6 +17,7 @@ from stadimeter.bases.ros_arduino_base import FRAME_S, RosArduinoCodec
 from stadimeter.bases.serial_codec import BaseMessage, SerialCodec
 from stadimeter.bases.waveshare_ugv import WaveshareUgvCodec
 from support.base_vectors import vectors, wire
+from support.each_case import each_case
 
 
 def wheels(left_mps: float, right_mps: float) -> WheelSpeeds:
@@ -125,12 +126,12 @@ def test_every_vector_of_these_protocols_is_tried() -> None:
     assert HEARD.keys() == heard
 
 
-@pytest.mark.parametrize(("protocol", "name"), SENT)
+@each_case(("protocol", "name"), SENT)
 def test_a_command_is_these_bytes_exactly(protocol: str, name: str) -> None:
     assert SENT[protocol, name](CODECS[protocol]()) == wire(protocol, name)
 
 
-@pytest.mark.parametrize(("protocol", "name"), HEARD)
+@each_case(("protocol", "name"), HEARD)
 def test_these_bytes_mean_this(protocol: str, name: str) -> None:
     assert CODECS[protocol]().feed(wire(protocol, name)) == HEARD[protocol, name]
 
@@ -144,8 +145,8 @@ def test_bytes_that_are_no_frame_mean_nothing_and_are_counted(protocol: str, nam
     assert codec.dropped_bytes
 
 
-@pytest.mark.parametrize("protocol", CODECS)
-@pytest.mark.parametrize("speed_mps", [-1.7, -0.3, 0.0, 1e-9, 0.31, 2.0])
+@each_case("protocol", CODECS)
+@each_case("speed_mps", [-1.7, -0.3, 0.0, 1e-9, 0.31, 2.0])
 def test_frames_that_must_never_be_sent_are_not(protocol: str, speed_mps: float) -> None:
     codec = CODECS[protocol]()
     never = [wire(protocol, name) for name in vectors(protocol, "tx", valid=False)]

@@ -15,6 +15,7 @@ from stadimeter.core.command import TwistCommand
 from stadimeter.errors import DeviceOpenError, LinkLostError
 from stadimeter.testing.rig import ManualClock
 from stadimeter.testing.wires import WatchedPins
+from support.each_case import each_case
 
 LEFT = {"forward": 17, "backward": 27, "pwm": 12}
 RIGHT = {"forward": 23, "backward": 24, "pwm": 13}
@@ -140,8 +141,8 @@ def test_a_motor_with_a_direction_pin_is_not_driven_to_brake_it() -> None:
     assert bench.levels(17, 12, 23, 13) == [0.0] * 4
 
 
-@pytest.mark.parametrize("dead", PINS)
-@pytest.mark.parametrize("begins", ["drive", "stop", "close"])
+@each_case("dead", PINS)
+@each_case("begins", ["drive", "stop", "close"])
 def test_when_one_pin_fails_no_other_stays_high(dead: int, begins: str) -> None:
     bench = Bench(enable=25)
     bench.drive(0.4)
@@ -183,7 +184,7 @@ def test_a_pin_that_another_program_holds_leaves_none_taken() -> None:
     assert not pins.is_held()
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("changed", "words"),
     [
         ({"left": {"forward": 17}}, "forward is named; a motor needs"),

@@ -15,6 +15,7 @@ from stadimeter.errors import DeviceOpenError, LinkLostError
 from stadimeter.simulation.pca9685_chip import EmulatedPca9685, EmulatedPca9685Options
 from stadimeter.simulation.world import World, WorldOptions
 from stadimeter.testing.rig import ManualClock
+from support.each_case import each_case
 
 MODE1, SLEEP, ALLCALL = 0x00, 0x10, 0x01
 
@@ -176,7 +177,7 @@ def test_the_frequency_is_that_of_the_data_sheet(frequency: str, prescale: int) 
     assert bench.bus.chip.registers[0xFE] == prescale
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("changed", "words"),
     [
         ({}, "name a board"),

@@ -18,6 +18,7 @@ from stadimeter.errors import DeviceOpenError, LinkLostError, ProtocolError
 from stadimeter.simulation.roboclaw_firmware import RoboclawFirmware
 from support.base_bench import BaseBench, base_bench, opened
 from support.base_vectors import vectors, wire
+from support.each_case import each_case
 
 ROBOCLAW = "roboclaw_packet_serial"
 ENCODERS = {"wheel_diameter": "65 mm", "ticks_per_turn": 1440, "track_width": "16 cm"}
@@ -50,7 +51,7 @@ SENT = {
 }
 
 
-@pytest.mark.parametrize("name", vectors(ROBOCLAW, "tx"))
+@each_case("name", vectors(ROBOCLAW, "tx"))
 def test_a_command_is_these_bytes_exactly(name: str) -> None:
     assert SENT[name] == wire(ROBOCLAW, name)
 
@@ -80,7 +81,7 @@ def test_the_emulated_board_answers_with_encoders_as_in_the_vectors() -> None:
     assert board.receive(wire(ROBOCLAW, "read_encoders"), 0.0) == wire(ROBOCLAW, "encoders")
 
 
-@pytest.mark.parametrize("spoiled", range(8))
+@each_case("spoiled", range(8))
 def test_the_emulated_board_passes_over_a_command_with_a_wrong_bit(spoiled: int) -> None:
     board = RoboclawFirmware()
     frame = bytearray(wire(ROBOCLAW, "duty_50_50"))
@@ -105,7 +106,7 @@ def test_an_answer_behind_garbage_is_found(data: bytes) -> None:
     assert asked.dropped_bytes == len(data)
 
 
-@pytest.mark.parametrize("spoiled", range(10))
+@each_case("spoiled", range(10))
 def test_an_answer_with_a_wrong_bit_is_none(spoiled: int) -> None:
     asked = codec()
     asked.note_sent(asked.ask(78))
@@ -136,8 +137,8 @@ def test_a_lost_answer_holds_up_the_others_for_a_few_frames_only() -> None:
     assert heard[-1:] == [DONE]
 
 
-@pytest.mark.parametrize("is_old", [False, True])
-@pytest.mark.parametrize(
+@each_case("is_old", [False, True])
+@each_case(
     ("names", "bits"),
     [((), (0, 0)), (("emergency stop",), (1, 4)), (("too hot",), (2, 8)), ((), (0x03FF0000, 0xFC03))],
 )
@@ -180,8 +181,8 @@ def test_noise_hides_no_answer_for_ever(noise: bytes) -> None:
     assert heard[-1].battery_v == 12.0
 
 
-@pytest.mark.parametrize("address", range(0x80, 0x88))
-@pytest.mark.parametrize("size", range(13))
+@each_case("address", range(0x80, 0x88))
+@each_case("size", range(13))
 def test_a_stop_behind_any_part_of_a_frame_stops(address: int, size: int) -> None:
     """It comes at once, while the board still takes bytes for the rest of what was cut short."""
     board, sender = RoboclawFirmware(ticks_per_metre=10000), codec(address=address)
@@ -295,7 +296,7 @@ def test_half_an_answer_and_then_silence_is_a_lost_link(bench: BaseBench, base: 
         bench.drive(base, 0.3)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("table", "message"),
     [
         (ENCODERS | DUTY, "or else full_speed"),

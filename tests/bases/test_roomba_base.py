@@ -19,6 +19,7 @@ from stadimeter.simulation.emulated_port import EmulatedPort
 from stadimeter.simulation.roomba_firmware import FULL, OFF, PASSIVE, SAFE, Create1Firmware, RoombaFirmware
 from support.base_bench import BaseBench, base_bench, opened
 from support.base_vectors import vectors, wire
+from support.each_case import each_case
 
 OI = "irobot_oi"
 TABLE = {"track_width": "16 cm"}
@@ -72,7 +73,7 @@ def test_an_encoder_that_wraps_around_counts_on() -> None:
     assert rolled_m[-1] - rolled_m[0] == pytest.approx(-70.0, abs=0.01)
 
 
-@pytest.mark.parametrize("size", range(6))
+@each_case("size", range(6))
 def test_a_stop_behind_any_part_of_a_frame_stops(size: int) -> None:
     robot, sender = started(), RoombaCodec(is_create_1=False)
     moving = sender.encode(WheelSpeeds(left_mps=0.4, right_mps=-0.3)).frame
@@ -81,7 +82,7 @@ def test_a_stop_behind_any_part_of_a_frame_stops(size: int) -> None:
     assert (robot.left.driven_mps, robot.right.driven_mps) == (0.0, 0.0)
 
 
-@pytest.mark.parametrize("size", range(12))
+@each_case("size", range(12))
 def test_the_stop_from_outside_stops_also_behind_half_a_request(size: int) -> None:
     options = RoombaOptions.model_validate({"port": "/dev/ttyUSB0"})
     stop = options.serial_stop()

@@ -23,6 +23,7 @@ from stadimeter.simulation.emulated_base import EmulatedBoard
 from stadimeter.simulation.ros_arduino_firmware import EmulatedRosArduinoOptions
 from stadimeter.simulation.world import World, WorldOptions
 from stadimeter.testing.rig import ManualClock
+from support.each_case import each_case
 
 OPTIONS = {
     "port": "emulated-ros-arduino-bridge",
@@ -378,7 +379,7 @@ def test_a_stop_that_the_port_did_not_take_is_tried_again(bench: Bench, base: Se
     assert bench.stands
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("wrong", "says"),
     [
         ({"max_wheel_speed": "0 m/s"}, "max_wheel_speed is 0"),

@@ -23,6 +23,7 @@ from stadimeter.core.command import TwistCommand
 from stadimeter.core.frame import Frame
 from stadimeter.errors import DeviceOpenError, DriverError, LinkLostError, ProtocolError
 from stadimeter.testing.rig import ManualClock, eventually
+from support.each_case import each_case
 from support.rosbridge_server import RosbridgeServer
 from support.simulated_run import SIMULATED_BALL
 from support.tunnel import Tunnel
@@ -222,7 +223,7 @@ def test_a_port_where_something_else_listens_is_no_rosbridge() -> None:
             base_at(f"ws://127.0.0.1:{server.getsockname()[1]}").open()
 
 
-@pytest.mark.parametrize(
+@each_case(
     "table",
     [
         {"url": "robot.local"},

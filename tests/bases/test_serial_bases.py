@@ -23,6 +23,7 @@ from stadimeter.errors import DeviceOpenError, LinkLostError
 from stadimeter.simulation.emulated_base import EmulatedBoard
 from stadimeter.simulation.world import World, WorldOptions
 from stadimeter.testing.rig import ManualClock
+from support.each_case import each_case
 
 COMMON = {"track_width": "16 cm", "max_wheel_speed": "0.5 m/s"}
 
@@ -412,7 +413,7 @@ def test_a_time_out_that_only_the_opening_sets_is_found_out_by_wheels_that_stop(
     assert bench.speed_mps < 1e-3
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("wrong", "says"),
     [
         ({"drive": "c{left:d},{right:d}"}, "does not end its line"),

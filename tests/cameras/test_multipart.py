@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from stadimeter.cameras.mjpeg_stream import HEAD_MAX_BYTES, PART_MAX_BYTES, Multipart, StreamPart
 from stadimeter.errors import LinkLostError
+from support.each_case import each_case
 
 JPEGS = tuple(
     cv2.imencode(".jpg", np.random.default_rng(seed).integers(0, 256, (40, 56, 3), dtype=np.uint8))[1].tobytes()
@@ -36,9 +37,9 @@ def parts_of(boundary: str, data: bytes, size: int = 1 << 16) -> list[StreamPart
     return found
 
 
-@pytest.mark.parametrize("has_length", [True, False])
-@pytest.mark.parametrize("line_end", [b"\r\n", b"\n"])
-@pytest.mark.parametrize(
+@each_case("has_length", [True, False])
+@each_case("line_end", [b"\r\n", b"\n"])
+@each_case(
     ("boundary", "delimiter"),
     [("frame", b"--frame"), ("--frame", b"--frame"), ("frame", b"frame"), ("", b"--anything"), ("f(x)+", b"--f(x)+")],
 )

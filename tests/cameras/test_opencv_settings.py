@@ -15,6 +15,7 @@ from stadimeter.cameras.opencv_settings import (
     size_differs,
 )
 from stadimeter.testing.rig import ManualClock
+from support.each_case import each_case
 
 if TYPE_CHECKING:
     from conftest import FakeDevice
@@ -86,7 +87,7 @@ def test_the_size_is_judged_by_the_picture() -> None:
     assert "640 × 480" in sentence
 
 
-@pytest.mark.parametrize(
+@each_case(
     "table",
     [
         {"device": -1},
@@ -115,7 +116,7 @@ def test_a_device_is_a_number_a_path_or_an_address(device_option: int | str, is_
     assert OpenCvOptions.model_validate({"device": device_option}).is_stream is is_stream
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("table", "missing"),
     [
         ({"device": 0}, []),

@@ -35,6 +35,7 @@ from stadimeter.errors import (
     LinkLostError,
 )
 from stadimeter.testing.rig import ManualClock, eventually
+from support.each_case import each_case
 from support.picamera2_double import AfMode, AwbMode, Camera, Request, Sensor, frame_image, install
 
 
@@ -479,7 +480,7 @@ def test_a_camera_that_is_not_there_is_answered_with_those_that_are(sensor: Sens
         camera_on(sensor, camera="imx219").open()
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("table", "words"),
     [
         ({"sensor_width_px": 2304}, "sensor_width_px and sensor_height_px go together"),

@@ -11,6 +11,7 @@ import pytest
 
 from stadimeter.cameras.arrival_pace import BLIND_SETTLE_S, LONG_SETTLE_S, USUAL_INTERVALS
 from stadimeter.cameras.capture_time import StreamTime
+from support.each_case import each_case
 
 WAY_S = 0.02
 """How long a picture is on its way when nothing holds it up."""
@@ -60,9 +61,9 @@ STREAMS = [
 KNOWN = ["stamps", "next", "nothing"]
 
 
-@pytest.mark.parametrize("jitter", [0.2, 0.8])
-@pytest.mark.parametrize("known", KNOWN)
-@pytest.mark.parametrize(("period_s", "stall_s", "drain_s", "drops"), STREAMS)
+@each_case("jitter", [0.2, 0.8])
+@each_case("known", KNOWN)
+@each_case(("period_s", "stall_s", "drain_s", "drops"), STREAMS)
 def test_no_picture_of_a_stall_looks_fresh_and_fresh_ones_are_believed_soon(
     period_s: float, stall_s: float, drain_s: float, drops: bool, known: str, jitter: float
 ) -> None:
@@ -130,7 +131,7 @@ LINKS = [
 ]
 
 
-@pytest.mark.parametrize(("share", "period_s", "known"), LINKS)
+@each_case(("share", "period_s", "known"), LINKS)
 def test_no_picture_of_a_link_that_is_too_slow_looks_fresh(share: float, period_s: float, known: str) -> None:
     stream_time = StreamTime(WAY_S)
     fresh = 0
@@ -174,8 +175,8 @@ def test_what_a_sender_kept_while_its_stream_was_opened_again_is_passed_over() -
     assert found_s == arrived_s
 
 
-@pytest.mark.parametrize("step_s", [-3600.0, -5.0, -0.2, -0.01, 0.2, 2.0, 5.0, 3600.0])
-@pytest.mark.parametrize("lag_s", [0.0, 0.5, 3.0])
+@each_case("step_s", [-3600.0, -5.0, -0.2, -0.01, 0.2, 2.0, 5.0, 3600.0])
+@each_case("lag_s", [0.0, 0.5, 3.0])
 def test_a_step_of_the_sender_s_clock_makes_no_old_picture_fresh(step_s: float, lag_s: float) -> None:
     stream_time = StreamTime()
     for number in range(1500):
@@ -239,7 +240,7 @@ def test_a_lag_that_grows_slowly_is_seen_and_two_clocks_that_run_apart_are_not_t
     assert drifted_s == pytest.approx(at_s, abs=0.001)
 
 
-@pytest.mark.parametrize(
+@each_case(
     "stamp_of",
     [
         lambda _: 0.0,

@@ -10,13 +10,14 @@ from hypothesis import strategies as st
 
 from stadimeter.config.addresses import address_for_people, address_in, words_for_people
 from stadimeter.errors import DeviceOpenError
+from support.each_case import each_case
 
 PASSWORD = "hunter2"
 TOKEN = "tok3n"
 ADDRESS = f"rtsp://admin:{PASSWORD}@camera.local:554/live?token={TOKEN}&x=1"
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("address", "shown"),
     [
         (ADDRESS, "rtsp://camera.local:554/live?…"),

@@ -13,6 +13,7 @@ from stadimeter.config.plugins import DETECTORS, load_driver
 from stadimeter.config.schema import configuration_schema
 from stadimeter.config.units import parse_length
 from stadimeter.errors import ConfigError
+from support.each_case import each_case
 
 CONFIGURATION = """
 [camera]
@@ -32,7 +33,7 @@ def configured(tmp_path: Path, size: str) -> Path:
     return file
 
 
-@pytest.mark.parametrize("name", [*PAPER, "a4", " Us Letter", "BUSINESS_CARD"])
+@each_case("name", [*PAPER, "a4", " Us Letter", "BUSINESS_CARD"])
 def test_a_name_in_any_case_gives_both_sides(name: str) -> None:
     width_m, height_m = map(parse_length, paper_sides(name))
     assert 0.03 < min(width_m, height_m) < max(width_m, height_m) < 1

@@ -16,6 +16,7 @@ from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.limits import ClosingCondition
 from stadimeter.core.decision import Severity
+from support.each_case import each_case
 
 
 def rule(text: str) -> core.AnyRule:
@@ -46,7 +47,7 @@ def test_buzzing_below_half_a_metre_is_two_lines() -> None:
     )
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("when", "is_waiting"),
     [
         ('{ below = "1 m" }', False),

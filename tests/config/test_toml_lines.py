@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.config.toml_lines import KeyPath, find_span, key_spans, syntax_error
+from support.each_case import each_case
 
 
 def paths_and_values(value: Any, path: KeyPath = ()) -> Iterator[tuple[KeyPath, Any]]:
@@ -171,7 +172,7 @@ b = 3
 """
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("path", "line", "fragment"),
     [
         (("title",), 2, 'title = "x"'),

@@ -13,6 +13,7 @@ from stadimeter.errors import CaptureTimeoutError, DeviceClosedError, EndOfFrame
 from stadimeter.testing.camera_contract import CameraContract, CameraRig
 from stadimeter.testing.rig import ManualClock
 from support.cameras import NodeDevice, NodeHandle
+from support.each_case import each_case
 
 
 class NodeCamera:
@@ -174,12 +175,12 @@ def rig_of(kind: type[NodeCamera]) -> CameraRig:
     return CameraRig(camera=kind(device, clock), clock=clock, held=lambda: len(device.handles), lose=device.fail)
 
 
-@pytest.mark.parametrize("wrong", MISTAKES, ids=lambda wrong: wrong.__name__)
+@each_case("wrong", MISTAKES)
 def test_a_wrong_camera_fails_the_test_for_its_mistake(wrong: type[NodeCamera]) -> None:
     with pytest.raises((AssertionError, pytest.fail.Exception)):
         getattr(CameraContract(), MISTAKES[wrong])(rig_of(wrong))
 
 
-@pytest.mark.parametrize("test", sorted(set(MISTAKES.values())))
+@each_case("test", sorted(set(MISTAKES.values())))
 def test_a_right_camera_passes_the_same_tests(test: str) -> None:
     getattr(CameraContract(), test)(rig_of(NodeCamera))

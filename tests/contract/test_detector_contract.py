@@ -18,6 +18,7 @@ from stadimeter.detectors.protocol import Detector
 from stadimeter.ranging.ball import BallShape
 from stadimeter.testing.detector_contract import DetectorContract, DetectorRig
 from support.detector_rigs import detector_rig
+from support.each_case import each_case
 
 Lens = CameraModel | None
 
@@ -226,7 +227,7 @@ def run(test: str, make_rig: Callable[[], DetectorRig]) -> None:
         method(**given, **({marks[0].args[0]: value} if marks else {}))
 
 
-@pytest.mark.parametrize("wrong", MISTAKES, ids=lambda wrong: wrong.__name__)
+@each_case("wrong", MISTAKES)
 def test_a_wrong_detector_fails_the_test_for_its_mistake(wrong: type[Wrong]) -> None:
     def make_rig() -> DetectorRig:
         rig = detector_rig("ball")
@@ -236,6 +237,6 @@ def test_a_wrong_detector_fails_the_test_for_its_mistake(wrong: type[Wrong]) -> 
         run(MISTAKES[wrong], make_rig)
 
 
-@pytest.mark.parametrize("test", sorted(set(MISTAKES.values())))
+@each_case("test", sorted(set(MISTAKES.values())))
 def test_a_right_detector_passes_the_same_tests(test: str) -> None:
     run(test, lambda: replace(detector_rig("ball"), detector=Wrong(detector_rig("ball").detector)))

@@ -1,6 +1,5 @@
 """Alarms: when they are raised and cleared, and what they do without their target."""
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
@@ -10,6 +9,7 @@ from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, Lost, LostPolicy, OnDelay
+from support.each_case import each_case
 from support.observing import Rehearsal
 
 NEAR = AlarmRule(
@@ -117,7 +117,7 @@ def test_a_delay_stands_still_while_the_target_is_out_of_sight():
     assert run.events("near") == ["raised"]
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("policy", "before", "expected"),
     [
         (LostPolicy.HOLD, 0.8, ["raised"]),

@@ -15,6 +15,7 @@ from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, Lost, LostPolicy, OnDelay
 from stadimeter.core.rules.explaining import explain
+from support.each_case import each_case
 from support.observing import Rehearsal, measured
 
 NEAR = AlarmRule(
@@ -123,7 +124,7 @@ def test_a_one_shot_shelf_ends_with_the_return_to_normal_however_that_comes(how)
 # Whether an alarm is active: one answer.
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("fields", "before", "expected"),
     [
         ({}, 0.5, True),

@@ -20,6 +20,7 @@ from stadimeter.core.plan import Plan, Tracking
 from stadimeter.core.rule import AlarmRule, OnDelay, RampRule, Severity
 from stadimeter.core.rules.ramp import ramp_level
 from stadimeter.core.track import Track, TrackStatus
+from support.each_case import each_case
 from support.observing import measured
 
 NEAR = DistanceCondition(below_m=0.5, target="ball")
@@ -73,8 +74,8 @@ def test_where_the_noise_is_not_known_apart_all_counts_as_noise():
     assert holds(NEAR, ball(0.55), is_active=True) is False
 
 
-@pytest.mark.parametrize("broken", [math.nan, math.inf, -math.inf])
-@pytest.mark.parametrize(
+@each_case("broken", [math.nan, math.inf, -math.inf])
+@each_case(
     "condition",
     [
         NEAR,
@@ -169,9 +170,9 @@ def turns(condition, distance_m, scale_sigma, seed, severity=Severity.WARNING):
     return count
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("probability", [None, 0.5, 0.7, 0.9])
-@pytest.mark.parametrize("scale_sigma", [0.0, 0.1])
+@each_case("seed", range(3))
+@each_case("probability", [None, 0.5, 0.7, 0.9])
+@each_case("scale_sigma", [0.0, 0.1])
 def test_a_target_that_stands_at_a_limit_does_not_make_an_alarm_chatter(probability, scale_sigma, seed):
     condition = replace(FAR, probability_on=probability)
     # Once at the limit itself, and once where it begins to be likely enough.

@@ -13,6 +13,7 @@ from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import CalibrationError
+from support.each_case import each_case
 
 BARREL = CameraModel(
     width_px=640,
@@ -127,7 +128,7 @@ def test_a_wrong_number_of_coefficients_is_refused(count: int) -> None:
         replace(BARREL, distortion=(0.0,) * count)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("key", "value"),
     [
         ("distortion", (0.1, math.nan, 0.0, 0.0)),

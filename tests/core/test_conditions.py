@@ -17,6 +17,7 @@ from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, SeparationCondition
 from stadimeter.core.observation import WallTime
 from stadimeter.core.track import Track, TrackStatus
+from support.each_case import each_case
 
 MONDAY, TUESDAY, SUNDAY = 0, 1, 6
 HOUR_S = 3600.0
@@ -81,9 +82,9 @@ FIGURES = [
 ]
 
 
-@pytest.mark.parametrize("condition", FIGURES)
-@pytest.mark.parametrize("status", [TrackStatus.LOST, TrackStatus.SEARCHING])
-@pytest.mark.parametrize("is_active", [True, False])
+@each_case("condition", FIGURES)
+@each_case("status", [TrackStatus.LOST, TrackStatus.SEARCHING])
+@each_case("is_active", [True, False])
 def test_without_the_target_nothing_is_known(condition, status, is_active):
     tracks = track(0.5, status=status, reason="no blob"), track(target="tag")
     assert holds(condition, *tracks, is_active=is_active) is None
@@ -91,8 +92,8 @@ def test_without_the_target_nothing_is_known(condition, status, is_active):
     assert judge(condition, inputs(*tracks), (), is_active=is_active).rest is not None
 
 
-@pytest.mark.parametrize("condition", FIGURES)
-@pytest.mark.parametrize("broken", [math.nan, math.inf, None])
+@each_case("condition", FIGURES)
+@each_case("broken", [math.nan, math.inf, None])
 def test_a_figure_that_is_not_finite_is_not_known_either(condition, broken):
     figures = {"closing_mps": broken, "bearing_rad": broken, "elevation_rad": broken}
     assert holds(condition, track(broken, **figures), track(target="tag")) is None

@@ -3,7 +3,6 @@
 import itertools
 import math
 
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -21,6 +20,7 @@ from stadimeter.core.conditions.discrete import PresenceCondition, RuleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.track import Track, TrackStatus
+from support.each_case import each_case
 
 VALUES = (True, False, None)
 A, B, C = (RuleCondition(rule=name) for name in "abc")
@@ -46,7 +46,7 @@ def not_(condition):
     return Not(condition=condition)
 
 
-@pytest.mark.parametrize(("a", "b"), list(itertools.product(VALUES, VALUES)))
+@each_case(("a", "b"), list(itertools.product(VALUES, VALUES)))
 def test_all_and_any_are_the_least_and_the_greatest_of_false_unknown_true(a, b):
     order = {False: 0, None: 1, True: 2}
     inputs = given_rules(a=a, b=b)

@@ -8,6 +8,7 @@ from stadimeter.core.base_report import BaseReport
 from stadimeter.core.condition_words import describe_begin, describe_verdict
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.conditions.of_base import BATTERY_DEADBAND_V, BatteryCondition, ContactSensorCondition
+from support.each_case import each_case
 
 LOW = BatteryCondition(below_v=11.0)
 BUMPED = ContactSensorCondition(sensor="is_bumped")
@@ -17,8 +18,8 @@ def inputs(**figures):
     return RuleInputs(tracks={}, now_s=0.0, base=BaseReport(at_s=0.0, **figures))
 
 
-@pytest.mark.parametrize("answer", [True, False, None])
-@pytest.mark.parametrize("sensor", ["is_bumped", "is_at_cliff"])
+@each_case("answer", [True, False, None])
+@each_case("sensor", ["is_bumped", "is_at_cliff"])
 def test_a_contact_sensor_answers_yes_no_or_is_not_there(sensor, answer):
     assert ContactSensorCondition(sensor=sensor).holds(inputs(**{sensor: answer}), is_on=False) is answer
 
@@ -38,8 +39,8 @@ def test_a_low_battery_is_not_full_again_because_a_motor_let_it_go():
     assert LOW.holds(inputs(battery_v=11.0 + 1.1 * BATTERY_DEADBAND_V), is_on=True) is False
 
 
-@pytest.mark.parametrize("is_on", [False, True])
-@pytest.mark.parametrize("battery_v", [None, 0.0, 10.9, 11.0, 11.2, 11.4, 13.0])
+@each_case("is_on", [False, True])
+@each_case("battery_v", [None, 0.0, 10.9, 11.0, 11.2, 11.4, 13.0])
 def test_within_its_rest_interval_a_battery_stays_as_it_was_judged(battery_v, is_on):
     ((figure, low, high),) = LOW.rest(inputs(battery_v=battery_v), is_on).intervals
     assert low <= figure.read(inputs(battery_v=battery_v), *figure.of) <= high

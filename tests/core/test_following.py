@@ -20,6 +20,7 @@ from stadimeter.core.rules.explaining import explain
 from stadimeter.core.rules.follow_law import GAIN_SHARE, MAX_GAIN_PER_S, Law, closing_speed_mps, follow_twist, law_of
 from stadimeter.core.rules.target_motion import RelativeTarget
 from stadimeter.operator_actions import OperatorAction
+from support.each_case import each_case
 from support.observing import measured, missed
 
 FOLLOW = FollowRule(name="follow", target="ball", output="base", distance_m=1.0, linear_max_mps=0.5)
@@ -169,8 +170,8 @@ class Floor:
         return [event.kind.value for event in self.events]
 
 
-@pytest.mark.parametrize("age_s", [0.03, 0.19])
-@pytest.mark.parametrize("lag_s", [0.0, 0.1, 0.2])
+@each_case("age_s", [0.03, 0.19])
+@each_case("lag_s", [0.0, 0.1, 0.2])
 def test_it_comes_to_the_distance_without_overshoot_however_late_it_sees_and_obeys(age_s, lag_s):
     floor, gaps = Floor(ball=(1.5, 0.0), age_s=age_s, lag_s=lag_s), []
     for _ in range(300):
@@ -181,8 +182,8 @@ def test_it_comes_to_the_distance_without_overshoot_however_late_it_sees_and_obe
     assert abs(gaps[-1] - 1) < 0.035
 
 
-@pytest.mark.parametrize("has_odometry", [False, True])
-@pytest.mark.parametrize("share", [0.7, 1.0, 1.3])
+@each_case("has_odometry", [False, True])
+@each_case("share", [0.7, 1.0, 1.3])
 def test_behind_a_walking_target_no_lag_is_left_also_where_wheels_go_faster_or_slower_than_told(has_odometry, share):
     floor = Floor(ball=(1.0, 0.0))
     floor.reports = has_odometry

@@ -11,6 +11,7 @@ from msgspec.structs import replace
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.lens_uncertainty import PARAMETERS, LensUncertainty
 from stadimeter.errors import CalibrationError
+from support.each_case import each_case
 
 LENS = CameraModel(
     width_px=640,
@@ -45,7 +46,7 @@ def solid_angle(model: CameraModel, place_px: np.ndarray) -> float:
     return 0.5 * abs(float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))))
 
 
-@pytest.mark.parametrize("index", range(9), ids=PARAMETERS)
+@each_case("index", range(9), ids=PARAMETERS)
 def test_an_error_of_a_parameter_changes_distance_and_direction_as_predicted(index: int) -> None:
     off = 1e-3 if index < 4 else 1e-6
     more, less = (with_parameter(index, sign * off) for sign in (1, -1))

@@ -2,11 +2,11 @@
 
 import math
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.core.rule import Pattern
+from support.each_case import each_case
 
 THREE_BURSTS = Pattern(steps=((1.0, 0.2), (0.0, 0.3)), times=3)
 
@@ -14,7 +14,7 @@ steps = st.lists(st.tuples(st.floats(0, 1), st.floats(0.05, 60)), min_size=1, ma
 times_s = st.floats(0, 1e5)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("since_s", "level"),
     [(0.0, 1.0), (0.199, 1.0), (0.2, 0.0), (0.499, 0.0), (0.5, 1.0), (1.199, 1.0), (1.2, 0.0), (1.5, 0.0), (99.0, 0.0)],
 )

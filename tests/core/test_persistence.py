@@ -18,6 +18,7 @@ from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import Event, EventKind, Severity
 from stadimeter.core.persistence import find_absences, meaning_of, restore_alarms, shift_times, snapshot_alarms
 from stadimeter.core.rule import EscalationStep, LostPolicy, OnDelay
+from support.each_case import each_case
 from support.observing import Rehearsal
 from support.two_rules import FAR, NEAR, plan_of, rehearse
 
@@ -98,8 +99,8 @@ def undisturbed(variant, until_s):
     return life.events()
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize(
+@each_case("variant", VARIANTS)
+@each_case(
     ("restart_s", "down_s", "clock_s"),
     [
         (restart_s, *(SHORT if number % 2 else LONG))
@@ -286,7 +287,7 @@ def test_the_first_of_a_group_stays_the_first():
 # What a rule means
 
 
-@pytest.mark.parametrize(
+@each_case(
     "other",
     [
         replace(NEAR, condition=DistanceCondition(below_m=1.1)),

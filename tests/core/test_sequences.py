@@ -13,6 +13,7 @@ from stadimeter.core.decide import initial_state
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, EscalationStep, FollowRule, Pattern, RampRule, Send, Template
+from support.each_case import each_case
 from support.observing import Rehearsal
 
 NEAR = AlarmRule(
@@ -58,7 +59,7 @@ def test_a_pattern_of_three_beeps_is_over_after_three():
     assert seen[-10:] == [0.0] * 10
 
 
-@pytest.mark.parametrize("since_s", [0.0, 0.1, 0.29999999999999993, 0.3, 1e9, -1.0])
+@each_case("since_s", [0.0, 0.1, 0.29999999999999993, 0.3, 1e9, -1.0])
 def test_a_pattern_has_a_level_at_any_time(since_s):
     assert Pattern(steps=((1.0, 0.1), (0.5, 0.2))).level(since_s) in {1.0, 0.5}
 

@@ -10,6 +10,7 @@ from msgspec.structs import replace
 from stadimeter.core.command import TwistCommand
 from stadimeter.core.ego_motion import EgoMotion
 from stadimeter.core.target_innovation import FALSE_ALARM, TargetInnovation, step_innovation
+from support.each_case import each_case
 from support.observing import measured
 
 CYCLE_S = 1 / 30
@@ -60,7 +61,7 @@ def test_driving_straight_on_proves_nothing_since_a_person_may_walk_ahead() -> N
     assert least_false_alarm(0.3, 0.0, None) > 1e-3
 
 
-@pytest.mark.parametrize(
+@each_case(
     "place",
     [
         lambda _: (3.0, 0.5),
@@ -70,7 +71,7 @@ def test_driving_straight_on_proves_nothing_since_a_person_may_walk_ahead() -> N
     ],
     ids=["stands", "walks ahead", "runs about", "bounces"],
 )
-@pytest.mark.parametrize(("linear_mps", "angular_radps"), [(0.3, 0.0), (0.0, 0.5), (0.2, 0.3), (0.0, 1.5)])
+@each_case(("linear_mps", "angular_radps"), [(0.3, 0.0), (0.0, 0.5), (0.2, 0.3), (0.0, 1.5)])
 def test_a_live_target_is_never_taken_for_a_frozen_one(linear_mps: float, angular_radps: float, place: Place) -> None:
     assert least_false_alarm(linear_mps, angular_radps, place, seconds=30.0) > FALSE_ALARM
 

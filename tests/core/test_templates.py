@@ -13,6 +13,7 @@ from stadimeter.core.decision import Event, EventKind, Notice, Severity
 from stadimeter.core.rule import AlarmRule, Template
 from stadimeter.core.templates import FIELDS, FLAG_FIELDS, NUMBER_FIELDS, TEXT_FIELDS, TemplateError
 from stadimeter.core.track import Track, TrackStatus
+from support.each_case import each_case
 
 RULE = AlarmRule(name="near", target="ball", condition=DistanceCondition(below_m=0.5))
 EVENT = Event(
@@ -53,7 +54,7 @@ def test_gaps_are_filled_with_what_happened():
     )
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("text", "expected"),
     [
         ("{distance_m}", "0.41"),
@@ -114,7 +115,7 @@ def test_in_json_a_number_alone_stays_a_number_and_what_is_not_known_is_null():
     assert lost["text"] == "unknown m"
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("text", "words"),
     [
         ("{distence_m}", "there is no field 'distence_m'"),

@@ -8,6 +8,7 @@ from msgspec.structs import replace
 from stadimeter.core.plan import Tracking
 from stadimeter.core.track import TrackStatus
 from stadimeter.core.tracking.life_cycle import after_gap, new_track, step
+from support.each_case import each_case
 from support.observing import measured, missed
 
 FRAME_S = 0.1
@@ -130,8 +131,8 @@ def test_a_gap_begins_the_row_and_the_time_out_of_sight_anew():
     assert see(searching, 2.0, 2.0, start_s=50.0).track.status is TrackStatus.SEARCHING
 
 
-@pytest.mark.parametrize("figure", ["distance_m", "depth_m", "sigma_m", "noise_m", "bearing_rad", "elevation_rad"])
-@pytest.mark.parametrize("value", [None, math.nan, math.inf, -math.inf])
+@each_case("figure", ["distance_m", "depth_m", "sigma_m", "noise_m", "bearing_rad", "elevation_rad"])
+@each_case("value", [None, math.nan, math.inf, -math.inf])
 def test_a_measurement_with_a_missing_or_endless_figure_counts_as_a_miss(figure, value):
     broken = replace(measured("ball", 2.1, 2.0), **{figure: value})
     state = step(tracked(), broken, 2.1, SETTINGS)

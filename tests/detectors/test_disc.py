@@ -21,6 +21,7 @@ from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.disc import DiscDetector, DiscOptions
 from stadimeter.detectors.disc.ellipse import Ellipse, ellipse_through
 from stadimeter.ranging.flat import DiscShape
+from support.each_case import each_case
 from support.scenes.draw import CAMERA, disc_scene, empty_scene
 from support.scenes.nuisances import distorted, motion, noise, tone
 from support.scenes.render import render
@@ -102,8 +103,8 @@ def off_px(found: Detection, outline: np.ndarray) -> float:
     return float(np.abs(ellipse_through(outline).distances_px(found.outline_px)).max())
 
 
-@pytest.mark.parametrize("tilt_deg", [0, 30, 60])
-@pytest.mark.parametrize("seed", [901, 903, 904])
+@each_case("tilt_deg", [0, 30, 60])
+@each_case("seed", [901, 903, 904])
 def test_the_outline_is_found_to_a_few_hundredths_of_a_pixel(seed: int, tilt_deg: int) -> None:
     made = render(disc_scene(seed, math.radians(tilt_deg), plain=True))
     found = seen(made.image)
@@ -159,8 +160,8 @@ SHAPES = {
 }
 
 
-@pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES)
-@pytest.mark.parametrize("is_bright", [True, False])
+@each_case("shape", SHAPES.values(), ids=list(SHAPES))
+@each_case("is_bright", [True, False])
 def test_what_is_no_ellipse_is_not_taken_for_a_disc(shape: Drawn, is_bright: bool) -> None:
     found = seen(picture(shape(), *((0.6, 0.05) if is_bright else (0.05, 0.6))))
     assert found.status is DetectionStatus.NOT_FOUND
@@ -376,8 +377,8 @@ def test_the_outline_does_not_depend_on_where_it_was_looked_for_first() -> None:
     assert np.array(moved.centre_px) - whole.centre_px == pytest.approx((1, 1), abs=0.01)
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 500), (500, 1), (2, 2), (8, 8), (17, 9), (3, 2000)])
-@pytest.mark.parametrize("level", [0, 128, 255])
+@each_case("shape", [(1, 1), (1, 500), (500, 1), (2, 2), (8, 8), (17, 9), (3, 2000)])
+@each_case("level", [0, 128, 255])
 def test_empty_and_tiny_pictures_hold_no_disc(shape: tuple[int, int], level: int) -> None:
     found = seen(np.full((*shape, 3), level, np.uint8), Prediction(centre_px=(0, 0), size_px=40, sigma_px=4))
     assert found.status is DetectionStatus.NOT_FOUND

@@ -10,6 +10,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from stadimeter.detectors.hsv import HsvRange, parse_hsv_range
+from support.each_case import each_case
 
 pytestmark = pytest.mark.vision
 
@@ -55,7 +56,7 @@ def test_a_range_of_dark_colours_keeps_what_is_saturated() -> None:
     assert dark_green.mask(_pixel(8, 14, 10))[0, 0] == 0
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("text", "said"),
     [
         (29, "is not a range of colours; write it as text"),

@@ -15,6 +15,7 @@ from stadimeter.core.frame import Image
 from stadimeter.detectors.ball.circles import ImageCircle
 from stadimeter.detectors.ball.colours import find_plausible, learn_colours, likely_drop
 from stadimeter.detectors.ball.limb import Limb, find_limb
+from support.each_case import each_case
 from support.scenes import draw
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.nuisances import jpeg
@@ -58,8 +59,8 @@ def _limb(image: Image) -> Limb:
     return limb
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-@pytest.mark.parametrize(
+@each_case("seed", [1, 2, 3])
+@each_case(
     "kind", [{"stripe": True}, {"speckle": 45.0}, {"shadow": True}, {"stripe": True, "speckle": 35.0, "shadow": True}]
 )
 def test_stripes_speckles_and_the_shadow_are_not_the_limb(kind: dict[str, float], seed: int) -> None:
@@ -106,7 +107,7 @@ def test_the_size_is_continuous_in_the_edge_bias(seed: int, grey: int, bias_px: 
     assert sizes[0].straight_radius_px == pytest.approx(sizes[1].straight_radius_px, abs=0.05)
 
 
-@pytest.mark.parametrize("bias_px", [-1e4, -60.0, -7.0, 7.0, 60.0, 1e4])
+@each_case("bias_px", [-1e4, -60.0, -7.0, 7.0, 60.0, 1e4])
 def test_an_absurd_edge_bias_gives_a_limb_or_none(bias_px: float) -> None:
     limb = find_limb(
         _picture(), ImageCircle(x_px=320.0, y_px=240.0, radius_px=40.0), 8.0, replace(CAMERA, edge_bias_px=bias_px)

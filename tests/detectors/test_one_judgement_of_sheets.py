@@ -21,6 +21,7 @@ from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame, Image
 from stadimeter.workbench.calibration.distance_fit import DistanceFit, fit_distances, look_at_distance, remedy_words
 from stadimeter.workbench.measuring import remedies_for
+from support.each_case import each_case
 from support.scenes import hard_flats
 from support.scenes.draw import CAMERA, empty_scene
 from support.scenes.render import render
@@ -109,8 +110,8 @@ def _measured_at_its_place(choice: DriverChoice, image: Image, flat: hard_flats.
     return all(each.status is FOUND and math.dist(each.centre_px, there) < 5 for each in found)
 
 
-@pytest.mark.parametrize("seed", range(6))
-@pytest.mark.parametrize("options", [{"size": "A4", "known_side": "width"}, {**STRIP, "known_side": "height"}])
+@each_case("seed", range(6))
+@each_case("options", [{"size": "A4", "known_side": "width"}, {**STRIP, "known_side": "height"}])
 def test_clutter_is_no_sheet_before_the_lens_is_known_either(seed: int, options: dict[str, str]) -> None:
     assert seen(sheet(**options), render(empty_scene(seed + 40)).image).status is not FOUND
 

@@ -20,6 +20,7 @@ from stadimeter.detectors.sampling import light_table
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
 from stadimeter.ranging.calibration import BIAS_STEP_PX, KnownDistance, calibrate
 from stadimeter.ranging.flat import SheetShape
+from support.each_case import each_case
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.draw import CAMERA, empty_scene, sheet_scene
 from support.scenes.nuisances import BARREL, SHEET_NUISANCES
@@ -238,8 +239,8 @@ def worst_px(found: np.ndarray, truth: np.ndarray) -> float:
     return float(np.abs(found[:, None] - truth[None]).max(axis=2).min(axis=0).max())
 
 
-@pytest.mark.parametrize("plain", [True, False], ids=["plain", "clutter"])
-@pytest.mark.parametrize("seed", [1, 2, 4])
+@each_case("plain", [True, False], ids=["plain", "clutter"])
+@each_case("seed", [1, 2, 4])
 def test_corners_of_rendered_sheets_are_right_to_a_fraction_of_a_pixel(seed: int, plain: bool) -> None:
     for tilt in (0.0, 0.5, 1.0):
         made = render(sheet_scene(seed, tilt, plain=plain))
@@ -382,8 +383,8 @@ def test_where_the_search_starts_does_not_matter(draw, wall) -> None:
     assert worst_px(again.outline_px + np.array((13, 7)), whole.outline_px) < 0.02
 
 
-@pytest.mark.parametrize("value", [0, 255])
-@pytest.mark.parametrize("shape", [(1, 1), (3, 200), (480, 640), (5000, 7000)])
+@each_case("value", [0, 255])
+@each_case("shape", [(1, 1), (3, 200), (480, 640), (5000, 7000)])
 def test_an_even_picture_of_any_size_holds_no_sheet_and_gives_no_warning(value: int, shape) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")

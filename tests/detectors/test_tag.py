@@ -20,6 +20,7 @@ from stadimeter.detectors.tag import TagDetector, TagOptions
 from stadimeter.detectors.tag.codes import DICTIONARIES, tag_family
 from stadimeter.detectors.tag.sides import measure_sides
 from stadimeter.ranging.flat import TagShape
+from support.each_case import each_case
 from support.scenes.draw import empty_scene, tag_scene
 from support.scenes.nuisances import distorted, motion, noise, tone
 from support.scenes.render import render
@@ -136,7 +137,7 @@ def test_tags_of_another_family_are_not_taken() -> None:
     assert found.reason.startswith("no tag of apriltag-36h11 of at least 16 px among ")
 
 
-@pytest.mark.parametrize("family", sorted(DICTIONARIES))
+@each_case("family", sorted(DICTIONARIES))
 def test_every_family_is_read_whichever_way_it_is_turned(family: str) -> None:
     first = []
     for quarters in range(4):
@@ -224,8 +225,8 @@ def test_a_tag_smaller_than_the_limit_is_not_taken() -> None:
     assert seen(picture, min_side_px=60).status is DetectionStatus.NOT_FOUND
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 500), (8, 8), (17, 9), (3, 2000)])
-@pytest.mark.parametrize("level", [0, 255])
+@each_case("shape", [(1, 1), (1, 500), (8, 8), (17, 9), (3, 2000)])
+@each_case("level", [0, 255])
 def test_empty_and_tiny_pictures_hold_no_tag(shape: tuple[int, int], level: int) -> None:
     found = seen(np.full((*shape, 3), level, np.uint8), Prediction(centre_px=(0, 0), size_px=40, sigma_px=4))
     assert found.status is DetectionStatus.NOT_FOUND
@@ -290,7 +291,7 @@ def test_a_family_may_be_written_shortly(written: str, meant: str) -> None:
     assert TagOptions.model_validate({"side": "8 cm", "family": written}).family == meant
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("options", "said"),
     [
         ({"family": "apriltag-36h12"}, "did you mean 'apriltag-36h1"),

@@ -8,6 +8,7 @@ from pydantic import ValidationError
 
 from stadimeter.messaging.mqtt import MqttOptions
 from stadimeter.messaging.mqtt_client import default_node
+from support.each_case import each_case
 
 
 def options(**table: object) -> MqttOptions:
@@ -34,7 +35,7 @@ def test_the_port_follows_tls_unless_it_is_given() -> None:
     assert options(tls=True, port=1884).broker_port == 1884
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("table", "expected"),
     [
         ({"password": "secret"}, "password"),

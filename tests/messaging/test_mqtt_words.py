@@ -7,11 +7,12 @@ import pytest
 
 from stadimeter.messaging import link_events as words
 from stadimeter.messaging.mqtt import MqttOptions
+from support.each_case import each_case
 
 OPTIONS = MqttOptions(host="broker.local", node="garage")
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("error", "expected"),
     [
         (socket.gaierror(-2, "Name or service not known"), "no address is known for the host 'broker.local'"),

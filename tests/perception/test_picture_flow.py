@@ -13,6 +13,7 @@ from stadimeter.core.frame import Frame, Image
 from stadimeter.core.picture_flow import PictureFlow
 from stadimeter.perception.picture_flow import MIN_BLOCKS, FlowMeter
 from stadimeter.simulation.camera import Renderer
+from support.each_case import each_case
 
 LENS = CameraModel.with_focal_length(300.0, 320, 240)
 RATE_HZ = 30.0
@@ -51,8 +52,8 @@ def add_noise(picture: Image, sigma: float, number: int) -> Image:
     return np.clip(picture + noise, 0, 255).astype(np.uint8)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-@pytest.mark.parametrize(("linear_mps", "angular_radps"), [(0.1, 0.0), (0.3, 0.0), (0.0, 0.1), (0.0, 1.0), (0.3, 0.3)])
+@each_case("seed", [1, 2, 3])
+@each_case(("linear_mps", "angular_radps"), [(0.1, 0.0), (0.3, 0.0), (0.0, 0.1), (0.0, 1.0), (0.3, 0.3)])
 def test_a_robot_that_moves_makes_the_picture_of_a_room_flow(
     linear_mps: float, angular_radps: float, seed: int
 ) -> None:

@@ -11,6 +11,7 @@ from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.ranging.board_calibration import EDGES, BoardView, edges_away
+from support.each_case import each_case
 
 pytestmark = pytest.mark.vision
 
@@ -27,7 +28,7 @@ def seen(turn: tuple[float, float, float], camera: CameraModel = LENS) -> BoardV
 
 # The camera frame has x to the right, y down and z forward: turning about x by a positive angle takes the lower edge
 # away, and about y brings it nearer on the right.
-@pytest.mark.parametrize(
+@each_case(
     ("turn", "away"),
     [
         ((0.6, 0.0, 0.0), {"lower"}),
@@ -39,7 +40,7 @@ def seen(turn: tuple[float, float, float], camera: CameraModel = LENS) -> BoardV
         ((0.0, 0.0, 0.7), set()),
     ],
 )
-@pytest.mark.parametrize("focal_px", [450.0, 700.0, 1000.0])
+@each_case("focal_px", [450.0, 700.0, 1000.0])
 def test_the_edges_that_are_away_are_named_whatever_the_focal_length(
     turn: tuple[float, float, float], away: set[str], focal_px: float
 ) -> None:

@@ -18,6 +18,7 @@ from stadimeter.perception.perceiver import UNSEEN_MAX_S, AngularMotion, follow,
 from stadimeter.ranging.ball import BallShape
 from stadimeter.ranging.flat import DiscShape, SheetShape, TagShape
 from stadimeter.ranging.measure import measure
+from support.each_case import each_case
 
 pytestmark = pytest.mark.vision
 
@@ -224,7 +225,7 @@ def test_of_something_flat_the_longer_side_is_expected(size: object, longest_m: 
     assert expected(track(), size=size).size_px == pytest.approx(600 * longest_m / 2.0)
 
 
-@pytest.mark.parametrize(
+@each_case(
     "changes",
     [
         {"status": TrackStatus.SEARCHING},
@@ -246,7 +247,6 @@ def test_of_something_flat_the_longer_side_is_expected(size: object, longest_m: 
         {"distance_m": 0.0},
         {"distance_m": -1.0},
     ],
-    ids=str,
 )
 def test_nothing_is_expected_of_what_is_not_known_or_not_in_the_picture(changes: dict[str, object]) -> None:
     assert predict(track(**changes), BALL, CAMERA, 10.0) is None

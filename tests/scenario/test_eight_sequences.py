@@ -21,6 +21,7 @@ from stadimeter.core.decision import Decision
 from stadimeter.core.measurement import Measurement
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.workbench.rule_tests.running import run_rule_test
+from support.each_case import each_case
 from support.observing import measured, missed
 from support.simulated_run import SIMULATED_BALL
 
@@ -220,8 +221,8 @@ def test_8_nor_does_it_end_an_alarm(run: Run) -> None:
 CONFIGURATION = load_configuration(Path(__file__).with_name("eight_sequences.toml"))
 
 
-@pytest.mark.parametrize("test", CONFIGURATION.tests, ids=lambda test: test.name)
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@each_case("test", CONFIGURATION.tests)
+@each_case("seed", [1, 2, 3])
 def test_they_hold_as_tests_of_a_configuration_too_with_the_cameras_own_noise(test: RuleTest, seed: int) -> None:
     shown = replace(test, input=test.input.model_copy(update={"seed": seed}))
     assert run_rule_test(CONFIGURATION, shown).failures == ()

@@ -11,6 +11,7 @@ from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.simulation.silhouette import silhouette
+from support.each_case import each_case
 from support.scenes.draw import ball_scene, disc_scene, empty_scene, sheet_scene, tag_scene
 from support.scenes.nuisances import BARREL
 from support.scenes.plane import DiscTarget, Pose
@@ -123,7 +124,7 @@ def test_opencv_reads_a_tag_and_finds_its_corners_where_the_truth_has_them() -> 
     assert corners[0].reshape(4, 2) == pytest.approx(made.truth.outline_px, abs=1.5)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@each_case("seed", range(6))
 def test_a_drawn_ball_is_whole_in_the_picture_and_its_truth_agrees_with_itself(seed) -> None:
     scene = ball_scene(seed)
     truth = render(scene).truth

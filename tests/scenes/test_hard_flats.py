@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from support.each_case import each_case
 from support.scenes import hard_flats
 from support.scenes.backdrop import SHEETLIKE_ASPECTS, PlainBackdrop
 from support.scenes.cut_sheet import Curl, CutSheetTarget, GroupTarget, HandCut
@@ -137,7 +138,7 @@ def test_a_drawn_target_is_whole_and_not_smaller_than_asked_for(make) -> None:
             assert np.linalg.norm(np.roll(places, -1, 0) - places, axis=1).min() >= hard_flats.LEAST_SIDE_PX
 
 
-@pytest.mark.parametrize("bgr", hard_flats.SHEET_BGRS + hard_flats.TAPE_BGRS)
+@each_case("bgr", hard_flats.SHEET_BGRS + hard_flats.TAPE_BGRS)
 def test_the_range_that_a_user_picks_holds_the_colour_of_the_target(bgr) -> None:
     flat = replace(hard_flats.hard_sheet(1), bgr=bgr)
     low, high = (np.array(part.split(","), int) for part in flat.hsv.split(":"))

@@ -10,6 +10,7 @@ import pytest
 from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
+from support.each_case import each_case
 from support.scenes.backdrop import ClutterBackdrop, PlainBackdrop
 from support.scenes.ball import BallTarget
 from support.scenes.blur import Blur
@@ -185,7 +186,7 @@ def test_distractors_have_the_targets_colour_and_keep_away_from_it(seed) -> None
     assert off[more].min() > 1.2 * np.ptp(outline[:, 0]) / 2
 
 
-@pytest.mark.parametrize("name", list(BALL_NUISANCES) + list(HARDER_NUISANCES))
+@each_case("name", list(BALL_NUISANCES) + list(HARDER_NUISANCES))
 def test_every_trouble_of_a_ball_changes_the_picture_but_not_the_truth(name) -> None:
     scene = ball_scene(11)
     before, after = render(scene), render((BALL_NUISANCES | HARDER_NUISANCES)[name](scene))
@@ -199,7 +200,7 @@ def test_clutter_is_busy_and_differs_from_seed_to_seed() -> None:
     assert np.abs(first.astype(int) - second).mean() > 20
 
 
-@pytest.mark.parametrize(
+@each_case(
     "wrong",
     [
         lambda: BallTarget(position_m=(0, 0, 0.05), diameter_m=0.2),

@@ -1,9 +1,9 @@
 from __future__ import annotations
 
-import pytest
 from msgspec.structs import fields
 
 from stadimeter.simulation.world import BY_HAND_S, KNOBS, FaultKind, Faults, FaultSchedule, ScheduledFault
+from support.each_case import each_case
 
 
 def fault(kind: str, at: str, lasts: str | None = None) -> ScheduledFault:
@@ -15,7 +15,7 @@ def test_every_kind_of_fault_has_its_own_knob() -> None:
     assert sorted(KNOBS.values()) == sorted(field.name for field in fields(Faults))
 
 
-@pytest.mark.parametrize("kind", list(FaultKind))
+@each_case("kind", list(FaultKind))
 def test_a_scheduled_fault_begins_and_ends_in_time(kind: FaultKind) -> None:
     faults, schedule = Faults(), FaultSchedule([fault(kind, "12 s", "2 s")], start_s=100.0)
     states = {}

@@ -6,6 +6,7 @@ import pytest
 from pydantic import ValidationError
 
 from stadimeter.simulation.world import FaultKind, WorldOptions
+from support.each_case import each_case
 
 
 def read(**options: Any) -> WorldOptions:
@@ -34,7 +35,7 @@ def test_options_are_read_with_their_units() -> None:
     assert (fault.at, fault.duration, fault.kind) == (60.0, 0.5, FaultKind.FREEZE_CAMERA)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("options", "words"),
     [
         ({"path": []}, "at least 1 item"),

@@ -11,6 +11,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
 from stadimeter.simulation.camera import Renderer
 from stadimeter.simulation.silhouette import paint_ball, silhouette
+from support.each_case import each_case
 
 pytestmark = pytest.mark.vision
 
@@ -55,8 +56,8 @@ def edge_errors_px(lens: CameraModel, ball_m: tuple[float, float, float], radius
     return inside_px - 2
 
 
-@pytest.mark.parametrize("lens", [LENS, OBLONG], ids=["square pixels", "oblong pixels"])
-@pytest.mark.parametrize(
+@each_case("lens", [LENS, OBLONG], ids=["square pixels", "oblong pixels"])
+@each_case(
     ("ball_m", "radius_m"),
     [
         ((0.0, 0.0, 1.0), 0.1),
@@ -75,8 +76,8 @@ def test_the_limb_is_where_the_exact_cone_has_it(
     assert np.abs(errors).max() < 0.1
 
 
-@pytest.mark.parametrize("lens", [LENS, OBLONG], ids=["square pixels", "oblong pixels"])
-@pytest.mark.parametrize("depth_m", [0.4, 1.0, 2.7, 6.0, 15.0, 40.0, 120.0])
+@each_case("lens", [LENS, OBLONG], ids=["square pixels", "oblong pixels"])
+@each_case("depth_m", [0.4, 1.0, 2.7, 6.0, 15.0, 40.0, 120.0])
 def test_the_ball_covers_the_area_of_the_exact_cone_however_far_it_is(lens: CameraModel, depth_m: float) -> None:
     ball_m = (0.05, 0.01 * depth_m, depth_m)
     seen = silhouette(lens, ball_m, 0.1)

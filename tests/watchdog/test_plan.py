@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import pytest
-
 from stadimeter.watchdog.plan import SafePlan
+from support.each_case import each_case
 
 
 def test_a_device_on_a_bus_gets_its_writes_in_order() -> None:
@@ -13,7 +12,7 @@ def test_a_device_on_a_bus_gets_its_writes_in_order() -> None:
     assert plan.complaints == []
 
 
-@pytest.mark.parametrize(
+@each_case(
     "line",
     [
         *("i2c", "i2c 1", "i2c 1 0x60", "i2c x 0x60 00", "i2c 100 0x60 00", "i2c 1 60 00", "i2c 1 0x02 00"),

@@ -16,6 +16,7 @@ from stadimeter.operator_actions import OperatorAction
 from stadimeter.testing.rig import eventually
 from stadimeter.web.routes import PAGE_OPERATIONS, Right
 from support.browser import served
+from support.each_case import each_case
 
 API = openapi_document()
 DESCRIBED = [place for place in PAGE_OPERATIONS if place.right > Right.OPEN and place.op not in {"index", "static"}]
@@ -31,7 +32,7 @@ def test_it_has_every_path_of_the_table_and_no_other():
     assert found == {(place.method, place.path) for place in DESCRIBED}
 
 
-@pytest.mark.parametrize("place", DESCRIBED, ids=lambda place: f"{place.method} {place.path}")
+@each_case("place", DESCRIBED)
 def test_it_tells_the_right_the_names_and_the_kind_of_answer(place):
     told = API["paths"][place.path][place.method.lower()]
     assert told["x-right"] == place.right.name.lower()
