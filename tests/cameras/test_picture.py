@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from stadimeter.cameras.picture import decode_whole_jpeg, load_picture
+from stadimeter.cameras.picture import load_picture
 from stadimeter.core.frame import Image
 from stadimeter.errors import PictureError
 
@@ -202,66 +202,3 @@ def test_pictures_of_real_cameras_are_whole(real_pictures: Path, folder: str) ->
     assert paths
     for path in paths:
         assert load_picture(path).image.ndim == 3
-
-
-def coded(scene: Image, quality: int = 85, interval: int = 0) -> bytes:
-    settings = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_RST_INTERVAL, interval]
-    return cv2.imencode(".jpg", scene, settings)[1].tobytes()
-
-
-@pytest.mark.parametrize("interval", [0, 4], ids=["plain", "restart markers"])
-@pytest.mark.parametrize("end", [b"", b"\xff\xd9"], ids=["no end", "end appended"])
-@pytest.mark.parametrize("kept", [0.1, 0.4, 0.7, 0.95, 0.995])
-def test_a_jpeg_of_a_stream_that_was_cut_is_refused(scene: Image, kept: float, end: bytes, interval: int) -> None:
-    data = coded(scene, interval=interval)
-    assert np.array_equal(decode_whole_jpeg(data), cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR))
-    with pytest.raises(PictureError, match="the picture is damaged"):
-        decode_whole_jpeg(data[: round(kept * len(data))] + end)
-
-
-def test_bytes_that_are_missing_inside_a_jpeg_of_a_stream_are_mostly_noticed(scene: Image) -> None:
-    data, rng, noticed = coded(scene), np.random.default_rng(5), 0
-    for _ in range(200):
-        at, lost = int(rng.integers(700, len(data) - 10)), int(rng.integers(1, 1500))
-        try:
-            decode_whole_jpeg(data[:at] + data[at + lost :])
-        except PictureError:
-            noticed += 1
-    assert noticed >= 180
-
-
-def test_filling_before_the_end_of_a_jpeg_is_no_damage(scene: Image) -> None:
-    data = coded(scene)
-    for filling in range(1, 9):
-        filled = data[:-2] + b"\x55" * filling + data[-2:]
-        assert np.array_equal(decode_whole_jpeg(filled), decode_whole_jpeg(data))
-    with pytest.raises(PictureError):
-        decode_whole_jpeg(data[:-2] + b"\x55" * 100 + data[-2:])
-
-
-def test_a_grey_jpeg_of_a_stream_gets_three_channels(scene: Image) -> None:
-    grey = decode_whole_jpeg(coded(scene[:, :, 1]))
-    assert grey.shape == scene.shape
-    assert np.array_equal(grey[:, :, 0], grey[:, :, 2])
-
-
-def test_a_jpeg_that_claims_to_be_enormous_is_refused_before_it_takes_memory(scene: Image) -> None:
-    data = bytearray(coded(scene))
-    at = data.index(b"\xff\xc0")
-    data[at + 5 : at + 9] = b"\xff\x00\xff\x00"
-    with pytest.raises(PictureError, match="too large"):
-        decode_whole_jpeg(bytes(data))
-
-
-@pytest.mark.parametrize("count", [500, pytest.param(20_000, marks=pytest.mark.long)])
-def test_a_damaged_jpeg_is_a_picture_or_an_error(scene: Image, count: int) -> None:
-    data, rng = coded(scene), np.random.default_rng(6)
-    for _ in range(count):
-        damaged = bytearray(data)
-        for at in rng.integers(0, len(data), int(rng.integers(1, 8))):
-            damaged[at] = int(rng.integers(256))
-        try:
-            image = decode_whole_jpeg(bytes(damaged))
-        except PictureError:
-            continue
-        assert image.ndim == 3

@@ -21,7 +21,7 @@ from urllib.parse import unquote, urlsplit
 import cv2
 from msgspec import Struct
 
-from stadimeter.cameras.picture import decode_whole_jpeg
+from stadimeter.cameras.jpeg_stream import JpegStream
 from stadimeter.core.frame import Image
 from stadimeter.errors import DeviceOpenError, LinkLostError, PictureError
 
@@ -156,6 +156,7 @@ class MjpegStream:
         self._parts = Multipart(boundary)
         self._parts.feed(begin)
         self._part = StreamPart(b"", math.nan)
+        self._jpegs = JpegStream()
         self._received = 0
 
     def isOpened(self) -> bool:  # noqa: N802 - OpenCV's name and meaning
@@ -173,7 +174,7 @@ class MjpegStream:
     def retrieve(self) -> tuple[bool, Image | None]:
         """Return the picture that was grabbed, or that it is damaged."""
         try:
-            return True, decode_whole_jpeg(self._part.body)
+            return True, self._jpegs.decode(self._part.body)
         except PictureError:
             return False, None
 

@@ -27,9 +27,6 @@ from stadimeter.errors import PictureError, UnreadableError
 # Endings of the names of pictures in a folder, in lower case.
 PICTURE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".pbm", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"})
 
-# libjpeg's warning about the filling that some USB cameras put before the end marker: all pixels are there.
-_PADDING = re.compile(r"[1-8] extraneous bytes before marker 0xd9")
-
 _JPEG_START = b"\xff\xd8"
 _JPEG_LENGTHS = re.compile(rb"\xff+([^\x00\xff])")
 _FRAME_HEADERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
@@ -74,32 +71,6 @@ def load_picture(path: Path | str) -> Picture:
     if image is None:
         raise PictureError(f"the picture {path} is damaged and cannot be decoded; copy it again")
     return Picture(image=np.asarray(image, np.uint8), subsampling=subsampling_of(data), optics=optics_in(file))
-
-
-def decode_whole_jpeg(data: bytes) -> Image:
-    """Decode a JPEG of a stream, blue first, shape ``(height, width, 3)``, if all of it is there.
-
-    Decoders fill in what is missing: with grey, with the last block, or with what was in their buffer, and libjpeg then
-    only warns. Looking for the end marker is not enough, since a relay that was interrupted may put one at the end of
-    half a picture. So every warning of libjpeg is an error here. Of pictures that were cut anywhere, with or without an
-    end marker, all are refused; of those that lack up to 1.5 kB somewhere inside, 97 % (the rest of the Huffman code
-    then happens to give as many blocks as are needed). TCP loses no bytes; relays cut.
-
-    Raises:
-        PictureError: It is damaged, or not a JPEG.
-    """
-    import simplejpeg  # noqa: PLC0415 - only streams need it
-
-    try:
-        height_px, width_px, *_ = simplejpeg.decode_jpeg_header(data)
-        if height_px * width_px > PICTURE_MAX_PIXELS:
-            raise PictureError(f"a picture of {width_px} × {height_px} pixels is too large")
-        image = np.empty((height_px, width_px, 3), np.uint8)
-        simplejpeg.decode_jpeg(data, "BGR", buffer=image)
-    except ValueError as error:
-        if not _PADDING.search(str(error)):
-            raise PictureError(f"the picture is damaged: {error}") from error
-    return image
 
 
 def check_file(path: Path, kind: str) -> bytes:
