@@ -21,6 +21,7 @@ def failures():
         "lag of 2 s, unsaid",
         "lag of 2 s, stated",
         "stall of 0.9 s",
+        "stall of 3 s, kept by the sender",
         "program paused for 10 s",
     )
 
@@ -41,6 +42,4 @@ def test_no_robot_moves_on_pictures_that_are_not_now(name, tmp_path):
 def test_the_test_knows_every_failure_of_the_benchmark():
     from old_pictures import FAILURES
 
-    # What a sender kept for 3 s is not always passed over yet: docs/benchmarks/old-pictures.md tells how often.
-    known = [failure.name for failure in FAILURES if "kept by the sender" not in failure.name]
-    assert sorted(failures()) == sorted(known)
+    assert sorted(failures()) == sorted(failure.name for failure in FAILURES)
