@@ -35,11 +35,20 @@ def test_what_holds_is_said_with_what_it_covers(proved: Proved, tmp_path: Path) 
     result = proved("--faults", "1", "--only", "block-camera", "--only", "end-process")
     assert result.exit_code == 0, result.output
     words = " ".join(result.stdout.split())
-    assert "3 runs" in words
+    assert "3 of 3 sequences" in words
     assert "Faults: block-camera, end-process." in words
     assert "not a certificate" in words
     assert "No single fault keeps the wheels turning longer than 0." in words
     assert not (tmp_path / "counter-example.jsonl").exists()
+
+
+def test_a_sample_is_called_one(proved: Proved) -> None:
+    result = proved("--faults", "2", "--only", "block-camera", "--minutes", "0")
+    assert result.exit_code == 0, result.output
+    words = " ".join(result.stdout.split())
+    assert "1 of 6 sequences" in words
+    assert "None of these 1 sequences keeps" in words
+    assert "No two faults" not in words
 
 
 @pytest.mark.usefixtures("without_rest")

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from stadimeter.app import cycle, freeze, guard, leased_output
+from stadimeter.app import cycle, freeze, guard, leased_output, range_reader, watchdog
 from stadimeter.bases import acknowledgements, serial_base
 from stadimeter.config.loader import load_configuration
 from stadimeter.core import decide, outputs, safety
@@ -25,6 +25,7 @@ from stadimeter.workbench.prove.trial import run_trial
 CONFIG = Path(__file__).parents[2] / "config"
 FOLLOW_BALL = (CONFIG / "follow-ball.toml").read_text(encoding="utf-8").split("[[tests]]")[0]
 ROBOT = Path("robot.toml")
+SENSOR = '\n[sensors.front]\ndriver = "tf-luna"\nport = "/dev/serial0"\nstop_below = "20 cm"\n'
 
 Plant = Callable[[pytest.MonkeyPatch], None]
 
@@ -58,6 +59,7 @@ def forget_the_guard(patch: pytest.MonkeyPatch) -> None:
 
 def never_repeat_a_stop(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(acknowledgements.Acknowledgements, "stop_is_overdue", lambda *_: False)
+    patch.setattr(acknowledgements.Acknowledgements, "silent_s", 0.0)  # a base that is opened again gets a stop, too
 
 
 def take_any_picture_for_new(patch: pytest.MonkeyPatch) -> None:
@@ -109,10 +111,30 @@ def leave_the_firmware_without_a_time_out(patch: pytest.MonkeyPatch) -> None:
 
 def exceed_the_speed(patch: pytest.MonkeyPatch) -> None:
     def ease_not(_output: Any, _before: Any, wanted: tuple[float, float], _step_s: float) -> Any:
-        return (2 * wanted[0], 2 * wanted[1]), (0.0, 0.0)
+        return (9 * wanted[0], 9 * wanted[1]), (0.0, 0.0)
 
     patch.setattr(outputs, "ease_twist", ease_not)
+    patch.setattr(outputs, "limit_twist", lambda *given: ease_not(*given)[0])
 
+
+def ignore_the_death_of_the_watchdog_process(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(watchdog.WatchdogLink, "_lose", lambda *_: None)
+
+
+def drive_without_a_look(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(range_reader.RangeReader, "why_not_drive", lambda _: "")
+
+
+def leave_a_failed_base_alone(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(leased_output.LeasedOutput, "_recover", lambda *_: None)
+
+
+# Each with its base, and the faults that show it.
+DEFECTS_OF_BASES: tuple[tuple[Plant, str, tuple[str, ...]], ...] = (
+    (ignore_the_death_of_the_watchdog_process, "gpio-motors", ("kill-watchdog",)),
+    (drive_without_a_look, "gpio-motors", ("silence-sensors",)),
+    (leave_a_failed_base_alone, "pca9685", ("block-camera", "hold-bus")),
+)
 
 # Each defect with the faults that show it.
 DEFECTS: tuple[tuple[Plant, tuple[str, ...]], ...] = (
@@ -150,6 +172,40 @@ def test_a_planted_defect_is_found(plant: Plant, shown_by: tuple[str, ...], monk
     found = proven(len(shown_by), *shown_by or ["hide-target"], path=path).counter_example
     assert found is not None
     assert {planned.fault for planned in found.sequence} == set(shown_by)
+
+
+@pytest.mark.parametrize(
+    ("plant", "base", "shown_by"), DEFECTS_OF_BASES, ids=[shown[-1] for *_, shown in DEFECTS_OF_BASES]
+)
+def test_a_planted_defect_of_a_base_is_found(
+    plant: Plant, base: str, shown_by: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_robot(base, lambda text: text + SENSOR)
+    assert proven(len(shown_by), *shown_by).counter_example is None
+    plant(monkeypatch)
+    found = proven(len(shown_by), *shown_by).counter_example
+    assert found is not None
+    assert {planned.fault for planned in found.sequence} == set(shown_by)
+
+
+def test_wrong_bits_on_a_line_without_a_checksum_are_a_counter_example() -> None:
+    found = proven(2, "mute-base", "flip-bits").counter_example
+    assert found is not None
+    assert found.violation is not None
+    assert "a wheel turns at" in found.violation.words
+
+
+def test_a_proof_that_ends_early_counts_what_it_tried() -> None:
+    proof = prove(ROBOT, 2, Path("counter-example.jsonl"), ["hide-target", "end-process"], within_s=0.0)
+    assert (proof.trials, proof.planned) == (1, len(list(sequences(["hide-target", "end-process"], 2))))
+
+
+def test_on_pins_no_sequence_has_the_program_and_its_watchdog_process_die_at_once() -> None:
+    write_robot("gpio-motors")
+    proof = proven(2, "kill-process", "kill-watchdog")
+    assert proof.counter_example is None
+    write_robot("ros-arduino-bridge")  # it has a time-out of its own
+    assert proven(2, "kill-process", "kill-watchdog").planned == proof.planned + 1
 
 
 def test_one_fault_of_any_kind_keeps_no_limit_from_holding() -> None:
@@ -223,8 +279,7 @@ def test_a_base_without_a_time_out_is_a_counter_example() -> None:
 
 
 def test_range_sensors_are_stood_in_for() -> None:
-    sensor = '[sensors.front]\ndriver = "tf-luna"\nport = "/dev/serial0"\n'
-    write_robot("ros-arduino-bridge", lambda text: f"{text}\n{sensor}")
+    write_robot("ros-arduino-bridge", lambda text: text + SENSOR)
     assert proven(1, "hide-target").counter_example is None
 
 
@@ -251,8 +306,10 @@ def test_a_fault_of_another_name_is_refused() -> None:
 
 @pytest.mark.long
 @pytest.mark.timeout(3000)
-def test_no_two_faults_keep_the_wheels_of_the_ball_follower_turning() -> None:
+@pytest.mark.parametrize(("base", "turns_s"), [("ros-arduino-bridge", 1.2), ("gpio-motors", 1.6)])
+def test_no_two_faults_keep_the_wheels_of_the_ball_follower_turning(base: str, turns_s: float) -> None:
+    write_robot(base, lambda text: text + SENSOR)
     proof = proven(2)
     assert proof.counter_example is None
-    assert proof.trials > 2000
-    assert max(seconds for seconds, _ in proof.longest.values()) < 1.2
+    assert proof.trials == proof.planned > 1800
+    assert max(seconds for seconds, _ in proof.longest.values()) < turns_s

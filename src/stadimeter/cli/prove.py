@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -31,6 +32,10 @@ def prove_command(
     only: Annotated[
         list[str] | None, typer.Option("--only", metavar="FAULT", help="Only this fault; may be given several times.")
     ] = None,
+    minutes: Annotated[
+        float,
+        typer.Option("--minutes", min=0, metavar="N", help="Try as many sequences as this allows, and say how many."),
+    ] = math.inf,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Try every sequence of a few faults, and see whether the wheels stop.
@@ -57,6 +62,7 @@ def prove_command(
             COUNTER_EXAMPLE,
             only or (),
             tell=lambda done, total: say(f"proving: {done} of {total} runs"),
+            within_s=60 * minutes,
         )
     if as_json:
         typer.echo(json.dumps(plain(proof), ensure_ascii=False))
@@ -70,11 +76,12 @@ def _tell(proof: Proof) -> None:
     console = prose_console()
     moments = ", ".join(f"{moment_s:g}" for moment_s in MOMENTS_S)
     console.print(
-        f"{proof.trials} runs, {proof.simulated_s / 3600:.1f} h of the robot's time. Faults: "
+        f"{proof.trials} of {proof.planned} sequences, {proof.simulated_s / 3600:.1f} h of the robot's time. Faults: "
         f"{', '.join(proof.alphabet)}. The first comes at {FIRST_AT_S:g} s, while the robot drives; others {moments} s "
         f"after it. Each run goes on until the robot drives again or stands for good, {AFTERWARDS_S:g} s after the "
-        "last fault at most. Not covered: other moments and durations, pictures and detectors, bytes that change on "
-        "the way, and mechanics. A bounded proof by exhaustive simulation, not a certificate.",
+        "last fault at most. Not covered: other moments and durations, pictures and detectors, a program and "
+        "its watchdog process that die at once on a base without a time-out, and mechanics. A bounded proof by "
+        "exhaustive simulation, not a certificate.",
         markup=False,
     )
     for reason, (seconds, sequence) in sorted(proof.longest.items()):
@@ -87,8 +94,10 @@ def _tell(proof: Proof) -> None:
         return
     longest_s = {reason: seconds for reason, (seconds, _) in proof.longest.items()}
     within_s = max((longest_s[reason] for reason in longest_s.keys() - BEYOND), default=0.0)
+    is_sample = proof.trials < proof.planned
+    which = f"None of these {proof.trials} sequences keeps" if is_sample else f"No {_HOW_MANY[proof.faults_max]}"
     words = (
-        f"No {_HOW_MANY[proof.faults_max]} the wheels turning longer than {max(longest_s.values()):.2f} s; "
+        f"{which} the wheels turning longer than {max(longest_s.values()):.2f} s; "
         f"{within_s:.2f} s where the program runs and the base hears it."
     )
     console.print(Text(words, "bold green"))

@@ -62,6 +62,7 @@ class EmulatedPort:
         # Fault if False: nothing is read at the board's end, so that the port fills up and takes no more bytes.
         self.is_read = True
         self.is_heard = True  # fault if False: what the board answers is lost on the way
+        self.spoil: Callable[[bytes], bytes] = bytes  # fault: what the board gets instead of what was sent
         self._firmware = firmware
         self._is_plugged = is_plugged
         self._after_step = after_step
@@ -83,7 +84,7 @@ class EmulatedPort:
             self._firmware.step(now_s)
             self._follow_the_cable()
             if self._cable and self.is_read:
-                answer = self._firmware.receive(self._cable.read(), now_s)
+                answer = self._firmware.receive(self.spoil(self._cable.read()), now_s)
                 if answer and self.is_heard:
                     self._cable.write(answer)
             self._after_step()

@@ -34,16 +34,26 @@ LASTS_S = {
     "mute-base": 1.0,  # what the base answers is lost
     "garble-answers": 1.0,  # noise comes among the answers of the base
     "reset-base": 0.5,  # the base starts again, which takes it as long
+    "flip-bits": 1.0,  # one bit in every seventh byte to the base arrives wrong
+    "hold-bus": 0.3,  # something holds the I2C bus, so that every transfer to the base times out
+    "silence-sensors": 1.0,  # the range sensors answer nothing
+    "kill-watchdog": FOR_EVER_S,  # SIGKILL of the watchdog process; nothing may move before a person starts a new one
     "lose-broker": 2.0,  # the message broker is gone
 }
 
 UNPLUGS = frozenset({"unplug-base", "cut-cable"})
 
 # These go wrong on a line to a board with a program of its own.
-NEEDS_FIRMWARE = frozenset({"deafen-base", "mute-base", "garble-answers", "reset-base"})
+NEEDS_FIRMWARE = frozenset({"deafen-base", "mute-base", "garble-answers", "reset-base", "flip-bits"})
 
 # After these nothing moves the base any more.
 FINAL = frozenset({"cut-cable", "kill-process", "end-process", "fail-in-loop"})
+
+# Only tried by name: on a line without a checksum a command with a wrong bit may be a valid one for any speed.
+BY_NAME = frozenset({"flip-bits"})
+
+# From these the watchdog process protects.
+STOPS_PROCESS = frozenset({"stop-process", "hang-process", "kill-process"})
 
 # While one of these lasts, no frame is a new picture with a sound stamp.
 SPOILS_STAMPS = frozenset({"repeat-frame", "stand-still-stamps", "future-stamps", "broken-stamps", "late-frames"})

@@ -7,8 +7,11 @@ are moved, to every one of `MOMENTS_S` after the first.
 
 from __future__ import annotations
 
+import math
 import multiprocessing
 import os
+import random
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from itertools import combinations_with_replacement, pairwise, product
@@ -18,7 +21,7 @@ from msgspec import Struct, field
 
 from stadimeter.config.loader import load_configuration
 from stadimeter.errors import StadimeterError
-from stadimeter.workbench.prove.faults import FINAL, FaultSequence, PlannedFault
+from stadimeter.workbench.prove.faults import BY_NAME, FINAL, LASTS_S, STOPS_PROCESS, FaultSequence, PlannedFault
 from stadimeter.workbench.prove.staging import StagedConfiguration, stage
 from stadimeter.workbench.prove.trial import TrialResult, run_trial
 
@@ -40,6 +43,7 @@ class Proof(Struct, kw_only=True):
     Attributes:
         faults_max: The largest number of faults in a sequence.
         trials: How many sequences were tried.
+        planned: How many there are.
         simulated_s: How long the robot was driven in all, in its own time.
         longest: By reason, for how long the wheels turned at most, and with which faults.
         counter_example: The first sequence that broke a limit; None if none did.
@@ -48,6 +52,7 @@ class Proof(Struct, kw_only=True):
     faults_max: int
     alphabet: tuple[str, ...]
     trials: int = 0
+    planned: int = 0
     simulated_s: float = 0.0
     longest: dict[str, tuple[float, FaultSequence]] = field(default_factory=dict)
     counter_example: TrialResult | None = None
@@ -80,12 +85,20 @@ def _can_matter(planned: FaultSequence) -> bool:
     return all(each.fault not in FINAL or each.at_s == planned[-1].at_s for each in planned[:-1])
 
 
+def _is_held(planned: FaultSequence) -> bool:
+    """Return whether the watchdog process lives whenever the program is stopped or dead."""
+    gone_s = [each.at_s for each in planned if each.fault == "kill-watchdog"]
+    stopped = [each for each in planned if each.fault in STOPS_PROCESS]
+    return not any(each.at_s <= at_s < each.at_s + LASTS_S[each.fault] for each in stopped for at_s in gone_s)
+
+
 def prove(
     path: Path,
     faults_max: int,
     journal: Path,
     only: Sequence[str] = (),
     tell: Callable[[int, int], None] = lambda _done, _total: None,
+    within_s: float = math.inf,
 ) -> Proof:
     """Try every sequence, until one breaks a limit. The same configuration always gives the same result.
 
@@ -94,6 +107,7 @@ def prove(
         journal: Where to write what the core saw and decided in a counter-example.
         only: The names of the faults to try; empty for all that this configuration can suffer.
         tell: Takes how many sequences are done, of how many.
+        within_s: After this long it ends with those that are done: a random sample among the longest sequences.
 
     Raises:
         ConfigError: The configuration is wrong, or there is nothing to prove.
@@ -104,14 +118,21 @@ def prove(
     able = staged.alphabet()
     if unknown := set(only).difference(able):
         raise StadimeterError(f"this configuration cannot suffer {', '.join(unknown)}; it can: {', '.join(able)}")
-    proof = Proof(faults_max=faults_max, alphabet=tuple(each for each in able if each in only or not only))
-    planned = list(sequences(proof.alphabet, faults_max))
+    proof = Proof(faults_max=faults_max, alphabet=tuple(each for each in able if each in (only or set(able) - BY_NAME)))
+    until_s = time.monotonic() + within_s
+    planned = [
+        each for each in sequences(proof.alphabet, faults_max) if staged.limits.beyond_s < math.inf or _is_held(each)
+    ]
+    random.Random(1).shuffle(planned)  # noqa: S311 - so that a sample of the longest is spread
+    planned.sort(key=len)
+    proof.planned = len(planned)
     for result in _results(path, staged, planned):
         proof.add(result)
         _check_it_drives(result, staged)
-        tell(proof.trials, len(planned))
+        tell(proof.trials, proof.planned)
         if result.violation is not None:
             run_trial(staged, result.sequence, journal)
+        if result.violation is not None or time.monotonic() > until_s:
             break
     return proof
 

@@ -67,6 +67,12 @@ class StagedConfiguration(Struct, frozen=True, kw_only=True):
         impossible: frozenset[str] = frozenset()
         if self.configuration.messenger is None:
             impossible |= {"lose-broker"}
+        if not self.limits.watches_near:
+            impossible |= {"silence-sensors"}
+        if not self.safe_lines:
+            impossible |= {"kill-watchdog"}
+        if self.port != "emulated-pca9685":
+            impossible |= {"hold-bus"}
         if firmware is None:
             impossible |= NEEDS_FIRMWARE if self.base.driver == "simulated" else NEEDS_FIRMWARE | UNPLUGS
         if not hasattr(firmware, "reset"):
@@ -164,6 +170,7 @@ def _limits(configuration: Configuration, base: DriverChoice, follow: FollowRule
         gap_s=plan.safety.max_frame_age_s,
         good_frames=plan.safety.good_frames,
         searches=follow.search is not None,
+        watches_near=any(each.stop_below is not None for each in configuration.sensor_tables.values()),
         needs_arming=plan.safety.arm != "at-start",
     )
 

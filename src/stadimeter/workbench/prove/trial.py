@@ -15,10 +15,11 @@ from stadimeter.app.bootstrap import build
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.recordings.journal import JournalWriter
 from stadimeter.app.recordings.recorded_configuration import to_be_recorded
+from stadimeter.app.watchdog import WatchdogLink
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.operator import OperatorCommand
 from stadimeter.operator_actions import OperatorAction
-from stadimeter.workbench.prove.faults import FINAL, FOR_EVER_S, LASTS_S, UNPLUGS, FaultSequence
+from stadimeter.workbench.prove.faults import FINAL, FOR_EVER_S, LASTS_S, STOPS_PROCESS, UNPLUGS, FaultSequence
 from stadimeter.workbench.prove.staged_camera import Stage, StagedCapture, StagedDefectError, StagedEye
 from stadimeter.workbench.prove.staged_clock import StagedClock
 from stadimeter.workbench.prove.staging import StagedConfiguration
@@ -92,6 +93,13 @@ def run_trial(staged: StagedConfiguration, sequence: FaultSequence, journal: Pat
     )
 
 
+class _WatchdogLink(WatchdogLink):
+    """The run's end of a watchdog process that answers at once."""
+
+    def _write(self, _words: str) -> None:
+        self._unanswered = 0
+
+
 class _Trial:
     """A run and its stage."""
 
@@ -101,8 +109,15 @@ class _Trial:
         self._stage = Stage(clock=self.clock, watch=self.watch)
         self._staged = staged
         self._is_decided = self._is_stopped = self._is_end_due = self._is_killed = False
-        lasts_s = (0.0 if each.fault in FINAL else LASTS_S[each.fault] for each in sequence)
-        self._over_s = max((each.at_s + span_s for each, span_s in zip(sequence, lasts_s, strict=True)), default=1.0)
+        self._bytes_sent = 0
+        lasts_s = (LASTS_S[each.fault] for each in sequence)
+        self._over_s = max(
+            (
+                each.at_s + (span_s if span_s < FOR_EVER_S else 0.0)
+                for each, span_s in zip(sequence, lasts_s, strict=True)
+            ),
+            default=1.0,
+        )
         self._end_s = self._over_s + AFTERWARDS_S
         parts: Any = build(staged.configuration, clock=self.clock)
         self._world, self._board = parts.world, self._emulated_board(staged, parts.shared)
@@ -117,6 +132,8 @@ class _Trial:
             hand = SimpleNamespace(open=bool, close=bool, trouble=str, commands=self._arm_once)
             parts.buttons = {"arm": hand}
         self.loop = Loop(parts)
+        self._watchdog = _WatchdogLink(staged.safe_lines, parts.outputs, staged.watchdog_s, None, lambda _line: None)
+        self.loop.services.watchdog = self._watchdog
         self.loop.listeners.append(lambda record, _frame: self.watch.see_cycle(record))
         for each in sequence:
             self.clock.call_at(each.at_s, partial(self._begin, each.fault))
@@ -161,9 +178,9 @@ class _Trial:
         self._turn_knobs()
         if fault == "reset-base":
             self._board.firmware.reset(LASTS_S[fault])
-        elif fault == "end-process":
+        elif fault in ("end-process", "kill-watchdog"):
             self._end_program()
-        elif fault in ("stop-process", "hang-process", "kill-process"):
+        elif fault in STOPS_PROCESS:
             self._stop_program(LASTS_S[fault])
 
     def _end(self, fault: str) -> None:
@@ -173,29 +190,51 @@ class _Trial:
     def _turn_knobs(self) -> None:
         """Have the simulated world and the emulated board follow what is wrong."""
         is_on = self._stage.is_on
-        is_out, is_deaf = is_on(*UNPLUGS), is_on("deafen-base")
+        is_out, is_deaf, is_silent = is_on(*UNPLUGS), is_on("deafen-base", "hold-bus"), is_on("silence-sensors")
         self._world.faults.base_unplugged, self._world.faults.broker_gone = is_out, is_on("lose-broker")
+        self._world.faults.sensors_silent = is_silent
         if hasattr(self._board, "firmware"):
             self._board.firmware.silent, self._board.port.is_heard = is_deaf, not is_on("mute-base")
-        self.watch.note_cable(self.clock.now_s(), is_cut=is_out or is_deaf, is_out=is_out)
+            self._board.port.spoil = self._flip_bits if is_on("flip-bits") else bytes
+        elif self._board is not None:
+            self._board.is_held = is_deaf
+        self.watch.note_sensors(self.clock.now_s(), is_silent=is_silent)
+        is_noisy = is_on("flip-bits")
+        self.watch.note_cable(self.clock.now_s(), is_cut=is_out or is_deaf, is_out=is_out, is_noisy=is_noisy)
+
+    def _flip_bits(self, sent: bytes) -> bytes:
+        first, self._bytes_sent = self._bytes_sent, self._bytes_sent + len(sent)
+        return bytes(b if at % 7 else b ^ 1 << at % 8 for at, b in enumerate(sent, first))
 
     def _end_program(self) -> None:
-        """End the run, as a signal handler does; that of a stopped process runs when it goes on."""
+        """End the run, as a signal handler does, or stop it for good; that of a stopped process runs when it goes on.
+
+        A stopped process whose watchdog process is gone is made safe by nothing but the base.
+        """
         self._is_end_due = self._is_stopped
-        if not self._is_stopped:
-            self.watch.note_end(self.clock.now_s())
+        if self._is_stopped and self._stage.is_on("kill-watchdog"):
+            self.watch.note_program(self.clock.now_s(), math.inf)
+        if self._is_stopped:
+            return
+        self.watch.note_end(self.clock.now_s())
+        if self._stage.is_on("end-process"):
             self.loop.stop("ended, as staged")
+        else:
+            self._watchdog._lose("killed, as staged")  # noqa: SLF001 - as the thread does that hears its end
 
     def _stop_program(self, lasts_s: float) -> None:
         """Let time pass without the program: for a while, or to the end if it was killed."""
         was_stopped, self._is_stopped = self._is_stopped, True
         now_s = self.clock.now_s()
-        killed_s = now_s if lasts_s == FOR_EVER_S else self._hung_until_s()
-        if killed_s < now_s + lasts_s:
-            self._is_killed, lasts_s = True, FOR_EVER_S
-            self.clock.call_at(killed_s + _WATCHDOG_REACTS_S, self._make_safe)
-        self.watch.note_program(now_s, killed_s + _WATCHDOG_REACTS_S if self._staged.safe_lines else math.inf)
+        self._is_killed |= lasts_s == FOR_EVER_S
+        has_watchdog = bool(self._staged.safe_lines) and not self._stage.is_on("kill-watchdog")
+        safe_s = (now_s if self._is_killed else self._hung_until_s()) + _WATCHDOG_REACTS_S if has_watchdog else math.inf
+        if safe_s < now_s + lasts_s:
+            self.clock.call_at(safe_s, self._make_safe)
+        self.watch.note_program(now_s, safe_s)
         self.clock.stop_program(min(now_s + lasts_s, self._end_s), lambda: self._is_decided)
+        if self._is_killed:
+            self.clock.stop_program(self._end_s, lambda: self._is_decided)
         self._is_stopped = was_stopped
         if self._is_killed:
             self.loop.end("killed, as staged")
@@ -206,12 +245,14 @@ class _Trial:
 
     def _hung_until_s(self) -> float:
         """Return when the watchdog process kills a program that was stopped now; infinite for never."""
-        outputs = self.loop.parts.outputs if self._staged.safe_lines else ()
-        acting_s = [since_s for each in outputs if (since_s := each.acts_since_s()) is not None]
+        acting_s = [since_s for each in self.loop.parts.outputs if (since_s := each.acts_since_s()) is not None]
         return min(acting_s, default=math.inf) + self._staged.watchdog_s
 
     def _make_safe(self) -> None:
-        """Do what the watchdog process does to the base when the program is dead."""
+        """Kill the program, and do to the base what the watchdog process does; nothing if that is gone."""
+        if self._stage.is_on("kill-watchdog"):
+            return
+        self._is_killed = True
         for kind, where, *what in map(str.split, self._staged.safe_lines):
             if kind == "pin":
                 pin = self._board.factory.pin(int(where))
@@ -220,8 +261,8 @@ class _Trial:
             elif kind == "i2c":
                 for frame in what[-1].split(","):
                     self._board.write(bytes.fromhex(frame))
-            elif self._stage.is_on(*UNPLUGS, "deafen-base"):
-                self.watch.note_stop_lost()
+            elif self._stage.is_on(*UNPLUGS, "deafen-base", "flip-bits"):
+                self.watch.note_stop_lost(self.clock.now_s())
             else:
                 self._board.firmware.receive(bytes.fromhex(what[-1]), self.clock.now_s())
 

@@ -7,7 +7,8 @@ reason     wheels stand within
 =========  ==============================================================================================
 frames     the lease, or ``max_frame_age`` if longer, after the newest sound frame was taken
 target     ``coast`` of the tracking and ``max_frame_age`` after the newest that showed it; but a search may turn
-end        at once after the run was ended, or after a defect
+end        at once after the run was ended or lost its watchdog process, or after a defect
+sensors    the lease after a sensor with ``stop_below`` fell silent
 program    the watchdog process has acted, or the base's own time-out, if the process was stopped or killed
 cable      the base's own time-out after the base was last able to hear
 =========  ==============================================================================================
@@ -64,6 +65,7 @@ class MotionLimits(Struct, frozen=True, kw_only=True):
         gap_s: Frames further apart than this are not in a row.
         good_frames: How many frames in a row are needed before anything moves.
         searches: Whether the base turns on the spot to find a target that it lost.
+        watches_near: Whether a range sensor that falls silent must stop the base.
         needs_arming: Whether the run must be armed again before anything moves after the base was out of order.
     """
 
@@ -77,6 +79,7 @@ class MotionLimits(Struct, frozen=True, kw_only=True):
     gap_s: float
     good_frames: int
     searches: bool
+    watches_near: bool
     needs_arming: bool
 
 
@@ -112,6 +115,8 @@ class MotionWatch(Struct):
     _seen_s: float = -math.inf
     _frames: int = 0
     _ended_s: float = math.inf
+    _silent_s: float = math.inf
+    _is_noisy: bool = False
     _deaf_s: float | None = None
     _stopped_s: float | None = None
     _safe_by_s: float = math.inf
@@ -132,26 +137,33 @@ class MotionWatch(Struct):
     def note_end(self, now_s: float) -> None:
         """Take in that nothing may move any more."""
         self._ended_s = min(self._ended_s, now_s)
-        self.note_stop_lost()
+        self.note_stop_lost(now_s)
 
-    def note_cable(self, now_s: float, *, is_cut: bool, is_out: bool) -> None:
-        """Take in whether the base hears nothing now, and whether that is because its cable is out."""
+    def note_sensors(self, now_s: float, *, is_silent: bool) -> None:
+        """Take in whether the sensors that watch over the base are silent now."""
+        self._silent_s = min(self._silent_s, now_s) if is_silent else math.inf
+
+    def note_cable(self, now_s: float, *, is_cut: bool, is_out: bool, is_noisy: bool) -> None:
+        """Take in whether the base hears nothing now, whether its cable is out, and whether it may hear it wrong."""
+        if self._is_noisy and not is_noisy:
+            self._hears_s = now_s
+        self._is_noisy = is_noisy
         if is_cut and self._deaf_s is None:
             self._deaf_s = now_s
         elif not is_cut and self._deaf_s is not None:
             self._deaf_s, self._hears_s = None, now_s
         if self._ended_s < math.inf:
-            self.note_stop_lost()
+            self.note_stop_lost(self._ended_s)
         if is_out:
             self._unplugged_s = now_s if self._plugged_s != math.inf else self._unplugged_s
             self._plugged_s = math.inf
         elif self._plugged_s == math.inf:
             self._plugged_s = now_s
 
-    def note_stop_lost(self) -> None:
-        """Take in that the last stop is sent now: a base that is deaf is left alone, for nothing repeats it."""
-        if self._deaf_s is not None:
-            self._left_s = self._deaf_s
+    def note_stop_lost(self, sent_s: float) -> None:
+        """Take in when the last stop is sent: a base that does not hear it is left alone, for nothing repeats it."""
+        if self._deaf_s is not None or self._is_noisy:
+            self._left_s = sent_s if self._deaf_s is None else self._deaf_s
 
     def note_program(self, now_s: float, safe_by_s: float | None) -> None:
         """Take in that the process is stopped or killed now, and by when others make the base safe; None: it goes on.
@@ -175,7 +187,8 @@ class MotionWatch(Struct):
             self.turned_s = now_s
         frames = (self._fresh_s + self.limits.stale_s, self._fresh_s, "frames")
         target = (self._seen_s + self.limits.lost_s, self._seen_s, "target")
-        end = (self._ended_s, self._ended_s, "end")
+        sensors = (self._silent_s + self.limits.stale_s, self._silent_s, "sensors")
+        end = min((self._ended_s, self._ended_s, "end"), sensors)
         if self.limits.searches:  # without its target the base may turn on the spot, as long as it sees
             self._judge(now_s, fastest_mps, min(frames, end))
             self._judge(now_s, abs(sum(wheels_mps)) / 2, target)
@@ -209,7 +222,8 @@ class MotionWatch(Struct):
         if now_s < self._plugged_s + REST_S:
             alone.append((self._unplugged_s, math.inf, "cable"))
         own = [(self._alone_until_s(each, by_s), each, reason) for each, by_s, reason in alone if each is not None]
-        until_s, since_s, reason = max(own) if own else (max(due[0], self._hears_s + REPEATED_WITHIN_S), *due[1:])
+        due_s = self._alone_until_s(due[0], math.inf) if self._is_noisy else due[0]
+        until_s, since_s, reason = max(own) if own else (max(due_s, self._hears_s + REPEATED_WITHIN_S), *due[1:])
         return until_s + REACTION_S, since_s, reason
 
     def _alone_until_s(self, since_s: float, safe_by_s: float) -> float:
@@ -258,7 +272,8 @@ BEYOND = frozenset({"program", "cable"})
 SINCE = {
     "frames": "the last sound frame was taken",
     "target": "the target was last seen",
-    "end": "the run was ended",
+    "end": "the run was ended, or lost its watchdog process",
+    "sensors": "the range sensors fell silent",
     "program": "the process was stopped",
     "cable": "the base last heard anything",
 }
