@@ -15,11 +15,11 @@ def test_groups_are_those_of_the_unit_and_its_drop_ins(tmp_path: Path, deploy: P
     units = tmp_path / "usr/lib/systemd/system"
     units.mkdir(parents=True)
     (units / "stadimeter.service").write_text((deploy / "stadimeter.service").read_text())
-    assert this_computer.groups_of_service(tmp_path) == ("gpio", "video", "dialout")
+    assert this_computer.groups_of_service(tmp_path) == ("gpio", "video", "dialout", "i2c")
     mine = tmp_path / "etc/systemd/system/stadimeter.service.d/mine.conf"
     mine.parent.mkdir(parents=True)
-    mine.write_text("[Service]\nSupplementaryGroups=i2c video\n")
-    assert this_computer.groups_of_service(tmp_path) == ("gpio", "video", "dialout", "i2c")
+    mine.write_text("[Service]\nSupplementaryGroups=spi video\n")
+    assert this_computer.groups_of_service(tmp_path) == ("gpio", "video", "dialout", "i2c", "spi")
     mine.write_text("[Service]\nSupplementaryGroups=\nSupplementaryGroups=i2c\n")
     assert this_computer.groups_of_service(tmp_path) == ("i2c",)
     mine.unlink()
