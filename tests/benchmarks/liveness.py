@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from false_raises import interval
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.loop import Limits, Loop
@@ -91,7 +92,7 @@ they do after any stop.
 
 | | |
 | --- | --- |
-| false stops in rooms with texture | {false_stops} in {total_h:.1f} h, in {drove_h:.1f} h of which it drove |
+| false stops in rooms with texture | {false_stops} in {total_h:.1f} h, in {drove_h:.1f} h of which it drove; {rate} |
 | rooms with texture that were said to be too plain | {wrongly_plain} of {walks} |
 | plain rooms that were said to be too plain | {rightly_plain} of {plain} |
 
@@ -259,11 +260,14 @@ def measure(runs: int, hours: float, jobs: int) -> str:
         rows = [row(words, [each.result() for each in results]) for words, results in stops]
         live, bare = [each.result() for each in walks], [each.result() for each in plain]
     median_ms, p95_ms = costs_ms()
+    false_stops = sum(each.false_stops for each in live)
+    low, high = interval(false_stops, len(live) / 6)
     return TEMPLATE.format(
         command=f"--runs {runs} --hours {hours:g}",
         python=f"Python {platform.python_version()}, {platform.machine()}",
         rows="\n".join(rows),
-        false_stops=sum(each.false_stops for each in live),
+        false_stops=false_stops,
+        rate=f"an hour, with a confidence of 95 %: {low:.2f} to {high:.1f}",
         total_h=len(live) / 6,
         drove_h=sum(each.drove_s for each in live) / 3600,
         wrongly_plain=sum(each.is_said_plain for each in live),
