@@ -35,14 +35,21 @@ def line_of(text: str, words: str) -> int:
     return text[: text.index(words)].count("\n") + 1
 
 
+@pytest.fixture(scope="module")
+def schema() -> jsonschema.Draft202012Validator:
+    return jsonschema.Draft202012Validator(configuration_schema())
+
+
 @pytest.mark.parametrize("driver", READY)
-def test_one_line_of_the_example_chooses_the_base(tmp_path: Path, driver: str) -> None:
+def test_one_line_of_the_example_chooses_the_base(
+    tmp_path: Path, driver: str, schema: jsonschema.Draft202012Validator
+) -> None:
     text = FOLLOW_BALL.replace(CHOSEN, f'driver = "{driver}"')
     base = load(tmp_path, text).base
     assert base is not None
     assert base.driver == driver
     assert set(tomllib.loads(text)["base"][driver]) <= base.options.model_fields_set
-    jsonschema.validate(tomllib.loads(text), configuration_schema())
+    schema.validate(tomllib.loads(text))
 
 
 def test_the_example_has_every_base_ready_that_is_one_board() -> None:
