@@ -22,8 +22,11 @@ from pymdownx.slugs import slugify
 FROM_ELSEWHERE = {"contributing.md": "CONTRIBUTING.md", "deploy.md": "deploy/README.md"}
 """Pages of the site that are not in this folder, by their path in the repository."""
 
-BEHIND_OTHERS = ("a-z.md", "contributing.md", "decisions/")
+BEHIND_OTHERS = ("a-z.md", "benchmarks/", "contributing.md", "decisions/")
 """Pages that the search shows after those that explain a word to users."""
+
+MAIN_REPORT = "benchmarks/report.md"
+"""The page of figures that the search shows before all others of them."""
 
 INDEX = "a-z.md"
 INDEX_MARK = "<!-- index of keys -->"
@@ -51,7 +54,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     if uri == INDEX:
         markdown = markdown.replace(INDEX_MARK, index_of_keys(files))
     if uri.startswith(BEHIND_OTHERS):
-        page.meta["search"] = {"boost": 0.1}
+        page.meta["search"] = {"boost": 0.5 if uri == MAIN_REPORT else 0.1}
     origin = FROM_ELSEWHERE.get(uri, f"docs/{uri}")
     return LINK.sub(lambda link: in_site(link[1], origin, uri, str(config.repo_url)) + (link[2] or ""), markdown)
 

@@ -113,10 +113,11 @@ def test_a_stop_is_repeated(bridge: RosbridgeServer, driven: list[tuple[float, f
 
 def test_a_battery_is_reported_until_its_robot_says_nothing_of_it_any_more(bridge: RosbridgeServer) -> None:
     clock = ManualClock()
-    base = base_at(bridge.url, clock, battery_topic="/battery_state")
+    base = base_at(bridge.url, clock, battery_topic="battery_state")
     base.open()
     assert base.report() is None
     eventually(lambda: bridge.subscribed == {"/battery_state": "sensor_msgs/msg/BatteryState"})
+    bridge.say({"op": "publish", "topic": "/other", "msg": {"voltage": 5.0}})
     bridge.say({"op": "publish", "topic": "/battery_state", "msg": {"voltage": 11.5}})
     eventually(lambda: base.tick(clock.now_s()) or base.report())
     assert base.report().battery_v == 11.5
@@ -125,13 +126,17 @@ def test_a_battery_is_reported_until_its_robot_says_nothing_of_it_any_more(bridg
     base.close()
 
 
-def test_a_run_publishes_where_its_target_is_while_it_sees_it(bridge: RosbridgeServer, tmp_path: Path) -> None:
-    path = tmp_path / "robot.toml"
+def loop_with_poses(folder: Path, url: str, camera: str = SIMULATED_BALL) -> Loop:
+    path = folder / "robot.toml"
     path.write_text(
-        SIMULATED_BALL + f'[base]\ndriver = "ros2-rosbridge"\nurl = "{bridge.url}"\npose_topic = "/target_pose"\n'
+        camera + f'[base]\ndriver = "ros2-rosbridge"\nurl = "{url}"\npose_topic = "/target_pose"\n'
         '[rules.follow]\nactuator = "base"\nfollow = { distance = "1 m", max_speed = "0.1 m/s" }\n[world]\n'
     )
-    loop = Loop(build(load_configuration(path), speed=None))
+    return Loop(build(load_configuration(path), speed=None))
+
+
+def test_a_run_publishes_where_its_target_is_while_it_sees_it(bridge: RosbridgeServer, tmp_path: Path) -> None:
+    loop = loop_with_poses(tmp_path, bridge.url)
     world = loop.parts.shared.parts["world"]
     seen = []
 
@@ -146,6 +151,16 @@ def test_a_run_publishes_where_its_target_is_while_it_sees_it(bridge: RosbridgeS
     for pose, track in zip(poses, seen, strict=True):
         assert math.dist(pose.values(), (0, 0, 0)) == pytest.approx(track.distance_m)
         assert math.atan2(-pose["y"], pose["x"]) == pytest.approx(track.bearing_rad)
+
+
+def test_a_run_whose_pictures_are_too_old_publishes_no_poses(bridge: RosbridgeServer, tmp_path: Path) -> None:
+    late = SIMULATED_BALL.replace("render = false", 'render = false\nlatency = "600 ms"')
+    loop = loop_with_poses(tmp_path, bridge.url, late)
+    seen = []
+    loop.listeners.append(lambda record, _frame: seen.extend(record.decision.tracks))
+    loop.run(Limits(seconds=3.0))
+    assert seen
+    assert bridge.poses == []
 
 
 def test_what_rosbridge_refuses_is_an_error(bridge: RosbridgeServer) -> None:
@@ -233,6 +248,7 @@ def test_a_port_where_something_else_listens_is_no_rosbridge() -> None:
         {"max_linear": "-1 m/s"},
         {"port": "/dev/ttyUSB0"},
         {"pose_topic": "no topic"},
+        {"topic": "/größe"},
         {"pose_bearing_sigma": "0 deg"},
     ],
 )

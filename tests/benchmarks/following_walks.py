@@ -109,9 +109,10 @@ def print_walks(folder: Path, walks: int) -> None:
     print(f"nearest: median {median(nearest_m):.2f} m, worst {min(nearest_m):.2f} m")
     for name, spans_s, limit_s in (("hidden for 1 s", hidden_s, 1.5), ("left the view", gone_s, 8.0)):
         share = sum(span_s <= limit_s for span_s in spans_s) / len(spans_s)
+        never = spans_s.count(0.0)
         print(
-            f"{name}, {len(spans_s)} times: in view again within {limit_s:g} s in {share:.1%}, median "
-            f"{median(spans_s):.2f} s, worst {max(spans_s):.2f} s"
+            f"{name}, {len(spans_s)} times, {never} of them never lost: in view again within {limit_s:g} s in "
+            f"{share:.1%}, median {median(spans_s):.2f} s, worst {max(spans_s):.2f} s"
         )
 
 

@@ -123,7 +123,7 @@ class Cycle:
         state, decision = decide(state, observation)
         watch.lap("decide")
         applied = self._applied(decision.commands)
-        if frame:
+        if frame and not observation.not_for_motion and now_s - frame.captured_at_s <= self.max_frame_age_s:
             self._show_targets(decision.tracks, frame.captured_at_s)
         watch.lap("apply")
         record = CycleRecord(

@@ -33,7 +33,7 @@ _STOPS = 3
 # A voltage older than this is not known any more. Robots report it every second, or every ten.
 _BATTERY_WITHIN_S = 30.0
 
-TopicName = Annotated[str, Field(pattern=r"^/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*$")]
+TopicName = Annotated[str, Field(pattern=r"^/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*$")]
 
 _STANDING = Motion(linear_mps=0.0, angular_radps=0.0)
 

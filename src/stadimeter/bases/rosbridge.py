@@ -69,7 +69,10 @@ class RosbridgeLink:
     def __init__(self, options: RosbridgeOptions) -> None:
         self._options = options
         self._url, self._message = options.url, options.message
-        self._topic = "/" + options.topic.removeprefix("/")
+        self._topic, self._pose_topic, self._battery_topic = (
+            "/" + (topic or "").removeprefix("/")
+            for topic in (options.topic, options.pose_topic, options.battery_topic)
+        )
         self._battery_v: float | None = None
         self._socket: Any = None
 
@@ -81,9 +84,9 @@ class RosbridgeLink:
             self._check_other_side()
             self._say({"op": "advertise", "topic": self._topic, "type": type_name(self._message)})
             if self._options.pose_topic:
-                self._say({"op": "advertise", "topic": self._options.pose_topic, "type": POSE_TYPE})
+                self._say({"op": "advertise", "topic": self._pose_topic, "type": POSE_TYPE})
             if self._options.battery_topic:
-                self._say({"op": "subscribe", "topic": self._options.battery_topic, "type": BATTERY_TYPE})
+                self._say({"op": "subscribe", "topic": self._battery_topic, "type": BATTERY_TYPE})
         except LinkLostError as error:
             raise DeviceOpenError(f"the connection was lost while it was opened: {error}") from error
 
@@ -95,7 +98,7 @@ class RosbridgeLink:
     def show(self, pose: TargetPose) -> None:
         """Send the pose of a target."""
         fields = pose_json(pose, self._options.pose_frame_id)
-        self._say({"op": "publish", "topic": self._options.pose_topic, "msg": fields})
+        self._say({"op": "publish", "topic": self._pose_topic, "msg": fields})
 
     def battery_v(self) -> float | None:
         """Return the voltage that `check` has read since this was last asked."""
@@ -105,7 +108,7 @@ class RosbridgeLink:
     def check(self) -> None:
         """Read what rosbridge has sent: what it refuses, and what was subscribed to."""
         while said := self._read(0):
-            if said.get("op") == "publish" and isinstance(fields := said.get("msg"), dict):
+            if said.get("topic") == self._battery_topic and isinstance(fields := said.get("msg"), dict):
                 self._battery_v = battery_from_json(fields)
             if said.get("op") == "status" and said.get("level") == "error":
                 raise ProtocolError(f"rosbridge at {self._url} refuses {self._topic}: {said.get('msg')}")
