@@ -23,10 +23,10 @@ FROM_ELSEWHERE = {"contributing.md": "CONTRIBUTING.md", "deploy.md": "deploy/REA
 """Pages of the site that are not in this folder, by their path in the repository."""
 
 BEHIND_OTHERS = ("a-z.md", "benchmarks/", "contributing.md", "decisions/")
-"""Pages that the search shows after those that explain a word to users."""
+"""Pages that the search shows after those that explain a word to users, or hold most of its figures."""
 
-MAIN_REPORT = "benchmarks/report.md"
-"""The page of figures that the search shows before all others of them."""
+FOR_USERS = ("benchmarks/report.md",)
+"""Of these, the pages that users want to see first all the same."""
 
 INDEX = "a-z.md"
 INDEX_MARK = "<!-- index of keys -->"
@@ -53,8 +53,8 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     uri = page.file.src_uri
     if uri == INDEX:
         markdown = markdown.replace(INDEX_MARK, index_of_keys(files))
-    if uri.startswith(BEHIND_OTHERS):
-        page.meta["search"] = {"boost": 0.5 if uri == MAIN_REPORT else 0.1}
+    if uri.startswith(BEHIND_OTHERS) and uri not in FOR_USERS:
+        page.meta["search"] = {"boost": 0.1}
     origin = FROM_ELSEWHERE.get(uri, f"docs/{uri}")
     return LINK.sub(lambda link: in_site(link[1], origin, uri, str(config.repo_url)) + (link[2] or ""), markdown)
 
