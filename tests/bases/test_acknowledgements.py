@@ -36,6 +36,19 @@ def test_a_new_drive_command_takes_the_stop_back() -> None:
     assert not awaited.stop_is_overdue(2.0)
 
 
+def test_after_two_stops_that_nothing_answers_the_line_is_quiet_for_a_while_and_then_two_more_are_due() -> None:
+    awaited = Acknowledgements(quiet_s=0.4)
+    sent_s = []
+    for step in range(200):
+        now_s = 1.0 + 0.01 * step
+        if not sent_s or awaited.stop_is_overdue(now_s):
+            awaited.sent(now_s, stop=True)
+            sent_s.append(round(now_s - 1.0, 2))
+    assert sent_s[:5] == pytest.approx([0.0, 0.1, 0.5, 0.6, 1.0], abs=0.041)
+    awaited.sent(3.0, stop=False)
+    assert not awaited.must_be_quiet(3.0)
+
+
 def listen(awaited: Acknowledgements, from_s: float, seconds: float) -> None:
     """Look at the line every 20 ms."""
     for look in range(1, round(seconds / 0.02) + 1):

@@ -226,6 +226,24 @@ def test_questions_do_not_keep_wheels_turning_that_nobody_commands(bench: BaseBe
     assert bench.stands
 
 
+def test_stops_that_are_spoilt_on_their_way_do_not_keep_the_wheels_turning(bench: BaseBench, base: SerialBase) -> None:
+    """On a noisy line each stop that is sent again feeds the time-out, and so does everything else that is sent."""
+    bench.drive(base, 0.3)
+    bench.board.port.spoil = lambda sent: bytes(byte ^ 1 for byte in sent)
+    for _ in range(9):
+        bench.drive(base, 0.0, seconds=0.05)
+        base.stop()
+    assert max(map(abs, bench.wheels_mps)) < 0.2
+    with pytest.raises(LinkLostError):
+        bench.drive(base, 0.0, seconds=0.2)
+    assert max(map(abs, bench.wheels_mps)) < 0.1
+    bench.board.port.spoil = bytes
+    base.close()
+    base.open()
+    bench.drive(base, 0.3)
+    assert bench.wheels_mps == pytest.approx((0.3, 0.3), rel=0.02)
+
+
 def test_a_board_that_was_switched_off_and_on_is_a_fault_until_it_is_opened_anew(
     bench: BaseBench, base: SerialBase
 ) -> None:

@@ -17,9 +17,15 @@ class Acknowledgements:
     Silence is time in which the line was read. When this process waits for a processor, the clock goes on and nothing
     is read; and a command may leave the computer long after its time was noted. So silence adds up from look to look,
     and a gap between two looks counts for `LOOK_S` at most: ten looks in a row must have found nothing.
+
+    Args:
+        quiet_s: How long the line is left quiet after each second stop that is not answered, for a board that any byte
+            keeps from stopping by itself. On a noisy line stops that never arrive would keep its wheels turning.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, quiet_s: float = 0.0) -> None:
+        self._quiet_s = quiet_s
+        self._stops_in_a_row = 0
         self._unanswered = 0
         self._silent_s: float | None = None
         self._looked_s = 0.0
@@ -29,6 +35,7 @@ class Acknowledgements:
         """Note that a command was sent. Any other command takes an earlier stop back."""
         self._unanswered += 1
         self._stop_sent_s = now_s if stop else None
+        self._stops_in_a_row = self._stops_in_a_row + 1 if stop else 0
         if self._silent_s is None:
             self._silent_s, self._looked_s = 0.0, now_s
 
@@ -48,13 +55,20 @@ class Acknowledgements:
         self._silent_s = None
         if is_done and not self._unanswered:
             self._stop_sent_s = None
+            self._stops_in_a_row = 0
 
     def heard(self, now_s: float) -> None:
         """Note that the base said something that is no answer: it takes no command for done."""
 
     def stop_is_overdue(self, now_s: float) -> bool:
-        """Return whether a stop was sent at least `STOP_REPEATED_AFTER_S` ago and is not acknowledged."""
-        return self._stop_sent_s is not None and now_s - self._stop_sent_s >= STOP_REPEATED_AFTER_S
+        """Return whether a stop that is not acknowledged shall be sent again."""
+        is_due = self._stop_sent_s is not None and now_s - self._stop_sent_s >= STOP_REPEATED_AFTER_S
+        return is_due and not self.must_be_quiet(now_s)
+
+    def must_be_quiet(self, now_s: float) -> bool:
+        """Return whether nothing shall be sent but a command that drives: two stops were, and are not acknowledged."""
+        is_second = self._stop_sent_s is not None and self._stops_in_a_row % 2 == 0
+        return is_second and now_s - (self._stop_sent_s or 0.0) < self._quiet_s
 
     @property
     def silent_s(self) -> float:

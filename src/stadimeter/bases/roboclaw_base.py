@@ -4,7 +4,8 @@ Its serial time-out is off after each start of the board. It is set at open, and
 that was switched off and on meanwhile has none, and is stopped and opened anew.
 
 **Every byte feeds that time-out, not only commands that drive.** So nothing is asked of a board to which no command
-goes: questions must not keep wheels turning without commands.
+goes: questions must not keep wheels turning without commands. And a stop that stays unanswered is repeated once, then
+the line is quiet until the board must have stopped by itself.
 """
 
 from __future__ import annotations
@@ -65,6 +66,7 @@ class RoboclawCodec(SerialCodec):
 
     name = "RoboClaw"
     answers = Answers.EACH_COMMAND
+    any_byte_feeds = True
     hint = "check that it is set to packet serial with this address and baud rate, that it is switched on"
 
     def __init__(self, *, address: int, steps: SpeedSteps, has_encoders: bool, timeout_s: float) -> None:

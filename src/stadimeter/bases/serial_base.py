@@ -34,6 +34,9 @@ POLLED_EVERY_S = 0.2
 # would turn on while nobody commands them.
 POLLED_AFTER_COMMAND_S = 0.1
 
+# A board whose time-out is over has stopped by this much later.
+STOPS_LATER_S = 0.1
+
 # No base that this is for has more; a number beyond is damage on the line.
 MAX_BATTERY_V = 100.0
 
@@ -177,7 +180,9 @@ class SerialBase:
         wheels = self._drive.wheels(Motion(linear_mps=command.linear_mps, angular_radps=command.angular_radps))
         left_mps, right_mps = self._options.to_motors(wheels.left_mps, wheels.right_mps)
         encoded = self._codec.encode(WheelSpeeds(left_mps=left_mps, right_mps=right_mps))
-        self._send(link, encoded.frame, now_s, is_stop=encoded.sent == STANDING)
+        is_stop = encoded.sent == STANDING
+        if not (is_stop and self._awaited.must_be_quiet(now_s)):
+            self._send(link, encoded.frame, now_s, is_stop=is_stop)
         left_mps, right_mps = self._options.to_wheels(encoded.sent.left_mps, encoded.sent.right_mps)
         sent = self._drive.motion(WheelSpeeds(left_mps=left_mps, right_mps=right_mps))
         return replace(command, linear_mps=sent.linear_mps, angular_radps=sent.angular_radps)
@@ -199,8 +204,9 @@ class SerialBase:
 
     def stop(self) -> None:
         """Stand still at once. Does nothing when closed."""
-        if self._link:
-            self._send(self._link, self._codec.stop, self._clock.now_s(), is_stop=True)
+        now_s = self._clock.now_s()
+        if self._link and not self._awaited.must_be_quiet(now_s):
+            self._send(self._link, self._codec.stop, now_s, is_stop=True)
 
     def close(self) -> None:
         """Stop, wait shortly until the stop has left the computer, and release the port, even if the stop fails."""
@@ -222,7 +228,9 @@ class SerialBase:
         self._link = link
         self._codec = codec
         now_s = self._clock.now_s()
-        self._awaited = Acknowledgements()
+        self._awaited = Acknowledgements(
+            self._options.stops_by_itself_after_s() + STOPS_LATER_S if codec.any_byte_feeds else 0.0
+        )
         if codec.answers is not Answers.EACH_COMMAND:
             self._awaited = Unacknowledged(now_s, streams=codec.answers is Answers.STREAM, stops=codec.stops)
         self._polls = cycle(codec.polls)
@@ -271,7 +279,7 @@ class SerialBase:
 
     def _poll(self, link: SerialLink, now_s: float) -> None:
         question = next(self._polls, b"") if now_s - self._polled_s >= POLLED_EVERY_S else b""
-        if question and not self._frame_cut_short:
+        if question and not self._frame_cut_short and not self._awaited.must_be_quiet(now_s):
             self._polled_s = now_s
             self._write(link, question)
 

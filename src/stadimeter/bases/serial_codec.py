@@ -67,6 +67,7 @@ class SerialCodec(ABC):
         closing: What is sent after the last stop.
         gap_s: How long the line must be quiet between two frames.
         stops: How often a stop is sent to a base that acknowledges none.
+        any_byte_feeds: Whether every byte keeps the base from stopping by itself, and not only commands that drive.
         hint: What to check when nothing answers.
         refusal_hint: What is wrong when a base refuses to drive.
         trouble: Why the base, which answers, does not drive, as far as it was heard; empty if it does.
@@ -79,6 +80,7 @@ class SerialCodec(ABC):
     refusal_hint: ClassVar[str] = ""
     gap_s: ClassVar[float] = 0.0
     stops: ClassVar[float] = 3
+    any_byte_feeds: ClassVar[bool] = False
     ends_cut_frame: bytes = b""
     wake: tuple[bytes, ...] = ()
     question: bytes = b""
