@@ -102,6 +102,7 @@ def test_a_driver_that_fails_is_stopped_and_takes_no_commands(output, driver):
     driver.fail_with = LinkLostError("unplugged")
     assert output.apply(full(100.0)) is None
     assert output.fault == "unplugged"
+    assert output.acts_since_s() is None
     assert driver.stop_times_s == [100.0]
     driver.fail_with = None
     assert output.apply(full(100.0)) is None
@@ -342,6 +343,17 @@ def test_a_driver_that_cannot_even_stop_is_reported_with_both_troubles(output, d
     driver.fail_with, driver.fail_on = LinkLostError("unplugged"), ("apply", "stop")
     output.apply(full(100.0))
     assert output.fault == "unplugged; stopping it failed too: unplugged"
+
+
+def test_a_driver_that_could_not_be_stopped_counts_as_acting_until_it_is_opened_again(guarded, output, driver, clock):
+    """The watchdog process hears of it in every cycle: if the program hangs, somebody must stop what goes on moving."""
+    break_it(driver, output, on=("apply", "stop", "open"))
+    assert output.acts_since_s() == clock.now_s()
+    clock.advance_s(0.3)
+    assert output.acts_since_s() == clock.now_s()
+    driver.fail_with = None
+    clock.advance_s(10.0)
+    assert output.acts_since_s() is None
 
 
 def test_a_failure_between_commands_is_noticed_as_well(output, driver, clock):

@@ -18,6 +18,7 @@ class Buses:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, *buses: str) -> None:
         self.written: list[tuple[str, int, bytes]] = []
         self.silent: set[int] = set()
+        self.held_for_writes = 0  # something holds the bus for so many
         self._open: dict[int, str] = {}
         self._address: dict[int, int] = {}
         self._buses = buses
@@ -36,14 +37,17 @@ class Buses:
         return descriptor
 
     def ioctl(self, descriptor: int, request: int, address: int) -> int:
-        assert request == 0x0703
-        self._address[descriptor] = address
+        if request == 0x0703:
+            self._address[descriptor] = address
         return 0
 
     def write(self, descriptor: int, data: bytes) -> int:
         if descriptor not in self._open:
             return self._real[1](descriptor, data)
         address = self._address[descriptor]
+        if self.held_for_writes:
+            self.held_for_writes -= 1
+            raise TimeoutError(errno.ETIMEDOUT, os.strerror(errno.ETIMEDOUT))
         if address in self.silent:
             raise OSError(errno.EREMOTEIO, os.strerror(errno.EREMOTEIO))
         self.written.append((self._open[descriptor], address, data))
@@ -54,6 +58,7 @@ def test_each_device_gets_its_writes_and_one_that_is_silent_keeps_no_other_from_
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     buses = Buses(monkeypatch, "/dev/i2c-1")
+    monkeypatch.setattr(stops, "TRIED_FOR_S", 0.1)
     buses.silent = {0x60}
     lines = ["i2c 1 0x60 fd10", "i2c 1 0x40 fd10,0001", "i2c 7 0x40 00"]
     said = stops.make_safe(SafePlan(lines))
@@ -62,6 +67,14 @@ def test_each_device_gets_its_writes_and_one_that_is_silent_keeps_no_other_from_
         "i2c 1 0x60: not stopped: Remote I/O error",
         "i2c 7 0x40: not stopped: No such file or directory",
     ]
+
+
+def test_a_device_on_a_bus_that_is_held_for_a_moment_is_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    buses = Buses(monkeypatch, "/dev/i2c-1")
+    monkeypatch.setattr(stops, "TRIED_EVERY_S", 0.0)
+    buses.held_for_writes = 5
+    assert stops.make_safe(SafePlan(["i2c 1 0x60 fd10", "i2c 1 0x40 fd10"])) == []
+    assert {address for _, address, _ in buses.written} == {0x60, 0x40}
 
 
 def test_a_part_that_hangs_or_has_a_defect_is_named_and_the_others_are_made_safe(

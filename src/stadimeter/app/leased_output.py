@@ -96,6 +96,7 @@ class LeasedOutput:
         self._was_opened = False
         self._stays_off = stays_off
         self._observed_fault = ""
+        self._may_still_act = False
         self._wait_s = FIRST_WAIT_S
         self._in_order_since_s = -math.inf
         self._retry_at_s = 0.0
@@ -129,8 +130,14 @@ class LeasedOutput:
         return fault
 
     def acts_since_s(self) -> float | None:
-        """Return when the frame behind what it does now was captured; None at its safe value, and out of order."""
-        return None if self.fault else self._command.captured_at_s
+        """Return when the frame behind what it does now was captured; None at its safe value.
+
+        Of a driver that failed and could not even be stopped, it is now: as long as this is asked, stopping it is tried
+        again, and if it is asked no more, the watchdog process must do it.
+        """
+        if self.fault:
+            return self._clock.now_s() if self._may_still_act else None
+        return self._command.captured_at_s
 
     def report(self) -> BaseReport | None:
         """Return what a robot base reported last; None for an actuator, and for a base that is out of order."""
@@ -308,6 +315,7 @@ class LeasedOutput:
             with suppress(DriverError):
                 self._driver.close()
         elif is_open:
+            self._may_still_act = False
             self.fault, self._rest_until_s = RESTING, now_s + REST_S
         else:
             self._retry_later(now_s)
@@ -349,5 +357,6 @@ class LeasedOutput:
         try:
             self._driver.stop()
         except DriverError as second:
+            self._may_still_act = True
             self.fault += f"; stopping it failed too: {second}"
         self.at_rest()

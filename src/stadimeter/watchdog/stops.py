@@ -23,8 +23,12 @@ WITHIN_S = 1.5
 # A port that takes no byte for this long is one whose other end does not read.
 TAKEN_WITHIN_S = 0.3
 
-# linux/i2c-dev.h: which device on the bus is written to.
-I2C_SLAVE = 0x0703
+# A bus may be held, or a cable out, for a moment; and a motor chip goes on as before until it is written to.
+TRIED_FOR_S, TRIED_EVERY_S = 1.0, 0.05
+
+# linux/i2c-dev.h: which device on the bus is written to, and after how many times 10 ms a transfer has failed. Without
+# it a bus that is held keeps each write waiting for a second.
+I2C_SLAVE, I2C_TIMEOUT = 0x0703, 0x0702
 
 
 def make_safe(plan: SafePlan, within_s: float = WITHIN_S) -> list[str]:
@@ -113,17 +117,31 @@ def _write(line: int, frame: bytes) -> int:
 
 
 def stop_bus(plan: SafePlan, at_bus: int, complaints: list[str]) -> None:
-    """Write to each device on an I2C bus what stops it, whatever became of the others."""
-    for bus, address, writes in plan.i2c:
-        if bus != at_bus:
-            continue
-        try:
-            device = os.open(f"/dev/i2c-{bus}", os.O_RDWR | os.O_CLOEXEC)
+    """Write to each device on an I2C bus what stops it, whatever became of the others; try again those that failed."""
+    until_s = time.monotonic() + TRIED_FOR_S
+    left = [(address, writes) for bus, address, writes in plan.i2c if bus == at_bus]
+    while True:
+        failed = {}
+        for address, writes in left:
             try:
-                fcntl.ioctl(device, I2C_SLAVE, address)
-                for each in writes:
-                    os.write(device, each)
-            finally:
-                os.close(device)
-        except OSError as error:
-            complaints.append(f"i2c {bus} {address:#04x}: not stopped: {error.strerror}")
+                _write_to_device(f"/dev/i2c-{at_bus}", address, writes)
+            except OSError as trouble:
+                failed[address] = trouble
+        left = [(address, writes) for address, writes in left if address in failed]
+        is_absent = any(isinstance(error, FileNotFoundError) for error in failed.values())
+        if not left or is_absent or time.monotonic() >= until_s:
+            break
+        time.sleep(TRIED_EVERY_S)
+    for address, error in failed.items():
+        complaints.append(f"i2c {at_bus} {address:#04x}: not stopped: {error.strerror}")
+
+
+def _write_to_device(bus: str, address: int, writes: list[bytes]) -> None:
+    device = os.open(bus, os.O_RDWR | os.O_CLOEXEC)
+    try:
+        fcntl.ioctl(device, I2C_SLAVE, address)
+        fcntl.ioctl(device, I2C_TIMEOUT, 3)
+        for each in writes:
+            os.write(device, each)
+    finally:
+        os.close(device)

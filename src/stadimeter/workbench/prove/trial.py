@@ -19,6 +19,7 @@ from stadimeter.app.watchdog import WatchdogLink
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.operator import OperatorCommand
 from stadimeter.operator_actions import OperatorAction
+from stadimeter.watchdog.stops import TRIED_EVERY_S
 from stadimeter.workbench.prove.faults import FINAL, FOR_EVER_S, LASTS_S, STOPS_PROCESS, UNPLUGS, FaultSequence
 from stadimeter.workbench.prove.staged_camera import Stage, StagedCapture, StagedDefectError, StagedEye
 from stadimeter.workbench.prove.staged_clock import StagedClock
@@ -143,6 +144,8 @@ class _Trial:
         """Run it until nothing can come any more."""
         with suppress(StagedDefectError):
             self.loop.run(Limits(seconds=self._end_s))
+        if self.loop.troubles:  # an output could not be stopped: that is left to the watchdog process
+            self.clock.call_at(self.clock.now_s() + _WATCHDOG_REACTS_S, self._make_safe)
         while not self._is_decided and self.clock.now_s() < self._end_s:  # what is beyond the program goes on
             self._stage.wait(_LOOK_EVERY_S)
 
@@ -259,8 +262,13 @@ class _Trial:
                 pin.frequency = None
                 pin.state = float(what == ["high"])
             elif kind == "i2c":
-                for frame in what[-1].split(","):
-                    self._board.write(bytes.fromhex(frame))
+                try:
+                    for frame in what[-1].split(","):
+                        self._board.write(bytes.fromhex(frame))
+                except OSError:  # it tries again, for longer than any fault of a bus lasts that ends
+                    again_s = self.clock.now_s() + TRIED_EVERY_S
+                    self.watch.note_program(self.clock.now_s(), again_s)
+                    self.clock.call_at(again_s, self._make_safe)
             elif self._stage.is_on(*UNPLUGS, "deafen-base", "flip-bits"):
                 self.watch.note_stop_lost(self.clock.now_s())
             else:
