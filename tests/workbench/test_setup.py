@@ -227,10 +227,10 @@ def test_each_base_is_set_up_by_its_ready_answers_alone(tmp_path: Path, driver: 
     assert {key.removeprefix("base_") for key in known.answers if key.startswith("base_")} < set(table)
 
 
-def test_every_installed_base_is_offered_with_a_title() -> None:
+def test_every_installed_base_that_drives_is_offered_with_a_title() -> None:
     question = BaseStep().question(Known(folder=Path()))
     offered = {option.answer: option.meaning for option in question.options}
-    assert set(offered) == {*driver_names(BASES), "screen"} - {"simulated"}
+    assert set(offered) == {*driver_names(BASES), "screen"} - {"simulated", "pan-servo"}
     assert all(offered.values()), offered
 
 

@@ -207,6 +207,10 @@ def _outputs_fit(draft: Draft) -> Iterator[Finding]:
         if rule.follow and rule.actuator != BASE_NAME:
             driven = f"not '{rule.actuator}'" if rule.actuator else "and this rule names nothing"
             yield Finding(at, f"only the base can follow, {driven}", f'write actuator = "{BASE_NAME}"', "output-unfit")
+        drives = rule.follow is not None and (rule.follow.linear_max_mps or rule.follow.reverse_max_mps)
+        if drives and draft.base is not None and draft.base.options.only_turns:
+            message = f"the base '{draft.base.driver}' turns and drives nowhere, and this rule shall drive it"
+            yield Finding(("rules", name, "follow"), message, 'write max_speed = "0 m/s"', "output-unfit")
         if rule.ramp and rule.actuator == BASE_NAME:
             yield Finding(
                 at,

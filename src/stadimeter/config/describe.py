@@ -192,10 +192,14 @@ def _follow(rule: FollowRule, configuration: Configuration) -> str:
     base = next((each for each in configuration.plan.outputs if isinstance(each, BaseOutput)), None)
     most_mps = min(rule.linear_max_mps, base.linear_max_mps) if base else rule.linear_max_mps
     reverse = f"up to {rule.reverse_max_mps:g} m/s backwards" if rule.reverse_max_mps else "never backwards"
-    return (
-        f"keeps `{rule.output}` {length(rule.distance_m)} from `{rule.target}` and turned towards it, "
-        f"up to {most_mps:g} m/s forwards, {reverse}{_bounds(rule)}; stops when lost{_searching(rule)}."
-    )
+    if most_mps or rule.reverse_max_mps:
+        does = (
+            f"{length(rule.distance_m)} from `{rule.target}` and turned towards it, up to {most_mps:g} m/s forwards, "
+        )
+        does += reverse
+    else:
+        does = f"turned towards `{rule.target}`, without driving"
+    return f"keeps `{rule.output}` {does}{_bounds(rule)}; stops when lost{_searching(rule)}."
 
 
 def _bounds(rule: FollowRule) -> str:

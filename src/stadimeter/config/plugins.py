@@ -54,6 +54,7 @@ class DriverOptions(OptionsTable):
     Attributes:
         needs_world: Whether it shows, knows or moves what is in a simulated world, which there must be then.
         needs_pixels: Of a detector, whether it looks for its target in pictures: ``check`` warns where that is small.
+        only_turns: Of a base, whether it drives nowhere, such as a camera on a servo.
         title: Of a base, what it is, for `init` and the page.
         verb: Of an actuator, what it does when it acts, for descriptions.
         is_worn_by_switching: Of an actuator, whether each change of its level wears it out: ``check`` warns of patterns
@@ -65,6 +66,7 @@ class DriverOptions(OptionsTable):
 
     needs_world: ClassVar[bool] = False
     needs_pixels: ClassVar[bool] = True
+    only_turns: ClassVar[bool] = False
     title: ClassVar[str] = ""
     verb: ClassVar[str] = "drives"
     is_worn_by_switching: ClassVar[bool] = False

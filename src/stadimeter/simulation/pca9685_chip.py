@@ -8,16 +8,20 @@ only, and that it goes on pulsing as before when the host is gone. Source: NXP's
 from __future__ import annotations
 
 import errno
+from collections.abc import Callable, Sequence
 
+from stadimeter.bases.protocol import MotorOutputs
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.core.clock import Clock
 from stadimeter.simulation.h_bridge_motors import HBridgeMotors
+from stadimeter.simulation.servo import EmulatedServo
 from stadimeter.simulation.world import World, shared_world
 
 _MODE1, _CHANNEL_0, _CHANNELS_END, _ALL_0, _PRESCALE = 0x00, 0x06, 0x46, 0xFA, 0xFE
 _RESTART, _AUTO_INCREMENT, _SLEEP = 0x80, 0x20, 0x10
 _POWER_UP = {0x00: 0x11, 0x01: 0x04, 0x02: 0xE2, 0x03: 0xE4, 0x04: 0xE8, 0x05: 0xE0, _PRESCALE: 0x1E}
 _FULL = 0x1000
+_OSCILLATOR_HZ = 25e6
 
 
 class Pca9685Chip:
@@ -61,6 +65,10 @@ class Pca9685Chip:
             return 0.0
         return 1.0 if begins & _FULL else ((ends - begins) % _FULL) / _FULL
 
+    def pulse_s(self, channel: int) -> float:
+        """Return for how long a channel is high in each period."""
+        return self.duty(channel) * _FULL * (self.registers[_PRESCALE] + 1) / _OSCILLATOR_HZ
+
     def _move_on(self) -> None:
         if self.registers[_MODE1] & _AUTO_INCREMENT:
             self._pointer = 0 if self._pointer == _CHANNELS_END - 1 else (self._pointer + 1) % 256
@@ -94,7 +102,7 @@ class Pca9685Chip:
 
 
 class EmulatedPca9685:
-    """The chip on a bus, its channels turning the wheels of the simulated robot.
+    """The chip on a bus, its channels turning the wheels of the simulated robot, or the servo below its camera.
 
     Attributes:
         is_held: Fault: something holds the clock of the bus low, so that every transfer times out.
@@ -105,13 +113,29 @@ class EmulatedPca9685:
         self.is_held = False
         self._world = world
         self._clock = clock
-        self.motors = HBridgeMotors(world, clock, self.chip.duty)
-        self.wire = self.motors.wire
+        self._driven: HBridgeMotors | EmulatedServo | None = None
+
+    def wire(self, left: Sequence[MotorOutputs], right: Sequence[MotorOutputs], enable: int | None = None) -> None:
+        """Connect motors to channels."""
+        self.unwire()
+        self._driven = motors = HBridgeMotors(self._world, self._clock, self.chip.duty)
+        motors.wire(left, right, enable)
+
+    def wire_servo(self, channel: int, heading_rad: Callable[[float], float]) -> None:
+        """Connect a servo that turns the camera: it points where its pulses, in seconds, say."""
+        self.unwire()
+        self._driven = EmulatedServo(self._world, self._clock, lambda: self.chip.pulse_s(channel), heading_rad)
+
+    def unwire(self) -> None:
+        """Turn nothing any more."""
+        if self._driven is not None:
+            self._driven.close()
 
     def write(self, data: bytes) -> None:
         """Take a transfer, unless the cable is out."""
         self._reach()
-        self.motors.serve(self._clock.now_s())
+        if self._driven is not None:
+            self._driven.serve(self._clock.now_s())
         self.chip.take(data)
 
     def read(self, count: int) -> bytes:
@@ -138,7 +162,7 @@ class EmulatedPca9685Options(DriverOptions):
 
         def connect() -> EmulatedPca9685:
             device = EmulatedPca9685(shared_world(context), context.clock)
-            context.at_end(device.motors.close)
+            context.at_end(device.unwire)
             return device
 
         return context.share("emulated PCA9685", connect)

@@ -25,7 +25,7 @@ USUAL = "gpio-motors"
 
 
 def base_drivers() -> dict[str, type[DriverOptions] | None]:
-    """Return the installed drivers of real bases, by name; None for one whose library is missing."""
+    """Return the installed drivers of real bases that drive, by name; None for one whose library is missing."""
     found: dict[str, type[DriverOptions] | None] = {}
     for name in driver_names(BASE.group):
         try:
@@ -33,7 +33,7 @@ def base_drivers() -> dict[str, type[DriverOptions] | None]:
         except DriverError:
             found[name] = None
         else:
-            if not model.needs_world:
+            if not model.needs_world and not model.only_turns:
                 found[name] = model
     return found
 
