@@ -10,6 +10,8 @@ unexport PYTHONDONTWRITEBYTECODE
 # On every core, the tests of one file together: they share what is costly to prepare. A worker that crashed is not
 # replaced: with files kept together, the new one is given the test that crashed the last one, again and again.
 SPREAD := -n auto --dist loadfile --max-worker-restart 0
+# The quick ones wait much for processes and servers: one worker more than there are cores.
+ONE_MORE = -n $(shell expr $$(getconf _NPROCESSORS_ONLN) + 1)
 UNIT := tests/core tests/config tests/ranging
 
 .PHONY: help demo quick test test-long test-opencv-4.10 check gate bench bench-rules bench-safety bench-stopping bench-liveness pictures wheel deb docs format clean
@@ -24,7 +26,7 @@ quick: $(VENV)/.dev ## run the unit tests of core, config and ranging with few e
 	HYPOTHESIS_PROFILE=quick $(BIN)/pytest $(SPREAD) -m "not long and not hardware" $(UNIT) $(ARGS)
 
 test: $(VENV)/.dev ## run the tests; ARGS="-k name" passes arguments to pytest
-	$(BIN)/pytest $(SPREAD) -m "not long and not hardware" $(ARGS)
+	$(BIN)/pytest $(SPREAD) $(ONE_MORE) -m "not long and not hardware" $(ARGS)
 
 test-long: $(VENV)/.dev ## run the tests that take longer
 	$(BIN)/pytest $(SPREAD) -m "long and not hardware" $(ARGS)

@@ -295,6 +295,7 @@ class SlowLink:
         self._thread.join()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("share", [0.5, 0.9])
 def test_a_link_that_is_too_slow_drives_nothing(
     server: Server, open_camera: Callable[..., OpenCvCamera], share: float

@@ -61,6 +61,7 @@ STREAMS = [
 KNOWN = ["stamps", "next", "nothing"]
 
 
+@pytest.mark.long
 @each_case("jitter", [0.2, 0.8])
 @each_case("known", KNOWN)
 @each_case(("period_s", "stall_s", "drain_s", "drops"), STREAMS)

@@ -115,6 +115,7 @@ def test_a_real_ball_before_a_live_camera_is_measured_and_a_rule_acts(
     assert "near raised" in ran.stdout
 
 
+@pytest.mark.long
 def test_a_real_sheet_is_named_when_it_is_another_paper(tmp_path: Path, real_pictures: Path) -> None:
     camera = f"{real_pictures}/seed_sheet/*.png"
     wrong = _init(tmp_path, camera=camera, target="sheet", size="A4")

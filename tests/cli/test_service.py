@@ -157,6 +157,7 @@ def is_ready(line: str) -> bool:
     return line == "READY=1"
 
 
+@pytest.mark.long
 def test_a_process_that_hangs_as_a_whole_is_killed_and_its_pins_are_switched_off(system: System) -> None:
     system.config.write_text(SEEN)
     system.start()
@@ -212,6 +213,7 @@ def test_asked_to_end_it_says_so_and_its_next_start_has_nothing_to_wait_for(syst
     assert said.count("STARTING") == 1, "a line a second would wear out the disk of a persistent journal"
 
 
+@pytest.mark.long
 def test_a_camera_that_is_not_there_is_waited_for_and_then_used_with_the_process_alive(system: System) -> None:
     server = StreamServer()
     port = int(server.address.split(":")[2].split("/")[0])
@@ -230,6 +232,7 @@ def test_a_camera_that_is_not_there_is_waited_for_and_then_used_with_the_process
     assert system.waits_for(is_feed)
 
 
+@pytest.mark.long
 def test_a_camera_that_stays_away_ends_the_process_in_order_and_the_next_is_more_patient(system: System) -> None:
     server = StreamServer()
     server.stop()

@@ -170,6 +170,7 @@ def turns(condition, distance_m, scale_sigma, seed, severity=Severity.WARNING):
     return count
 
 
+@pytest.mark.long
 @each_case("seed", range(3))
 @each_case("probability", [None, 0.5, 0.7, 0.9])
 @each_case("scale_sigma", [0.0, 0.1])

@@ -99,6 +99,7 @@ def undisturbed(variant, until_s):
     return life.events()
 
 
+@pytest.mark.long
 @each_case("variant", VARIANTS)
 @each_case(
     ("restart_s", "down_s", "clock_s"),
@@ -121,6 +122,7 @@ def test_after_a_restart_the_same_happens_as_without_it(variant, restart_s, down
         assert is_in_time or restart_s < expected_s <= found_s <= back_s
 
 
+@pytest.mark.long
 @settings(max_examples=40)
 @given(
     variant=st.sampled_from(sorted(VARIANTS)),

@@ -28,6 +28,7 @@ def differing(seeds, *, is_aimed):
     return {seed: found[0] for seed in seeds if (found := first_difference(random_run(seed, is_aimed=is_aimed)))}
 
 
+@pytest.mark.long
 def test_quiescent_rules_do_what_they_would_do_if_every_rule_was_judged_in_every_cycle():
     assert differing(range(40), is_aimed=False) == {}
 

@@ -160,6 +160,7 @@ SHAPES = {
 }
 
 
+@pytest.mark.long
 @each_case("shape", SHAPES.values(), ids=list(SHAPES))
 @each_case("is_bright", [True, False])
 def test_what_is_no_ellipse_is_not_taken_for_a_disc(shape: Drawn, is_bright: bool) -> None:

@@ -59,6 +59,7 @@ def _limb(image: Image) -> Limb:
     return limb
 
 
+@pytest.mark.long
 @each_case("seed", [1, 2, 3])
 @each_case(
     "kind", [{"stripe": True}, {"speckle": 45.0}, {"shadow": True}, {"stripe": True, "speckle": 35.0, "shadow": True}]

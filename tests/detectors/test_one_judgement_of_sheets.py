@@ -91,6 +91,7 @@ def test_each_of_two_strips_of_tape_that_is_measured_calibrates(draw, lens, feet
     agree(choice, image, depth_m, lens)
 
 
+@pytest.mark.long
 @given(seed=st.integers(0, 10**6), cut_mm=st.sampled_from((0.0, 1.0, 2.0)), known=st.sampled_from(("auto", "width")))
 @settings(max_examples=10)
 def test_what_measures_calibrates_and_what_calibrates_is_measured(seed: int, cut_mm: float, known: str) -> None:
@@ -110,6 +111,7 @@ def _measured_at_its_place(choice: DriverChoice, image: Image, flat: hard_flats.
     return all(each.status is FOUND and math.dist(each.centre_px, there) < 5 for each in found)
 
 
+@pytest.mark.long
 @each_case("seed", range(6))
 @each_case("options", [{"size": "A4", "known_side": "width"}, {**STRIP, "known_side": "height"}])
 def test_clutter_is_no_sheet_before_the_lens_is_known_either(seed: int, options: dict[str, str]) -> None:

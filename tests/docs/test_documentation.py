@@ -279,6 +279,7 @@ def python_in(folder, *arguments):
     )
 
 
+@pytest.mark.long
 def test_the_drivers_of_the_guide_pass_their_contract_suites(driver_package):
     tests = ["tests/test_kernel_led.py", "tests/test_line_bot.py", "tests/test_lamp.py"]
     done = python_in(driver_package, "-m", "pytest", "-v", "-p", "no:cacheprovider", "--rootdir", ".", *tests)

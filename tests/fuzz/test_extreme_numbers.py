@@ -203,6 +203,7 @@ def journal(folder: Path) -> list[str]:
 COMMANDS = [["replay"], ["replay", "--json"], ["explain", "near", "--at", "2 s", "--journal"], ["tune", "near"]]
 
 
+@pytest.mark.long
 @given(st.sampled_from(COMMANDS), st.integers(1, 80), st.integers(0, 1000), st.sampled_from(EXTREME))
 def test_a_journal_with_an_extreme_number_is_read_or_refused_in_a_line(
     folder: Path, journal: list[str], command: list[str], line: int, which: int, number: str

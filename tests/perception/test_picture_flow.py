@@ -135,6 +135,7 @@ def of_folder(folder: Path, names: Iterable[str]) -> list[Image]:
     return [cv2.resize(each, (640, 480)) for each in pictures if each is not None]
 
 
+@pytest.mark.long
 def test_real_pictures_flow_when_a_drive_or_a_turn_is_made_of_them(real_pictures: Path) -> None:
     views = of_folder(real_pictures / "chessboard", ("left01.jpg", "left08.jpg", "right05.jpg"))
     views += of_folder(real_pictures / "charuco", ("img_00.jpg", "choriginal.jpg"))

@@ -12,6 +12,8 @@ import pytest
 from support import planted_mistakes
 from support.planted_mistakes import SoundBase, SoundButton, SoundLamp, SoundMessenger, SoundNotifier
 
+pytestmark = pytest.mark.long  # each suite runs in a process of its own, against every mistake
+
 OPENED_TWICE = "test_opening_it_twice_takes_the_device_once"
 CANNOT_OPEN = "test_a_device_that_cannot_be_opened_raises_and_is_not_held"
 FAILS = "test_a_device_that_fails_raises_one_of_our_errors"

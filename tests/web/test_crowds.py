@@ -101,6 +101,7 @@ def memory_kb(pid, key="VmRSS"):
         return next(int(line.split()[1]) for line in status if line.startswith(key))
 
 
+@pytest.mark.long
 def test_the_process_is_small_with_three_who_watch_and_one_who_logs_in(tmp_path):
     """Its greatest size so far, with passwords hashed at their full cost."""
     PasswordFile(tmp_path / "stadimeter.passwords").set("operate", OPERATE)

@@ -230,6 +230,7 @@ def test_the_run_ends_with_the_page_that_started_it_however_that_ends(tmp_path, 
         assert eventually(lambda: not is_running(run))
 
 
+@pytest.mark.long
 def test_no_second_run_is_started_beside_one_that_answers_nothing_for_a_while(tmp_path):
     """As one that begins anew, which takes a small Pi seconds."""
     with served(tmp_path) as here:
