@@ -43,6 +43,7 @@ from stadimeter.simulation.ros_arduino_firmware import RosArduinoFirmware
 FRAME_S = 1 / 30
 PATIENCE_S = 40.0
 CORES_BUSY = 2
+DEFECT = Path(os.environ.get("RIG_FOLDER", ".")) / "defect"
 
 CONFIGURATION = """
 [camera]
@@ -105,11 +106,13 @@ class SteadyCamera:
 
 
 class SteadyDetector:
-    """Always sees a ball at 2 m."""
+    """Always sees a ball at 2 m, until the file is there that stands for a defect in the program."""
 
     target_shape = BallShape(diameter_m=0.2)
 
     def detect(self, frame: Frame, prediction: object = None, *, lens: object = None) -> Detection:
+        if DEFECT.exists():
+            raise RuntimeError("a defect, as staged")
         angles = np.arange(60.0)
         return Detection(
             target="ball",
@@ -219,6 +222,7 @@ class Rig:
         folder = Path(self._cleaning.enter_context(tempfile.TemporaryDirectory(prefix="base-under-load-")))
         self._board = self._start([sys.executable, __file__, "--board"])
         port = self._answer()
+        self._defect = folder / DEFECT.name
         self._write_configuration(folder, str(Path(port).resolve()) if self._is_port_real else port)
         command = [sys.executable, "-m", "stadimeter", "run", str(folder / "run.toml"), "--no-state"]
         self.program = self._start([*command, f"--seconds={self._seconds:g}", f"--socket={folder / 's'}"], folder)
@@ -232,6 +236,10 @@ class Rig:
         assert self._board.stdin
         self._board.stdin.write(words + "\n")
         self._board.stdin.flush()
+
+    def fail_in_loop(self) -> None:
+        """Have the detector raise an error at its next frame."""
+        self._defect.touch()
 
     def board(self) -> dict[str, float]:
         self.tell_board("report")
@@ -251,9 +259,10 @@ class Rig:
 
     def _listen(self) -> None:
         assert self.program.stdout
-        for line in self.program.stdout:
-            self.said.append(line)
-            self.lines.put(line)
+        with suppress(ValueError):  # it is closed while this waits for a line
+            for line in self.program.stdout:
+                self.said.append(line)
+                self.lines.put(line)
 
     def _answer(self) -> str:
         assert self._board.stdout
@@ -267,7 +276,7 @@ class Rig:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 text=True,
-                env=os.environ | {"PYTHONPATH": os.pathsep.join(map(str, paths))},
+                env=os.environ | {"PYTHONPATH": os.pathsep.join(map(str, paths)), "RIG_FOLDER": str(paths[0])},
             )
         )
         self._cleaning.callback(process.kill)
