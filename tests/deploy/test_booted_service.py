@@ -7,6 +7,7 @@ was made before; it is written to.
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -93,8 +94,11 @@ def computer(deploy: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator
     put(root, "opt/stadimeter/bin/stadimeter", PROGRAM, 0o755)
     put(root, "etc/stadimeter/appliance.toml", CONFIGURATION)
     (root / "root").chmod(0o755)
-    for command in ("groupadd --system --force gpio", "useradd --system --user-group stadimeter"):
-        subprocess.run(["chroot", root, *command.split()], check=False, capture_output=True)
+    (groups,) = re.findall(r"^SupplementaryGroups=(.*)$", unit, re.MULTILINE)
+    for group in groups.split():  # as the package makes them, where the system has not
+        subprocess.run(["chroot", root, "groupadd", "--system", "--force", group], check=False, capture_output=True)
+    user = ["useradd", "--system", "--user-group", "stadimeter"]
+    subprocess.run(["chroot", root, *user], check=False, capture_output=True)
     try:
         with booted(root, tuple(dict.fromkeys((Path(home), SOURCE, LIBRARIES)))) as computer:
             if "run" not in (said := computer.run("/opt/stadimeter/bin/stadimeter --help 2>&1")):

@@ -241,7 +241,7 @@ class TestInstallation:
         assert found.startswith("1." if RELEASE == "bookworm" else "2.")
 
     def test_user_groups_and_configuration_are_there_and_the_example_can_be_used(self, root: DebianRoot) -> None:
-        for group in ("stadimeter", "gpio", "video", "dialout"):
+        for group in ("stadimeter", "gpio", "video", "dialout", "i2c"):
             root.run("getent", "group", group)
         assert root.run("stat", "--format=%a %U %G", CONFIGURATION) == "640 root stadimeter\n"
         root.run("stadimeter", "check", "--elsewhere", CONFIGURATION)
