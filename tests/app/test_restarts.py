@@ -122,7 +122,7 @@ def test_nothing_ends_if_the_file_is_wrong_and_the_answer_names_each_problem(pro
 
 def test_a_run_says_how_to_open_its_page_and_starts_none(program):
     run = program(f"{ROOM}\n[web]\n")
-    assert "the page: sudo systemctl enable --now stadimeter-web" in run.said()
+    assert eventually(lambda: "the page: sudo systemctl enable --now stadimeter-web" in run.said()), run.said()
     assert children(run.process.pid) == []
     run.end()
 
