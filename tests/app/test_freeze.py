@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from stadimeter.app.freeze import MAX_REMEMBERED, FreezeDetector
+from stadimeter.app.freeze import FreezeDetector
+from stadimeter.cameras.seen_pictures import MAX_REMEMBERED
 from stadimeter.core.frame import Frame
 from support.each_case import each_case
 
@@ -123,7 +124,7 @@ def test_the_memory_for_pictures_is_bounded() -> None:
     for at in range(3 * MAX_REMEMBERED):
         image[0, 0, :2] = divmod(at, 256)
         assert freeze.is_new(frame(1 + at / 1e6, image.copy()), 1 + at / 1e6)
-    assert len(freeze._seen_at_s) == MAX_REMEMBERED
+    assert len(freeze._seen) == MAX_REMEMBERED
 
 
 @pytest.mark.parametrize("kept", [0.1, 0.4, 0.7, 0.95])

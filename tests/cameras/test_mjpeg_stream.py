@@ -240,6 +240,23 @@ def test_two_old_pictures_in_turn_are_never_delivered_as_new(server: Server) -> 
     assert len(numbers) == len(set(numbers)), "0 and 1 are delivered once at most"
 
 
+def test_old_pictures_that_were_passed_over_are_known_again(
+    server: Server, open_camera: Callable[..., OpenCvCamera]
+) -> None:
+    camera = open_camera()
+    frames_of(camera, 5)
+    first = server.sent + 10
+    while server.sent < first + 50:
+        time.sleep(PERIOD_S)
+    frames = frames_of(camera, 1)
+    server.damage = lambda _jpeg, number: picture(first + number % 40)
+    frames += frames_of(camera, 20)
+    newest = max(frame.captured_at_s for frame in frames if not first <= number_of(frame.image) < first + 40)
+    old = [frame for frame in frames if first <= number_of(frame.image) < first + 40]
+    assert len(old) >= 10
+    assert all(frame.captured_at_s <= newest for frame in old), "none of them is taken for a later one"
+
+
 def test_what_came_while_nobody_read_is_passed_over(server: Server, open_camera: Callable[..., OpenCvCamera]) -> None:
     camera = open_camera()
     frames_of(camera, 20)

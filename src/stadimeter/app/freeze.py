@@ -11,18 +11,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stadimeter.cameras.seen_pictures import SeenPictures
 from stadimeter.core.frame import Frame, Image
 from stadimeter.core.safety import FROM_THE_FUTURE_S
 
 Kind = TypeVar("Kind", bound=np.generic)
 
 FROZEN_AFTER_S = 1.0
-
-# Pictures are remembered for this long, so that a cycle of up to 20 s is noticed: drivers cycle through 3 to 10
-# buffers, senders through a recording. The number bounds the memory: 200 pictures a second, 0.7 MB.
-REMEMBERED_S = 25.0
-MAX_REMEMBERED = 5000
-BREAK_S = 1.0
 
 # One of this many rows is hashed: 0.04 ms at 640 × 480 and 0.3 ms at 1920 × 1080, a seventh of all rows.
 HASHED_ROWS = 8
@@ -62,10 +57,10 @@ class FreezeDetector:
 
     The noise of a sensor makes two exposures differ in some byte, so a picture that equals an earlier one, byte for
     byte, is that picture again: a driver or a stream that hangs repeats it at full rate, with fresh arrival times, and
-    a driver that cycles through its buffers delivers a few old ones in turn. All pictures of the last `REMEMBERED_S`
-    before the newest are remembered by a hash, whatever their size. A capture time that does not advance shows the
-    same. Robots that trusted such pictures drove into walls. A capture time from the future, or one that is no number,
-    is not believed and not remembered: every later frame would look old beside it.
+    a driver that cycles through its buffers delivers a few old ones in turn. All pictures of some time before the
+    newest are remembered by a hash, whatever their size (see `SeenPictures`). A capture time that does not advance
+    shows the same. Robots that trusted such pictures drove into walls. A capture time from the future, or one that is
+    no number, is not believed and not remembered: every later frame would look old beside it.
 
     A picture of which a part is old is not new either: see `has_stale_bands`. Nor is one that lacks the noise that this
     camera's pictures have, as under a clock that is drawn over a frozen picture: see `SensorNoise`.
@@ -76,9 +71,7 @@ class FreezeDetector:
         self._image: Image | None = None
         self._noise = SensorNoise()
         self._hash = 0
-        self._seen_at_s: dict[int, float] = {}  # by hash, the oldest first
-        self._watched_s = 0.0
-        self._came_at_s = 0.0
+        self._seen = SeenPictures()
         self._captured_at_s = -math.inf
         self._changed_at_s = -math.inf
         self._what = ""
@@ -91,7 +84,7 @@ class FreezeDetector:
         """Return whether a frame shows what was not shown before, all over, and was captured later."""
         hashed = zlib.crc32(np.ascontiguousarray(frame.image[::HASHED_ROWS]).data, frame.image.shape[1])
         self._what = self._what_is_old(frame, now_s, hashed)
-        self._remember(hashed, now_s)
+        self._seen.note(hashed, now_s)
         if self._what:
             return False
         self._image = frame.image
@@ -106,32 +99,23 @@ class FreezeDetector:
         return f"{self._what} for {unchanged_s:.1f} s" if unchanged_s > self._frozen_after_s else ""
 
     def _what_is_old(self, frame: Frame, now_s: float, hashed: int) -> str:
+        last = self._image if self._image is not None and self._image.shape == frame.image.shape else None
+        # Small differences between the hashed rows tell a picture from the last one, which is there to compare.
+        is_like_last = hashed == self._hash
+        if last is not None and is_like_last:
+            if np.array_equal(last, frame.image):
+                return "the picture has not changed"
+        elif hashed in self._seen:
+            return "old pictures have come again in turn"
         if not self._captured_at_s < frame.captured_at_s <= now_s + FROM_THE_FUTURE_S:
             return "the picture's capture time has not advanced"
-        last = self._image
-        is_comparable = last is not None and last.shape == frame.image.shape
-        # Small differences between the hashed rows tell a picture from the last one, which is there to compare.
-        if last is not None and is_comparable and hashed == self._hash:
-            return "the picture has not changed" if np.array_equal(last, frame.image) else ""
-        if hashed in self._seen_at_s:
-            return "old pictures have come again in turn"
-        if last is None or not is_comparable:
+        if last is None or is_like_last:
             return ""
         same_rows = equal_first_rows(last, frame.image)
         if same_rows.any() and has_stale_bands(last, frame.image, same_rows):
             return "parts of the picture have not changed"
         is_missing = self._noise.is_missing(last, frame.image, is_suspect=bool(same_rows.any()))
         return "the picture has not changed but for a small part" if is_missing else ""
-
-    def _remember(self, hashed: int, now_s: float) -> None:
-        """Note when a picture came last, on a clock that stands still in breaks: what came before them stays known."""
-        self._watched_s += min(max(now_s - self._came_at_s, 0.0), BREAK_S)
-        self._came_at_s = now_s
-        seen = self._seen_at_s
-        seen.pop(hashed, None)
-        seen[hashed] = self._watched_s
-        while len(seen) > MAX_REMEMBERED or seen[next(iter(seen))] < self._watched_s - REMEMBERED_S:
-            del seen[next(iter(seen))]
 
 
 class SensorNoise:

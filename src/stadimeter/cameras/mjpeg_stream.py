@@ -15,6 +15,7 @@ import socket
 import time
 import traceback
 import urllib.request
+import zlib
 from urllib.error import HTTPError
 from urllib.parse import unquote, urlsplit
 
@@ -22,6 +23,7 @@ import cv2
 from msgspec import Struct
 
 from stadimeter.cameras.jpeg_stream import JpegStream
+from stadimeter.cameras.seen_pictures import SeenPictures
 from stadimeter.core.frame import Image
 from stadimeter.errors import DeviceOpenError, LinkLostError, PictureError
 
@@ -145,13 +147,20 @@ class MjpegStream:
     `grab` takes the newest picture that has arrived. What waited longer, since this program was held up, is passed over
     without being decoded; ``CAP_PROP_POS_FRAMES`` counts it. ``CAP_PROP_POS_MSEC`` is the sender's time stamp of the
     picture, 0 if it has none. `has_begun` tells whether the next one had begun to arrive when this one was whole:
-    always, where the link is slower than the stream. `begin` is what was read of the body already.
+    always, where the link is slower than the stream. `came_before` tells whether it is an old picture that is sent
+    again, byte for byte; it may have been passed over at first.
+
+    Args:
+        begin: What was read of the body already.
+        seen: What came before, on earlier connections too.
     """
 
     has_begun = False
+    came_before = False
 
-    def __init__(self, body: _Body, boundary: str, begin: bytes, read_timeout_s: float) -> None:
+    def __init__(self, body: _Body, boundary: str, begin: bytes, read_timeout_s: float, seen: SeenPictures) -> None:
         self._body = body
+        self._seen = seen
         self._read_timeout_s = read_timeout_s
         self._parts = Multipart(boundary)
         self._parts.feed(begin)
@@ -198,6 +207,7 @@ class MjpegStream:
             while (part := self._parts.next_part()) is not None:
                 self._part, came = part, True
                 self._received += 1
+                self.came_before = self._seen.note(zlib.crc32(part.body), time.monotonic())
             wait_s = 0.0 if came else max(0.0, deadline_s - time.monotonic())
             if passed_bytes > DRAIN_MAX_BYTES or (data := self._body.read(wait_s)) is None:
                 self.has_begun = self._parts.has_begun
@@ -206,7 +216,7 @@ class MjpegStream:
             passed_bytes += len(data)
 
 
-def open_mjpeg(address: str, open_timeout_s: float, read_timeout_s: float) -> MjpegStream | None:
+def open_mjpeg(address: str, open_timeout_s: float, read_timeout_s: float, seen: SeenPictures) -> MjpegStream | None:
     """Ask an address for a stream of pictures; None if it answers with something else, such as HLS or MP4.
 
     Redirections are followed, within limits. User and password in the address serve for basic and digest
@@ -217,7 +227,7 @@ def open_mjpeg(address: str, open_timeout_s: float, read_timeout_s: float) -> Mj
     """
     try:
         response = _opener(address).open(_without_user(address), timeout=open_timeout_s)
-        return _stream_of(response, read_timeout_s)
+        return _stream_of(response, read_timeout_s, seen)
     except HTTPError as error:
         error.close()
         traceback.clear_frames(error.__traceback__)  # they hold the answers to earlier tries, with their sockets
@@ -229,18 +239,18 @@ def open_mjpeg(address: str, open_timeout_s: float, read_timeout_s: float) -> Mj
         raise DeviceOpenError("its address is not right, or its sender does not answer as a web server") from error
 
 
-def _stream_of(response: http.client.HTTPResponse, read_timeout_s: float) -> MjpegStream | None:
+def _stream_of(response: http.client.HTTPResponse, read_timeout_s: float, seen: SeenPictures) -> MjpegStream | None:
     body = _Body(response)
     if response.headers.get_content_maintype() == "multipart":
         boundary = str(response.headers.get_param("boundary") or "")
-        return MjpegStream(body, boundary, b"", read_timeout_s)
+        return MjpegStream(body, boundary, b"", read_timeout_s, seen)
     # FFmpeg, and what is made with it, sends such streams as bytes of no type; it would also recognise them by this.
     begin = b""
     deadline_s = time.monotonic() + read_timeout_s
     while len(begin) < SNIFFED_BYTES and (data := body.read(max(0.0, deadline_s - time.monotonic()))) is not None:
         begin += data
         if found := _MULTIPART.match(begin):
-            return MjpegStream(body, found[1].decode("latin-1"), begin, read_timeout_s)
+            return MjpegStream(body, found[1].decode("latin-1"), begin, read_timeout_s, seen)
     response.close()
     return None
 

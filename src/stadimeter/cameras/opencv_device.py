@@ -27,6 +27,7 @@ from stadimeter.cameras.opencv_settings import (
     subsampling_of,
 )
 from stadimeter.cameras.protocol import AttachedCamera
+from stadimeter.cameras.seen_pictures import SeenPictures
 from stadimeter.cameras.v4l2 import NOT_OURS, ask_node, attached_devices, in_use, is_in_use
 from stadimeter.config.plugins import DriverContext
 from stadimeter.core.clock import Clock
@@ -104,6 +105,8 @@ class OpenCvCamera(LiveCamera):
         self._stamp = DriverStamp(options.frame_latency_s())
         self._stream_time = StreamTime(options.frame_latency_s())
         self._pace = ArrivalPace()
+        self._seen = SeenPictures()
+        self._last_captured_at_s = 0.0
         self._position = 0.0
         self._exposure_s: float | None = None
         self.not_for_motion = self._why_not_for_motion()
@@ -151,7 +154,7 @@ class OpenCvCamera(LiveCamera):
             from stadimeter.cameras.mjpeg_stream import open_mjpeg  # noqa: PLC0415 - most runs never need it
 
             try:
-                stream = open_mjpeg(self._source, STREAM_OPEN_S, self._options.read_timeout)
+                stream = open_mjpeg(self._source, STREAM_OPEN_S, self._options.read_timeout, self._seen)
             except DeviceOpenError as error:
                 raise DeviceOpenError(f"the stream {self._name} cannot be opened: {error}") from error
             if stream is not None:
@@ -206,7 +209,11 @@ class OpenCvCamera(LiveCamera):
         stamp_s = capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3
         if self._options.is_stream:
             has_begun = getattr(capture, "has_begun", None)  # `MjpegStream` knows it, OpenCV does not
-            return self._stream_time.captured_at_s(arrived_at_s, stamp_s, pictures, has_begun=has_begun)
+            captured_at_s = self._stream_time.captured_at_s(arrived_at_s, stamp_s, pictures, has_begun=has_begun)
+            if captured_at_s is not None and getattr(capture, "came_before", False):
+                return self._last_captured_at_s  # an old picture, which shows nothing of what was since
+            self._last_captured_at_s = captured_at_s or self._last_captured_at_s
+            return captured_at_s
         captured_at_s = self._stamp.captured_at_s(self._kernel_time.on_run_clock(stamp_s, arrived_at_s), arrived_at_s)
         waited = self._pace.waited(arrived_at_s, pictures)
         return captured_at_s if self._stamp.is_trusted or not waited else None
