@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stadimeter.cameras.seen_pictures import SeenPictures
 from stadimeter.core.frame import Frame, Image
 from stadimeter.core.safety import FROM_THE_FUTURE_S
+from stadimeter.core.seen_pictures import SeenPictures
 
 Kind = TypeVar("Kind", bound=np.generic)
 
