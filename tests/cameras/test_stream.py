@@ -34,10 +34,14 @@ class Sender:
             self.address = f"http://127.0.0.1:{free.getsockname()[1]}/cam"
         self._video = video
         self._process: subprocess.Popen[bytes] | None = None
+        self._starts = 0
 
     def start(self) -> None:
+        """Play the video from its first picture: in another quality each time, or its pictures would be old ones."""
+        self._starts += 1
+        quality = str(4 + self._starts)
         source = ["-re", "-stream_loop", "-1", "-i", str(self._video)]
-        output = ["-c:v", "mjpeg", "-q:v", "5", "-f", "mpjpeg", "-listen", "1", self.address]
+        output = ["-c:v", "mjpeg", "-q:v", quality, "-f", "mpjpeg", "-listen", "1", self.address]
         self._process = subprocess.Popen(["ffmpeg", "-v", "fatal", "-nostdin", *source, *output])
 
     def hang(self) -> None:
