@@ -234,7 +234,7 @@ class _RuleReports:
 def _rule_state(trace: RuleTrace, *, is_data_lost: bool) -> dict[str, Any]:
     """Return what is published of a rule when it changes."""
     return {
-        "active": _active(trace),
+        "active": active_or_unknown(trace),
         "status": trace.status.value,
         "acknowledged": trace.acknowledged,
         "latched": trace.status is RuleStatus.LATCHED,
@@ -250,7 +250,7 @@ def _urgent(state: Mapping[str, Any]) -> dict[str, Any]:
     return {**state, "status": "", "active": state["active"] is True}
 
 
-def _active(trace: RuleTrace) -> bool | None:
+def active_or_unknown(trace: RuleTrace) -> bool | None:
     """Return whether a rule is active; None also where its policy for a lost target has let it go."""
     return trace.active or (None if trace.status is RuleStatus.UNKNOWN else trace.active)
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from stadimeter.app.control.places import make_folder, runtime_folder, socket_path
 from stadimeter.app.control.socket_server import ControlSocket
@@ -16,6 +16,7 @@ from stadimeter.app.watching import Subscriptions, attend_to_requests, introduct
 from stadimeter.errors import ControlError
 
 if TYPE_CHECKING:
+    from stadimeter.app.live.snapshot import LiveFeed
     from stadimeter.app.loop import Loop
 
 
@@ -35,12 +36,20 @@ def open_alarm_store(loop: Loop, named: Path | None, is_right: Callable[[], bool
     loop.services.memory = StateWriter(store, partial(moment, clock, is_right=is_right), loop.deliveries)
 
 
+def _metric_families(feed: LiveFeed, deliveries: Callable[[], list[dict[str, Any]]]) -> object:
+    from stadimeter.app.live.metrics import metric_families  # noqa: PLC0415 - few runs are asked for them
+
+    return metric_families(feed, deliveries)
+
+
 def open_control_socket(loop: Loop, socket: Path | None, closing: ExitStack) -> None:
     """Listen for operator commands. Without a socket a run goes on with a warning, unless the socket was named."""
     configuration = loop.parts.configuration
     try:
         path = socket or socket_path(configuration.path, make_folder(runtime_folder()))
-        listener = ControlSocket(path, partial(introduction, loop), watched=Subscriptions(live_feed(loop)))
+        feed = live_feed(loop)
+        figures = partial(_metric_families, feed, loop.deliveries.figures)
+        listener = ControlSocket(path, partial(introduction, loop), watched=Subscriptions(feed), metrics=figures)
         closing.callback(listener.close)
         listener.open()
     except ControlError as error:

@@ -48,6 +48,9 @@ SetPassword = Annotated[
 ForReading = Annotated[
     bool, typer.Option("--read", help="With --set-password: for watching only; else it is for operating.")
 ]
+MetricsToken = Annotated[
+    bool, typer.Option("--metrics-token", help="Print what Prometheus needs to read /metrics, and end.")
+]
 PasswordPath = Annotated[
     Path | None,
     typer.Option("--password-file", metavar="FILE", help="Where the passwords' hashes are; else beside CONFIG."),
@@ -73,6 +76,7 @@ def web(
     port: Port = None,
     set_password: SetPassword = False,
     read: ForReading = False,
+    metrics_token: MetricsToken = False,
     password_file: PasswordPath = None,
     certificate: Certificate = None,
     key: Key = None,
@@ -111,6 +115,9 @@ def web(
         )
         if set_password:
             _set_password(options.password_file or place_of_passwords(config), "read" if read else "operate")
+            return
+        if metrics_token:
+            typer.echo(_metrics_token(options.password_file or place_of_passwords(config)))
             return
         if config is None:
             raise PageError(400, "no-configuration", "name the CONFIG that the page is for; it need not be there yet")
@@ -160,6 +167,14 @@ def _load_table(config: Path | None) -> WebTable:
     except ValidationError as error:
         found = findings_of(error, WebTable, table, ("web",))
         raise ConfigError(problems(found, str(config), source.spans)) from error
+
+
+def _metrics_token(path: Path) -> str:
+    passwords = PasswordFile(path).passwords()
+    if passwords is None:
+        words = f"{path} has no password, so the page is read from this computer only, and /metrics without a token"
+        raise PageError(400, "no-passwords", words)
+    return passwords.metrics_token
 
 
 def _set_password(path: Path, right: str) -> None:

@@ -11,6 +11,7 @@ from stadimeter.errors import DriverUnavailableError
 
 # The library of each extra, by the extra's name.
 LIBRARIES = {
+    "metrics": "prometheus_client",
     "notify": "apprise",
     "pi": "lgpio",
     "record": "mcap",

@@ -21,7 +21,7 @@ from stadimeter.errors import PageError
 from stadimeter.web.answers import as_error, as_json
 from stadimeter.web.attempts import Attempts
 from stadimeter.web.passwords import EndedSessions, PasswordFile, Passwords, Session
-from stadimeter.web.routes import PAGE_OPERATIONS, PageOperation, Right
+from stadimeter.web.routes import METRICS_PATH, PAGE_OPERATIONS, PageOperation, Right
 
 # A session lasts this long, on the wall clock.
 SESSION_S = 14 * 24 * 3600
@@ -90,7 +90,10 @@ class Access:
         passwords = self.file.passwords()
         if passwords is None:
             return Right.OPERATE if self._is_local else Right.OPEN
-        session = self._session(passwords, Headers(scope=scope))
+        headers = Headers(scope=scope)
+        if scope["path"] == METRICS_PATH and _has_token(passwords, headers):
+            return Right.READ
+        session = self._session(passwords, headers)
         return Right.OPEN if session is None else session.right
 
     def may_read(self, scope: Scope) -> bool:
@@ -250,6 +253,12 @@ def _is_from_us(headers: Headers) -> bool:
     if origin is not None:
         return origin.partition("://")[2].lower() == headers.get("host", "").lower() != ""
     return headers.get("sec-fetch-site") == "same-origin"
+
+
+def _has_token(passwords: Passwords, headers: Headers) -> bool:
+    scheme, _, given = headers.get("authorization", "").partition(" ")
+    is_right = hmac.compare_digest(given.strip().encode(), passwords.metrics_token.encode())
+    return scheme.lower() == "bearer" and is_right
 
 
 def _signature(passwords: Passwords, told: str) -> str:

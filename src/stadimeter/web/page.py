@@ -6,8 +6,10 @@ import asyncio
 import html
 import mimetypes
 import time
+from collections import defaultdict
 from collections.abc import AsyncGenerator
 from contextlib import aclosing, asynccontextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
@@ -24,7 +26,7 @@ from stadimeter.web.answers import Streamed, as_json, as_picture, bounded_body
 from stadimeter.web.exchange import PageAnswer
 from stadimeter.web.live import KINDS, Feed, LiveMessage
 from stadimeter.web.passwords import PasswordFile
-from stadimeter.web.routes import Right
+from stadimeter.web.routes import RUN_WAIT_S, Right
 from stadimeter.web.run_link import RunLink
 from stadimeter.web.run_process import RunProcess
 from stadimeter.web.workbench_link import WorkbenchLink, command_of_workbench
@@ -33,8 +35,12 @@ from stadimeter.web.workbench_link import WorkbenchLink, command_of_workbench
 HERE = Path(__file__).parent
 NOT_FOR_WATCHERS = frozenset({"pid", "recordings"})
 
-# A picture that was asked for by one is given to others for this long: they cost the run nothing.
+# What was asked for by one is given to others for this long: they cost the run nothing.
 FRESH_S = 0.1
+
+# Prometheus waits for 10 s, unless it is told otherwise: it must hear before that that the run does not answer.
+METRICS_WAIT_S = 5.0
+METRICS_MEDIA = "text/plain; version=0.0.4; charset=utf-8"
 
 # The browser keeps a file and asks each time whether it has changed, so that none is older than the others.
 REVALIDATED = {"Cache-Control": "no-cache"}
@@ -73,8 +79,8 @@ class Page:
         self.run_process = RunProcess(self.run)
         self.feeds = {kind: Feed(self.run, kind, self.run_process.explain) for kind in KINDS}
         self._static = StaticFiles(directory=HERE / "static", check_dir=False)
-        self._shots: dict[str, tuple[float, PageAnswer]] = {}
-        self._shooting = asyncio.Lock()
+        self._answers: dict[tuple[str, ...], tuple[float, PageAnswer]] = {}
+        self._asking: defaultdict[tuple[str, ...], asyncio.Lock] = defaultdict(asyncio.Lock)
         self._limits: set[asyncio.Timeout] = set()
         self._is_ending = False
 
@@ -162,13 +168,21 @@ class Page:
 
     async def snapshot(self, request: Request) -> Response:
         """Give the newest picture."""
-        image = _image(request)
-        async with self._shooting:
-            taken_s, answer = self._shots.get(image, (0.0, None))
-            if answer is None or time.monotonic() - taken_s > FRESH_S:
-                answer = await self.run.ask("frame", {"encoding": "jpeg", "image": image})
-                self._shots[image] = (time.monotonic(), answer)
-        return as_picture(answer, "image/jpeg")
+        return as_picture(await self._ask_once("frame", encoding="jpeg", image=_image(request)), "image/jpeg")
+
+    async def metrics(self, _request: Request) -> Response:
+        """Give the figures of the run to Prometheus; without a run, that there is none."""
+        if find_spec("prometheus_client") is None:
+            raise PageError(503, "no-extra", "this needs the extra `metrics`: pip install 'stadimeter[metrics]'")
+        from stadimeter.web.metrics import exposition  # noqa: PLC0415 - few pages are asked for them
+
+        try:
+            families = (await self._ask_once("metrics", METRICS_WAIT_S)).data
+        except PageError as error:
+            if error.status != 503:
+                raise
+            families = None
+        return Response(exposition(families), media_type=METRICS_MEDIA)
 
     async def start(self, _request: Request) -> Response:
         """Start the run."""
@@ -182,6 +196,16 @@ class Page:
         if not (is_plain and await asyncio.to_thread(path.is_file)):
             raise PageError(404, "not-found", f"there is no recording {name!r}")
         return FileResponse(path, media_type="application/octet-stream", filename=name)
+
+    async def _ask_once(self, op: str, wait_s: float = RUN_WAIT_S, **args: str) -> PageAnswer:
+        """Ask the run, or return what another was answered a moment ago."""
+        asked = (op, *args.values())
+        async with self._asking[asked]:
+            answered_s, answer = self._answers.get(asked, (0.0, None))
+            if answer is None or time.monotonic() - answered_s > FRESH_S:
+                answer = await self.run.ask(op, args, wait_s)
+                self._answers[asked] = (time.monotonic(), answer)
+        return answer
 
     def _watched(self, image: str, request: Request) -> AsyncGenerator[LiveMessage, None]:
         """Return the messages of a feed, for as long as the session may read: a new password ends that."""

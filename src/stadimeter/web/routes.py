@@ -101,6 +101,9 @@ def _action(action: OperatorAction) -> PageOperation:
     return _run(path, action.command, action.summary, body=body, names_operator=True)
 
 
+# A program without a session may read this path, by a token.
+METRICS_PATH = "/metrics"
+
 _JPEG, _SVG = "image/jpeg", "image/svg+xml"
 _DRAWN = {"drawn": "0|1"}
 
@@ -119,6 +122,7 @@ PAGE_OPERATIONS: tuple[PageOperation, ...] = (
         "GET", "/stream.mjpg", Right.READ, "stream", "Pictures as multipart MJPEG",
         query=_DRAWN, media="multipart/x-mixed-replace",
     ),
+    _own("GET", METRICS_PATH, Right.READ, "metrics", "The figures of the run, for Prometheus", media="text/plain"),
     _own(
         "GET", "/api/v1/session", Right.READ, "session", "The right of this session, and whether the run is there",
         answer="Session",

@@ -145,7 +145,7 @@ ARGS: Mapping[str, type[_Strict]] = {
     },
     "hold-output": HoldArgs,
     "explain": ExplainArgs,
-    **dict.fromkeys(("hello", "status", "alarms", "reload", "restart"), NoArgs),
+    **dict.fromkeys(("hello", "status", "alarms", "metrics", "reload", "restart"), NoArgs),
     "record": RecordArgs,
     "world": WorldArgs,
     "subscribe": SubscribeArgs,

@@ -91,6 +91,7 @@ class ControlSocket:
         path: Where; only our user may ask there.
         hello: What the socket tells of the instance by itself, without the loop.
         watched: What can be watched of the run; None for nothing.
+        metrics: The figures of the run, likewise without the loop.
         idle_max_s: How long a client may send nothing, or read nothing.
     """
 
@@ -100,11 +101,13 @@ class ControlSocket:
         hello: Callable[[], object],
         *,
         watched: Watched | None = None,
+        metrics: Callable[[], object] = list,
         idle_max_s: float = IDLE_MAX_S,
     ) -> None:
         self.path = path
         self.hello = hello
         self.watched = watched
+        self.metrics = metrics
         self.idle_max_s = idle_max_s
         self.speaking = threading.Lock()  # one thread at a time takes the processor from the loop
         self._asked: deque[Asked] = deque()
@@ -217,6 +220,8 @@ class _Handler(socketserver.StreamRequestHandler):
             answer(partial(self._watched().frame, request.args))
         elif request.op == "hello":
             answer(Reply(control.hello()))
+        elif request.op == "metrics":
+            answer(lambda: Reply(control.metrics()))
         else:
             control.put(request, answer)
         return None

@@ -97,6 +97,7 @@ class LiveHealth(Struct, frozen=True, kw_only=True):
         pace: How fast a simulation or a recording passes, as a share of the speed that was asked for; else 1.
         frame_age_s: Age of the newest frame in the newest cycle; None before the first.
         latency_s: From the capture of a frame until its commands had been applied, median of late.
+        latency_p95_s: Its 95th percentile.
         cycle_s: The computing time of a cycle, median and 95th percentile of late.
         dropped_frames: How many frames the camera delivered that no cycle took.
         broker: How the link to the broker is; empty if there is none.
@@ -107,6 +108,7 @@ class LiveHealth(Struct, frozen=True, kw_only=True):
     pace: float = 1.0
     frame_age_s: float | None = None
     latency_s: float | None = None
+    latency_p95_s: float | None = None
     cycle_s: tuple[float | None, float | None] = (None, None)
     dropped_frames: int = 0
     board: BoardState = field(default_factory=BoardState)
@@ -168,12 +170,13 @@ CONNECTED = "connected"
 
 def live_health(history: RunHistory, board: Board, broker: str, trouble: str, pace: float = 1.0) -> LiveHealth:
     """Return how a run is doing now."""
-    cycle_s = _latest(history.cycle_times_s)
+    cycle_s, latency_s = _latest(history.cycle_times_s), _latest(history.data_ages_s)
     return LiveHealth(
         frame_rate_hz=history.frame_rate_hz * (pace if pace < SLOW_PACE else 1.0),
         pace=pace,
         frame_age_s=history.frame_age_s,
-        latency_s=percentile(_latest(history.data_ages_s), 0.5),
+        latency_s=percentile(latency_s, 0.5),
+        latency_p95_s=percentile(latency_s, 0.95),
         cycle_s=(percentile(cycle_s, 0.5), percentile(cycle_s, 0.95)),
         dropped_frames=history.dropped_frames,
         board=board.state(),

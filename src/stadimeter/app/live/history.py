@@ -80,6 +80,7 @@ class RunHistory(Struct):
         event_counts: How many events of each kind.
         cycle_times_s: For the newest cycles with a frame, the computing time without waiting for the frame.
         data_ages_s: The age of their data when their commands had been applied.
+        cycle_times_sum_s: Of all cycles with a frame; so is `data_ages_sum_s`.
         first_command_s: How old the program was when the commands of its first frame had been applied; None before.
         frame_at_s: When the loop was done with the newest frame, on the clock of `time.monotonic`.
         cycle_at_s: When it was done with the newest cycle, on that clock; None before the first.
@@ -97,6 +98,8 @@ class RunHistory(Struct):
     event_counts: Counter[str] = field(default_factory=Counter)
     cycle_times_s: deque[float] = field(default_factory=lambda: deque(maxlen=TIMES_MAX))
     data_ages_s: deque[float] = field(default_factory=lambda: deque(maxlen=TIMES_MAX))
+    cycle_times_sum_s: float = 0.0
+    data_ages_sum_s: float = 0.0
     first_command_s: float | None = None
     frame_at_s: float = 0.0
     cycle_at_s: float | None = None
@@ -165,6 +168,8 @@ class RunHistory(Struct):
         self._passed.append(_Passed(stamp.captured_at_s, record.observation.now_s, real_s))
         self.cycle_times_s.append(record.busy_s)
         self.data_ages_s.append(record.observation.now_s - stamp.captured_at_s + record.busy_s)
+        self.cycle_times_sum_s += self.cycle_times_s[-1]
+        self.data_ages_sum_s += self.data_ages_s[-1]
         for track in record.decision.tracks:
             self.track_statuses[track.target][track.status.value] += 1
 

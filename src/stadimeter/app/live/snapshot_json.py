@@ -236,7 +236,7 @@ def _health(snapshot: RunSnapshot) -> dict[str, Any]:
     median_s, p95_s = health.cycle_s
     return {
         "frame_rate_hz": _rounded(health.frame_rate_hz, 1),
-        **_figures(health, "frame_age_s", "latency_s"),
+        **_figures(health, "frame_age_s", "latency_s", "latency_p95_s"),
         "cycle_ms": {"p50": _milliseconds(median_s), "p95": _milliseconds(p95_s)},
         "dropped_frames": health.dropped_frames,
         "temperature_c": _rounded(health.board.temperature_c, 1),
