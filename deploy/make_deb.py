@@ -211,7 +211,12 @@ def _lay_out(target: Target, libraries: Path, root: Path) -> None:
     for link, place in LINKS.items():
         _point(root / link, f"/{HOME}/{place}")
     _write(root / CONFIGURATION, (CHECKOUT / "config/appliance.toml").read_text())
-    for example in (*(CHECKOUT / "config").glob("*.toml"), *DEPLOY.glob("mosquitto.*")):
+    for example in (
+        *(CHECKOUT / "config").glob("*.toml"),
+        *DEPLOY.glob("mosquitto.*"),
+        *DEPLOY.glob("prometheus/*.yml"),
+        *DEPLOY.glob("grafana/*.json"),
+    ):
         _write(root / EXAMPLES / example.name, example.read_text())
     _document(target, root / "usr/share")
     for shell, place in package_docs.COMPLETIONS.items():
