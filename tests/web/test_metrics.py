@@ -1,6 +1,7 @@
 """What Prometheus reads at /metrics: the figures of a run that are known, and who may read them."""
 
 import asyncio
+import json
 import math
 import re
 import shutil
@@ -139,7 +140,7 @@ def test_the_last_distance_of_a_target_that_is_out_of_sight_is_none_of_now(run, 
 def test_what_is_no_number_is_absent(tmp_path_factory, value):
     with metered_run(tmp_path_factory.mktemp("run")) as run:
         run.cycle(tracks=(tracked(sigma_m=value),))
-        told = {family.name for family in run.metrics()}
+        told = {name for name, *_ in json.loads(run.metrics())}
     assert "stadimeter_target_distance_sigma_meters" not in told
     assert "stadimeter_target_distance_meters" in told
 
@@ -200,7 +201,7 @@ def test_without_a_run_nothing_is_left_but_that_it_does_not_answer(run, site):
 
 def test_a_run_that_does_not_answer_in_time_counts_as_none(tmp_path, monkeypatch):
     ended = threading.Event()
-    control = ControlSocket(tmp_path / "run.sock", dict, metrics=ended.wait)
+    control = ControlSocket(tmp_path / "run.sock", dict, metrics=lambda: str(ended.wait()))
     control.open()
     monkeypatch.setattr(page, "METRICS_WAIT_S", 0.2)
     try:
@@ -301,3 +302,10 @@ def test_without_a_password_there_is_no_token_to_print(tmp_path):
     done = invoked(tmp_path / "page.toml", "--metrics-token")
     assert done.returncode == 2
     assert "without a token" in done.stderr
+
+
+def test_ten_thousand_samples_arrive_whole(run, site):
+    rules = tuple(RuleTrace(rule=f"rule-{number}", status=RuleStatus.IDLE, active=False) for number in range(1001))
+    found = fresh(run, site, rules=rules)
+    assert sum(name == "stadimeter_rule_status" for name, *_ in found) == 7007
+    assert all(found["stadimeter_rule_status", rule.rule, "idle"] == 1 for rule in rules)

@@ -36,10 +36,10 @@ def open_alarm_store(loop: Loop, named: Path | None, is_right: Callable[[], bool
     loop.services.memory = StateWriter(store, partial(moment, clock, is_right=is_right), loop.deliveries)
 
 
-def _metric_families(feed: LiveFeed, deliveries: Callable[[], list[dict[str, Any]]]) -> object:
-    from stadimeter.app.live.metrics import metric_families  # noqa: PLC0415 - few runs are asked for them
+def _metrics(feed: LiveFeed, deliveries: Callable[[], list[dict[str, Any]]]) -> str:
+    from stadimeter.app.live.metrics import metric_families, metrics_json  # noqa: PLC0415 - few runs are asked for them
 
-    return metric_families(feed, deliveries)
+    return metrics_json(metric_families(feed, deliveries))
 
 
 def open_control_socket(loop: Loop, socket: Path | None, closing: ExitStack) -> None:
@@ -48,8 +48,8 @@ def open_control_socket(loop: Loop, socket: Path | None, closing: ExitStack) -> 
     try:
         path = socket or socket_path(configuration.path, make_folder(runtime_folder()))
         feed = live_feed(loop)
-        figures = partial(_metric_families, feed, loop.deliveries.figures)
-        listener = ControlSocket(path, partial(introduction, loop), watched=Subscriptions(feed), metrics=figures)
+        metrics = partial(_metrics, feed, loop.deliveries.figures)
+        listener = ControlSocket(path, partial(introduction, loop), watched=Subscriptions(feed), metrics=metrics)
         closing.callback(listener.close)
         listener.open()
     except ControlError as error:

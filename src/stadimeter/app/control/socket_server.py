@@ -91,7 +91,7 @@ class ControlSocket:
         path: Where; only our user may ask there.
         hello: What the socket tells of the instance by itself, without the loop.
         watched: What can be watched of the run; None for nothing.
-        metrics: The figures of the run, likewise without the loop.
+        metrics: The figures of the run as JSON, likewise without the loop.
         idle_max_s: How long a client may send nothing, or read nothing.
     """
 
@@ -101,7 +101,7 @@ class ControlSocket:
         hello: Callable[[], object],
         *,
         watched: Watched | None = None,
-        metrics: Callable[[], object] = list,
+        metrics: Callable[[], str] = lambda: "[]",
         idle_max_s: float = IDLE_MAX_S,
     ) -> None:
         self.path = path
@@ -221,7 +221,7 @@ class _Handler(socketserver.StreamRequestHandler):
         elif request.op == "hello":
             answer(Reply(control.hello()))
         elif request.op == "metrics":
-            answer(lambda: Reply(control.metrics()))
+            answer(lambda: Reply(json=control.metrics()))
         else:
             control.put(request, answer)
         return None
