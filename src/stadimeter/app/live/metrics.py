@@ -21,7 +21,7 @@ from stadimeter.app.reporting import active_or_unknown
 from stadimeter.core.decision import EventKind, RuleStatus, SafetyMode
 from stadimeter.core.track import TrackStatus
 
-# Figures of a cycle older than this are not those of now. A loop that runs is never so slow, also without pictures.
+# Figures of a cycle older than this are not those of now: outputs are at their safe values long before.
 STALE_S = 2.0
 
 _JSON = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
