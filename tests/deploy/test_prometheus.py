@@ -53,7 +53,7 @@ class Prometheus(Struct):
 
 @pytest.fixture
 def dashboard(deploy: Path) -> Any:
-    return json.loads((deploy / "grafana" / "stadimeter.json").read_text())
+    return json.loads((deploy / "grafana" / "stadimeter-dashboard.json").read_text())
 
 
 def promtool(*words: object) -> None:
