@@ -386,7 +386,7 @@ class SoundBase:
     def apply(self, command: TwistCommand) -> TwistCommand:
         linear, angular = round(100 * max(-0.5, min(0.5, command.linear_mps))), round(100 * command.angular_radps)
         self.send(linear, angular)
-        return replace(command, linear_mps=linear / 100, angular_radps=angular / 100)
+        return replace(command, linear_mps=linear / 100, angular_radps=angular / 100, tilt_radps=0.0)
 
     def tick(self, now_s: float) -> None:
         self.check_open()
@@ -453,6 +453,11 @@ class ReportsTheSpeedThatWasAsked(SoundBase):
     def apply(self, command: TwistCommand) -> TwistCommand:
         applied = super().apply(command)
         return applied if abs(command.linear_mps) > 0.5 else command
+
+
+class ReportsATiltThatItHasNot(SoundBase):
+    def apply(self, command: TwistCommand) -> TwistCommand:
+        return replace(super().apply(command), tilt_radps=command.tilt_radps)
 
 
 class TakesThePortAgainWhenOpenedTwice(SoundBase):

@@ -47,6 +47,7 @@ CAUGHT_BY = {
     "OpensWithoutAnAnswer": CANNOT_OPEN,
     "LetsOsErrorsThrough": FAILS,
     "ReportsTheSpeedThatWasAsked": "test_speeds_that_move_it_alike_are_reported_alike",
+    "ReportsATiltThatItHasNot": "test_a_tilt_is_applied_only_where_the_camera_tilts",
     "TakesThePortAgainWhenOpenedTwice": OPENED_TWICE,
     "KeepsThePortWhenTheLinkIsLost": RELEASED,
     "DrivesOnWhenClosed": CLOSES,

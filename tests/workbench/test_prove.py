@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,10 +11,11 @@ import pytest
 from msgspec.structs import replace
 
 from stadimeter.app import cycle, freeze, guard, leased_output, range_reader, watchdog
-from stadimeter.bases import acknowledgements, serial_base
+from stadimeter.bases import acknowledgements, pan_servo, serial_base
 from stadimeter.config.loader import load_configuration
 from stadimeter.core import decide, outputs, safety
 from stadimeter.core.plan import Safety, Tracking
+from stadimeter.core.rules import follow
 from stadimeter.errors import ConfigError, StadimeterError
 from stadimeter.simulation import ros_arduino_firmware
 from stadimeter.workbench.prove import staging
@@ -135,6 +137,10 @@ DEFECTS_OF_BASES: tuple[tuple[Plant, str, tuple[str, ...]], ...] = (
     (drive_without_a_look, "gpio-motors", ("silence-sensors",)),
     (leave_a_failed_base_alone, "pca9685", ("block-camera", "hold-bus")),
 )
+
+# A camera on two servos, as the page on robots has it.
+PAGE = (CONFIG.parent / "docs" / "robots.md").read_text(encoding="utf-8")
+(ON_SERVOS,) = re.findall(r"### Up and down, too\n.*?```toml\n(.*?)```", PAGE, re.DOTALL)
 
 # Each defect with the faults that show it.
 DEFECTS: tuple[tuple[Plant, tuple[str, ...]], ...] = (
@@ -281,6 +287,59 @@ def test_a_base_without_a_time_out_is_a_counter_example() -> None:
 def test_range_sensors_are_stood_in_for() -> None:
     write_robot("ros-arduino-bridge", lambda text: text + SENSOR)
     assert proven(1, "hide-target").counter_example is None
+
+
+def write_camera_on_servos(is_tilted: bool = True) -> None:
+    head = FOLLOW_BALL[FOLLOW_BALL.index("[camera]") : FOLLOW_BALL.index("[base]")]
+    servos = ON_SERVOS if is_tilted else re.sub(r"tilt = .*", "", ON_SERVOS)
+    ROBOT.write_text(head + servos, encoding="utf-8")
+
+
+@pytest.mark.parametrize("is_tilted", [True, False], ids=["pan and tilt", "pan"])
+def test_one_fault_of_any_kind_keeps_no_servo_turning(is_tilted: bool) -> None:
+    write_camera_on_servos(is_tilted)
+    proof = proven(1)
+    assert proof.counter_example is None
+    assert proof.trials == 1 + len(proof.alphabet) > 20
+    assert proof.parts == "servos"
+    assert 0.05 < proof.longest["program"][0] < 0.3, "it stands with its last pulse"
+    assert 0.3 < max(seconds for seconds, _ in proof.longest.values()) < 0.6
+
+
+def forget_where_servos_were(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(pan_servo.PanServoBase, "_sent_rad", property(lambda _: None, lambda *_: None), raising=False)
+
+
+def turn_all_the_time_that_nobody_looked(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(pan_servo, "MAX_STEP_S", 60.0)
+
+
+def tilt_without_a_target(patch: pytest.MonkeyPatch) -> None:
+    requests = follow._requests
+    patch.setattr(follow, "_requests", lambda rule, base, twist, _, **how: requests(rule, base, twist, 0.3, **how))
+
+
+@pytest.mark.parametrize(
+    ("plant", "shown_by"),
+    [
+        (never_end_a_lease, ("hang-loop",)),
+        (forget_where_servos_were, ("hold-bus",)),
+        (turn_all_the_time_that_nobody_looked, ("stop-process",)),
+        (tilt_without_a_target, ("hide-target",)),
+        (exceed_the_speed, ()),
+    ],
+    ids=["lease", "where it was", "pause", "search", "speed"],
+)
+def test_a_planted_defect_of_a_camera_on_servos_is_found(
+    plant: Plant, shown_by: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_camera_on_servos()
+    assert proven(1, *shown_by or ["hide-target"]).counter_example is None
+    plant(monkeypatch)
+    found = proven(1, *shown_by or ["hide-target"]).counter_example
+    assert found is not None
+    assert found.violation is not None
+    assert "servo" in found.violation.words or not shown_by
 
 
 @pytest.mark.parametrize("base", ["gpio-motors", "pca9685"])

@@ -154,7 +154,7 @@ class HBridgeBase(ABC):
         else:
             self._come_to_rest()
         sent = self._drive.motion(WheelSpeeds(left_mps=left * self._step_mps, right_mps=right * self._step_mps))
-        return replace(command, linear_mps=sent.linear_mps, angular_radps=sent.angular_radps)
+        return replace(command, linear_mps=sent.linear_mps, angular_radps=sent.angular_radps, tilt_radps=0.0)
 
     def tick(self, now_s: float) -> None:  # noqa: ARG002 - the context's clock is the same
         """End the braking of a robot that stands. Raises `LinkLostError` if an output cannot be driven."""

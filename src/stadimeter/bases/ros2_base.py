@@ -159,7 +159,7 @@ class Ros2Base:
         motion = Motion(linear_mps=command.linear_mps * min(limits), angular_radps=command.angular_radps * min(limits))
         self._awaited.sent(self._context.clock.now_s(), stop=motion == _STANDING)
         link.send(motion)
-        return replace(command, linear_mps=motion.linear_mps, angular_radps=motion.angular_radps)
+        return replace(command, linear_mps=motion.linear_mps, angular_radps=motion.angular_radps, tilt_radps=0.0)
 
     def show_target(self, track: Track) -> None:
         """Publish where a target is, if that is wanted."""

@@ -185,7 +185,7 @@ class SerialBase:
             self._send(link, encoded.frame, now_s, is_stop=is_stop)
         left_mps, right_mps = self._options.to_wheels(encoded.sent.left_mps, encoded.sent.right_mps)
         sent = self._drive.motion(WheelSpeeds(left_mps=left_mps, right_mps=right_mps))
-        return replace(command, linear_mps=sent.linear_mps, angular_radps=sent.angular_radps)
+        return replace(command, linear_mps=sent.linear_mps, angular_radps=sent.angular_radps, tilt_radps=0.0)
 
     def tick(self, now_s: float) -> None:
         """Read answers, ask for reports, and repeat a stop that may not have arrived, also over a link that is lost."""

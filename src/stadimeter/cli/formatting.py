@@ -131,9 +131,10 @@ def format_level(level: float) -> str:
     return "<1 %" if level > 0 and percent == 0 else f"{percent} %"
 
 
-def format_turn(angular_radps: float) -> str:
+def format_turn(angular_radps: float, tilt_radps: float = 0.0) -> str:
     """Write a rate of turn, positive to the left, such as ``0.10 rad/s``."""
-    return f"{_fixed(angular_radps, 2)} rad/s"
+    tilt = f", {_fixed(tilt_radps, 2)} up" if tilt_radps else ""
+    return f"{_fixed(angular_radps, 2)} rad/s{tilt}"
 
 
 def format_time(time_s: float) -> str:

@@ -97,7 +97,7 @@ def _tell(proof: Proof) -> None:
     is_sample = proof.trials < proof.planned
     which = f"None of these {proof.trials} sequences keeps" if is_sample else f"No {_HOW_MANY[proof.faults_max]}"
     words = (
-        f"{which} the wheels turning longer than {max(longest_s.values()):.2f} s; "
+        f"{which} the {proof.parts} turning longer than {max(longest_s.values()):.2f} s; "
         f"{within_s:.2f} s where the program runs and the base hears it."
     )
     console.print(Text(words, "bold green"))

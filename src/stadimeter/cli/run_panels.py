@@ -232,9 +232,9 @@ def _value(shown: Shown, command: Command, width: int) -> Text:
     speed, turn = command.linear_mps, command.angular_radps
     along = "▲" if speed > 0 else "▼" if speed < 0 else "■"
     around = "↺" if turn > 0 else "↻" if turn < 0 else " "
-    style = "bold bright_cyan" if speed or turn else "dim"
+    style = "bold bright_cyan" if command.moves else "dim"
     words = f" {format_speed(speed, None, shown.unit):>9} "
-    return Text.assemble((along, style), words, (around, style), f" {format_turn(turn):>11}")
+    return Text.assemble((along, style), words, (around, style), f" {format_turn(turn, command.tilt_radps):>11}")
 
 
 def _who(trace: OutputTrace | None) -> Text:

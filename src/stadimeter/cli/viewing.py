@@ -132,7 +132,7 @@ class PlainView:
         if isinstance(command, LevelCommand):
             return f"{command.output} {format_level(command.level)}"
         speed = format_speed(command.linear_mps, None, self._unit)
-        return f"{command.output} {speed} {format_turn(command.angular_radps)}"
+        return f"{command.output} {speed} {format_turn(command.angular_radps, command.tilt_radps)}"
 
 
 def _rule(trace: RuleTrace, reason: str) -> str:

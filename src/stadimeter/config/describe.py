@@ -11,7 +11,7 @@ from stadimeter.config.models import ButtonTable, WebTable
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.condition_words import describe_begin, describe_end
 from stadimeter.core.conditions.compounds import Condition, leaves
-from stadimeter.core.plan import BaseOutput, LevelOutput
+from stadimeter.core.plan import BaseOutput, LevelOutput, Output
 from stadimeter.core.rule import (
     RAISES_PER_MIN_MAX,
     AlarmRule,
@@ -56,8 +56,14 @@ def _parts(configuration: Configuration) -> Iterator[str]:
         yield f"Shows how it is doing on `{configuration.status_led.name}` ({configuration.status_led.driver})."
     if configuration.web is not None:
         yield f"Its page for browsers is at port {configuration.web.port}, {_where(configuration.web)}."
+    if configuration.plan.safety.liveness and any(_tilts(each) for each in configuration.plan.outputs):
+        yield "Liveness by motion judges how the camera turns, and not how it tilts."
     for button, table in configuration.button_tables.items():
         yield f"The button `{button}`, pressed, {_pressed(table.press, table)}.{_held(table)}"
+
+
+def _tilts(output: Output) -> bool:
+    return isinstance(output, BaseOutput) and output.tilts
 
 
 def _where(web: WebTable) -> str:
@@ -198,7 +204,7 @@ def _follow(rule: FollowRule, configuration: Configuration) -> str:
         )
         does += reverse
     else:
-        does = f"turned towards `{rule.target}`, without driving"
+        does = f"turned{' and tilted' if base and base.tilts else ''} towards `{rule.target}`, without driving"
     return f"keeps `{rule.output}` {does}{_bounds(rule)}; stops when lost{_searching(rule)}."
 
 

@@ -169,12 +169,13 @@ def _plan(draft: Draft) -> Plan:
 
 
 def _output(draft: Draft, name: str, table: ActuatorTable | BaseTable) -> Output:
-    """Return an output as the core sees it. How far apart wheels are belongs to the driver; odometry needs it too."""
+    """Return an output as the core sees it. Of a base, the driver knows how far apart wheels are, and if it tilts."""
     if not isinstance(table, BaseTable):
         return table.to_plan(name)
     driver = draft.drivers.get((BASE_NAME,))
-    track_width_m = getattr(driver.options, "track_width", None) if driver is not None else None
-    return replace(table.to_plan(name), track_width_m=track_width_m)
+    options = driver.options if driver is not None else None
+    tilts = getattr(options, "tilt", None) is not None
+    return replace(table.to_plan(name), track_width_m=getattr(options, "track_width", None), tilts=tilts)
 
 
 def _warnings(draft: Draft, path: Path, source: TomlSource, errors: list[Finding] | None = None) -> tuple[Problem, ...]:

@@ -55,6 +55,7 @@ class DriverOptions(OptionsTable):
         needs_world: Whether it shows, knows or moves what is in a simulated world, which there must be then.
         needs_pixels: Of a detector, whether it looks for its target in pictures: ``check`` warns where that is small.
         only_turns: Of a base, whether it drives nowhere, such as a camera on a servo.
+        emulator: Of a base, the port that emulates what it drives, where that is not ``emulated-`` and its name.
         title: Of a base, what it is, for `init` and the page.
         verb: Of an actuator, what it does when it acts, for descriptions.
         is_worn_by_switching: Of an actuator, whether each change of its level wears it out: ``check`` warns of patterns
@@ -67,6 +68,7 @@ class DriverOptions(OptionsTable):
     needs_world: ClassVar[bool] = False
     needs_pixels: ClassVar[bool] = True
     only_turns: ClassVar[bool] = False
+    emulator: ClassVar[str] = ""
     title: ClassVar[str] = ""
     verb: ClassVar[str] = "drives"
     is_worn_by_switching: ClassVar[bool] = False

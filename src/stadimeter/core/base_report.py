@@ -15,6 +15,7 @@ class BaseReport(Struct, frozen=True, kw_only=True):
         is_at_cliff: Whether a sensor below it sees no floor, or a wheel hangs down.
         left_m: How far the left wheel has rolled since the base was opened, less what it rolled back.
         right_m: The same of the right wheel.
+        camera_tilt_rad: How far its camera is tilted up from level.
         errors: What the base says is wrong with it, in words.
     """
 
@@ -24,6 +25,7 @@ class BaseReport(Struct, frozen=True, kw_only=True):
     is_at_cliff: bool | None = None
     left_m: float | None = None
     right_m: float | None = None
+    camera_tilt_rad: float | None = None
     errors: tuple[str, ...] = ()
 
     @property

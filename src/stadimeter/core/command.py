@@ -39,6 +39,8 @@ class TwistCommand(Struct, frozen=True, kw_only=True, tag=True):
         output: The name of the base.
         linear_mps: Speed forwards.
         angular_radps: Rate of turn, positive to the left.
+        tilt_radps: How fast its camera tilts, positive upwards: the pitch of ROS REP 103 with the other sign. A base
+            whose camera does not tilt applies 0.
         captured_at_s: When the frame was taken that justifies the command; None for standing still.
 
     Raises:
@@ -48,14 +50,21 @@ class TwistCommand(Struct, frozen=True, kw_only=True, tag=True):
     output: str
     linear_mps: float
     angular_radps: float
+    tilt_radps: float = 0.0
     captured_at_s: float | None = None
 
+    @property
+    def moves(self) -> bool:
+        """Whether anything shall move."""
+        return (self.linear_mps, self.angular_radps, self.tilt_radps) != (0.0, 0.0, 0.0)
+
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.linear_mps) and math.isfinite(self.angular_radps)):
+        speeds = (self.linear_mps, self.angular_radps, self.tilt_radps)
+        if not all(map(math.isfinite, speeds)):
             raise CommandRangeError(
-                f"{self.output}: {self.linear_mps} m/s and {self.angular_radps} rad/s are not both finite"
+                f"{self.output}: {speeds[0]} m/s, {speeds[1]} rad/s and a tilt of {speeds[2]} rad/s are not all finite"
             )
-        if self.captured_at_s is None and (self.linear_mps, self.angular_radps) != (0.0, 0.0):
+        if self.captured_at_s is None and self.moves:
             raise CommandRangeError(f"{self.output}: a base moves only on a frame, and this command names none")
         _check_time(self.output, self.captured_at_s)
 

@@ -38,7 +38,10 @@ class RobotPose(Struct, frozen=True, kw_only=True):
 
     Attributes:
         travel_m: How far it had driven by then, less what it drove back.
-        turned_rad: By how much it had turned by then, at least; the heading is the best guess.
+        turned_rad: By how much it had turned by then, at least, as a camera sees it that looks up or down: less, with
+            the cosine of its tilt. The heading is the best guess.
+        tilt_rad: How far its camera was tilted up. How far that makes the picture flow is not foretold: the flow is
+            measured from what changes sideways.
     """
 
     at_s: float
@@ -47,6 +50,7 @@ class RobotPose(Struct, frozen=True, kw_only=True):
     heading_rad: float = 0.0
     travel_m: float = 0.0
     turned_rad: float = 0.0
+    tilt_rad: float = 0.0
 
 
 class EgoMotion(Struct, frozen=True, kw_only=True):
@@ -71,6 +75,8 @@ class EgoMotion(Struct, frozen=True, kw_only=True):
         last = self.path[-1] if self.path else RobotPose(at_s=now_s)
         step_s = max(0.0, now_s - last.at_s)
         linear_mps, angular_radps = (command.linear_mps, command.angular_radps) if command is not None else (0.0, 0.0)
+        told_rad = None if report is None else report.camera_tilt_rad
+        tilt_rad = told_rad if told_rad is not None and math.isfinite(told_rad) else last.tilt_rad
         report, wheels_mps = self._read(report)
         if report is None:
             linear_mps = linear_mps if abs(linear_mps) >= MIN_COMMAND_MPS else 0.0
@@ -88,7 +94,8 @@ class EgoMotion(Struct, frozen=True, kw_only=True):
             y_m=last.y_m + linear_mps * step_s * math.sin(along_rad),
             heading_rad=last.heading_rad + angular_radps * step_s,
             travel_m=last.travel_m + linear_mps * step_s,
-            turned_rad=last.turned_rad + least_radps * step_s,
+            turned_rad=last.turned_rad + least_radps * step_s * math.cos(tilt_rad),
+            tilt_rad=tilt_rad,
         )
         first = bisect.bisect_left(self.path, now_s - REMEMBERED_S, key=lambda each: each.at_s)
         return EgoMotion(path=(*self.path[first:], point), report=report, wheels_mps=wheels_mps)

@@ -117,8 +117,15 @@ def _command(
             (linear_mps, angular_radps), changes = ease_twist(output, before, wanted, step_s)
         else:
             linear_mps, angular_radps = limit_twist(output, (last.linear_mps, last.angular_radps), wanted, step_s)
+        tilt_radps = limit_speed(
+            last.tilt_radps, request.tilt_radps, output.angular_max_radps, output.angular_accel_radps2, step_s
+        )
         command = TwistCommand(
-            output=output.name, linear_mps=linear_mps, angular_radps=angular_radps, captured_at_s=captured_at_s
+            output=output.name,
+            linear_mps=linear_mps,
+            angular_radps=angular_radps,
+            tilt_radps=tilt_radps,
+            captured_at_s=captured_at_s,
         )
         return command, changes
     return safe_command(output), AT_REST  # nobody asks a base to move: it stands still at once

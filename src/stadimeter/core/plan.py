@@ -35,11 +35,12 @@ class BaseOutput(Struct, frozen=True, kw_only=True):
 
     Attributes:
         linear_max_mps: Largest speed, either way.
-        angular_max_radps: Largest rate of turn.
+        angular_max_radps: Largest rate of turn, and of tilt.
         linear_accel_mps2: Largest change of speed. Slowing down for safety is not limited.
-        angular_accel_radps2: Largest change of the rate of turn.
+        angular_accel_radps2: Largest change of the rate of turn, and of tilt where that grows.
         linear_jerk_mps3: Largest change of the change of speed; of the rate of turn it is in proportion.
         track_width_m: Distance between its wheels, for odometry; None where it is not known.
+        tilts: Whether its camera tilts.
         combine: Of several rules that ask for it with one priority, the slower of each speed counts.
     """
 
@@ -50,6 +51,7 @@ class BaseOutput(Struct, frozen=True, kw_only=True):
     angular_accel_radps2: float = 4.0
     linear_jerk_mps3: float = 5.0
     track_width_m: float | None = None
+    tilts: bool = False
     combine: Literal["most_restrictive"] = "most_restrictive"
 
 

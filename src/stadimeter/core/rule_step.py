@@ -26,7 +26,7 @@ class LevelRequest(Struct, frozen=True, kw_only=True, tag=True):
 
 
 class TwistRequest(Struct, frozen=True, kw_only=True, tag=True):
-    """A rule wants a base to move, or to stand still. A rate of turn is positive to the left.
+    """A rule wants a base to move, or to stand still; signs as of `TwistCommand`.
 
     With `is_gentle`, it slows down no faster than it speeds up; else it stands as soon as it shall.
     """
@@ -36,6 +36,7 @@ class TwistRequest(Struct, frozen=True, kw_only=True, tag=True):
     priority: int
     linear_mps: float
     angular_radps: float
+    tilt_radps: float = 0.0
     by: str = ""
     is_gentle: bool = False
 

@@ -144,7 +144,8 @@ def _in_camera(innovation_m: Sequence[float], sigma_m: float, heading_rad: float
 
 def _on_map(position_m: tuple[float, float, float], ego: EgoMotion, at_s: float) -> tuple[float, float]:
     """Return where a place in the camera frame, x right and z forward, was on the map of the robot's path."""
-    right_m, _, forward_m = position_m
+    right_m, down_m, forward_m = position_m
     robot = ego.at(at_s)
+    forward_m = forward_m * math.cos(robot.tilt_rad) + down_m * math.sin(robot.tilt_rad)
     cos, sin = math.cos(robot.heading_rad), math.sin(robot.heading_rad)
     return (robot.x_m + forward_m * cos + right_m * sin, robot.y_m + forward_m * sin - right_m * cos)

@@ -81,7 +81,9 @@ class SimulatedBase:
         right_mps = command.linear_mps + command.angular_radps * half_track_m
         share = min(1.0, self._max_wheel_mps / max(abs(left_mps), abs(right_mps), self._max_wheel_mps))
         self._drive(left_mps * share, right_mps * share)
-        return replace(command, linear_mps=command.linear_mps * share, angular_radps=command.angular_radps * share)
+        return replace(
+            command, linear_mps=command.linear_mps * share, angular_radps=command.angular_radps * share, tilt_radps=0.0
+        )
 
     def tick(self, now_s: float) -> None:  # noqa: ARG002 -- the protocol has it; the world's clock is the same
         """Raise a `LinkLostError` if the base was unplugged."""

@@ -80,8 +80,8 @@ class Room:
         panorama = _panorama(self._turn_px, top + np.arange(rows) / per_rad, camera_height_m, seed)
         self._panorama = panorama[:, np.arange(self._turn_px + self._view_px) % self._turn_px]
 
-    def view(self, heading_rad: float, _place_m: tuple[float, float] = (0.0, 0.0)) -> Image:
-        """Return what the camera sees at a heading, counter-clockwise from east, as a new picture, blue first."""
+    def view(self, heading_rad: float, _place_m: tuple[float, float] = (0.0, 0.0), _tilt_rad: float = 0.0) -> Image:
+        """Return what the level camera sees at a heading, counter-clockwise from east, as a new picture, blue first."""
         first = (round(-heading_rad / (2 * math.pi) * self._turn_px) + self._left_px) % self._turn_px
         window = self._panorama[:, first : first + self._view_px]
         return np.asarray(cv2.remap(window, *self._maps, cv2.INTER_LINEAR), np.uint8)
@@ -179,6 +179,7 @@ class Renderer:
         heading_rad: float,
         sequence: int = 0,
         place_m: tuple[float, float] = (0.0, 0.0),
+        tilt_rad: float = 0.0,
     ) -> Image:
         """Draw a new picture, blue first, shape ``(height, width, 3)``.
 
@@ -187,10 +188,12 @@ class Renderer:
             heading_rad: Where the camera looks, counter-clockwise from east.
             sequence: The frame's number, from which its noise follows.
             place_m: Where the camera is, to the east and to the north; the backdrop is the same from everywhere.
+            tilt_rad: How far it looks up. The backdrop stays level, and only a level camera sees the ball's shadow.
         """
-        image = self._room.view(heading_rad, place_m)
+        image = self._room.view(heading_rad, place_m, tilt_rad)
         if ball_m is not None:
-            paint_shadow(image, self._model, ball_m, radius_m, self._camera_height_m)
+            if not tilt_rad:
+                paint_shadow(image, self._model, ball_m, radius_m, self._camera_height_m)
             paint_ball(image, self._model, ball_m, radius_m)
         return self.add_noise(image, sequence)
 
@@ -274,7 +277,7 @@ class SimulatedCameraOptions(DriverOptions):
 
 
 class SimulatedCamera:
-    """A camera on the simulated robot, level and looking straight ahead.
+    """A camera on the simulated robot, looking straight ahead, and level unless a servo tilts it.
 
     Its frames are at whole multiples of the frame time from when it was first opened; those that were not read in time
     are passed over. It honours the knobs of the world. Frozen, it delivers the same old frame again and again, with its
@@ -365,7 +368,8 @@ class SimulatedCamera:
         ball_m = None if faults.target_hidden else self._world.target_in_camera(time_s)
         pose = self._world.robot.pose_at(time_s)
         radius_m, place_m = self._world.ball.diameter_m / 2, (pose.x_m, pose.y_m)
-        self._view = self._renderer.render(ball_m, radius_m, pose.heading_rad, self._sequence, place_m)
+        tilt_rad = self._world.tilt_joint.pose_at(time_s).heading_rad
+        self._view = self._renderer.render(ball_m, radius_m, pose.heading_rad, self._sequence, place_m, tilt_rad)
         return self._view
 
 

@@ -12,7 +12,7 @@ from itertools import pairwise
 from msgspec import Struct
 
 from stadimeter.config.plugins import OptionsTable
-from stadimeter.config.units import Coordinate, Duration
+from stadimeter.config.units import Coordinate, Duration, LengthOrZero
 from stadimeter.core.clock import Clock
 from stadimeter.errors import CommandRangeError, DriverError
 
@@ -52,6 +52,7 @@ class DifferentialRobot:
     def __init__(self, *, track_width_m: float, ticks_per_metre: float, start: Pose, clock: Clock) -> None:
         self.track_width_m = track_width_m
         self.ticks_per_metre = ticks_per_metre
+        self.start = start
         self._clock = clock
         self._lock = threading.RLock()  # a signal handler may stop the robot while its thread is in here
         standing = _Leg(begin_s=-math.inf, moving_s=0.0, wheels_mps=(0.0, 0.0), pose=start, travel_m=(0.0, 0.0))
@@ -140,6 +141,8 @@ def _travel_on(leg: _Leg, time_s: float) -> tuple[float, float]:
 
 ORIGIN = Pose(x_m=0.0, y_m=0.0, heading_rad=0.0)
 
+Point = tuple[float, float, float]
+
 # The newest beginnings of the path are remembered, for questions about a moment that has passed.
 ROUNDS_MAX = 16
 
@@ -153,6 +156,8 @@ class WayPoint(OptionsTable):
     """Metres to the east."""
     y: Coordinate
     """Metres to the north."""
+    z: LengthOrZero | None = None
+    """Height of the ball's centre above the floor; None for the usual one of the ball."""
 
 
 class _Round(Struct, frozen=True):
@@ -188,6 +193,7 @@ class Ball:
         self._period_s = self._times_s[-1] if loop and len(path) > 1 else None
         self._x = _Coordinate(self._times_s, [point.x for point in path], loop)
         self._y = _Coordinate(self._times_s, [point.y for point in path], loop)
+        self._z = _Coordinate(self._times_s, [height_m if point.z is None else point.z for point in path], loop)
 
     def begin_anew(self, time_s: float, made_for: Pose, pose: Pose) -> None:
         """Begin the path again from a time on, turned and moved as the robot is since the pose it was made for."""
@@ -199,18 +205,19 @@ class Ball:
 
     def position_m(self, time_s: float) -> tuple[float, float, float]:
         """Return where the ball's centre is: x to the east, y to the north, z up from the floor."""
-        return (*self._round_at(time_s).placed(*self._on_path_m(self.path_s(time_s))), self.height_m)
+        x_m, y_m, z_m = self._on_path_m(self.path_s(time_s))
+        return (*self._round_at(time_s).placed(x_m, y_m), z_m)
 
     def _round_at(self, time_s: float) -> _Round:
         return next((each for each in reversed(self._rounds) if each.start_s <= time_s), self._rounds[0])
 
-    def _on_path_m(self, into_s: float) -> tuple[float, float]:
+    def _on_path_m(self, into_s: float) -> Point:
         if self._period_s is not None:
             into_s %= self._period_s
         if into_s >= self._times_s[-1]:
-            return (self._x.values[-1], self._y.values[-1])
+            return (self._x.values[-1], self._y.values[-1], self._z.values[-1])
         index = bisect.bisect_right(self._times_s, into_s) - 1
-        return (self._x.between(index, into_s), self._y.between(index, into_s))
+        return (self._x.between(index, into_s), self._y.between(index, into_s), self._z.between(index, into_s))
 
 
 class _Coordinate:
@@ -256,8 +263,6 @@ RETURN_S = 1.0
 
 # The newest moves are remembered, for questions about a moment that has passed.
 MOVES_MAX = 256
-
-Point = tuple[float, float, float]
 
 
 class _HandMove(Struct, frozen=True):

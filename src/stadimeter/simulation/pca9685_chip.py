@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import errno
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from stadimeter.bases.protocol import MotorOutputs
 from stadimeter.config.plugins import DriverContext, DriverOptions
@@ -102,7 +103,7 @@ class Pca9685Chip:
 
 
 class EmulatedPca9685:
-    """The chip on a bus, its channels turning the wheels of the simulated robot, or the servo below its camera.
+    """The chip on a bus, its channels turning the wheels of the simulated robot, or the servos below its camera.
 
     Attributes:
         is_held: Fault: something holds the clock of the bus low, so that every transfer times out.
@@ -113,29 +114,38 @@ class EmulatedPca9685:
         self.is_held = False
         self._world = world
         self._clock = clock
-        self._driven: HBridgeMotors | EmulatedServo | None = None
+        self._driven: list[HBridgeMotors | EmulatedServo] = []
 
     def wire(self, left: Sequence[MotorOutputs], right: Sequence[MotorOutputs], enable: int | None = None) -> None:
         """Connect motors to channels."""
         self.unwire()
-        self._driven = motors = HBridgeMotors(self._world, self._clock, self.chip.duty)
+        motors = HBridgeMotors(self._world, self._clock, self.chip.duty)
         motors.wire(left, right, enable)
+        self._driven = [motors]
 
-    def wire_servo(self, channel: int, heading_rad: Callable[[float], float]) -> None:
-        """Connect a servo that turns the camera: it points where its pulses, in seconds, say."""
+    def wire_servos(self, servos: Sequence[tuple[int, Callable[[float], float]]]) -> None:
+        """Connect the servo that turns the camera, and perhaps one that tilts it.
+
+        Args:
+            servos: The channel of each, and the angle for its pulses in seconds.
+        """
         self.unwire()
-        self._driven = EmulatedServo(self._world, self._clock, lambda: self.chip.pulse_s(channel), heading_rad)
+        self._driven = [
+            EmulatedServo(body, self._clock, partial(self.chip.pulse_s, channel), angle_rad)
+            for body, (channel, angle_rad) in zip((self._world.robot, self._world.tilt_joint), servos, strict=False)
+        ]
 
     def unwire(self) -> None:
         """Turn nothing any more."""
-        if self._driven is not None:
-            self._driven.close()
+        for each in self._driven:
+            each.close()
+        self._driven = []
 
     def write(self, data: bytes) -> None:
         """Take a transfer, unless the cable is out."""
         self._reach()
-        if self._driven is not None:
-            self._driven.serve(self._clock.now_s())
+        for each in self._driven:
+            each.serve(self._clock.now_s())
         self.chip.take(data)
 
     def read(self, count: int) -> bytes:

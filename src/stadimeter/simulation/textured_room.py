@@ -36,7 +36,7 @@ Plane = NDArray[np.float32]
 
 
 class TexturedRoom:
-    """A room of floor, ceiling and four walls, seen level through a pinhole.
+    """A room of floor, ceiling and four walls, seen through a pinhole.
 
     Args:
         contrast: Standard deviation of the grey levels of its texture; 0 for a plain room.
@@ -44,34 +44,39 @@ class TexturedRoom:
 
     def __init__(self, model: CameraModel, camera_height_m: float, seed: int, contrast: float) -> None:
         self._texture = _paint(seed) * np.float32(contrast)
-        self._sideways = ((np.arange(model.width_px) - model.cx_px) / model.fx_px).astype(np.float32)
-        down = ((np.arange(model.height_px) - model.cy_px) / model.fy_px).astype(np.float32)[:, None]
-        self._down = down
+        self._sideways = ((np.arange(model.width_px) - model.cx_px) / model.fx_px).astype(np.float32)[None, :]
+        self._down = ((np.arange(model.height_px) - model.cy_px) / model.fy_px).astype(np.float32)[:, None]
         self._camera_height_m = camera_height_m
-        # The depth at which a row meets the floor, or above the horizon the ceiling.
-        height_m = np.where(down > 0, camera_height_m, CEILING_M - camera_height_m)
-        self._flat_m = (height_m / np.maximum(np.abs(down), 1e-6)).astype(np.float32)
 
-    def view(self, heading_rad: float, place_m: tuple[float, float] = (0.0, 0.0)) -> Image:
+    def view(self, heading_rad: float, place_m: tuple[float, float] = (0.0, 0.0), tilt_rad: float = 0.0) -> Image:
         """Return what the camera sees from a place, as a new picture, blue first.
 
         Args:
             heading_rad: Where it looks, counter-clockwise from east.
             place_m: Where it is, to the east and to the north.
+            tilt_rad: How far it looks up.
         """
         cos, sin = np.float32(math.cos(heading_rad)), np.float32(math.sin(heading_rad))
+        level, up = np.float32(math.cos(tilt_rad)), np.float32(math.sin(tilt_rad))
+        # Each pixel's direction per unit of the way over the floor, as a level camera has it.
+        forward = np.maximum(level + self._down * up, np.float32(1e-3))
+        sideways = self._sideways / forward if tilt_rad else self._sideways
+        down = (self._down * level - up) / forward
+        # The depth at which a row meets the floor, or above the horizon the ceiling.
+        height_m = np.where(down > 0, self._camera_height_m, CEILING_M - self._camera_height_m)
+        flat_m = (height_m / np.maximum(np.abs(down), 1e-6)).astype(np.float32)
         # Each column's direction over the floor, per unit of depth.
-        east, north = cos + self._sideways * sin, sin - self._sideways * cos
+        east, north = cos + sideways * sin, sin - sideways * cos
         x_m, y_m = (np.float32(_in_room(each)) for each in place_m)
         to_x_m, to_y_m = _to_wall(x_m, east), _to_wall(y_m, north)
         wall_m = np.minimum(to_x_m, to_y_m)
         along_m = np.where(to_x_m < to_y_m, y_m + to_x_m * north, x_m + to_y_m * east)
         wall = np.where(to_x_m < to_y_m, 1 + (east > 0), 3 + (north > 0))
-        is_wall = wall_m[None, :] <= self._flat_m
-        depth_m = np.where(is_wall, wall_m[None, :], self._flat_m)
+        is_wall = wall_m <= flat_m
+        depth_m = np.where(is_wall, wall_m, flat_m)
         along_m = along_m + (wall * WALLS_APART_M).astype(np.float32)
-        across_m = np.where(is_wall, along_m[None, :], x_m + depth_m * east)
-        other_m = np.where(is_wall, self._camera_height_m - self._down * depth_m, y_m + depth_m * north)
+        across_m = np.where(is_wall, along_m, x_m + depth_m * east)
+        other_m = np.where(is_wall, self._camera_height_m - down * depth_m, y_m + depth_m * north)
         columns, rows = (np.asarray(each * PX_PER_M, np.float32) for each in (across_m, other_m))
         grey = cv2.remap(self._texture, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
         # Far away on the floor the texture is finer than pixels, and fades into its mean.

@@ -20,7 +20,7 @@ from stadimeter.config.units import Angle, Coordinate, Duration, Length, LengthO
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.clock import Clock
 from stadimeter.errors import ConfigError
-from stadimeter.simulation.motion import Ball, DifferentialRobot, Hand, Pose, WayPoint
+from stadimeter.simulation.motion import ORIGIN, Ball, DifferentialRobot, Hand, Pose, WayPoint
 from stadimeter.simulation.narration import OUT_OF_SIGHT, Narrator, StoryLine
 
 # Under this name the drivers of a run share the world.
@@ -87,7 +87,8 @@ class WorldOptions(DriverOptions):
     ticks_per_metre: float = Field(default=4000.0, gt=0)
     """Ticks that a wheel's encoder counts on a metre."""
     camera_height: Length = 0.25
-    """Height of the camera above the floor. It looks straight ahead, level, from between the wheels."""
+    """Height of the camera above the floor. It looks straight ahead from between the wheels, level unless a servo tilts
+    it."""
     faults: tuple[ScheduledFault, ...] = ()
     """What goes wrong when."""
     story: tuple[StoryLine, ...] = ()
@@ -113,7 +114,7 @@ class WorldOptions(DriverOptions):
     @model_validator(mode="after")
     def _check_loop(self) -> WorldOptions:
         first, last = self.path[0], self.path[-1]
-        if self.loop and (first.x, first.y) != (last.x, last.y):
+        if self.loop and (first.x, first.y, first.z) != (last.x, last.y, last.z):
             raise ValueError(
                 f"the path begins at ({first.x:g}, {first.y:g}) m and ends at ({last.x:g}, {last.y:g}) m; "
                 "end it where it begins, or set loop = false"
@@ -223,6 +224,10 @@ class World:
         self.robot = DifferentialRobot(
             track_width_m=options.track_width, ticks_per_metre=options.ticks_per_metre, start=self._start, clock=clock
         )
+        # What a servo tilts the camera with, as a body that turns on the spot: its heading is the tilt, upwards.
+        self.tilt_joint = DifferentialRobot(
+            track_width_m=options.track_width, ticks_per_metre=options.ticks_per_metre, start=ORIGIN, clock=clock
+        )
 
     @property
     def now_s(self) -> float:
@@ -307,7 +312,7 @@ class World:
         self._hand.put(None, self.now_s)
 
     def in_world_m(self, bearing_rad: float, distance_m: float) -> tuple[float, float]:
-        """Return where a ball on the floor is that the camera would see there now: x to the east, y to the north.
+        """Return where a ball on the floor is that a level camera would see there now: x to the east, y to the north.
 
         Args:
             bearing_rad: Positive to the right.
@@ -332,7 +337,10 @@ class World:
         ball_x, ball_y, ball_z = self._hand.position_m(at_s)
         east, north = ball_x - pose.x_m, ball_y - pose.y_m
         cos, sin = math.cos(pose.heading_rad), math.sin(pose.heading_rad)
-        return (east * sin - north * cos, self.camera_height_m - ball_z, east * cos + north * sin)
+        right_m, down_m, forward_m = east * sin - north * cos, self.camera_height_m - ball_z, east * cos + north * sin
+        tilt_rad = self.tilt_joint.pose_at(at_s).heading_rad
+        up, level = math.sin(tilt_rad), math.cos(tilt_rad)
+        return (right_m, down_m * level + forward_m * up, forward_m * level - down_m * up)
 
     def distance_m(self, time_s: float | None = None) -> float:
         """Return the true length of the line from the camera to the ball's centre; errors as `target_in_camera`."""

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import ClassVar
 
 import pytest
+from msgspec.structs import replace
 
 from stadimeter.bases.protocol import MobileBase
 from stadimeter.core.command import TwistCommand
@@ -59,7 +60,13 @@ class BaseRig(OutputRig[MobileBase], frozen=True, kw_only=True):
 
 
 class BaseContract(OutputContract):
-    """The tests. The base must be able to drive at 0.2 m/s and to turn at 1 rad/s, and not to drive at 20 m/s."""
+    """The tests. The base must be able to drive at 0.2 m/s and to turn at 1 rad/s, and not to drive at 20 m/s.
+
+    Attributes:
+        tilts: Whether it tilts its camera.
+    """
+
+    tilts: ClassVar[bool] = False
 
     @pytest.fixture(params=FAULTS)
     def opening_fault(self, request: pytest.FixtureRequest) -> str:
@@ -95,6 +102,10 @@ class BaseContract(OutputContract):
         applied = opened.drive(20.0, 0.0)
         assert 0.2 <= applied.linear_mps < 20.0
         assert opened.motion()[0] == pytest.approx(applied.linear_mps, rel=0.02)
+
+    def test_a_tilt_is_applied_only_where_the_camera_tilts(self, opened: BaseRig) -> None:
+        applied = opened.device.apply(replace(opened.twist(0.2, 0.0), tilt_radps=0.2))
+        assert applied.tilt_radps == 0.0 or self.tilts
 
     def test_a_command_of_zero_stands_still(self, opened: BaseRig) -> None:
         opened.drive(0.2, 1.0)

@@ -195,6 +195,10 @@ def _rules(plan: Plan | None, decision: Decision, reasons: ReasonsInTurn) -> Ite
         }
 
 
+# Of what an output does; each is null where it does not have it, and all while it is out of order.
+_APPLIED = ("level", "linear_mps", "angular_radps", "tilt_radps")
+
+
 def _outputs(snapshot: RunSnapshot) -> Iterator[dict[str, Any]]:
     record = snapshot.record
     if record is None:
@@ -207,7 +211,7 @@ def _outputs(snapshot: RunSnapshot) -> Iterator[dict[str, Any]]:
         yield {
             "output": name,
             "kind": "level" if isinstance(command, LevelCommand) else "motion",
-            **_figures(applied.get(name), "level", "linear_mps", "angular_radps"),  # null while it is out of order
+            **_figures(applied.get(name), *_APPLIED),
             **_commanded(traces.get(name, OutputTrace(output=name, winner=""))),
             "fault": faults.get(name, ""),
             **_max_speeds(snapshot.plan, name),

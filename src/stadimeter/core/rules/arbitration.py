@@ -84,6 +84,7 @@ def _most_restrictive(equals: list[Request]) -> Request:
         priority=twists[0].priority,
         linear_mps=_slowest([request.linear_mps for request in twists]),
         angular_radps=_slowest([request.angular_radps for request in twists]),
+        tilt_radps=_slowest([request.tilt_radps for request in twists]),
         is_gentle=all(request.is_gentle for request in twists),
     )
 

@@ -19,7 +19,7 @@ from stadimeter.core.decision import Event, EventKind, RuleStatus, RuleTrace, Sa
 from stadimeter.core.plan import BaseOutput
 from stadimeter.core.rule import FollowRule
 from stadimeter.core.rule_step import Step, TwistRequest, trace_of
-from stadimeter.core.rules.follow_law import BRAKE_SHARE, TOO_NEAR, follow_twist, law_of
+from stadimeter.core.rules.follow_law import BRAKE_SHARE, TOO_NEAR, Law, follow_twist, law_of, tilt_rate_radps
 from stadimeter.core.rules.own_motion import AT_REST, RESPONSE_S, FloorPose, OwnMotion, Twist, step_own_motion
 from stadimeter.core.rules.search import SearchStep, begin_search, step_search
 from stadimeter.core.rules.target_motion import RelativeTarget, TargetMotion, step_target_motion
@@ -82,11 +82,13 @@ def step_follow(
     commanded = _commanded(inputs, base.name)
     now, own = _take_in(rule, before, inputs, base, commanded)
     twist: Twist | None = None
-    is_gentle, does = False, ""
+    tilt_radps, is_gentle, does = 0.0, False, ""
     search = None
     if now.target is not None and _figures(inputs.tracks[rule.target]) is not None:
         seen = now.target.seen_from(own.ahead(_response_s(rule, now), commanded))
-        twist = _follow(rule, now, seen, base, commanded)
+        law = _law(rule, now, base)
+        twist = _follow(rule, now, seen, law, commanded)
+        tilt_radps = tilt_rate_radps(rule, seen, law, _commanded_tilt_radps(inputs, base.name)) if base.tilts else 0.0
         is_gentle, does = seen.distance_m >= TOO_NEAR * rule.distance_m, KEEPS
     else:
         search, twist = _search(rule, now, own, inputs)
@@ -95,8 +97,8 @@ def step_follow(
         twist = _on_tether(rule, now.origin, own.place, base, twist)
     after = replace(
         now,
-        trace=_trace(rule, before, twist, is_known=does == KEEPS),
-        requests=_requests(rule, base, twist, is_gentle=is_gentle),
+        trace=_trace(rule, before, twist, tilt_radps, is_known=does == KEEPS),
+        requests=_requests(rule, base, twist, tilt_radps, is_gentle=is_gentle),
         search=search,
         is_tethered=_is_tethered(rule, before, now.origin, own.place),
         does=does,
@@ -107,6 +109,11 @@ def step_follow(
 def _commanded(inputs: RuleInputs, output: str) -> Twist:
     command = inputs.commands.get(output)
     return (command.linear_mps, command.angular_radps) if isinstance(command, TwistCommand) else AT_REST
+
+
+def _commanded_tilt_radps(inputs: RuleInputs, output: str) -> float:
+    command = inputs.commands.get(output)
+    return command.tilt_radps if isinstance(command, TwistCommand) else 0.0
 
 
 def _take_in(
@@ -133,9 +140,12 @@ def _response_s(rule: FollowRule, now: FollowStep) -> float:
     return RESPONSE_S if rule.delay_s is None else max(0.0, rule.delay_s - (now.age_s or 0.0))
 
 
-def _follow(rule: FollowRule, now: FollowStep, seen: RelativeTarget, base: BaseOutput, commanded: Twist) -> Twist:
-    delay_s = rule.delay_s or (now.age_s or 0.0) + RESPONSE_S
-    linear_mps, angular_radps = follow_twist(rule, seen, law_of(rule, delay_s, base.linear_accel_mps2), commanded)
+def _law(rule: FollowRule, now: FollowStep, base: BaseOutput) -> Law:
+    return law_of(rule, rule.delay_s or (now.age_s or 0.0) + RESPONSE_S, base.linear_accel_mps2)
+
+
+def _follow(rule: FollowRule, now: FollowStep, seen: RelativeTarget, law: Law, commanded: Twist) -> Twist:
+    linear_mps, angular_radps = follow_twist(rule, seen, law, commanded)
     if rule.slow is not None and now.slow_at is not None and now.own is not None:
         pose = now.own.newest
         away_m = math.hypot(now.slow_at[0] - pose.x_m, now.slow_at[1] - pose.y_m)
@@ -212,13 +222,17 @@ def _is_tethered(rule: FollowRule, before: FollowStep, origin: FloorPose | None,
 # What others see of it
 
 
-def _trace(rule: FollowRule, before: FollowStep, twist: Twist | None, *, is_known: bool) -> RuleTrace:
+def _trace(
+    rule: FollowRule, before: FollowStep, twist: Twist | None, tilt_radps: float, *, is_known: bool
+) -> RuleTrace:
     if not is_known and twist is None:
         return trace_of(rule, RuleStatus.UNKNOWN, before.trace)
-    return trace_of(rule, RuleStatus.ACTIVE if twist != AT_REST else RuleStatus.IDLE, before.trace)
+    return trace_of(rule, RuleStatus.ACTIVE if twist != AT_REST or tilt_radps else RuleStatus.IDLE, before.trace)
 
 
-def _requests(rule: FollowRule, base: BaseOutput, twist: Twist | None, *, is_gentle: bool) -> tuple[TwistRequest, ...]:
+def _requests(
+    rule: FollowRule, base: BaseOutput, twist: Twist | None, tilt_radps: float, *, is_gentle: bool
+) -> tuple[TwistRequest, ...]:
     if twist is None or rule.observe:
         return ()
     request = TwistRequest(
@@ -227,6 +241,7 @@ def _requests(rule: FollowRule, base: BaseOutput, twist: Twist | None, *, is_gen
         priority=rule.priority,
         linear_mps=twist[0],
         angular_radps=twist[1],
+        tilt_radps=tilt_radps,
         is_gentle=is_gentle,
     )
     return (request,)

@@ -4,6 +4,8 @@ With the distance d, the one to keep d₀, and the bearing β, positive to the r
 
     v = (u + s(d − d₀)) · max(0, cos β)        ω = −k_β β + (u_left − v sin β) / d
 
+A camera that tilts does so by the same law as the base turns, with the elevation in place of −β.
+
 u and u_left are the target's own speeds, away and across: fed forward, they leave no lag behind a target that walks.
 s(e) is k·e near the goal and √(2 a (|e| − a/2k²)) further away: the speed from which the base, braking at a, comes to
 rest there. The cosine slows the base while it still has to turn.
@@ -97,10 +99,23 @@ def _linear_mps(rule: FollowRule, seen: RelativeTarget, law: Law, *, is_moving: 
 def _angular_radps(rule: FollowRule, seen: RelativeTarget, law: Law, before: Twist) -> float:
     # The line of sight turns as the target crosses it, and as the base drives past the target.
     across_mps = seen.left_mps - before[0] * math.sin(seen.bearing_rad)
+    return _turn_radps(rule, seen, law, (-seen.bearing_rad, across_mps), is_turning=before[1] != 0.0)
+
+
+def tilt_rate_radps(rule: FollowRule, seen: RelativeTarget, law: Law, before_radps: float) -> float:
+    """Return how fast a camera shall tilt, positive upwards, within the rule's limit; it did so at some rate before."""
+    return _turn_radps(rule, seen, law, (seen.elevation_rad, seen.rising_mps), is_turning=before_radps != 0.0) + 0.0
+
+
+def _turn_radps(
+    rule: FollowRule, seen: RelativeTarget, law: Law, off: tuple[float, float], *, is_turning: bool
+) -> float:
+    """Return a rate for a target that is off by an angle, and moves across the line of sight in that direction."""
+    off_rad, across_mps = off
     ahead_radps = across_mps / max(seen.distance_m, rule.distance_m * TOO_NEAR)
-    wanted_radps = ahead_radps - law.turn_gain_per_s * seen.bearing_rad
-    is_near = abs(seen.bearing_rad) <= rule.deadband_rad
-    if is_near and (abs(wanted_radps) < REST_RADPS if before[1] != 0.0 else abs(ahead_radps) < SET_OFF_RADPS):
+    wanted_radps = ahead_radps + law.turn_gain_per_s * off_rad
+    is_near = abs(off_rad) <= rule.deadband_rad
+    if is_near and (abs(wanted_radps) < REST_RADPS if is_turning else abs(ahead_radps) < SET_OFF_RADPS):
         return 0.0
     return min(max(wanted_radps, -rule.angular_max_radps), rule.angular_max_radps)
 

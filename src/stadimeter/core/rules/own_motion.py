@@ -38,12 +38,13 @@ AT_REST: Twist = (0.0, 0.0)
 
 
 class FloorPose(Struct, frozen=True):
-    """Where a base is at a time."""
+    """Where a base is at a time, and how far its camera is tilted up, as it reports; 0 where it does not."""
 
     at_s: float
     x_m: float = 0.0
     y_m: float = 0.0
     heading_rad: float = 0.0
+    tilt_rad: float = 0.0
 
 
 class Wheels(Struct, frozen=True):
@@ -90,6 +91,7 @@ class OwnMotion(Struct, frozen=True, kw_only=True):
             x_m=early.x_m + share * (late.x_m - early.x_m),
             y_m=early.y_m + share * (late.y_m - early.y_m),
             heading_rad=early.heading_rad + share * (late.heading_rad - early.heading_rad),
+            tilt_rad=early.tilt_rad + share * (late.tilt_rad - early.tilt_rad),
         )
 
     def ahead(self, for_s: float, twist: Twist) -> FloorPose:
@@ -112,6 +114,8 @@ def step_own_motion(
         pose = FloorPose(at_s=now_s)
         return OwnMotion(poses=(pose,), anchor=pose, wheels=wheels)
     newest, speeds = _advance(before.newest, before.speeds, twist, max(0.0, now_s - before.newest.at_s))
+    if report is not None and report.camera_tilt_rad is not None and math.isfinite(report.camera_tilt_rad):
+        newest = replace(newest, tilt_rad=report.camera_tilt_rad)
     anchor, last = before.anchor, before.wheels
     if wheels is not None and last is None:
         anchor = replace(newest, at_s=wheels.at_s)
@@ -160,4 +164,5 @@ def _moved(pose: FloorPose, forward_m: float, turned_rad: float, at_s: float) ->
         x_m=pose.x_m + forward_m * math.cos(along_rad),
         y_m=pose.y_m + forward_m * math.sin(along_rad),
         heading_rad=pose.heading_rad + turned_rad,
+        tilt_rad=pose.tilt_rad,
     )

@@ -6,7 +6,8 @@
     (only if it was lost in the middle of the view)
 
 A base that spins shows a ball for seven or eight frames only, and blurred. So it stands between two steps, for as long
-as a target takes to be confirmed. It never drives: the camera does not see what is beside the base.
+as a target takes to be confirmed. It never drives: the camera does not see what is beside the base. A camera that tilts
+stays tilted as it was when it lost its target.
 """
 
 from __future__ import annotations

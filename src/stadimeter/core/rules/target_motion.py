@@ -2,9 +2,9 @@
 
 The track's closing speed is that of the two together, and it lags behind a base that speeds up: fed forward, it would
 drive the base by its own motion. So each sighting is placed on the floor, from the pose that the base had when the
-picture was taken, and two Kalman filters of constant velocity run there: along the line of sight, where the distance is
-unsure, and across it, where only the bearing is. (Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to
-Tracking and Navigation", Wiley 2001, section 6.2: white-noise acceleration.)
+picture was taken, and Kalman filters of constant velocity run there: along the line of sight, where the distance is
+unsure, across it, where only the bearing is, and upwards, for cameras that tilt. (Bar-Shalom, Li, Kirubarajan,
+"Estimation with Applications to Tracking and Navigation", Wiley 2001, section 6.2: white-noise acceleration.)
 """
 
 from __future__ import annotations
@@ -54,6 +54,7 @@ class TargetMotion(Struct, frozen=True, kw_only=True):
         height_m: How much higher than the camera it is.
         along: Covariance along the line of sight.
         across: Covariance across it, to the left.
+        up: Covariance upwards.
     """
 
     at_s: float
@@ -62,8 +63,10 @@ class TargetMotion(Struct, frozen=True, kw_only=True):
     height_m: float
     vx_mps: float = 0.0
     vy_mps: float = 0.0
+    vz_mps: float = 0.0
     along: Covariance = (0.0, 0.0, SPEED_SIGMA_MPS**2)
     across: Covariance = (0.0, 0.0, SPEED_SIGMA_MPS**2)
+    up: Covariance = (0.0, 0.0, SPEED_SIGMA_MPS**2)
 
     def seen_from(self, pose: FloorPose) -> RelativeTarget:
         """Return where it will be for a base in some pose, at the time of that pose."""
@@ -72,11 +75,16 @@ class TargetMotion(Struct, frozen=True, kw_only=True):
         y_m = self.y_m + self.vy_mps * for_s - pose.y_m
         away_rad = math.atan2(y_m, x_m)
         cos, sin = math.cos(away_rad), math.sin(away_rad)
+        away_mps = _sure_part(self.vx_mps * cos + self.vy_mps * sin, self.along[2])
+        height_m = self.height_m + self.vz_mps * for_s
+        up_rad = math.atan2(height_m, math.hypot(x_m, y_m))
         return RelativeTarget(
             distance_m=math.sqrt(x_m * x_m + y_m * y_m + self.height_m**2),
             bearing_rad=math.remainder(pose.heading_rad - away_rad, 2 * math.pi),
-            away_mps=_sure_part(self.vx_mps * cos + self.vy_mps * sin, self.along[2]),
+            elevation_rad=up_rad - pose.tilt_rad,
+            away_mps=away_mps,
             left_mps=_sure_part(self.vy_mps * cos - self.vx_mps * sin, self.across[2]),
+            rising_mps=_sure_part(self.vz_mps, self.up[2]) * math.cos(up_rad) - away_mps * math.sin(up_rad),
         )
 
 
@@ -86,14 +94,18 @@ class RelativeTarget(Struct, frozen=True, kw_only=True):
     Attributes:
         distance_m: Along the straight line from the camera.
         bearing_rad: Positive to the right.
+        elevation_rad: From where the camera points, positive upwards.
         away_mps: Its speed along the line of sight, away from the base, as far as that is sure.
         left_mps: Its speed across that, to the left.
+        rising_mps: Its speed across the line of sight, upwards.
     """
 
     distance_m: float
     bearing_rad: float
+    elevation_rad: float = 0.0
     away_mps: float = 0.0
     left_mps: float = 0.0
+    rising_mps: float = 0.0
 
 
 def _sure_part(speed_mps: float, variance: float) -> float:
@@ -112,12 +124,12 @@ def step_target_motion(
         turn_radps: How fast it turned then.
         noise_factor: How many times noisier than stated the target was found to be.
     """
-    on_floor_m = sighting.distance_m * math.cos(sighting.elevation_rad)
-    away_rad = pose.heading_rad - sighting.bearing_rad
+    on_floor_m, bearing_rad, height_m = _levelled(sighting, pose.tilt_rad)
+    away_rad = pose.heading_rad - bearing_rad
     cos, sin = math.cos(away_rad), math.sin(away_rad)
     x_m, y_m = pose.x_m + on_floor_m * cos, pose.y_m + on_floor_m * sin
-    height_m = sighting.distance_m * math.sin(sighting.elevation_rad)
     along_m = NOISE_TIMES * noise_factor * sighting.noise_m
+    up_m = sighting.distance_m * BEARING_SIGMA_RAD
     across_m = on_floor_m * math.hypot(BEARING_SIGMA_RAD, TIMING_SIGMA_S * turn_radps)
     anew = TargetMotion(
         at_s=sighting.at_s,
@@ -126,6 +138,7 @@ def step_target_motion(
         height_m=height_m,
         along=(along_m**2, 0.0, SPEED_SIGMA_MPS**2),
         across=(across_m**2, 0.0, SPEED_SIGMA_MPS**2),
+        up=(up_m**2, 0.0, SPEED_SIGMA_MPS**2),
     )
     if before is None or not 0.0 < sighting.at_s - before.at_s <= FORGOTTEN_S:
         return anew
@@ -141,16 +154,30 @@ def step_target_motion(
         return anew
     along, (near, speed) = _take_in(along, along_m, along_off_m)
     across, (aside, drift) = _take_in(across, across_m, across_off_m)
+    foretold_m = before.height_m + before.vz_mps * for_s
+    up, (higher, climb) = _take_in(_later(before.up, for_s), up_m, height_m - foretold_m)
     return TargetMotion(
         at_s=sighting.at_s,
         x_m=x_m - dx_m + near * cos - aside * sin,
         y_m=y_m - dy_m + near * sin + aside * cos,
-        height_m=height_m,
+        height_m=foretold_m + higher,
         vx_mps=before.vx_mps + speed * cos - drift * sin,
         vy_mps=before.vy_mps + speed * sin + drift * cos,
+        vz_mps=before.vz_mps + climb,
         along=along,
         across=across,
+        up=up,
     )
+
+
+def _levelled(sighting: Sighting, tilt_rad: float) -> tuple[float, float, float]:
+    """Return how far away over the floor, in which bearing and how high a level camera would have seen a target."""
+    flat_m = sighting.distance_m * math.cos(sighting.elevation_rad)
+    up_m = sighting.distance_m * math.sin(sighting.elevation_rad)
+    cos, sin = math.cos(tilt_rad), math.sin(tilt_rad)
+    ahead_m, right_m = flat_m * math.cos(sighting.bearing_rad), flat_m * math.sin(sighting.bearing_rad)
+    forward_m = ahead_m * cos - up_m * sin
+    return math.hypot(forward_m, right_m), math.atan2(right_m, forward_m), up_m * cos + ahead_m * sin
 
 
 def _later(covariance: Covariance, for_s: float) -> Covariance:

@@ -42,6 +42,7 @@ class Proof(Struct, kw_only=True):
 
     Attributes:
         faults_max: The largest number of faults in a sequence.
+        parts: What was watched: ``wheels`` or ``servos``.
         trials: How many sequences were tried.
         planned: How many there are.
         simulated_s: How long the robot was driven in all, in its own time.
@@ -51,6 +52,7 @@ class Proof(Struct, kw_only=True):
 
     faults_max: int
     alphabet: tuple[str, ...]
+    parts: str
     trials: int = 0
     planned: int = 0
     simulated_s: float = 0.0
@@ -118,7 +120,8 @@ def prove(
     able = staged.alphabet()
     if unknown := set(only).difference(able):
         raise StadimeterError(f"this configuration cannot suffer {', '.join(unknown)}; it can: {', '.join(able)}")
-    proof = Proof(faults_max=faults_max, alphabet=tuple(each for each in able if each in (only or set(able) - BY_NAME)))
+    alphabet = tuple(each for each in able if each in (only or set(able) - BY_NAME))
+    proof = Proof(faults_max=faults_max, alphabet=alphabet, parts=staged.limits.parts)
     until_s = time.monotonic() + within_s
     planned = [
         each for each in sequences(proof.alphabet, faults_max) if staged.limits.beyond_s < math.inf or _is_held(each)
@@ -142,11 +145,12 @@ def _load(path: Path) -> StagedConfiguration:
 
 
 def _check_it_drives(result: TrialResult, staged: StagedConfiguration) -> None:
-    if result.violation is None and result.driven_mps < staged.limits.cruise_mps / 2:
+    limits = staged.limits
+    if result.violation is None and result.driven < limits.cruise / 2:
         raise StadimeterError(
-            f"nothing can be proven: the wheels turn at {result.driven_mps:.2f} m/s at most before any fault, though "
-            f"the target leads the robot on and its rule may follow at {staged.limits.cruise_mps:.2f} m/s; look at "
-            "what the other rules ask of the base"
+            f"nothing can be proven: the {limits.parts} turn at {result.driven:.2f} {limits.unit} at most before any "
+            f"fault, though the target leads the robot on and its rule may follow at {limits.cruise:.2f} "
+            f"{limits.unit}; look at what the other rules ask of the base"
         )
 
 

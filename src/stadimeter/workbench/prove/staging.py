@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 from msgspec import Struct
@@ -25,6 +26,10 @@ from stadimeter.workbench.rule_tests.inputs import SyntheticTrack, sensor_models
 # The target is this much too far away, or the most of it at which it is found; and a little to the right.
 _AHEAD_M = (1.5, 1.0, 0.5, 0.2)
 _BEARING_RAD = 0.05
+
+# For a base that only turns it is so far off that a search turns at once, to both sides and up and down in turn, lest
+# the travel end. At every moment at which a fault begins it has turned at full speed for a while.
+_SWAY_RAD, _SWAYS_FIRST_S, _SWAYS_EVERY_S, _SWAYS_UNTIL_S = 0.3, 2.1, 1.5, 30.0
 
 # What stands in for drivers that reach beyond this computer, by section.
 _STAND_INS = {
@@ -105,7 +110,7 @@ def stage(configuration: Configuration) -> StagedConfiguration:
         limits=_limits(configuration, base, follow),
         safe_lines=tuple(safe_lines(configuration.base)) if not configuration.base.is_simulated else (),
         watchdog_s=limit_s(configuration),
-        seen=_tracks(configuration, follow, follow.target),
+        seen=_tracks(configuration, follow, follow.target, sways=base.options.only_turns),
         hidden=_tracks(configuration, follow, ""),
     )
 
@@ -118,7 +123,7 @@ def _emulated(configuration: Configuration, base: DriverChoice) -> tuple[DriverC
     """Return the base behind the emulator of its protocol, and the name of that port."""
     if base.driver == "simulated":
         return base, ""
-    port = f"emulated-{base.driver}"
+    port = base.options.emulator or f"emulated-{base.driver}"
     if port not in plugins.driver_names(plugins.PORTS) or "port" not in type(base.options).model_fields:
         hint = f"these are emulated: {', '.join(plugins.driver_names(plugins.PORTS))}"
         raise _unfit(configuration, "base.driver", f"there is no emulator of the base '{base.driver}'", hint)
@@ -142,16 +147,30 @@ def _robot(base: Any) -> dict[str, Any]:
     return figures
 
 
-def _tracks(configuration: Configuration, follow: FollowRule, shown: str) -> tuple[SyntheticTrack, ...]:
+def _tracks(
+    configuration: Configuration, follow: FollowRule, shown: str, *, sways: bool = False
+) -> tuple[SyntheticTrack, ...]:
     """Return what measures each target, of which one shows: always as far ahead, as if it led the robot on."""
     sensors = sensor_models(configuration)
     places = [follow.distance_m + each for each in _AHEAD_M]
     distance_m = next(filter(sensors[follow.target].is_found, places), places[-1])
     path = [PathPoint(at_s=0.0, distance_m=distance_m, bearing_rad=_BEARING_RAD)]
+    if sways:
+        path = list(_swaying(distance_m))
     return tuple(
         SyntheticTrack(target=name, path=path if name == shown else (), sensor=sensor, seed=1, noise=0.0)
         for name, sensor in sensors.items()
     )
+
+
+def _swaying(distance_m: float) -> Iterator[PathPoint]:
+    """Yield where a target is that changes sides again and again, at once each time."""
+    begin_s, off_rad = 0.0, _SWAY_RAD
+    while begin_s < _SWAYS_UNTIL_S:
+        end_s = begin_s + (_SWAYS_EVERY_S if begin_s else _SWAYS_FIRST_S)
+        for at_s in (begin_s + 1e-3, end_s):
+            yield PathPoint(at_s=at_s, distance_m=distance_m, bearing_rad=off_rad, elevation_rad=off_rad)
+        begin_s, off_rad = end_s, -off_rad
 
 
 def _limits(configuration: Configuration, base: DriverChoice, follow: FollowRule) -> MotionLimits:
@@ -159,12 +178,17 @@ def _limits(configuration: Configuration, base: DriverChoice, follow: FollowRule
     output = next(each for each in plan.outputs if isinstance(each, BaseOutput) and each.name == base.name)
     half_track_m = getattr(base.options, "track_width", 0.2) / 2
     commanded_mps = output.linear_max_mps + output.angular_max_radps * half_track_m
+    cruise_mps = min(follow.linear_max_mps, output.linear_max_mps)
+    is_turned = base.options.only_turns
     return MotionLimits(
+        parts="servos" if is_turned else "wheels",
         stale_s=max(configuration.leases_s[base.name], plan.safety.max_frame_age_s),
         lost_s=plan.tracking.coast_s + plan.safety.max_frame_age_s,
         beyond_s=_own_time_out_s(base),
-        wheel_mps=min(commanded_mps, getattr(base.options, "max_wheel_speed", commanded_mps)),
-        cruise_mps=min(follow.linear_max_mps, output.linear_max_mps),
+        fastest=output.angular_max_radps
+        if is_turned
+        else min(commanded_mps, getattr(base.options, "max_wheel_speed", commanded_mps)),
+        cruise=min(follow.angular_max_radps, output.angular_max_radps) if is_turned else cruise_mps,
         linear_mps=output.linear_max_mps,
         angular_radps=output.angular_max_radps,
         gap_s=plan.safety.max_frame_age_s,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -28,6 +29,9 @@ from stadimeter.workbench.prove.watch import MotionWatch, Violation
 
 # The wheels are looked at this often, as the emulated port is served.
 _LOOK_EVERY_S = 0.01
+
+# The rates of servos are averaged over so many looks.
+_AVERAGED_LOOKS = 10
 
 # The world goes on for this long after the last fault has ended: a base whose cable was out rests for 3 s, once its
 # port was opened again after at most 1 s, and half a second of driving shows whether it was allowed to.
@@ -57,14 +61,14 @@ class TrialResult(Struct, frozen=True, kw_only=True):
     Attributes:
         violation: What did not hold; None for nothing.
         longest_s: By reason, for how long the wheels turned at most; see `watch`.
-        driven_mps: The fastest that a wheel turned.
+        driven: The fastest that a wheel or a servo turned.
         simulated_s: How long the trial was, in the robot's time.
     """
 
     sequence: FaultSequence
     violation: Violation | None
     longest_s: dict[str, float] = field(default_factory=dict)
-    driven_mps: float = 0.0
+    driven: float = 0.0
     simulated_s: float = 0.0
 
 
@@ -89,7 +93,7 @@ def run_trial(staged: StagedConfiguration, sequence: FaultSequence, journal: Pat
         sequence=sequence,
         violation=watch.violation,
         longest_s=watch.longest_s,
-        driven_mps=watch.driven_mps,
+        driven=watch.driven,
         simulated_s=trial.clock.now_s(),
     )
 
@@ -111,6 +115,7 @@ class _Trial:
         self._staged = staged
         self._is_decided = self._is_stopped = self._is_end_due = self._is_killed = False
         self._bytes_sent = 0
+        self._headings_rad: deque[tuple[float, float]] = deque(maxlen=_AVERAGED_LOOKS + 1)
         lasts_s = (LASTS_S[each.fault] for each in sequence)
         self._over_s = max(
             (
@@ -274,6 +279,13 @@ class _Trial:
             else:
                 self._board.firmware.receive(bytes.fromhex(what[-1]), self.clock.now_s())
 
+    def _rates_radps(self) -> tuple[float, float]:
+        """Return how fast the camera was turned and tilted in the last tenth of a second."""
+        self._headings_rad.append((self._world.robot.pose.heading_rad, self._world.tilt_joint.pose.heading_rad))
+        begin, end = self._headings_rad[0], self._headings_rad[-1]
+        for_s = _LOOK_EVERY_S * max(1, len(self._headings_rad) - 1)
+        return (end[0] - begin[0]) / for_s, (end[1] - begin[1]) / for_s
+
     def _look(self, now_s: float) -> None:
         """Judge the wheels; end a trial that is decided."""
         if self._stage.is_on("garble-answers"):
@@ -281,7 +293,7 @@ class _Trial:
         if self._is_decided or now_s > self._end_s:
             return
         watch = self.watch
-        watch.see_wheels(now_s, self._world.robot.wheels_mps)
+        watch.see(now_s, self._world.robot.wheels_mps if watch.limits.parts == "wheels" else self._rates_radps())
         if self._is_killed or self._stage.is_on(*FINAL):  # nothing is left that could turn the wheels
             is_over = now_s >= self._over_s and now_s - watch.turned_s > _STANDS_S
         else:

@@ -17,6 +17,9 @@ To each comes `REACTION_S`; from then on they must slow down as emulated wheels 
 only deaf, the stop must be repeated within `REPEATED_WITHIN_S`. And in every cycle a command that moves the base needs
 safety that is active, enough sound frames in a row since the last gap, a base that was plugged in for `REST_S`, and
 speeds within the limits of the configuration.
+
+Of a base that only turns a camera the servos are watched in place of wheels: their rates in rad/s, averaged over a
+tenth of a second, since a servo goes in steps from pulse to pulse. During a search it may pan, and not tilt.
 """
 
 from __future__ import annotations
@@ -60,8 +63,9 @@ class MotionLimits(Struct, frozen=True, kw_only=True):
         stale_s: For how long a frame justifies motion.
         lost_s: For how long after the target was last seen the base may move.
         beyond_s: After this long without a command the base stops by itself; infinite for never.
-        wheel_mps: Largest speed of a wheel.
-        cruise_mps: How fast the rule follows at most.
+        parts: What is watched: ``wheels``, whose speeds are in m/s, or ``servos``, whose rates are in rad/s.
+        fastest: Largest speed of one of them.
+        cruise: How fast the rule moves them at most.
         gap_s: Frames further apart than this are not in a row.
         good_frames: How many frames in a row are needed before anything moves.
         searches: Whether the base turns on the spot to find a target that it lost.
@@ -72,8 +76,9 @@ class MotionLimits(Struct, frozen=True, kw_only=True):
     stale_s: float
     lost_s: float
     beyond_s: float
-    wheel_mps: float
-    cruise_mps: float
+    parts: str
+    fastest: float
+    cruise: float
     linear_mps: float
     angular_radps: float
     gap_s: float
@@ -81,6 +86,11 @@ class MotionLimits(Struct, frozen=True, kw_only=True):
     searches: bool
     watches_near: bool
     needs_arming: bool
+
+    @property
+    def unit(self) -> str:
+        """Of the speeds that are watched."""
+        return "m/s" if self.parts == "wheels" else "rad/s"
 
 
 # From when on wheels must stand, since when that counts, and by which reason.
@@ -100,7 +110,7 @@ class MotionWatch(Struct):
     Attributes:
         violation: The first thing that did not hold.
         longest_s: By reason, for how long the wheels turned at most after it began.
-        driven_mps: The fastest that a wheel turned.
+        driven: The fastest that a wheel or a servo turned.
         moved_since_s: Since when every cycle has moved the base; infinite if the last one did not.
         turned_s: When the wheels last turned.
     """
@@ -108,7 +118,7 @@ class MotionWatch(Struct):
     limits: MotionLimits
     violation: Violation | None = None
     longest_s: dict[str, float] = field(default_factory=dict)
-    driven_mps: float = 0.0
+    driven: float = 0.0
     moved_since_s: float = math.inf
     turned_s: float = -math.inf
     _fresh_s: float = -math.inf
@@ -177,36 +187,37 @@ class MotionWatch(Struct):
             self._stopped_s = now_s if self._stopped_s is None else self._stopped_s
             self._safe_by_s = safe_by_s
 
-    def see_wheels(self, now_s: float, wheels_mps: tuple[float, float]) -> None:
-        """Judge how the wheels turn now."""
-        fastest_mps = max(map(abs, wheels_mps))
-        self.driven_mps = max(self.driven_mps, fastest_mps)
-        if fastest_mps > self.limits.wheel_mps * SPEED_TOLERANCE:
-            self._violate(now_s, f"a wheel turns at {fastest_mps:.2f} m/s, limit {self.limits.wheel_mps:.2f} m/s")
-        if fastest_mps > STANDING_SHARE * self.limits.wheel_mps:
+    def see(self, now_s: float, speeds: tuple[float, float]) -> None:
+        """Judge how the left and the right wheel turn now, or the servos that turn and tilt a camera."""
+        fastest, limit, unit = max(map(abs, speeds)), self.limits.fastest, self.limits.unit
+        self.driven = max(self.driven, fastest)
+        if fastest > limit * SPEED_TOLERANCE:
+            part = self.limits.parts.removesuffix("s")
+            self._violate(now_s, f"a {part} turns at {fastest:.2f} {unit}, limit {limit:.2f} {unit}")
+        if fastest > STANDING_SHARE * limit:
             self.turned_s = now_s
         frames = (self._fresh_s + self.limits.stale_s, self._fresh_s, "frames")
         target = (self._seen_s + self.limits.lost_s, self._seen_s, "target")
         sensors = (self._silent_s + self.limits.stale_s, self._silent_s, "sensors")
         end = min((self._ended_s, self._ended_s, "end"), sensors)
         if self.limits.searches:  # without its target the base may turn on the spot, as long as it sees
-            self._judge(now_s, fastest_mps, min(frames, end))
-            self._judge(now_s, abs(sum(wheels_mps)) / 2, target)
+            self._judge(now_s, fastest, min(frames, end))
+            self._judge(now_s, abs(sum(speeds)) / 2 if self.limits.parts == "wheels" else abs(speeds[1]), target)
         else:
-            self._judge(now_s, fastest_mps, min(frames, target, end))
+            self._judge(now_s, fastest, min(frames, target, end))
 
-    def _judge(self, now_s: float, speed_mps: float, due: _Due) -> None:
+    def _judge(self, now_s: float, speed: float, due: _Due) -> None:
         """Judge a speed by a reason to stand: from when on wheels must stand for it, and since when that counts."""
-        if speed_mps <= STANDING_SHARE * self.limits.wheel_mps:
+        if speed <= STANDING_SHARE * self.limits.fastest:
             return
         until_s, since_s, reason = self._when_slow(now_s, due)
         if math.isfinite(since_s):
             self.longest_s[reason] = max(self.longest_s.get(reason, 0.0), now_s - since_s)
-        if now_s > until_s and speed_mps > self.limits.wheel_mps * math.exp((until_s - now_s) / RUN_OUT_S):
+        if now_s > until_s and speed > self.limits.fastest * math.exp((until_s - now_s) / RUN_OUT_S):
             self._violate(
                 now_s,
-                f"the wheels still turn at {speed_mps:.2f} m/s, {now_s - since_s:.2f} s after {SINCE[reason]}; "
-                f"they must slow down from {until_s - since_s:.2f} s on",
+                f"the {self.limits.parts} still turn at {speed:.2f} {self.limits.unit}, {now_s - since_s:.2f} s after "
+                f"{SINCE[reason]}; they must slow down from {until_s - since_s:.2f} s on",
             )
 
     def _when_slow(self, now_s: float, due: _Due) -> _Due:
@@ -232,7 +243,7 @@ class MotionWatch(Struct):
 
     def see_cycle(self, record: CycleRecord) -> None:
         """Judge the commands of a cycle."""
-        moved = [each for each in record.applied if isinstance(each, TwistCommand) and _moves(each)]
+        moved = [each for each in record.applied if isinstance(each, TwistCommand) and each.moves]
         if not moved:
             self.moved_since_s = math.inf
             return
@@ -256,9 +267,10 @@ class MotionWatch(Struct):
         if now_s > self._ended_s:
             yield "after the end of the run"
         is_fast = abs(twist.linear_mps) > limits.linear_mps * SPEED_TOLERANCE
-        if is_fast or abs(twist.angular_radps) > limits.angular_radps * SPEED_TOLERANCE:
+        turn_radps = max(twist.angular_radps, twist.tilt_radps, key=abs)
+        if is_fast or abs(turn_radps) > limits.angular_radps * SPEED_TOLERANCE:
             yield (
-                f"at {twist.linear_mps:.2f} m/s and {twist.angular_radps:.2f} rad/s, "
+                f"at {twist.linear_mps:.2f} m/s and {turn_radps:.2f} rad/s, "
                 f"limits {limits.linear_mps:.2f} m/s and {limits.angular_radps:.2f} rad/s"
             )
 
@@ -277,7 +289,3 @@ SINCE = {
     "program": "the process was stopped",
     "cable": "the base last heard anything",
 }
-
-
-def _moves(command: TwistCommand) -> bool:
-    return (command.linear_mps, command.angular_radps) != (0.0, 0.0)

@@ -332,5 +332,7 @@ class _OutputWatches(Struct, frozen=True):
 
 
 def command_figures(command: Command) -> tuple[float, ...]:
-    """Return the level of a command; of a base's, the speeds forwards and of turning."""
-    return (command.level,) if isinstance(command, LevelCommand) else (command.linear_mps, command.angular_radps)
+    """Return the level of a command; of a base's, the speeds forwards, of turning and of tilting."""
+    if isinstance(command, LevelCommand):
+        return (command.level,)
+    return (command.linear_mps, command.angular_radps, command.tilt_radps)

@@ -1,0 +1,195 @@
+"""A camera that turns and tilts keeps its target in the middle of the view, and a tilt upsets nothing else."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+import pytest
+
+from stadimeter.app.exact_json import decode, encode
+from stadimeter.core.command import Command, TwistCommand
+from stadimeter.core.decide import decide, initial_state
+from stadimeter.core.decision import EventKind, SafetyMode
+from support.simulated_run import LENS
+
+PAGE = (Path(__file__).parents[2] / "docs" / "robots.md").read_text(encoding="utf-8")
+(GUIDE,) = re.findall(r"### Up and down, too\n.*?```toml\n(.*?)```", PAGE, re.DOTALL)
+
+# From level to 29° up, to 6° down and back in 8 s, 2 m away: by up to 21° a second.
+BOBS = """
+[world]
+path = [
+  { at = "0 s", x = "2 m", y = "0 m", z = "0.25 m" },
+  { at = "2 s", x = "2 m", y = "0 m", z = "1.25 m" },
+  { at = "6 s", x = "2 m", y = "0 m", z = "0.05 m" },
+  { at = "8 s", x = "2 m", y = "0 m", z = "0.25 m" },
+]
+"""
+# Likewise from side to side.
+SWAYS_HIGH = """
+[world]
+path = [
+  { at = "0 s", x = "2 m", y = "0 m", z = "0.5 m" },
+  { at = "3 s", x = "1.5 m", y = "1.2 m", z = "1.5 m" },
+  { at = "9 s", x = "1.5 m", y = "-1.2 m", z = "1 m" },
+  { at = "12 s", x = "2 m", y = "0 m", z = "0.5 m" },
+]
+"""
+# Rising without end, as far as the travel of the servo goes.
+RISES = """
+[world]
+loop = false
+path = [{ at = "0 s", x = "2 m", y = "0 m", z = "0.25 m" }, { at = "6 s", x = "2 m", y = "0 m", z = "2.4 m" }]
+"""
+TRAVEL_DEG = 40.0
+
+
+def with_world(world: str = BOBS, latency_ms: int = 30, camera: str = "render = false", search: str = "") -> str:
+    guide = GUIDE.replace('port = "/dev/i2c-1"', 'port = "emulated-pca9685"').replace(
+        "distance =", f"{search}distance ="
+    )
+    head = f'[camera]\ndriver = "simulated"\nrate = "30 Hz"\nlatency = "{latency_ms} ms"\n{camera}\n{LENS}\n'
+    # With the latency of an IP camera, frames may be older than usual.
+    safety = '[safety]\nmax_frame_age = "300 ms"\n'
+    return f'{head}[targets.ball]\ndetector = "ideal"\n{guide}\n{safety}{world}'
+
+
+def elevation_deg(run: Any) -> float:
+    x_m, y_m, z_m = run.world.target_in_camera()
+    return math.degrees(math.atan2(-y_m, math.hypot(x_m, z_m)))
+
+
+def tilt_deg(run: Any) -> float:
+    return math.degrees(run.world.tilt_joint.pose.heading_rad)
+
+
+def watched(run: Any, figure: Callable[[Any], float]) -> list[float]:
+    """Return what a figure will have been every 20 ms once the run is over."""
+    figures: list[float] = []
+    run.loop.parts.clock.call_every(0.02, lambda _now_s: figures.append(figure(run)))
+    return figures
+
+
+def disarmed(run: Any) -> list[str]:
+    return [each.reason for record in run.records for each in record.decision.events if each.kind is EventKind.DISARMED]
+
+
+@pytest.mark.parametrize(("latency_ms", "rms_deg", "most_deg"), [(30, 1.6, 4.0), (190, 3.5, 7.0)])
+def test_a_target_that_moves_up_and_down_stays_near_the_middle_of_the_view(
+    scenario: Callable[..., Any], latency_ms: int, rms_deg: float, most_deg: float
+) -> None:
+    run = scenario(text=with_world(latency_ms=latency_ms))
+    elevations_deg, tilts_deg = watched(run, elevation_deg), watched(run, tilt_deg)
+    run.run(24.0)
+    after_start = elevations_deg[150:]
+    assert math.sqrt(fmean(each**2 for each in after_start)) < rms_deg
+    assert max(map(abs, after_start)) < most_deg
+    assert max(tilts_deg) > 25.0
+    rates_radps = [command.tilt_radps for record in run.records for command in record.applied]
+    assert max(map(abs, rates_radps)) <= math.radians(60) + 1e-9
+    commanded = [record.decision.commands[0].tilt_radps for record in run.records]
+    faster = [abs(after) - abs(before) for before, after in pairwise(commanded)]
+    assert max(faster) <= 4.0 / 30 + 0.02, "it speeds up no faster than turn_acceleration"
+
+
+def test_it_turns_after_a_target_high_above_it_as_far_as_that_goes_round(scenario: Callable[..., Any]) -> None:
+    run = scenario(text=with_world(SWAYS_HIGH))
+
+    def bearing_deg(run: Any) -> float:
+        x_m, _, z_m = run.world.target_in_camera()
+        return math.degrees(math.atan2(x_m, z_m))
+
+    bearings_deg, elevations_deg = watched(run, bearing_deg), watched(run, elevation_deg)
+    run.run(24.0)
+    assert max(map(abs, bearings_deg[150:])) < 5.0
+    assert max(map(abs, elevations_deg[150:])) < 4.0
+
+
+def test_it_stands_at_the_end_of_its_travel_and_says_so(scenario: Callable[..., Any]) -> None:
+    run = scenario(text=with_world(RISES))
+    tilts_deg = watched(run, tilt_deg)
+    run.run(8.0)
+    assert max(tilts_deg) == pytest.approx(TRAVEL_DEG, abs=0.5)
+    assert {command.tilt_radps for record in run.records[-60:] for command in record.applied} == {0.0}
+
+
+@pytest.mark.parametrize("fault", ["camera_blocked", "camera_frozen", "target_hidden"])
+def test_the_tilt_stands_within_half_a_second_after_something_went_wrong(
+    scenario: Callable[..., Any], fault: str
+) -> None:
+    run = scenario(text=with_world(search='search = "off", '))
+    stood: list[float] = []
+    run.at(3.5, lambda: setattr(run.world.faults, fault, True))
+    for at_s in (2.8, 3.4, 4.0, 6.5):
+        run.at(at_s, lambda: stood.append(tilt_deg(run)))
+    run.run(7.0)
+    before, at_fault, soon, later = stood
+    assert abs(at_fault - before) > 4.0, "it tilted"
+    assert later == pytest.approx(soon, abs=0.01)
+
+
+def test_while_it_searches_it_stays_tilted_as_it_was(scenario: Callable[..., Any]) -> None:
+    run = scenario(text=with_world(SWAYS_HIGH))
+    seen: list[float] = []
+    run.at(4.0, lambda: setattr(run.world.faults, "target_hidden", True))
+    for at_s in (4.6, 12.0):
+        run.at(at_s, lambda: seen.append(tilt_deg(run)))
+    run.run(13.0)
+    events = [event.kind for record in run.records for event in record.decision.events]
+    assert "search_begun" in events
+    assert seen[0] > 20.0
+    assert seen[1] == pytest.approx(seen[0], abs=0.01)
+
+
+def test_a_journal_gives_its_commands_back_and_one_without_tilts_is_read(scenario: Callable[..., Any]) -> None:
+    run = scenario(text=with_world()).run(4.0)
+    state = initial_state(run.loop.parts.configuration.plan)
+    for record in run.records:
+        observation = decode(encode(record.observation), type(record.observation))
+        state, decision = decide(state, observation)
+        assert decision.commands == record.decision.commands
+    tilted = next(command for record in run.records for command in record.applied if command.tilt_radps)
+    assert decode(encode(tilted), Command) == tilted
+    before = '{"type":"TwistCommand","output":"base","linear_mps":0.0,"angular_radps":0.5,"captured_at_s":1.0}'
+    read = decode(before, Command)
+    assert isinstance(read, TwistCommand)
+    assert read.tilt_radps == 0.0
+
+
+# Liveness by motion
+
+
+IN_A_ROOM = 'room = "textured"'
+
+
+@pytest.mark.parametrize("world", [BOBS, SWAYS_HIGH], ids=["up and down", "high from side to side"])
+def test_a_camera_that_tilts_is_not_taken_for_a_frozen_one(scenario: Callable[..., Any], world: str) -> None:
+    run = scenario(text=with_world(world, camera=IN_A_ROOM)).run(13.0)
+    assert disarmed(run) == []
+    assert run.records[-1].decision.safety is SafetyMode.ACTIVE
+
+
+@pytest.mark.parametrize("knob", ["frozen_under_clock", "frozen_under_noise"])
+def test_a_picture_that_freezes_while_it_turns_is_found_tilted_as_well(scenario: Callable[..., Any], knob: str) -> None:
+    run = scenario(text=with_world(SWAYS_HIGH, camera=IN_A_ROOM))
+    run.at(5.5, lambda: setattr(run.world.faults, knob, True))
+    run.run(7.0)
+    assert [words for words in disarmed(run) if "the picture stands still" in words]
+
+
+def test_of_a_picture_that_freezes_while_it_only_tilts_nothing_is_claimed_and_it_ends_with_its_travel(
+    scenario: Callable[..., Any],
+) -> None:
+    run = scenario(text=with_world(RISES, camera=IN_A_ROOM))
+    tilts_deg = watched(run, tilt_deg)
+    run.at(1.5, lambda: setattr(run.world.faults, "frozen_under_noise", True))
+    run.run(8.0)
+    assert disarmed(run) == []
+    assert max(tilts_deg) <= TRAVEL_DEG + 0.5
+    assert tilts_deg[-1] == pytest.approx(tilts_deg[-50], abs=0.01)
