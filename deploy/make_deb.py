@@ -213,11 +213,13 @@ def _lay_out(target: Target, libraries: Path, root: Path) -> None:
     _write(root / CONFIGURATION, (CHECKOUT / "config/appliance.toml").read_text())
     for example in (
         *(CHECKOUT / "config").glob("*.toml"),
-        *DEPLOY.glob("mosquitto.*"),
         *DEPLOY.glob("prometheus/*.yml"),
         *DEPLOY.glob("grafana/*.json"),
     ):
         _write(root / EXAMPLES / example.name, example.read_text())
+    for example in (DEPLOY / "mosquitto").iterdir():
+        mode = 0o644 if example.suffix else 0o755
+        _write(root / EXAMPLES / "mosquitto" / example.name, example.read_text(), mode)
     _document(target, root / "usr/share")
     for shell, place in package_docs.COMPLETIONS.items():
         _write(root / place, package_docs.completion(shell))

@@ -49,6 +49,11 @@ class OperatorAction(StrEnum):
         action.is_on_outputs, action.is_timed = is_on_outputs, is_timed
         return action
 
+    @property
+    def lets_outputs_act(self) -> bool:
+        """Whether its purpose is that outputs may act which stood still; from afar it needs more trust than others."""
+        return self in {OperatorAction.RELEASE_OUTPUTS, OperatorAction.ARM}
+
     ACKNOWLEDGE = (
         "acknowledge",
         "Acknowledge an alarm",

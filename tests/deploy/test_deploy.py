@@ -16,7 +16,14 @@ from stadimeter.app.service import MAX_PAUSE_S
 from stadimeter.config.models import WebTable
 from stadimeter.web import passwords
 
-SCRIPTS = ("safe-outputs", "debian/preinst", "debian/postinst", "debian/prerm", "debian/postrm")
+SCRIPTS = (
+    "safe-outputs",
+    "debian/preinst",
+    "debian/postinst",
+    "debian/prerm",
+    "debian/postrm",
+    "mosquitto/make-certificates",
+)
 
 
 def needs(program: str) -> str:

@@ -1,4 +1,4 @@
-"""A real mosquitto takes the example configuration, and keeps appliances out of each other's topics."""
+"""A real mosquitto takes the example configurations, and keeps readers, operators and devices within their roles."""
 
 from __future__ import annotations
 
@@ -9,38 +9,74 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
 import paho.mqtt.client as mqtt
 import pytest
 from paho.mqtt.enums import CallbackAPIVersion
 
+from stadimeter.config.plugins import DriverContext
+from stadimeter.messaging.mqtt import MqttOptions, PahoMessenger
+from stadimeter.messaging.protocol import RequestMessage
+from stadimeter.testing.rig import ManualClock, eventually
+
 PASSWORD = "only for this test"
+USERS = ("garage", "attic", "homeassistant", "dashboard")
 
 
-@pytest.fixture
-def broker_port(deploy: Path, tmp_path: Path) -> Iterator[int]:
+@pytest.fixture(params=["passwords", "certificates"])
+def site(request: pytest.FixtureRequest, deploy: Path, tmp_path: Path) -> Iterator[Site]:
     """Start the broker with the example's files, only moved elsewhere and to the loopback."""
+    for program in ("mosquitto", "mosquitto_passwd", "openssl"):
+        if shutil.which(program) is None and shutil.which(program, path="/usr/sbin") is None:
+            pytest.skip(f"{program} is not installed")
+    site = Site(free_port(), tmp_path, has_certificates=request.param == "certificates")
+    shutil.copy(deploy / "mosquitto/stadimeter.acl", tmp_path / "stadimeter.acl")
+    if site.has_certificates:
+        make = [deploy / "mosquitto/make-certificates", tmp_path / "stadimeter", "127.0.0.1", *USERS]
+        subprocess.run(make, check=True, timeout=120)
+    else:
+        (tmp_path / "stadimeter.passwd").touch()
+        for user in USERS:
+            made = ["mosquitto_passwd", "-b", str(tmp_path / "stadimeter.passwd"), user, PASSWORD]
+            subprocess.run(made, check=True, timeout=120)
+    conf = (deploy / "mosquitto" / ("stadimeter-tls.conf" if site.has_certificates else "stadimeter.conf")).read_text()
+    with running_broker(moved(conf, site), site):
+        yield site
+
+
+class Site:
+    """Where the broker is, and what its users log in with."""
+
+    def __init__(self, port: int, folder: Path, *, has_certificates: bool) -> None:
+        self.port = port
+        self.folder = folder
+        self.has_certificates = has_certificates
+
+    def file(self, name: str) -> str:
+        return str(self.folder / "stadimeter" / name)
+
+
+def moved(conf: str, site: Site) -> str:
+    conf, listeners = re.subn(r"(?m)^listener (1883|8883)$", f"listener {site.port} 127.0.0.1\nuser root", conf)
+    conf, renamed = re.subn(r"(?m)^(\w+file) /etc/mosquitto/", rf"\1 {site.folder}/", conf)
+    assert (listeners, renamed) == (1, 4 if site.has_certificates else 2)
+    return conf
+
+
+@contextmanager
+def running_broker(conf: str, site: Site) -> Iterator[None]:
     mosquitto = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin")
-    if mosquitto is None or shutil.which("mosquitto_passwd") is None:
-        pytest.skip("mosquitto is not installed")
-    port = free_port()
-    conf = (deploy / "mosquitto.conf").read_text()
-    conf, moved = re.subn(r"(?m)^listener 1883$", f"listener {port} 127.0.0.1\nuser root", conf)
-    conf, renamed = re.subn(r"(?m)^(\w+_file) /etc/mosquitto/", rf"\1 {tmp_path}/", conf)
-    assert (moved, renamed) == (1, 2)
-    (tmp_path / "mosquitto.conf").write_text(conf)
-    shutil.copy(deploy / "mosquitto.acl", tmp_path / "stadimeter.acl")
-    passwords = tmp_path / "stadimeter.passwd"
-    passwords.touch()
-    for user in ("garage", "attic", "homeassistant"):
-        subprocess.run(["mosquitto_passwd", "-b", str(passwords), user, PASSWORD], check=True, timeout=120)
-    log = tmp_path / "log"
+    (site.folder / "mosquitto.conf").write_text(conf)
+    log = site.folder / "log"
     with log.open("w") as output:
-        broker = subprocess.Popen([mosquitto, "-c", str(tmp_path / "mosquitto.conf")], stdout=output, stderr=output)
+        command = [str(mosquitto), "-c", str(site.folder / "mosquitto.conf")]
+        broker = subprocess.Popen(command, stdout=output, stderr=output)
     try:
-        wait_for_port(port, broker, log)
-        yield port
+        wait_for_port(site.port, broker, log)
+        yield
     finally:
         broker.terminate()
         broker.wait(timeout=120)
@@ -53,7 +89,7 @@ def free_port() -> int:
 
 
 def wait_for_port(port: int, broker: subprocess.Popen[bytes], log: Path) -> None:
-    deadline_s = time.monotonic() + 10.0
+    deadline_s = time.monotonic() + 120.0
     while time.monotonic() < deadline_s:
         assert broker.poll() is None, log.read_text()
         try:
@@ -68,17 +104,19 @@ def wait_for_port(port: int, broker: subprocess.Popen[bytes], log: Path) -> None
 class Client:
     """A client that connects, and remembers what it heard."""
 
-    def __init__(self, port: int, user: str | None, password: str = PASSWORD) -> None:
+    def __init__(self, site: Site, user: str | None, password: str = PASSWORD) -> None:
         self.heard: list[tuple[str, bytes]] = []
         self.connected, self.subscribed, self.got = threading.Event(), threading.Event(), threading.Event()
         self.refusal = ""
         self._client = mqtt.Client(CallbackAPIVersion.VERSION2, protocol=mqtt.MQTTv5)
-        if user is not None:
+        if site.has_certificates and user is not None:
+            self._client.tls_set(site.file("ca.crt"), site.file(f"{user}.crt"), site.file(f"{user}.key"))
+        elif user is not None:
             self._client.username_pw_set(user, password)
         self._client.on_connect = self._on_connect
         self._client.on_subscribe = lambda *_: self.subscribed.set()
         self._client.on_message = self._on_message
-        self._client.connect("127.0.0.1", port)
+        self._client.connect("127.0.0.1", site.port)
         self._client.loop_start()
         assert self.connected.wait(120)
 
@@ -95,19 +133,22 @@ class Client:
         assert self.subscribed.wait(120)
 
     def publish(self, topic: str, payload: str) -> None:
-        self._client.publish(topic, payload, qos=1).wait_for_publish(10.0)
+        self._client.publish(topic, payload, qos=1).wait_for_publish(120.0)
 
     def close(self) -> None:
         self._client.disconnect()
         self._client.loop_stop()
 
 
+Connect = Callable[..., Client]
+
+
 @pytest.fixture
-def connect(broker_port: int) -> Iterator[Callable[..., Client]]:
+def connect(site: Site) -> Iterator[Connect]:
     clients: list[Client] = []
 
     def make(user: str | None, password: str = PASSWORD) -> Client:
-        clients.append(Client(broker_port, user, password))
+        clients.append(Client(site, user, password))
         return clients[-1]
 
     yield make
@@ -115,32 +156,117 @@ def connect(broker_port: int) -> Iterator[Callable[..., Client]]:
         client.close()
 
 
-def test_an_appliance_is_heard_below_its_own_name_and_nowhere_else(connect: Callable[..., Client]) -> None:
+def test_a_device_is_heard_below_its_own_name_and_nowhere_else(connect: Connect) -> None:
     listener, garage, attic = connect("homeassistant"), connect("garage"), connect("attic")
     listener.listen()
     attic.listen()
     garage.publish("stadimeter/attic/event/alarm", "forged")
+    garage.publish("stadimeter/attic/request/stop-outputs", "{}")
     garage.publish("elsewhere", "noise")
     garage.publish("stadimeter/garage/event/alarm", "real")
     assert listener.got.wait(120)
     assert listener.heard == [("stadimeter/garage/event/alarm", b"real")]
     attic.publish("stadimeter/attic/event/alarm", "what it should have heard came before this is acknowledged")
-    assert attic.heard == [], "an appliance does not listen to the others"
+    assert attic.heard == [], "a device does not listen to the others"
 
 
-def test_an_appliance_reads_nothing_but_its_own_list_of_what_the_broker_keeps(connect: Callable[..., Client]) -> None:
-    garage, attic = connect("garage"), connect("attic")
+def test_a_device_reads_its_commands_and_its_own_list_of_what_the_broker_keeps_and_nothing_else(
+    connect: Connect,
+) -> None:
+    operator, garage = connect("homeassistant"), connect("garage")
     garage.listen()
-    attic.listen()
+    operator.publish("stadimeter/attic/request/acknowledge", "{}")
+    operator.publish("stadimeter/garage/request/acknowledge", "{}")
     garage.publish("stadimeter/garage/event/alarm", "raised")
-    attic.publish("stadimeter/attic/retained/attic/0", "[]")
     garage.publish("stadimeter/garage/retained/garage/0", "[]")
-    assert garage.got.wait(120)
+    expected = [("stadimeter/garage/request/acknowledge", b"{}"), ("stadimeter/garage/retained/garage/0", b"[]")]
+    eventually(lambda: len(garage.heard) >= 2)
+    assert garage.heard == expected
+
+
+def test_an_operator_gives_commands_and_cannot_publish_as_a_device(connect: Connect) -> None:
+    reader, operator, garage = connect("dashboard"), connect("homeassistant"), connect("garage")
+    reader.listen()
+    for topic in ("event/alarm", "rule/near/state", "availability", "response/acknowledge", "retained/garage/0"):
+        operator.publish(f"stadimeter/garage/{topic}", "forged")
+    operator.publish("stadimeter/garage/request/acknowledge", "{}")
+    garage.publish("stadimeter/garage/response/acknowledge", "answered")
+    eventually(lambda: len(reader.heard) >= 2)
+    assert reader.heard == [
+        ("stadimeter/garage/request/acknowledge", b"{}"),
+        ("stadimeter/garage/response/acknowledge", b"answered"),
+    ]
+
+
+def test_a_reader_hears_alarms_and_no_pictures_and_gives_no_commands(connect: Connect) -> None:
+    reader, garage = connect("dashboard"), connect("garage")
+    reader.listen()
+    garage.listen()
+    reader.publish("stadimeter/garage/request/reset", "{}")
+    reader.publish("stadimeter/garage/event/alarm", "forged")
+    garage.publish("stadimeter/garage/snapshot", "a picture")
+    garage.publish("stadimeter/garage/event/alarm", "raised")
+    eventually(lambda: reader.heard)
+    garage.publish("stadimeter/garage/retained/garage/0", "[]")
+    eventually(lambda: garage.heard)
+    assert reader.heard[0] == ("stadimeter/garage/event/alarm", b"raised")
     assert garage.heard == [("stadimeter/garage/retained/garage/0", b"[]")]
-    assert attic.got.wait(120)
-    assert attic.heard == [("stadimeter/attic/retained/attic/0", b"[]")]
+
+
+def test_the_program_itself_takes_commands_and_answers_within_its_role(site: Site, connect: Connect) -> None:
+    table: dict[str, Any] = {"host": "127.0.0.1", "port": site.port, "node": "garage", "protocol": "5"}
+    if site.has_certificates:
+        files = {name: site.file(f"garage.{name[:3]}") for name in ("crt", "key")}
+        table |= {"tls": True, "ca_file": site.file("ca.crt")}
+        table |= {"certificate_file": files["crt"], "key_file": files["key"]}
+    else:
+        (site.folder / "password").write_text(PASSWORD)
+        table |= {"username": "garage", "password_file": str(site.folder / "password")}
+    messenger = MqttOptions.model_validate(table).build(DriverContext(name="it", clock=ManualClock()))
+    assert isinstance(messenger, PahoMessenger)
+    requests: list[RequestMessage] = []
+    messenger.listen(["request/acknowledge"], requests.append)
+    operator = connect("homeassistant")
+    with ExitStack() as closing:
+        closing.callback(messenger.close)
+        messenger.open()
+        eventually(lambda: not messenger.trouble() and not messenger.undelivered())
+        eventually(lambda: operator.publish("stadimeter/garage/request/acknowledge", "{}") or requests)
+        operator.listen()
+        messenger.respond(requests[0], "response/acknowledge", b"done")
+        eventually(lambda: ("stadimeter/garage/response/acknowledge", b"done") in operator.heard)
+        assert (messenger.deafness(), messenger.given_up, requests[0].refusal) == ("", 0, None)
 
 
 @pytest.mark.parametrize(("user", "password"), [(None, ""), ("garage", "wrong"), ("stranger", PASSWORD)])
-def test_who_has_no_password_is_refused(connect: Callable[..., Client], user: str | None, password: str) -> None:
+@pytest.mark.parametrize("site", ["passwords"], indirect=True)
+def test_who_has_no_password_is_refused(connect: Connect, user: str | None, password: str) -> None:
     assert connect(user, password).refusal == "Not authorized"
+
+
+@pytest.mark.parametrize("site", ["certificates"], indirect=True)
+def test_who_has_no_certificate_of_the_authority_is_refused(site: Site, deploy: Path) -> None:
+    elsewhere = site.folder / "elsewhere"
+    subprocess.run([deploy / "mosquitto/make-certificates", elsewhere, "127.0.0.1", "garage"], check=True, timeout=120)
+    base: dict[str, Any] = {"host": "127.0.0.1", "port": site.port, "node": "garage", "tls": True, "protocol": "5"}
+    base |= {"ca_file": site.file("ca.crt")}
+    pair = {"certificate_file": str(elsewhere / "garage.crt"), "key_file": str(elsewhere / "garage.key")}
+    for table in (base, base | pair):
+        assert MqttOptions.model_validate(table).reach() != ""
+    mine = {"certificate_file": site.file("garage.crt"), "key_file": site.file("garage.key")}
+    assert MqttOptions.model_validate(base | mine).reach() == ""
+
+
+@pytest.mark.parametrize("site", ["certificates"], indirect=True)
+def test_more_users_get_certificates_later_and_the_first_keep_theirs(site: Site, deploy: Path) -> None:
+    before = Path(site.file("garage.crt")).read_bytes(), Path(site.file("ca.crt")).read_bytes()
+    make = [deploy / "mosquitto/make-certificates", site.folder / "stadimeter", "127.0.0.1", "garage", "cellar"]
+    subprocess.run(make, check=True, timeout=120)
+    assert (Path(site.file("garage.crt")).read_bytes(), Path(site.file("ca.crt")).read_bytes()) == before
+    client = Client(site, "cellar")
+    client.close()
+    assert client.refusal == ""
+    wrong = subprocess.run(
+        [*make[:2], "127.0.0.1", "../garage"], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert (wrong.returncode, "is no user name" in wrong.stderr) == (2, True)

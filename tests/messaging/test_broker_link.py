@@ -237,11 +237,21 @@ def test_a_huge_message_is_refused_before_there_is_memory_for_it(
     assert peak < 2 * len(bomb)  # the bomb itself is in this process, and what was announced is four times as large
 
 
-def test_a_broker_is_told_how_little_we_read(play: Play, make_messenger: MakeMessenger) -> None:
+@pytest.mark.parametrize(("commands", "size"), [("off", 1024), ("alarms", 8192), ("all", 8192)])
+def test_a_broker_is_told_how_little_we_read(
+    commands: str, size: int, play: Play, make_messenger: MakeMessenger
+) -> None:
     broker = play((ACCEPTED_5, False))
-    make_messenger(broker.port, protocol="5").open()
+    make_messenger(broker.port, protocol="5", commands=commands).open()
     (greeting,) = eventually(lambda: broker.greetings)
-    assert b"\x27\x00\x00\x04\x00" in greeting  # property 39, maximum packet size: 1024 bytes
+    assert b"\x27" + size.to_bytes(4, "big") in greeting  # property 39, maximum packet size
+
+
+def test_messages_that_are_never_completed_fill_no_memory(play: Play, make_messenger: MakeMessenger) -> None:
+    parts = [b"\x34\x07\x00\x01t" + number.to_bytes(2, "big") + b"\x00x" for number in range(1, 2000)]  # QoS 2
+    messenger = make_messenger(play((ACCEPTED_5 + b"".join(parts), False)).port, protocol="5")
+    messenger.open()
+    eventually(lambda: "sent a message that is too large to be an answer" in messenger.trouble())
 
 
 def test_closing_in_the_middle_of_a_pause_does_not_wait_for_its_end(play: Play, make_messenger: MakeMessenger) -> None:

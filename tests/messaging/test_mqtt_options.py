@@ -55,6 +55,10 @@ def test_the_port_follows_tls_unless_it_is_given() -> None:
         ({"protocol": "3.1"}, "3.1.1"),
         ({"password_file": "secret.txt"}, "without a username"),
         ({"ca_file": "ca.pem"}, "without tls"),
+        ({"certificate_file": "it.crt", "key_file": "it.key"}, "certificate_file is given without tls"),
+        ({"certificate_file": "it.crt", "tls": True}, "belong together"),
+        ({"key_file": "it.key", "tls": True}, "belong together"),
+        ({"commands": "some"}, "'off', 'alarms' or 'all'"),
         ({"hots": "broker"}, "hots"),
     ],
 )

@@ -84,3 +84,24 @@ def test_a_certificate_file_of_no_use_is_an_error_at_once(
     messenger = make_messenger(free_port(), tls=True, ca_file=str(file))
     with pytest.raises(DeviceOpenError, match=expected):
         messenger.open()
+
+
+def test_a_certificate_of_our_own_that_is_of_no_use_is_said_in_words(
+    tmp_path: Path, make_messenger: MakeMessenger, certificate: tuple[Path, Path]
+) -> None:
+    file, key = certificate
+    (tmp_path / "locked.key").write_bytes(_locked(key))
+    (tmp_path / "no.crt").write_text("no certificate")
+    for pair, words in [
+        ((file, tmp_path / "none.key"), "cannot be read: No such file"),
+        ((tmp_path / "no.crt", key), "is of no use with key_file"),
+        ((file, tmp_path / "locked.key"), "needs a passphrase"),
+    ]:
+        options = {"certificate_file": str(pair[0]), "key_file": str(pair[1])}
+        with pytest.raises(DeviceOpenError, match=words):
+            make_messenger(free_port(), tls=True, ca_file=str(file), **options).open()
+
+
+def _locked(key: Path) -> bytes:
+    locking = ["openssl", "pkcs8", "-topk8", "-passout", "pass:secret", "-in", str(key)]
+    return subprocess.run(locking, check=True, capture_output=True).stdout

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from stadimeter.core.message import Message, clearing
 from stadimeter.messaging.mqtt import MqttOptions, PahoMessenger
-from stadimeter.messaging.mqtt_client import PACKET_MAX
+from stadimeter.messaging.mqtt_client import PAGE_PACKET_MAX
 from stadimeter.messaging.outbox import RetainedList
 from stadimeter.testing.rig import eventually
 from support.broker import LoopbackBroker, MosquittoBroker
@@ -230,4 +230,4 @@ def test_a_base_topic_of_any_length_leaves_no_page_larger_than_what_is_read() ->
         pages = RetainedList(options.retained_topic, options.retained_page_bytes)
         pages.retain_only(topics(*(f"rule-{number}" for number in range(100))))
         for page in pages.finish() if pages.is_wanted else ():
-            assert len(f"{options.base}/{page.topic}{page.payload}".encode()) < PACKET_MAX - 30
+            assert len(f"{options.base}/{page.topic}{page.payload}".encode()) < PAGE_PACKET_MAX - 30

@@ -26,7 +26,7 @@ from stadimeter.core.frame import Frame
 from stadimeter.core.message import Message
 from stadimeter.core.plan import Plan
 from stadimeter.errors import EndOfFramesError
-from stadimeter.messaging.protocol import Retaining
+from stadimeter.messaging.protocol import Retaining, TakesRequests
 
 if TYPE_CHECKING:  # few runs have these, and what they need takes long to load
     from stadimeter.app.control.recording import RecordingOnRequest
@@ -243,7 +243,9 @@ class Loop:
         if (light := self.parts.status_led) is not None and light.fault:
             panel.append(f"{light.name}: {light.fault}")
         memory = self.services.memory
-        others = (messenger.trouble() if messenger else "", *notifiers, *recordings, memory.trouble() if memory else "")
+        deaf = messenger.deafness() if isinstance(messenger, TakesRequests) else ""
+        sent = (messenger.trouble() if messenger else "", deaf)
+        others = (*sent, *notifiers, *recordings, memory.trouble() if memory else "")
         troubles = (capture.trouble(), *capture.remarks(), *others, *panel)
         return "; ".join(trouble for trouble in troubles if trouble)
 

@@ -216,11 +216,21 @@ def _lines(data: Mapping[str, Any]) -> Iterator[str]:
     for each in data["deliveries"]:
         if each["waiting"] or each["given_up"]:
             yield f"{each['to']}: not delivered yet: {each['waiting']}, given up: {each['given_up']}"
+    yield from _commands_lines(data.get("commands"))
     for rule in data["rules"]:
         marks = [] if rule["acknowledged"] else ["unacknowledged"]
         marks += ["first of its group"] if rule["first_out"] else []
         marked = ", ".join([rule["status"], *marks, *rule["inhibits"]])
         yield f"{rule['rule']}: {marked}: {rule['reason']}"
+
+
+def _commands_lines(commands: Mapping[str, Any] | None) -> Iterator[str]:
+    """Yield what there is to know of commands that came as messages, if any were refused or cannot come."""
+    if commands and commands["trouble"]:
+        yield f"commands over MQTT: {commands['trouble']}"
+    if commands and commands["refused"]:
+        refused = ", ".join(f"{count} {why.replace('_', ' ')}" for why, count in commands["refused"].items())
+        yield f"commands over MQTT: {commands['done']} done, refused: {refused}"
 
 
 def ask_instance(

@@ -9,13 +9,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stadimeter.app.control.places import make_folder, runtime_folder, socket_path
+from stadimeter.app.control.requests import JoinedRequests, Requests
 from stadimeter.app.control.socket_server import ControlSocket
 from stadimeter.app.persistence.resumption import clock_name, moment
 from stadimeter.app.persistence.state_writer import StateWriter, state_file
 from stadimeter.app.watching import Subscriptions, attend_to_requests, introduction, live_feed
 from stadimeter.errors import ControlError
+from stadimeter.messaging.protocol import TakesRequests
 
 if TYPE_CHECKING:
+    from stadimeter.app.control.mqtt_requests import MqttRequests
     from stadimeter.app.live.snapshot import LiveFeed
     from stadimeter.app.loop import Loop
 
@@ -45,16 +48,38 @@ def _metrics(feed: LiveFeed, deliveries: Callable[[], list[dict[str, Any]]]) -> 
 def open_control_socket(loop: Loop, socket: Path | None, closing: ExitStack) -> None:
     """Listen for operator commands. Without a socket a run goes on with a warning, unless the socket was named."""
     configuration = loop.parts.configuration
+    feed = live_feed(loop)
+    watched = Subscriptions(feed)
+    sources: list[Requests] = []
     try:
         path = socket or socket_path(configuration.path, make_folder(runtime_folder()))
-        feed = live_feed(loop)
         metrics = partial(_metrics, feed, loop.deliveries.figures)
-        listener = ControlSocket(path, partial(introduction, loop), watched=Subscriptions(feed), metrics=metrics)
+        listener = ControlSocket(path, partial(introduction, loop), watched=watched, metrics=metrics)
         closing.callback(listener.close)
         listener.open()
     except ControlError as error:
         if socket is not None:
             raise
-        loop.services.tell(f"warning: {error}; this run takes no operator commands")
+        loop.services.tell(f"warning: {error}; this run takes no operator commands of this computer")
     else:
-        closing.enter_context(attend_to_requests(loop, listener))
+        sources.append(listener)
+    remote = _listen_to_messages(loop, watched, closing)
+    if remote is not None:
+        sources.append(remote)
+    if sources:
+        closing.enter_context(attend_to_requests(loop, JoinedRequests(sources)))
+    if remote is not None and (control := loop.services.control) is not None:
+        control.message_figures = remote.figures
+
+
+def _listen_to_messages(loop: Loop, watched: Subscriptions, closing: ExitStack) -> MqttRequests | None:
+    """Take the requests of other programs, if the messenger can and may; return where they come from."""
+    messenger: object = loop.parts.messenger
+    if not isinstance(messenger, TakesRequests) or messenger.commands == "off":
+        return None
+    from stadimeter.app.control.mqtt_requests import MqttRequests  # noqa: PLC0415 - many runs have no messenger
+
+    remote = MqttRequests(messenger, watched.frame, loop.services.tell)
+    closing.callback(remote.close)
+    remote.open()
+    return remote

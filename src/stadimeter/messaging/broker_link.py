@@ -23,8 +23,12 @@ from stadimeter.messaging.mqtt_client import (
     Secrets,
     make_client,
     publish_properties,
+    response_properties,
+    say_goodbye,
+    subscribe,
 )
 from stadimeter.messaging.outbox import MemoryOutbox, RetainedList
+from stadimeter.messaging.request_topics import OVERSIZED_MAX, RequestTopics
 
 # Interval, during a pause, of looking for messages of QoS 1, which shorten the pause.
 LOOK_EVERY_S = 0.5
@@ -56,14 +60,20 @@ class BrokerLink:
     paho's own thread (``loop_start``) is not used. With paho 2.2, ``loop_stop`` joins it without a time limit: 4.5 s
     while a host does not answer, where the end of a run allows 0.6 s. ``on_connect_fail`` gives no reason, and the
     version of MQTT, the pause while an alarm waits and the list of retained topics would need a second thread.
+
+    Args:
+        requests: Where other programs ask for something; None for nowhere.
     """
 
-    def __init__(self, options: MqttSettings, secrets: Secrets, patience: Patience) -> None:
+    def __init__(
+        self, options: MqttSettings, secrets: Secrets, patience: Patience, requests: RequestTopics | None = None
+    ) -> None:
         self._options = options
+        self._requests = requests
         self._secrets = secrets
         self._patience = patience
         self._back_off = BackOff(patience)
-        self._events = LinkEvents(options)
+        self._events = LinkEvents(options, requests.hear) if requests is not None else LinkEvents(options)
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="mqtt", daemon=True)
 
@@ -109,6 +119,29 @@ class BrokerLink:
                 self._hand_over(message)
             else:
                 self._outbox.drop()
+
+    def send_now(self, topic: str, payload: bytes, content_type: str, correlation: bytes | None = None) -> bool:
+        """Send to a topic that is not below the base, with QoS 0, or drop and count it. Returns at once."""
+        with self._lock:
+            room_bytes = self._events.packet_max
+            if not self._is_connected or (room_bytes and len(payload) + len(topic.encode()) + 512 > room_bytes):
+                self._outbox.drop()
+                return False
+            if not self._outbox.has_room_on_wire:
+                self._outbox.drop()
+                return False
+            properties = response_properties(content_type, correlation) if self._version == V5 else None
+            info = self._client.publish(topic, payload, 0, properties=properties)
+            if info.rc != MQTTErrorCode.MQTT_ERR_SUCCESS:
+                self._outbox.drop()
+                return False
+            self._outbox.sent(info.mid, Message(topic=topic, payload=""), time.monotonic())
+            return True
+
+    def deafness(self) -> str:
+        """Return why requests are not heard although there is a connection, or an empty string."""
+        with self._lock:
+            return self._requests.trouble() if self._requests is not None and self._is_connected else ""
 
     def retain_only(self, topics: frozenset[str]) -> None:
         """Take on which topics messages are published for the broker to keep; see `RetainedList`."""
@@ -194,8 +227,10 @@ class BrokerLink:
                 self._is_connected = True
                 self._hand_over(ONLINE)
                 self._begin_to_read()
+                self._begin_to_listen()
             elif self._is_reading:
                 self._read()
+            self._listen()
             self._send_waiting()
 
     def _say_goodbye(self) -> None:
@@ -211,7 +246,7 @@ class BrokerLink:
                 self._send_waiting()
                 delivered = self._outbox.is_empty
         if delivered:
-            self._client.disconnect()
+            say_goodbye(self._client, self._version)  # and no request is kept for a run that is not there
             while time.monotonic() < until_s and self._loop(0.05):
                 pass
 
@@ -226,9 +261,38 @@ class BrokerLink:
 
     def _begin_to_read(self) -> None:
         """Subscribe to the list of retained topics, unless an oversized packet came that way before."""
-        if self._retained.is_wanted and not self._events.had_oversized_packet:
-            self._client.subscribe(f"{self._options.base}/{self._options.retained_topic}/+", qos=0)
+        if self._retained.is_wanted and not self._events.oversized_packets:
+            _, number = self._client.subscribe(f"{self._options.base}/{self._options.retained_topic}/+", qos=0)
+            self._events.list_number = number
             self._is_reading = True
+
+    def _begin_to_listen(self) -> None:
+        if self._requests is None:
+            return
+        is_v5, trouble = self._version == V5, ""
+        if self._events.oversized_packets >= OVERSIZED_MAX:
+            trouble = (
+                f"{self._options.place} sent {OVERSIZED_MAX} messages that are too large, so commands are not heard "
+                "until this program is started anew; clear kept messages on its topics of requests"
+            )
+        elif is_v5 and not self._events.has_identifiers:
+            trouble = (
+                f"{self._options.place} cannot mark old messages (no subscription identifiers), so commands are not "
+                "heard; set protocol to '3.1.1'"
+            )
+        self._requests.begin(is_v5=is_v5, trouble=trouble)
+
+    def _listen(self) -> None:
+        """Subscribe to the topics of requests, leave those that are flooded, and take note of the broker's answers."""
+        if self._requests is None:
+            return
+        for number, codes in self._events.take_subscribed():
+            self._requests.note_answer(number, codes)
+        new, flooded = self._requests.due(time.monotonic())
+        if new:
+            self._requests.note_asked(subscribe(self._client, new, self._requests.identifier), new)
+        if flooded:
+            self._client.unsubscribe(flooded)
 
     def _read(self, *, is_last: bool = False) -> None:
         """Take in pages; when all have come, clear what is no longer published, and write the list anew."""

@@ -6,7 +6,7 @@ import socket
 import ssl
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import Any
 
@@ -33,18 +33,27 @@ class LinkEvents:
         ending: Why the newest attempt to connect failed, or the connection ended, in words.
         suspects_version: Whether the broker seems not to speak the version of MQTT that was tried.
         was_taken_over: Whether another program with our client id took our place.
-        had_oversized_packet: Whether the other side ever announced more than a broker has to say to us.
+        oversized_packets: How often the other side announced more than a broker has to say to us.
         refusal: Why the broker would not take a message over this connection, in words.
-        subscribed_at_s: When the broker answered our subscription; None before.
+        list_number: The number of our subscription to the list of retained topics.
+        subscribed_at_s: When the broker answered that subscription; None before.
+        packet_max: The largest packet that the broker takes; None if it does not say.
+        has_identifiers: Whether the broker marks messages with the subscription that they come from.
+
+    Args:
+        hear: Takes a message that is no page of the list, within paho's loop.
     """
 
-    def __init__(self, options: MqttSettings) -> None:
+    def __init__(self, options: MqttSettings, hear: Callable[[MQTTMessage], None] = lambda _message: None) -> None:
         self._options = options
+        self._hear = hear
+        self._page_topic = f"{options.base}/{options.retained_topic}/"
+        self._answered: deque[tuple[int, list[ReasonCode]]] = deque()
         self._done: deque[tuple[int, bool]] = deque()
         self._short_lives = 0
         self._was_ever_accepted = False
         self._pages: deque[tuple[str, bytes]] = deque(maxlen=PAGES_MAX)
-        self.had_oversized_packet = False
+        self.oversized_packets = 0
         self.refusal = ""
         self.begin()
 
@@ -53,8 +62,12 @@ class LinkEvents:
         self.ending = ""
         self.suspects_version = False
         self.was_taken_over = False
+        self.list_number: int | None = None
         self.subscribed_at_s: float | None = None
+        self.packet_max: int | None = None
+        self.has_identifiers = True
         self._pages.clear()
+        self._answered.clear()
         self._accepted_at_s: float | None = None
         self._stood_s = 0.0
 
@@ -87,7 +100,7 @@ class LinkEvents:
 
     def note_oversized_packet(self) -> None:
         """Note that the other side announced more than a broker has to say to us."""
-        self.had_oversized_packet = True
+        self.oversized_packets += 1
         if not self.is_accepted:
             self.note_nonsense()
         else:
@@ -103,12 +116,17 @@ class LinkEvents:
         while self._done:
             yield self._done.popleft()
 
+    def take_subscribed(self) -> Iterator[tuple[int, list[ReasonCode]]]:
+        """Yield, once each, the broker's answers to subscriptions to requests: number, and a code for each topic."""
+        while self._answered:
+            yield self._answered.popleft()
+
     def take_pages(self) -> Iterator[tuple[str, bytes]]:
         """Yield, once each, the messages that came: the last part of the topic, and the payload."""
         while self._pages:
             yield self._pages.popleft()
 
-    def _on_connect(self, _client: Client, _data: Any, _flags: ConnectFlags, reason: ReasonCode, _more: Any) -> None:
+    def _on_connect(self, _client: Client, _data: Any, _flags: ConnectFlags, reason: ReasonCode, more: Any) -> None:
         if reason.is_failure:
             self.ending = describe_refusal(self._options, reason)
             self.suspects_version = reason.value == UNSUPPORTED_VERSION
@@ -116,6 +134,8 @@ class LinkEvents:
         self._accepted_at_s = time.monotonic()
         self._was_ever_accepted = True
         self.refusal = ""
+        self.packet_max = getattr(more, "MaximumPacketSize", None)
+        self.has_identifiers = bool(getattr(more, "SubscriptionIdentifierAvailable", 1))
 
     def _on_disconnect(
         self, _client: Client, _data: Any, flags: DisconnectFlags, reason: ReasonCode, _more: Any
@@ -141,12 +161,18 @@ class LinkEvents:
             self.refusal = f"{self._options.place} refused {below}; check the broker's access list"
         self._done.append((number, reason.is_failure))
 
-    def _on_subscribe(self, *_: Any) -> None:
-        self.subscribed_at_s = time.monotonic()
+    def _on_subscribe(self, _client: Client, _data: Any, number: int, codes: list[ReasonCode], _more: Any) -> None:
+        if number == self.list_number:
+            self.subscribed_at_s = time.monotonic()
+        else:
+            self._answered.append((number, codes))
 
     def _on_message(self, _client: Client, _data: Any, message: MQTTMessage) -> None:
         with suppress(UnicodeDecodeError):
-            self._pages.append((message.topic.rpartition("/")[2], bytes(message.payload)))
+            if message.topic.startswith(self._page_topic):
+                self._pages.append((message.topic.rpartition("/")[2], bytes(message.payload)))
+            else:
+                self._hear(message)
 
 
 UNSUPPORTED_VERSION = 0x84

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Collection
 
 from paho.mqtt.client import Client
 from paho.mqtt.enums import MQTTProtocolVersion
@@ -13,7 +14,10 @@ from stadimeter.errors import ConfigError, DeviceClosedError, DeviceOpenError
 from stadimeter.messaging.back_off import Patience
 from stadimeter.messaging.broker_link import V5, V311, BrokerLink, serve
 from stadimeter.messaging.link_events import LinkEvents
-from stadimeter.messaging.mqtt_client import MqttSettings, make_client, read_secrets, say_goodbye
+from stadimeter.messaging.mqtt_client import MqttSettings, make_client, read_secrets, say_goodbye, subscribe
+from stadimeter.messaging.protocol import CommandLevel, RequestMessage
+from stadimeter.messaging.request_topics import RequestTopics, describe_deafness
+from stadimeter.operator_actions import OperatorAction
 
 ASKED_S = 3.0
 
@@ -39,34 +43,52 @@ class MqttOptions(MqttSettings):
             secrets = read_secrets(asking)
         except DeviceOpenError as error:
             return str(error)
-        events = LinkEvents(asking)
+        events, trouble = LinkEvents(asking), ""
         for version in {"5": (V5,), "3.1.1": (V311,)}.get(self.protocol, (V5, V311)):
             events.begin()
             client = make_client(asking, secrets, version, ASKED_S)
             client.will_clear()
             events.listen_to(client)
-            _attempt(client, version, events)
+            trouble = _attempt(client, version, events, self)
             if events.is_accepted or not events.suspects_version:
                 break
-        return "" if events.is_accepted else events.ending
+        if not events.is_accepted:
+            return events.ending
+        return trouble
 
 
-def _attempt(client: Client, version: MQTTProtocolVersion, events: LinkEvents) -> None:
+def _attempt(client: Client, version: MQTTProtocolVersion, events: LinkEvents, options: MqttSettings) -> str:
+    """Connect and hang up; return what is wrong with a connection that the broker accepted."""
+    trouble = ""
     try:
         client.reconnect()
     except OSError as error:
         events.note_connect_error(error)
-        return
+        return trouble
     until_s = time.monotonic() + ASKED_S
     while not events.is_accepted and (left_s := until_s - time.monotonic()) > 0 and serve(client, events, left_s):
         pass
     if events.is_accepted:
+        trouble = _try_to_listen(client, version, events, options) if options.commands != "off" else ""
         say_goodbye(client, version)
         serve(client, events, 0.0)
     elif not events.ending:
         events.note_no_answer()
     if (connection := client.socket()) is not None:
         connection.close()
+    return trouble
+
+
+def _try_to_listen(client: Client, version: MQTTProtocolVersion, events: LinkEvents, options: MqttSettings) -> str:
+    """Subscribe to one topic of requests; return why the broker does not let us, or an empty string."""
+    topic = f"{options.base}/request/{OperatorAction.STOP_OUTPUTS}"
+    subscribe(client, [topic], 1 if version == V5 and events.has_identifiers else None)
+    until_s = time.monotonic() + ASKED_S
+    while (left_s := until_s - time.monotonic()) > 0 and serve(client, events, left_s):
+        for _, codes in events.take_subscribed():
+            refused = [str(code) for code in codes if code.is_failure]
+            return describe_deafness(options, [topic], refused[0]) if refused else ""
+    return events.ending
 
 
 class PahoMessenger:
@@ -82,6 +104,7 @@ class PahoMessenger:
         self._link: BrokerLink | None = None
         self._left: tuple[Message, ...] = ()
         self._retained: frozenset[str] | None = None
+        self._requests: RequestTopics | None = None
         self._dropped_before = 0
         self._given_up_before = 0
 
@@ -95,6 +118,11 @@ class PahoMessenger:
         """Number of messages of QoS 1 that were given up: too many waited, they expired, or the broker refused them."""
         return self._given_up_before + (self._link.given_up if self._link else 0)
 
+    @property
+    def commands(self) -> CommandLevel:
+        """What other programs may ask for."""
+        return self._options.commands
+
     def undelivered(self) -> tuple[Message, ...]:
         """Return the messages of QoS 1 that are neither acknowledged nor given up, oldest first."""
         link = self._link
@@ -104,7 +132,7 @@ class PahoMessenger:
         """Begin to connect and return at once. A broker that is away is not an error."""
         if self._link is not None:
             return
-        self._link = BrokerLink(self._options, read_secrets(self._options), self._patience)
+        self._link = BrokerLink(self._options, read_secrets(self._options), self._patience, self._requests)
         if self._retained is not None:
             self._link.retain_only(self._retained)
         left, self._left = self._left, ()
@@ -129,6 +157,26 @@ class PahoMessenger:
         self._retained = topics
         if self._link is not None:
             self._link.retain_only(topics)
+
+    def listen(self, topics: Collection[str], receive: Callable[[RequestMessage], None]) -> None:
+        """Receive what comes on topics of requests; see `TakesRequests`."""
+        self._requests = RequestTopics(self._options, topics, receive)
+
+    def respond(self, request: RequestMessage, topic: str, payload: bytes) -> None:
+        """Answer a request; see `TakesRequests`."""
+        if (link := self._link) is not None:
+            place = request.response_topic or f"{self._options.base}/{topic}"
+            link.send_now(place, payload, "application/json", request.correlation)
+
+    def show(self, topic: str, payload: bytes, content_type: str) -> bool:
+        """Send a picture; return whether it can be sent."""
+        link = self._link
+        return link is not None and link.send_now(f"{self._options.base}/{topic}", payload, content_type)
+
+    def deafness(self) -> str:
+        """Return why requests are not received although there is a connection."""
+        link = self._link
+        return link.deafness() if link is not None else ""
 
     def trouble(self) -> str:
         """Return in words what is wrong with the connection, or an empty string if it stands."""

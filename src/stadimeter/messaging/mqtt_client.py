@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import socket
 import ssl
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -13,6 +14,7 @@ from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
+from paho.mqtt.subscribeoptions import SubscribeOptions
 from pydantic import AfterValidator, Field, model_validator
 
 from stadimeter.config.plugins import DriverOptions
@@ -25,6 +27,7 @@ from stadimeter.config.untrusted_file import (
 )
 from stadimeter.core.message import Message
 from stadimeter.errors import DeviceOpenError, UnreadableError
+from stadimeter.messaging.protocol import CommandLevel
 
 NODE_CHARACTERS = "letters, digits, '-' and '_'"
 PLAIN_PORT = 1883
@@ -90,17 +93,26 @@ class MqttSettings(DriverOptions):
     """Whether to encrypt. The broker's certificate and name are then always checked."""
     ca_file: FilePath | None = None
     """The certificate of the authority that signed the broker's; None for those that the system trusts."""
+    certificate_file: FilePath | None = None
+    """Our own certificate, for a broker that asks for one in place of a password."""
+    key_file: FilePath | None = None
+    """The key that belongs to it, without a passphrase."""
     keepalive: Annotated[Duration, AfterValidator(_check_keepalive)] = 15.0
     """After this time without a word the link is probed, and given up if nothing answers."""
     protocol: Literal["auto", "5", "3.1.1"] = "auto"
     """The version of MQTT. ``auto`` is 5, and 3.1.1 if the broker does not speak 5."""
+    commands: CommandLevel = "alarms"
+    """What other programs may ask for. ``alarms`` is all but what lets outputs act, takes pictures or writes files."""
 
     @model_validator(mode="after")
     def _check_together(self) -> Self:
         if self.password_file is not None and self.username is None:
             raise ValueError("password_file is given without a username; give both or neither")
-        if self.ca_file is not None and not self.tls:
-            raise ValueError("ca_file is given without tls; write 'tls = true' to encrypt")
+        for name in ("ca_file", "certificate_file"):
+            if getattr(self, name) is not None and not self.tls:
+                raise ValueError(f"{name} is given without tls; write 'tls = true' to encrypt")
+        if (self.certificate_file is None) is not (self.key_file is None):
+            raise ValueError("certificate_file and key_file belong together; give both or neither")
         return self
 
     @property
@@ -126,7 +138,12 @@ class MqttSettings(DriverOptions):
     @property
     def retained_page_bytes(self) -> int:
         """The size of a page of that list: what a packet has room for, beside its topic and what a broker adds."""
-        return PACKET_MAX - len(f"{self.base}/{self.retained_topic}/999".encode()) - 64
+        return PAGE_PACKET_MAX - len(f"{self.base}/{self.retained_topic}/999".encode()) - 64
+
+    @property
+    def packet_max(self) -> int:
+        """The largest packet that is read."""
+        return PAGE_PACKET_MAX if self.commands == "off" else PACKET_MAX
 
     @property
     def client_id(self) -> str:
@@ -138,11 +155,17 @@ class MqttSettings(DriverOptions):
 SESSION_EXPIRY_S = 3600
 WILL_DELAY_S = 5
 
-# We subscribe to short pages of our own only, so all that a broker has to say is short. No larger packet is read.
+# We subscribe to short pages of our own and to requests, so all that a broker has to say is short. No larger packet is
+# read: the second bound is for requests, with room to answer those that are somewhat too large.
 #
 # MQTT allows 256 MiB. A broker of MQTT 5 hears of this bound; for one that does not heed it, and with 3.1.1, `_Client`
-# sees to it. Even 65,535 messages of QoS 2 that are never completed then fit into 64 MiB.
-PACKET_MAX = 1024
+# sees to it. It also bounds messages of QoS 2 that are never completed: we ask for none.
+PAGE_PACKET_MAX = 1024
+PACKET_MAX = 8192
+INCOMPLETE_MAX = 64
+
+# A response that waited for longer in a broker is of no use to whoever asked.
+RESPONSE_EXPIRES_S = 30
 
 ONLINE = Message(topic="availability", payload="online", qos=1, retain=True)
 OFFLINE = Message(topic="availability", payload="offline", qos=1, retain=True)
@@ -155,8 +178,10 @@ class OversizedPacketError(Exception):
 class _Client(Client):
     """Refuses a packet by its length, before there is memory for it: paho asks for the rest of one in one piece."""
 
+    packet_max = PACKET_MAX
+
     def _sock_recv(self, bufsize: int) -> bytes:
-        if bufsize > PACKET_MAX:
+        if bufsize > self.packet_max or len(self._in_messages) > INCOMPLETE_MAX:
             raise OversizedPacketError(bufsize)
         return super()._sock_recv(bufsize)
 
@@ -173,7 +198,7 @@ def read_secrets(options: MqttSettings) -> Secrets:
     """Read the files that the configuration names; raises `DeviceOpenError` for one that is of no use."""
     return Secrets(
         password=_read_password(options.password_file) if options.password_file else None,
-        tls=_tls_context(options.ca_file) if options.tls else None,
+        tls=_tls_context(options) if options.tls else None,
     )
 
 
@@ -188,6 +213,7 @@ def make_client(options: MqttSettings, secrets: Secrets, version: MQTTProtocolVe
         protocol=version,
         reconnect_on_failure=False,
     )
+    client.packet_max = options.packet_max
     client.connect_timeout = answer_s
     if options.username is not None:
         client.username_pw_set(options.username, secrets.password)
@@ -210,10 +236,32 @@ def publish_properties(message: Message) -> Properties | None:
     return _properties(PacketTypes.PUBLISH, MessageExpiryInterval=message.expires_s)
 
 
+def subscribe(client: Client, topics: Collection[str], identifier: int | None) -> int | None:
+    """Subscribe to topics with QoS 1, and return the number of the broker's answer; None if that is impossible.
+
+    Args:
+        identifier: With MQTT 5, what each message shall carry that comes because of it; None for MQTT 3.1.1.
+    """
+    if identifier is None:
+        return client.subscribe([(topic, 1) for topic in topics])[1]
+    # `retainHandling` 2: what was kept before is not sent. `retainAsPublished`: what is to be kept now says so.
+    options = SubscribeOptions(qos=1, noLocal=True, retainAsPublished=True, retainHandling=2)
+    marked = _properties(PacketTypes.SUBSCRIBE, SubscriptionIdentifier=identifier)
+    return client.subscribe([(topic, options) for topic in topics], properties=marked)[1]
+
+
+def response_properties(content_type: str, correlation: bytes | None) -> Properties:
+    """Return the properties of MQTT 5 of a response, or of a picture that was asked for."""
+    more = {} if correlation is None else {"CorrelationData": correlation}
+    return _properties(PacketTypes.PUBLISH, MessageExpiryInterval=RESPONSE_EXPIRES_S, ContentType=content_type, **more)
+
+
 def _set_session(client: Client, options: MqttSettings, *, is_v5: bool) -> None:
     session, will = None, None
     if is_v5:
-        session = _properties(PacketTypes.CONNECT, SessionExpiryInterval=SESSION_EXPIRY_S, MaximumPacketSize=PACKET_MAX)
+        session = _properties(
+            PacketTypes.CONNECT, SessionExpiryInterval=SESSION_EXPIRY_S, MaximumPacketSize=options.packet_max
+        )
         will = _properties(PacketTypes.WILLMESSAGE, WillDelayInterval=WILL_DELAY_S)
     client.will_set(f"{options.base}/{OFFLINE.topic}", OFFLINE.payload, OFFLINE.qos, OFFLINE.retain, will)
     client.connect_async(
@@ -225,7 +273,7 @@ def _set_session(client: Client, options: MqttSettings, *, is_v5: bool) -> None:
     )
 
 
-def _properties(packet_type: int, **values: int) -> Properties:
+def _properties(packet_type: int, **values: int | str | bytes) -> Properties:
     properties = Properties(packet_type)  # type: ignore[no-untyped-call] # paho has not typed it
     for name, value in values.items():
         setattr(properties, name, value)
@@ -242,18 +290,39 @@ def _read_password(file: Path) -> str:
     return lines[0]
 
 
-def _tls_context(ca_file: Path | None) -> ssl.SSLContext:
+def _tls_context(options: MqttSettings) -> ssl.SSLContext:
+    context = _trusting(options.ca_file)
+    if options.certificate_file is not None:
+        _identify(context, options.certificate_file, options.key_file)
+    context.sslsocket_class = _TidySocket
+    return context
+
+
+def _identify(context: ssl.SSLContext, certificate_file: Path, key_file: Path | None) -> None:
+    def refuse_passphrase() -> str:
+        raise DeviceOpenError(f"key_file {key_file} needs a passphrase, and no person is there to type it; remove it")
+
+    try:
+        context.load_cert_chain(certificate_file, key_file, refuse_passphrase)
+    except ssl.SSLError as error:
+        reason = f"is of no use with key_file {key_file} ({error.reason or error})"
+        raise DeviceOpenError(f"certificate_file {certificate_file} {reason}") from error
+    except OSError as error:
+        raise DeviceOpenError(
+            f"certificate_file {certificate_file} or key_file {key_file} cannot be read: {error.strerror or error}"
+        ) from error
+
+
+def _trusting(ca_file: Path | None) -> ssl.SSLContext:
     try:
         # Remarks between the certificates may be in any alphabet.
         text = read_untrusted(ca_file, CERTIFICATES_MAX_BYTES).decode("ascii", "ignore") if ca_file else None
-        context = ssl.create_default_context(cadata=text)
+        return ssl.create_default_context(cadata=text)
     except UnreadableError as error:
         raise DeviceOpenError(f"ca_file {ca_file} cannot be read: {error.reason}") from error
     except (ssl.SSLError, ValueError) as error:
         reason = getattr(error, "reason", None) or str(error)
         raise DeviceOpenError(f"ca_file {ca_file} holds no certificate that can be used ({reason})") from error
-    context.sslsocket_class = _TidySocket
-    return context
 
 
 class _TidySocket(ssl.SSLSocket):

@@ -134,7 +134,7 @@ PAGES_MAX = 200
 
 # Topics of the program that are no rule's; see `stadimeter.config.rules.action_tables.OWN_TOPICS`.
 _OF_RULE = re.compile(r"rule/[^/]+/(?:state|availability)")
-_OWN = re.compile(r"(?:availability|event|retained|rule|target)(?:/.*)?", re.DOTALL)
+_OWN = re.compile(r"(?:availability|event|request|response|retained|rule|snapshot|target)(?:/.*)?", re.DOTALL)
 
 
 class RetainedList:

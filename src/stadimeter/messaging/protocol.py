@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from collections.abc import Callable, Collection
+from typing import Literal, Protocol, runtime_checkable
+
+from msgspec import Struct
 
 from stadimeter.core.message import Message
 from stadimeter.core.notification import Notification
@@ -47,6 +50,60 @@ class Retaining(Protocol):
 
         What an earlier run left on any other topic is cleared, as soon as there is a connection.
         """
+
+
+# Why a message is no request: a broker had kept it; it was sent before this connection, or waited for too long; too
+# many came; it has more bytes than a request may have.
+NoRequest = Literal["retained", "stale", "too_many", "too_large"]
+
+# What other programs may ask for: nothing; all but what lets outputs act, takes pictures or writes files; everything.
+CommandLevel = Literal["off", "alarms", "all"]
+
+
+class RequestMessage(Struct, frozen=True, kw_only=True):
+    """A message on a topic of requests.
+
+    Attributes:
+        topic: Below the base topic.
+        at_s: When it came, on this computer's monotonic clock.
+        refusal: Why it must not be heeded; None if it may be.
+        response_topic: Where its sender wants the response, not below the base topic; empty for the usual topic.
+        correlation: What the response must carry for its sender; None for nothing.
+    """
+
+    topic: str
+    payload: bytes
+    at_s: float
+    refusal: NoRequest | None = None
+    response_topic: str = ""
+    correlation: bytes | None = None
+
+
+@runtime_checkable
+class TakesRequests(Protocol):
+    """A messenger over which other programs may ask for something."""
+
+    @property
+    def commands(self) -> CommandLevel:
+        """What the configuration allows them to ask for."""
+
+    def listen(self, topics: Collection[str], receive: Callable[[RequestMessage], None]) -> None:
+        """Receive what comes on exactly these topics, below the base topic. Call it before `open`.
+
+        ``receive`` is called in a thread of the messenger; it must neither wait nor fail.
+        """
+
+    def respond(self, request: RequestMessage, topic: str, payload: bytes) -> None:
+        """Send a response to where its sender wants it, or else to a topic below the base. Returns at once.
+
+        It is dropped while there is no connection: it would come too late.
+        """
+
+    def show(self, topic: str, payload: bytes, content_type: str) -> bool:
+        """Send bytes, such as a picture, as `respond` does; return whether the connection can take them."""
+
+    def deafness(self) -> str:
+        """Return why requests are not received although there is a connection, or an empty string."""
 
 
 @runtime_checkable

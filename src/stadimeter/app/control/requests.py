@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Protocol
 
 from stadimeter.app.control.client import describe_reload
@@ -31,6 +31,17 @@ class Requests(Protocol):
         ...
 
 
+class JoinedRequests:
+    """Several places where requests come from, as one."""
+
+    def __init__(self, sources: Iterable[Requests]) -> None:
+        self._takes = tuple(source.take for source in sources)
+
+    def take(self) -> list[Asked]:
+        """Return the requests that have come since the last call, source by source. Never waits."""
+        return [asked for take in self._takes for asked in take()]
+
+
 # A stop is answered this late at most, however slow the disk is; the outputs are stopped before that.
 KEPT_WITHIN_S = 1.0
 
@@ -47,6 +58,9 @@ class Control:
     Args:
         acts: What it does for operations that are about neither rules nor the configuration, by their names.
         is_kept: Tells whether all that shall outlive the run is in its file; None if nothing outlives it.
+
+    Attributes:
+        message_figures: Returns what came of requests that were messages; None if the run takes none.
     """
 
     def __init__(
@@ -58,6 +72,7 @@ class Control:
         acts: Mapping[str, Act] | None = None,
         is_kept: Callable[[], bool | None] = lambda: True,
     ) -> None:
+        self.message_figures: Callable[[], Mapping[str, Any] | None] = lambda: None
         self._acts = acts or {}
         self._is_kept = is_kept
         self._stops: list[tuple[float, Asked, dict[str, Any]]] = []
@@ -148,7 +163,9 @@ class Control:
     def _reply(self, args: object, record: CycleRecord) -> Reply | Callable[[], Reply]:
         if isinstance(args, ExplainArgs):
             return self._explain(args, record.observation.now_s)
-        return lambda: Reply({**_status(record.decision), "deliveries": self._deliveries()})
+        return lambda: Reply(
+            {**_status(record.decision), "deliveries": self._deliveries(), "commands": self.message_figures()}
+        )
 
     def _explain(self, args: ExplainArgs, now_s: float) -> Reply | Callable[[], Reply]:
         ago_s = args.ago_s or 0.0

@@ -246,7 +246,7 @@ class _Handler(socketserver.StreamRequestHandler):
     def _put_into_words(self, reply: Reply | Callable[[], Reply], transaction: Transaction) -> tuple[bytes, Attached]:
         """Return the line of an answer, and what follows it."""
         with self.server.control.speaking:
-            known = reply if isinstance(reply, Reply) else _make_reply(reply)
+            known = reply if isinstance(reply, Reply) else make_reply(reply)
             return known.line(transaction), known.attached
 
     def _write(self, line: bytes, attached: Attached) -> None:
@@ -323,7 +323,8 @@ class _SocketServer(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
             longest.hang_up()
 
 
-def _make_reply(reply: Callable[[], Reply]) -> Reply:
+def make_reply(reply: Callable[[], Reply]) -> Reply:
+    """Return what a function answers; if it fails, an error that says so."""
     try:
         return reply()
     except BaseException as error:  # noqa: BLE001 - a defect in an answer is said to whoever asked

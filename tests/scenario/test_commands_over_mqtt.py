@@ -1,0 +1,351 @@
+"""Whole runs that other programs command over MQTT, through a real broker."""
+
+from __future__ import annotations
+
+import json
+import random
+import re
+import shlex
+import shutil
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from stadimeter.app.control.messages import ARGS
+from stadimeter.app.control.mqtt_requests import OFFERS
+from stadimeter.messaging import request_topics
+from stadimeter.operator_actions import OperatorAction
+from stadimeter.testing.rig import eventually
+from stadimeter.workbench.replay.replay import read_recording, replay_run
+from support.broker import BrokerAccess, LoopbackBroker, MosquittoBroker, make_broker, mosquitto_program
+from support.commanded_run import CommandedRun
+from support.mqtt_asker import MqttAsker
+from support.mqtt_listener import MqttListener
+
+Start = Callable[..., tuple[CommandedRun, MqttAsker]]
+
+
+@pytest.fixture
+def closing() -> Iterator[ExitStack]:
+    with ExitStack() as stack:
+        yield stack
+
+
+@pytest.fixture
+def broker(tmp_path: Path, closing: ExitStack) -> LoopbackBroker:
+    broker = make_broker(tmp_path, BrokerAccess())
+    broker.start()
+    closing.callback(broker.stop)
+    return broker
+
+
+@pytest.fixture
+def start(tmp_path: Path, broker: LoopbackBroker, closing: ExitStack) -> Start:
+    """Return a function that starts a run, and gives it with a program that may ask it."""
+
+    def start(*, is_v5: bool = True, **options: str) -> tuple[CommandedRun, MqttAsker]:
+        asker = closing.enter_context(MqttAsker(broker.port, is_v5=is_v5 and mosquitto_program() is not None))
+        with MqttListener(broker.port) as witness:
+            run = CommandedRun(tmp_path, broker.port, closing, **options)
+            witness.wait_for("stadimeter/it/rule/near/state")
+            witness.wait_for("stadimeter/it/availability", "online")
+        assert isinstance(asker.ask("status"), dict)
+        return run, asker
+
+    return start
+
+
+def test_every_row_of_the_table_of_actions_can_be_asked_for_and_nothing_that_moves_by_itself() -> None:
+    assert {each.value for each in OperatorAction} < set(OFFERS)
+    assert {"status", "alarms", "explain", "record", "reload", "snapshot"} < set(OFFERS)
+    assert {offer.op for offer in OFFERS.values()} <= set(ARGS)
+    assert not {"hold-output", "world", "restart"} & {offer.op for offer in OFFERS.values()}
+    assert {name for name, offer in OFFERS.items() if offer.needs_all} == {
+        "arm", "release-outputs", "record", "reload", "snapshot",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("protocol", ["5", "3.1.1"])
+def test_every_action_is_done_and_answered_and_journaled_with_who_asked(protocol: str, start: Start) -> None:
+    if protocol == "5" and mosquitto_program() is None:
+        pytest.skip("mosquitto is not installed, and amqtt does not speak MQTT 5")
+    run, asker = start(commands="all", protocol=protocol, is_v5=protocol == "5")
+    eventually(lambda: run.records and run.level() > 0)
+    begun = asker.ask("record", do="start")
+    assert asker.ask("acknowledge", rule="near", by="zoe", why="seen")["words"] == "acknowledge: near"
+    assert "its condition still holds" in asker.ask("reset", rule="near")
+    assert "words" in asker.ask("shelve", rule="near", for_s=600, one_shot=False, by="zoe")
+    eventually(lambda: run.level() == 0)
+    assert "words" in asker.ask("unshelve", rule="near")
+    assert "words" in asker.ask("take-out", rule="near", why="painting")
+    assert "words" in asker.ask("put-back", rule="near")
+    assert asker.ask("stop-outputs", by="zoe", why="a child")["unconfirmed"] == []
+    eventually(lambda: run.level() == 0)
+    assert "zoe" in asker.ask("release-outputs")["words"]
+    eventually(lambda: run.level() > 0)
+    assert "words" in asker.ask("disarm")
+    eventually(lambda: run.level() == 0)
+    assert "words" in asker.ask("arm")
+    eventually(lambda: run.level() > 0)
+    assert asker.ask("explain", rule="near")["rules"][0]["rule"] == "near"
+    assert [each["rule"] for each in asker.ask("alarms")["alarms"]]
+    assert set(asker.ask("reload")["kept"]) == {"near", "guarded"}
+    assert "cannot be shelved" in asker.ask("shelve", rule="guarded") or "safety" in asker.ask("shelve", rule="guarded")
+    ended = asker.ask("record", do="stop")
+    status = asker.ask("status")
+    assert status["commands"]["refused"]["by_the_run"] >= 2
+    assert status["commands"]["allowed"] == "all"
+
+    given = run.given()
+    assert ("acknowledge", "mqtt (zoe)", "seen") in given
+    assert ("take-out", "mqtt", "painting") in given
+    simple = {each.value for each in OperatorAction if not _is_tested_elsewhere(each)}
+    assert {action for action, _, _ in given} >= simple
+    recording = run.path.parent / "recordings" / begun["file"]
+    assert ended["file"] == begun["file"]
+    replayed = [
+        (cycle.record().decision, decision) for cycle, _, decision in replay_run(read_recording(recording), None)
+    ]
+    assert len(replayed) > 20
+    assert all(recorded == again for recorded, again in replayed)
+
+
+def _is_tested_elsewhere(action: OperatorAction) -> bool:
+    """Return whether an action needs more than a rule's name, so that its own tests have it."""
+    return ARGS[action.command].__name__ not in {"RuleArgs", "ShelveArgs", "OutputsArgs"}
+
+
+def test_a_picture_comes_as_home_assistant_shows_it(start: Start) -> None:
+    _, asker = start(commands="all")
+    told = asker.ask("snapshot", quality=60)
+    picture = asker.wait_for("stadimeter/it/snapshot")
+    assert (told["topic"], told["bytes"]) == ("snapshot", len(picture.payload))
+    assert not picture.is_retained
+    image = cv2.imdecode(np.frombuffer(picture.payload, np.uint8), cv2.IMREAD_COLOR)
+    assert image is not None
+    assert image.shape[2] == 3
+    assert 'over MQTT a picture is "jpeg"' in asker.ask("snapshot", encoding="raw")
+
+
+def test_by_default_nothing_that_lets_outputs_act_is_done_and_a_stop_is(start: Start) -> None:
+    run, asker = start()
+    eventually(lambda: run.records and run.level() > 0)
+    assert asker.ask("stop-outputs")["unconfirmed"] == []
+    for action in ("release-outputs", "arm", "record", "reload", "snapshot"):
+        assert f"'{action}' is not allowed over MQTT: it needs commands = \"all\"" in asker.ask(action)
+    eventually(lambda: run.level() == 0)
+    assert [action for action, _, _ in run.given()] == ["stop-outputs"]
+    assert run.commands["refused"] == {"not_allowed": 5}
+
+
+def test_with_commands_off_nothing_is_listened_to(tmp_path: Path, broker: LoopbackBroker, closing: ExitStack) -> None:
+    witness = closing.enter_context(MqttListener(broker.port))
+    asker = closing.enter_context(MqttAsker(broker.port, is_v5=False))
+    run = CommandedRun(tmp_path, broker.port, closing, commands="off")
+    witness.wait_for("stadimeter/it/rule/near/state")
+    for action in OFFERS:
+        asker.send(action, "{}").wait_for_publish(120)
+    count = len(run.records)
+    eventually(lambda: len(run.records) > count + 20)
+    assert run.commands == {}
+    assert run.given() == []
+    assert asker.heard == []
+
+
+def test_whoever_asks_is_answered_where_they_listen(start: Start, broker: LoopbackBroker, closing: ExitStack) -> None:
+    if not isinstance(broker, MosquittoBroker):
+        pytest.skip("mosquitto is not installed, and amqtt does not speak MQTT 5")
+    start()
+    asker = closing.enter_context(MqttAsker(broker.port, also=("my/answers", "stadimeter/it/event/alarm")))
+    asker.send("status", '{"transaction":1}', ResponseTopic="my/answers", CorrelationData=b"\x00\xff")
+    answer = asker.wait_for("my/answers")
+    assert (answer.correlation, answer.content_type) == (b"\x00\xff", "application/json")
+    assert json.loads(answer.payload)["transaction"] == 1
+    for number, topic in enumerate(("$SYS/x", "stadimeter/it/event/alarm", "stadimeter/it", "")):
+        asker.send("explain", json.dumps({"rule": "no", "transaction": number}), ResponseTopic=topic)
+        assert "there is no rule 'no'" in asker.answer("explain", number)["error"]
+    assert all("there is no rule" not in each.payload.decode() for each in asker.heard if "event" in each.topic)
+
+
+WRONG = {
+    b"": "this is not JSON",
+    b"PRESS": "this is not JSON",
+    b"\xff\xfe": "this is not JSON",
+    b"[" * 4000: "this is not JSON",
+    b'{"why":' * 500: "this is not JSON",
+    b"[]": "a request is a JSON object, such as {}",
+    b"null": "a request is a JSON object, such as {}",
+    b'{"rul": "near"}': "rul: extra inputs are not permitted",
+    b'{"rule": 7}': "rule: input should be a valid string",
+    b'{"rule": "near", "for_s": NaN}': "for_s: input should be a finite number",
+    b'{"rule": "near", "for_s": -Infinity}': "for_s: input should be a finite number",
+    b'{"rule": "near", "for_s": 1e300}': "for_s: input should be less than",
+    b'{"rule": "near", "for_s": -1}': "for_s: input should be greater than 0",
+    b'{"rule": "near", "one_shot": 1}': "one_shot: input should be a valid boolean",
+    b'{"by": "a\\nb"}': "by: write one line of text",
+    b'{"transaction": 1.5}': "transaction",
+    b'{"why": "' + b"x" * 501 + b'"}': "why: string should have at most 500 characters",
+    b'{"why": "' + b"x" * 5000 + b'"}': "a request has 4096 bytes at most",
+}
+
+
+@pytest.mark.parametrize("is_v5", [True, False])
+def test_what_is_no_request_is_refused_with_a_reason_and_counted(start: Start, *, is_v5: bool) -> None:
+    run, asker = start(is_v5=is_v5, protocol="5" if is_v5 and mosquitto_program() else "3.1.1")
+    for payload, words in WRONG.items():
+        asker.heard.clear()
+        asker.send("shelve", payload)
+        assert words in json.loads(asker.wait_for("stadimeter/it/response/shelve").payload)["error"], payload
+        eventually(lambda: asker.ask("status"))
+    refused = run.commands["refused"]
+    assert refused["too_large"] == 1
+    assert refused["invalid"] == len(WRONG) - 1
+    assert run.given() == []
+
+
+@pytest.mark.parametrize("protocol", ["5", "3.1.1"])
+def test_a_command_that_the_broker_keeps_is_never_done(
+    protocol: str, tmp_path: Path, broker: LoopbackBroker, closing: ExitStack, start: Start
+) -> None:
+    if protocol == "5" and mosquitto_program() is None:
+        pytest.skip("mosquitto is not installed, and amqtt does not speak MQTT 5")
+    early = closing.enter_context(MqttAsker(broker.port, is_v5=False))
+    early.send("shelve", '{"rule": "near"}', retain=True).wait_for_publish(120)
+    run, asker = start(protocol=protocol, is_v5=protocol == "5", commands="all")
+    if protocol == "5":
+        asker.heard.clear()
+        asker.send("take-out", '{"rule": "near"}', retain=True)
+        assert "kept by the broker" in json.loads(asker.wait_for("stadimeter/it/response/take-out").payload)["error"]
+    eventually(lambda: run.commands["refused"].get("retained") == 1)
+    eventually(lambda: any("is not done: it would come again" in line for line in run.told))
+    assert asker.ask("acknowledge", rule="near")["words"] == "acknowledge: near"
+    assert [action for action, _, _ in run.given()] == ["acknowledge"]
+    assert sum("would come again" in line for line in run.told) == 1
+
+
+VALUES: list[Any] = [
+    None,
+    True,
+    -1,
+    0,
+    1e308,
+    1e400,
+    float("nan"),
+    float("-inf"),
+    2**70,
+    "",
+    "near",
+    "\ud800",
+    "a\0b",
+    [],
+    {},
+]
+HUGE = b'{"why": "' + b"x" * 1_000_000 + b'"}'
+MESSAGES = 10_000
+
+
+@pytest.mark.long
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("action", OFFERS)
+def test_ten_thousand_messages_of_any_kind_move_nothing_and_each_is_counted(
+    action: str, start: Start, broker: LoopbackBroker, closing: ExitStack, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not isinstance(broker, MosquittoBroker):
+        pytest.skip("mosquitto is not installed, and amqtt does not speak MQTT 5")
+    monkeypatch.setattr(request_topics, "RATE_HZ", 1e9)  # else most messages would not even be looked into
+    monkeypatch.setattr(request_topics, "FLOOD", 10**9)
+    run, asker = start(protocol="5", commands="alarms")
+    asker.ask("stop-outputs", why="nothing must move from now on")
+    counted_before, before = sum_of(run.commands), len(run.records)
+    rng = random.Random(action)  # noqa: S311 - the same each time
+    pool = [*WRONG, *(make_payload(rng) for _ in range(2000))]
+    retained = huge = 0
+    for number in range(MESSAGES):
+        payload = HUGE if number % 2500 == 0 else rng.choice(pool)
+        is_retained = number % 97 == 0 and payload is not HUGE
+        huge += payload is HUGE
+        retained += is_retained
+        sent = asker.send(action, payload, retain=is_retained)
+        if number % 10 == 9:  # no more at a time than a topic may have under way
+            sent.wait_for_publish(120)
+            expected = counted_before + number + 1 - huge
+            eventually(lambda expected=expected: sum_of(run.commands) == expected)
+    refused = run.commands["refused"]
+    assert refused["retained"] == retained
+    assert "too_many" not in refused
+    assert run.loop.troubles == []
+    assert run.is_alive
+    asker.heard.clear()
+    assert isinstance(asker.ask("status"), dict)
+    assert len(run.records) > before
+    moved = [each for record in run.records[before + 2 :] for each in record.applied if each.level]
+    assert moved == []
+    assert {given for given, _, _ in run.given()} <= {action, "stop-outputs"}
+
+
+def sum_of(commands: dict[str, Any]) -> int:
+    """Return how many messages were done or refused."""
+    return int(commands["done"]) + sum(commands["refused"].values())
+
+
+def make_payload(rng: random.Random) -> bytes:
+    """Return a payload that is hardly ever a request."""
+    kind = rng.randrange(5)
+    if kind == 0:
+        return rng.randbytes(rng.randrange(300))
+    if kind == 1:
+        return b'{"why":' * rng.randrange(500) + b"[" * rng.randrange(500)
+    if kind == 2:
+        damaged = bytearray(b'{"rule": "near", "by": "zoe", "why": "seen", "for_s": 600, "transaction": "7"}')
+        for _ in range(rng.randrange(1, 4)):
+            damaged[rng.randrange(len(damaged))] = rng.randrange(256)
+        return bytes(damaged)
+    keys = rng.sample(["rule", "by", "why", "for_s", "one_shot", "transaction", "do", "ago_s", "op", "x"], 3)
+    return json.dumps({key: rng.choice(VALUES) for key in keys}).encode()
+
+
+@pytest.mark.long
+def test_a_flood_holds_up_neither_the_loop_nor_a_stop(start: Start, broker: LoopbackBroker) -> None:
+    if not isinstance(broker, MosquittoBroker):
+        pytest.skip("mosquitto is not installed, and amqtt does not speak MQTT 5")
+    run, asker = start(protocol="5")
+    before, until_s = len(run.records), time.monotonic() + 0.5
+    while time.monotonic() < until_s:
+        for name in OFFERS:
+            if name != "stop-outputs":
+                asker.send(name, b'{"rule": "no such rule"}')
+    assert "words" in asker.ask("stop-outputs")
+    eventually(lambda: run.commands["refused"].get("too_many", 0) > 16)
+    eventually(lambda: len(run.records) > before + 10)
+    assert run.loop.troubles == []
+    assert [given for given, _, _ in run.given() if given in {"arm", "release-outputs"}] == []
+
+
+def shown_commands() -> list[str]:
+    page = (Path(__file__).parents[2] / "docs" / "mqtt.md").read_text(encoding="utf-8")
+    orders = page.partition("## Orders")[2].partition("\n## ")[0]
+    return re.findall(r"^    (mosquitto_.*)$", orders, re.MULTILINE)
+
+
+def test_the_orders_of_the_page_work_as_they_stand_there(start: Start, broker: LoopbackBroker) -> None:
+    if shutil.which("mosquitto_rr") is None or not isinstance(broker, MosquittoBroker):
+        pytest.skip("mosquitto and its clients are not installed")
+    run, _ = start()
+    commands = shown_commands()
+    assert len(commands) == 5
+    for command in commands:
+        typed = command.replace("garage", "it").replace("too-close", "near")
+        words = shlex.split(typed.replace("-h 192.168.1.10", f"-h 127.0.0.1 -p {broker.port}"))
+        done = subprocess.run(words, capture_output=True, text=True, timeout=120, check=True)
+        if words[0] == "mosquitto_rr":
+            answer = json.loads(done.stdout)
+            assert answer["status"] == "ok", (command, answer)
+    eventually(lambda: ("stop-outputs", "mqtt", "a child is in the room") in run.given())
+    assert ("acknowledge", "mqtt (zoe)", "moved the ladder") in run.given()
