@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import random
 import re
 import shlex
@@ -248,13 +249,14 @@ VALUES: list[Any] = [
     {},
 ]
 HUGE = b'{"why": "' + b"x" * 1_000_000 + b'"}'
-MESSAGES = 10_000
+# 10,000 for the figures in docs/mqtt.md; each takes a few ms.
+MESSAGES = int(os.environ.get("STADIMETER_MESSAGES", "500"))
 
 
 @pytest.mark.long
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("action", OFFERS)
-def test_ten_thousand_messages_of_any_kind_move_nothing_and_each_is_counted(
+def test_messages_of_any_kind_move_nothing_and_each_is_counted(
     action: str, start: Start, broker: LoopbackBroker, closing: ExitStack, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if not isinstance(broker, MosquittoBroker):
@@ -268,7 +270,7 @@ def test_ten_thousand_messages_of_any_kind_move_nothing_and_each_is_counted(
     pool = [*WRONG, *(make_payload(rng) for _ in range(2000))]
     retained = huge = 0
     for number in range(MESSAGES):
-        payload = HUGE if number % 2500 == 0 else rng.choice(pool)
+        payload = HUGE if number % 250 == 0 else rng.choice(pool)
         is_retained = number % 97 == 0 and payload is not HUGE
         huge += payload is HUGE
         retained += is_retained
