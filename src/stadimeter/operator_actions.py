@@ -1,13 +1,15 @@
 """What an operator can do to alarms and outputs: one table.
 
 It makes the operations of the control socket, the paths of the page and their OpenAPI document, the commands of the
-command line with their help, and the actions of buttons. What an action does to an alarm is in `core.alarms.alarm`.
+command line with their help, and the actions of buttons. What an action does to an alarm is in `core.alarms.operating`.
 """
 
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Self
+from typing import Literal, Self
+
+Takes = Literal["for_s", "one_shot", "key", "value"]
 
 
 def _help(*paragraphs: str, example: str, refused: str) -> str:
@@ -24,14 +26,15 @@ class OperatorAction(StrEnum):
         summary: One line for the description of the API.
         help: The text of ``--help``; empty for an action that shares the command of another.
         is_on_outputs: Whether it concerns every output, and no rule.
-        is_timed: Whether it takes a duration, ``for_s``, and ``one_shot``.
+        takes: What it takes beside the rule, who and why: a duration, ``for_s``, with ``one_shot``; or of a threshold
+            its ``key``, and a ``value``.
     """
 
     command: str
     summary: str
     help: str
     is_on_outputs: bool
-    is_timed: bool
+    takes: tuple[Takes, ...]
 
     def __new__(
         cls,
@@ -40,19 +43,29 @@ class OperatorAction(StrEnum):
         help: str = "",  # noqa: A002 - as typer calls it
         command: str = "",
         is_on_outputs: bool = False,
-        is_timed: bool = False,
+        takes: tuple[Takes, ...] = (),
     ) -> Self:
         """Make a row."""
         action = str.__new__(cls, name)
         action._value_ = name
         action.command, action.summary, action.help = command or name, summary, help
-        action.is_on_outputs, action.is_timed = is_on_outputs, is_timed
+        action.is_on_outputs, action.takes = is_on_outputs, takes
         return action
 
     @property
     def lets_outputs_act(self) -> bool:
         """Whether its purpose is that outputs may act which stood still; from afar it needs more trust than others."""
         return self in {OperatorAction.RELEASE_OUTPUTS, OperatorAction.ARM}
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether it takes a duration."""
+        return "for_s" in self.takes
+
+    @property
+    def needs_value(self) -> bool:
+        """Whether it takes a value, so that it is for one rule and for no button."""
+        return "value" in self.takes
 
     ACKNOWLEDGE = (
         "acknowledge",
@@ -86,7 +99,7 @@ class OperatorAction(StrEnum):
         ),
         "",
         False,
-        True,
+        ("for_s", "one_shot"),
     )
     UNSHELVE = (
         "unshelve",
@@ -114,6 +127,55 @@ class OperatorAction(StrEnum):
             example="put-back too-close",
             refused="it is not out of service",
         ),
+    )
+    OBSERVE = (
+        "observe",
+        "Let a rule be observed only",
+        _help(
+            "Let a rule of a running instance be observed only, until it acts again.",
+            "It does what `observe = true` does in the configuration: the rule is evaluated and explained like any "
+            "other, but drives nothing and sends nothing, also after a restart. A rule of severity `safety` cannot be.",
+            example='observe too-close --why "trying its new threshold"',
+            refused="it is a safety rule, or is only observed already",
+        ),
+    )
+    ACT = (
+        "act",
+        "Let a rule act that was only observed",
+        _help(
+            "Let a rule of a running instance act again that an operator had let be observed only.",
+            example="act too-close",
+            refused="it is not only observed, or its configuration says so",
+        ),
+    )
+    SET_THRESHOLD = (
+        "set-threshold",
+        "Move a threshold of a rule",
+        _help(
+            "Move a threshold of a rule of a running instance, until it is withdrawn.",
+            "The value has a unit, and is bounded as in the configuration. It outlasts a restart, and a reload unless "
+            "that changes this threshold: then the configuration counts, and an event says so. The thresholds of a "
+            "rule of severity `safety` cannot be moved.",
+            example='set-threshold too-close "60 cm"',
+            refused="the value is out of range, the rule has several thresholds and --key names none, it is a safety "
+            "rule",
+        ),
+        "",
+        False,
+        ("key", "value"),
+    )
+    WITHDRAW_THRESHOLD = (
+        "withdraw-threshold",
+        "Return a threshold to what the configuration says",
+        _help(
+            "Return a threshold of a rule of a running instance to what the configuration says.",
+            "Without --key, every threshold of the rule that was set.",
+            example="withdraw-threshold too-close",
+            refused="it is not set",
+        ),
+        "",
+        False,
+        ("key",),
     )
     STOP_OUTPUTS = (
         "stop-outputs",

@@ -361,6 +361,52 @@ def test_alarms_go_on_after_a_kill(terminal):
     assert again.stderr == ""
 
 
+def test_a_threshold_is_moved_while_it_runs_and_stays_so_over_a_kill_and_a_reload_until_the_configuration_changes_it(
+    terminal,
+):
+    state = terminal.folder / "s" / "stadimeter" / "door.sqlite3"
+    instance = terminal.start(None, "--state", state)
+    wrong = terminal.type("alarm", "set-threshold", "near", "0.5")
+    assert (wrong.returncode, wrong.stderr) == (
+        2, "error: args.value: '0.5' has no unit; write it with one, such as '60 cm'\n",
+    )  # fmt: skip
+    done = terminal.type("alarm", "set-threshold", "near", "50 cm", "--by", "Zoë", "--why", "the dog")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "set-threshold: near\n", "")
+    instance.wait_for("near cleared")
+    assert "below is 0.50 m (1.6 ft), the configuration says 3.00 m (9.8 ft): by Zoë: the dog" in instance.said["out"]
+    assert "below set to 0.5 m" in terminal.type("status").stdout
+    (rule,) = json.loads(terminal.type("status", "--json").stdout)["rules"]
+    found = rule["thresholds"]["below"]
+    assert (found["value"], found["configured"], found["unit"], found["set_by"]) == (0.5, 3.0, "m", "Zoë")
+    said = "`below` is 0.50 m (1.6 ft), set by Zoë "
+    assert said in terminal.type("explain", "near").stdout
+    eventually(lambda: b'"thresholds":[{' in state.with_name("door.sqlite3-wal").read_bytes())
+    instance.process.kill()
+    instance.wait()
+    again = terminal.start(None, "--state", state, until="")
+    eventually(lambda: said in terminal.type("explain", "near").stdout)
+    terminal.write(NEAR.replace('ack = "required"', ""))
+    assert terminal.type("reload").returncode == 0
+    assert said in terminal.type("explain", "near").stdout
+    assert again.end() == 0
+    is_set = "`near`: below is set to 0.50 m (1.6 ft) by Zoë; the configuration says 3.00 m (9.8 ft)."
+    assert is_set in terminal.type("check", terminal.config).stdout
+    assert is_set in json.loads(terminal.type("check", terminal.config, "--json").stdout)["describes"]
+    terminal.write(NEAR.replace("3 m", "2.5 m"))
+    assert is_set not in terminal.type("check", terminal.config).stdout
+    last = terminal.start(None, "--state", state)
+    assert "the configuration was changed, and counts" in last.said["out"]
+    assert "set by" not in terminal.type("explain", "near").stdout
+
+
+def test_a_rule_is_observed_only_until_it_acts_again(terminal):
+    terminal.start()
+    assert terminal.type("alarm", "observe", "near").stdout == "observe: near\n"
+    assert "near: active, unacknowledged, observed: " in terminal.type("status").stdout
+    assert terminal.type("alarm", "act", "--all").stdout == "act: near\n"
+    assert "observed" not in terminal.type("status").stdout
+
+
 def test_a_damaged_state_file_is_a_warning_and_the_run_goes_on(terminal):
     state = terminal.folder / "door.sqlite3"
     words = ("run", terminal.config, "--state", state, "--seconds", 1, "--speed", 0)

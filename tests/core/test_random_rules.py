@@ -157,10 +157,13 @@ sight = st.none() | st.floats(0.3, 3.5) | st.sampled_from([math.nan, math.inf, 1
 command = st.builds(
     OperatorCommand,
     id=st.just("1"),
-    action=st.sampled_from(OperatorAction),
+    action=st.sampled_from(OperatorAction) | some([OperatorAction.SET_THRESHOLD, OperatorAction.WITHDRAW_THRESHOLD]),
     rule=some(["", "alarm-0", "alarm-1", "nobody"]),
     for_s=some([None, 0.5, math.nan]),
     one_shot=st.booleans(),
+    key=some(["", "", "below", "above", "between.near", "between.far", "any.0.below", "lost_for", "nothing"]),
+    value=st.floats(0.3, 3.5) | some([None, math.nan, math.inf, -1.0]),
+    unit=some(["", "", "m", "s", "furlong"]),
 )
 scene = st.fixed_dictionaries(
     {

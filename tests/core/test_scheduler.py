@@ -2,6 +2,7 @@
 
 import pytest
 
+from stadimeter.core.alarms.alarm import AlarmStep
 from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import EventKind, Severity
@@ -10,7 +11,7 @@ from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule
 from stadimeter.core.rules.quiescence import MAX_WOKEN
 from support.observing import measured
-from support.random_runs import random_run, with_all_active
+from support.random_runs import random_run, with_all_active, with_settings
 
 
 def first_difference(run):
@@ -40,6 +41,26 @@ def test_alarms_that_gave_up_and_rules_that_ask_for_them_are_never_quiescent_on_
 @pytest.mark.parametrize(("seed", "is_aimed"), [(1560, False), (341, True)])
 def test_a_latched_alarm_that_counts_as_holding_forgets_what_its_parts_did(seed, is_aimed):
     assert differing([seed], is_aimed=is_aimed) == {}
+
+
+def test_a_quiescent_rule_notices_at_once_that_an_operator_has_set_something_of_it():
+    assert {
+        seed: found for seed in range(60) if (found := first_difference(with_settings(random_run(seed), seed)))
+    } == {}
+
+
+def test_the_operators_of_random_runs_set_and_withdraw_thresholds_of_every_kind():
+    kinds, units = set(), set()
+    for seed in range(60):
+        run = with_settings(random_run(seed), seed)
+        state = initial_state(run.plan)
+        for observation in run.observations:
+            state, decision = decide(state, observation)
+            kinds.update(event.kind for event in decision.events)
+            records = [step.record for step in state.rules.steps if isinstance(step, AlarmStep)]
+            units.update(each.unit for record in records for each in record.thresholds)
+    assert {"threshold_set", "threshold_withdrawn", "observed", "acting", "refused"} <= kinds
+    assert units == {"m", "rad", "m/s", "s", "V"}
 
 
 @pytest.mark.long

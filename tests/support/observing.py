@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 from stadimeter.core.decide import State, decide, initial_state
 from stadimeter.core.decision import Decision
@@ -82,7 +83,7 @@ class Rehearsal:
         return self.decisions[-1][1]
 
     def tell(
-        self, action: str, rule: str = "", by: str = "Ada", why: str = "", *, for_s: float | None = None, **how: bool
+        self, action: str, rule: str = "", by: str = "Ada", why: str = "", *, for_s: float | None = None, **how: Any
     ) -> OperatorAnswer:
         """Tell a rule something, in a cycle of its own without a new frame."""
         self.now_s = round(self.now_s + 0.001, 9)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from msgspec import Struct
 from msgspec.structs import replace
 
+from stadimeter.core.alarms.settings import thresholds_of
 from stadimeter.core.base_report import BaseReport
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
 from stadimeter.core.conditions.contact import TimeToContactCondition
@@ -69,6 +70,30 @@ def random_run(seed: int, *, is_aimed: bool = False) -> RandomRun:
     names = tuple(rule.name for rule in rules if isinstance(rule, AlarmRule))
     seen = _Scene(rng, fps, names, is_aimed=is_aimed).observations(60 if is_aimed else 100)
     return RandomRun(plan=Plan(targets=TARGETS, rules=rules, outputs=OUTPUTS, safety=safety), observations=tuple(seen))
+
+
+# What an operator sets of a rule. The other actions are those of `random_run`, whose seeds stay what they are.
+SETTING = tuple(
+    OperatorAction(name) for name in ("set-threshold", "set-threshold", "withdraw-threshold", "observe", "act")
+)
+
+
+def with_settings(run: RandomRun, seed: int) -> RandomRun:
+    """Return the same run with operators who move thresholds every few cycles, and let rules be observed only."""
+    rng = random.Random(seed)  # noqa: S311 - the same run each time
+    keys = {rule.name: [*thresholds_of(rule)] for rule in run.plan.rules if isinstance(rule, AlarmRule)}
+
+    def command() -> OperatorCommand:
+        name = rng.choice([*keys])
+        key = rng.choice(keys[name] or [""])
+        value = rng.choice((rng.uniform(0.3, 3.0), rng.uniform(-0.5, 1.0)))
+        return OperatorCommand(id="2", action=rng.choice(SETTING), rule=name, key=key, value=value, by="Zoe")
+
+    observations = (
+        replace(each, operator_commands=(*each.operator_commands, command())) if keys and rng.random() < 0.2 else each
+        for each in run.observations
+    )
+    return replace(run, observations=tuple(observations))
 
 
 def with_all_active(state: State) -> State:
@@ -298,7 +323,7 @@ class _Scene:
         rng = self.rng
         return OperatorCommand(
             id="1",
-            action=rng.choice(tuple(OperatorAction)),
+            action=rng.choice([action for action in OperatorAction if action not in SETTING]),
             rule=rng.choice(("", *self.names)),
             for_s=rng.choice((None, 0.5, 3.0)),
             one_shot=rng.random() < 0.5,

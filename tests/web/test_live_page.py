@@ -123,6 +123,26 @@ def test_an_alarm_is_shelved_for_a_while_and_taken_up_again(browser, still):
         page.get_by_text("idle", exact=True).wait_for()
 
 
+def test_a_threshold_is_set_and_withdrawn_and_a_rule_is_observed_only(browser, still):
+    with tab(browser) as page:
+        opened(page, still)
+        page.locator(".rule summary:visible").click()
+        page.get_by_role("button", name="Set threshold: near").click()
+        page.get_by_label("Value, with its unit").fill("40 cm")
+        page.get_by_label("Your name").fill("zoe")
+        page.get_by_role("dialog").get_by_role("button", name="Set threshold").click()
+        page.get_by_text("is 0.40 m (1.3 ft), set by zoe").wait_for()
+        page.get_by_role("button", name="Withdraw threshold: near").click()
+        page.get_by_role("dialog").get_by_role("button", name="Withdraw threshold").click()
+        page.get_by_role("button", name="Withdraw threshold: near").wait_for(state="hidden")
+        page.get_by_role("button", name="Observe: near").click()
+        page.get_by_role("dialog").get_by_role("button", name="Observe").click()
+        page.get_by_text("idle, observed").wait_for()
+        page.get_by_role("button", name="Act: near", exact=True).click()
+        page.get_by_role("dialog").get_by_role("button", name="Act").click()
+        page.get_by_text("idle", exact=True).wait_for()
+
+
 def test_an_output_is_on_only_while_the_button_is_held(browser, still):
     with tab(browser) as page:
         opened(page, still)

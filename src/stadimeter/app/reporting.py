@@ -8,6 +8,8 @@ topic, below the base         QoS  retain  when
 ``rule/<name>/state``         1    yes     whether it is active, acknowledged, latched, kept quiet or blind at once;
                                            other changes at most twice a second
 ``rule/<name>/availability``  1    yes     ``offline`` while it is unknown whether the rule is active, else ``online``
+``rule/<name>/settings``      1    yes     of an alarm: its thresholds, whether it is in service and whether it is only
+                                           observed; at the start, and when one of these changes
 ``event/alarm``               1    never   what happened to a rule: raised, cleared, acknowledged, shelved and so on
 ``event/system``              1    never   what happened to a target, camera or output: target_seen, target_lost,
                                            fault, fault_cleared; to all outputs: stopped, released, disarmed,
@@ -26,10 +28,13 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
+from stadimeter.core.alarms.machine import AlarmRecord
+from stadimeter.core.alarms.settings import show_thresholds
 from stadimeter.core.decision import Decision, Event, EventKind, RuleStatus, RuleTrace, Severity
 from stadimeter.core.message import Message, clearing
 from stadimeter.core.notification import Notification
 from stadimeter.core.rule import AlarmRule, AnyRule
+from stadimeter.core.rules.explaining import Reasons
 from stadimeter.core.safety import OUTPUTS
 from stadimeter.core.track import Track
 
@@ -95,6 +100,7 @@ class Reporter:
             events = [event.kind for event in decision.events if event.source == trace.rule]
             if reports.is_due(now_s, time, trace, events):
                 messages += reports.tell(now_s, time, trace, decision.reasons.get(trace.rule, ""))
+            messages += reports.settings(trace.rule, decision.reasons)
             (self._held_back.add if reports.is_held_back else self._held_back.discard)(trace.rule)
         return messages
 
@@ -196,6 +202,8 @@ class _RuleReports:
         self._told_at_s = -math.inf
         self._is_data_lost = False
         self._since = ""
+        self._set_as: tuple[AlarmRule, bool] | None = None
+        self._settings: Message | None = None
 
     @property
     def is_held_back(self) -> bool:
@@ -230,6 +238,37 @@ class _RuleReports:
             messages.insert(1 if is_known else 0, _availability(trace.rule, is_known=is_known))
         return messages
 
+    def settings(self, rule: str, reasons: Mapping[str, str]) -> list[Message]:
+        """Return what can be set of an alarm, as a message, if that has changed. The same rule is set as before."""
+        found = reasons.record_of(rule) if isinstance(reasons, Reasons) else None
+        if found is None:
+            self._set_as = self._settings = None
+            return []
+        alarm, record = found
+        is_out, was = record.inhibits.is_out_of_service, self._set_as
+        if was is not None and was[0] is alarm and was[1] is is_out:
+            return []
+        before, self._set_as = self._settings, (alarm, is_out)
+        self._settings = _message(f"rule/{rule}/settings", _settings(alarm, record), qos=1, retain=True)
+        return [] if before == self._settings else [self._settings]
+
+
+def _settings(rule: AlarmRule, record: AlarmRecord) -> dict[str, Any]:
+    """Return what is published of what can be set of a rule. Rounded bounds are still taken."""
+    thresholds = {
+        key: {
+            "value": _rounded(each.value),
+            "configured": _rounded(each.configured),
+            "unit": each.unit,
+            "min": math.ceil(each.min * 1e3) / 1e3,
+            "max": math.floor(each.max * 1e3) / 1e3,
+            "set_by": each.set_by,
+        }
+        for key, each in show_thresholds(rule, record).items()
+    }
+    in_service = not record.inhibits.is_out_of_service
+    return {"v": FORM, "thresholds": thresholds, "in_service": in_service, "observed": rule.observe}
+
 
 def _rule_state(trace: RuleTrace, *, is_data_lost: bool) -> dict[str, Any]:
     """Return what is published of a rule when it changes."""
@@ -261,6 +300,7 @@ def _availability(rule: str, *, is_known: bool) -> Message:
 
 def _retained_topics(rules: Iterable[AnyRule]) -> frozenset[str]:
     own = {f"rule/{rule.name}/{what}" for rule in rules for what in ("state", "availability")}
+    own |= {f"rule/{rule.name}/settings" for rule in rules if isinstance(rule, AlarmRule)}
     steps = [step for rule in rules if isinstance(rule, AlarmRule) for step in rule.escalation]
     return frozenset(own | {step.send.topic for step in steps if step.send is not None and step.send.retain})
 

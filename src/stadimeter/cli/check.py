@@ -93,7 +93,7 @@ def _report_errors(config: Path, error: ConfigError, *, as_json: bool) -> None:
 def _report_success(
     configuration: Configuration, warnings: tuple[Problem, ...], user: str, *, is_lacking: bool, as_json: bool
 ) -> None:
-    sentences = describe(configuration)
+    sentences = (*describe(configuration), *_set_thresholds(configuration))
     if as_json:
         _print_json((), warnings, sentences)
         return
@@ -107,6 +107,18 @@ def _report_success(
     here = ", but not on this computer, which lacks what is named above" if is_lacking else ""
     words = f"{configuration.path} can be used{user}{count}{here}"
     console.print(Text(words, "bold yellow" if is_lacking else "bold green"))
+
+
+def _set_thresholds(configuration: Configuration) -> tuple[str, ...]:
+    """Return in words what operators have set that the next run goes by, as the usual state file has it."""
+    from stadimeter.app.persistence.state_writer import state_file  # noqa: PLC0415 - not for other commands
+
+    file = state_file(configuration.path)
+    if file is None or not file.exists():
+        return ()
+    from stadimeter.app.persistence.kept_thresholds import describe_kept  # noqa: PLC0415 - it needs SQLite
+
+    return tuple(describe_kept(file, configuration.plan.rules))
 
 
 def _count_of(count: int, word: str) -> str:

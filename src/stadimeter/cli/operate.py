@@ -51,6 +51,11 @@ OneShot = Annotated[
 ]
 All = Annotated[bool, typer.Option("--all", help="Every rule that it applies to, instead of RULE.")]
 
+Value = Annotated[str, typer.Argument(metavar="VALUE", help='The threshold with its unit, such as "60 cm".')]
+Key = Annotated[
+    str, typer.Option("--key", metavar="NAME", help="Which threshold of the rule, such as `below`, if it has several.")
+]
+
 # A configuration with many targets takes a small computer some seconds to check.
 CHECK_WAIT_S = 60.0
 
@@ -70,7 +75,9 @@ def _alarm_command(action: OperatorAction) -> Callable[..., None]:
 
     def command(
         rule: RuleName = None,
+        value: Value = "",
         every: All = False,
+        key: Key = "",
         for_: For = None,
         one_shot: OneShot = False,
         by: ByOption = None,
@@ -81,16 +88,24 @@ def _alarm_command(action: OperatorAction) -> Callable[..., None]:
     ) -> None:
         args: dict[str, object] = {"rule": _rule(rule, every=every), "by": who(by), "why": why}
         with plain_errors():
-            if action.is_timed:
-                args |= {"one_shot": one_shot, "for_s": _for_s(for_)}
+            taken = {"one_shot": one_shot, "for_s": _for_s(for_), "key": key, "value": value}
+            args |= {name: taken[name] for name in action.takes}
             data = ask_instance(action.command, args, config, socket)
         print_answer(data, data["words"], as_json=as_json)
 
-    if not action.is_timed:
-        signature = inspect.signature(command, eval_str=True)
-        options = [option for name, option in signature.parameters.items() if name not in {"for_", "one_shot"}]
-        vars(command)["__signature__"] = signature.replace(parameters=options)
+    signature = inspect.signature(command, eval_str=True)
+    vars(command)["__signature__"] = signature.replace(parameters=[*_options(action, signature)])
     return command
+
+
+def _options(action: OperatorAction, signature: inspect.Signature) -> Iterator[inspect.Parameter]:
+    """Yield the options that an action has. One that takes a value needs it, and is for one rule."""
+    of_some = {"for_": "for_s", "one_shot": "one_shot", "key": "key", "value": "value"}
+    for name, option in signature.parameters.items():
+        if of_some.get(name) not in {None, *action.takes} or (name == "every" and action.needs_value):
+            continue
+        is_needed = action.needs_value and name in {"rule", "value"}
+        yield option.replace(default=inspect.Parameter.empty) if is_needed else option
 
 
 for _action in OperatorAction:
@@ -220,6 +235,8 @@ def _lines(data: Mapping[str, Any]) -> Iterator[str]:
     for rule in data["rules"]:
         marks = [] if rule["acknowledged"] else ["unacknowledged"]
         marks += ["first of its group"] if rule["first_out"] else []
+        moved = ((key, each) for key, each in rule["thresholds"].items() if each["set_by"] is not None)
+        marks += [f"{key} set to {each['value']:.6g} {each['unit']}" for key, each in moved]
         marked = ", ".join([rule["status"], *marks, *rule["inhibits"]])
         yield f"{rule['rule']}: {marked}: {rule['reason']}"
 

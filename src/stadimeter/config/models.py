@@ -152,7 +152,7 @@ class SensorTable(Section):
 if TYPE_CHECKING:
     ButtonAction = str
 else:
-    ButtonAction = Literal[tuple(action.value for action in OperatorAction)]
+    ButtonAction = Literal[tuple(action.value for action in OperatorAction if not action.needs_value)]
 """The name of an operator action."""
 
 STOP = OperatorAction.STOP_OUTPUTS.value

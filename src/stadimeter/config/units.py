@@ -76,6 +76,10 @@ TURN_ACCELERATIONS_RADPS2 = Units(
 VOLTAGES_V = Units(MAX_VOLTAGE_V, {"V": 1.0, "mV": 1e-3})
 FREQUENCIES_HZ = Units(MAX_FREQUENCY_HZ, {"Hz": 1.0, "hz": 1.0, "kHz": 1e3})
 
+# The quantities of thresholds. No unit is of two of them.
+_OF_THRESHOLDS = (LENGTHS_M, DURATIONS_S, SPEEDS_MPS, ANGLES_RAD, VOLTAGES_V)
+_OF_ANY_THRESHOLD = Units(MAX_LENGTH_M, {unit: size for units in _OF_THRESHOLDS for unit, size in units.items()})
+
 DAY_S = 24 * 3600.0
 
 # A number whose comma some read as decimal, others as the one of thousands.
@@ -115,6 +119,17 @@ def parse_quantity(text: object, units: Units, example: str) -> float:
     if 0 < abs(value) < MIN_QUANTITY or (number and not value):
         raise ValueError(f"{text!r} is too small a number; write 0, or at least {MIN_QUANTITY:g} {units.si_unit}")
     return value
+
+
+def parse_any_quantity(text: str) -> tuple[float, str]:
+    """Read a number with the unit of any threshold, such as ``"60 cm"``; return it in the SI unit, and that unit.
+
+    Raises:
+        ValueError: As `parse_quantity` does.
+    """
+    match = _QUANTITY.fullmatch(text)
+    units = next((each for each in _OF_THRESHOLDS if match is not None and match[2] in each), _OF_ANY_THRESHOLD)
+    return parse_quantity(text, units, "60 cm"), units.si_unit
 
 
 def _unit_trouble(text: str, unit: str, units: Units, example: str) -> str:

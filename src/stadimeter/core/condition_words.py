@@ -334,8 +334,12 @@ def _within_words(leaf: Leaf) -> str:
     below, above = _sides(leaf)
     along = " along the optical axis" if leaf.noun == "depth" else ""
     if math.isfinite(low) and math.isfinite(high):
-        return f"between {_figure(low, leaf.unit)} and {_figure(high, leaf.unit)}{along}"
-    side = f"{above}{_figure(low, leaf.unit)}" if math.isfinite(low) else f"{below}{_figure(high, leaf.unit)}"
+        return f"between {figure_in_words(low, leaf.unit)} and {figure_in_words(high, leaf.unit)}{along}"
+    side = (
+        f"{above}{figure_in_words(low, leaf.unit)}"
+        if math.isfinite(low)
+        else f"{below}{figure_in_words(high, leaf.unit)}"
+    )
     return f"{side}{along}"
 
 
@@ -343,8 +347,8 @@ def _back_words(leaf: LimitsCondition | TimeToContactCondition, deadband: float)
     """Return where a condition ends, which the deadband moves away from where it begins."""
     (low, high), sigmas, (below, above) = leaf.limits, leaf.deadband_sigmas, _sides(leaf)
     fixed = 0.0 if sigmas else deadband
-    there = [f"{below}{_figure(low - fixed, leaf.unit)}"] if math.isfinite(low) else []
-    there += [f"{above}{_figure(high + fixed, leaf.unit)}"] if math.isfinite(high) else []
+    there = [f"{below}{figure_in_words(low - fixed, leaf.unit)}"] if math.isfinite(low) else []
+    there += [f"{above}{figure_in_words(high + fixed, leaf.unit)}"] if math.isfinite(high) else []
     if not sigmas:
         return " or ".join(there)
     noise = f"{sigmas:g} standard deviations of the noise"
@@ -352,7 +356,8 @@ def _back_words(leaf: LimitsCondition | TimeToContactCondition, deadband: float)
     return f"{' or '.join(there)} by {width}"
 
 
-def _figure(value: float, unit: str) -> str:
+def figure_in_words(value: float, unit: str) -> str:
+    """Return a figure that is in its SI unit, such as ``0.60 m (2.0 ft)``; an angle is in degrees."""
     match unit:
         case "m":
             return length(value)

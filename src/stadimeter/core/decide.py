@@ -102,7 +102,7 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
     before = while_stopped(while_disarmed(safety, state.disarmed), state.stopped)
     inputs = _rule_inputs(state, track_states, observation, before, is_after_gap=gap_s is not None)
     sample = _sample(state, safety)
-    rules, outcome = judge(plan.rules, state.rules, inputs, sample, cycle, _for_rules(observation))
+    rules, outcome = judge(state.rules, inputs, sample, cycle, _for_rules(observation))
     allowed = _step_permission(state, observation, safety, is_new=is_new)
     holds, answers, outputs = _act(state, observation, allowed.safety, rules, is_after_gap=gap_s is not None)
     events = _number(

@@ -16,6 +16,9 @@ class OperatorCommand(Struct, frozen=True, kw_only=True, tag=True):
         why: Why, in their words; may be empty.
         for_s: How long to shelve; None for as long as the rule allows.
         one_shot: Shelve until the alarm has returned to normal, or the time is over.
+        key: Which threshold of the rule is meant; empty for the only one.
+        value: What it is set to, in the SI unit.
+        unit: The SI unit of the value as it was given; empty for a number without one.
         is_from_button: A push button gave it, so a person stands beside what will move.
     """
 
@@ -26,6 +29,9 @@ class OperatorCommand(Struct, frozen=True, kw_only=True, tag=True):
     why: str = ""
     for_s: float | None = None
     one_shot: bool = False
+    key: str = ""
+    value: float | None = None
+    unit: str = ""
     is_from_button: bool = False
 
     @property

@@ -11,16 +11,18 @@ import re
 from collections.abc import Iterable
 from enum import Enum, IntEnum
 from operator import attrgetter
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from msgspec import NODEFAULT, Struct, field
 from msgspec.structs import fields, replace
 
-from stadimeter.core.alarms.alarm import AlarmStep, new_alarm, with_record
+from stadimeter.core.alarms.alarm import AlarmStep, new_alarm, renew, with_record
 from stadimeter.core.alarms.machine import AlarmRecord, AlarmState
+from stadimeter.core.alarms.settings import as_set
 from stadimeter.core.alarms.state import Resumed, Timers
 from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.discrete import PresenceCondition
+from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decide import State
 from stadimeter.core.rule import AlarmRule, AnyRule
 from stadimeter.core.rules.scheduler import with_steps
@@ -150,7 +152,7 @@ def _change(before: AlarmRecord, after: AlarmRecord) -> SnapshotChange:
 _lasting = attrgetter(
     "is_announced_only", "raises", "raised_at_s", "reported_at_s", "notified_at_s", "owes_notice", "is_chattering",
     "leg", "acknowledgement", "inhibits.shelved_until_s", "inhibits.is_one_shot", "inhibits.shelved_by",
-    "inhibits.is_out_of_service",
+    "inhibits.is_out_of_service", "inhibits.is_observed", "thresholds",
 )  # fmt: skip
 
 _passing = attrgetter("state", "is_given_up", "held_from_start", "inhibits.is_suppressed", "raises_at_s")
@@ -169,23 +171,30 @@ def restore_alarms(
 
     Args:
         state: The state of a run that has not begun.
-        memories: What the earlier alarms remembered. What means something else now is passed over.
+        memories: What the earlier alarms remembered. Of what means something else now, only thresholds that were set
+            stay, as far as the configuration says the same in place of them; events report the others.
         shift_s: What to add to a time on the earlier run's clock.
         from_s: As of when they remembered it, on this run's clock.
     """
     by_rule = {memory.rule: memory for memory in memories}
     steps, first_out = list(state.rules.steps), {}
+    due = state.due
     for index, rule in enumerate(state.plan.rules):
         memory = by_rule.get(rule.name)
-        if memory is None or not isinstance(rule, AlarmRule) or memory.meaning != meaning_of(rule):
+        if memory is None or not isinstance(rule, AlarmRule):
+            continue
+        if memory.meaning != meaning_of(rule):
+            were_set = shift_times(memory.record.thresholds, shift_s)
+            steps[index], events = renew(rule, were_set, RuleInputs(tracks={}, now_s=now_s))
+            due += events
             continue
         resumed = _resume(rule, memory.record, shift_s=shift_s, from_s=from_s, now_s=now_s)
-        steps[index] = with_record(rule, new_alarm(rule), resumed)
+        steps[index] = with_record(as_set(rule, resumed), new_alarm(rule), resumed)
         if memory.is_first_out:
             first_out[rule.group] = rule.name
     since_s = {absence.target: absence.since_s + shift_s for absence in absences}
     tracks = tuple(_absent_since(tracked, since_s.get(tracked.track.target)) for tracked in state.tracks)
-    return replace(state, tracks=tracks, rules=with_steps(state.plan, tuple(steps), first_out))
+    return replace(state, tracks=tracks, rules=with_steps(state.plan, tuple(steps), first_out), due=due)
 
 
 def _absent_since(tracked: TrackState, since_s: float | None) -> TrackState:
@@ -206,7 +215,9 @@ def _resume(rule: AlarmRule, record: AlarmRecord, *, shift_s: float, from_s: flo
 
 
 def shift_times(value: _T, shift_s: float) -> _T:
-    """Return what was remembered, a dataclass with others in it, with every time shifted to another clock."""
+    """Return what was remembered, a struct with others in it or several, with every time shifted to another clock."""
+    if type(value) is tuple:
+        return cast("_T", tuple([shift_times(each, shift_s) for each in cast("tuple[Any, ...]", value)]))
     if not isinstance(value, Struct) or shift_s == 0:
         return value
     moved = {field.name: _shifted(field.name, getattr(value, field.name), shift_s) for field in fields(value)}

@@ -8,7 +8,8 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from stadimeter.core.alarms.actions import dismiss
-from stadimeter.core.alarms.alarm import AlarmStep
+from stadimeter.core.alarms.alarm import AlarmStep, renew
+from stadimeter.core.alarms.settings import as_set
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Event
@@ -38,16 +39,22 @@ def reload(state: State, plan: Plan) -> ReloadedState:
 
     Rules that mean the same go on as if nothing had happened. An alarm whose rule is removed or changed, and that was
     active, clears; the next decision holds the event. What it wanted of outputs is not wanted any more.
+    A threshold that an operator has set stays set while the configuration says the same in place of it.
 
     Args:
         plan: The new rules, with the targets and outputs of the old.
     """
     old = {rule.name: (rule, step) for rule, step in zip(state.plan.rules, state.rules.steps, strict=True)}
     is_kept = {rule.name: rule == old[rule.name][0] for rule in plan.rules if rule.name in old}
-    steps = tuple(
-        old[rule.name][1] if is_kept.get(rule.name) else new
-        for rule, new in zip(plan.rules, new_rules(plan).steps, strict=True)
+    now = RuleInputs(
+        tracks={each.track.target: each.track for each in state.tracks},
+        now_s=0.0 if state.now_s is None else state.now_s,
     )
+    renewed = [
+        (old[rule.name][1], ()) if is_kept.get(rule.name) else _renewed(rule, new, old.get(rule.name), now)
+        for rule, new in zip(plan.rules, new_rules(plan).steps, strict=True)
+    ]
+    steps = tuple(step for step, _ in renewed)
     first_out = {group: name for group, name in state.rules.first_out.items() if is_kept.get(name)}
     removed = tuple(name for name in old if name not in is_kept)
     gone = dict.fromkeys(removed, REMOVED) | {name: CHANGED for name, same in is_kept.items() if not same}
@@ -56,7 +63,7 @@ def reload(state: State, plan: Plan) -> ReloadedState:
             state,
             plan=plan,
             rules=with_steps(plan, steps, first_out),
-            due=state.due + _clear_dropped(state, old, gone),
+            due=state.due + _clear_dropped(now, old, gone) + tuple(event for _, events in renewed for event in events),
         ),
         kept=tuple(name for name, same in is_kept.items() if same),
         changed=tuple(name for name, same in is_kept.items() if not same),
@@ -65,11 +72,20 @@ def reload(state: State, plan: Plan) -> ReloadedState:
     )
 
 
-def _clear_dropped(state: State, old: Mapping[str, tuple[AnyRule, Step]], gone: Mapping[str, str]) -> tuple[Event, ...]:
-    now_s = 0.0 if state.now_s is None else state.now_s
-    inputs = RuleInputs(tracks={each.track.target: each.track for each in state.tracks}, now_s=now_s)
+def _renewed(
+    rule: AnyRule, new: Step, old: tuple[AnyRule, Step] | None, inputs: RuleInputs
+) -> tuple[Step, tuple[Event, ...]]:
+    """Return the step of a rule that is new or means something else, and the events of thresholds that were set."""
+    if old is None or not isinstance(rule, AlarmRule) or not isinstance(old[1], AlarmStep):
+        return new, ()
+    return renew(rule, old[1].record.thresholds, inputs)
+
+
+def _clear_dropped(
+    inputs: RuleInputs, old: Mapping[str, tuple[AnyRule, Step]], gone: Mapping[str, str]
+) -> tuple[Event, ...]:
     events: tuple[Event, ...] = ()
     for name, (rule, step) in old.items():
         if name in gone and isinstance(rule, AlarmRule) and isinstance(step, AlarmStep):
-            events += dismiss(rule, step.record, inputs, gone[name])
+            events += dismiss(as_set(rule, step.record), step.record, inputs, gone[name])
     return events

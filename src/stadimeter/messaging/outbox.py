@@ -133,7 +133,7 @@ class MemoryOutbox:
 PAGES_MAX = 200
 
 # Topics of the program that are no rule's; see `stadimeter.config.rules.action_tables.OWN_TOPICS`.
-_OF_RULE = re.compile(r"rule/[^/]+/(?:state|availability)")
+_OF_RULE = re.compile(r"rule/[^/]+/(?:state|availability|settings)")
 _OWN = re.compile(r"(?:availability|event|request|response|retained|rule|snapshot|target)(?:/.*)?", re.DOTALL)
 
 

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from msgspec import Struct, field
 
-from stadimeter.operator_actions import OperatorAction
+from stadimeter.operator_actions import OperatorAction, Takes
 
 # Time-outs of a cycle of the run, of a check of a configuration, of the workbench, and of a whole recording.
 KIB, MIB = 1024, 1024 * 1024
@@ -92,12 +92,20 @@ def _desk(method: Method, path: str, op: str, summary: str, **more: Any) -> Page
     return PageOperation(method=method, path=f"/api/v1/{path}", to="workbench", op=op, summary=summary, **how)
 
 
+_BODIES: Mapping[tuple[Takes, ...], str] = {
+    (): "Action",
+    ("for_s", "one_shot"): "TimedAction",
+    ("key",): "ThresholdAction",
+    ("key", "value"): "ThresholdValue",
+}
+
+
 def _action(action: OperatorAction) -> PageOperation:
     """Return the path of an operator action: of a rule, or of all outputs."""
     path = f"rules/{{rule}}/{action.command}"
     if action.is_on_outputs:
         path = f"outputs/{action.command.removesuffix('-outputs')}"
-    body = "TimedAction" if action.is_timed else "Action"
+    body = _BODIES[action.takes]
     return _run(path, action.command, action.summary, body=body, names_operator=True)
 
 

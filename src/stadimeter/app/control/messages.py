@@ -18,18 +18,22 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Struct
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, create_model
+from pydantic import BaseModel, ConfigDict, Field, PlainValidator, StringConstraints, ValidationError, create_model
 
 from stadimeter.app.control.framing import encode_line
 from stadimeter.app.exact_json import plain
-from stadimeter.core.bounds import MAX_DURATION_S, MAX_TIME_S
+from stadimeter.config.units import parse_any_quantity
+from stadimeter.core.bounds import MAX_DURATION_S, MAX_PLAIN, MAX_TIME_S
 from stadimeter.core.operator import AnyCommand, HoldCommand, OperatorCommand
 from stadimeter.core.rules.explaining import Explanation
 from stadimeter.errors import ControlError, Problem
-from stadimeter.operator_actions import OperatorAction
+from stadimeter.operator_actions import OperatorAction, Takes
 
 # A longer line is no request.
 LINE_MAX_BYTES = 64 * 1024
+
+# A longer text is no quantity.
+VALUE_MAX_LENGTH = 100
 
 _Words = Annotated[str, StringConstraints(max_length=500, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
 _Name = Annotated[str, StringConstraints(max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
@@ -62,6 +66,30 @@ class ShelveArgs(RuleArgs):
     """For how long; None for as long as the rule allows."""
     one_shot: bool = False
     """Until the alarm has returned to normal, or the time is over."""
+
+
+class KeyArgs(RuleArgs):
+    """Which threshold of a rule."""
+
+    key: _Name = ""
+    """Its name, such as ``below``; empty for the only one, or to withdraw every one."""
+
+
+def _parse_value(value: object) -> tuple[float, str]:
+    """Read a number in the SI unit, or a text with a unit; return it in the SI unit, and that unit if it was given."""
+    if isinstance(value, str) and len(value) <= VALUE_MAX_LENGTH:
+        return parse_any_quantity(value)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= MAX_PLAIN:  # nor NaN
+        raise ValueError("write a number in the SI unit, or a text with a unit, such as '60 cm'")
+    return float(value), ""
+
+
+class SetThresholdArgs(KeyArgs):
+    """Which threshold of which rule, and its value."""
+
+    rule: Annotated[_Name, Field(min_length=1)]
+    value: Annotated[tuple[float, str], PlainValidator(_parse_value)]
+    """As it is written: a number in the SI unit, or a text with a unit."""
 
 
 class OutputsArgs(_Strict):
@@ -138,12 +166,16 @@ class FrameArgs(_Strict):
     """Quality of the JPEG."""
 
 
+_BY_TAKES: Mapping[tuple[Takes, ...], type[RuleArgs]] = {
+    (): RuleArgs,
+    ("for_s", "one_shot"): ShelveArgs,
+    ("key",): KeyArgs,
+    ("key", "value"): SetThresholdArgs,
+}
+
 # The operations that may be asked for, each with its arguments.
 ARGS: Mapping[str, type[_Strict]] = {
-    **{
-        action.command: OutputsArgs if action.is_on_outputs else ShelveArgs if action.is_timed else RuleArgs
-        for action in OperatorAction
-    },
+    **{action.command: OutputsArgs if action.is_on_outputs else _BY_TAKES[action.takes] for action in OperatorAction},
     "hold-output": HoldArgs,
     "explain": ExplainArgs,
     **dict.fromkeys(("hello", "status", "alarms", "metrics", "reload", "restart"), NoArgs),
@@ -266,6 +298,8 @@ def operator_command(request: Request, number: str) -> AnyCommand:
     args = vars(request.args)  # flat values only: a copy of them takes longer than all the rest
     if isinstance(request.args, HoldArgs):
         return HoldCommand(id=number, **args)
+    if isinstance(request.args, SetThresholdArgs):
+        args["value"], args["unit"] = request.args.value
     return OperatorCommand(id=number, action=ACTIONS[request.op], **args)
 
 
@@ -283,6 +317,8 @@ def _what_is_wrong(error: ValidationError, *within: str, example: str = '{"op": 
         return f"a request is a JSON object, such as {example}"
     if detail["type"] == "string_pattern_mismatch":
         return f"{place}: write one line of text, without control characters"
+    if detail["type"] == "value_error":
+        return f"{place}: {detail['ctx']['error']}"
     return f"{place}: {detail['msg'][:1].lower()}{detail['msg'][1:]}"
 
 

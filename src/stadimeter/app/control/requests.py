@@ -14,10 +14,11 @@ from stadimeter.app.control.socket_server import Answer, Asked
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.exact_json import plain
 from stadimeter.config.findings import did_you_mean_or_list
+from stadimeter.core.alarms.settings import show_thresholds
 from stadimeter.core.decision import Decision, SafetyMode
 from stadimeter.core.operator import AnyCommand
 from stadimeter.core.reload import ReloadedState
-from stadimeter.core.rules.explaining import explain
+from stadimeter.core.rules.explaining import Reasons, explain
 
 # The decisions of this many seconds can be explained afterwards.
 REMEMBERED_S = 60.0
@@ -209,7 +210,10 @@ def _explanation(decision: Decision, rule: str, ago_s: float) -> Reply:
 
 def _status(decision: Decision) -> Mapping[str, Any]:
     """Return what every rule and target is doing, for programs."""
-    rules = [plain(trace) | {"reason": decision.reasons.get(trace.rule, "")} for trace in decision.rules]
+    rules = [
+        plain(trace) | {"reason": decision.reasons.get(trace.rule, ""), "thresholds": _thresholds(decision, trace.rule)}
+        for trace in decision.rules
+    ]
     targets = [
         {
             "target": track.target,
@@ -225,6 +229,12 @@ def _status(decision: Decision) -> Mapping[str, Any]:
         "targets": targets,
         "outputs": [plain(output) for output in decision.outputs],
     }
+
+
+def _thresholds(decision: Decision, rule: str) -> dict[str, Any]:
+    """Return the thresholds of a rule that can be set, by their names."""
+    alarm = decision.reasons.record_of(rule) if isinstance(decision.reasons, Reasons) else None
+    return {key: plain(each) for key, each in show_thresholds(*alarm).items()} if alarm is not None else {}
 
 
 def _reload_words(reply: Reply | Callable[[], Reply]) -> str:

@@ -85,6 +85,9 @@ class RunSnapshot(Struct, frozen=True, kw_only=True):
     def limits_m(self) -> Mapping[str, Sequence[float]]:
         """The distances at which rules begin, by target, nearest first, to mark them in a chart."""
         rules = self.plan.rules if self.plan is not None else ()
+        reasons = self.record.decision.reasons if self.record is not None else None
+        if isinstance(reasons, Reasons) and reasons.plan is self.plan:
+            rules = reasons.judged.rules  # with thresholds that operators have set
         found: dict[str, set[float]] = defaultdict(set)
         for rule in rules:
             found[rule.target].update(_limits_m(rule))

@@ -21,6 +21,7 @@ from stadimeter.core.detection import Detection, RejectedCandidate
 from stadimeter.core.message import Message
 from stadimeter.core.plan import BaseOutput, Plan
 from stadimeter.core.rule import AlarmRule
+from stadimeter.core.rules.explaining import Reasons
 from stadimeter.core.track import Track
 
 # After this many the interpreter is given to the loop, if it waits for it: else it would wait for up to 5 ms.
@@ -191,8 +192,14 @@ def _rules(plan: Plan | None, decision: Decision, reasons: ReasonsInTurn) -> Ite
             "is_alarm": alarm is not None,
             "needs_ack": alarm is not None and alarm.ack == "required",
             "latches": alarm is not None and alarm.latch,
+            "set_thresholds": _set_thresholds(decision, trace.rule),
             "reason": words[trace.rule],
         }
+
+
+def _set_thresholds(decision: Decision, rule: str) -> list[str]:
+    found = decision.reasons.record_of(rule) if isinstance(decision.reasons, Reasons) else None
+    return [each.key for each in found[1].thresholds] if found is not None else []
 
 
 # Of what an output does; each is null where it does not have it, and all while it is out of order.

@@ -14,8 +14,7 @@ from stadimeter.config.findings import Finding
 from stadimeter.config.rules.compiled import WrittenCondition
 from stadimeter.core.conditions.compounds import AllOf, Condition
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition
-from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.conditions.limits import SeparationCondition, ends_of
+from stadimeter.core.conditions.limits import LimitsCondition, ends_of
 
 # Pairs of parts that are tried at most to name the two that clash: those of some sixty parts.
 _MAX_PAIRS = 2000
@@ -55,11 +54,10 @@ def empty_leaves(written: WrittenCondition) -> Iterator[Finding]:
 
 def _without_end(leaf: WrittenCondition) -> Iterator[Finding]:
     condition = leaf.leaf
-    if not isinstance(condition, DistanceCondition | SeparationCondition):
-        return
-    low_m, high_m = condition.limits
-    if math.isfinite(low_m) and math.isinf(high_m) and condition.deadband_m >= low_m:
-        message = f"with a deadband of {condition.deadband_m:g} m above {low_m:g} m the alarm could never clear"
+    if isinstance(condition, LimitsCondition) and not condition.can_end:
+        message = (
+            f"with a deadband of {condition.deadband:g} m above {condition.limits[0]:g} m the alarm could never clear"
+        )
         yield Finding((*leaf.limits_path, "deadband"), message, "make it smaller than the limit", "band-inverted")
 
 

@@ -24,6 +24,7 @@ _GOOD_NEWS = frozenset(
         EventKind.UNSHELVED,
         EventKind.UNSUPPRESSED,
         EventKind.IN_SERVICE,
+        EventKind.ACTING,
         EventKind.CALMED,
     }
 )

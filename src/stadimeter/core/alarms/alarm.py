@@ -1,4 +1,4 @@
-"""What a cycle, or an operator command, makes of an alarm.
+"""What a cycle makes of an alarm. What an operator command makes of it is in `operating`.
 
 A cycle judges the condition, hands the verdict to the machine (`machine`), and lets the actions follow (`actions`).
 """
@@ -6,27 +6,26 @@ A cycle judges the condition, hands the verdict to the machine (`machine`), and 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container, Mapping
+from collections.abc import Container
 from typing import NamedTuple
 
 from msgspec import field
 from msgspec.structs import replace
 
 from stadimeter.core.alarms import machine
-from stadimeter.core.alarms.actions import Evaluation, due_s, requests_of, stand, unshelve
-from stadimeter.core.alarms.alarm_words import given_up_in_words, in_words, missing_in_words, why_not_latched
-from stadimeter.core.alarms.machine import LATCHED, TRANSITIONS, AlarmRecord, AlarmState, Trigger
-from stadimeter.core.alarms.state import NO_INHIBITS, Acknowledgement, Sample, is_too_frequent
+from stadimeter.core.alarms.actions import Evaluation, due_s, requests_of, stand
+from stadimeter.core.alarms.alarm_words import given_up_in_words, in_words, missing_in_words
+from stadimeter.core.alarms.machine import LATCHED, AlarmRecord, AlarmState
+from stadimeter.core.alarms.settings import as_set, keep_thresholds
+from stadimeter.core.alarms.state import NO_INHIBITS, Sample, SetThreshold, is_too_frequent
+from stadimeter.core.condition_words import figure_in_words
 from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition
 from stadimeter.core.conditions.leaf import Rest, RuleInputs
 from stadimeter.core.decision import Event, EventKind, Notice, RuleStatus, RuleTrace, Severity
-from stadimeter.core.operator import OperatorAnswer, OperatorCommand
 from stadimeter.core.rule import ROUNDING_S, AlarmRule
 from stadimeter.core.rule_step import OBSERVED, Step, keep_if_same, trace_of
 from stadimeter.core.track import TrackStatus
-from stadimeter.core.words import duration
-from stadimeter.operator_actions import OperatorAction
 
 # At the start of a run, and after a restart, a target may take this long to be seen: until then it is not lost.
 AWAITED_S = 10.0
@@ -58,6 +57,23 @@ def with_record(rule: AlarmRule, step: AlarmStep, record: AlarmRecord) -> AlarmS
     """Return an alarm that has another record since its step, by a command or by a restart. It must be evaluated."""
     active = record.is_active or None
     return replace(step, trace=_trace(rule, record, step.trace.status, active, step.trace), record=record)
+
+
+def renew(
+    rule: AlarmRule, were_set: tuple[SetThreshold, ...], inputs: RuleInputs
+) -> tuple[AlarmStep, tuple[Event, ...]]:
+    """Return an alarm that begins anew since its rule was changed; thresholds stay set as far as they may.
+
+    The events tell which do not.
+    """
+    kept, gone = keep_thresholds(rule, were_set)
+    record = AlarmRecord(thresholds=kept)
+    evaluation = Evaluation(as_set(rule, record), record, inputs)
+    for each in gone:
+        was = f"{each.key} was {figure_in_words(each.value, each.unit)}, set by {each.by or 'an operator'}"
+        reason = f"{was}; the configuration was changed, and counts"
+        evaluation.add_event(EventKind.THRESHOLD_WITHDRAWN, reason, notify=False)
+    return with_record(evaluation.rule, new_alarm(evaluation.rule), record), evaluation.events
 
 
 # ---- One cycle ----
@@ -241,145 +257,3 @@ def _trace(
         chattering=record.is_chattering,
     )
     return keep_if_same(now, before)
-
-
-# ---- Operator commands: what is done, what is refused, and why ----
-
-Refusal = str  # why a command is not done; empty if it is
-
-
-def operate(
-    alarms: Mapping[str, tuple[int, AlarmRule, AlarmStep]], inputs: RuleInputs, command: OperatorCommand
-) -> tuple[OperatorAnswer, list[tuple[int, Evaluation]]]:
-    """Do what an operator wants of one alarm, or of all.
-
-    Args:
-        alarms: Every alarm by its name, with its position in the plan and its step.
-
-    Returns:
-        The answer, and the alarms that were changed, with their positions.
-    """
-    if command.rule and command.rule not in alarms:
-        words = f"there is no alarm '{command.rule}'; there are: {', '.join(alarms) or 'none'}"
-        return OperatorAnswer(id=command.id, accepted=False, words=words), []
-    chosen = [command.rule] if command.rule else list(alarms)
-    found = [(alarms[name][0], Evaluation(alarms[name][1], alarms[name][2].record, inputs)) for name in chosen]
-    if not command.rule:
-        found = [(index, each) for index, each in found if _applies(each, command.action)]
-    refusals = [(each.rule.name, _operate(each, command)) for _, each in found]
-    refused = [f"{name}: {refusal}" for name, refusal in refusals if refusal]
-    if refused:
-        return OperatorAnswer(id=command.id, accepted=False, words="; ".join(refused)), found
-    done = ", ".join(_done(each, command.action) for _, each in found) or "no alarm needs it"
-    return OperatorAnswer(id=command.id, accepted=bool(refusals), words=f"{command.action.value}: {done}"), found
-
-
-def _done(evaluation: Evaluation, action: OperatorAction) -> str:
-    until_s = evaluation.record.inhibits.shelved_until_s
-    if action is not OperatorAction.SHELVE or until_s is None:
-        return evaluation.rule.name
-    return f"{evaluation.rule.name} for {duration(round(until_s - evaluation.inputs.now_s, 3))}"
-
-
-def _applies(evaluation: Evaluation, action: OperatorAction) -> bool:
-    """Return whether a command to every alarm is meant for this one."""
-    rule, record, inhibits = evaluation.rule, evaluation.record, evaluation.record.inhibits
-    may_be_quiet = not _why_not_quiet(rule)
-    applies = {
-        OperatorAction.ACKNOWLEDGE: not record.is_acknowledged,
-        OperatorAction.RESET: record.state in LATCHED,
-        OperatorAction.SHELVE: inhibits.shelved_until_s is None and may_be_quiet and rule.shelve_max_s > 0,
-        OperatorAction.UNSHELVE: inhibits.shelved_until_s is not None,
-        OperatorAction.TAKE_OUT: not inhibits.is_out_of_service and may_be_quiet,
-        OperatorAction.PUT_BACK: inhibits.is_out_of_service,
-    }
-    return applies[action]
-
-
-def _operate(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
-    refusal = _ACTIONS[command.action](evaluation, command)
-    if refusal:
-        reason = f"{command.action.value}: {refusal}"
-        evaluation.add_event(EventKind.REFUSED, reason, notify=False, by=command.by)
-    return refusal
-
-
-def _acknowledge(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
-    if evaluation.record.is_acknowledged:
-        return "there is nothing to acknowledge"
-    evaluation.add_event(EventKind.ACKNOWLEDGED, command.said, notify=not evaluation.is_quiet, by=command.by)
-    machine.acknowledge(evaluation.rule, evaluation.record)
-    evaluation.record.acknowledgement = Acknowledgement(at_s=evaluation.inputs.now_s, by=command.by, why=command.why)
-    evaluation.report(command.said, command.by)
-    return ""
-
-
-def _reset(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
-    record = evaluation.record
-    if record.state not in LATCHED:
-        return why_not_latched(evaluation.rule, record, evaluation.inputs)
-    if Trigger.RESET not in TRANSITIONS[record.state]:
-        return "it is not acknowledged; acknowledge it first"
-    evaluation.add_event(EventKind.RESET, command.said, notify=False, by=command.by)
-    machine.fire(record, Trigger.RESET)
-    evaluation.report(command.said, command.by)
-    return ""
-
-
-def _shelve(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
-    rule, longest_s = evaluation.rule, evaluation.rule.shelve_max_s
-    refusal = _why_not_quiet(rule)
-    if refusal:
-        return refusal
-    if longest_s <= 0:
-        return "its configuration does not let it be shelved (shelve_max)"
-    for_s = longest_s if command.for_s is None else command.for_s
-    if not 0 < for_s <= longest_s:  # NaN fails this too
-        longest = duration(longest_s)
-        return f"{duration(for_s)} is not a time above zero and up to {longest}, the longest for '{rule.name}'"
-    until_s, inhibits = evaluation.inputs.now_s + for_s, evaluation.record.inhibits
-    inhibits = replace(inhibits, shelved_until_s=until_s, is_one_shot=command.one_shot, shelved_by=command.by)
-    evaluation.record.inhibits = inhibits
-    how = f"for {duration(for_s)}" + (", or until it has returned to normal" if command.one_shot else "")
-    evaluation.add_event(EventKind.SHELVED, f"{how}: {command.said}", notify=False, by=command.by)
-    return ""
-
-
-def _unshelve(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
-    if evaluation.record.inhibits.shelved_until_s is None:
-        return "it is not shelved"
-    unshelve(evaluation, command.said, command.by)
-    return ""
-
-
-def _take_out(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
-    rule, inhibits = evaluation.rule, evaluation.record.inhibits
-    refusal = _why_not_quiet(rule)
-    if refusal or inhibits.is_out_of_service:
-        return refusal or "it is out of service already"
-    evaluation.record.inhibits = replace(inhibits, is_out_of_service=True)
-    evaluation.add_event(EventKind.OUT_OF_SERVICE, command.said, notify=not rule.observe, by=command.by)
-    return ""
-
-
-def _put_back(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
-    inhibits = evaluation.record.inhibits
-    if not inhibits.is_out_of_service:
-        return "it is not out of service"
-    evaluation.record.inhibits = replace(inhibits, is_out_of_service=False)
-    evaluation.add_event(EventKind.IN_SERVICE, command.said, notify=not evaluation.is_quiet, by=command.by)
-    return ""
-
-
-def _why_not_quiet(rule: AlarmRule) -> Refusal:
-    return "a safety rule cannot be kept quiet" if rule.severity is Severity.SAFETY else ""
-
-
-_ACTIONS: Mapping[OperatorAction, Callable[[Evaluation, OperatorCommand], Refusal]] = {
-    OperatorAction.ACKNOWLEDGE: _acknowledge,
-    OperatorAction.RESET: _reset,
-    OperatorAction.SHELVE: _shelve,
-    OperatorAction.UNSHELVE: _unshelve,
-    OperatorAction.TAKE_OUT: _take_out,
-    OperatorAction.PUT_BACK: _put_back,
-}

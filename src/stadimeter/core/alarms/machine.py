@@ -34,6 +34,7 @@ from stadimeter.core.alarms.state import (
     Leg,
     Resumed,
     Sample,
+    SetThreshold,
     Timers,
     count_sample,
     is_too_frequent,
@@ -164,6 +165,8 @@ class AlarmRecord(Struct):
     acknowledgement: Acknowledgement | None = None
     inhibits: Inhibits = NO_INHIBITS
     resumed: Resumed | None = None
+    thresholds: tuple[SetThreshold, ...] = ()
+    """Those that an operator has set, in the order in which they were."""
 
     @property
     def is_active(self) -> bool:

@@ -1,4 +1,4 @@
-"""What an alarm remembers beside its state: timers, inhibits, steps. Times are on the run's clock.
+"""What an alarm remembers beside its state: timers, inhibits, steps, settings. Times are on the run's clock.
 
 What an on-delay or an off-delay waits for must last throughout (ISA-18.2), apart from noise. A delay runs from the
 first sample in which it is so. Samples to the contrary are forgiven as noise while they are no more in a row, or last
@@ -103,6 +103,8 @@ class Inhibits(Struct, frozen=True, kw_only=True):
     """Shelving ends as soon as the alarm has returned to normal."""
     shelved_by: str = ""
     is_out_of_service: bool = False
+    is_observed: bool = False
+    """An operator has let it be observed only; what its rule is judged with says so too."""
     is_suppressed: bool = False
     """Suppressed by design: the condition `suppress_when` holds."""
     leaves: tuple[bool, ...] = ()
@@ -124,6 +126,23 @@ class Acknowledgement(Struct, frozen=True, kw_only=True):
     at_s: float
     by: str = ""
     why: str = ""
+
+
+class SetThreshold(Struct, frozen=True, kw_only=True):
+    """A threshold that an operator has set, in the SI unit.
+
+    Attributes:
+        key: What it is called among those of the rule; see `stadimeter.core.alarms.settings.thresholds_of`.
+        configured: What the configuration says in place of it.
+        at_s: When it was set, on the run's clock.
+    """
+
+    key: str
+    value: float
+    configured: float
+    unit: str
+    at_s: float
+    by: str = ""
 
 
 class Leg(Struct, frozen=True, kw_only=True):

@@ -66,6 +66,34 @@ def about(condition: _C, target: str) -> _C:
             return cast(_C, replace(leaf, target=target)) if lacks_target else condition
 
 
+def named_leaves(condition: Condition, within: str = "") -> Iterator[tuple[str, Leaf]]:
+    """Yield the simple conditions with where each stands, such as ``all.0.not.``; empty for a condition without parts.
+
+    Args:
+        within: Where the condition itself stands.
+    """
+    match condition:
+        case AllOf() | AnyOf():
+            word = "all" if isinstance(condition, AllOf) else "any"
+            for number, part in enumerate(condition.conditions):
+                yield from named_leaves(part, f"{within}{word}.{number}.")
+        case Not():
+            yield from named_leaves(condition.condition, f"{within}not.")
+        case _:
+            yield within, condition
+
+
+def with_leaves(condition: Condition, parts: Iterator[Leaf]) -> Condition:
+    """Return the same condition made of other simple ones, from left to right; there must be as many of them."""
+    match condition:
+        case AllOf() | AnyOf():
+            return replace(condition, conditions=tuple([with_leaves(part, parts) for part in condition.conditions]))
+        case Not():
+            return Not(condition=with_leaves(condition.condition, parts))
+        case _:
+            return next(parts)
+
+
 def depends_on(condition: Condition) -> frozenset[str]:
     """Return the names of the rules that a condition asks for."""
     return frozenset(leaf.rule for leaf in leaves(condition) if isinstance(leaf, RuleCondition))

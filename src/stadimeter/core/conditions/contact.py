@@ -17,8 +17,9 @@ from typing import NamedTuple
 
 from msgspec import Struct
 
+from stadimeter.core.bounds import MAX_DURATION_S, MIN_QUANTITY
 from stadimeter.core.conditions.figures import probability_below
-from stadimeter.core.conditions.leaf import UNKNOWN, Figure, JudgedFigure, Leaf, Rest, RuleInputs
+from stadimeter.core.conditions.leaf import UNKNOWN, Figure, JudgedFigure, Leaf, Rest, RuleInputs, Threshold
 from stadimeter.core.conditions.limits import FAR_SIGMAS, turning_point
 from stadimeter.core.track import Track
 
@@ -136,6 +137,11 @@ class TimeToContactCondition(Leaf, Struct, frozen=True, kw_only=True):
     def limits(self) -> tuple[float, float]:
         """In seconds; there is no lower one."""
         return -math.inf, self.below_s
+
+    @property
+    def thresholds(self) -> tuple[Threshold, ...]:
+        """The time."""
+        return (Threshold("time_to_contact.below", "below_s", MIN_QUANTITY, MAX_DURATION_S),)
 
     @property
     def targets_named(self) -> tuple[str, ...]:

@@ -6,7 +6,8 @@ import math
 
 from msgspec import Struct
 
-from stadimeter.core.conditions.leaf import Figure, JudgedFigure, Leaf, Rest, RuleInputs
+from stadimeter.core.bounds import MAX_DURATION_S, MIN_QUANTITY
+from stadimeter.core.conditions.leaf import Figure, JudgedFigure, Leaf, Rest, RuleInputs, Threshold
 from stadimeter.core.conditions.limits import ends_of
 from stadimeter.core.observation import WallTime
 
@@ -31,6 +32,12 @@ class PresenceCondition(Leaf, Struct, frozen=True, kw_only=True):
     def unit(self) -> str:
         """Seconds, for one that takes time."""
         return "s" if self.for_s else ""
+
+    @property
+    def thresholds(self) -> tuple[Threshold, ...]:
+        """The time, for one that takes time; one that takes none is another condition, ``seen`` or ``lost``."""
+        key = "seen_for" if self.seen else "lost_for"
+        return (Threshold(key, "for_s", MIN_QUANTITY, MAX_DURATION_S),) if self.for_s else ()
 
     @property
     def targets_named(self) -> tuple[str, ...]:

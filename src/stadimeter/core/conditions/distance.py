@@ -6,6 +6,7 @@ import math
 
 from msgspec import Struct
 
+from stadimeter.core.bounds import MAX_LENGTH_M, MIN_QUANTITY
 from stadimeter.core.conditions.figures import Quantity, Uncertain, probability_below, quantity_of
 from stadimeter.core.conditions.leaf import Figure, Rest, RuleInputs
 from stadimeter.core.conditions.limits import (
@@ -40,6 +41,8 @@ class DistanceCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     target: str = ""
 
     unit = "m"
+    ends = ("above_m", "below_m")
+    bounds = (MIN_QUANTITY, MAX_LENGTH_M)
 
     @property
     def noun(self) -> str:

@@ -94,6 +94,18 @@ class JudgedFigure(Struct, frozen=True, kw_only=True):
     probability: float | None = None
 
 
+class Threshold(NamedTuple):
+    """A threshold of a simple condition that an operator may move while it runs, and what the configuration takes."""
+
+    key: str
+    """As it is called in the table of a condition, such as ``closing_speed.above``."""
+    field: str
+    """The field of the condition that holds it."""
+    low: float
+    """The least value, in the SI unit."""
+    high: float
+
+
 class Leaf:
     """A simple condition. Each kind is a frozen dataclass in SI units."""
 
@@ -123,6 +135,11 @@ class Leaf:
     def limits(self) -> tuple[float, float]:
         """The thresholds within which it begins, in the SI unit; infinite where there is none."""
         return -math.inf, math.inf
+
+    @property
+    def thresholds(self) -> tuple[Threshold, ...]:
+        """The thresholds that it has and that may be moved; none for a kind whose thresholds are fixed."""
+        return ()
 
     @property
     def targets_named(self) -> tuple[str, ...]:

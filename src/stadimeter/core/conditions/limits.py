@@ -14,10 +14,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import ClassVar
 
 from msgspec import Struct
 from msgspec.structs import replace
 
+from stadimeter.core.bounds import MAX_ANGLE_RAD, MAX_LENGTH_M, MAX_SPEED_MPS, MIN_QUANTITY
 from stadimeter.core.conditions.figures import (
     Direction,
     Uncertain,
@@ -26,7 +28,7 @@ from stadimeter.core.conditions.figures import (
     probability_between,
     separation_of,
 )
-from stadimeter.core.conditions.leaf import UNKNOWN, Figure, JudgedFigure, Leaf, Rest, RuleInputs
+from stadimeter.core.conditions.leaf import UNKNOWN, Figure, JudgedFigure, Leaf, Rest, RuleInputs, Threshold
 
 # Nothing is in doubt this many standard deviations from a threshold.
 FAR_SIGMAS = 12.0
@@ -43,6 +45,42 @@ class LimitsCondition(Leaf):
     target: str
     deadband_sigmas: float = 0.0
     """The deadband in standard deviations of the noise; that in the SI unit counts if it is larger."""
+    ends: ClassVar[tuple[str, str]]
+    """The fields of the lower threshold and of the upper one."""
+    bounds: ClassVar[tuple[float, float]]
+    """The least and the largest value that a threshold may have."""
+
+    @property
+    def section(self) -> str:
+        """Where its thresholds stand in the table of a condition; empty for that table itself."""
+        return ""
+
+    @property
+    def can_end(self) -> bool:
+        """Whether a figure that is never below zero can come back over the deadband."""
+        low, high = self.limits
+        return self.unit != "m" or math.isinf(low) or math.isfinite(high) or self.deadband < low
+
+    @property
+    def thresholds(self) -> tuple[Threshold, ...]:
+        """One threshold, ``above`` or ``below``; or the two ends of ``between``, however they were written.
+
+        The lower end stays below the upper one, and alone above the deadband: else it could never end.
+        """
+        (low, high), (least, most), (lower, upper) = self.limits, self.bounds, self.ends
+        inside = f"{self.section}." if self.section else ""
+        if math.isinf(low) and math.isinf(high):
+            return ()
+        if math.isinf(low):
+            return (Threshold(f"{inside}below", upper, least, most),)
+        if math.isinf(high):
+            above_band = math.nextafter(self.deadband, math.inf) if self.unit == "m" else least
+            return (Threshold(f"{inside}above", lower, max(least, above_band), most),)
+        near, far = ("near", "far") if self.unit == "m" else ("low", "high")
+        return (
+            Threshold(f"{inside}between.{near}", lower, least, math.nextafter(high, -math.inf)),
+            Threshold(f"{inside}between.{far}", upper, math.nextafter(low, math.inf), most),
+        )
 
     @property
     def targets_named(self) -> tuple[str, ...]:
@@ -209,6 +247,9 @@ class ClosingCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
 
     unit = "m/s"
     noun = "closing speed"
+    section = "closing_speed"
+    ends = ("above_mps", "below_mps")
+    bounds = (-MAX_SPEED_MPS, MAX_SPEED_MPS)
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -248,10 +289,17 @@ class DirectionCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     target: str = ""
 
     unit = "rad"
+    ends = ("above_rad", "below_rad")
+    bounds = (-MAX_ANGLE_RAD, MAX_ANGLE_RAD)
 
     @property
     def noun(self) -> str:
         """Bearing or elevation."""
+        return self.quantity
+
+    @property
+    def section(self) -> str:
+        """The table of a direction is called like its quantity."""
         return self.quantity
 
     @property
@@ -301,6 +349,9 @@ class SeparationCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
 
     unit = "m"
     noun = "separation"
+    section = "separation"
+    ends = ("above_m", "below_m")
+    bounds = (MIN_QUANTITY, MAX_LENGTH_M)
 
     @property
     def targets_named(self) -> tuple[str, ...]:

@@ -7,7 +7,8 @@ from typing import Literal
 
 from msgspec import Struct
 
-from stadimeter.core.conditions.leaf import UNKNOWN, Figure, JudgedFigure, Leaf, Rest, RuleInputs
+from stadimeter.core.bounds import MAX_VOLTAGE_V
+from stadimeter.core.conditions.leaf import UNKNOWN, Figure, JudgedFigure, Leaf, Rest, RuleInputs, Threshold
 
 # A motor that starts pulls the voltage of its battery down, and lets it go again: some tenths of a volt with small
 # motors. Without this an alarm would come and go with each start.
@@ -58,6 +59,11 @@ class BatteryCondition(Leaf, Struct, frozen=True, kw_only=True):
     def limits(self) -> tuple[float, float]:
         """In volts; there is no lower one."""
         return -math.inf, self.below_v
+
+    @property
+    def thresholds(self) -> tuple[Threshold, ...]:
+        """The voltage."""
+        return (Threshold("battery_below", "below_v", 0.0, MAX_VOLTAGE_V),)
 
     def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:
         """Return whether it holds; None while the voltage is not known."""

@@ -14,6 +14,7 @@ from stadimeter.core.alarms import machine
 from stadimeter.core.alarms.alarm import AlarmStep
 from stadimeter.core.alarms.alarm_words import describe_alarm, in_words, latched_until, policy_in_words
 from stadimeter.core.alarms.machine import LATCHED, AlarmRecord, AlarmState
+from stadimeter.core.alarms.settings import describe_thresholds
 from stadimeter.core.condition_words import Evidence, collect_evidence, describe_verdict
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decision import Decision, OutputTrace, RuleStatus, SafetyMode
@@ -55,13 +56,18 @@ class Reasons(Mapping[str, str]):
         return len(self.plan.rules)
 
     def step(self, name: str) -> tuple[AnyRule, Step]:
-        """Return a rule and what it does.
+        """Return a rule as it was judged, and what it does.
 
         Raises:
             KeyError: There is no such rule.
         """
         position = self.judged.layout.positions[name]
-        return self.plan.rules[position], self.judged.steps[position]
+        return self.judged.rules[position], self.judged.steps[position]
+
+    def record_of(self, name: str) -> tuple[AlarmRule, AlarmRecord] | None:
+        """Return an alarm as it was judged, and what it remembers; None for another kind of rule."""
+        rule, step = self.step(name)
+        return (rule, step.record) if isinstance(rule, AlarmRule) and isinstance(step, AlarmStep) else None
 
     def inputs_of_rules(self) -> RuleInputs:
         """Return all that the rules were judged by, with which of them are active."""
@@ -77,6 +83,7 @@ class Explanation(Struct, frozen=True, kw_only=True):
         evidence: The figures behind its condition, for each part of it; none for ramps and follow rules.
         timers: What it counts, in words.
         inhibits: What keeps it quiet, in words.
+        settings: Which of its thresholds an operator has set, in words.
         winner: Who commands its output: a rule, ``safety``, or ``safe``; empty for a rule without output.
         losers: The rules that asked for that output too.
     """
@@ -88,6 +95,7 @@ class Explanation(Struct, frozen=True, kw_only=True):
     evidence: tuple[Evidence, ...] = ()
     timers: tuple[str, ...] = ()
     inhibits: tuple[str, ...] = ()
+    settings: tuple[str, ...] = ()
     winner: str = ""
     losers: tuple[str, ...] = ()
 
@@ -111,13 +119,14 @@ def explain(decision: Decision, name: str, *, with_probability: bool = True) -> 
     output = next((trace for trace in decision.outputs if trace.output == rule.output), None)
     if isinstance(rule, AlarmRule) and isinstance(step, AlarmStep):
         alarm = _alarm(rule, step, inputs, with_probability=with_probability)
-        clauses = [*alarm, *_consequence(rule, step, decision, inputs, output)]
+        are_set = describe_thresholds(step.record, inputs.now_s)
+        clauses = [*alarm, *_consequence(rule, step, decision, inputs, output), *are_set]
         timers, inhibits = tuple(_timers(rule, step.record, inputs.now_s)), tuple(_inhibits(rule, step.record, inputs))
         leaves = step.record.timers.leaves
         found = collect_evidence(rule.condition, inputs, leaves, is_active=step.record.is_judged_by_its_end)
     else:
         clauses = [f"{step.trace.status.value}: {reasons[name]}", *_consequence(rule, step, decision, inputs, output)]
-        timers, inhibits, found = (), step.trace.inhibits, ()
+        timers, inhibits, found, are_set = (), step.trace.inhibits, (), ()
     clauses += _noisiness(inputs, rule)
     return Explanation(
         rule=name,
@@ -127,6 +136,7 @@ def explain(decision: Decision, name: str, *, with_probability: bool = True) -> 
         evidence=found,
         timers=timers,
         inhibits=inhibits,
+        settings=are_set,
         winner=output.winner if output else "",
         losers=output.losers if output else (),
     )
@@ -213,7 +223,7 @@ def _turning_points(rule: AlarmRule, record: AlarmRecord, inputs: RuleInputs) ->
 def _inhibits(rule: AlarmRule, record: AlarmRecord, inputs: RuleInputs) -> Iterator[str]:
     inhibits, now_s = record.inhibits, inputs.now_s
     if rule.observe:
-        yield "it is only observed"
+        yield "it is only observed" + (", as an operator wants" if record.inhibits.is_observed else "")
     if inhibits.shelved_until_s is not None:
         by = f" by {inhibits.shelved_by}" if inhibits.shelved_by else ""
         until = " at most" if inhibits.is_one_shot else ""

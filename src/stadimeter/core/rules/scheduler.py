@@ -16,7 +16,9 @@ from typing import TypeVar
 from msgspec import Struct, field
 from msgspec.structs import replace
 
-from stadimeter.core.alarms.alarm import AlarmStep, Stepped, new_alarm, operate, step_alarm, with_record
+from stadimeter.core.alarms.alarm import AlarmStep, Stepped, new_alarm, step_alarm, with_record
+from stadimeter.core.alarms.operating import operate
+from stadimeter.core.alarms.settings import as_set
 from stadimeter.core.alarms.state import Sample
 from stadimeter.core.conditions.leaf import Rest, RuleInputs
 from stadimeter.core.decision import Event, EventKind, Notice, RuleTrace
@@ -37,13 +39,15 @@ class EvaluatedRules(Struct, frozen=True, kw_only=True):
     """All rules after a cycle.
 
     Attributes:
-        steps: What each rule did, in the order of the plan.
+        rules: The rules as they are judged, in the order of the plan: with what operators have set.
+        steps: What each rule did.
         traces: The part of it that others see.
         wanted: What they want of each output, the winner first.
         active: Whether each rule that others ask for is active; None for unknown.
         first_out: For each group with an alarm that was raised, the name of the first one.
     """
 
+    rules: tuple[AnyRule, ...] = ()
     steps: tuple[Step, ...] = ()
     traces: tuple[RuleTrace, ...] = ()
     wanted: Wanted = field(default_factory=dict)
@@ -81,6 +85,7 @@ def with_steps(plan: Plan, steps: tuple[Step, ...], first_out: Mapping[str, str]
     """
     layout = layout_of(plan)
     return EvaluatedRules(
+        rules=tuple(_as_judged(rule, step) for rule, step in zip(plan.rules, steps, strict=True)),
         steps=steps,
         traces=tuple(step.trace for step in steps),
         wanted=arbitrate((request for step in steps for request in step.requests), layout.combined),
@@ -92,7 +97,6 @@ def with_steps(plan: Plan, steps: tuple[Step, ...], first_out: Mapping[str, str]
 
 
 def judge(
-    rules: tuple[AnyRule, ...],
     before: EvaluatedRules,
     inputs: RuleInputs,
     sample: Sample | None,
@@ -111,7 +115,7 @@ def judge(
     active = quiescence.active_set(before.layout.watch, inputs)
     if not (active or commands):
         return before, _NOTHING
-    evaluation = _Evaluation(rules, before, inputs, sample, cycle)
+    evaluation = _Evaluation(before, inputs, sample, cycle)
     answers = tuple([evaluation.operate(command, active) for command in commands])
     evaluation.judge(active)
     return evaluation.evaluated_rules(), evaluation.outcome(answers)
@@ -124,15 +128,8 @@ class _Evaluation:
         "active", "before", "changed", "cycle", "events", "first_out", "inputs", "notices", "rests", "rules", "sample",
     )  # fmt: skip
 
-    def __init__(
-        self,
-        rules: tuple[AnyRule, ...],
-        before: EvaluatedRules,
-        inputs: RuleInputs,
-        sample: Sample | None,
-        cycle: Sample,
-    ) -> None:
-        self.rules = rules
+    def __init__(self, before: EvaluatedRules, inputs: RuleInputs, sample: Sample | None, cycle: Sample) -> None:
+        self.rules = before.rules
         self.before = before
         self.sample = sample
         self.cycle = cycle
@@ -154,7 +151,9 @@ class _Evaluation:
         answer, evaluations = operate(alarms, self.inputs, command)
         for index, evaluation in evaluations:
             _, rule, step = alarms[evaluation.rule.name]
-            self.changed[index] = with_record(rule, step, evaluation.record)
+            self.changed[index] = with_record(evaluation.rule, step, evaluation.record)
+            if evaluation.rule is not rule:
+                self.rules = _with(self.rules, {index: evaluation.rule})
             self.events += evaluation.events
             active.add(index)
         return answer
@@ -180,6 +179,7 @@ class _Evaluation:
         changed = {index: step for index, step in self.changed.items() if step is not before.steps[index]}
         steps = _with(before.steps, changed)
         return EvaluatedRules(
+            rules=self.rules,
             steps=steps,
             traces=_traces(before, changed),
             wanted=_merge_requests(before, changed, steps),
@@ -286,6 +286,10 @@ def _merge_requests(before: EvaluatedRules, changed: Mapping[int, Step], steps: 
     if layout.combined and any(request.output in layout.combined for request in (*gone, *come)):
         return arbitrate((request for step in steps for request in step.requests), layout.combined)
     return rearrange(before.wanted, gone, come, layout.positions)
+
+
+def _as_judged(rule: AnyRule, step: Step) -> AnyRule:
+    return as_set(rule, step.record) if isinstance(rule, AlarmRule) and isinstance(step, AlarmStep) else rule
 
 
 def _new_step(rule: AnyRule) -> Step:
