@@ -224,6 +224,17 @@ def test_a_rule_that_is_gone_becomes_unavailable_before_it_is_forgotten() -> Non
     ]
 
 
+def test_the_settings_of_a_rule_that_is_gone_are_forgotten() -> None:
+    written = RetainedList("retained/it", 1000)
+    written.retain_only(frozenset({"rule/near/settings", "rule/near/whatever"}))
+    read = RetainedList("retained/it", 1000)
+    read.retain_only(frozenset())
+    for page in written.finish():
+        read.hear("0", page.payload.encode())
+    assert Message(topic="rule/near/settings", payload="", qos=1, retain=True) in read.finish()
+    assert not any("whatever" in message.topic for message in read.finish())
+
+
 def test_a_base_topic_of_any_length_leaves_no_page_larger_than_what_is_read() -> None:
     for length in (1, 500, 5000):
         options = MqttOptions(node="it", base_topic="b" * length)

@@ -87,6 +87,11 @@ def test_every_action_is_done_and_answered_and_journaled_with_who_asked(protocol
     assert "words" in asker.ask("unshelve", rule="near")
     assert "words" in asker.ask("take-out", rule="near", why="painting")
     assert "words" in asker.ask("put-back", rule="near")
+    assert "words" in asker.ask("observe", rule="near")
+    eventually(lambda: run.level() == 0)
+    assert "words" in asker.ask("act", rule="near")
+    assert asker.ask("set-threshold", rule="near", value="60 cm")["words"] == "set-threshold: near"
+    assert "words" in asker.ask("withdraw-threshold", rule="near")
     assert asker.ask("stop-outputs", by="zoe", why="a child")["unconfirmed"] == []
     eventually(lambda: run.level() == 0)
     assert "zoe" in asker.ask("release-outputs")["words"]

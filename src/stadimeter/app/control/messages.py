@@ -299,7 +299,7 @@ def operator_command(request: Request, number: str) -> AnyCommand:
     if isinstance(request.args, HoldArgs):
         return HoldCommand(id=number, **args)
     if isinstance(request.args, SetThresholdArgs):
-        args["value"], args["unit"] = request.args.value
+        args = {**args, **dict(zip(("value", "unit"), request.args.value, strict=True))}
     return OperatorCommand(id=number, action=ACTIONS[request.op], **args)
 
 
