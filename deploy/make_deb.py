@@ -215,6 +215,7 @@ def _lay_out(target: Target, libraries: Path, root: Path) -> None:
         *(CHECKOUT / "config").glob("*.toml"),
         *DEPLOY.glob("prometheus/*.yml"),
         *DEPLOY.glob("grafana/*.json"),
+        *DEPLOY.glob("homeassistant/*"),
     ):
         _write(root / EXAMPLES / example.name, example.read_text())
     for example in (DEPLOY / "mosquitto").iterdir():

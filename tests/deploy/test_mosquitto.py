@@ -128,8 +128,8 @@ class Client:
         self.heard.append((message.topic, message.payload))
         self.got.set()
 
-    def listen(self) -> None:
-        self._client.subscribe("stadimeter/#", qos=1)
+    def listen(self, topic: str = "stadimeter/#") -> None:
+        self._client.subscribe(topic, qos=1)
         assert self.subscribed.wait(120)
 
     def publish(self, topic: str, payload: str) -> None:
@@ -236,6 +236,22 @@ def test_the_program_itself_takes_commands_and_answers_within_its_role(site: Sit
         messenger.respond(requests[0], "response/acknowledge", b"done")
         eventually(lambda: ("stadimeter/garage/response/acknowledge", b"done") in operator.heard)
         assert (messenger.deafness(), messenger.given_up, requests[0].refusal) == ("", 0, None)
+
+
+def test_an_appliance_announces_itself_only_and_hears_that_home_assistant_has_started(
+    connect: Callable[..., Client],
+) -> None:
+    home, garage = connect("homeassistant"), connect("garage")
+    home.listen("homeassistant/device/#")
+    garage.listen("homeassistant/#")
+    garage.publish("homeassistant/device/stadimeter_attic/config", "forged")
+    garage.publish("homeassistant/status", "forged")
+    garage.publish("homeassistant/device/stadimeter_garage/config", "real")
+    assert home.got.wait(120)
+    assert home.heard == [("homeassistant/device/stadimeter_garage/config", b"real")]
+    home.publish("homeassistant/status", "online")
+    assert garage.got.wait(120)
+    assert garage.heard == [("homeassistant/status", b"online")]
 
 
 @pytest.mark.parametrize(("user", "password"), [(None, ""), ("garage", "wrong"), ("stranger", PASSWORD)])

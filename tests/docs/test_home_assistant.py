@@ -1,36 +1,35 @@
-"""The example for Home Assistant, with what a run really publishes, and templates as Jinja renders them."""
+"""The page for Home Assistant and its blueprints, with what the appliance really announces and publishes."""
+
+from __future__ import annotations
 
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from stadimeter.app.reporting import Reporter
-from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.config.loader import load_configuration
 from stadimeter.core.decision import Decision, RuleStatus, RuleTrace, SafetyMode
-from stadimeter.core.rule import AlarmRule
 from stadimeter.core.track import Track, TrackStatus
+from support.every_rule import announced
 
 jinja2 = pytest.importorskip("jinja2")
 yaml = pytest.importorskip("yaml")
 
-RULE = AlarmRule(name="too-close", target="ball", condition=DistanceCondition(below_m=0.5))
-BASE = "stadimeter/garage"
+ROOT = Path(__file__).parents[2]
+APPLIANCE = load_configuration(ROOT / "config/appliance.toml")
+BLUEPRINTS = sorted((ROOT / "deploy/homeassistant").glob("*.yaml"))
+PAGE = (ROOT / "docs/home-assistant.md").read_text(encoding="utf-8")
+BASE = "stadimeter/shelf"
 
 
-@pytest.fixture
-def example():
-    page = (Path(__file__).parents[2] / "docs" / "mqtt.md").read_text(encoding="utf-8")
-    (block,) = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
-    return yaml.safe_load(block)["mqtt"]
-
-
-def published(*traces):
+def published(*traces: RuleTrace) -> dict[str, str]:
     """Return the newest payload of each topic after these cycles of a run."""
     reporter = Reporter(boot_id="boot")
     newest = {f"{BASE}/availability": "online"}  # the link's own; see tests/messaging/test_mqtt.py
-    messages = list(reporter.opening([RULE]))
+    messages = list(reporter.opening(APPLIANCE.plan.rules))
     for second, trace in enumerate(traces):
         decision = Decision(
             commands=(), events=(), tracks=(Track(target="ball", status=TrackStatus.SEARCHING),), outputs=(),
@@ -40,15 +39,15 @@ def published(*traces):
     return newest | {f"{BASE}/{each.topic}": each.payload for each in messages}
 
 
-def shown(entity, newest):
+def shown(entity: dict[str, Any], newest: dict[str, str]) -> str:
     """Return what Home Assistant shows: its MQTT entities render a template, and take `None` for unknown."""
     if any(newest[each["topic"]] != "online" for each in entity["availability"]):
         return "unavailable"
     value = json.loads(newest[entity["state_topic"]])
-    return jinja2.Template(entity["value_template"]).render(value_json=value)
+    return str(jinja2.Template(entity["value_template"]).render(value_json=value))
 
 
-def trace(status, active):
+def trace(status: RuleStatus, active: bool | None) -> RuleTrace:
     return RuleTrace(rule="too-close", status=status, active=active)
 
 
@@ -67,17 +66,60 @@ ACTIVE, BLIND = trace(RuleStatus.ACTIVE, True), trace(RuleStatus.UNKNOWN, True)
         ((ACTIVE, BLIND), "ON"),
     ],
 )
-def test_a_rule_that_cannot_be_judged_is_neither_on_nor_off(example, traces, expected):
-    (entity,) = example["binary_sensor"]
+def test_a_rule_that_cannot_be_judged_is_neither_on_nor_off(traces: tuple[RuleTrace, ...], expected: str) -> None:
+    entity = json.loads(announced(APPLIANCE).message().payload)["components"]["rule_too-close"]
     assert entity["availability_mode"] == "all"
     assert shown(entity, published(*traces)) == expected
+    if traces == (UNKNOWN,):
+        assert shown({**entity, "availability": []}, published(UNKNOWN)) == "None", "who goes by the state alone"
 
 
-def test_whoever_goes_by_the_state_alone_gets_unknown_too(example):
-    (entity,) = example["binary_sensor"]
-    assert shown({**entity, "availability": []}, published(UNKNOWN)) == "None"
+def test_the_page_names_every_entity_of_the_appliance() -> None:
+    (table,) = re.findall(r"\| entity \| what it shows \|\n(.*?)\n\n", PAGE, re.DOTALL)
+    named = set(re.findall(r"`(\w+\.shelf_\w+)`", table)) | {
+        f"sensor.shelf{end}" for end in re.findall(r"`…(_\w+)`", table)
+    }
+    rules = {"rule_in-reach", "rule_gone", "rule_seen"}
+    found = {key: each.default_entity_id for key, each in announced(APPLIANCE).components.items()}
+    assert named == {entity for key, entity in found.items() if key not in rules}
 
 
-def test_every_topic_of_the_example_is_published(example):
-    topics = re.findall(rf"{BASE}/[a-z/-]+", str(example))
-    assert set(topics) == published(IDLE).keys()
+class _Loader(yaml.SafeLoader):  # type: ignore[misc,name-defined] # it has no types here
+    """Reads `!input`, of which the name is kept."""
+
+
+_Loader.add_constructor("!input", lambda loader, node: Input(loader.construct_scalar(node)))
+
+
+class Input(str):
+    """The name of an input."""
+
+    __slots__ = ()
+
+
+def inputs_used(value: object) -> set[str]:
+    if isinstance(value, Input):
+        return {str(value)}
+    parts = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return {name for part in parts for name in inputs_used(part)}
+
+
+@pytest.mark.parametrize("file", BLUEPRINTS, ids=lambda file: file.stem)
+def test_a_blueprint_is_an_automation_that_uses_each_of_its_inputs(file: Path) -> None:
+    found = yaml.load(file.read_text(encoding="utf-8"), _Loader)
+    about = found["blueprint"]
+    assert about["domain"] == "automation"
+    assert about["name"].startswith("Stadimeter: ")
+    assert set(found) <= {"blueprint", "mode", "max", "variables", "triggers", "conditions", "actions"}
+    assert inputs_used({key: value for key, value in found.items() if key != "blueprint"}) == set(about["input"])
+    assert all("selector" in each for each in about["input"].values())
+    assert f"`{file.name}`" in PAGE
+
+
+def test_no_blueprint_takes_unknown_for_off() -> None:
+    """Nothing happens because an entity became `off` that was not `on` before."""
+    assert len(BLUEPRINTS) == 3
+    for file in BLUEPRINTS:
+        found = yaml.load(file.read_text(encoding="utf-8"), _Loader)
+        for trigger in found["triggers"]:
+            assert trigger.get("to") != "off" or trigger.get("from") == "on"

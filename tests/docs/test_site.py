@@ -27,7 +27,7 @@ SETUP, QUERY = 0, 2
 PAGE_OF = {
     "accuracy": "index.html",
     "debounce": "configuration-rules.html",
-    "Home Assistant": "mqtt.html",
+    "Home Assistant": "home-assistant.html",
     "hysteresis": "configuration-rules.html",
     "latency": "configuration.html",
     "median": "benchmarks/report.html",

@@ -202,9 +202,9 @@ def test_a_list_of_hundreds_of_rules_fits_into_packets_that_are_read(
     room_bytes=st.integers(20, 900),
 )
 def test_what_fits_on_pages_is_read_back_from_them(names: set[str], room_bytes: int) -> None:
-    written = RetainedList("retained/it", room_bytes)
+    written = RetainedList("retained/it", room_bytes, "it")
     written.retain_only(frozenset(f"my/{name}" for name in names))
-    read = RetainedList("retained/it", room_bytes)
+    read = RetainedList("retained/it", room_bytes, "it")
     read.retain_only(frozenset())
     for page in written.finish():
         assert len(page.payload.encode()) <= room_bytes
@@ -238,7 +238,7 @@ def test_the_settings_of_a_rule_that_is_gone_are_forgotten() -> None:
 def test_a_base_topic_of_any_length_leaves_no_page_larger_than_what_is_read() -> None:
     for length in (1, 500, 5000):
         options = MqttOptions(node="it", base_topic="b" * length)
-        pages = RetainedList(options.retained_topic, options.retained_page_bytes)
+        pages = RetainedList(options.retained_topic, options.retained_page_bytes, options.node)
         pages.retain_only(topics(*(f"rule-{number}" for number in range(100))))
         for page in pages.finish() if pages.is_wanted else ():
             assert len(f"{options.base}/{page.topic}{page.payload}".encode()) < PAGE_PACKET_MAX - 30

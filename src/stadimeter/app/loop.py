@@ -19,6 +19,8 @@ from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.deliveries import Deliveries, outgoing
 from stadimeter.app.ending import Deadline, Steps, close_side_by_side
 from stadimeter.app.guard import Guard, make_all_safe, retire_all
+from stadimeter.app.health_reports import HealthReports
+from stadimeter.app.live.health import Board
 from stadimeter.app.live.history import RunHistory
 from stadimeter.app.reporting import Reporter
 from stadimeter.core.decide import State, initial_state
@@ -26,7 +28,7 @@ from stadimeter.core.frame import Frame
 from stadimeter.core.message import Message
 from stadimeter.core.plan import Plan
 from stadimeter.errors import EndOfFramesError
-from stadimeter.messaging.protocol import Retaining, TakesRequests
+from stadimeter.messaging.protocol import Discoverable, Retaining, TakesRequests
 
 if TYPE_CHECKING:  # few runs have these, and what they need takes long to load
     from stadimeter.app.control.recording import RecordingOnRequest
@@ -163,11 +165,14 @@ class Loop:
     _needs_wall_time: bool = False
     _open_parts: OpenParts = field(init=False)
     deliveries: Deliveries = field(init=False)
+    _health: HealthReports = field(init=False)
 
     def __post_init__(self) -> None:
         """Prepare the opening of the parts, and the account of what they deliver."""
         self._open_parts = OpenParts(self.parts, lambda: bool(self.ending), self._report_opening)
         self.deliveries = Deliveries(self.parts)
+        board = Board(self.parts.configuration.path.parent)
+        self._health = HealthReports(self.history, board, self.trouble, self.deliveries)
 
     def run(self, limits: Limits | None = None) -> None:
         """Run until a limit is reached, the frames end, or the end is asked for.
@@ -322,17 +327,30 @@ class Loop:
 
     def _report_opening(self) -> None:
         """Report that no rule is judged yet, and have the broker forget those of earlier runs that are no more."""
-        self._publish(self.parts.clock.now_s(), self.reporter.opening(self.parts.configuration.plan.rules))
+        now_s = self.parts.clock.now_s()
+        self._publish(now_s, self.reporter.opening(self.parts.configuration.plan.rules))
+        self._publish(now_s, self._health.messages(now_s, _wall_clock))
         self._retain_only(self.reporter.retained)
 
     def _retain_only(self, topics: frozenset[str]) -> None:
         messenger: object = self.parts.messenger
+        if isinstance(messenger, Discoverable) and messenger.discovery_place is not None:
+            from stadimeter.app.discovery import announcement  # noqa: PLC0415 - only who is discovered needs it
+
+            plan = self.parts.configuration.plan
+            messenger.announce(announcement(plan, messenger.discovery_place, topics, messenger.orders))
         if isinstance(messenger, Retaining):
             messenger.retain_only(topics)
 
     def _report(self, record: CycleRecord) -> None:
         now_s = record.observation.now_s
+        messenger: object = self.parts.messenger
         self._publish(now_s, self.reporter.messages(now_s, _wall_clock, record.decision))
+        if isinstance(messenger, Discoverable) and messenger.take_states_due():
+            self._publish(now_s, self.reporter.repeat(_wall_clock()))
+            self._health.repeat()
+        if messenger is not None:
+            self._publish(now_s, self._health.messages(now_s, _wall_clock))
         for name, item in outgoing(record.decision, self.parts.configuration.plan.rules, _local_time):
             if isinstance(item, Message):
                 self._publish(now_s, (item,))

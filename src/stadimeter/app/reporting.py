@@ -57,7 +57,9 @@ SYSTEM_EVENTS = {
     EventKind.RELEASED,
     EventKind.DISARMED,
     EventKind.ARMED,
+    EventKind.LIVENESS_UNKNOWN,
 }
+ALARM_EVENTS = tuple(kind for kind in EventKind if kind not in SYSTEM_EVENTS)
 
 
 class Reporter:
@@ -138,6 +140,11 @@ class Reporter:
             if count != before.get(name)
         )
 
+    def repeat(self, wall_clock: str) -> tuple[Message, ...]:
+        """Return the states again, for those who may have lost them."""
+        rules = [message for reports in self._rules.values() for message in (*reports.newest, *reports.newest_settings)]
+        return (*rules, *(message for reports in self._targets.values() for message in reports.repeat(wall_clock)))
+
     def last_messages(self, wall_clock: str) -> tuple[Message, ...]:
         """Return, for the end of a run, the state of every target whose newest figures were held back."""
         return tuple(message for reports in self._targets.values() for message in reports.last_messages(wall_clock))
@@ -163,6 +170,9 @@ class _TargetReports:
         if self._newest is None or _target_state(self._newest) == self._told:
             return []
         return [self._tell(self._newest, wall_clock)]
+
+    def repeat(self, wall_clock: str) -> list[Message]:
+        return [] if self._newest is None else [self._tell(self._newest, wall_clock)]
 
     def _is_due(self, track: Track, silent_s: float) -> bool:
         if self._told is None or track.status.value != self._told["status"] or silent_s >= HEARTBEAT_S:
@@ -197,13 +207,14 @@ class _RuleReports:
     """Decides when the state of one rule is published: not when its reason alone changes, as its figures often do."""
 
     def __init__(self) -> None:
+        self.newest: tuple[Message, ...] = ()
         self._newest: Mapping[str, Any] = {}
         self._told: Mapping[str, Any] | None = None
         self._told_at_s = -math.inf
         self._is_data_lost = False
         self._since = ""
         self._set_as: tuple[AlarmRule, bool] | None = None
-        self._settings: Message | None = None
+        self.newest_settings: tuple[Message, ...] = ()
 
     @property
     def is_held_back(self) -> bool:
@@ -234,23 +245,24 @@ class _RuleReports:
         is_known = state["active"] is not None
         payload = {"v": FORM, "ts": wall_clock, **state, "since": self._since, "reason": reason}
         messages = [_message(f"rule/{trace.rule}/state", payload, qos=1, retain=True)]
-        if is_known is not was_known:
-            messages.insert(1 if is_known else 0, _availability(trace.rule, is_known=is_known))
-        return messages
+        both = [*messages]
+        both.insert(1 if is_known else 0, _availability(trace.rule, is_known=is_known))
+        self.newest = tuple(both)
+        return messages if is_known is was_known else both
 
     def settings(self, rule: str, reasons: Mapping[str, str]) -> list[Message]:
         """Return what can be set of an alarm, as a message, if that has changed. The same rule is set as before."""
         found = reasons.record_of(rule) if isinstance(reasons, Reasons) else None
         if found is None:
-            self._set_as = self._settings = None
+            self._set_as, self.newest_settings = None, ()
             return []
         alarm, record = found
         is_out, was = record.inhibits.is_out_of_service, self._set_as
         if was is not None and was[0] is alarm and was[1] is is_out:
             return []
-        before, self._set_as = self._settings, (alarm, is_out)
-        self._settings = _message(f"rule/{rule}/settings", _settings(alarm, record), qos=1, retain=True)
-        return [] if before == self._settings else [self._settings]
+        before, self._set_as = self.newest_settings, (alarm, is_out)
+        self.newest_settings = (_message(f"rule/{rule}/settings", _settings(alarm, record), qos=1, retain=True),)
+        return [] if before == self.newest_settings else [*self.newest_settings]
 
 
 def _settings(rule: AlarmRule, record: AlarmRecord) -> dict[str, Any]:
@@ -341,7 +353,7 @@ def _given_up_message(name: str, count: int, boot_id: str, wall_clock: str) -> M
 
 def is_state(item: Message | Notification) -> bool:
     """Whether it says how things are, and not what happened: each run says so anew, so no older one is sent again."""
-    return isinstance(item, Message) and (item.qos == 0 or item.topic.startswith("rule/"))
+    return isinstance(item, Message) and (item.qos == 0 or item.topic.startswith(("camera/", "rule/")))
 
 
 def _message(

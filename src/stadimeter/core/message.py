@@ -12,6 +12,7 @@ class Message(Struct, frozen=True, kw_only=True, tag=True):
 
     Attributes:
         topic: Where it goes, below the messenger's base topic, such as ``target/ball/state``.
+        is_absolute: Whether the topic stands alone, and not below the base topic.
         qos: 0, at most once, or 1, at least once.
         retain: Whether a broker keeps it for those who subscribe later.
         expires_s: After how long it is of no use any more; None for never.
@@ -22,6 +23,7 @@ class Message(Struct, frozen=True, kw_only=True, tag=True):
     qos: int = 0
     retain: bool = False
     expires_s: int | None = None
+    is_absolute: bool = False
 
 
 def clearing(topics: Iterable[str]) -> tuple[Message, ...]:

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import math
+import random
 import socket
 import struct
 import threading
 import time
 from contextlib import suppress
 
-from paho.mqtt.client import Client
+from paho.mqtt.client import Client, MQTTMessage
 from paho.mqtt.enums import MQTTErrorCode, MQTTProtocolVersion
 from paho.mqtt.properties import MQTTException  # type: ignore[attr-defined] # paho 2.1 and 2.2 both have it there
 
+from stadimeter.core.home_assistant import Announcement
 from stadimeter.core.message import Message
 from stadimeter.messaging.back_off import BackOff, Patience
-from stadimeter.messaging.link_events import LinkEvents
+from stadimeter.messaging.link_events import Handler, LinkEvents
 from stadimeter.messaging.mqtt_client import (
     OFFLINE,
     ONLINE,
@@ -37,6 +40,9 @@ V5, V311 = MQTTProtocolVersion.MQTTv5, MQTTProtocolVersion.MQTTv311
 
 # Time after the confirmed subscription within which every page of the list of retained topics arrives.
 LIST_ENDS_S = 0.5
+
+# Home Assistant asks devices to answer its start after a time at random, so that not all do at once.
+BIRTH_SPREAD_S = 5.0
 
 # First words of the topics of the link's own messages. A later run does not send them again.
 _OURS = ("availability", "retained")
@@ -85,8 +91,15 @@ class BrokerLink:
         self._why_not = f"not connected to {options.place} yet"
         self._version = V311 if options.protocol == "3.1.1" else V5
         self._client = self._new_client()
-        self._retained = RetainedList(options.retained_topic, options.retained_page_bytes)
+        self._retained = RetainedList(options.retained_topic, options.retained_page_bytes, options.node)
         self._is_reading = False
+        self._list_subscription: int | None = None
+        self._subscriptions: dict[str, int] = {}
+        self._birth_due_s = math.inf
+        self._was_connected = False
+        self._are_states_due = False
+        if options.discovery_place is not None:
+            self.subscribe(options.birth_topic, self._on_birth)
 
     @property
     def dropped(self) -> int:
@@ -103,7 +116,16 @@ class BrokerLink:
     def undelivered(self) -> tuple[Message, ...]:
         """Return the messages of QoS 1 that are neither acknowledged nor given up, oldest first."""
         with self._lock:
-            return tuple(each for each in self._outbox.undelivered() if each.topic.partition("/")[0] not in _OURS)
+            return tuple(
+                each
+                for each in self._outbox.undelivered()
+                if each.topic.partition("/")[0] not in _OURS and not each.is_absolute
+            )
+
+    def subscribe(self, topic: str, handler: Handler, qos: int = 0) -> None:
+        """Hear a topic, without wildcards, over every connection that begins from now on."""
+        self._events.handlers[topic] = handler
+        self._subscriptions[topic] = qos
 
     def start(self) -> None:
         """Begin to connect."""
@@ -149,6 +171,19 @@ class BrokerLink:
             self._send_ours(self._retained.retain_only(topics))
             if self._is_connected and not self._is_reading and not self._retained.is_read:
                 self._begin_to_read()  # a broker may answer before a run knows what it publishes
+
+    def announce(self, announcement: Announcement | None) -> None:
+        """Have Home Assistant discover this from now on, and no more what was announced before."""
+        with self._lock:
+            self._send_ours(self._retained.announce(announcement))
+            if self._is_connected and not self._is_reading and not self._retained.is_read:
+                self._send_ours(self._retained.announced())
+
+    def take_states_due(self) -> bool:
+        """Return, once each time, whether Home Assistant or the broker began anew, and may know no states."""
+        with self._lock:
+            is_due, self._are_states_due = self._are_states_due, False
+        return is_due
 
     def trouble(self) -> str:
         """Return in words what is wrong, or an empty string."""
@@ -224,14 +259,23 @@ class BrokerLink:
             if not self._events.is_accepted or self._stopping.is_set():
                 return
             if not self._is_connected:
-                self._is_connected = True
+                self._is_connected, self._are_states_due = True, self._was_connected
+                self._was_connected = True
                 self._hand_over(ONLINE)
+                self._subscribe()
                 self._begin_to_read()
                 self._begin_to_listen()
             elif self._is_reading:
                 self._read()
             self._listen()
+            if time.monotonic() >= self._birth_due_s:
+                self._birth_due_s, self._are_states_due = math.inf, True
+                self._send_ours(self._retained.announced())
             self._send_waiting()
+
+    def _on_birth(self, message: MQTTMessage) -> None:
+        if message.payload == b"online" and not message.retain:
+            self._birth_due_s = time.monotonic() + random.uniform(0.0, BIRTH_SPREAD_S)  # noqa: S311 - no secret
 
     def _say_goodbye(self) -> None:
         """Disconnect in order if all was delivered; without that, the broker will publish our last will."""
@@ -259,12 +303,19 @@ class BrokerLink:
 
     # With the lock held.
 
+    def _subscribe(self) -> None:
+        """Subscribe to what has handlers, unless an oversized packet came that way before."""
+        if self._subscriptions and not self._events.oversized_packets:
+            self._client.subscribe(list(self._subscriptions.items()))
+
     def _begin_to_read(self) -> None:
         """Subscribe to the list of retained topics, unless an oversized packet came that way before."""
         if self._retained.is_wanted and not self._events.oversized_packets:
-            _, number = self._client.subscribe(f"{self._options.base}/{self._options.retained_topic}/+", qos=0)
-            self._events.list_number = number
+            topic = f"{self._options.base}/{self._options.retained_topic}/+"
+            _, self._list_subscription = self._client.subscribe(topic, qos=0)
             self._is_reading = True
+        else:
+            self._send_ours(self._retained.announced())
 
     def _begin_to_listen(self) -> None:
         if self._requests is None:
@@ -298,7 +349,7 @@ class BrokerLink:
         """Take in pages; when all have come, clear what is no longer published, and write the list anew."""
         for number, payload in self._events.take_pages():
             self._retained.hear(number, payload)
-        subscribed_at_s = self._events.subscribed_at_s
+        subscribed_at_s = self._events.subscribed_at_s.get(self._list_subscription)
         if subscribed_at_s is None or (not is_last and time.monotonic() - subscribed_at_s < LIST_ENDS_S):
             return
         self._is_reading = False
@@ -317,7 +368,7 @@ class BrokerLink:
     def _hand_over(self, message: Message) -> None:
         is_v5 = self._version == V5
         info = self._client.publish(
-            f"{self._options.base}/{message.topic}",
+            message.topic if message.is_absolute else f"{self._options.base}/{message.topic}",
             message.payload,
             message.qos,
             # Without the expiry of MQTT 5 a broker would show a stale value to newcomers for ever.

@@ -23,6 +23,10 @@ STABLE_S = 10.0
 SUSPICIOUS = 3
 
 
+# Takes a message of a topic that was subscribed to. It is called in the link's thread, within paho's loop.
+Handler = Callable[[MQTTMessage], None]
+
+
 class LinkEvents:
     """Collects the events of paho's callbacks, without a lock.
 
@@ -35,13 +39,13 @@ class LinkEvents:
         was_taken_over: Whether another program with our client id took our place.
         oversized_packets: How often the other side announced more than a broker has to say to us.
         refusal: Why the broker would not take a message over this connection, in words.
-        list_number: The number of our subscription to the list of retained topics.
-        subscribed_at_s: When the broker answered that subscription; None before.
+        subscribed_at_s: When the broker answered our subscriptions, by the number of each.
+        handlers: Who takes the messages of a topic.
         packet_max: The largest packet that the broker takes; None if it does not say.
         has_identifiers: Whether the broker marks messages with the subscription that they come from.
 
     Args:
-        hear: Takes a message that is no page of the list, within paho's loop.
+        hear: Takes a message that is no page of the list and has no handler, within paho's loop.
     """
 
     def __init__(self, options: MqttSettings, hear: Callable[[MQTTMessage], None] = lambda _message: None) -> None:
@@ -55,6 +59,7 @@ class LinkEvents:
         self._pages: deque[tuple[str, bytes]] = deque(maxlen=PAGES_MAX)
         self.oversized_packets = 0
         self.refusal = ""
+        self.handlers: dict[str, Handler] = {}
         self.begin()
 
     def begin(self) -> None:
@@ -62,8 +67,7 @@ class LinkEvents:
         self.ending = ""
         self.suspects_version = False
         self.was_taken_over = False
-        self.list_number: int | None = None
-        self.subscribed_at_s: float | None = None
+        self.subscribed_at_s: dict[int | None, float] = {}
         self.packet_max: int | None = None
         self.has_identifiers = True
         self._pages.clear()
@@ -157,22 +161,22 @@ class LinkEvents:
 
     def _on_publish(self, _client: Client, _data: Any, number: int, reason: ReasonCode, _more: Any) -> None:
         if reason.is_failure:
-            below = f"a message below '{self._options.base}' ({reason})"
+            place = self._options.discovery_place
+            or_to = f" or to '{place.topic}'" if place is not None else ""
+            below = f"a message below '{self._options.base}'{or_to} ({reason})"
             self.refusal = f"{self._options.place} refused {below}; check the broker's access list"
         self._done.append((number, reason.is_failure))
 
     def _on_subscribe(self, _client: Client, _data: Any, number: int, codes: list[ReasonCode], _more: Any) -> None:
-        if number == self.list_number:
-            self.subscribed_at_s = time.monotonic()
-        else:
-            self._answered.append((number, codes))
+        self.subscribed_at_s[number] = time.monotonic()
+        self._answered.append((number, codes))
 
     def _on_message(self, _client: Client, _data: Any, message: MQTTMessage) -> None:
         with suppress(UnicodeDecodeError):
             if message.topic.startswith(self._page_topic):
                 self._pages.append((message.topic.rpartition("/")[2], bytes(message.payload)))
             else:
-                self._hear(message)
+                self.handlers.get(message.topic, self._hear)(message)
 
 
 UNSUPPORTED_VERSION = 0x84

@@ -9,6 +9,7 @@ from paho.mqtt.client import Client
 from paho.mqtt.enums import MQTTProtocolVersion
 
 from stadimeter.config.plugins import DriverContext
+from stadimeter.core.home_assistant import Announcement, DiscoveryPlace
 from stadimeter.core.message import Message
 from stadimeter.errors import ConfigError, DeviceClosedError, DeviceOpenError
 from stadimeter.messaging.back_off import Patience
@@ -96,6 +97,9 @@ class PahoMessenger:
 
     A thread of its own does all that can wait for the network. Messages of QoS 1 wait in memory while there is no
     connection. What is left when it is closed is sent when it is opened again.
+
+    Attributes:
+        orders: The topics below the base topic to which others may send; see `Discoverable`.
     """
 
     def __init__(self, options: MqttOptions, patience: Patience = Patience()) -> None:  # noqa: B008 - it is frozen
@@ -105,6 +109,8 @@ class PahoMessenger:
         self._left: tuple[Message, ...] = ()
         self._retained: frozenset[str] | None = None
         self._requests: RequestTopics | None = None
+        self.orders: frozenset[str] = frozenset()
+        self._announcement: Announcement | None = None
         self._dropped_before = 0
         self._given_up_before = 0
 
@@ -133,6 +139,7 @@ class PahoMessenger:
         if self._link is not None:
             return
         self._link = BrokerLink(self._options, read_secrets(self._options), self._patience, self._requests)
+        self._link.announce(self._announcement)
         if self._retained is not None:
             self._link.retain_only(self._retained)
         left, self._left = self._left, ()
@@ -158,8 +165,11 @@ class PahoMessenger:
         if self._link is not None:
             self._link.retain_only(topics)
 
-    def listen(self, topics: Collection[str], receive: Callable[[RequestMessage], None]) -> None:
+    def listen(
+        self, topics: Collection[str], offered: Collection[str], receive: Callable[[RequestMessage], None]
+    ) -> None:
         """Receive what comes on topics of requests; see `TakesRequests`."""
+        self.orders = frozenset(offered)
         self._requests = RequestTopics(self._options, topics, receive)
 
     def respond(self, request: RequestMessage, topic: str, payload: bytes) -> None:
@@ -177,6 +187,21 @@ class PahoMessenger:
         """Return why requests are not received although there is a connection."""
         link = self._link
         return link.deafness() if link is not None else ""
+
+    @property
+    def discovery_place(self) -> DiscoveryPlace | None:
+        """Where Home Assistant discovers this node; see `Discoverable`."""
+        return self._options.discovery_place
+
+    def announce(self, announcement: Announcement) -> None:
+        """Have Home Assistant discover this, over every connection; see `Discoverable`."""
+        self._announcement = announcement
+        if self._link is not None:
+            self._link.announce(announcement)
+
+    def take_states_due(self) -> bool:
+        """Return, once each time, whether states are to be published again; see `Discoverable`."""
+        return self._link is not None and self._link.take_states_due()
 
     def trouble(self) -> str:
         """Return in words what is wrong with the connection, or an empty string if it stands."""

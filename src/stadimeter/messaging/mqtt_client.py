@@ -25,6 +25,7 @@ from stadimeter.config.untrusted_file import (
     read_untrusted,
     read_untrusted_text,
 )
+from stadimeter.core.home_assistant import DiscoveryPlace
 from stadimeter.core.message import Message
 from stadimeter.errors import DeviceOpenError, UnreadableError
 from stadimeter.messaging.protocol import CommandLevel
@@ -58,13 +59,21 @@ def _check_host(host: str) -> str:
     return host
 
 
+def _is_topic(topic: str) -> bool:
+    return bool(topic) and topic[0] not in "/$" and topic[-1] != "/" and not re.search(r"[+#\s\x00]", topic)
+
+
 def _check_base_topic(topic: str | None) -> str | None:
-    if topic is None:
-        return None
-    if not topic or topic[0] in "/$" or topic[-1] == "/" or re.search(r"[+#\s\x00]", topic):
+    if topic is not None and not _is_topic(topic):
         raise ValueError(
             f"{topic!r} is not a base topic; write it such as 'stadimeter/garage', without '+', '#' or spaces"
         )
+    return topic
+
+
+def _check_topic(topic: str) -> str:
+    if not _is_topic(topic):
+        raise ValueError(f"{topic!r} is not a topic; write it as in Home Assistant, such as 'homeassistant/status'")
     return topic
 
 
@@ -103,6 +112,12 @@ class MqttSettings(DriverOptions):
     """The version of MQTT. ``auto`` is 5, and 3.1.1 if the broker does not speak 5."""
     commands: CommandLevel = "alarms"
     """What other programs may ask for. ``alarms`` is all but what lets outputs act, takes pictures or writes files."""
+    home_assistant: bool = True
+    """Whether Home Assistant discovers this node by itself."""
+    discovery_prefix: Annotated[str, AfterValidator(_check_topic)] = "homeassistant"
+    """What Home Assistant listens to for discovery."""
+    birth_topic: Annotated[str, AfterValidator(_check_topic)] = "homeassistant/status"
+    """Where Home Assistant says ``online`` when it starts."""
 
     @model_validator(mode="after")
     def _check_together(self) -> Self:
@@ -129,6 +144,13 @@ class MqttSettings(DriverOptions):
     def base(self) -> str:
         """The prefix of every topic."""
         return self.base_topic or f"stadimeter/{self.node}"
+
+    @property
+    def discovery_place(self) -> DiscoveryPlace | None:
+        """Where Home Assistant discovers this node; None if it shall not."""
+        if not self.home_assistant:
+            return None
+        return DiscoveryPlace(node=self.node, base=self.base, prefix=self.discovery_prefix)
 
     @property
     def retained_topic(self) -> str:

@@ -16,6 +16,7 @@ from collections.abc import Iterable, Iterator
 from msgspec import Struct
 from msgspec.structs import replace
 
+from stadimeter.core.home_assistant import Announcement, announce, is_entry
 from stadimeter.core.message import Message, clearing
 
 
@@ -134,27 +135,32 @@ PAGES_MAX = 200
 
 # Topics of the program that are no rule's; see `stadimeter.config.rules.action_tables.OWN_TOPICS`.
 _OF_RULE = re.compile(r"rule/[^/]+/(?:state|availability|settings)")
-_OWN = re.compile(r"(?:availability|event|request|response|retained|rule|snapshot|target)(?:/.*)?", re.DOTALL)
+_OWN = re.compile(
+    r"(?:availability|camera|event|health|request|response|retained|rule|snapshot|target)(?:/.*)?", re.DOTALL
+)
 
 
 class RetainedList:
     """The topics whose messages a broker keeps of this node, as pages of JSON that are small enough to be read back.
 
     It does no I/O and knows no clock. What the pages say is not trusted: whatever they name, nothing is cleared but
-    states of rules and messages of the user's own, below the base topic.
+    states of rules and messages of the user's own, below the base topic, and the discovery of this node.
 
     Args:
         topic: Where the pages are, below the base topic; each adds its number.
         room_bytes: The size of a page.
+        node: This node's name.
 
     Attributes:
         is_read: Whether every page was read over this connection.
     """
 
-    def __init__(self, topic: str, room_bytes: int) -> None:
+    def __init__(self, topic: str, room_bytes: int, node: str) -> None:
         self._topic = topic
         self._room_bytes = room_bytes
+        self._node = node
         self._topics: frozenset[str] | None = None
+        self._announcement: Announcement | None = None
         self._pages: dict[int, str] = {}
         self.is_read = False
 
@@ -177,16 +183,33 @@ class RetainedList:
         if self._topics is None:
             return ()
         self.is_read = True
-        listed = {topic for page in self._pages.values() for topic in _topics_of(page)}
-        return (*clearing(listed - self._topics), *self._rewritten(self._topics))
+        listed = {entry for page in self._pages.values() for entry in _entries_of(page)}
+        return (
+            *clearing(set(filter(_may_be_cleared, listed)) - self._topics),
+            *announce(self._announcement, filter(is_entry, listed), self._node),
+            *self._rewritten(),
+        )
 
     def retain_only(self, topics: frozenset[str]) -> tuple[Message, ...]:
         """Take on what is published from now on; return the pages that change, to be sent after what clears topics."""
         self._topics = topics
-        return tuple(self._rewritten(topics)) if self.is_read else ()
+        return tuple(self._rewritten()) if self.is_read else ()
 
-    def _rewritten(self, topics: frozenset[str]) -> Iterator[Message]:
-        before, self._pages = self._pages, dict(enumerate(_paged(sorted(topics), self._room_bytes)))
+    def announce(self, announcement: Announcement | None) -> tuple[Message, ...]:
+        """Take on what Home Assistant discovers from now on; return what announces it, if the pages were read."""
+        before, self._announcement = self._announcement, announcement
+        if not self.is_read:
+            return ()
+        return (*announce(announcement, before.entries if before else (), self._node), *self._rewritten())
+
+    def announced(self) -> tuple[Message, ...]:
+        """Return what announces the same again; nothing if nothing was announced."""
+        return (self._announcement.message(),) if self._announcement is not None else ()
+
+    def _rewritten(self) -> Iterator[Message]:
+        entries = self._announcement.entries if self._announcement is not None else ()
+        listed = (*sorted(self._topics or ()), *sorted(entries))  # if there is no room for all, rules come first
+        before, self._pages = self._pages, dict(enumerate(_paged(listed, self._room_bytes)))
         for number in sorted(before.keys() | self._pages.keys()):
             page = self._pages.get(number, "")
             if page != before.get(number):
@@ -209,13 +232,19 @@ def _paged(topics: Iterable[str], room_bytes: int) -> list[str]:
     return [json.dumps(page, separators=(",", ":")) for page in pages[:PAGES_MAX]]
 
 
-def _topics_of(page: str) -> Iterator[str]:
-    """Yield the topics of a page that may be cleared."""
+def _entries_of(page: str) -> Iterator[str]:
+    """Yield what a page lists."""
     try:
         found = json.loads(page)
     except (ValueError, RecursionError):
         return
-    for topic in found if isinstance(found, list) else ():
-        is_topic = isinstance(topic, str) and topic.isprintable() and not re.search(r"[+#]", topic) and topic.strip("/")
-        if is_topic and (_OF_RULE.fullmatch(topic) or not _OWN.fullmatch(topic)):
-            yield topic
+    yield from (
+        each for each in (found if isinstance(found, list) else ()) if isinstance(each, str) and each.isprintable()
+    )
+
+
+def _may_be_cleared(topic: str) -> bool:
+    """Return whether it is a topic, and one that may be cleared."""
+    if re.search(r"[+#]", topic) or not topic.strip("/"):
+        return False
+    return bool(_OF_RULE.fullmatch(topic)) or not _OWN.fullmatch(topic)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from typing import Literal, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Literal, Protocol, runtime_checkable
 
 from msgspec import Struct
 
 from stadimeter.core.message import Message
 from stadimeter.core.notification import Notification
+
+if TYPE_CHECKING:
+    from stadimeter.core.home_assistant import Announcement, DiscoveryPlace
 
 
 class Messenger(Protocol):
@@ -87,10 +90,14 @@ class TakesRequests(Protocol):
     def commands(self) -> CommandLevel:
         """What the configuration allows them to ask for."""
 
-    def listen(self, topics: Collection[str], receive: Callable[[RequestMessage], None]) -> None:
+    def listen(
+        self, topics: Collection[str], offered: Collection[str], receive: Callable[[RequestMessage], None]
+    ) -> None:
         """Receive what comes on exactly these topics, below the base topic. Call it before `open`.
 
-        ``receive`` is called in a thread of the messenger; it must neither wait nor fail.
+        Args:
+            offered: Those of them that are not refused whatever comes; others are answered only.
+            receive: It is called in a thread of the messenger, and must neither wait nor fail.
         """
 
     def respond(self, request: RequestMessage, topic: str, payload: bytes) -> None:
@@ -104,6 +111,25 @@ class TakesRequests(Protocol):
 
     def deafness(self) -> str:
         """Return why requests are not received although there is a connection, or an empty string."""
+
+
+@runtime_checkable
+class Discoverable(Protocol):
+    """A messenger over which Home Assistant discovers a run."""
+
+    @property
+    def discovery_place(self) -> DiscoveryPlace | None:
+        """Where; None if it shall not."""
+
+    @property
+    def orders(self) -> frozenset[str]:
+        """The topics, below the base topic, to which others may send. What needs another is not offered."""
+
+    def announce(self, announcement: Announcement) -> None:
+        """Have this discovered from now on, also after Home Assistant began anew. May be called before `open`."""
+
+    def take_states_due(self) -> bool:
+        """Return, once each time, whether Home Assistant or the broker began anew, so that it may know no states."""
 
 
 @runtime_checkable

@@ -6,6 +6,7 @@ and hands back what became of them. Others never reach it, however many come.
 
 from __future__ import annotations
 
+import json
 import queue
 import threading
 import time
@@ -49,6 +50,12 @@ class _Offer(Struct, frozen=True):
     needs_all: bool = False
 
 
+# A switch, such as Home Assistant's, sends both of its states to one topic, as `value`: true is the first action.
+SWITCHES: Mapping[str, tuple[OperatorAction, OperatorAction]] = {
+    "in-service": (OperatorAction.PUT_BACK, OperatorAction.TAKE_OUT),
+    "observed": (OperatorAction.OBSERVE, OperatorAction.ACT),
+}
+
 # What is not here cannot be asked for: to hold an output or change a simulated world moves something, and a restart
 # ends the connection that the answer would need.
 OFFERS: Mapping[str, _Offer] = {
@@ -56,6 +63,7 @@ OFFERS: Mapping[str, _Offer] = {
     **{op: _Offer(op) for op in ("status", "alarms", "explain")},
     **{op: _Offer(op, needs_all=True) for op in ("record", "reload")},
     SNAPSHOT: _Offer("frame", needs_all=True),
+    **{switch: _Offer(off.command) for switch, (_, off) in SWITCHES.items()},
 }
 
 _WORDS = {
@@ -103,7 +111,9 @@ class MqttRequests:
 
     def open(self) -> None:
         """Begin to listen; the messenger must not be open yet."""
-        self._messenger.listen([f"request/{name}" for name in OFFERS], self.receive)
+        may_all = self._messenger.commands == "all"
+        offered = [f"request/{name}" for name, offer in OFFERS.items() if may_all or not offer.needs_all]
+        self._messenger.listen([f"request/{name}" for name in OFFERS], offered, self.receive)
         self._thread.start()
 
     def close(self) -> None:
@@ -177,7 +187,8 @@ class MqttRequests:
 
     def _hand_over(self, message: RequestMessage, offer: _Offer, transaction: Transaction) -> None:
         try:
-            request = parse_flat_request(offer.op, message.payload, "mqtt")
+            op, payload = _switched(message) or (offer.op, message.payload)
+            request = parse_flat_request(op, payload, "mqtt")
         except ControlError as error:
             self._refuse(message, transaction, "invalid", str(error))
             return
@@ -228,6 +239,21 @@ class MqttRequests:
         if not self._messenger.show(SNAPSHOT, bytes(reply.attached), "image/jpeg"):
             return Reply(error=f"the broker does not take a picture of {size} bytes now")
         return Reply({"topic": SNAPSHOT, "bytes": size, **reply.data})
+
+
+def _switched(message: RequestMessage) -> tuple[str, bytes] | None:
+    """Return the operation that a switch asks for, and its arguments; None for a topic that is no switch's."""
+    actions = SWITCHES.get(message.topic.partition("/")[2])
+    if actions is None:
+        return None
+    try:
+        found = json.loads(message.payload)
+        value = found.pop("value")
+    except (ValueError, RecursionError, AttributeError, LookupError, TypeError):
+        value = None
+    if not isinstance(value, bool):
+        raise ControlError('this must be a JSON object such as {"rule": "near", "value": true}')
+    return actions[not value].command, json.dumps(found).encode()
 
 
 class _TooLate(Reply, frozen=True):

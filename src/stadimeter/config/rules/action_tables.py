@@ -23,7 +23,9 @@ MIN_STEP_S = 0.05
 JSON_MAX_DEPTH = 20
 
 # First words of the topics that the program itself publishes below its base topic.
-OWN_TOPICS = ("availability", "event", "request", "response", "retained", "rule", "snapshot", "target")
+OWN_TOPICS = (
+    "availability", "camera", "event", "health", "request", "response", "retained", "rule", "snapshot", "target",
+)  # fmt: skip
 
 DEFAULT_TITLE = "{rule}: {event}"
 DEFAULT_TEXT = "{reason}"

@@ -1,0 +1,262 @@
+"""What Home Assistant discovers of a device: one message that the broker keeps, with every entity of it.
+
+The form is that of Home Assistant's "device discovery" (home-assistant.io, integration MQTT, section "MQTT discovery").
+Home Assistant drops a whole device for one key at the root that it does not know, and the key of a component that it
+does not know: so keys are written in full, and are those of the types below.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Literal
+
+import msgspec
+from msgspec import Struct
+
+from stadimeter.core.message import Message
+
+AVAILABILITY = "availability"
+
+
+class _Part(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A part of the message; keys that are not given are left out of it."""
+
+
+class Topic(_Part, frozen=True, kw_only=True):
+    """A topic that says ``online`` or ``offline``."""
+
+    topic: str
+
+
+class Component(_Part, frozen=True, kw_only=True, tag_field="platform"):
+    """An entity, as every platform has it.
+
+    Attributes:
+        unique_id: By which Home Assistant knows it for ever, whatever it is called.
+        default_entity_id: What it is called in automations, unless a person renames it.
+        qos: Of its subscriptions and orders. It does not follow that of the device.
+        availability: In place of that of the device: it is available while all of these say so.
+        expire_after: After this many seconds without a state it is unavailable; 0 for never.
+    """
+
+    unique_id: str
+    default_entity_id: str
+    name: str
+    qos: int
+    availability: tuple[Topic, ...] = ()
+    availability_mode: Literal["", "all"] = ""
+    entity_category: Literal["", "config", "diagnostic"] = ""
+    enabled_by_default: bool = True
+    icon: str = ""
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """The topics that it shows."""
+        topics = tuple(getattr(self, field, "") for field in ("state_topic", "json_attributes_topic", "image_topic"))
+        return (*filter(None, topics), *(each.topic for each in self.availability))
+
+    @property
+    def order(self) -> str:
+        """The topic to which it sends; empty for none."""
+        return getattr(self, "command_topic", "")
+
+
+class Sensor(Component, frozen=True, kw_only=True, tag="sensor"):
+    """A figure, or one of some words."""
+
+    state_topic: str
+    value_template: str
+    device_class: str = ""
+    state_class: Literal["", "measurement"] = ""
+    unit_of_measurement: str = ""
+    suggested_display_precision: int | None = None
+    options: tuple[str, ...] = ()
+    expire_after: int = 0
+
+
+class BinarySensor(Component, frozen=True, kw_only=True, tag="binary_sensor"):
+    """Something that is so or not, or unknown."""
+
+    state_topic: str
+    value_template: str
+    device_class: str = ""
+    json_attributes_topic: str = ""
+    json_attributes_template: str = ""
+    expire_after: int = 0
+
+
+class EventEntity(Component, frozen=True, kw_only=True, tag="event"):
+    """Something that happens; what it says beside its type are attributes."""
+
+    state_topic: str
+    event_types: tuple[str, ...]
+
+
+class Number(Component, frozen=True, kw_only=True, tag="number"):
+    """A figure that people may set."""
+
+    state_topic: str
+    value_template: str
+    command_topic: str
+    command_template: str
+    min: float
+    max: float
+    step: float
+    mode: Literal["box"]
+    unit_of_measurement: str = ""
+    device_class: str = ""
+
+
+class Switch(Component, frozen=True, kw_only=True, tag="switch"):
+    """Something that people may switch."""
+
+    state_topic: str
+    value_template: str
+    command_topic: str
+    payload_on: str
+    payload_off: str
+    state_on: str
+    state_off: str
+
+
+class ButtonEntity(Component, frozen=True, kw_only=True, tag="button"):
+    """Something that people may ask for."""
+
+    command_topic: str
+    payload_press: str
+
+
+class ImageEntity(Component, frozen=True, kw_only=True, tag="image"):
+    """A picture."""
+
+    image_topic: str
+    content_type: str
+
+
+AnyComponent = Sensor | BinarySensor | EventEntity | Number | Switch | ButtonEntity | ImageEntity
+
+
+_PLATFORMS = frozenset(str(kind.__struct_config__.tag) for kind in AnyComponent.__args__)
+
+
+class Device(_Part, frozen=True, kw_only=True):
+    """What the entities belong to."""
+
+    identifiers: tuple[str, ...]
+    name: str
+    manufacturer: str
+    model: str
+    sw_version: str
+
+
+class Origin(_Part, frozen=True, kw_only=True):
+    """The program that says all this."""
+
+    name: str
+    sw_version: str
+    support_url: str
+
+
+class DiscoveryPlace(Struct, frozen=True, kw_only=True):
+    """Where a node is discovered.
+
+    Attributes:
+        node: Its name, which no other node has.
+        base: What its topics begin with.
+        prefix: What Home Assistant listens to.
+    """
+
+    node: str
+    base: str
+    prefix: str
+
+    @property
+    def device(self) -> str:
+        """By which Home Assistant knows the device, and its entities by what begins with this."""
+        return f"stadimeter_{self.node}"
+
+    @property
+    def topic(self) -> str:
+        """The topic of the message, which does not begin with the base topic."""
+        return f"{self.prefix}/device/{self.device}/config"
+
+
+# An announcement leaves these behind in the list of what a broker keeps. No topic has a `#`.
+_DEVICE, _COMPONENT = "device#", "component#"
+
+
+class Announcement(Struct, frozen=True, kw_only=True):
+    """A device with its entities, to be discovered.
+
+    Attributes:
+        components: By a key that stays the same while an entity is the same.
+    """
+
+    place: DiscoveryPlace
+    device: Device
+    origin: Origin
+    components: Mapping[str, AnyComponent]
+
+    def message(self, gone: Mapping[str, str] | None = None) -> Message:
+        """Return the message.
+
+        Args:
+            gone: The platforms of components that are no more, by key: such a message removes them. One without them
+                must follow.
+        """
+        removed = {key: {"platform": platform} for key, platform in (gone or {}).items()}
+        content = {
+            "device": self.device,
+            "origin": self.origin,
+            "availability": [Topic(topic=f"{self.place.base}/{AVAILABILITY}")],
+            "availability_mode": "all",
+            "components": {**self.components, **removed},
+        }
+        payload = msgspec.json.encode(content).decode()
+        return Message(topic=self.place.topic, payload=payload, qos=1, retain=True, is_absolute=True)
+
+    @property
+    def entries(self) -> frozenset[str]:
+        """What is written down of it, for a later run: that of it which must be removed when it goes."""
+        listed = (f"{_COMPONENT}{_platform(each)}/{key}" for key, each in self.components.items())
+        return frozenset({f"{_DEVICE}{self.place.topic}", *listed})
+
+
+def is_entry(listed: str) -> bool:
+    """Return whether it is one of `Announcement.entries`."""
+    return listed.startswith((_DEVICE, _COMPONENT))
+
+
+def announce(announcement: Announcement | None, before: Iterable[str], node: str) -> Iterator[Message]:
+    """Yield what announces a device, and removes what an earlier announcement has left.
+
+    Args:
+        announcement: The device; None for none.
+        before: What was written down of the earlier one. It is not trusted: nothing is removed but this node's.
+        node: This node's name.
+    """
+    entries = set(before)
+    own = DiscoveryPlace(node=node, base="", prefix="").topic
+    for listed in sorted(entries):
+        topic = listed.removeprefix(_DEVICE)
+        is_here = announcement is not None and topic == announcement.place.topic
+        if listed.startswith(_DEVICE) and topic.endswith(own) and not is_here:
+            yield Message(topic=topic, payload="", qos=1, retain=True, is_absolute=True)
+    if announcement is None:
+        return
+    # A key that goes on with another platform is among them: Home Assistant must first forget the entity that it was.
+    if gone := dict(_components(entries - announcement.entries)):
+        yield announcement.message(gone)
+    yield announcement.message()
+
+
+def _components(entries: Iterable[str]) -> Iterator[tuple[str, str]]:
+    """Yield key and platform of each component that is written down."""
+    for listed in entries:
+        platform, _, key = listed.removeprefix(_COMPONENT).partition("/")
+        if listed.startswith(_COMPONENT) and platform in _PLATFORMS and key:
+            yield key, platform
+
+
+def _platform(component: Component) -> str:
+    return str(component.__struct_config__.tag)

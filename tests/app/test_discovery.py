@@ -1,0 +1,268 @@
+"""What Home Assistant discovers of a run: complete, in a form that it takes, and nothing that would not work."""
+
+from __future__ import annotations
+
+import copy
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stadimeter.app.discovery import announcement
+from stadimeter.app.reporting import ALARM_EVENTS, Reporter
+from stadimeter.config.loader import load_configuration
+from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.decision import Decision, EventKind, RuleStatus, RuleTrace, SafetyMode, Severity
+from stadimeter.core.home_assistant import DiscoveryPlace
+from stadimeter.core.plan import Plan
+from stadimeter.core.rule import AlarmRule
+from stadimeter.core.track import Track, TrackStatus
+from stadimeter.messaging.mqtt import MqttOptions
+from support.discovery_checks import faults
+from support.each_case import each_case
+from support.every_rule import ORDERS, announced, every_rule
+
+APPLIANCE = Path(__file__).parents[2] / "config/appliance.toml"
+PLACE = DiscoveryPlace(node="it", base="stadimeter/it", prefix="homeassistant")
+
+
+def payload(folder: Path, orders: frozenset[str] = ORDERS) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(announced(every_rule(folder), orders=orders).message().payload)
+    return found
+
+
+@pytest.fixture
+def message(tmp_path: Path) -> dict[str, Any]:
+    return payload(tmp_path)
+
+
+def test_the_message_has_the_form_that_home_assistant_takes(message: dict[str, Any], tmp_path: Path) -> None:
+    assert faults(message) == []
+    assert faults(payload(tmp_path, orders=frozenset())) == []
+    assert faults(json.loads(announced(load_configuration(APPLIANCE)).message().payload)) == []
+
+
+def change(*path: str, to: object) -> Callable[[dict[str, Any]], None]:
+    def apply(message: dict[str, Any]) -> None:
+        for key in path[:-1]:
+            message = message[key]
+        if to is None:
+            del message[path[-1]]
+        else:
+            message[path[-1]] = to
+
+    return apply
+
+
+@each_case(
+    "mutation",
+    [
+        change("retain", to=True),
+        change("~", to="stadimeter/it"),
+        change("foo", to=1),
+        change("qos", to=2),
+        change("cmp", to={}),
+        change("child_devices", to={}),
+        change("device", "foo", to=1),
+        change("device", "identifiers", to=None),
+        change("device", "configuration_url", to="stadimeter.local:8080"),
+        change("origin", to=None),
+        change("origin", "url", to="https://example.org"),
+        change("components", "distance_ball", "unique_id", to=None),
+        change("components", "distance_ball", "unique_id", to="stadimeter_Dock-3_distance_box-2"),
+        change("components", "distance_ball", "platform", to=None),
+        change("components", "distance_ball", "state_topic", to=None),
+        change("components", "distance_ball", "qos", to=None),
+        change("components", "distance_ball", "object_id", to="x"),
+        change("components", "distance_ball", "unit_of_measurement", to="meters"),
+        change("components", "distance_ball", "expire_after", to=0.5),
+        change("components", "distance_ball", "entity_category", to="config"),
+        change("components", "distance_ball", "availability_topic", to="x"),
+        change("components", "status_ball", "state_class", to="measurement"),
+        change("components", "alarm", "retain", to=True),
+        change("components", "threshold_below_near", "min", to=50.0),
+    ],
+)
+def test_every_mutation_that_home_assistant_refuses_or_misreads_is_noticed(
+    mutation: Callable[[dict[str, Any]], None], tmp_path: Path
+) -> None:
+    message = payload(tmp_path)
+    mutated = copy.deepcopy(message)
+    mutation(mutated)
+    assert faults(message) == []
+    assert faults(mutated) != []
+
+
+def test_identifiers_stay_as_they_are(message: dict[str, Any], tmp_path: Path) -> None:
+    """If this fails, every user gets each of these entities twice: the old one as a ghost."""
+    found = announced(every_rule(tmp_path), orders=ORDERS)
+    assert found.place.topic == "homeassistant/device/stadimeter_Dock-3/config"
+    assert message["device"]["identifiers"] == ["stadimeter_Dock-3"]
+    of_ball = {"distance_ball", "sigma_ball", "closing_speed_ball", "status_ball", "presence_ball"}
+    of_near = {
+        "rule_near", "acknowledge_near", "reset_near", "shelve_near", "unshelve_near", "in_service_near",
+        "observed_near", "threshold_below_near", "threshold_time_to_contact.below_near",
+    }  # fmt: skip
+    of_run = {
+        "alarm", "stop_outputs", "take_snapshot", "snapshot", "version", "frame_rate", "latency", "temperature",
+        "undelivered",
+    }  # fmt: skip
+    keys = set(message["components"])
+    assert of_ball | of_near | of_run <= keys
+    assert {key for key in keys if key.endswith("_near")} == of_near
+    assert {key for key in keys if key.endswith(("_louder", "_follow"))} == {"rule_louder", "rule_follow"}
+    for key, each in message["components"].items():
+        assert each["unique_id"] == f"stadimeter_Dock-3_{key}"
+
+
+NAMES = st.text("abA-_0", min_size=1, max_size=6)
+
+
+@given(targets=st.sets(NAMES, max_size=6), rules=st.sets(NAMES, max_size=6))
+def test_no_two_entities_are_the_same_however_targets_and_rules_are_called(targets: set[str], rules: set[str]) -> None:
+    kinds = ["rule", "sigma", "in_service", "threshold", "closing_speed", "take"]
+    names = {f"{kind}_{name}" for kind in kinds for name in rules} | rules
+    plan = Plan(
+        targets=tuple(targets),
+        rules=tuple(
+            AlarmRule(name=name, target="a", condition=DistanceCondition(below_m=1.0), ack="required", latch=True)
+            for name in names
+        ),
+    )
+    retained = {f"rule/{name}/{what}" for name in names for what in ("state", "availability", "settings")}
+    found = announcement(plan, PLACE, retained, ORDERS)
+    per_rule = 7  # state, acknowledge, reset, shelve, unshelve, in service, observed
+    assert len(found.components) == 5 * len(targets) + per_rule * len(names) + 9
+
+
+def test_nothing_is_offered_that_the_run_would_not_take(tmp_path: Path) -> None:
+    platforms = {each["platform"] for each in payload(tmp_path, orders=frozenset())["components"].values()}
+    assert platforms == {"sensor", "binary_sensor", "event"}
+    some = payload(tmp_path, orders=frozenset({"request/acknowledge"}))["components"]
+    assert [key for key, each in some.items() if each["platform"] == "button"] == ["acknowledge_near"]
+    assert "snapshot" not in some
+
+
+def test_orders_are_json_for_the_actions_that_operators_have(message: dict[str, Any]) -> None:
+    components = message["components"]
+    assert json.loads(components["acknowledge_near"]["payload_press"]) == {"rule": "near"}
+    assert json.loads(components["shelve_near"]["payload_press"]) == {"rule": "near", "for_s": 1800.0}
+    assert json.loads(components["stop_outputs"]["payload_press"]) == {}
+    assert components["stop_outputs"]["command_topic"] == "stadimeter/Dock-3/request/stop-outputs"
+    number = components["threshold_time_to_contact.below_near"]
+    sent = jinja2.Template(number["command_template"]).render(value=1.25)
+    assert json.loads(sent) == {"rule": "near", "key": "time_to_contact.below", "value": 1.25}
+    settings = {"thresholds": {"time_to_contact.below": {"value": 2.0}}, "in_service": True, "observed": False}
+    assert jinja2.Template(number["value_template"]).render(value_json=settings) == "2.0"
+    switch = components["in_service_near"]
+    assert jinja2.Template(switch["value_template"]).render(value_json=settings) == "ON"
+    assert json.loads(switch["payload_off"]) == {"rule": "near", "value": False}
+
+
+def test_a_safety_rule_has_no_button_that_makes_it_quiet(message: dict[str, Any]) -> None:
+    of_it = {key for key in message["components"] if key.endswith("_too-close")}
+    assert of_it == {"rule_too-close", "reset_too-close"}
+    assert message["components"]["rule_too-close"]["device_class"] == "safety"
+
+
+def test_only_diagnostics_are_hidden_until_they_are_asked_for(message: dict[str, Any]) -> None:
+    hidden = {key for key, each in message["components"].items() if each.get("enabled_by_default") is False}
+    assert hidden == {"frame_rate", "latency", "temperature", "undelivered"}
+
+
+def test_every_kind_of_event_of_a_rule_is_known_beforehand(message: dict[str, Any]) -> None:
+    """Home Assistant logs an error for one that is not, and passes it over."""
+    reporter = Reporter("boot")
+    for kind in EventKind:
+        found = reporter.messages(0.0, str, _decision(kind))
+        if found[0].topic == "event/alarm":
+            assert json.loads(found[0].payload)["event_type"] in message["components"]["alarm"]["event_types"]
+        else:
+            assert kind not in ALARM_EVENTS
+
+
+def _decision(kind: EventKind) -> Decision:
+    from stadimeter.core.decision import Event
+
+    event = Event(kind=kind, source="near", at_s=0.0, severity=Severity.ALARM, reason="x")
+    return Decision(
+        commands=(), events=(event,), tracks=(), outputs=(), safety=SafetyMode.ACTIVE, safety_reason="", rules=()
+    )
+
+
+def shown(message: dict[str, Any], key: str, track: Track, active: bool | None = None) -> str:
+    """Return what Home Assistant shows of what a run publishes."""
+    component = message["components"][key]
+    trace = RuleTrace(rule="near", status=RuleStatus.UNKNOWN if active is None else RuleStatus.ACTIVE, active=active)
+    decision = Decision(
+        commands=(), events=(), tracks=(track,), outputs=(), safety=SafetyMode.ACTIVE, safety_reason="", rules=(trace,),
+        reasons={"near": "0.40 m is below 0.50 m"},
+    )  # fmt: skip
+    published = {f"stadimeter/Dock-3/{each.topic}": each for each in Reporter("boot").messages(0.0, str, decision)}
+    value = json.loads(published[component["state_topic"]].payload)
+    return jinja2.Template(component["value_template"]).render(value_json=value)
+
+
+SEEN = Track(target="ball", status=TrackStatus.TRACKING, distance_m=1.5, sigma_m=0.02, closing_mps=-0.1)
+GONE = Track(target="ball", status=TrackStatus.LOST, distance_m=1.5, sigma_m=0.02)
+
+
+@each_case(
+    ("key", "track", "active", "expected"),
+    [
+        ("distance_ball", SEEN, None, "1.5"),
+        ("distance_ball", GONE, None, "None"),
+        ("sigma_ball", SEEN, None, "0.02"),
+        ("closing_speed_ball", SEEN, None, "-0.1"),
+        ("closing_speed_ball", GONE, None, "None"),
+        ("status_ball", GONE, None, "lost"),
+        ("presence_ball", SEEN, None, "ON"),
+        ("presence_ball", GONE, None, "OFF"),
+        ("rule_near", SEEN, True, "ON"),
+        ("rule_near", SEEN, False, "OFF"),
+        ("rule_near", GONE, None, "None"),
+    ],
+)
+def test_what_is_unknown_is_neither_a_figure_nor_off(
+    key: str, track: Track, active: bool | None, expected: str, tmp_path: Path
+) -> None:
+    assert shown(payload(tmp_path), key, track, active) == expected
+
+
+def test_a_rule_is_available_only_while_it_is_known_and_a_target_while_the_camera_delivers(
+    message: dict[str, Any],
+) -> None:
+    def needs(key: str) -> list[str]:
+        each = message["components"][key]
+        assert each["availability_mode"] == "all"
+        return [topic["topic"].removeprefix("stadimeter/Dock-3/") for topic in each["availability"]]
+
+    assert needs("rule_near") == ["availability", "rule/near/availability"]
+    assert needs("presence_ball") == ["availability", "camera/availability"]
+
+
+def test_the_reason_is_an_attribute_of_the_rule(message: dict[str, Any]) -> None:
+    component = message["components"]["rule_near"]
+    state = {key: f"its {key}" for key in ("reason", "status", "since", "acknowledged", "latched", "first_out")}
+    state |= {"inhibits": ["shelved"], "chattering": False, "data_lost": False, "v": 1, "ts": "now"}
+    environment = jinja2.Environment()  # noqa: S701 - no page is made of it
+    attributes = json.loads(environment.from_string(component["json_attributes_template"]).render(value_json=state))
+    assert attributes == {key: value for key, value in state.items() if key not in {"v", "ts"}}
+    assert component["json_attributes_topic"] == component["state_topic"]
+
+
+@each_case("value", ["home assistant", "/ha", "ha/#", "", "ha/"])
+def test_a_prefix_that_can_be_no_topic_is_refused(value: str) -> None:
+    for key in ("discovery_prefix", "birth_topic"):
+        with pytest.raises(ValueError, match="not a topic"):
+            MqttOptions.model_validate({key: value})
+
+
+def test_it_is_on_unless_it_is_switched_off() -> None:
+    assert MqttOptions(node="it").discovery_place == PLACE
+    assert MqttOptions(node="it", home_assistant=False).discovery_place is None

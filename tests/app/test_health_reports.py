@@ -1,0 +1,126 @@
+"""What a run publishes of its own health."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import stadimeter
+from stadimeter.app.bootstrap import build
+from stadimeter.app.loop import Limits, Loop
+from stadimeter.config.loader import load_configuration
+from stadimeter.core.home_assistant import Announcement, DiscoveryPlace
+from stadimeter.core.message import Message
+from support.recording_doubles import RecordingMessenger
+from support.simulated_run import SIMULATED_BALL
+
+CONFIGURATION = (
+    SIMULATED_BALL
+    + """
+[rules.near]
+when = { below = "2.5 m" }
+[world]
+path = [{ at = "0 s", x = "2 m", y = "0 m" }]
+"""
+)
+
+
+class Discovered(RecordingMessenger):
+    """A messenger over which a run is discovered."""
+
+    discovery_place = DiscoveryPlace(node="it", base="stadimeter/it", prefix="homeassistant")
+    orders = frozenset({"request/stop-outputs"})
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.announcements: list[Announcement] = []
+        self.is_due = False
+
+    def announce(self, announcement: Announcement) -> None:
+        """Keep it."""
+        self.announcements.append(announcement)
+
+    def take_states_due(self) -> bool:
+        """Return what `is_due` says, once."""
+        is_due, self.is_due = self.is_due, False
+        return is_due
+
+
+class Run:
+    """A run of a simulated camera that delivers or not."""
+
+    def __init__(self, folder: Any) -> None:
+        path = folder / "run.toml"
+        path.write_text(CONFIGURATION)
+        self.loop = Loop(build(load_configuration(path), speed=None))
+        self.messenger = self.loop.parts.messenger = Discovered()
+
+    def for_s(self, seconds: float) -> list[Message]:
+        self.loop.run(Limits(seconds=seconds))
+        return self.messenger.messages
+
+    def on(self, topic: str) -> list[str]:
+        return [each.payload for each in self.messenger.messages if each.topic == topic]
+
+
+@pytest.fixture
+def run(tmp_path: Any) -> Run:
+    return Run(tmp_path)
+
+
+def test_health_is_published_every_half_minute_with_what_is_known(run: Run) -> None:
+    messages = run.for_s(70.0)
+    told = [json.loads(payload) for payload in run.on("health")]
+    assert len(told) == 3
+    assert told[-1].keys() >= {"v", "ts", "frame_rate_hz", "latency_s", "temperature_c", "undelivered", "trouble"}
+    page = (Path(__file__).parents[2] / "docs" / "mqtt.md").read_text(encoding="utf-8")
+    (shown,) = [
+        json.loads(line) for line in page.splitlines() if line.startswith('{"v":1') and '"frame_rate_hz"' in line
+    ]
+    assert list(shown) == list(told[-1]), "the documentation shows the real form"
+    assert told[-1]["version"] == stadimeter.__version__
+    assert told[-1]["frame_rate_hz"] == pytest.approx(30.0, abs=1.0)
+    assert told[-1]["undelivered"] == told[-1]["given_up"] == 0
+    (first,) = {(each.qos, each.retain) for each in messages if each.topic == "health"}
+    assert first == (0, False)
+
+
+def test_the_camera_is_offline_until_its_first_picture_and_while_it_is_silent(run: Run) -> None:
+    faults = run.loop.parts.world.faults  # type: ignore[union-attr]
+
+    def fail(record: Any, _frame: Any) -> None:
+        faults.camera_blocked = 5.0 < record.observation.now_s < 12.0
+
+    run.loop.listeners.append(fail)
+    run.for_s(20.0)
+    assert run.on("camera/availability") == ["offline", "online", "offline", "online"]
+    assert all(each.qos == 1 and each.retain for each in run.messenger.messages if each.topic == "camera/availability")
+
+
+def test_a_run_is_announced_with_what_its_messenger_takes(run: Run) -> None:
+    run.for_s(1.0)
+    (announced,) = run.messenger.announcements
+    assert {"distance_ball", "rule_near", "stop_outputs"} <= set(announced.components)
+    assert not any(key.startswith("shelve") for key in announced.components)
+
+
+def test_all_states_are_published_again_when_they_are_due(run: Run) -> None:
+    def ask(record: Any, _frame: Any) -> None:
+        if not self_asked and record.observation.now_s > 5.2:
+            self_asked.append(len(run.messenger.messages))
+            run.messenger.is_due = True
+
+    self_asked: list[int] = []
+    run.loop.listeners.append(ask)
+    run.for_s(5.3)
+    after = run.messenger.messages[self_asked[0] :]
+    assert [each.topic for each in after][:5] == [
+        "rule/near/state", "rule/near/availability", "target/ball/state", "camera/availability", "health",
+    ]  # fmt: skip
+    assert json.loads(after[0].payload)["active"] is True
+    assert after[1].payload == "online"
+    before = [each for each in run.messenger.messages[: self_asked[0]] if each.topic == "rule/near/state"]
+    assert after[0] == before[-1], "the same state, of the same time"

@@ -1,0 +1,238 @@
+"""What Home Assistant discovers, as it passes real brokers: announced, announced again, and removed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from paho.mqtt import publish
+
+from stadimeter.core.home_assistant import (
+    Announcement,
+    ButtonEntity,
+    Device,
+    DiscoveryPlace,
+    EventEntity,
+    Origin,
+    Sensor,
+    announce,
+    is_entry,
+)
+from stadimeter.core.message import Message
+from stadimeter.messaging import broker_link
+from stadimeter.messaging.mqtt import PahoMessenger
+from stadimeter.testing.rig import eventually
+from support.broker import HOST, LoopbackBroker
+from support.mqtt_listener import MqttListener
+
+CONFIG = "homeassistant/device/stadimeter_it/config"
+BIRTH = "homeassistant/status"
+RULE = Message(topic="rule/near/state", payload="near", qos=1, retain=True)
+
+Listen = Callable[..., MqttListener]
+MakeMessenger = Callable[..., PahoMessenger]
+
+
+def entity(kind: type[Any], key: str, **more: Any) -> Any:
+    return kind(unique_id=f"stadimeter_it_{key}", default_entity_id=f"x.{key}", name=key, qos=0, **more)
+
+
+def sensor(key: str) -> Sensor:
+    return entity(Sensor, key, state_topic=f"stadimeter/it/{key}", value_template="{{ value }}")  # type: ignore[no-any-return]
+
+
+def announcement(*keys: str, prefix: str = "homeassistant", node: str = "it", **others: Any) -> Announcement:
+    return Announcement(
+        place=DiscoveryPlace(node=node, base="stadimeter/it", prefix=prefix),
+        device=Device(identifiers=("stadimeter_it",), name="it", manufacturer="x", model="x", sw_version="1"),
+        origin=Origin(name="x", sw_version="1", support_url="https://example.org"),
+        components={**{key: sensor(key) for key in keys}, **others},
+    )
+
+
+def ran(messenger: PahoMessenger, announced: Announcement | None, *, opens: bool = True) -> PahoMessenger:
+    """Do what a run does at its start, or at a reload."""
+    if announced is not None:
+        messenger.announce(announced)
+    messenger.retain_only(frozenset({RULE.topic}))
+    if opens:
+        messenger.open()
+        messenger.publish(RULE)
+    eventually(lambda: not messenger.trouble())
+    return messenger
+
+
+def components(listener: MqttListener, topic: str = CONFIG) -> list[dict[str, Any]]:
+    """Return the components of each announcement so far; an empty one stands for the end of the device."""
+    return [json.loads(each)["components"] if each else {} for each in listener.payloads(topic)]
+
+
+def keys_of(listener: MqttListener, topic: str = CONFIG) -> list[list[str]]:
+    return [list(each) for each in components(listener, topic)]
+
+
+@pytest.mark.parametrize("protocol", ["3.1.1", "auto"])
+def test_it_is_announced_once_connected_and_kept_for_a_home_assistant_that_starts_later(
+    protocol: str, broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+) -> None:
+    ran(make_messenger(broker.port, protocol=protocol), announcement("near", "far"))
+    listen(broker.port).wait_for(CONFIG)
+    heard = listen(broker.port).wait_for(CONFIG)
+    assert heard.is_retained
+    assert heard.qos == 1
+    assert json.loads(heard.payload) == json.loads(announcement("near", "far").message().payload)
+    assert json.loads(heard.payload)["components"]["near"]["platform"] == "sensor"
+
+
+def test_what_is_no_more_after_a_restart_is_removed_by_one_message_and_then_left_out(
+    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+) -> None:
+    first = ran(make_messenger(broker.port), announcement("near", "far"))
+    witness = listen(broker.port)
+    witness.wait_for("stadimeter/it/retained/it/0")
+    eventually(lambda: not first.undelivered())
+    first.close()
+    ran(make_messenger(broker.port), announcement("far", "new"))
+    eventually(lambda: keys_of(witness)[-2:] == [["far", "new", "near"], ["far", "new"]])
+    assert components(witness)[-2]["near"] == {"platform": "sensor"}
+
+
+def test_a_reload_removes_and_adds_at_once(
+    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+) -> None:
+    messenger = ran(make_messenger(broker.port), announcement("near"))
+    witness = listen(broker.port)
+    witness.wait_for("stadimeter/it/retained/it/0")
+    ran(messenger, announcement("far"), opens=False)
+    eventually(lambda: keys_of(witness)[-2:] == [["far", "near"], ["far"]])
+
+
+def test_an_entity_that_becomes_one_of_another_kind_is_removed_first(
+    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+) -> None:
+    messenger = ran(make_messenger(broker.port), announcement("near"))
+    witness = listen(broker.port)
+    witness.wait_for("stadimeter/it/retained/it/0")
+    button = entity(ButtonEntity, "near", command_topic="x", payload_press="{}")
+    ran(messenger, announcement(near=button), opens=False)
+    eventually(
+        lambda: [each.get("near", {}).get("platform") for each in components(witness)][-2:] == ["sensor", "button"]
+    )
+    assert components(witness)[-2]["near"] == {"platform": "sensor"}
+
+
+@pytest.mark.parametrize("now", [{"home_assistant": False}, {"discovery_prefix": "other"}])
+def test_a_device_that_is_announced_elsewhere_or_no_more_leaves_no_ghost(
+    now: dict[str, Any], broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+) -> None:
+    first = ran(make_messenger(broker.port), announcement("near"))
+    witness = listen(broker.port)
+    witness.wait_for("stadimeter/it/retained/it/0")
+    eventually(lambda: not first.undelivered())
+    first.close()
+    messenger = make_messenger(broker.port, **now)
+    place = messenger.discovery_place
+    ran(messenger, announcement("near", prefix=place.prefix) if place is not None else None)
+    witness.wait_for(CONFIG, "")
+    if place is not None:
+        witness.wait_for("other/device/stadimeter_it/config")
+
+
+def test_after_the_birth_of_home_assistant_it_is_announced_again_and_states_are_due(
+    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(broker_link, "BIRTH_SPREAD_S", 0.01)
+    messenger = ran(make_messenger(broker.port), announcement("near"))
+    witness = listen(broker.port)
+    witness.wait_for("stadimeter/it/retained/it/0")
+    before = len(witness.payloads(CONFIG))
+    assert not messenger.take_states_due(), "what it publishes is sent at the start anyway"
+    for payload in ("offline", "online"):
+        publish.single(BIRTH, payload, hostname=HOST, port=broker.port)
+    eventually(messenger.take_states_due)
+    eventually(lambda: len(witness.payloads(CONFIG)) > before)
+    assert not messenger.take_states_due()
+
+
+def test_a_birth_that_the_broker_has_kept_is_none(
+    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(broker_link, "BIRTH_SPREAD_S", 0.0)
+    publish.single(BIRTH, "online", qos=1, retain=True, hostname=HOST, port=broker.port)
+    messenger = ran(make_messenger(broker.port), announcement("near"))
+    witness = listen(broker.port)
+    witness.wait_for("stadimeter/it/retained/it/0")  # written half a second after both subscriptions
+    assert not messenger.take_states_due()
+
+
+def test_a_broker_that_forgot_all_gets_all_again(
+    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+) -> None:
+    messenger = ran(make_messenger(broker.port), announcement("near"))
+    listen(broker.port).wait_for(CONFIG)
+    broker.stop()
+    broker.start()
+    eventually(messenger.take_states_due)
+    listen(broker.port).wait_for(CONFIG)
+
+
+def test_it_is_announced_where_the_list_cannot_be_read_either(
+    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+) -> None:
+    messenger = ran(make_messenger(broker.port, base_topic="b" * 1000), announcement("near"))
+    listen(broker.port).wait_for(CONFIG)
+    ran(messenger, announcement("far"), opens=False)
+    witness = listen(broker.port)
+    eventually(lambda: keys_of(witness)[-1:] == [["far"]])
+
+
+@pytest.mark.usefixtures("mosquitto")
+def test_a_broker_that_forbids_the_topic_is_reported_with_its_name(
+    start_broker: Callable[..., LoopbackBroker], make_messenger: MakeMessenger, tmp_path: Path
+) -> None:
+    acl = "user garage\ntopic readwrite stadimeter/#\n"
+    strict = start_broker(username="garage", password="secret", acl=acl)
+    (tmp_path / "password").write_text("secret")
+    messenger = make_messenger(strict.port, username="garage", password_file=str(tmp_path / "password"))
+    messenger.announce(announcement("near"))
+    messenger.retain_only(frozenset())
+    messenger.open()
+    eventually(lambda: f"or to '{CONFIG}'" in messenger.trouble())
+    assert "access list" in messenger.trouble()
+
+
+def test_a_list_that_somebody_else_wrote_removes_no_other_device(
+    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+) -> None:
+    others = ["device#homeassistant/device/zigbee/config", "device#homeassistant/device/stadimeter_attic/config"]
+    forged = [*others, "component#nonsense/x", "component#sensor/", "component#sensor/gone", "device#"]
+    publish.single(
+        "stadimeter/it/retained/it/0", json.dumps(forged), qos=1, retain=True, hostname=HOST, port=broker.port
+    )
+    witness = listen(broker.port)
+    ran(make_messenger(broker.port), announcement("near"))
+    eventually(lambda: keys_of(witness)[-2:] == [["near", "gone"], ["near"]])
+    assert {each.topic for each in witness.heard if not each.payload} == set()
+
+
+@given(
+    before=st.sets(st.sampled_from("abcd")),
+    now=st.sets(st.sampled_from("abcd")),
+    events=st.sets(st.sampled_from("abcd")),
+)
+def test_exactly_what_is_gone_is_removed(before: set[str], now: set[str], events: set[str]) -> None:
+    event = {key: entity(EventEntity, key, state_topic="x", event_types=("y",)) for key in events}
+    earlier, later = announcement(*before), announcement(*now, **event)
+    assert all(map(is_entry, earlier.entries | later.entries))
+    messages = list(announce(later, earlier.entries, "it"))
+    gone = (before - now) | (before & events)
+    assert len(messages) == (2 if gone else 1)
+    first, last = (json.loads(each.payload)["components"] for each in (messages[0], messages[-1]))
+    assert {key for key, each in first.items() if set(each) == {"platform"}} == gone
+    assert set(last) == now | events
+    assert all(each.is_absolute and each.topic == CONFIG and each.retain for each in messages)

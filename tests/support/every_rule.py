@@ -1,0 +1,115 @@
+"""A configuration with a rule of every kind and severity, and what Home Assistant discovers of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from stadimeter.app.discovery import announcement
+from stadimeter.app.reporting import Reporter
+from stadimeter.config.loader import Configuration, load_configuration
+from stadimeter.core.home_assistant import Announcement, DiscoveryPlace
+from stadimeter.operator_actions import OperatorAction
+from support.simulated_run import SIMULATED_BALL
+
+EVERY_RULE = (
+    SIMULATED_BALL
+    + """
+[targets.box-2]
+detector = "ideal"
+[base]
+driver = "simulated"
+[messenger]
+driver = "mqtt"
+node = "Dock-3"
+[rules.too-close]
+target = "ball"
+severity = "safety"
+when = { below = "50 cm" }
+latch = true
+[rules.near]
+target = "ball"
+severity = "alarm"
+when = { all = [{ below = "3 m" }, { time_to_contact = { below = "2 s" } }] }
+ack = "required"
+latch = true
+[rules.in-reach]
+target = "ball"
+when = { between = ["50 cm", "1.5 m"] }
+[rules.to_the_left]
+target = "ball"
+severity = "info"
+when = { bearing = { below = "-10 deg" } }
+[rules.fast]
+target = "ball"
+when = { closing_speed = { above = "1 m/s" } }
+[rules.apart]
+target = "ball"
+when = { separation = { of = ["ball", "box-2"], above = "1 m" } }
+[rules.many]
+target = "ball"
+when = { count = { at_least = 2 } }
+[rules.at-night]
+target = "ball"
+when = { time = { between = ["22:00", "06:00"] } }
+[rules.gone]
+target = "ball"
+when = { lost = true }
+[rules.either]
+target = "ball"
+when = { any = [{ rule = "near" }, { battery_below = "11 V" }, { not = { seen = true } }] }
+observe = true
+[rules.louder]
+target = "ball"
+actuator = "motor"
+ramp = { from = "2 m", to = "0.5 m" }
+[rules.follow]
+target = "ball"
+actuator = "base"
+follow = { distance = "1 m" }
+[world]
+path = [{ at = "0 s", x = "2 m", y = "0 m" }]
+"""
+)
+
+ORDERS = frozenset({
+    *(f"request/{action.value}" for action in OperatorAction),
+    "request/snapshot", "request/set-threshold", "request/in-service", "request/observed",
+})  # fmt: skip
+"""Everything that a run may take from others."""
+
+
+class Range(NamedTuple):
+    """What a threshold takes."""
+
+    unit: str
+    least: float
+    most: float
+
+
+THRESHOLDS = {
+    "near": {"below": Range("m", 0.05, 30.0), "time_to_contact.below": Range("s", 0.1, 60.0)},
+    "in-reach": {"above": Range("m", 0.05, 1.5), "below": Range("m", 0.5, 30.0)},
+    "fast": {"closing_speed.above": Range("m/s", 0.01, 20.0)},
+    "to_the_left": {"bearing.below": Range("rad", -1.5, 1.5)},
+}
+
+
+def every_rule(folder: Path) -> Configuration:
+    """Return that configuration."""
+    path = folder / "every-rule.toml"
+    path.write_text(EVERY_RULE)
+    return load_configuration(path)
+
+
+def announced(configuration: Configuration, *, orders: frozenset[str] = frozenset(), **place: Any) -> Announcement:
+    """Return what a run announces which takes these orders; settings are published with the order to set them."""
+    options = configuration.messenger.options if configuration.messenger is not None else None
+    where: DiscoveryPlace = getattr(options, "discovery_place")  # noqa: B009 - of this driver only
+    reporter = Reporter("boot")
+    reporter.opening(configuration.plan.rules)
+    names = [rule.name for rule in configuration.plan.rules] if orders else []
+    retained = reporter.retained | {f"rule/{name}/settings" for name in names}
+    thresholds = THRESHOLDS if orders else {}
+    place = {"node": where.node, "base": where.base, "prefix": where.prefix, **place}
+    return announcement(configuration.plan, DiscoveryPlace(**place), retained, orders, thresholds)
