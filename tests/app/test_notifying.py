@@ -68,7 +68,7 @@ def sent(rule: AlarmRule, made: Decision) -> tuple[tuple[Message, ...], tuple[tu
 
 def test_a_notification_tells_of_the_rules_own_target() -> None:
     _, notifications = sent(alarm(to_phone("{target}: {distance_m} m", "{rule} at {time_of_day}")), decision(0))
-    note = Notification(title="near at 22:14:03", body="ball: 0.41 m", severity=Severity.ALARM, time=TIME)
+    note = Notification(title="near at 22:14:03", body="ball: 0.41 m", severity=Severity.ALARM, time=TIME, at_s=1.0)
     assert notifications == (("phone", note),)
 
 

@@ -255,6 +255,8 @@ def test_an_alarm_is_an_event_that_is_never_retained_and_has_an_id_of_its_own() 
         '"notify":true,"first_out":false,"by":null}',
         qos=1,
         retain=False,
+        severity=Severity.ALARM,
+        at_s=1.0,
     )
 
 

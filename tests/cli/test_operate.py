@@ -264,6 +264,8 @@ def test_the_status_says_what_waits_for_a_broker_that_is_away(terminal):
     assert "messenger: not delivered yet: 2, given up: 0" in terminal.type("status").stdout  # target seen, near raised
     status = json.loads(terminal.type("status", "--json").stdout)
     assert status["deliveries"] == [{"to": "messenger", "waiting": 2, "given_up": 0}]
+    eventually(lambda: json.loads(terminal.type("status", "--json").stdout)["alarm_undelivered"])
+    assert "an alarm has not reached broker or service" in terminal.type("status").stdout
 
 
 def test_two_instances_of_one_configuration_listen_at_two_places(terminal):

@@ -18,6 +18,7 @@ from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, SeparationCondition
 from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
+from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.observation import WallTime
 from stadimeter.core.track import Track, TrackStatus
 
@@ -70,6 +71,7 @@ def leaves(draw: st.DrawFn) -> Condition:
                 RuleCondition(rule=draw(st.sampled_from(RULES))),
                 ContactSensorCondition(sensor=draw(st.sampled_from(["is_bumped", "is_at_cliff"]))),
                 BatteryCondition(below_v=draw(st.sampled_from([10.8, 11.4]))),
+                UndeliveredCondition(for_s=draw(st.sampled_from([0.5, 5.0]))),
                 ScheduleCondition(from_s=draw(hours), to_s=draw(hours), weekdays=draw(st.sampled_from([(), (0, 5)]))),
             ]
         )
@@ -121,6 +123,7 @@ def situations(draw: st.DrawFn) -> RuleInputs:
         base=draw(
             st.none() | st.builds(BaseReport, at_s=st.just(NOW_S), battery_v=st.none() | st.sampled_from(VOLTAGES_V))
         ),
+        undelivered_since_s=draw(st.none() | st.sampled_from([0.0, 1.0, 8.0]).map(lambda waited_s: NOW_S - waited_s)),
         active={rule: draw(st.sampled_from([True, False, None])) for rule in RULES},
     )
 

@@ -19,6 +19,7 @@ from stadimeter.core.conditions.discrete import CountCondition, PresenceConditio
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, SeparationCondition
 from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
+from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.decision import Severity
 
 Load = Callable[[str], Configuration]
@@ -94,6 +95,7 @@ ENTRIES: list[tuple[str, Condition]] = [
     ("{ bumped = true }", ContactSensorCondition(sensor="is_bumped")),
     ("{ at_cliff = true }", ContactSensorCondition(sensor="is_at_cliff")),
     ('{ battery_below = "10800 mV" }', BatteryCondition(below_v=10.8)),
+    ('{ undelivered_for = "5 s" }', UndeliveredCondition(for_s=5.0)),
     (
         "{ time = { between = [22:00:00, 06:30:00] } }",
         ScheduleCondition(from_s=79200.0, to_s=23400.0),

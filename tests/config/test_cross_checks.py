@@ -49,7 +49,7 @@ BROKEN = [
         f"{NEAR}when = {{ }}",
         ("rules.near.when: the condition is empty (write one of above, below, between, seen, lost, seen_for, "
         "lost_for, bearing, elevation, closing_speed, time_to_contact, separation, count, rule, time, bumped, "
-        "at_cliff, battery_below, all, any and not)"),
+        "at_cliff, battery_below, undelivered_for, all, any and not)"),
     ),
     (
         f'{NEAR}when = {{ above = "1 m", between = ["2 m", "3 m"] }}',

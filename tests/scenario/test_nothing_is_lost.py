@@ -23,7 +23,8 @@ from support.tunnel import Tunnel
 pytestmark = pytest.mark.skipif(mosquitto_program() is None, reason="needs mosquitto")
 
 KILLS = int(os.environ.get("STADIMETER_KILLS", "3"))
-ARRIVAL_MAX_S = 15.0
+# A last resort: the figure that is printed is that of the documentation, at a machine that is not busy.
+ARRIVAL_MAX_S = 60.0
 
 BACK_AND_FORTH = """
 [world]
@@ -142,6 +143,7 @@ def test_alarms_from_before_a_sudden_end_without_a_broker_arrive_with_their_own_
     assert not lost
     assert len(came) == len({each["id"] for each in came}), "each came once"
     assert [each["ts"] for each in came] == sorted(each["ts"] for each in came)
+    assert all(each.get("replayed") for each in came), "they are history"
     assert seconds <= ARRIVAL_MAX_S
 
 

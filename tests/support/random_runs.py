@@ -16,6 +16,7 @@ from stadimeter.core.conditions.discrete import CountCondition, PresenceConditio
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, SeparationCondition
 from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
+from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Severity
 from stadimeter.core.measurement import Measurement
@@ -167,6 +168,7 @@ class _Rules:
             lambda: CountCondition(at_least=rng.choice((None, 1, 2)), at_most=rng.choice((0, 1))),
             lambda: ContactSensorCondition(sensor=rng.choice(("is_bumped", "is_at_cliff"))),
             lambda: BatteryCondition(below_v=rng.choice((10.8, 11.4))),
+            lambda: UndeliveredCondition(for_s=rng.choice((0.2, 1.0))),
             lambda: ScheduleCondition(from_s=43200.0, to_s=rng.choice((43203.0, 80000.0))),
         )
         if self.names and rng.random() < (0.35 if self.is_aimed else 0.2):
@@ -260,6 +262,7 @@ class _Scene:
         self.gone = dict.fromkeys(TARGETS, 0)
         self.sigma_m = rng.choice((0.0, 0.002) if is_aimed else (0.0, 0.002, 0.03, 0.1, 0.5))
         self.has_wall = rng.random() < 0.7
+        self.undelivered_since_s: float | None = None
 
     def observations(self, cycles: int) -> Iterator[Observation]:
         """Cycles with a frame each, or a camera that says nothing, or a program that stood still."""
@@ -269,6 +272,8 @@ class _Scene:
             now_s += self.rng.uniform(1.0, 8.0) if chance < 0.01 else self.step_s
             wall = WallTime(second_of_day=43100 + now_s, weekday=2) if self.has_wall else None
             commands = (self._command(),) if self.names and self.rng.random() < 0.06 else ()
+            if self.rng.random() < 0.05:
+                self.undelivered_since_s = self.rng.choice((None, now_s, now_s - 0.3))
             if 0.01 < chance < 0.05:
                 yield Observation(
                     now_s=now_s,
@@ -276,6 +281,7 @@ class _Scene:
                     wall=wall,
                     base=self._base(now_s),
                     operator_commands=commands,
+                    undelivered_since_s=self.undelivered_since_s,
                 )
                 continue
             sequence += 1
@@ -287,6 +293,7 @@ class _Scene:
                 wall=wall,
                 base=self._base(now_s),
                 operator_commands=commands,
+                undelivered_since_s=self.undelivered_since_s,
             )
 
     def _base(self, now_s: float) -> BaseReport | None:

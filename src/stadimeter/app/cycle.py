@@ -85,11 +85,13 @@ class Cycle:
         state: State,
         operator_commands: tuple[AnyCommand, ...] = (),
         wall: WallTime | None = None,
+        undelivered_since_s: float | None = None,
     ) -> tuple[State, CycleRecord, Frame | None]:
         """Run one cycle.
 
         Args:
             wall: The local time of day, if a rule asks for it and it is known.
+            undelivered_since_s: Since when an alarm could not be delivered; None for none.
 
         Returns:
             What it remembers now, the record of the cycle, and the frame that was new in it, if any.
@@ -119,6 +121,7 @@ class Cycle:
             base=next(iter(reports.values()), None),
             wall=wall,
             operator_commands=operator_commands,
+            undelivered_since_s=undelivered_since_s,
         )
         state, decision = decide(state, observation)
         watch.lap("decide")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
@@ -10,8 +11,8 @@ from msgspec.structs import replace
 
 from stadimeter.app.reporting import is_state
 from stadimeter.core import templates
-from stadimeter.core.decision import Decision, Notice
-from stadimeter.core.message import Message
+from stadimeter.core.decision import Decision, Notice, Severity
+from stadimeter.core.message import KEPT_S, Message, as_history
 from stadimeter.core.notification import Notification
 from stadimeter.core.rule import AlarmRule, AnyRule, Send, Template
 from stadimeter.errors import StadimeterError
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
     from stadimeter.app.bootstrap import Parts
     from stadimeter.messaging.protocol import Messenger, Notifier
 
+
+# Period of the check for alarms that are not delivered.
+LOOK_EVERY_S = 0.5
 
 # Stands for the messenger where else the name of a notifier stands.
 MESSENGER = ""
@@ -38,12 +42,31 @@ class Deliveries:
         self._parts = parts
         self._unwanted: Counter[str] = Counter()
         self._reasons: list[str] = []
+        self._began_s: float | None = None
+        self._looked_at_s = -math.inf
+        self._alarm_waits_since_s: float | None = None
 
     def undelivered(self) -> tuple[Undelivered, ...]:
         """Return what is neither delivered nor given up, oldest first."""
         return tuple(
             (name, each) for name, sender in self._senders() for each in sender.undelivered() if not is_state(each)
         )
+
+    def alarm_waits_since_s(self, now_s: float) -> float | None:
+        """Return since when this run has had an alarm that it could not deliver, the oldest; None for none.
+
+        Whatever is more than ``info`` counts. On the run's clock; looked for twice a second. One that an earlier run
+        left waits since the beginning of this.
+        """
+        if self._began_s is None:
+            self._began_s = now_s
+        if now_s - self._looked_at_s >= LOOK_EVERY_S:
+            self._looked_at_s = now_s
+            since_s = min(
+                (item.at_s for _, item in self.undelivered() if item.severity is not Severity.INFO), default=None
+            )
+            self._alarm_waits_since_s = None if since_s is None else max(since_s, self._began_s)
+        return self._alarm_waits_since_s
 
     def given_up(self) -> dict[str, int]:
         """Return by name how much was given up so far; nothing for those who gave up nothing."""
@@ -53,17 +76,23 @@ class Deliveries:
                 counts[name] = counts.get(name, 0) + count
         return counts
 
-    def send_again(self, left: Iterable[Undelivered]) -> None:
+    def send_again(self, left: Iterable[Undelivered], now_s: float, shift_s: float) -> None:
         """Send what an earlier run has left, before anything of this one.
 
-        A message says itself when it arose, and by its id whether it came before. A notification that does not is
-        given its time, so that last night's alarm does not look like one of now.
+        A message says itself when it arose, and by its id whether it came before; an event says that it is history. A
+        notification that does not say its time is given it, so that last night's alarm does not look like one of now.
+
+        Args:
+            shift_s: From the clock of the run that has left it to this run's.
         """
-        for name, item in left:
+        for name, found in left:
+            item = replace(found, at_s=found.at_s + shift_s)
             messenger, notifier = self._parts.messenger, self._parts.notifiers.get(name)
             try:
-                if isinstance(item, Message) and messenger is not None:
-                    messenger.publish(item)
+                if now_s - item.at_s > KEPT_S and item.severity is not Severity.SAFETY:
+                    self._unwanted[name] += 1
+                elif isinstance(item, Message) and messenger is not None:
+                    messenger.publish(as_history(item))
                 elif isinstance(item, Notification) and notifier is not None:
                     notifier.notify(_with_its_time(item))
                 else:
@@ -133,7 +162,7 @@ def outgoing(decision: Decision, rules: Iterable[AnyRule], local_time: LocalTime
             continue
         values = _values(rule, notice, decision, time)
         if send.topic:
-            yield MESSENGER, _message(send, values)
+            yield MESSENGER, _message(notice, send, values)
         else:
             yield send.notifier, _notification(rule, notice, send, values, time)
 
@@ -143,8 +172,15 @@ def _values(rule: AlarmRule, notice: Notice, decision: Decision, time: str) -> d
     return templates.fields(rule, notice, track, time, rule.group)
 
 
-def _message(send: Send, values: Mapping[str, templates.Value]) -> Message:
-    return Message(topic=send.topic, payload=templates.render(send.template, values), qos=1, retain=send.retain)
+def _message(notice: Notice, send: Send, values: Mapping[str, templates.Value]) -> Message:
+    return Message(
+        topic=send.topic,
+        payload=templates.render(send.template, values),
+        qos=1,
+        retain=send.retain,
+        severity=notice.event.severity,
+        at_s=notice.event.at_s,
+    )
 
 
 def _notification(
@@ -153,4 +189,4 @@ def _notification(
     title = templates.render(Template(text=send.title), values) if send.title else rule.name
     title = " ".join(title.split())[:MAX_TITLE_CHARACTERS] or rule.name
     body = templates.render(send.template, values).strip() or title
-    return Notification(title=title, body=body, severity=notice.event.severity, time=time)
+    return Notification(title=title, body=body, severity=notice.event.severity, time=time, at_s=notice.event.at_s)

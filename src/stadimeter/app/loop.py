@@ -284,7 +284,8 @@ class Loop:
         commands = (*asked, *pressed)
         if services.watchdog is not None:
             commands = services.watchdog.with_stop(commands)
-        after, record, frame = parts.cycle.run(before, commands, wall)
+        undelivered_since_s = self.deliveries.alarm_waits_since_s(parts.clock.now_s())
+        after, record, frame = parts.cycle.run(before, commands, wall, undelivered_since_s)
         self._report(record)
         services.cycle(before, after, record)  # what has just been sent is kept with what it is about
         if parts.status_led is not None:
@@ -362,7 +363,7 @@ class Loop:
             and given_up != self.reporter.reported_losses
             and not self.parts.messenger.trouble()
         ):
-            self._publish(now_s, self.reporter.given_up(_wall_clock, given_up))
+            self._publish(now_s, self.reporter.given_up(now_s, _wall_clock, given_up))
 
     def _publish(self, now_s: float, messages: Iterable[Message]) -> None:
         if self.parts.messenger is None:

@@ -131,11 +131,11 @@ class Reporter:
             del self._rules[name]
         return clearing(before - self.retained)
 
-    def given_up(self, wall_clock: WallClock, counts: Mapping[str, int]) -> tuple[Message, ...]:
+    def given_up(self, now_s: float, wall_clock: WallClock, counts: Mapping[str, int]) -> tuple[Message, ...]:
         """Report, as events, what was given up since the last call, by notifier; the empty name is the messenger."""
         before, self.reported_losses = self.reported_losses, counts
         return tuple(
-            _given_up_message(name, count, self._boot_id, wall_clock())
+            _given_up_message(name, count, self._boot_id, now_s, wall_clock())
             for name, count in counts.items()
             if count != before.get(name)
         )
@@ -332,10 +332,10 @@ def _event_message(event: Event, boot_id: str, wall_clock: str) -> Message:
     }
     if is_of_rule:
         payload |= {"notify": event.notify, "first_out": event.first_out, "by": event.by or None}
-    return _message("event/alarm" if is_of_rule else "event/system", payload, qos=1, retain=False)
+    return _event("event/alarm" if is_of_rule else "event/system", payload, event.severity, event.at_s)
 
 
-def _given_up_message(name: str, count: int, boot_id: str, wall_clock: str) -> Message:
+def _given_up_message(name: str, count: int, boot_id: str, now_s: float, wall_clock: str) -> Message:
     source = name or "messenger"
     payload = {
         "v": FORM,
@@ -348,7 +348,12 @@ def _given_up_message(name: str, count: int, boot_id: str, wall_clock: str) -> M
         "distance_m": None,
         "sigma_m": None,
     }
-    return _message("event/system", payload, qos=1, retain=False)
+    return _event("event/system", payload, Severity.WARNING, now_s)
+
+
+def _event(topic: str, payload: Mapping[str, object], severity: Severity, at_s: float) -> Message:
+    """Return the message of an event."""
+    return Message(topic=topic, payload=_JSON.encode(payload), qos=1, severity=severity, at_s=at_s)
 
 
 def is_state(item: Message | Notification) -> bool:

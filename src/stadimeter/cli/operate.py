@@ -228,6 +228,8 @@ def _lines(data: Mapping[str, Any]) -> Iterator[str]:
     for target in data["targets"]:
         distance_m = target["distance_m"]
         yield f"{target['target']}: {target['status']}" + ("" if distance_m is None else f", {distance_m:.2f} m")
+    if data["alarm_undelivered"]:
+        yield "an alarm has not reached broker or service"
     for each in data["deliveries"]:
         if each["waiting"] or each["given_up"]:
             yield f"{each['to']}: not delivered yet: {each['waiting']}, given up: {each['given_up']}"

@@ -17,6 +17,7 @@ from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs
 from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, LimitsCondition, SeparationCondition
 from stadimeter.core.conditions.of_base import ContactSensorCondition
+from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.track import Track
 from stadimeter.core.words import day, duration, length, metres, time_of_day
 
@@ -144,7 +145,9 @@ def _evidence(part: JudgedLeaf, inputs: RuleInputs) -> Evidence:
     )
 
 
-def _part_words(part: JudgedLeaf, inputs: RuleInputs, *, names_target: bool, with_probability: bool) -> str:
+def _part_words(  # noqa: PLR0911 - one for each kind
+    part: JudgedLeaf, inputs: RuleInputs, *, names_target: bool, with_probability: bool
+) -> str:
     leaf = part.leaf
     match leaf:
         case PresenceCondition():
@@ -157,6 +160,13 @@ def _part_words(part: JudgedLeaf, inputs: RuleInputs, *, names_target: bool, wit
             return f"{_CONTACT_WORDS[leaf.sensor]}: {_ANSWERS[leaf.holds(inputs, part.is_on)]}"
         case RuleCondition():
             return f"the rule {leaf.rule} {_RULE_STATES[inputs.active.get(leaf.rule)]}"
+        case UndeliveredCondition():
+            reading = leaf.reading(inputs, part.is_on)
+            return (
+                f"an alarm is undelivered for {reading.value:.1f} s of {leaf.for_s:g} s"
+                if reading
+                else "no alarm is undelivered"
+            )
         case _:
             is_named = names_target and leaf.targets_named and not isinstance(leaf, SeparationCondition)
             named = f"{leaf.targets_named[0]} " if is_named else ""
@@ -288,6 +298,8 @@ def _begin_words(leaf: Leaf) -> str:  # noqa: PLR0911 - one for each kind
             return _CONTACT_WORDS[leaf.sensor]
         case RuleCondition():
             return f"`{leaf.rule}` is active"
+        case UndeliveredCondition():
+            return f"an alarm is undelivered for {duration(leaf.for_s)}"
         case TimeToContactCondition():
             where = f"{length(leaf.contact_m)} away" if leaf.contact_m else "here"
             slower = f"(if faster than {leaf.closing_min_mps:g} m/s)"

@@ -222,6 +222,7 @@ def _rule_inputs(
         base=observation.base,
         commands={step.command.output: step.command for step in state.outputs},
         safety=safety.mode,
+        undelivered_since_s=observation.undelivered_since_s,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from enum import StrEnum
 
 from msgspec import Struct, field
@@ -72,6 +72,18 @@ class Severity(StrEnum):
     WARNING = "warning"
     ALARM = "alarm"
     SAFETY = "safety"
+
+
+_RANKS = {severity: rank for rank, severity in enumerate(Severity)}
+
+
+def first_to_go(severities: Iterable[Severity]) -> int | None:
+    """Return the position of what is given up first where too much waits: the first of what matters least.
+
+    None if there is nothing but what is about safety, which is never given up for want of room.
+    """
+    rank, position = min(((_RANKS[each], position) for position, each in enumerate(severities)), default=(0, None))
+    return None if rank == _RANKS[Severity.SAFETY] else position
 
 
 class Event(Struct, frozen=True, kw_only=True):

@@ -11,6 +11,7 @@ class Notification(Struct, frozen=True, kw_only=True, tag=True):
     """One notification for people.
 
     Attributes:
+        at_s: When it arose, on the run's monotonic clock.
         time: When it arose, the local time for people; empty if that does not matter.
     """
 
@@ -18,3 +19,4 @@ class Notification(Struct, frozen=True, kw_only=True, tag=True):
     body: str
     severity: Severity = Severity.WARNING
     time: str = ""
+    at_s: float = 0.0

@@ -60,6 +60,7 @@ class Observation(Struct, frozen=True, kw_only=True):
             for nothing.
         wall: The time of day, if a rule asks for it; None also while the clock is not synchronised.
         operator_commands: Operator commands since the cycle before.
+        undelivered_since_s: Since when this run has had an alarm that it could not deliver, the oldest; None for none.
     """
 
     now_s: float
@@ -73,3 +74,4 @@ class Observation(Struct, frozen=True, kw_only=True):
     disarm_reason: str = ""
     wall: WallTime | None = None
     operator_commands: tuple[AnyCommand, ...] = ()
+    undelivered_since_s: float | None = None

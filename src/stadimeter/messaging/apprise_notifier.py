@@ -23,7 +23,7 @@ from stadimeter.config.models import DurationAboveZero
 from stadimeter.config.plugins import DriverContext, DriverOptions
 from stadimeter.config.secrets import HIDDEN
 from stadimeter.config.units import FilePath
-from stadimeter.core.decision import Severity
+from stadimeter.core.decision import Severity, first_to_go
 from stadimeter.core.notification import Notification
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverUnavailableError
 from stadimeter.messaging.back_off import BackOff, Patience
@@ -206,7 +206,7 @@ def _overheard() -> Iterator[list[str]]:
         logger.removeHandler(ear)
 
 
-# More than this do not wait: then the oldest is given up for the newest.
+# More than this do not wait: then the oldest of what matters least is given up for the newest.
 QUEUE_MAX = 100
 
 
@@ -252,8 +252,9 @@ class Delivery:
     def add(self, notification: Notification) -> None:
         """Let a notification wait for its turn. Returns at once."""
         with self._changed:
-            if len(self._waiting) >= QUEUE_MAX:
-                self._waiting.popleft()
+            severities = (each.notification.severity for each in self._waiting)
+            if len(self._waiting) >= QUEUE_MAX and (last := first_to_go(severities)) is not None:
+                del self._waiting[last]
                 self._give_up(self._reason or "too many were waiting")
             self._waiting.append(_PendingNotification(notification, time.monotonic() + self._retry_s))
             self._changed.notify()

@@ -28,10 +28,9 @@ from stadimeter.messaging.mqtt_client import (
     publish_properties,
     response_properties,
     say_goodbye,
-    subscribe,
 )
-from stadimeter.messaging.outbox import MemoryOutbox, RetainedList
-from stadimeter.messaging.request_topics import OVERSIZED_MAX, RequestTopics
+from stadimeter.messaging.outbox import MemoryOutbox, PendingMessage, RetainedList, pending
+from stadimeter.messaging.request_topics import RequestTopics
 
 # Interval, during a pause, of looking for messages of QoS 1, which shorten the pause.
 LOOK_EVERY_S = 0.5
@@ -45,7 +44,7 @@ LIST_ENDS_S = 0.5
 BIRTH_SPREAD_S = 5.0
 
 # First words of the topics of the link's own messages. A later run does not send them again.
-_OURS = ("availability", "retained")
+_OURS = ("availability", "retained/")
 
 
 def serve(client: Client, events: LinkEvents, wait_s: float) -> bool:
@@ -116,11 +115,8 @@ class BrokerLink:
     def undelivered(self) -> tuple[Message, ...]:
         """Return the messages of QoS 1 that are neither acknowledged nor given up, oldest first."""
         with self._lock:
-            return tuple(
-                each
-                for each in self._outbox.undelivered()
-                if each.topic.partition("/")[0] not in _OURS and not each.is_absolute
-            )
+            undelivered = self._outbox.undelivered()
+        return tuple([each for each in undelivered if not (each.topic.startswith(_OURS) or each.is_absolute)])
 
     def subscribe(self, topic: str, handler: Handler, qos: int = 0) -> None:
         """Hear a topic, without wildcards, over every connection that begins from now on."""
@@ -138,7 +134,7 @@ class BrokerLink:
                 self._outbox.add(message, time.monotonic())
                 self._send_waiting()
             elif self._is_connected and self._outbox.has_room_on_wire:
-                self._hand_over(message)
+                self._publish(message)
             else:
                 self._outbox.drop()
 
@@ -157,7 +153,7 @@ class BrokerLink:
             if info.rc != MQTTErrorCode.MQTT_ERR_SUCCESS:
                 self._outbox.drop()
                 return False
-            self._outbox.sent(info.mid, Message(topic=topic, payload=""), time.monotonic())
+            self._outbox.sent(info.mid, pending(Message(topic=topic, payload=""), time.monotonic()))
             return True
 
     def deafness(self) -> str:
@@ -195,7 +191,7 @@ class BrokerLink:
         with self._lock:
             self._stopping.set()
             if self._is_connected:
-                self._hand_over(OFFLINE)  # wakes the thread, too
+                self._publish(OFFLINE)  # wakes the thread, too
             else:
                 self._client.disconnect()
         self._thread.join(
@@ -233,7 +229,7 @@ class BrokerLink:
             self._is_connected = self._is_reading = False
             self._retained.begin()
             self._note_done()
-            self._outbox.connection_lost()
+            self._start_over()
 
     def _stay(self) -> None:
         until_s = time.monotonic() + self._patience.answer_s
@@ -261,13 +257,15 @@ class BrokerLink:
             if not self._is_connected:
                 self._is_connected, self._are_states_due = True, self._was_connected
                 self._was_connected = True
-                self._hand_over(ONLINE)
+                self._publish(ONLINE)
                 self._subscribe()
                 self._begin_to_read()
-                self._begin_to_listen()
+                if self._requests is not None:
+                    self._requests.begin_over(self._events, is_v5=self._version == V5)
             elif self._is_reading:
                 self._read()
-            self._listen()
+            if self._requests is not None:
+                self._requests.attend(self._client, self._events)
             if time.monotonic() >= self._birth_due_s:
                 self._birth_due_s, self._are_states_due = math.inf, True
                 self._send_ours(self._retained.announced())
@@ -317,34 +315,6 @@ class BrokerLink:
         else:
             self._send_ours(self._retained.announced())
 
-    def _begin_to_listen(self) -> None:
-        if self._requests is None:
-            return
-        is_v5, trouble = self._version == V5, ""
-        if self._events.oversized_packets >= OVERSIZED_MAX:
-            trouble = (
-                f"{self._options.place} sent {OVERSIZED_MAX} messages that are too large, so commands are not heard "
-                "until this program is started anew; clear kept messages on its topics of requests"
-            )
-        elif is_v5 and not self._events.has_identifiers:
-            trouble = (
-                f"{self._options.place} cannot mark old messages (no subscription identifiers), so commands are not "
-                "heard; set protocol to '3.1.1'"
-            )
-        self._requests.begin(is_v5=is_v5, trouble=trouble)
-
-    def _listen(self) -> None:
-        """Subscribe to the topics of requests, leave those that are flooded, and take note of the broker's answers."""
-        if self._requests is None:
-            return
-        for number, codes in self._events.take_subscribed():
-            self._requests.note_answer(number, codes)
-        new, flooded = self._requests.due(time.monotonic())
-        if new:
-            self._requests.note_asked(subscribe(self._client, new, self._requests.identifier), new)
-        if flooded:
-            self._client.unsubscribe(flooded)
-
     def _read(self, *, is_last: bool = False) -> None:
         """Take in pages; when all have come, clear what is no longer published, and write the list anew."""
         for number, payload in self._events.take_pages():
@@ -362,10 +332,14 @@ class BrokerLink:
         self._send_waiting()
 
     def _send_waiting(self) -> None:
-        while self._is_connected and (message := self._outbox.take(time.monotonic())):
-            self._hand_over(message)
+        while self._is_connected and (waiting := self._outbox.take(time.monotonic())):
+            self._hand_over(waiting)
 
-    def _hand_over(self, message: Message) -> None:
+    def _publish(self, message: Message) -> None:
+        self._hand_over(pending(message, time.monotonic()))
+
+    def _hand_over(self, waiting: PendingMessage) -> None:
+        message = waiting.on_wire(time.monotonic())
         is_v5 = self._version == V5
         info = self._client.publish(
             message.topic if message.is_absolute else f"{self._options.base}/{message.topic}",
@@ -378,7 +352,7 @@ class BrokerLink:
         if message.qos == 0 and info.rc != MQTTErrorCode.MQTT_ERR_SUCCESS:
             self._outbox.drop()
         else:
-            self._outbox.sent(info.mid, message, time.monotonic())
+            self._outbox.sent(info.mid, waiting)
 
     def _note_done(self) -> None:
         for number, is_refused in self._events.take_done():
@@ -403,9 +377,13 @@ class BrokerLink:
             return False
         with self._lock:
             self._version = V5 if self._version == V311 else V311
-            self._client = self._new_client()
-            self._outbox.start_over()
+            self._start_over()
         return True
+
+    def _start_over(self) -> None:
+        """Begin with a new client: paho would send its own copies again, and those do not say that they are late."""
+        self._client = self._new_client()
+        self._outbox.start_over()
 
     def _new_client(self) -> Client:
         client = make_client(self._options, self._secrets, self._version, self._patience.answer_s)

@@ -106,8 +106,8 @@ class MqttSettings(DriverOptions):
     """Our own certificate, for a broker that asks for one in place of a password."""
     key_file: FilePath | None = None
     """The key that belongs to it, without a passphrase."""
-    keepalive: Annotated[Duration, AfterValidator(_check_keepalive)] = 15.0
-    """After this time without a word the link is probed, and given up if nothing answers."""
+    keepalive: Annotated[Duration, AfterValidator(_check_keepalive)] = 10.0
+    """After this time without a word the link is probed, and given up if nothing answers for as long again."""
     protocol: Literal["auto", "5", "3.1.1"] = "auto"
     """The version of MQTT. ``auto`` is 5, and 3.1.1 if the broker does not speak 5."""
     commands: CommandLevel = "alarms"

@@ -10,28 +10,50 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections import deque
+from collections import OrderedDict
 from collections.abc import Iterable, Iterator
+from itertools import count
 
 from msgspec import Struct
 from msgspec.structs import replace
 
+from stadimeter.core.decision import Severity
 from stadimeter.core.home_assistant import Announcement, announce, is_entry
-from stadimeter.core.message import Message, clearing
+from stadimeter.core.message import KEPT_S, NEWS_S, Message, as_history, clearing
 
 
-class _PendingMessage(Struct, frozen=True):
-    """A message, and when it expires."""
+class PendingMessage(Struct, frozen=True):
+    """A message, since when it waits or is on the wire, and when it is of no use any more."""
 
     message: Message
+    since_s: float
     deadline_s: float
+
+    def on_wire(self, now_s: float) -> Message:
+        """Return it as it is sent now: with what is left of its life, and an event that waited as history."""
+        message = as_history(self.message) if now_s - self.since_s > NEWS_S else self.message
+        if message.expires_s is None:
+            return message
+        return replace(message, expires_s=math.ceil(self.deadline_s - now_s))
+
+
+def pending(message: Message, now_s: float) -> PendingMessage:
+    """Return a message that waits from now on. All times are on one monotonic clock."""
+    lives_s: float = KEPT_S if message.expires_s is None else message.expires_s
+    is_for_good = message.expires_s is None and (message.retain or message.severity is Severity.SAFETY)
+    return PendingMessage(message, now_s, math.inf if is_for_good else now_s + lives_s)
+
+
+# A state that a newer one has replaced is worth less than any message.
+_REPLACED = "replaced"
 
 
 class MemoryOutbox:
     """Remembers messages of QoS 1 until a broker has acknowledged them, and those of QoS 0 until they are written.
 
-    It does no I/O and knows no clock. A full outbox gives up a state that a newer one has replaced, or else its oldest
-    message, for a new one. Nothing survives the end of the program by itself; see `undelivered`.
+    It does no I/O and knows no clock. A full outbox gives up, for a new message, a state that a newer one has replaced,
+    or else the oldest of what matters least. It keeps what is about safety, and each topic's newest message that the
+    broker is to keep, even beyond its capacity. Nothing survives the end of the program by itself; see `undelivered`.
 
     Args:
         capacity: How many messages of QoS 1 may wait.
@@ -43,14 +65,19 @@ class MemoryOutbox:
         given_up: How many other messages of QoS 1 were given up: too many waited, they expired, or were refused.
     """
 
-    def __init__(self, *, capacity: int = 1000, window: int = 20, unwritten_max: int = 100) -> None:
+    def __init__(self, *, capacity: int = 10_000, window: int = 20, unwritten_max: int = 100) -> None:
         self.dropped = 0
         self.given_up = 0
         self._capacity = capacity
         self._window = window
         self._unwritten_max = unwritten_max
-        self._waiting: deque[_PendingMessage] = deque()
-        self._unacknowledged: dict[int, _PendingMessage] = {}
+        self._numbers = count()
+        self._waiting: OrderedDict[int, PendingMessage] = OrderedDict()
+        # The numbers of waiting messages that may be given up, oldest first; what matters least comes first.
+        ranks = (_REPLACED, Severity.INFO, Severity.WARNING, Severity.ALARM)
+        self._may_go: dict[str, OrderedDict[int, None]] = {rank: OrderedDict() for rank in ranks}
+        self._newest: dict[str, int] = {}  # by topic, of those that the broker is to keep
+        self._unacknowledged: dict[int, PendingMessage] = {}
         self._unwritten: set[int] = set()
 
     @property
@@ -64,34 +91,29 @@ class MemoryOutbox:
         return len(self._unwritten) < self._unwritten_max
 
     def add(self, message: Message, now_s: float) -> None:
-        """Let a message of QoS 1 wait for its turn. All times are on one monotonic clock."""
+        """Let a message of QoS 1 wait for its turn."""
         if len(self._waiting) >= self._capacity:
             self._make_room()
-        lives_s = math.inf if message.expires_s is None else message.expires_s
-        self._waiting.append(_PendingMessage(message, now_s + lives_s))
+        self._wait(pending(message, now_s))
 
-    def take(self, now_s: float) -> Message | None:
-        """Return the next message that may be sent now, with what is left of its life; then report it to `sent`.
+    def take(self, now_s: float) -> PendingMessage | None:
+        """Return the next message that may be sent now; then report it to `sent`.
 
         None if none waits that has not expired, or enough are on the wire.
         """
         while self._waiting and len(self._unacknowledged) < self._window:
-            waiting = self._waiting.popleft()
-            left_s = waiting.deadline_s - now_s
-            if left_s == math.inf:
-                return waiting.message
-            if left_s > 0:
-                return replace(waiting.message, expires_s=math.ceil(left_s))
+            found = self._remove(next(iter(self._waiting)))
+            if now_s < found.deadline_s:
+                return found
             self.given_up += 1
         return None
 
-    def sent(self, number: int, message: Message, now_s: float) -> None:
+    def sent(self, number: int, sent: PendingMessage) -> None:
         """Note that a message is on the wire."""
-        if message.qos == 0:
+        if sent.message.qos == 0:
             self._unwritten.add(number)
         else:
-            lives_s = math.inf if message.expires_s is None else message.expires_s
-            self._unacknowledged[number] = _PendingMessage(message, now_s + lives_s)
+            self._unacknowledged[number] = sent
 
     def done(self, number: int, *, is_refused: bool = False) -> None:
         """Note that a message was written (QoS 0) or answered (QoS 1); unknown numbers are passed over."""
@@ -103,31 +125,56 @@ class MemoryOutbox:
         """Count a message that could not be sent."""
         self.dropped += 1
 
-    def connection_lost(self) -> None:
-        """Give up the messages of QoS 0 that were not written; paho keeps those of QoS 1 and sends them again."""
+    def start_over(self) -> None:
+        """Take messages back from a wire that is no more, to send them again on another, in the same order.
+
+        Those of QoS 0 that were not written are given up.
+        """
         self.dropped += len(self._unwritten)
         self._unwritten.clear()
-
-    def start_over(self) -> None:
-        """Take every message back from a wire that is no more, to send it again on another, in the same order."""
-        self.connection_lost()
-        self._waiting.extendleft(reversed(self._unacknowledged.values()))
+        if not self._unacknowledged:
+            return
+        again = (*self._unacknowledged.values(), *self._waiting.values())
         self._unacknowledged.clear()
+        self._waiting.clear()
+        self._newest.clear()
+        for numbers in self._may_go.values():
+            numbers.clear()
+        for each in again:
+            self._wait(each)
 
     def undelivered(self) -> tuple[Message, ...]:
         """Return the messages of QoS 1 that are neither acknowledged nor given up, oldest first."""
-        return tuple(each.message for each in (*self._unacknowledged.values(), *self._waiting))
+        return tuple([each.message for each in (*self._unacknowledged.values(), *self._waiting.values())])
+
+    def _wait(self, added: PendingMessage) -> None:
+        number, message = next(self._numbers), added.message
+        self._waiting[number] = added
+        if message.retain:
+            replaced = self._newest.get(message.topic)
+            self._newest[message.topic] = number
+            if replaced is not None:
+                self._may_go[_REPLACED][replaced] = None
+        elif message.severity is not Severity.SAFETY:
+            self._may_go[message.severity][number] = None
+
+    def _remove(self, number: int) -> PendingMessage:
+        found = self._waiting.pop(number)
+        for numbers in self._may_go.values():
+            numbers.pop(number, None)
+        if self._newest.get(found.message.topic) == number:
+            del self._newest[found.message.topic]
+        return found
 
     def _make_room(self) -> None:
-        """Drop the oldest state that a newer one has replaced; if there is none, give up the oldest message."""
-        newest = {each.message.topic: each for each in self._waiting}
-        for each in self._waiting:
-            if each.message.retain and newest[each.message.topic] is not each:
-                self._waiting.remove(each)
-                self.dropped += 1
+        for rank, numbers in self._may_go.items():
+            if numbers:
+                self._remove(next(iter(numbers)))
+                if rank == _REPLACED:
+                    self.dropped += 1
+                else:
+                    self.given_up += 1
                 return
-        self._waiting.popleft()
-        self.given_up += 1
 
 
 # No more is read of a list, nor written: that many pages hold over a thousand rules.

@@ -8,10 +8,11 @@ import time
 from collections.abc import Callable, Collection, Sequence
 
 from msgspec import Struct
-from paho.mqtt.client import MQTTMessage
+from paho.mqtt.client import Client, MQTTMessage
 from paho.mqtt.reasoncodes import ReasonCode
 
-from stadimeter.messaging.mqtt_client import MqttSettings
+from stadimeter.messaging.link_events import LinkEvents
+from stadimeter.messaging.mqtt_client import MqttSettings, subscribe
 from stadimeter.messaging.protocol import NoRequest, RequestMessage
 
 # A longer message is no request.
@@ -86,6 +87,31 @@ class RequestTopics:
         self._asked: dict[int, Sequence[str]] = {}
         self._trouble = ""
         self.identifier: int | None = None
+
+    def begin_over(self, events: LinkEvents, *, is_v5: bool) -> None:
+        """Begin anew over a connection, unless its broker is none to be listened to."""
+        trouble = ""
+        if events.oversized_packets >= OVERSIZED_MAX:
+            trouble = (
+                f"{self._options.place} sent {OVERSIZED_MAX} messages that are too large, so commands are not heard "
+                "until this program is started anew; clear kept messages on its topics of requests"
+            )
+        elif is_v5 and not events.has_identifiers:
+            trouble = (
+                f"{self._options.place} cannot mark old messages (no subscription identifiers), so commands are not "
+                "heard; set protocol to '3.1.1'"
+            )
+        self.begin(is_v5=is_v5, trouble=trouble)
+
+    def attend(self, client: Client, events: LinkEvents) -> None:
+        """Subscribe to the topics of requests, leave those that are flooded, and take note of the broker's answers."""
+        for number, codes in events.take_subscribed():
+            self.note_answer(number, codes)
+        new, flooded = self.due(time.monotonic())
+        if new:
+            self.note_asked(subscribe(client, new, self.identifier), new)
+        if flooded:
+            client.unsubscribe(flooded)
 
     def begin(self, *, is_v5: bool, trouble: str = "") -> None:
         """Begin anew over another connection; with a trouble, nothing is subscribed to over it."""

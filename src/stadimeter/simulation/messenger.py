@@ -10,7 +10,8 @@ from msgspec import Struct
 from pydantic import Field
 
 from stadimeter.config.plugins import DriverContext, DriverOptions
-from stadimeter.core.message import Message
+from stadimeter.core.decision import first_to_go
+from stadimeter.core.message import NEWS_S, Message, as_history
 from stadimeter.core.notification import Notification
 from stadimeter.errors import DeviceClosedError
 from stadimeter.simulation.world import shared_world
@@ -24,7 +25,7 @@ class OutboxOptions(DriverOptions):
     history: int = Field(default=1000, ge=1)
     """How many delivered items are kept to look at."""
     queue: int = Field(default=100, ge=1)
-    """How many items that must arrive wait while the other side is gone; one more pushes the oldest out."""
+    """How many items that must arrive wait while the other side is gone; one more pushes out what matters least."""
 
 
 class Sent(Struct, Generic[ItemT], frozen=True, kw_only=True):
@@ -48,7 +49,8 @@ class Outbox(Generic[ItemT]):
         self._name = f"the simulated {kind} '{context.name}'"
         self._clock = context.clock
         self._sent: deque[Sent[ItemT]] = deque(maxlen=options.history)
-        self._waiting: deque[tuple[float, ItemT]] = deque(maxlen=options.queue)
+        self._queue = options.queue
+        self._waiting: deque[tuple[float, ItemT]] = deque()
         self._is_open = False
 
     @abstractmethod
@@ -58,6 +60,10 @@ class Outbox(Generic[ItemT]):
     def _expires_s(self, item: ItemT) -> float | None:  # noqa: ARG002 - what expires says so
         """Return for how long something may wait; None for ever."""
         return None
+
+    def _as_sent(self, item: ItemT, waited_s: float) -> ItemT:  # noqa: ARG002 - what says that it is late does so
+        """Return an item as it goes out after this time."""
+        return item
 
     @property
     def sent(self) -> tuple[Sent[ItemT], ...]:
@@ -93,7 +99,9 @@ class Outbox(Generic[ItemT]):
 
     def _put(self, item: ItemT) -> None:
         self._deliver()
-        if len(self._waiting) == self._waiting.maxlen:
+        last = first_to_go(item.severity for _, item in self._waiting) if len(self._waiting) >= self._queue else None
+        if last is not None:
+            del self._waiting[last]
             self.given_up += 1
         self._waiting.append((self._clock.now_s(), item))
         self._deliver()
@@ -106,7 +114,7 @@ class Outbox(Generic[ItemT]):
             since_s, item = self._waiting.popleft()
             expires_s = self._expires_s(item)
             if expires_s is None or now_s - since_s <= expires_s:
-                self._sent.append(Sent(at_s=now_s, item=item))
+                self._sent.append(Sent(at_s=now_s, item=self._as_sent(item, now_s - since_s)))
             else:
                 self.given_up += 1
 
@@ -139,6 +147,9 @@ class SimulatedMessenger(Outbox[Message]):
 
     def _expires_s(self, item: Message) -> float | None:
         return item.expires_s
+
+    def _as_sent(self, item: Message, waited_s: float) -> Message:
+        return as_history(item) if waited_s > NEWS_S else item
 
     def publish(self, message: Message) -> None:
         """Deliver a message, or keep it until the broker is back."""

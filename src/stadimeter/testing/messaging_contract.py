@@ -23,7 +23,7 @@ GONE, SILENT = "gone", "silent"
 SenderT = TypeVar("SenderT", Messenger, Notifier)
 
 # More than any queue holds.
-TOO_MANY = 1500
+TOO_MANY = 10_500
 
 
 class DeliveryRig(Rig[SenderT], frozen=True, kw_only=True):
@@ -38,11 +38,11 @@ class DeliveryRig(Rig[SenderT], frozen=True, kw_only=True):
     delivered: Callable[[], list[tuple[str, str]]]
 
     @abstractmethod
-    def item(self, text: str) -> Message | Notification:
+    def item(self, text: str, severity: Severity = Severity.INFO) -> Message | Notification:
         """Return what must arrive, with a text in it."""
 
     @abstractmethod
-    def send(self, text: str) -> None:
+    def send(self, text: str, severity: Severity = Severity.INFO) -> None:
         """Hand that over, which must not take long whatever the other side does."""
 
     @abstractmethod
@@ -58,13 +58,13 @@ class MessengerRig(DeliveryRig[Messenger], frozen=True, kw_only=True):
     the messenger's own, such as its availability, may be among them.
     """
 
-    def item(self, text: str) -> Message:
+    def item(self, text: str, severity: Severity = Severity.INFO) -> Message:
         """Return a message that must arrive."""
-        return Message(topic="contract/alert", payload=text, qos=1)
+        return Message(topic="contract/alert", payload=text, qos=1, severity=severity)
 
-    def send(self, text: str) -> None:
+    def send(self, text: str, severity: Severity = Severity.INFO) -> None:
         """Publish a message that must arrive."""
-        self.timed("publish", self.item(text))
+        self.timed("publish", self.item(text, severity))
 
     def send_state(self, text: str) -> None:
         """Publish a message that may be lost."""
@@ -82,13 +82,13 @@ class NotifierRig(DeliveryRig[Notifier], frozen=True, kw_only=True):
     until the fault ends).
     """
 
-    def item(self, text: str) -> Notification:
+    def item(self, text: str, severity: Severity = Severity.INFO) -> Notification:
         """Return a notification."""
-        return Notification(title="the door", body=text, severity=Severity.ALARM)
+        return Notification(title="the door", body=text, severity=severity)
 
-    def send(self, text: str) -> None:
+    def send(self, text: str, severity: Severity = Severity.INFO) -> None:
         """Notify."""
-        self.timed("notify", self.item(text))
+        self.timed("notify", self.item(text, severity))
 
     def arrived(self, *texts: str) -> bool:
         """Return whether exactly these texts reached the service, in this order."""
@@ -206,14 +206,20 @@ class DeliveryContract(Contract):
         rig.eventually(lambda: sender.undelivered() == ())
 
     def test_more_than_fits_is_given_up_and_counted(self, rig: DeliveryRig[Any], sender: Any) -> None:
-        """What gives way is the oldest that is not on its way."""
+        """What gives way is the oldest, of what matters least, that is not on its way; never what is about safety."""
         rig.begin(GONE)
         sender.open()
+        rig.send("on its way")
+        for severity in (Severity.SAFETY, Severity.ALARM, Severity.WARNING):
+            rig.send(f"about {severity}", severity)
         for number in range(TOO_MANY):
             rig.send(str(number))
         left = sender.undelivered()
         assert left[-60:] == tuple(rig.item(str(number)) for number in range(TOO_MANY - 60, TOO_MANY))
-        assert len(left) + sender.given_up == TOO_MANY
+        assert [each for each in left if each.severity is not Severity.INFO] == [
+            rig.item(f"about {each}", each) for each in (Severity.SAFETY, Severity.ALARM, Severity.WARNING)
+        ]
+        assert len(left) + sender.given_up == TOO_MANY + 4
         assert sender.given_up > 0
 
 

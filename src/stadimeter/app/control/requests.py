@@ -16,6 +16,7 @@ from stadimeter.app.exact_json import plain
 from stadimeter.config.findings import did_you_mean_or_list
 from stadimeter.core.alarms.settings import show_thresholds
 from stadimeter.core.decision import Decision, SafetyMode
+from stadimeter.core.message import NEWS_S
 from stadimeter.core.operator import AnyCommand
 from stadimeter.core.reload import ReloadedState
 from stadimeter.core.rules.explaining import Reasons, explain
@@ -164,9 +165,10 @@ class Control:
     def _reply(self, args: object, record: CycleRecord) -> Reply | Callable[[], Reply]:
         if isinstance(args, ExplainArgs):
             return self._explain(args, record.observation.now_s)
-        return lambda: Reply(
-            {**_status(record.decision), "deliveries": self._deliveries(), "commands": self.message_figures()}
-        )
+        since_s, now_s = record.observation.undelivered_since_s, record.observation.now_s
+        is_overdue = since_s is not None and now_s - since_s > NEWS_S
+        status = _status(record.decision) | {"alarm_undelivered": is_overdue}
+        return lambda: Reply({**status, "deliveries": self._deliveries(), "commands": self.message_figures()})
 
     def _explain(self, args: ExplainArgs, now_s: float) -> Reply | Callable[[], Reply]:
         ago_s = args.ago_s or 0.0
@@ -208,7 +210,7 @@ def _explanation(decision: Decision, rule: str, ago_s: float) -> Reply:
     return Reply({"ago_s": round(ago_s, 3), "rules": explained})
 
 
-def _status(decision: Decision) -> Mapping[str, Any]:
+def _status(decision: Decision) -> dict[str, Any]:
     """Return what every rule and target is doing, for programs."""
     rules = [
         plain(trace) | {"reason": decision.reasons.get(trace.rule, ""), "thresholds": _thresholds(decision, trace.rule)}

@@ -31,6 +31,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
+from stadimeter.app.deliveries import Undelivered
 from stadimeter.app.exact_json import decode, encode
 from stadimeter.app.persistence.resumption import ClockReading, Memory
 from stadimeter.config.atomic_file import rename_to_free_name
@@ -121,7 +122,7 @@ def put_aside(path: Path, why: str) -> Path:
     return aside
 
 
-FORMAT = 4
+FORMAT = 5
 
 # Pages of 4 KiB after which SQLite moves the log into the file.
 LOG_PAGES_MAX = 64
@@ -151,8 +152,8 @@ _TABLES = (
 )
 
 
-# Who has not delivered it yet, and what, as JSON.
-Queued = tuple[str, str]
+# Undelivered messages by the number of their row.
+Queue = Mapping[int, Undelivered]
 
 
 class _DamagedError(Exception):
@@ -176,7 +177,8 @@ class AlarmStore:
         self._is_named = is_named
         self._database: sqlite3.Connection | None = None
         self._written: dict[str, str] = {}
-        self._queued: dict[int, Queued] = {}
+        self._queued: dict[int, Undelivered] = {}
+        self._sums: dict[int, int] = {}
 
     def check(self) -> None:
         """See, without changing anything, that the file is ours or not there yet; else raise `StateError`."""
@@ -214,21 +216,21 @@ class AlarmStore:
         memories = {alarm.rule: encode(alarm).decode() for alarm in memory.alarms}
         rest = encode(memory.moment).decode(), encode(memory.absent).decode()
         stopped = (memory.stopped,) if memory.stopped else ()
-        queued = [(name, encode(item).decode()) for name, item in memory.undelivered]
-        rows, delivered = moved_on(self._queued, queued)
+        queued, delivered = moved_on(self._queued, memory.undelivered)
+        new = [(key, name, encode(item).decode()) for key, (name, item) in queued.items() if key not in self._sums]
+        sums = {key: self._sums[key] for key in queued if key in self._sums} | {row[0]: _row_sum(row) for row in new}
         changed = [(rule, memory) for rule, memory in memories.items() if self._written.get(rule) != memory]
         gone = [(rule,) for rule in self._written if rule not in memories]
         with self._transaction() as database:
             database.executemany("INSERT OR REPLACE INTO alarm VALUES (?, ?)", changed)
             database.executemany("DELETE FROM alarm WHERE rule = ?", gone)
             database.executemany("DELETE FROM undelivered WHERE number = ?", delivered)
-            new = [(number, *row) for number, row in rows.items() if number not in self._queued]
             database.executemany("INSERT INTO undelivered VALUES (?, ?, ?)", new)
             database.execute("DELETE FROM stopped")
             database.executemany("INSERT INTO stopped VALUES (1, ?)", [stopped] if stopped else [])
-            saved = (*rest, _sha256((*rest, *stopped), memories.items(), rows.values()))
+            saved = (*rest, _sha256((*rest, *stopped), memories.items(), sums.values()))
             database.execute("INSERT OR REPLACE INTO saved VALUES (1, ?, ?, ?)", saved)
-        self._written, self._queued = memories, rows
+        self._written, self._queued, self._sums = memories, queued, sums
 
     def flush(self) -> None:
         """Have the disk take what was written, else raise `StateError`. In any thread, also during a write."""
@@ -309,6 +311,7 @@ class AlarmStore:
         database.execute("PRAGMA journal_mode = WAL")
         database.execute("PRAGMA synchronous = NORMAL")  # the rest is `flush`
         database.execute(f"PRAGMA wal_autocheckpoint = {LOG_PAGES_MAX}")
+        database.execute(f"PRAGMA max_page_count = {SIZE_MAX // _pragma(database, 'page_size')}")
         database.execute("BEGIN EXCLUSIVE")  # takes the lock, and keeps it
         version, application = _pragma(database, "user_version"), _pragma(database, "application_id")
         if version > FORMAT and application == APPLICATION_ID:
@@ -331,16 +334,17 @@ class AlarmStore:
         stopped = [said for (said,) in database.execute("SELECT said FROM stopped").fetchall()]
         if not (saved or rows or queued or stopped):
             return None
-        queue = {number: (name, item) for number, name, item in queued}
-        if len(saved) != 1 or saved[0][2] != _sha256((*saved[0][:2], *stopped), rows.items(), queue.values()):
+        sums = {row[0]: _row_sum(row) for row in queued}
+        if len(saved) != 1 or saved[0][2] != _sha256((*saved[0][:2], *stopped), rows.items(), sums.values()):
             raise _DamagedError("its checksum is wrong")
         try:
             alarms = tuple(decode(memory, AlarmSnapshot) for memory in rows.values())
-            undelivered = tuple((name, decode(item, _ITEM)) for name, item in queue.values())
+            queue = {number: (name, decode(item, _ITEM)) for number, name, item in queued}
             moment, absent = decode(saved[0][0], ClockReading), decode(saved[0][1], tuple[Absence, ...])
         except ValueError as error:
             raise _DamagedError(f"it holds something else than alarms: {error}") from error
-        self._written, self._queued = rows, queue
+        self._written, self._queued, self._sums = rows, queue, sums
+        undelivered = tuple(queue.values())
         return Memory(moment=moment, alarms=alarms, absent=absent, undelivered=undelivered, stopped="".join(stopped))
 
 
@@ -368,9 +372,9 @@ def _pragma(database: sqlite3.Connection, name: str) -> int:
     return int(value)
 
 
-def moved_on(rows: Mapping[int, Queued], queued: Iterable[Queued]) -> tuple[dict[int, Queued], list[tuple[int]]]:
+def moved_on(rows: Queue, queued: Iterable[Undelivered]) -> tuple[dict[int, Undelivered], list[tuple[int]]]:
     """Return the rows as they shall be, and which ones go: queues lose in any place, and grow at their ends only."""
-    queues: dict[str, deque[Queued]] = {}
+    queues: dict[str, deque[Undelivered]] = {}
     for each in queued:
         queues.setdefault(each[0], deque()).append(each)
     stay, gone = {}, []
@@ -383,6 +387,11 @@ def moved_on(rows: Mapping[int, Queued], queued: Iterable[Queued]) -> tuple[dict
     return stay | dict(enumerate(new, start=max(rows, default=0) + 1)), gone
 
 
-def _sha256(rest: Sequence[str], memories: Iterable[tuple[str, str]], queued: Iterable[Queued]) -> str:
-    """Return a checksum over everything in the file."""
-    return hashlib.sha256(json.dumps([rest, sorted(memories), *queued]).encode()).hexdigest()
+def _row_sum(row: Sequence[object]) -> int:
+    """Return a checksum over a row; computed once, however often the file is written while the row is in it."""
+    return int.from_bytes(hashlib.sha256(json.dumps(row).encode()).digest(), "big")
+
+
+def _sha256(rest: Sequence[str], memories: Iterable[tuple[str, str]], sums: Iterable[int]) -> str:
+    """Return a checksum over everything in the file. The sums of the rows are added up: each has its number in it."""
+    return hashlib.sha256(json.dumps([rest, sorted(memories), sum(sums)]).encode()).hexdigest()

@@ -84,6 +84,11 @@ def elapsed_s(before: ClockReading, now: ClockReading) -> float:
     return 0.0
 
 
+def shift_s(before: ClockReading, now: ClockReading) -> float:
+    """Return what is to be added to a time of an earlier run, so that it is one of this run."""
+    return now.at_s - elapsed_s(before, now) - before.at_s
+
+
 class Memory(Struct, frozen=True, kw_only=True):
     """What a run remembered, and when.
 
@@ -106,10 +111,10 @@ def resume(state: State, memory: Memory, now: ClockReading) -> State:
     Args:
         state: That of a run that has not begun.
     """
-    from_s = now.at_s - elapsed_s(memory.moment, now)
     begun = replace(state, stopped=memory.stopped)
-    shift_s = from_s - memory.moment.at_s
-    return restore_alarms(begun, memory.alarms, memory.absent, shift_s=shift_s, from_s=from_s, now_s=now.at_s)
+    moved_s = shift_s(memory.moment, now)
+    from_s = memory.moment.at_s + moved_s
+    return restore_alarms(begun, memory.alarms, memory.absent, shift_s=moved_s, from_s=from_s, now_s=now.at_s)
 
 
 class _RuleMemory(Struct, frozen=True, kw_only=True):

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stadimeter.app.deliveries import Deliveries, Undelivered
-from stadimeter.app.persistence.resumption import ClockReading, Memory, resume
+from stadimeter.app.persistence.resumption import ClockReading, Memory, resume, shift_s
 from stadimeter.app.reporting import SYSTEM_EVENTS
 from stadimeter.app.service_folders import state_directory
 from stadimeter.core.decide import State
@@ -46,9 +46,6 @@ LOOK_EVERY_S = 0.5
 # The operating system takes a write in a millisecond or two; only a power cut can lose what is not flushed yet. The
 # outputs have their commands by then, and a disk that hangs costs a third of a cycle.
 ALARM_WAIT_S = 0.01
-
-# Upper limit of stored undelivered messages; the newest are kept.
-UNDELIVERED_MAX = 1000
 
 # At the end of a run the disk is waited for this long; it has had the time of closing everything before.
 END_WAIT_S = 1.0
@@ -98,13 +95,14 @@ class StateWriter:
             self.warning = str(error)
             return None
         self.warning = self._store.warning
+        now = self._moment_of(now_s)
         if memory is not None and self._deliveries is not None:
             self.kept = memory.undelivered
-            self._deliveries.send_again(memory.undelivered)
+            self._deliveries.send_again(memory.undelivered, now_s, shift_s(memory.moment, now))
         self._thread = threading.Thread(target=self._write_all, name="alarm keeper", daemon=True)
         self._thread.start()
         threading.Thread(target=self._flush_all, name="alarm flusher", daemon=True).start()
-        return resume(state, memory, self._moment_of(now_s)) if memory else None
+        return resume(state, memory, now) if memory else None
 
     def cycle(self, before: State, after: State, events: Iterable[Event] = ()) -> None:
         """Take in a cycle, after its messages were sent and before its listeners.
@@ -204,7 +202,7 @@ class StateWriter:
                 self._trouble = str(error)
 
     def _undelivered(self) -> tuple[Undelivered, ...]:
-        return self._deliveries.undelivered()[-UNDELIVERED_MAX:] if self._deliveries is not None else ()
+        return self._deliveries.undelivered() if self._deliveries is not None else ()
 
     def _owes_deliveries(self) -> bool:
         """Whether undelivered messages are to be written: new ones at once, a shorter list after a while."""

@@ -130,9 +130,11 @@ def week_of(schedule: ScheduleCondition) -> Intervals:
 def _measured(leaf: Leaf, truth: Truth) -> Iterator[Box]:
     """Yield the boxes of a condition on one figure, which is an axis of its targets and unknown without any of them.
 
-    One on no target is on what the base reports, or does not.
+    One on no target is on what the base reports, or does not, unless it is always known.
     """
-    sights = [("in sight", target) for target in leaf.targets_named] or [("reported", leaf.noun)]
+    sights = [("in sight", target) for target in leaf.targets_named]
+    if not sights and not leaf.is_always_known:
+        sights = [("reported", leaf.noun)]
     if truth is Truth.UNKNOWN:
         yield from ({sight: GONE} for sight in sights)
         return

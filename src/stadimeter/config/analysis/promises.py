@@ -14,6 +14,7 @@ from stadimeter.config.findings import Finding, did_you_mean
 from stadimeter.config.rules.compiled import CompiledRule, WrittenCondition
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not, depends_on, leaves, targets_of
 from stadimeter.core.conditions.discrete import PresenceCondition, RuleCondition
+from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.decision import Severity
 from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, LostPolicy
 
@@ -38,6 +39,7 @@ def promise_warnings(subject: Subject) -> Iterator[Finding]:
         yield from _waits_unheard(subject, declared, alarm)
         yield from _latch_suppresses(latched, declared, alarm)
         yield from _blind_stop(follows, declared, alarm)
+        yield from _never_undelivered(subject, declared)
 
 
 def _safety(declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding]:
@@ -116,6 +118,15 @@ def _blind_stop(follows: list[FollowRule], declared: CompiledRule, alarm: AlarmR
             'write lost = { policy = "assert" } if not seeing it means danger, and { policy = "hold" } if it does not'
         )
         yield Finding(declared.at("lost"), f"{message} all the same", hint, "motion-blind")
+
+
+def _never_undelivered(subject: Subject, declared: CompiledRule) -> Iterator[Finding]:
+    if not {"messenger", "notifiers"}.isdisjoint(subject.draft.table):
+        return
+    for leaf in (leaf for written in declared.conditions() for leaf in written.leaves()):
+        if isinstance(leaf.condition, UndeliveredCondition):
+            message = "no alarm is ever undelivered: there is no section [messenger], and no [notifiers.NAME]"
+            yield Finding(leaf.path, message, "add one, or remove the condition", "unheard")
 
 
 # Conditions that ask for the opposite of another rule, and are unknown while that rule cannot be judged ---------------

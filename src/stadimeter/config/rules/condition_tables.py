@@ -29,6 +29,7 @@ from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.figures import Direction, Quantity
 from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, SeparationCondition
 from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
+from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.decision import Severity
 
 # Greatest depth of nested conditions.
@@ -312,6 +313,8 @@ class WhenTable(LimitsTable, LikelihoodTable):
     """Holds while a sensor below the base sees no floor, or one of its wheels hangs down."""
     battery_below: Voltage | None = None
     """In volts; holds while the battery of the base has less."""
+    undelivered_for: DurationAboveZero | None = None
+    """In seconds; holds while an alarm's message or notification has been undelivered for this long."""
     all: Annotated[list["WhenTable"], Field(min_length=1)] | None = None
     """Holds while each of these does."""
     any: Annotated[list["WhenTable"], Field(min_length=1)] | None = None
@@ -384,6 +387,7 @@ _OF_NO_TARGET: dict[str, _Conversion] = {
     "bumped": lambda *_: ContactSensorCondition(sensor="is_bumped"),
     "at_cliff": lambda *_: ContactSensorCondition(sensor="is_at_cliff"),
     "battery_below": lambda when, _: BatteryCondition(below_v=when.battery_below),
+    "undelivered_for": lambda when, _: UndeliveredCondition(for_s=when.undelivered_for),
 }
 _OF_OTHERS: dict[str, _Conversion] = {
     "all": lambda when, severity: AllOf(conditions=_parts(when.all, severity)),

@@ -14,6 +14,7 @@ from stadimeter.core.conditions.compounds import Condition, leaves, targets_of
 from stadimeter.core.conditions.discrete import RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.of_base import ContactSensorCondition
+from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.decision import Severity
 
 __all__ = ["KINDS", "FramesTable", "RuleTable", "WhenTable"]
@@ -224,7 +225,7 @@ class RuleTable(Section):
             return rule.OnDelay(frames=self.on_delay.frames, of_frames=self.on_delay.of)
         if self.on_delay is not None:
             return rule.OnDelay(hold_s=self.on_delay)
-        without_noise = (RuleCondition, ScheduleCondition, ContactSensorCondition)
+        without_noise = (RuleCondition, ScheduleCondition, ContactSensorCondition, UndeliveredCondition)
         is_sure = all(leaf.probability_on is not None or isinstance(leaf, without_noise) for leaf in leaves(judged))
         return rule.OnDelay() if is_sure or self.severity is Severity.SAFETY else FRAMES_TO_RAISE
 

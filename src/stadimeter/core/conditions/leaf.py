@@ -39,6 +39,7 @@ class RuleInputs(Struct, frozen=True, kw_only=True):
         frame_at_s: When the newest frame was taken; None before the first.
         commands: What each output was commanded in the cycle before, by its name.
         safety: Whether outputs may act, as far as it is known before the rules are judged.
+        undelivered_since_s: As in `stadimeter.core.observation.Observation`.
     """
 
     tracks: Mapping[str, Track]
@@ -52,6 +53,7 @@ class RuleInputs(Struct, frozen=True, kw_only=True):
     frame_at_s: float | None = None
     commands: Mapping[str, Command] = field(default_factory=dict)
     safety: SafetyMode = SafetyMode.ACTIVE
+    undelivered_since_s: float | None = None
 
 
 class Figure(NamedTuple):
@@ -113,6 +115,8 @@ class Leaf:
 
     is_by_cycle: ClassVar[bool] = False
     """Whether it may change though no frame comes, so that it is judged in every cycle."""
+    is_always_known: ClassVar[bool] = False
+    """Whether it holds or does not, whatever is seen and reported."""
     has_figures: ClassVar[bool] = False
     """Whether it asks for a figure that is not known while its target is out of sight."""
 
