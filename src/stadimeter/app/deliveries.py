@@ -16,6 +16,7 @@ from stadimeter.core.message import KEPT_S, Message, as_history
 from stadimeter.core.notification import Notification
 from stadimeter.core.rule import AlarmRule, AnyRule, Send, Template
 from stadimeter.errors import StadimeterError
+from stadimeter.messaging.protocol import Discoverable, Retaining
 
 if TYPE_CHECKING:
     from stadimeter.app.bootstrap import Parts
@@ -45,6 +46,17 @@ class Deliveries:
         self._began_s: float | None = None
         self._looked_at_s = -math.inf
         self._alarm_waits_since_s: float | None = None
+
+    def retain_only(self, topics: frozenset[str]) -> None:
+        """Have a broker keep only what is published on these topics, and Home Assistant show what this run has."""
+        messenger: object = self._parts.messenger
+        if isinstance(messenger, Discoverable) and messenger.discovery_place is not None:
+            from stadimeter.app.discovery import announcement  # noqa: PLC0415 - only who is discovered needs it
+
+            plan = self._parts.configuration.plan
+            messenger.announce(announcement(plan, messenger.discovery_place, topics, messenger.orders))
+        if isinstance(messenger, Retaining):
+            messenger.retain_only(topics)
 
     def undelivered(self) -> tuple[Undelivered, ...]:
         """Return what is neither delivered nor given up, oldest first."""

@@ -28,7 +28,7 @@ from stadimeter.core.frame import Frame
 from stadimeter.core.message import Message
 from stadimeter.core.plan import Plan
 from stadimeter.errors import EndOfFramesError
-from stadimeter.messaging.protocol import Discoverable, Retaining, TakesRequests
+from stadimeter.messaging.protocol import Discoverable, TakesRequests
 
 if TYPE_CHECKING:  # few runs have these, and what they need takes long to load
     from stadimeter.app.control.recording import RecordingOnRequest
@@ -310,7 +310,7 @@ class Loop:
         for recording in self._recordings:
             recording.note_reload(now_s, change.recorded)
         self._publish(now_s, self.reporter.reload(plan.rules))
-        self._retain_only(self.reporter.retained)
+        self.deliveries.retain_only(self.reporter.retained)
         if services.watchdog is not None:
             services.watchdog.reloaded(change.configuration)
         if services.service is not None:
@@ -331,17 +331,7 @@ class Loop:
         now_s = self.parts.clock.now_s()
         self._publish(now_s, self.reporter.opening(self.parts.configuration.plan.rules))
         self._publish(now_s, self._health.messages(now_s, _wall_clock))
-        self._retain_only(self.reporter.retained)
-
-    def _retain_only(self, topics: frozenset[str]) -> None:
-        messenger: object = self.parts.messenger
-        if isinstance(messenger, Discoverable) and messenger.discovery_place is not None:
-            from stadimeter.app.discovery import announcement  # noqa: PLC0415 - only who is discovered needs it
-
-            plan = self.parts.configuration.plan
-            messenger.announce(announcement(plan, messenger.discovery_place, topics, messenger.orders))
-        if isinstance(messenger, Retaining):
-            messenger.retain_only(topics)
+        self.deliveries.retain_only(self.reporter.retained)
 
     def _report(self, record: CycleRecord) -> None:
         now_s = record.observation.now_s
