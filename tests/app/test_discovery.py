@@ -136,7 +136,7 @@ def test_no_two_entities_are_the_same_however_targets_and_rules_are_called(targe
     )
     retained = {f"rule/{name}/{what}" for name in names for what in ("state", "availability", "settings")}
     found = announcement(plan, PLACE, retained, ORDERS)
-    per_rule = 7  # state, acknowledge, reset, shelve, unshelve, in service, observed
+    per_rule = 8  # state, acknowledge, reset, shelve, unshelve, in service, observed, threshold
     assert len(found.components) == 5 * len(targets) + per_rule * len(names) + 9
 
 

@@ -22,12 +22,15 @@ class RememberingMessenger:
     def __init__(self, commands: CommandLevel = "all") -> None:
         self.commands: CommandLevel = commands
         self.topics: Collection[str] = ()
+        self.offered: Collection[str] = ()
         self.sent: list[tuple[str, Any]] = []
         self.pictures: list[bytes] = []
         self.is_connected = True
 
-    def listen(self, topics: Collection[str], receive: Callable[[RequestMessage], None]) -> None:
-        self.topics = topics
+    def listen(
+        self, topics: Collection[str], offered: Collection[str], receive: Callable[[RequestMessage], None]
+    ) -> None:
+        self.topics, self.offered = topics, offered
 
     def respond(self, request: RequestMessage, topic: str, payload: bytes) -> None:
         self.sent.append((topic, json.loads(payload)))
@@ -76,6 +79,35 @@ def desk() -> Iterator[Desk]:
 
 def test_a_topic_is_listened_to_for_each_offer(desk: Desk) -> None:
     assert set(desk.messenger.topics) == {f"request/{name}" for name in OFFERS}
+
+
+def test_what_needs_more_trust_is_listened_to_for_an_answer_and_offered_to_no_one() -> None:
+    messenger = RememberingMessenger("alarms")
+    requests = MqttRequests(messenger, lambda _: Reply(), lambda _: None)
+    requests.open()
+    requests.close()
+    assert set(messenger.topics) - set(messenger.offered) == {
+        "request/arm", "request/release-outputs", "request/record", "request/reload", "request/snapshot",
+    }  # fmt: skip
+
+
+def test_a_switch_sends_both_of_its_states_to_one_topic(desk: Desk) -> None:
+    for topic, value in (("in-service", False), ("in-service", True), ("observed", True), ("observed", False)):
+        desk.send(topic, json.dumps({"rule": "near", "value": value, "by": "zoe"}))
+    taken = desk.take(4)
+    assert [each.request.op for each in taken] == ["take-out", "put-back", "observe", "act"]
+    assert {(each.request.args.rule, each.request.args.by) for each in taken} == {("near", "mqtt (zoe)")}
+
+
+@pytest.mark.parametrize(
+    "payload", ["", "[]", "{}", '{"value": 1}', '{"value": "true"}', "[" * 3000, '{"value": null}']
+)
+def test_a_switch_without_a_state_does_nothing(desk: Desk, payload: str) -> None:
+    desk.send("observed", payload)
+    (answer,) = desk.answers(1)
+    assert answer["status"] == "error"
+    assert '"value": true' in answer["error"]
+    assert desk.requests.take() == []
 
 
 def test_what_the_loop_takes_too_late_is_not_done(desk: Desk) -> None:

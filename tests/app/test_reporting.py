@@ -13,7 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from stadimeter.app.reporting import Reporter
+import stadimeter
+from stadimeter.app.reporting import Reporter, is_state
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import Decision, Event, EventKind, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.message import Message
@@ -294,6 +295,7 @@ def test_a_rule_is_told_when_it_changes_and_not_when_only_its_figures_do() -> No
         "ts": LATER,
         "active": True,
         "status": "active",
+        "severity": None,
         "acknowledged": True,
         "latched": False,
         "first_out": False,
@@ -431,7 +433,42 @@ def test_the_documentation_shows_the_real_forms() -> None:
     shown = [payload for payload in shown if "frame_rate_hz" not in payload]  # see test_health_reports
     alarm, system, rule, target = listener.payloads
     shown = [payload for payload in shown if "thresholds" not in payload]  # see `test_settings_reports.py`
-    assert [list(payload) for payload in shown] == [list(payload) for payload in (target, rule, alarm, system, system)]
+    info = json.loads(listener.reporter.info("9f86").payload)
+    assert [list(payload) for payload in shown] == [
+        list(payload) for payload in (target, rule, alarm, system, info, system)
+    ]
+
+
+def test_a_rule_says_its_severity_and_says_it_again_when_a_reload_changes_only_that() -> None:
+    def rules(severity: Severity) -> tuple[AlarmRule | Rule, ...]:
+        return AlarmRule(name="near", target="ball", condition=FAR, severity=severity), Rule(name="go", target="ball")
+
+    listener = Listener()
+    quiet = decision(rules=[near(RuleStatus.IDLE), RuleTrace(rule="go", status=RuleStatus.IDLE, active=False)])
+    listener.reporter.opening(rules(Severity.WARNING))
+    assert [payload["severity"] for payload in map(read, listener.decided(quiet))] == ["warning", None]
+    assert listener.decided(quiet, step_s=1.0) == []
+    listener.reporter.reload(rules(Severity.SAFETY))
+    (state,) = listener.decided(quiet, step_s=1.0)
+    assert (state.topic, read(state)["severity"]) == ("rule/near/state", "safety")
+    assert listener.decided(quiet, step_s=1.0) == []
+
+
+def test_what_runs_is_kept_by_the_broker_and_is_no_event_that_a_later_run_sends_again() -> None:
+    message = Reporter(boot_id="boot").info("9f86")
+    assert (message.topic, message.qos, message.retain, message.expires_s) == ("info", 1, True, None)
+    assert read(message) == {
+        "v": 1,
+        "version": stadimeter.__version__,
+        "configuration_sha256": "9f86",
+        "boot_id": "boot",
+    }
+    assert is_state(message)
+
+
+def read(message: Message) -> dict[str, Any]:
+    payload: dict[str, Any] = json.loads(message.payload)
+    return payload
 
 
 def sending(name: str, topic: str, *, retain: bool) -> AlarmRule:

@@ -30,7 +30,7 @@ class Inbox:
     def __init__(self, messenger: PahoMessenger, *topics: str) -> None:
         self.messages: list[RequestMessage] = []
         self.messenger = messenger
-        messenger.listen(topics or (ACTION,), self.messages.append)
+        messenger.listen(topics or (ACTION,), topics or (ACTION,), self.messages.append)
 
     def refusals(self) -> list[str | None]:
         return [each.refusal for each in self.messages]

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from stadimeter.app.discovery import announcement
 from stadimeter.app.reporting import Reporter
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.home_assistant import Announcement, DiscoveryPlace
-from stadimeter.operator_actions import OperatorAction
 from support.simulated_run import SIMULATED_BALL
 
 EVERY_RULE = (
@@ -72,27 +71,8 @@ path = [{ at = "0 s", x = "2 m", y = "0 m" }]
 """
 )
 
-ORDERS = frozenset({
-    *(f"request/{action.value}" for action in OperatorAction),
-    "request/snapshot", "request/set-threshold", "request/in-service", "request/observed",
-})  # fmt: skip
+ORDERS = frozenset(f"request/{name}" for name in OFFERS)
 """Everything that a run may take from others."""
-
-
-class Range(NamedTuple):
-    """What a threshold takes."""
-
-    unit: str
-    least: float
-    most: float
-
-
-THRESHOLDS = {
-    "near": {"below": Range("m", 0.05, 30.0), "time_to_contact.below": Range("s", 0.1, 60.0)},
-    "in-reach": {"above": Range("m", 0.05, 1.5), "below": Range("m", 0.5, 30.0)},
-    "fast": {"closing_speed.above": Range("m/s", 0.01, 20.0)},
-    "to_the_left": {"bearing.below": Range("rad", -1.5, 1.5)},
-}
 
 
 def every_rule(folder: Path) -> Configuration:
@@ -103,13 +83,10 @@ def every_rule(folder: Path) -> Configuration:
 
 
 def announced(configuration: Configuration, *, orders: frozenset[str] = frozenset(), **place: Any) -> Announcement:
-    """Return what a run announces which takes these orders; settings are published with the order to set them."""
+    """Return what a run announces which takes these orders."""
     options = configuration.messenger.options if configuration.messenger is not None else None
     where: DiscoveryPlace = getattr(options, "discovery_place")  # noqa: B009 - of this driver only
     reporter = Reporter("boot")
     reporter.opening(configuration.plan.rules)
-    names = [rule.name for rule in configuration.plan.rules] if orders else []
-    retained = reporter.retained | {f"rule/{name}/settings" for name in names}
-    thresholds = THRESHOLDS if orders else {}
     place = {"node": where.node, "base": where.base, "prefix": where.prefix, **place}
-    return announcement(configuration.plan, DiscoveryPlace(**place), retained, orders, thresholds)
+    return announcement(configuration.plan, DiscoveryPlace(**place), reporter.retained, orders)

@@ -22,6 +22,7 @@ from stadimeter.app.guard import Guard, make_all_safe, retire_all
 from stadimeter.app.health_reports import HealthReports
 from stadimeter.app.live.health import Board
 from stadimeter.app.live.history import RunHistory
+from stadimeter.app.recordings.recorded_configuration import sha256_of
 from stadimeter.app.reporting import Reporter
 from stadimeter.core.decide import State, initial_state
 from stadimeter.core.frame import Frame
@@ -309,7 +310,7 @@ class Loop:
         now_s = parts.clock.now_s()
         for recording in self._recordings:
             recording.note_reload(now_s, change.recorded)
-        self._publish(now_s, self.reporter.reload(plan.rules))
+        self._publish(now_s, (*self.reporter.reload(plan.rules), self._info()))
         self.deliveries.retain_only(self.reporter.retained)
         if services.watchdog is not None:
             services.watchdog.reloaded(change.configuration)
@@ -329,9 +330,12 @@ class Loop:
     def _report_opening(self) -> None:
         """Report that no rule is judged yet, and have the broker forget those of earlier runs that are no more."""
         now_s = self.parts.clock.now_s()
-        self._publish(now_s, self.reporter.opening(self.parts.configuration.plan.rules))
+        self._publish(now_s, (self._info(), *self.reporter.opening(self.parts.configuration.plan.rules)))
         self._publish(now_s, self._health.messages(now_s, _wall_clock))
         self.deliveries.retain_only(self.reporter.retained)
+
+    def _info(self) -> Message:
+        return self.reporter.info(sha256_of(self.parts.configuration.text))
 
     def _report(self, record: CycleRecord) -> None:
         now_s = record.observation.now_s

@@ -10,6 +10,7 @@ topic, below the base         QoS  retain  when
 ``rule/<name>/availability``  1    yes     ``offline`` while it is unknown whether the rule is active, else ``online``
 ``rule/<name>/settings``      1    yes     of an alarm: its thresholds, whether it is in service and whether it is only
                                            observed; at the start, and when one of these changes
+``info``                      1    yes     what runs: the version, the configuration's SHA-256, and the id of the run
 ``event/alarm``               1    never   what happened to a rule: raised, cleared, acknowledged, shelved and so on
 ``event/system``              1    never   what happened to a target, camera or output: target_seen, target_lost,
                                            fault, fault_cleared; to all outputs: stopped, released, disarmed,
@@ -28,6 +29,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
+import stadimeter
 from stadimeter.core.alarms.machine import AlarmRecord
 from stadimeter.core.alarms.settings import show_thresholds
 from stadimeter.core.decision import Decision, Event, EventKind, RuleStatus, RuleTrace, Severity
@@ -77,6 +79,7 @@ class Reporter:
     def __init__(self, boot_id: str) -> None:
         self.retained: frozenset[str] = frozenset()
         self._boot_id = boot_id
+        self._severities: Mapping[str, Severity] = {}
         self._targets: dict[str, _TargetReports] = {}
         self._rules: dict[str, _RuleReports] = {}
         self._rules_before: tuple[RuleTrace, ...] = ()
@@ -100,7 +103,7 @@ class Reporter:
             time = wall_clock()
             reports = self._rules.setdefault(trace.rule, _RuleReports())
             events = [event.kind for event in decision.events if event.source == trace.rule]
-            if reports.is_due(now_s, time, trace, events):
+            if reports.is_due(now_s, time, trace, events, self._severities.get(trace.rule)):
                 messages += reports.tell(now_s, time, trace, decision.reasons.get(trace.rule, ""))
             messages += reports.settings(trace.rule, decision.reasons)
             (self._held_back.add if reports.is_held_back else self._held_back.discard)(trace.rule)
@@ -119,17 +122,27 @@ class Reporter:
 
     def opening(self, rules: Iterable[AnyRule]) -> tuple[Message, ...]:
         """Report, before the first cycle, that no rule is judged yet: what the broker has kept is an earlier run's."""
-        self.retained = _retained_topics(rules)
+        self.retained, self._severities = _retained_topics(rules), _severities(rules)
         return tuple(_availability(rule.name, is_known=False) for rule in rules)
 
     def reload(self, rules: Iterable[AnyRule]) -> tuple[Message, ...]:
         """Go by other rules from now on; return what has the broker forget those that are no more."""
-        before, self.retained = self.retained, _retained_topics(rules)
+        before, self.retained, self._severities = self.retained, _retained_topics(rules), _severities(rules)
         gone = self._rules.keys() - {rule.name for rule in rules}
-        self._held_back -= gone
+        self._held_back = {rule.name for rule in rules}  # each is looked at once more: its severity may be another
         for name in gone:
             del self._rules[name]
         return clearing(before - self.retained)
+
+    def info(self, configuration_sha256: str) -> Message:
+        """Return the message on what runs, at the start and after each reload."""
+        payload = {
+            "v": FORM,
+            "version": stadimeter.__version__,
+            "configuration_sha256": configuration_sha256,
+            "boot_id": self._boot_id,
+        }
+        return _message("info", payload, qos=1, retain=True)
 
     def given_up(self, now_s: float, wall_clock: WallClock, counts: Mapping[str, int]) -> tuple[Message, ...]:
         """Report, as events, what was given up since the last call, by notifier; the empty name is the messenger."""
@@ -221,12 +234,14 @@ class _RuleReports:
         """Whether the newest state is not published yet."""
         return self._newest != self._told
 
-    def is_due(self, now_s: float, wall_clock: str, trace: RuleTrace, events: list[EventKind]) -> bool:
+    def is_due(
+        self, now_s: float, wall_clock: str, trace: RuleTrace, events: list[EventKind], severity: Severity | None
+    ) -> bool:
         """Take in a cycle, and return whether it is to be published."""
         for kind in events:
             if kind in {EventKind.MEASUREMENT_LOST, EventKind.MEASUREMENT_BACK}:
                 self._is_data_lost = kind is EventKind.MEASUREMENT_LOST
-        state = _rule_state(trace, is_data_lost=self._is_data_lost)
+        state = _rule_state(trace, severity, is_data_lost=self._is_data_lost)
         if not self._since or state["active"] is not self._newest["active"]:
             self._since = wall_clock
         self._newest, told = state, self._told
@@ -282,11 +297,12 @@ def _settings(rule: AlarmRule, record: AlarmRecord) -> dict[str, Any]:
     return {"v": FORM, "thresholds": thresholds, "in_service": in_service, "observed": rule.observe}
 
 
-def _rule_state(trace: RuleTrace, *, is_data_lost: bool) -> dict[str, Any]:
+def _rule_state(trace: RuleTrace, severity: Severity | None, *, is_data_lost: bool) -> dict[str, Any]:
     """Return what is published of a rule when it changes."""
     return {
         "active": active_or_unknown(trace),
         "status": trace.status.value,
+        "severity": severity.value if severity is not None else None,
         "acknowledged": trace.acknowledged,
         "latched": trace.status is RuleStatus.LATCHED,
         "first_out": trace.first_out,
@@ -308,6 +324,11 @@ def active_or_unknown(trace: RuleTrace) -> bool | None:
 
 def _availability(rule: str, *, is_known: bool) -> Message:
     return Message(topic=f"rule/{rule}/availability", payload="online" if is_known else "offline", qos=1, retain=True)
+
+
+def _severities(rules: Iterable[AnyRule]) -> dict[str, Severity]:
+    """Return the severity of each alarm; other rules have none."""
+    return {rule.name: rule.severity for rule in rules if isinstance(rule, AlarmRule)}
 
 
 def _retained_topics(rules: Iterable[AnyRule]) -> frozenset[str]:
@@ -358,7 +379,7 @@ def _event(topic: str, payload: Mapping[str, object], severity: Severity, at_s: 
 
 def is_state(item: Message | Notification) -> bool:
     """Whether it says how things are, and not what happened: each run says so anew, so no older one is sent again."""
-    return isinstance(item, Message) and (item.qos == 0 or item.topic.startswith(("camera/", "rule/")))
+    return isinstance(item, Message) and (item.qos == 0 or item.topic.startswith(("camera/", "info", "rule/")))
 
 
 def _message(

@@ -55,6 +55,7 @@ PANELS: Mapping[str, Mapping[str, str]] = {
         "disarm": "Disarm a running instance: every output is at its safe value until it is armed.",
         "safe": "Make every output of a configuration safe by hand, when no run drives it.",
         "alarm": "Acknowledge, reset or shelve an alarm of a running instance, and more.",
+        "fleet": "Show every device at a broker, and one list of standing alarms.",
     },
 }
 

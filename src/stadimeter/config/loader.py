@@ -17,7 +17,7 @@ from msgspec.structs import replace
 import stadimeter
 from stadimeter.config.cross_checks import error_findings
 from stadimeter.config.draft import BASE_NAME, ChosenDrivers, Draft, read_draft
-from stadimeter.config.driver_tables import CAMERA, read_driver_table
+from stadimeter.config.driver_tables import CAMERA, MESSENGER, DriverKind, read_driver_table
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.models import ActuatorTable, BaseTable, ButtonTable, SensorTable, WebTable
 from stadimeter.config.plugins import DriverChoice
@@ -40,6 +40,10 @@ __all__ = ["Configuration", "DriverChoice", "is_demonstration", "load_camera_cho
 
 # The configuration of the demonstration: ``config/demo.toml`` of the checkout, or its copy in a package.
 DEMONSTRATION = Path(stadimeter.__file__).parent / "configurations" / "demo.toml"
+
+
+# Where an error is said to be when there is no configuration.
+OPTIONS = Path("options")
 
 
 def is_demonstration(configuration: Path) -> bool:
@@ -145,15 +149,40 @@ def load_camera_choice(path: Path) -> DriverChoice:
     Raises:
         ConfigError: It lists every problem of the section ``[camera]``.
     """
-    source = read_toml(path, CONFIGURATION_MAX_BYTES)
-    table = source.table.get("camera")
+    return _load_choice(path, "camera", CAMERA, 'add one: driver = "opencv"', {})
+
+
+def load_messenger_choice(path: Path | None, options: Mapping[str, object]) -> DriverChoice:
+    """Load the messenger of a configuration, and nothing else; without one, that for MQTT.
+
+    Args:
+        options: Replace keys of its table.
+
+    Raises:
+        ConfigError: It lists every problem of the section ``[messenger]``.
+    """
+    texts = {OPTIONS: '[messenger]\ndriver = "mqtt"\n'} if path is None else None
+    return _load_choice(path or OPTIONS, "messenger", MESSENGER, 'add one: driver = "mqtt"', options, texts)
+
+
+def _load_choice(
+    path: Path,
+    section: str,
+    kind: DriverKind,
+    remedy: str,
+    options: Mapping[str, object],
+    texts: Texts | None = None,
+) -> DriverChoice:
+    source = read_toml(path, CONFIGURATION_MAX_BYTES, texts=texts)
+    spans = source.spans if texts is None else {}
+    table = source.table.get(section)
     if not isinstance(table, Mapping):
-        finding = Finding(("camera",), "the section [camera] is missing", 'add one: driver = "opencv"', "missing-key")
-        raise ConfigError(problems([finding], str(path), source.spans))
+        finding = Finding((section,), f"the section [{section}] is missing", remedy, "missing-key")
+        raise ConfigError(problems([finding], str(path), spans))
     findings: list[Finding] = []
-    choice, _ = read_driver_table(CAMERA, ("camera",), table, validation_context(path), findings)
+    choice, _ = read_driver_table(kind, (section,), {**table, **options}, validation_context(path), findings)
     if choice is None or findings:
-        raise ConfigError(problems(findings, str(path), source.spans))
+        raise ConfigError(problems(findings, str(path), spans))
     return choice
 
 

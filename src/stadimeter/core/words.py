@@ -58,4 +58,6 @@ def day(weekday: int) -> str:
 
 def one_line(text: str) -> str:
     """Return a text as a screen can show it: one line, no control characters."""
+    if text.isprintable():
+        return text
     return "".join(character if character.isprintable() else " " for character in text)

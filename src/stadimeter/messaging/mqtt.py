@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
+from typing import TYPE_CHECKING
 
 from paho.mqtt.client import Client
 from paho.mqtt.enums import MQTTProtocolVersion
@@ -16,9 +17,12 @@ from stadimeter.messaging.back_off import Patience
 from stadimeter.messaging.broker_link import V5, V311, BrokerLink, serve
 from stadimeter.messaging.link_events import LinkEvents
 from stadimeter.messaging.mqtt_client import MqttSettings, make_client, read_secrets, say_goodbye, subscribe
-from stadimeter.messaging.protocol import CommandLevel, RequestMessage
+from stadimeter.messaging.protocol import CommandLevel, Received, RequestMessage
 from stadimeter.messaging.request_topics import RequestTopics, describe_deafness
 from stadimeter.operator_actions import OperatorAction
+
+if TYPE_CHECKING:
+    from stadimeter.messaging.subscription import MqttSubscription
 
 ASKED_S = 3.0
 
@@ -33,6 +37,12 @@ class MqttOptions(MqttSettings):
     def build(self, context: DriverContext) -> PahoMessenger:  # noqa: ARG002 - the interface of every driver
         """Return the messenger."""
         return PahoMessenger(self)
+
+    def subscribe(self, filters: Sequence[str], take: Callable[[Received], None]) -> MqttSubscription:
+        """Return a subscription, not connected yet; see `stadimeter.messaging.protocol.Subscribes`."""
+        from stadimeter.messaging.subscription import MqttSubscription  # noqa: PLC0415 - no run needs it
+
+        return MqttSubscription(self, filters, take)
 
     def reach(self) -> str:
         """Connect once with this login, hang up, and return what is wrong, or an empty string.

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from paho.mqtt.client import Client
-from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
+from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode, MQTTProtocolVersion
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 from paho.mqtt.subscribeoptions import SubscribeOptions
@@ -189,6 +189,12 @@ INCOMPLETE_MAX = 64
 # A response that waited for longer in a broker is of no use to whoever asked.
 RESPONSE_EXPIRES_S = 30
 
+# No message of stadimeter is as long. Of a longer one, a program that listens keeps the beginning, which is no JSON.
+LISTENING_PACKET_MAX = 16_384
+
+# Read without a look at the clock.
+LISTENING_PACKETS_MAX = 500
+
 ONLINE = Message(topic="availability", payload="online", qos=1, retain=True)
 OFFLINE = Message(topic="availability", payload="offline", qos=1, retain=True)
 
@@ -208,6 +214,32 @@ class _Client(Client):
         return super()._sock_recv(bufsize)
 
 
+class ListeningClient(Client):
+    """Reads what comes in great numbers: many packets in one piece, and of one that is too long only the beginning."""
+
+    _unread = b""
+    _read_to = 0
+
+    def loop(self, timeout: float = 1.0) -> MQTTErrorCode:
+        """Wait for packets, and read those that came together; paho would ask the system anew before each."""
+        code = super().loop(timeout)
+        packets_left = LISTENING_PACKETS_MAX
+        while code == MQTTErrorCode.MQTT_ERR_SUCCESS and self._read_to < len(self._unread) and packets_left:
+            code = self.loop_read()
+            packets_left -= 1
+        return code
+
+    def _sock_recv(self, bufsize: int) -> bytes:
+        if bufsize > LISTENING_PACKET_MAX:
+            del self._in_packet["packet"][LISTENING_PACKET_MAX:]
+            bufsize = LISTENING_PACKET_MAX
+        if self._read_to >= len(self._unread):
+            self._unread, self._read_to = super()._sock_recv(65_536), 0
+        found = self._unread[self._read_to : self._read_to + bufsize]
+        self._read_to += bufsize
+        return found
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Secrets:
     """The password and the trusted certificates, read when a messenger opens; None for no login or no encryption."""
@@ -224,10 +256,12 @@ def read_secrets(options: MqttSettings) -> Secrets:
     )
 
 
-def make_client(options: MqttSettings, secrets: Secrets, version: MQTTProtocolVersion, answer_s: float) -> Client:
+def make_client(
+    options: MqttSettings, secrets: Secrets, version: MQTTProtocolVersion, answer_s: float, kind: type[Client] = _Client
+) -> Client:
     """Make a client that is ready to connect. It has no thread, and tries nothing by itself."""
     is_v5 = version == MQTTProtocolVersion.MQTTv5
-    client = _Client(
+    client = kind(
         CallbackAPIVersion.VERSION2,
         client_id=options.client_id,
         # A session of 3.1.1 never ends. We subscribe anew each time, so there is nothing to keep in it.
@@ -235,13 +269,15 @@ def make_client(options: MqttSettings, secrets: Secrets, version: MQTTProtocolVe
         protocol=version,
         reconnect_on_failure=False,
     )
-    client.packet_max = options.packet_max
+    packet_max = LISTENING_PACKET_MAX
+    if isinstance(client, _Client):
+        packet_max = client.packet_max = options.packet_max
     client.connect_timeout = answer_s
     if options.username is not None:
         client.username_pw_set(options.username, secrets.password)
     if secrets.tls is not None:
         client.tls_set_context(secrets.tls)
-    _set_session(client, options, is_v5=is_v5)
+    _set_session(client, options, packet_max, is_v5=is_v5)
     return client
 
 
@@ -278,12 +314,10 @@ def response_properties(content_type: str, correlation: bytes | None) -> Propert
     return _properties(PacketTypes.PUBLISH, MessageExpiryInterval=RESPONSE_EXPIRES_S, ContentType=content_type, **more)
 
 
-def _set_session(client: Client, options: MqttSettings, *, is_v5: bool) -> None:
+def _set_session(client: Client, options: MqttSettings, packet_max: int, *, is_v5: bool) -> None:
     session, will = None, None
     if is_v5:
-        session = _properties(
-            PacketTypes.CONNECT, SessionExpiryInterval=SESSION_EXPIRY_S, MaximumPacketSize=options.packet_max
-        )
+        session = _properties(PacketTypes.CONNECT, SessionExpiryInterval=SESSION_EXPIRY_S, MaximumPacketSize=packet_max)
         will = _properties(PacketTypes.WILLMESSAGE, WillDelayInterval=WILL_DELAY_S)
     client.will_set(f"{options.base}/{OFFLINE.topic}", OFFLINE.payload, OFFLINE.qos, OFFLINE.retain, will)
     client.connect_async(

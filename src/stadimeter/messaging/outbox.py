@@ -183,7 +183,7 @@ PAGES_MAX = 200
 # Topics of the program that are no rule's; see `stadimeter.config.rules.action_tables.OWN_TOPICS`.
 _OF_RULE = re.compile(r"rule/[^/]+/(?:state|availability|settings)")
 _OWN = re.compile(
-    r"(?:availability|camera|event|health|request|response|retained|rule|snapshot|target)(?:/.*)?", re.DOTALL
+    r"(?:availability|camera|event|health|info|request|response|retained|rule|snapshot|target)(?:/.*)?", re.DOTALL
 )
 
 

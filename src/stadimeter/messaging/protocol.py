@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from typing import TYPE_CHECKING, Literal, Protocol, runtime_checkable
 
 from msgspec import Struct
@@ -138,6 +138,59 @@ class ReachesItsPeer(Protocol):
 
     def reach(self) -> str:
         """Connect once, hang up, and return what is wrong, or an empty string. A running instance stays connected."""
+
+
+class Received(Struct, frozen=True, kw_only=True):
+    """A message that a broker passed on.
+
+    Attributes:
+        topic: The whole topic, as the sender wrote it.
+        payload: At most a few kilobytes; of a longer one the beginning.
+        is_retained: Whether the broker had kept it from before the subscription.
+        expires_s: What is left of its life; None for ever, or where it is not known.
+    """
+
+    topic: str
+    payload: bytes
+    is_retained: bool = False
+    expires_s: int | None = None
+
+
+class Subscription(Protocol):
+    """A connection that listens. Its user serves it, in one thread. It connects again after a loss."""
+
+    def trouble(self) -> str:
+        """Return what is wrong with the connection; empty while the peer passes messages on."""
+
+    def serve(self, wait_s: float) -> None:
+        """Connect if it is time to, and hand over what arrives, for that long at most. Connecting may take longer."""
+
+    def publish(self, topic: str, payload: str, expires_s: int) -> None:
+        """Send a message with QoS 1 that is not kept. Only while there is no trouble."""
+
+    def close(self) -> None:
+        """Disconnect for good."""
+
+
+@runtime_checkable
+class Subscribes(Protocol):
+    """A messenger through which other devices can be listened to; a part of its `DriverOptions`."""
+
+    @property
+    def base(self) -> str:
+        """What the topics of this device begin with."""
+
+    @property
+    def place(self) -> str:
+        """The peer, for messages to people."""
+
+    def subscribe(self, filters: Sequence[str], take: Callable[[Received], None]) -> Subscription:
+        """Return a subscription, not connected yet.
+
+        Args:
+            filters: The topics, with the wildcards of MQTT. They must not overlap.
+            take: Takes each message, within `Subscription.serve`.
+        """
 
 
 class Notifier(Protocol):

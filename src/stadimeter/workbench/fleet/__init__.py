@@ -1,0 +1,1 @@
+"""Many devices at one broker: their state as one picture, and figures of their alarms."""

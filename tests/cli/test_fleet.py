@@ -1,0 +1,455 @@
+"""The command ``fleet`` at a real broker."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import pty
+import re
+import signal
+import struct
+import subprocess
+import sys
+import termios
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from fcntl import ioctl
+from pathlib import Path
+from typing import Any
+
+import pytest
+from paho.mqtt.client import Client, MQTTMessage
+from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
+from rich.console import Console
+
+from stadimeter.cli.fleet_view import FleetScreen
+from stadimeter.messaging.mqtt import MqttOptions
+from stadimeter.messaging.protocol import Received
+from stadimeter.testing.rig import eventually
+from stadimeter.workbench.fleet.devices import STALE_S, Fleet
+from support.broker import HOST, BrokerAccess, LoopbackBroker, free_port, make_broker
+from support.command_line import Typed, typed
+from support.simulated_run import SIMULATED_BALL
+
+WAIT_S = 120.0
+NOON = "2026-06-01T12:00:00.000+00:00"
+
+STANDING_ALARM = """
+[rules.near]
+when = { below = "3 m" }
+on_delay = "0 s"
+severity = "alarm"
+ack = "required"
+[world]
+path = [{ at = "0 s", x = "2 m", y = "0 m" }]
+loop = false
+"""
+
+
+@pytest.fixture
+def closing() -> Iterator[ExitStack]:
+    with ExitStack() as stack:
+        yield stack
+
+
+@pytest.fixture
+def broker(tmp_path: Path, closing: ExitStack) -> LoopbackBroker:
+    made = make_broker(tmp_path, BrokerAccess())
+    made.start()
+    closing.callback(made.stop)
+    return made
+
+
+@pytest.fixture
+def device(broker: LoopbackBroker) -> Iterator[Client]:
+    with client_at(broker.port) as client:
+        yield client
+
+
+@contextmanager
+def client_at(port: int) -> Iterator[Client]:
+    client = Client(CallbackAPIVersion.VERSION2, protocol=MQTTProtocolVersion.MQTTv311)
+    client.connect(HOST, port)
+    client.loop_start()
+    try:
+        yield client
+    finally:
+        client.disconnect()
+        client.loop_stop()
+
+
+def say(client: Client, topic: str, payload: object, *, retain: bool = True) -> None:
+    text = payload if isinstance(payload, str) else json.dumps(payload)
+    client.publish(f"stadimeter/{topic}", text, 1, retain).wait_for_publish(WAIT_S)
+
+
+@contextmanager
+def living(device: Client, *names: str) -> Iterator[None]:
+    """Have devices say what they measure, as long as the context lasts."""
+    ending = threading.Event()
+
+    def live() -> None:
+        sequence = 0
+        while not ending.wait(0.05):
+            for name in names:
+                state = {"seq": sequence, "status": "tracking", "distance_m": 1.482, "sigma_m": 0.021}
+                device.publish(f"stadimeter/{name}/target/ball/state", json.dumps(state))
+            sequence += 1
+
+    for name in names:
+        say(device, f"{name}/availability", "online")
+    thread = threading.Thread(target=live)
+    thread.start()
+    try:
+        yield
+    finally:
+        ending.set()
+        thread.join()
+
+
+def fleet_at(port: int, *words: object) -> Typed:
+    return typed("fleet", "--host", HOST, "--port", port, "--wait", "1 s", *words)
+
+
+def settled(port: int, condition: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
+    """Return the first record of the fleet of which something is so."""
+
+    def look() -> dict[str, Any] | None:
+        found = fleet_at(port, "--json")
+        if found.returncode != 0:  # a busy machine takes long to connect
+            return None
+        record: dict[str, Any] = json.loads(found.stdout)
+        return record if condition(record) else None
+
+    record = eventually(look)
+    assert record is not None
+    return record
+
+
+def test_devices_and_alarms_are_one_object_and_one_screen(broker: LoopbackBroker, device: Client) -> None:
+    say(device, "garage/info", {"v": 1, "version": "0.1.0", "configuration_sha256": "9f86", "boot_id": "6f1c"})
+    rule = {"active": True, "severity": "warning", "acknowledged": False, "since": NOON, "reason": "0.48 m is near"}
+    say(device, "garage/rule/near/state", rule)
+    say(device, "hall/press/availability", "offline")
+    with living(device, "garage"):
+        record = settled(broker.port, lambda each: len(each["devices"]) == 2 and each["devices"][0]["targets"])
+        screen = fleet_at(broker.port).stdout
+    garage, press = record["devices"]
+    assert (garage["device"], garage["status"], garage["version"], garage["standing"]) == (
+        "garage",
+        "online",
+        "0.1.0",
+        1,
+    )
+    assert garage["targets"][0]["distance_m"] == 1.482
+    assert garage["age_s"] < STALE_S
+    assert (press["device"], press["status"], press["age_s"]) == ("hall/press", "offline", None)
+    assert [alarm["reason"] for alarm in record["alarms"]] == ["0.48 m is near"]
+    assert record["troubles"] == ["hall/press: offline"]
+    for words in ("1 online", "1 offline", "hall/press", "ball 1.48 m ± 0.02", "garage/near", "UNACKNOWLEDGED"):
+        assert words in screen
+
+
+def test_a_script_learns_from_the_exit_code_whether_all_is_well(broker: LoopbackBroker, device: Client) -> None:
+    with living(device, "garage", "attic"):
+        say(device, "garage/rule/near/state", {"active": True, "severity": "warning", "reason": "near"})
+        well = (0, "2 devices are online, and no serious alarm stands\n")
+        eventually(lambda: checked(broker.port) == well)
+        say(device, "attic/rule/near/state", {"active": True, "severity": "safety", "reason": "0.48 m"})
+        say(device, "cellar/availability", "offline")
+        eventually(lambda: checked(broker.port) == (1, "cellar: offline\nattic/near: safety: 0.48 m\n"))
+
+
+def checked(port: int) -> tuple[int, str]:
+    found = fleet_at(port, "--check")
+    return found.returncode, found.stdout
+
+
+def test_no_device_at_all_is_not_all_well(broker: LoopbackBroker) -> None:
+    found = fleet_at(broker.port, "--check")
+    assert (found.returncode, found.stdout) == (1, "no device was heard below stadimeter/\n")
+
+
+@pytest.mark.parametrize("what", [("--check",), ("--json",), ("--figures",), (), ("--acknowledge", "garage/near")])
+def test_no_answer_of_the_broker_is_exit_code_2(what: tuple[str, ...]) -> None:
+    port = free_port()
+    found = fleet_at(port, *what)
+    assert (found.returncode, found.stdout) == (2, "")
+    assert found.stderr == f"error: {HOST}:{port} refused the connection (is a broker running there?)\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "error"),
+    [
+        (("--host", "a/b"), "options: messenger.host: 'a/b' is not a host name or an address"),
+        (("--host", HOST, "--port", "0"), "options: messenger.port"),
+        (("--host", HOST, "--password-file", "none"), "options: messenger: password_file is given without a username"),
+        (("--host", HOST, "--wait", "long"), "--wait: "),
+        (("--host", HOST, "--acknowledge", "near"), "--acknowledge: 'stadimeter/near' is no NODE/RULE"),
+        (("--host", HOST, "--acknowledge", "+/near"), "--acknowledge: 'stadimeter/+/near' is no NODE/RULE"),
+        (("--events", "none.txt"), "none.txt"),
+        (("none.toml",), "none.toml"),
+    ],
+)
+def test_what_cannot_be_meant_is_said_in_a_line(words: tuple[str, ...], error: str) -> None:
+    found = typed("fleet", *words)
+    assert found.returncode == 2
+    assert found.stderr.startswith(f"error: {error}"), found.stderr
+    assert found.stdout == ""
+
+
+def test_the_broker_of_a_configuration_is_used_and_options_go_before_it(
+    broker: LoopbackBroker, device: Client, tmp_path: Path
+) -> None:
+    config = tmp_path / "here.toml"
+    config.write_text(f'[messenger]\ndriver = "mqtt"\nport = {broker.port}\nbase_topic = "plant/hall/here"\n')
+    device.publish("plant/hall/there/availability", "offline", 1, True).wait_for_publish(WAIT_S)
+    say(device, "garage/availability", "offline")
+    assert "hall/there: offline" in typed("fleet", config, "--check", "--wait", "1 s").stdout
+    assert "garage: offline" in typed("fleet", config, "--below", "stadimeter", "--check", "--wait", "1 s").stdout
+    config.write_text(config.read_text().replace(str(broker.port), str(free_port())))
+    assert "hall/there: offline" in typed("fleet", config, "--port", broker.port, "--check", "--wait", "1 s").stdout
+
+
+def test_a_messenger_without_a_broker_cannot_be_listened_to(tmp_path: Path) -> None:
+    config = tmp_path / "simulated.toml"
+    config.write_text('[messenger]\ndriver = "simulated"\n')
+    assert "there is no broker to listen to: its messenger is 'simulated'" in typed("fleet", config).stderr
+
+
+def test_figures_of_what_was_heard_count_each_event_once(broker: LoopbackBroker) -> None:
+    raised = {"id": "6f1c-1", "event_type": "raised", "rule": "near"}
+    stop = threading.Event()
+
+    def repeat() -> None:
+        with client_at(broker.port) as client:
+            while not stop.wait(0.05):
+                client.publish("stadimeter/garage/event/alarm", json.dumps(raised), 1)
+
+    thread = threading.Thread(target=repeat)
+    thread.start()
+    try:
+        figures = eventually(lambda: counted(json.loads(fleet_at(broker.port, "--figures", "--json").stdout)))
+        words = fleet_at(broker.port, "--figures").stdout
+    finally:
+        stop.set()
+        thread.join()
+    assert figures["top"] == [{"alarm": "garage/near", "count": 1, "percent": 100.0}]
+    assert "1 alarms in" in words
+    assert "chattering (three times within a minute): none" in words
+
+
+def counted(figures: dict[str, Any]) -> dict[str, Any] | None:
+    return figures if figures["alarms"] else None
+
+
+def test_an_alarm_that_stands_since_yesterday_is_stale_at_once(broker: LoopbackBroker, device: Client) -> None:
+    say(device, "garage/rule/near/state", {"active": True, "severity": "alarm", "since": "2020-06-01T12:00:00+00:00"})
+    say(device, "garage/rule/far/state", {"active": True, "severity": "alarm", "since": "no time"})
+    assert json.loads(fleet_at(broker.port, "--figures", "--json").stdout)["stale"] == ["garage/near"]
+
+
+class Responder:
+    """A device that answers requests to acknowledge, as the program does."""
+
+    def __init__(self, client: Client, base: str) -> None:
+        self.requests: list[dict[str, Any]] = []
+        self.rules = {"near"}
+        self._base = base
+        subscribed = threading.Event()
+        client.on_message, client.on_subscribe = self._answer, lambda *_: subscribed.set()
+        client.subscribe(f"{base}/request/acknowledge", 1)
+        assert subscribed.wait(WAIT_S)
+
+    def _answer(self, client: Client, _data: Any, message: MQTTMessage) -> None:
+        request = json.loads(message.payload)
+        self.requests.append(request)
+        assert not message.retain
+        is_known = request["rule"] in self.rules
+        answer = {
+            "status": "ok" if is_known else "error",
+            "data": {"words": "acknowledged"} if is_known else None,
+            "error": None if is_known else f"there is no rule \x1b[2J'{request['rule']}'",
+        }
+        for transaction in ("another's", request["transaction"]):
+            client.publish(f"{self._base}/response/acknowledge", json.dumps({**answer, "transaction": transaction}), 1)
+        client.publish(f"{self._base}/response/acknowledge", "nonsense", 1)
+
+
+def test_an_alarm_of_a_device_is_acknowledged(broker: LoopbackBroker, device: Client) -> None:
+    responder = Responder(device, "stadimeter/hall/press")
+    at = ("fleet", "--host", HOST, "--port", broker.port, "--wait", "100 s", "--by", "Ada")
+    done = typed(*at, "--acknowledge", "hall/press/near")
+    assert (done.returncode, done.stdout) == (0, "acknowledged: stadimeter/hall/press/near\n"), done.stderr
+    as_json = json.loads(typed(*at, "--acknowledge", "hall/press/near", "--json").stdout)
+    assert (as_json["status"], as_json["data"]) == ("ok", {"words": "acknowledged"})
+    refused = typed(*at, "--acknowledge", "hall/press/far")
+    assert (refused.returncode, refused.stderr) == (1, "error: there is no rule  [2J'far'\n")
+    assert [(each["rule"], each["by"]) for each in responder.requests] == [
+        ("near", "Ada"),
+        ("near", "Ada"),
+        ("far", "Ada"),
+    ]
+    assert len({each["transaction"] for each in responder.requests}) == 3
+
+
+def test_a_device_that_does_not_answer_is_exit_code_2(broker: LoopbackBroker) -> None:
+    found = fleet_at(broker.port, "--acknowledge", "garage/near")
+    assert found.returncode == 2
+    assert found.stderr.startswith("error: stadimeter/garage did not answer within 1 s; is it online")
+
+
+@contextmanager
+def running(folder: Path, port: int) -> Iterator[subprocess.Popen[bytes]]:
+    """Run the real program, connected to a broker, with an alarm that stands."""
+    messenger = f'[messenger]\ndriver = "mqtt"\nport = {port}\nnode = "garage"\n'
+    (folder / "garage.toml").write_text(SIMULATED_BALL + STANDING_ALARM + messenger)
+    command = [sys.executable, "-m", "stadimeter", "run", str(folder / "garage.toml"), "--seconds", "600"]
+    run = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        yield run
+    finally:
+        run.kill()
+        run.wait(WAIT_S)
+
+
+def test_a_real_run_is_seen_with_its_alarm_and_its_death(broker: LoopbackBroker, tmp_path: Path) -> None:
+    with running(tmp_path, broker.port) as run:
+        record = settled(broker.port, lambda each: each["alarms"] and each["devices"][0]["status"] == "online")
+        (device,), (alarm,) = record["devices"], record["alarms"]
+        assert (device["device"], alarm["rule"], alarm["severity"]) == ("garage", "near", "alarm")
+        assert len(device["configuration_sha256"]) == 64
+        assert device["targets"][0]["distance_m"] == pytest.approx(2.0, abs=0.2)
+        assert device["unreadable"] == 0
+        run.send_signal(signal.SIGKILL)
+        dead = settled(broker.port, lambda each: each["devices"][0]["status"] == "offline")
+        assert dead["troubles"][0] == "garage: offline"
+
+
+@pytest.mark.skipif("commands" not in MqttOptions.model_fields, reason="the program takes no commands over MQTT yet")
+def test_an_alarm_of_a_real_run_is_acknowledged(broker: LoopbackBroker, tmp_path: Path) -> None:
+    with running(tmp_path, broker.port):
+        settled(broker.port, lambda each: each["alarms"] and not each["alarms"][0]["is_acknowledged"])
+        at = ("fleet", "--host", HOST, "--port", broker.port, "--wait", "100 s")
+        done = typed(*at, "--acknowledge", "garage/near", "--by", "Ada")
+        assert done.returncode == 0, done.stderr
+        settled(broker.port, lambda each: each["alarms"] and each["alarms"][0]["is_acknowledged"])
+        assert typed(*at, "--acknowledge", "garage/far").returncode == 1
+
+
+class Terminal:
+    """The real ``fleet`` on a pseudo-terminal, and what it drew."""
+
+    def __init__(self, port: int) -> None:
+        self._ours, theirs = pty.openpty()
+        ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 120, 0, 0))
+        command = [sys.executable, "-m", "stadimeter", "fleet", "--host", HOST, "--port", str(port)]
+        environment = {**os.environ, "TERM": "xterm-256color", "LANG": "C.UTF-8"}
+        self.process = subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs, env=environment)
+        os.close(theirs)
+        self._drawn = b""
+
+    def until(self, words: str) -> None:
+        """Wait until words were drawn, after those that were waited for before."""
+        until_s = time.monotonic() + WAIT_S
+        while words not in (plain := re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", self._drawn.decode(errors="replace"))):
+            assert time.monotonic() < until_s, plain[-2000:]
+            self._drawn += os.read(self._ours, 65_536)
+        self._drawn = b""
+
+    def end(self) -> int:
+        self.process.send_signal(signal.SIGINT)
+        with suppress(OSError):
+            while os.read(self._ours, 65_536):
+                pass
+        os.close(self._ours)
+        return self.process.wait(WAIT_S)
+
+
+def test_the_screen_says_when_the_broker_is_gone_and_when_it_is_back(broker: LoopbackBroker) -> None:
+    with client_at(broker.port) as client, living(client, "garage"):
+        terminal = Terminal(broker.port)
+        try:
+            terminal.until("1 online")
+            terminal.until("ball 1.48 m ± 0.02")
+            broker.stop()
+            terminal.until("NOT CONNECTED")
+        finally:
+            client.disconnect()
+    broker.start()
+    with client_at(broker.port) as client, living(client, "garage"):
+        terminal.until("1 online")
+    assert terminal.end() == 0
+
+
+def drawn(fleet: Fleet, now_s: float, *, trouble: str = "", width: int = 120, height: int = 20) -> tuple[str, str]:
+    """Return a screen as text, and with its colours."""
+    plain, coloured = io.StringIO(), io.StringIO()
+    screen = FleetScreen(fleet, "broker:1883", trouble, now_s)
+    Console(file=plain, width=width, height=height).print(screen)
+    Console(file=coloured, width=width, height=height, force_terminal=True, color_system="standard").print(screen)
+    return plain.getvalue(), coloured.getvalue()
+
+
+def fleet_of(count: int) -> Fleet:
+    fleet = Fleet("stadimeter", lambda *_: None)
+    for number in range(count):
+        tell(fleet, f"node-{number:03}/availability", b"online")
+        tell(fleet, f"node-{number:03}/target/ball/state", {"seq": 1, "status": "tracking", "distance_m": 1.482})
+    return fleet
+
+
+def tell(fleet: Fleet, topic: str, payload: object, now_s: float = 0.0) -> None:
+    data = payload if isinstance(payload, bytes) else json.dumps(payload).encode()
+    fleet.take(Received(topic=f"stadimeter/{topic}", payload=data), now_s)
+
+
+GREY = "\x1b[90m"
+
+
+def test_what_is_dead_is_grey_and_its_figures_say_how_old_they_are() -> None:
+    fleet = fleet_of(1)
+    tell(fleet, "node-000/rule/near/state", {"active": True, "severity": "alarm", "since": NOON, "reason": "0.48 m"})
+    alive, alive_coloured = drawn(fleet, STALE_S)
+    assert "online" in alive
+    assert "old)" not in alive
+    assert GREY not in alive_coloured
+    for now_s, trouble in ((STALE_S + 0.1, ""), (1.0, "the connection was lost")):
+        dead, coloured = drawn(fleet, now_s, trouble=trouble)
+        device, alarm = (next(line for line in coloured.splitlines() if words in line) for words in ("1.48", "0.48 m"))
+        assert "s old)" in device
+        assert "silent" in dead if not trouble else "NOT CONNECTED: the connection was lost" in dead
+        assert GREY in device
+        assert GREY in alarm
+
+
+@pytest.mark.parametrize("height", [5, 8, 20, 60])
+def test_a_screen_has_no_more_lines_than_there_are_and_says_what_it_leaves_out(height: int) -> None:
+    fleet = fleet_of(40)
+    for number in range(30):
+        rule = {"active": True, "severity": "warning", "acknowledged": number != 7, "reason": "x" * 300}
+        tell(fleet, f"node-{number:03}/rule/near/state", rule)
+    tell(fleet, "node-039/availability", b"offline")
+    text, _ = drawn(fleet, 1.0, height=height, width=80)
+    lines = text.splitlines()
+    assert len(lines) <= height
+    assert all(len(line) <= 80 for line in lines)
+    if height == 20:
+        assert "not shown" in text
+        assert lines[2].split()[0] == "node-039"  # the worst first
+        assert "node-007/near" in lines[lines.index(next(each for each in lines if "standing alarms" in each)) + 1]
+
+
+def test_what_was_passed_over_is_said() -> None:
+    fleet = fleet_of(1)
+    tell(fleet, "x" * 400 + "/availability", b"online")
+    assert "not all is shown: 1 messages were passed over" in drawn(fleet, 1.0)[0]
+
+
+def test_an_alarm_that_nobody_can_judge_is_not_shown_as_well() -> None:
+    fleet = fleet_of(1)
+    tell(fleet, "node-000/rule/near/state", {"active": None, "severity": "alarm"})
+    assert "1 unknown" in drawn(fleet, 1.0)[0]
