@@ -85,7 +85,7 @@ def change(*path: str, to: object) -> Callable[[dict[str, Any]], None]:
         change("components", "distance_ball", "availability_topic", to="x"),
         change("components", "status_ball", "state_class", to="measurement"),
         change("components", "alarm", "retain", to=True),
-        change("components", "threshold_below_near", "min", to=50.0),
+        change("components", "threshold_below_near", "min", to=1e9),
     ],
 )
 def test_every_mutation_that_home_assistant_refuses_or_misreads_is_noticed(
@@ -243,7 +243,7 @@ def test_a_rule_is_available_only_while_it_is_known_and_a_target_while_the_camer
         return [topic["topic"].removeprefix("stadimeter/Dock-3/") for topic in each["availability"]]
 
     assert needs("rule_near") == ["availability", "rule/near/availability"]
-    assert needs("presence_ball") == ["availability", "camera/availability"]
+    assert needs("presence_ball") == ["availability", "camera/state"]
 
 
 def test_the_reason_is_an_attribute_of_the_rule(message: dict[str, Any]) -> None:

@@ -96,8 +96,8 @@ def test_the_camera_is_offline_until_its_first_picture_and_while_it_is_silent(ru
 
     run.loop.listeners.append(fail)
     run.for_s(20.0)
-    assert run.on("camera/availability") == ["offline", "online", "offline", "online"]
-    assert all(each.qos == 1 and each.retain for each in run.messenger.messages if each.topic == "camera/availability")
+    assert run.on("camera/state") == ["offline", "online", "offline", "online"]
+    assert all(each.qos == 1 and each.retain for each in run.messenger.messages if each.topic == "camera/state")
 
 
 def test_a_run_is_announced_with_what_its_messenger_takes(run: Run) -> None:
@@ -117,8 +117,9 @@ def test_all_states_are_published_again_when_they_are_due(run: Run) -> None:
     run.loop.listeners.append(ask)
     run.for_s(5.3)
     after = run.messenger.messages[self_asked[0] :]
-    assert [each.topic for each in after][:5] == [
-        "rule/near/state", "rule/near/availability", "target/ball/state", "camera/availability", "health",
+    assert [each.topic for each in after][:6] == [
+        "rule/near/state", "rule/near/availability", "rule/near/settings", "target/ball/state",
+        "camera/state", "health",
     ]  # fmt: skip
     assert json.loads(after[0].payload)["active"] is True
     assert after[1].payload == "online"

@@ -225,9 +225,9 @@ def test_a_rule_that_is_gone_becomes_unavailable_before_it_is_forgotten() -> Non
 
 
 def test_the_settings_of_a_rule_that_is_gone_are_forgotten() -> None:
-    written = RetainedList("retained/it", 1000)
+    written = RetainedList("retained/it", 1000, "it")
     written.retain_only(frozenset({"rule/near/settings", "rule/near/whatever"}))
-    read = RetainedList("retained/it", 1000)
+    read = RetainedList("retained/it", 1000, "it")
     read.retain_only(frozenset())
     for page in written.finish():
         read.hear("0", page.payload.encode())

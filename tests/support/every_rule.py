@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from stadimeter.app.control.mqtt_requests import OFFERS
 from stadimeter.app.discovery import announcement
 from stadimeter.app.reporting import Reporter
 from stadimeter.config.loader import Configuration, load_configuration

@@ -20,7 +20,7 @@ INTERVAL_S = 30.0
 # Without a frame for this long, nothing is known of any target: it is not "out of sight".
 SILENT_S = 2.0
 
-HEALTH, CAMERA = "health", "camera/availability"
+HEALTH, CAMERA = "health", "camera/state"
 
 
 class HealthReports(Struct):
