@@ -13,7 +13,7 @@ from stadimeter.app.reporting import Reporter
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.decision import Decision, RuleStatus, RuleTrace, SafetyMode
 from stadimeter.core.track import Track, TrackStatus
-from support.every_rule import announced
+from support.every_rule import ORDERS, announced
 
 jinja2 = pytest.importorskip("jinja2")
 yaml = pytest.importorskip("yaml")
@@ -79,9 +79,8 @@ def test_the_page_names_every_entity_of_the_appliance() -> None:
     named = set(re.findall(r"`(\w+\.shelf_\w+)`", table)) | {
         f"sensor.shelf{end}" for end in re.findall(r"`…(_\w+)`", table)
     }
-    rules = {"rule_in-reach", "rule_gone", "rule_seen"}
-    found = {key: each.default_entity_id for key, each in announced(APPLIANCE).components.items()}
-    assert named == {entity for key, entity in found.items() if key not in rules}
+    found = {key: each.default_entity_id for key, each in announced(APPLIANCE, orders=ORDERS).components.items()}
+    assert named == {entity for key, entity in found.items() if not key.endswith(("_in-reach", "_gone", "_seen"))}
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc,name-defined] # it has no types here

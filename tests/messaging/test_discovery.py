@@ -15,7 +15,7 @@ from paho.mqtt import publish
 from stadimeter.core.home_assistant import (
     Announcement,
     ButtonEntity,
-    Device,
+    DiscoveryDevice,
     DiscoveryPlace,
     EventEntity,
     Origin,
@@ -49,7 +49,7 @@ def sensor(key: str) -> Sensor:
 def announcement(*keys: str, prefix: str = "homeassistant", node: str = "it", **others: Any) -> Announcement:
     return Announcement(
         place=DiscoveryPlace(node=node, base="stadimeter/it", prefix=prefix),
-        device=Device(identifiers=("stadimeter_it",), name="it", manufacturer="x", model="x", sw_version="1"),
+        device=DiscoveryDevice(identifiers=("stadimeter_it",), name="it", manufacturer="x", model="x", sw_version="1"),
         origin=Origin(name="x", sw_version="1", support_url="https://example.org"),
         components={**{key: sensor(key) for key in keys}, **others},
     )

@@ -24,7 +24,7 @@ from stadimeter.core.home_assistant import (
     AnyComponent,
     BinarySensor,
     ButtonEntity,
-    Device,
+    DiscoveryDevice,
     DiscoveryPlace,
     EventEntity,
     ImageEntity,
@@ -87,7 +87,7 @@ def announcement(
     known = {f"{place.base}/{topic}" for topic in (*published, *orders)}
     return Announcement(
         place=place,
-        device=Device(
+        device=DiscoveryDevice(
             identifiers=(place.device,),
             name=f"Stadimeter {place.node}",
             manufacturer="Stadimeter project",

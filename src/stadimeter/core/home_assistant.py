@@ -139,7 +139,7 @@ AnyComponent = Sensor | BinarySensor | EventEntity | Number | Switch | ButtonEnt
 _PLATFORMS = frozenset(str(kind.__struct_config__.tag) for kind in AnyComponent.__args__)
 
 
-class Device(_Part, frozen=True, kw_only=True):
+class DiscoveryDevice(_Part, frozen=True, kw_only=True):
     """What the entities belong to."""
 
     identifiers: tuple[str, ...]
@@ -193,7 +193,7 @@ class Announcement(Struct, frozen=True, kw_only=True):
     """
 
     place: DiscoveryPlace
-    device: Device
+    device: DiscoveryDevice
     origin: Origin
     components: Mapping[str, AnyComponent]
 
