@@ -44,6 +44,11 @@ class Sender:
         output = ["-c:v", "mjpeg", "-q:v", quality, "-f", "mpjpeg", "-listen", "1", self.address]
         self._process = subprocess.Popen(["ffmpeg", "-v", "fatal", "-nostdin", *source, *output])
 
+    def start_if_ended(self) -> None:
+        """Start again if a busy computer cut the connection: FFmpeg serves one, and ends with it."""
+        if self._process is not None and self._process.poll() is not None:
+            self.start()
+
     def hang(self) -> None:
         assert self._process
         self._process.send_signal(signal.SIGSTOP)
@@ -118,13 +123,14 @@ def words_when_frames_end(capture: LiveCapture) -> str:
     return pytest.fail(f"the end of the frames was not noticed: {capture.trouble()!r}")
 
 
-def frame_when_they_come_again(capture: LiveCapture) -> Frame:
+def frame_when_they_come_again(capture: LiveCapture, sender: Sender) -> Frame:
     deadline_s = time.monotonic() + PATIENCE_S
     while True:
         try:
             return capture.latest(0.2)
         except CaptureTimeoutError:
             assert time.monotonic() < deadline_s, f"no frames came again: {capture.trouble()}"
+            sender.start_if_ended()
 
 
 def test_frames_come_one_after_the_other_at_the_sender_s_pace(capture: LiveCapture) -> None:
@@ -142,7 +148,7 @@ def test_a_sender_that_is_stopped_is_told_and_frames_come_again_when_it_is_back(
     sender.stop()
     assert sender.address in words_when_frames_end(capture)
     sender.start()
-    after = frame_when_they_come_again(capture)
+    after = frame_when_they_come_again(capture, sender)
     assert after.sequence > before.sequence
     assert after.captured_at_s > before.captured_at_s
     assert capture.trouble() == ""
@@ -156,7 +162,7 @@ def test_a_sender_that_hangs_is_told_and_frames_come_again_when_it_is_replaced(
     assert sender.address in words_when_frames_end(capture)
     sender.stop()
     sender.start()
-    assert frame_when_they_come_again(capture).image.shape == (480, 640, 3)
+    assert frame_when_they_come_again(capture, sender).image.shape == (480, 640, 3)
 
 
 def test_closing_while_the_sender_hangs_ends_the_thread(sender: Sender, capture: LiveCapture) -> None:

@@ -369,9 +369,12 @@ class Terminal:
         return self.process.wait(WAIT_S)
 
 
-def test_the_screen_says_when_the_broker_is_gone_and_when_it_is_back(broker: LoopbackBroker) -> None:
+def test_the_screen_says_when_the_broker_is_gone_and_when_it_is_back(
+    broker: LoopbackBroker, closing: ExitStack
+) -> None:
+    terminal = Terminal(broker.port)
+    closing.callback(terminal.process.kill)
     with client_at(broker.port) as client, living(client, "garage"):
-        terminal = Terminal(broker.port)
         try:
             terminal.until("1 online")
             terminal.until("ball 1.48 m ± 0.02")

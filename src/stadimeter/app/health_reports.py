@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sized
+from typing import Protocol
 
 import msgspec
 from msgspec import Struct, field
 
 import stadimeter
-from stadimeter.app.deliveries import Deliveries
 from stadimeter.app.live.health import Board, LiveHealth, live_health
 from stadimeter.app.live.history import RunHistory
 from stadimeter.core.message import Message
@@ -23,6 +23,18 @@ SILENT_S = 2.0
 HEALTH, CAMERA = "health", "camera/state"
 
 
+class DeliveryCounts(Protocol):
+    """Knows what did not arrive, as `Deliveries` does."""
+
+    def undelivered(self) -> Sized:
+        """Return what still waits."""
+        ...
+
+    def given_up(self) -> Mapping[str, int]:
+        """Return how many were given up, by sender."""
+        ...
+
+
 class HealthReports(Struct):
     """Decides when the health of a run is published, and composes the message.
 
@@ -33,7 +45,7 @@ class HealthReports(Struct):
     history: RunHistory
     board: Board
     trouble: Callable[[], str]
-    deliveries: Deliveries
+    deliveries: DeliveryCounts
     _told_at_s: float = -math.inf
     _was_online: bool | None = field(default=None)
 

@@ -71,7 +71,7 @@ _PLACES = {
     "explain": "explain:explain_command",
     "tune": "tune:tune_command",
     "status": "operate:status",
-    "events": "operate:events",
+    "events": "events:events",
     "reload": "operate:reload",
     "stop-outputs": "operate:stop_outputs",
     "arm": "operate:arm",

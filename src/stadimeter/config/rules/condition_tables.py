@@ -21,7 +21,7 @@ from stadimeter.config.units import (
     TimeOfDay,
     Velocity,
     Voltage,
-)
+)  # fmt: skip
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
 from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
@@ -59,9 +59,9 @@ _Bounds = tuple[float | None, float | None]
 def _parse_probability(value: object) -> float | None:
     if value == "none":
         return None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1:
-        raise ValueError(f"{value!r} is not a probability between 0 and 1, such as 0.8, and not 'none'")
-    return float(value)
+    if isinstance(value, int | float) and 0 < value < 1:  # neither of true and false is within
+        return float(value)
+    raise ValueError(f"{value!r} is not a probability between 0 and 1, such as 0.8, and not 'none'")
 
 
 _BETWEEN_0_AND_1 = {"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1}
