@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from stadimeter.cli import operate
+from stadimeter.cli import events
 from stadimeter.cli.main import app
 
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(operate, "SERVICE_STATE", tmp_path)
+    monkeypatch.setattr(events, "SERVICE_STATE", tmp_path)
     return tmp_path
 
 

@@ -225,7 +225,7 @@ def test_the_program_itself_takes_commands_and_answers_within_its_role(site: Sit
     messenger = MqttOptions.model_validate(table).build(DriverContext(name="it", clock=ManualClock()))
     assert isinstance(messenger, PahoMessenger)
     requests: list[RequestMessage] = []
-    messenger.listen(["request/acknowledge"], requests.append)
+    messenger.listen(["request/acknowledge"], ["request/acknowledge"], requests.append)
     operator = connect("homeassistant")
     with ExitStack() as closing:
         closing.callback(messenger.close)

@@ -22,8 +22,8 @@ from stadimeter.app.guard import Guard, make_all_safe, retire_all
 from stadimeter.app.health_reports import HealthReports
 from stadimeter.app.live.health import Board
 from stadimeter.app.live.history import RunHistory
-from stadimeter.app.recordings.recorded_configuration import sha256_of
 from stadimeter.app.reporting import Reporter
+from stadimeter.config.untrusted_file import sha256_of
 from stadimeter.core.decide import State, initial_state
 from stadimeter.core.frame import Frame
 from stadimeter.core.message import Message

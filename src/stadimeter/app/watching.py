@@ -35,9 +35,9 @@ from stadimeter.app.live.history import RunHistory, Seen, newer
 from stadimeter.app.live.pictures import Pictures, drawn
 from stadimeter.app.live.snapshot import LiveFeed, RunSnapshot, Surroundings
 from stadimeter.app.live.snapshot_json import ReasonsInTurn, events_json, frame_data, samples_json, shared_json
-from stadimeter.app.recordings.recorded_configuration import sha256_of
 from stadimeter.app.service import is_service
 from stadimeter.config.findings import did_you_mean_or_list
+from stadimeter.config.untrusted_file import sha256_of
 from stadimeter.core.alarms.alarm import AlarmStep
 from stadimeter.core.alarms.state import Acknowledgement
 from stadimeter.core.decide import State

@@ -10,6 +10,7 @@ command below 300 MB, of which 65 MB are the program itself.
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 import stat
@@ -267,3 +268,8 @@ def _why_no_tiff(data: bytes) -> str:
     if piece > _TIFF_PIECE_MAX_PIXELS:
         return f"has a tile or strip of more than {_TIFF_PIECE_MAX_PIXELS / 1e6:.0f} megapixels"
     return ""
+
+
+def sha256_of(text: str) -> str:
+    """Return the SHA-256 of a text in hexadecimal."""
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -27,13 +27,13 @@ from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.exact_json import decode, encode
 from stadimeter.app.recordings.cycle_json import CycleEncoder, RecordedCycle, reload_json, reload_of
 from stadimeter.app.recordings.record_file import RecordFile
-from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, sha256_of
+from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 from stadimeter.config.findings import format_value
-from stadimeter.config.untrusted_file import lines_of, open_untrusted
+from stadimeter.config.untrusted_file import lines_of, open_untrusted, sha256_of
 from stadimeter.core.frame import Frame
 from stadimeter.errors import JournalError, UnreadableError
 
-__all__ = ["FORMAT", "Journal", "JournalHeader", "JournalWriter", "read_journal", "sha256_of"]
+__all__ = ["FORMAT", "Journal", "JournalHeader", "JournalWriter", "read_journal"]
 
 FORMAT = 2
 

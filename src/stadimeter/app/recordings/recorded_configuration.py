@@ -5,7 +5,6 @@ A recording is read on another computer, or years later: it must hold all that i
 
 from __future__ import annotations
 
-import hashlib
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -27,11 +26,6 @@ class RecordedConfiguration(Struct, frozen=True, kw_only=True):
 
     text: str
     files: Mapping[str, str] = field(default_factory=dict)
-
-
-def sha256_of(text: str) -> str:
-    """Return the SHA-256 of a text in hexadecimal."""
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def to_be_recorded(configuration: Configuration) -> RecordedConfiguration:

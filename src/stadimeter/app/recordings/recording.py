@@ -25,8 +25,9 @@ from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.recordings import recording_messages as messages
 from stadimeter.app.recordings.cycle_json import CycleEncoder, cycle_schema, reload_json
 from stadimeter.app.recordings.record_file import LIBRARY, RecordFile, is_ours
-from stadimeter.app.recordings.recorded_configuration import FILE_NAME, RecordedConfiguration, sha256_of
+from stadimeter.app.recordings.recorded_configuration import FILE_NAME, RecordedConfiguration
 from stadimeter.config.extras import require
+from stadimeter.config.untrusted_file import sha256_of
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame
 from stadimeter.core.target import TargetShape
