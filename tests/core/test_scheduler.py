@@ -43,10 +43,9 @@ def test_a_latched_alarm_that_counts_as_holding_forgets_what_its_parts_did(seed,
     assert differing([seed], is_aimed=is_aimed) == {}
 
 
-def test_a_quiescent_rule_notices_at_once_that_an_operator_has_set_something_of_it():
-    assert {
-        seed: found for seed in range(60) if (found := first_difference(with_settings(random_run(seed), seed)))
-    } == {}
+@pytest.mark.parametrize("seeds", [range(20), pytest.param(range(20, 200), marks=pytest.mark.long)])
+def test_a_quiescent_rule_notices_at_once_that_an_operator_has_set_something_of_it(seeds):
+    assert {seed: found for seed in seeds if (found := first_difference(with_settings(random_run(seed), seed)))} == {}
 
 
 def test_the_operators_of_random_runs_set_and_withdraw_thresholds_of_every_kind():

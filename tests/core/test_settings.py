@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
@@ -304,6 +304,7 @@ def test_a_recording_begins_with_what_was_set():
     assert again.rules.steps == run.state.rules.steps
 
 
+@settings(max_examples=15)
 @given(st.integers(0, 10_000))
 def test_a_run_goes_on_from_any_moment_as_it_would_have_to_the_last_bit(seed):
     run = with_settings(random_run(seed), seed)

@@ -80,6 +80,7 @@ def disarmed(run: Any) -> list[str]:
     return [each.reason for record in run.records for each in record.decision.events if each.kind is EventKind.DISARMED]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("latency_ms", "rms_deg", "most_deg"), [(30, 1.6, 4.0), (190, 3.5, 7.0)])
 def test_a_target_that_moves_up_and_down_stays_near_the_middle_of_the_view(
     scenario: Callable[..., Any], latency_ms: int, rms_deg: float, most_deg: float
@@ -168,6 +169,7 @@ def test_a_journal_gives_its_commands_back_and_one_without_tilts_is_read(scenari
 IN_A_ROOM = 'room = "textured"'
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("world", [BOBS, SWAYS_HIGH], ids=["up and down", "high from side to side"])
 def test_a_camera_that_tilts_is_not_taken_for_a_frozen_one(scenario: Callable[..., Any], world: str) -> None:
     run = scenario(text=with_world(world, camera=IN_A_ROOM)).run(13.0)
@@ -175,6 +177,7 @@ def test_a_camera_that_tilts_is_not_taken_for_a_frozen_one(scenario: Callable[..
     assert run.records[-1].decision.safety is SafetyMode.ACTIVE
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("knob", ["frozen_under_clock", "frozen_under_noise"])
 def test_a_picture_that_freezes_while_it_turns_is_found_tilted_as_well(scenario: Callable[..., Any], knob: str) -> None:
     run = scenario(text=with_world(SWAYS_HIGH, camera=IN_A_ROOM))
