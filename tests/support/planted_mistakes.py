@@ -13,6 +13,7 @@ from msgspec import Struct, field
 from msgspec.structs import replace
 
 from stadimeter.core.command import LevelCommand, TwistCommand
+from stadimeter.core.decision import first_to_go
 from stadimeter.core.message import Message
 from stadimeter.core.notification import Notification
 from stadimeter.errors import DeviceClosedError, DeviceOpenError, DriverError, LinkLostError
@@ -556,8 +557,8 @@ class SoundSender(Generic[ItemT]):
         if not self.is_open:
             raise DeviceClosedError("it is not open")
         self.waiting.append(item)
-        if len(self.waiting) > 100:
-            del self.waiting[0]
+        if len(self.waiting) > 100 and (last := first_to_go(each.severity for each in self.waiting)) is not None:
+            del self.waiting[last]
             self.given_up += 1
         self.deliver()
 
