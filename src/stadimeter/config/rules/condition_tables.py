@@ -21,7 +21,7 @@ from stadimeter.config.units import (
     TimeOfDay,
     Velocity,
     Voltage,
-)  # fmt: skip
+)
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
 from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
