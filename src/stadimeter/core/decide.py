@@ -98,23 +98,18 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
     seen, compared = fuse(seen, plan.sensor_pairs)
     disagreeing, sensor_events = step_disagreements(state.disagreeing, compared, observation.now_s)
     track_states = _step_tracks(state, seen, observation.now_s, gap_s)
-    cycle = Sample(at_s=observation.now_s, since_s=step_s)
     before = while_stopped(while_disarmed(safety, state.disarmed), state.stopped)
     inputs = _rule_inputs(state, track_states, observation, before, is_after_gap=gap_s is not None)
-    sample = _sample(state, safety)
-    rules, outcome = judge(state.rules, inputs, sample, cycle, _for_rules(observation))
+    cycle = Sample(at_s=observation.now_s, since_s=step_s)
+    rules, outcome = judge(state.rules, inputs, _sample(state, safety), cycle, _for_rules(observation))
     allowed = _step_permission(state, observation, safety, is_new=is_new)
     holds, answers, outputs = _act(state, observation, allowed.safety, rules, is_after_gap=gap_s is not None)
-    events = _number(
-        state.due
-        + _track_events(state, track_states, observation.now_s, in_words(gap_s, plan.safety) if gap_s else "")
-        + outcome.events
-        + allowed.events
-        + _camera_events(state.safety, safety, observation.now_s)
-        + sensor_events
-        + _fault_events(state.faults, observation),
-        state.events,
-    )
+    gap = in_words(gap_s, plan.safety) if gap_s else ""
+    seen_events = _track_events(state, track_states, observation.now_s, gap)
+    own_events = allowed.events + _camera_events(state.safety, safety, observation.now_s)
+    happened = state.due + seen_events + outcome.events + own_events + sensor_events
+    happened += _fault_events(state.faults, observation)
+    events = _number(happened, state.events)
     decision = Decision(
         commands=tuple([step.command for step in outputs]),
         events=events,
