@@ -109,7 +109,7 @@ def test_identifiers_stay_as_they_are(message: dict[str, Any], tmp_path: Path) -
         "observed_near", "threshold_below_near", "threshold_time_to_contact.below_near",
     }  # fmt: skip
     of_run = {
-        "alarm", "stop_outputs", "take_snapshot", "snapshot", "version", "frame_rate", "latency", "temperature",
+        "alarm", "stop_outputs", "take_snapshot", "snapshot", "software", "frame_rate", "latency", "temperature",
         "undelivered",
     }  # fmt: skip
     keys = set(message["components"])
@@ -142,7 +142,7 @@ def test_no_two_entities_are_the_same_however_targets_and_rules_are_called(targe
 
 def test_nothing_is_offered_that_the_run_would_not_take(tmp_path: Path) -> None:
     platforms = {each["platform"] for each in payload(tmp_path, orders=frozenset())["components"].values()}
-    assert platforms == {"sensor", "binary_sensor", "event"}
+    assert platforms == {"sensor", "binary_sensor", "event", "update"}
     some = payload(tmp_path, orders=frozenset({"request/acknowledge"}))["components"]
     assert [key for key, each in some.items() if each["platform"] == "button"] == ["acknowledge_near"]
     assert "snapshot" not in some

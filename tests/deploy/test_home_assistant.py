@@ -19,6 +19,7 @@ from typing import Any
 import pytest
 from paho.mqtt import publish
 
+import stadimeter
 from stadimeter.app.bootstrap import build
 from stadimeter.app.loop import Loop
 from stadimeter.config.loader import load_configuration
@@ -225,6 +226,10 @@ def test_home_assistant_shows_what_a_run_publishes_from_its_start_to_its_end(
     assert float(states["distance_ball"]["state"]) == pytest.approx(2.0, abs=0.1)
     assert states["status_ball"]["state"] == "tracking"
     assert "is not below" in states["rule_near"]["attributes"]["reason"] or states["rule_near"]["attributes"]["reason"]
+
+    eventually(lambda: home.states()["software"]["attributes"]["installed_version"] == stadimeter.__version__)
+    publish.single("stadimeter/latest_version", "99.0", 1, retain=True, hostname=HOST, port=broker.port)
+    eventually(lambda: shows("software")("on"))
 
     run.world.place_target(1.3, 0.0)
     eventually(lambda: shows("rule_near")("on"))

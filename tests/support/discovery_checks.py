@@ -25,6 +25,7 @@ NEEDED = {
     "sensor": {"state_topic"}, "binary_sensor": {"state_topic"}, "event": {"state_topic", "event_types"},
     "number": {"state_topic", "command_topic", "min", "max"}, "switch": {"state_topic", "command_topic"},
     "button": {"command_topic"}, "image": {"image_topic"},
+    "update": {"state_topic", "latest_version_topic"},
 }  # fmt: skip
 ALLOWED = {
     "sensor": {
@@ -39,6 +40,7 @@ ALLOWED = {
     "switch": {"payload_on", "payload_off", "state_on", "state_off", "value_template"},
     "button": {"payload_press"},
     "image": {"content_type"},
+    "update": {"value_template", "title", "device_class"},
 }  # fmt: skip
 UNITS = {"distance": "m", "speed": "m/s", "duration": "s", "temperature": "°C"}
 

@@ -15,7 +15,7 @@ from typing import Any
 import stadimeter
 from stadimeter.app.health_reports import CAMERA, HEALTH
 from stadimeter.app.health_reports import INTERVAL_S as HEALTH_INTERVAL_S
-from stadimeter.app.reporting import ALARM_EVENTS, HEARTBEAT_S
+from stadimeter.app.reporting import ALARM_EVENTS, HEARTBEAT_S, INFO
 from stadimeter.core.alarms.settings import RuleThreshold, thresholds_of
 from stadimeter.core.decision import Severity
 from stadimeter.core.home_assistant import (
@@ -33,6 +33,7 @@ from stadimeter.core.home_assistant import (
     Sensor,
     Switch,
     Topic,
+    UpdateEntity,
 )
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule, AnyRule
@@ -54,6 +55,9 @@ _ATTRIBUTES = (
 )  # fmt: skip
 
 _DEVICE_CLASSES = {Severity.SAFETY: "safety", Severity.ALARM: "problem", Severity.WARNING: "problem"}
+# Below the first level of the base topic: one for all devices there.
+_LATEST_VERSION = "latest_version"
+
 _SNAPSHOT, _TAKE_SNAPSHOT = "snapshot", "request/snapshot"
 
 
@@ -75,6 +79,7 @@ def announcement(
         AVAILABILITY,
         CAMERA,
         HEALTH,
+        INFO,
         "event/alarm",
         *(f"target/{name}/state" for name in plan.targets),
     }
@@ -177,7 +182,11 @@ class _Entities:
             **self._named("image", "snapshot", "", "Picture"),
             image_topic=self._topic(_SNAPSHOT), content_type="image/jpeg",
         )  # fmt: skip
-        yield self._diagnostic("version", "Software version", "version", is_enabled=True)
+        yield UpdateEntity(
+            **self._named("update", "software", "", "Software", qos=1, category="diagnostic"),
+            state_topic=self._topic(INFO), value_template="{{ value_json.version }}", title="stadimeter",
+            latest_version_topic=f"{self._place.base.partition('/')[0]}/{_LATEST_VERSION}",
+        )  # fmt: skip
         yield self._diagnostic("frame_rate", "Frame rate", "frame_rate_hz", unit_of_measurement="fps", **_MEASURED)
         yield self._diagnostic(
             "latency", "Latency to the outputs", "latency_s",
@@ -237,13 +246,13 @@ class _Entities:
             device_class={"m": "distance", "m/s": "speed", "s": "duration"}.get(found.unit, ""),
         )
 
-    def _diagnostic(self, what: str, words: str, key: str, *, is_enabled: bool = False, **more: Any) -> Sensor:
+    def _diagnostic(self, what: str, words: str, key: str, **more: Any) -> Sensor:
         return Sensor(
             **self._named("sensor", what, "", words, category="diagnostic"),
             state_topic=self._topic(HEALTH),
             value_template=_value(key),
             expire_after=HEALTH_EXPIRES_S,
-            enabled_by_default=is_enabled,
+            enabled_by_default=False,
             **more,
         )
 

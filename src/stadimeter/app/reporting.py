@@ -41,6 +41,7 @@ from stadimeter.core.safety import OUTPUTS
 from stadimeter.core.track import Track
 
 FORM = 1
+INFO = "info"
 INTERVAL_S = 0.5
 HEARTBEAT_S = 5.0
 EXPIRES_S = 10
@@ -142,7 +143,7 @@ class Reporter:
             "configuration_sha256": configuration_sha256,
             "boot_id": self._boot_id,
         }
-        return _message("info", payload, qos=1, retain=True)
+        return _message(INFO, payload, qos=1, retain=True)
 
     def given_up(self, now_s: float, wall_clock: WallClock, counts: Mapping[str, int]) -> tuple[Message, ...]:
         """Report, as events, what was given up since the last call, by notifier; the empty name is the messenger."""

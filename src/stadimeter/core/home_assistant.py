@@ -133,7 +133,20 @@ class ImageEntity(Component, frozen=True, kw_only=True, tag="image"):
     content_type: str
 
 
-AnyComponent = Sensor | BinarySensor | EventEntity | Number | Switch | ButtonEntity | ImageEntity
+class UpdateEntity(Component, frozen=True, kw_only=True, tag="update"):
+    """Which version runs, and which one there is. Nothing is installed by it.
+
+    Attributes:
+        latest_version_topic: Where who looks after the devices publishes the version that they should have.
+    """
+
+    state_topic: str
+    value_template: str
+    latest_version_topic: str
+    title: str
+
+
+AnyComponent = Sensor | BinarySensor | EventEntity | Number | Switch | ButtonEntity | ImageEntity | UpdateEntity
 
 
 _PLATFORMS = frozenset(str(kind.__struct_config__.tag) for kind in AnyComponent.__args__)
