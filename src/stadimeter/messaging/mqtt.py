@@ -127,6 +127,16 @@ class PahoMessenger:
         self._given_up_before = 0
 
     @property
+    def place(self) -> str:
+        """The broker; see `PublishesBelow`."""
+        return self._options.place
+
+    @property
+    def base(self) -> str:
+        """What topics begin with; see `PublishesBelow`."""
+        return self._options.base
+
+    @property
     def dropped(self) -> int:
         """Number of messages of QoS 0 that were lost for want of a connection, and states of QoS 1 replaced unsent."""
         return self._dropped_before + (self._link.queue.dropped if self._link else 0)

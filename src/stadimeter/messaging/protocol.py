@@ -55,6 +55,23 @@ class Retaining(Protocol):
         """
 
 
+@runtime_checkable
+class PublishesBelow(Protocol):
+    """A messenger that says where it publishes, for people who watch."""
+
+    @property
+    def place(self) -> str:
+        """Its broker, such as ``127.0.0.1:1883``."""
+
+    @property
+    def base(self) -> str:
+        """What its topics begin with."""
+
+    @property
+    def dropped(self) -> int:
+        """Number of messages of QoS 0 that were lost for want of a connection, and of states replaced unsent."""
+
+
 # Why a message is no request: a broker had kept it; it was sent before this connection, or waited for too long; too
 # many came; it has more bytes than a request may have.
 NoRequest = Literal["retained", "stale", "too_many", "too_large"]
