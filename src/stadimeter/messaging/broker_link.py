@@ -6,7 +6,9 @@ import socket
 import struct
 import threading
 import time
+from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 
 from paho.mqtt.client import Client
 from paho.mqtt.enums import MQTTErrorCode, MQTTProtocolVersion
@@ -36,8 +38,12 @@ V5, V311 = MQTTProtocolVersion.MQTTv5, MQTTProtocolVersion.MQTTv311
 
 def serve(client: Client, events: LinkEvents, wait_s: float) -> bool:
     """Let paho read and write; return whether the connection still stands."""
+    return _guarded(events, partial(client.loop, wait_s))
+
+
+def _guarded(events: LinkEvents, loop: Callable[[], MQTTErrorCode]) -> bool:
     try:
-        return client.loop(wait_s) == MQTTErrorCode.MQTT_ERR_SUCCESS
+        return loop() == MQTTErrorCode.MQTT_ERR_SUCCESS
     except OversizedPacketError:
         events.note_oversized_packet()
         return False
@@ -150,8 +156,7 @@ class BrokerLink:
         return LIST_ENDS_S / 4 if self.retained.is_reading else 1.0
 
     def _loop(self, wait_s: float) -> bool:
-        self.queue.wait(self._client, wait_s)
-        return serve(self._client, self._events, 0.0)
+        return _guarded(self._events, partial(self.queue.loop, self._client, wait_s))
 
     def _take_stock(self) -> None:
         """Act on what paho's callbacks and other threads left for us."""

@@ -7,7 +7,6 @@ import select
 import threading
 import time
 from collections import deque
-from contextlib import suppress
 from typing import Any
 
 from paho.mqtt.client import Client
@@ -106,17 +105,25 @@ class SendQueue:
 
     # In the link's thread.
 
-    def wait(self, client: Client, wait_s: float) -> None:
-        """Wait until there is something to read, to write or to send."""
-        connection: Any = client.socket()  # it may be one of TLS, or of another kind
-        # What TLS has decrypted already is not seen by `select`.
-        if connection is None or getattr(connection, "pending", int)():
-            return
+    def loop(self, client: Client, wait_s: float) -> MQTTErrorCode:
+        """Wait until there is something to read, to write or to send, and have paho read and write.
+
+        It takes the place of paho's `loop`, which knows no bell and looks twice.
+        """
+        connection: Any = client.socket()  # it may be one of TLS
+        if connection is None:
+            return MQTTErrorCode.MQTT_ERR_NO_CONN
+        is_decrypted = getattr(connection, "pending", int)() > 0  # already, which `select` does not see
         to_write = [connection] if client.want_write() else []
-        with suppress(ValueError, OSError):  # paho finds out what is wrong with it
-            if self._bell in select.select([connection, self._bell], to_write, [], wait_s)[0]:
-                os.eventfd_read(self._bell)
-                self._is_woken = False
+        try:
+            found = select.select([connection, self._bell], to_write, [], 0.0 if is_decrypted else wait_s)
+        except (ValueError, OSError):  # it was closed
+            return MQTTErrorCode.MQTT_ERR_CONN_LOST
+        if self._bell in found[0]:
+            os.eventfd_read(self._bell)
+            self._is_woken = False
+        code = client.loop_read() if is_decrypted or connection in found[0] else MQTTErrorCode.MQTT_ERR_SUCCESS
+        return code or (client.loop_write() if found[1] else code) or client.loop_misc()
 
     def connect(self) -> None:
         """Note that there is a connection; what was of use before it only is dropped."""
