@@ -83,7 +83,7 @@ def test_it_tells_where_messages_go_and_the_newest_of_each_topic(tmp_path):
     for payload in ("known", ""):
         loop.deliveries.note_published(9.0, Message(topic="rule/gone/state", payload=payload, qos=1, retain=True))
     link = as_data(feed)["messenger"]
-    place = loop.parts.messenger.place
+    place = loop.parts.configuration.messenger.options.place
     assert (link["broker"], link["base"], link["commands"], link["deafness"]) == (place, "stadimeter/garage", "all", "")
     assert link["home_assistant"] == "homeassistant/device/stadimeter_garage/config"
     assert link["trouble"] == f"the messenger for {place} is not open"

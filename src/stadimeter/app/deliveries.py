@@ -16,7 +16,7 @@ from stadimeter.core.message import KEPT_S, Message, as_history
 from stadimeter.core.notification import Notification
 from stadimeter.core.rule import AlarmRule, AnyRule, Send, Template
 from stadimeter.errors import StadimeterError
-from stadimeter.messaging.protocol import Discoverable, PublishesBelow, Retaining, TakesRequests
+from stadimeter.messaging.protocol import Discoverable, Retaining, Subscribes, TakesRequests
 
 if TYPE_CHECKING:
     from stadimeter.app.bootstrap import Parts
@@ -68,22 +68,23 @@ class Deliveries:
 
         ``topics`` are the newest message of each topic, with its time, newest first.
         """
-        messenger: Any = self._parts.messenger
-        if messenger is None:
+        messenger, choice = self._parts.messenger, self._parts.configuration.messenger
+        if messenger is None or choice is None:
             return None
-        is_below, hears = isinstance(messenger, PublishesBelow), isinstance(messenger, TakesRequests)
+        options: object = choice.options
+        newest = list(self._by_topic.values())[: -TOPICS_MAX - 1 : -1]
         place = messenger.discovery_place if isinstance(messenger, Discoverable) else None
         return {
-            "broker": messenger.place if is_below else "",
-            "base": messenger.base if is_below else "",
+            "broker": options.place if isinstance(options, Subscribes) else "",
+            "base": options.base if isinstance(options, Subscribes) else "",
             "trouble": messenger.trouble(),
             "undelivered": len(messenger.undelivered()),
             "given_up": messenger.given_up,
-            "dropped": messenger.dropped if is_below else 0,
-            "commands": messenger.commands if hears else "off",
-            "deafness": messenger.deafness() if hears else "",
+            "dropped": messenger.dropped,
+            "commands": messenger.commands if isinstance(messenger, TakesRequests) else "off",
+            "deafness": messenger.deafness() if isinstance(messenger, TakesRequests) else "",
             "home_assistant": place.topic if place is not None else "",
-            "topics": list(self._by_topic.values())[: -TOPICS_MAX - 1 : -1],
+            "topics": [{"at_s": round(at_s, 3), "topic": each.topic, "payload": each.payload} for at_s, each in newest],
         }
 
     def retain_only(self, topics: frozenset[str]) -> None:

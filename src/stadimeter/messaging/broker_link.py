@@ -14,6 +14,7 @@ from paho.mqtt.client import Client
 from paho.mqtt.enums import MQTTErrorCode, MQTTProtocolVersion
 from paho.mqtt.properties import MQTTException  # type: ignore[attr-defined] # paho 2.1 and 2.2 both have it there
 
+from stadimeter.core.message import Message
 from stadimeter.messaging.back_off import BackOff, Patience
 from stadimeter.messaging.link_events import LinkEvents
 from stadimeter.messaging.mqtt_client import (
@@ -36,14 +37,10 @@ LOOK_EVERY_S = 0.5
 V5, V311 = MQTTProtocolVersion.MQTTv5, MQTTProtocolVersion.MQTTv311
 
 
-def serve(client: Client, events: LinkEvents, wait_s: float) -> bool:
-    """Let paho read and write; return whether the connection still stands."""
-    return _guarded(events, partial(client.loop, wait_s))
-
-
-def _guarded(events: LinkEvents, loop: Callable[[], MQTTErrorCode]) -> bool:
+def serve(loop: Callable[[float], MQTTErrorCode], events: LinkEvents, wait_s: float) -> bool:
+    """Let paho read and write by a loop of its client; return whether the connection still stands."""
     try:
-        return loop() == MQTTErrorCode.MQTT_ERR_SUCCESS
+        return loop(wait_s) == MQTTErrorCode.MQTT_ERR_SUCCESS
     except OversizedPacketError:
         events.note_oversized_packet()
         return False
@@ -156,7 +153,7 @@ class BrokerLink:
         return LIST_ENDS_S / 4 if self.retained.is_reading else 1.0
 
     def _loop(self, wait_s: float) -> bool:
-        return _guarded(self._events, partial(self.queue.loop, self._client, wait_s))
+        return serve(partial(self.queue.loop, self._client), self._events, wait_s)
 
     def _take_stock(self) -> None:
         """Act on what paho's callbacks and other threads left for us."""
@@ -164,7 +161,7 @@ class BrokerLink:
         if not self._events.is_accepted or self._stopping.is_set():
             return
         if not self.queue.is_connected:
-            self.queue.hand_over_first(self._client, ONLINE, is_v5=self._version == V5)
+            self._hand_over(ONLINE)
             self.retained.begin_over(self._client, self._events)
             if self._requests is not None:
                 self._requests.begin_over(self._events, is_v5=self._version == V5)
@@ -174,8 +171,8 @@ class BrokerLink:
             self._requests.attend(self._client, self._events)
         self._hand_over()
 
-    def _hand_over(self) -> None:
-        self.queue.hand_over(self._client, is_v5=self._version == V5)
+    def _hand_over(self, *first: Message) -> None:
+        self.queue.hand_over(self._client, *first, is_v5=self._version == V5)
 
     def _say_goodbye(self) -> None:
         """Disconnect in order if all was delivered; without that, the broker will publish our last will."""
@@ -185,7 +182,7 @@ class BrokerLink:
         delivered = not self.queue.is_connected
         if self.queue.is_connected:
             self._hand_over()
-            self.queue.hand_over_first(self._client, OFFLINE, is_v5=self._version == V5)
+            self._hand_over(OFFLINE)
         while not delivered and time.monotonic() < until_s and self._loop(0.05):
             delivered = self.queue.note_done()
             self._hand_over()

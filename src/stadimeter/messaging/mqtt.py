@@ -79,12 +79,12 @@ def _attempt(client: Client, version: MQTTProtocolVersion, events: LinkEvents, o
         events.note_connect_error(error)
         return trouble
     until_s = time.monotonic() + ASKED_S
-    while not events.is_accepted and (left_s := until_s - time.monotonic()) > 0 and serve(client, events, left_s):
+    while not events.is_accepted and (left_s := until_s - time.monotonic()) > 0 and serve(client.loop, events, left_s):
         pass
     if events.is_accepted:
         trouble = _try_to_listen(client, version, events, options) if options.commands != "off" else ""
         say_goodbye(client, version)
-        serve(client, events, 0.0)
+        serve(client.loop, events, 0.0)
     elif not events.ending:
         events.note_no_answer()
     if (connection := client.socket()) is not None:
@@ -97,7 +97,7 @@ def _try_to_listen(client: Client, version: MQTTProtocolVersion, events: LinkEve
     topic = f"{options.base}/request/{OperatorAction.STOP_OUTPUTS}"
     subscribe(client, [topic], 1 if version == V5 and events.has_identifiers else None)
     until_s = time.monotonic() + ASKED_S
-    while (left_s := until_s - time.monotonic()) > 0 and serve(client, events, left_s):
+    while (left_s := until_s - time.monotonic()) > 0 and serve(client.loop, events, left_s):
         for _, codes in events.take_subscribed():
             refused = [str(code) for code in codes if code.is_failure]
             return describe_deafness(options, [topic], refused[0]) if refused else ""
@@ -125,16 +125,6 @@ class PahoMessenger:
         self._announcement: Announcement | None = None
         self._dropped_before = 0
         self._given_up_before = 0
-
-    @property
-    def place(self) -> str:
-        """The broker; see `PublishesBelow`."""
-        return self._options.place
-
-    @property
-    def base(self) -> str:
-        """What topics begin with; see `PublishesBelow`."""
-        return self._options.base
 
     @property
     def dropped(self) -> int:

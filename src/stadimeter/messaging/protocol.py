@@ -21,6 +21,10 @@ class Messenger(Protocol):
     def given_up(self) -> int:
         """Number of messages of QoS 1 given up so far: too many waited, they expired, or they were refused."""
 
+    @property
+    def dropped(self) -> int:
+        """Number of messages of QoS 0 that were lost so far for want of a connection."""
+
     def open(self) -> None:
         """Begin to connect and return at once. A broker that is away is not an error: it is tried again."""
 
@@ -53,23 +57,6 @@ class Retaining(Protocol):
 
         What an earlier run left on any other topic is cleared, as soon as there is a connection.
         """
-
-
-@runtime_checkable
-class PublishesBelow(Protocol):
-    """A messenger that says where it publishes, for people who watch."""
-
-    @property
-    def place(self) -> str:
-        """Its broker, such as ``127.0.0.1:1883``."""
-
-    @property
-    def base(self) -> str:
-        """What its topics begin with."""
-
-    @property
-    def dropped(self) -> int:
-        """Number of messages of QoS 0 that were lost for want of a connection, and of states replaced unsent."""
 
 
 # Why a message is no request: a broker had kept it; it was sent before this connection, or waited for too long; too

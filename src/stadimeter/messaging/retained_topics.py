@@ -27,6 +27,9 @@ class RetainedTopics:
     """Reads the list of retained topics, has cleared what is gone, and announces this node to Home Assistant.
 
     `retain_only`, `announce` and `take_states_due` may be called in any thread, all else in the link's.
+
+    Attributes:
+        is_reading: Whether pages of the list may still come.
     """
 
     def __init__(self, options: MqttSettings, queue: SendQueue) -> None:
@@ -36,7 +39,7 @@ class RetainedTopics:
         self._list = RetainedList(options.retained_topic, options.retained_page_bytes, options.node)
         self._topic = f"{options.base}/{options.retained_topic}/+"
         self._is_to_begin = False
-        self._is_reading = False
+        self.is_reading = False
         self._subscription: int | None = None
         self._birth_due_s = math.inf
         self._was_connected = False
@@ -46,7 +49,7 @@ class RetainedTopics:
         """Take on which topics messages are published for the broker to keep; see `RetainedList`."""
         with self._lock:
             self._send(self._list.retain_only(topics))
-            if not self._is_reading and not self._list.is_read:
+            if not self.is_reading and not self._list.is_read:
                 self._is_to_begin = True  # a broker may answer before a run knows what it publishes
         self._queue.wake()
 
@@ -54,7 +57,7 @@ class RetainedTopics:
         """Have Home Assistant discover this from now on, and no more what was announced before."""
         with self._lock:
             self._send(self._list.announce(announcement))
-            if self._queue.is_connected and not self._is_reading and not self._list.is_read:
+            if self._queue.is_connected and not self.is_reading and not self._list.is_read:
                 self._send(self._list.announced())
 
     def take_states_due(self) -> bool:
@@ -63,11 +66,6 @@ class RetainedTopics:
             return False
         self._are_states_due = False
         return True
-
-    @property
-    def is_reading(self) -> bool:
-        """Whether pages of the list may still come."""
-        return self._is_reading
 
     def begin_over(self, client: Client, events: LinkEvents) -> None:
         """Begin anew over a connection, unless an oversized packet came that way before."""
@@ -80,7 +78,7 @@ class RetainedTopics:
     def end(self) -> None:
         """Forget what was read over a connection that is no more."""
         with self._lock:
-            self._is_reading = False
+            self.is_reading = False
             self._list.begin()
 
     def attend(self, client: Client, events: LinkEvents) -> None:
@@ -88,15 +86,15 @@ class RetainedTopics:
         with self._lock:
             is_to_begin, self._is_to_begin = self._is_to_begin, False
             if is_to_begin:
-                self._is_reading = self._list.is_wanted and not events.oversized_packets
-                if not self._is_reading:
+                self.is_reading = self._list.is_wanted and not events.oversized_packets
+                if not self.is_reading:
                     self._send(self._list.announced())
             if time.monotonic() >= self._birth_due_s:
                 self._birth_due_s, self._are_states_due = math.inf, True
                 self._send(self._list.announced())
-        if is_to_begin and self._is_reading:
+        if is_to_begin and self.is_reading:
             _, self._subscription = client.subscribe(self._topic, qos=0)
-        elif self._is_reading:
+        elif self.is_reading:
             self.read(client, events)
 
     def read(self, client: Client, events: LinkEvents, *, is_last: bool = False) -> None:
@@ -108,7 +106,7 @@ class RetainedTopics:
                 self._list.hear(number, payload)
             if not is_over:
                 return
-            self._is_reading = False
+            self.is_reading = False
             self._send(self._list.finish())
         client.unsubscribe(self._topic)
 

@@ -19,7 +19,7 @@ from stadimeter.messaging.outbox import MemoryOutbox, PendingMessage, pending
 
 # So many messages may lie between the threads. Who publishes more puts them into the outbox himself, within its bounds:
 # the link's thread may wait for a name server for minutes.
-INCOMING_MAX = 100
+INCOMING_MAX = 50
 
 # First words of the topics of the link's own messages. A later run does not send them again.
 _OURS = ("availability", "retained/")
@@ -137,14 +137,12 @@ class SendQueue:
             self.is_connected = False
             self._outbox.start_over()
 
-    def hand_over(self, client: Client, *, is_v5: bool) -> None:
-        """Give paho what may go now."""
+    def hand_over(self, client: Client, *first: Message, is_v5: bool) -> None:
+        """Give paho these messages, and then what waits and may go now."""
+        for message in first:
+            self._publish(client, pending(message, time.monotonic()), is_v5=is_v5)
         while waiting := self._take():
             self._publish(client, waiting, is_v5=is_v5)
-
-    def hand_over_first(self, client: Client, message: Message, *, is_v5: bool) -> None:
-        """Give paho a message before any that waits."""
-        self._publish(client, pending(message, time.monotonic()), is_v5=is_v5)
 
     def note_done(self) -> bool:
         """Note what was written or answered; return whether nothing is left."""

@@ -23,9 +23,6 @@ from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule
 from stadimeter.core.rules.explaining import Reasons, explain
 
-# This many messages to other programs are shown at most.
-MESSAGES_MAX = 50
-
 
 class Surroundings(Struct, frozen=True, kw_only=True):
     """What a run has beside its cycles, for those who watch it. Each may be asked from any thread, at any time.
@@ -166,7 +163,7 @@ class LiveFeed(Struct):
             samples=history.samples_after(record.observation.now_s - window_s if record is not None else 0.0),
             events=tuple(history.events),
             messenger=link,
-            messages=tuple(around.messages())[:MESSAGES_MAX],
+            messages=tuple(around.messages()),
             health=live_health(history, self.board, broker, around.trouble(), self.pace()),
             narration=around.narration(),
             plan=around.plan(),

@@ -82,7 +82,7 @@ def shared_json(snapshot: RunSnapshot, number: int, now_s: float, unix_offset_s:
         "outputs": list(_outputs(snapshot)),
         "safety": _safety(decision),
         "health": _health(snapshot),
-        "messenger": _messenger(snapshot.messenger),
+        "messenger": snapshot.messenger,
         "messages": [_message(at_s, message) for at_s, message in snapshot.messages[:MESSAGES_MAX]],
         "recording": snapshot.recording,
         "narration": snapshot.narration,
@@ -272,10 +272,6 @@ def _event(event: Event, unix_offset_s: float) -> dict[str, Any]:
         "reason": event.reason,
         "by": event.by,
     }
-
-
-def _messenger(link: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    return None if link is None else {**link, "topics": [_message(at_s, each) for at_s, each in link["topics"]]}
 
 
 def _message(at_s: float, message: Message) -> dict[str, Any]:
