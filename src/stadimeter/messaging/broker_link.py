@@ -20,13 +20,13 @@ from stadimeter.messaging.link_events import LinkEvents
 from stadimeter.messaging.mqtt_client import (
     OFFLINE,
     ONLINE,
-    DirectMessage,
     MqttSettings,
     OversizedPacketError,
     Secrets,
     make_client,
     say_goodbye,
 )
+from stadimeter.messaging.outbox import DirectMessage
 from stadimeter.messaging.request_topics import RequestTopics
 from stadimeter.messaging.retained_topics import LIST_ENDS_S, RetainedTopics
 from stadimeter.messaging.send_queue import SendQueue

@@ -28,6 +28,7 @@ from stadimeter.config.untrusted_file import (
 from stadimeter.core.home_assistant import DiscoveryPlace
 from stadimeter.core.message import Message
 from stadimeter.errors import DeviceOpenError, UnreadableError
+from stadimeter.messaging.outbox import DirectMessage
 from stadimeter.messaging.protocol import CommandLevel
 
 NODE_CHARACTERS = "letters, digits, '-' and '_'"
@@ -291,21 +292,6 @@ def say_goodbye(client: Client, version: MQTTProtocolVersion) -> None:
     """Disconnect for good: the broker forgets the session."""
     is_v5 = version == MQTTProtocolVersion.MQTTv5
     client.disconnect(properties=_properties(PacketTypes.DISCONNECT, SessionExpiryInterval=0) if is_v5 else None)
-
-
-class DirectMessage(Message, frozen=True, kw_only=True):
-    """A response, or a picture that was asked for. Its topic is absolute, and its QoS 0.
-
-    Attributes:
-        content: It takes the place of the payload.
-        correlation: What a response carries for who asked; None for nothing.
-    """
-
-    content: bytes
-    content_type: str
-    correlation: bytes | None = None
-    payload: str = ""
-    is_absolute: bool = True
 
 
 def publish_properties(message: Message) -> Properties | None:

@@ -22,6 +22,21 @@ from stadimeter.core.home_assistant import Announcement, announce, is_entry
 from stadimeter.core.message import KEPT_S, NEWS_S, Message, as_history, clearing
 
 
+class DirectMessage(Message, frozen=True, kw_only=True):
+    """A response, or a picture that was asked for. Its topic is absolute, and its QoS 0.
+
+    Attributes:
+        content: It takes the place of the payload.
+        correlation: What a response carries for who asked; None for nothing.
+    """
+
+    content: bytes
+    content_type: str
+    correlation: bytes | None = None
+    payload: str = ""
+    is_absolute: bool = True
+
+
 class PendingMessage(Struct, frozen=True):
     """A message, since when it waits or is on the wire, and when it is of no use any more."""
 

@@ -14,11 +14,11 @@ from paho.mqtt.enums import MQTTErrorCode
 
 from stadimeter.core.message import Message
 from stadimeter.messaging.link_events import LinkEvents
-from stadimeter.messaging.mqtt_client import DirectMessage, publish_properties
-from stadimeter.messaging.outbox import MemoryOutbox, PendingMessage, pending
+from stadimeter.messaging.mqtt_client import publish_properties
+from stadimeter.messaging.outbox import DirectMessage, MemoryOutbox, PendingMessage, pending
 
-# So many messages may lie between the threads. Who publishes more puts them into the outbox himself, within its bounds:
-# the link's thread may wait for a name server for minutes.
+# So many messages may lie between the threads. The thread that publishes more puts them into the outbox itself, within
+# its bounds: the link's thread may wait for a name server for minutes.
 INCOMING_MAX = 50
 
 # First words of the topics of the link's own messages. A later run does not send them again.
@@ -31,8 +31,8 @@ _HEADER_BYTES = 512
 class SendQueue:
     """Takes messages from any thread at once, and hands them to paho in the link's.
 
-    Who publishes only lays a message down and wakes the link's thread, once for all that it finds then. Packing a
-    message takes paho ten times as long. The lock is never held while paho is called.
+    The thread that publishes only lays a message down and wakes the link's thread, once for all that it finds then.
+    Packing a message takes paho ten times as long. The lock is never held while paho is called.
 
     Attributes:
         is_connected: Whether there is a broker to send to. Written by the link's thread.
@@ -53,7 +53,7 @@ class SendQueue:
         self._bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
 
     def __del__(self) -> None:
-        """Close the bell; whoever still has the queue may ring it until then."""
+        """Close the bell; every thread that has the queue may ring it until then."""
         os.close(self._bell)
 
     @property
