@@ -7,6 +7,7 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -48,6 +49,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         own = getattr(test, "_hypothesis_internal_use_settings", None)
         if own is not None and own.max_examples > settings.default.max_examples:
             test._hypothesis_internal_use_settings = settings(own, max_examples=settings.default.max_examples)
+
+
+@pytest.fixture
+def closing() -> Iterator[ExitStack]:
+    """Return what closes everything in the end, last first."""
+    with ExitStack() as stack:
+        yield stack
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -18,11 +18,24 @@ from stadimeter.app.live.snapshot import LiveFeed, why
 from stadimeter.app.live.snapshot_json import REASONS_AT_ONCE, ReasonsInTurn, outline_of, samples_json, shared_json
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.watching import live_feed
+from stadimeter.config.loader import load_configuration
 from stadimeter.core.decision import RuleStatus, RuleTrace
 from stadimeter.core.detection import Detection, DetectionStatus, RejectedCandidate
 from stadimeter.core.frame import Frame
+from stadimeter.core.message import Message
 from stadimeter.core.rule import AlarmRule
+from support.broker import free_port
 from support.cycle_records import cycle_record, tracked
+from support.simulated_run import SIMULATED_BALL
+
+NEAR = """
+[rules.near]
+when = { below = "2 m" }
+
+[world]
+path = [{ at = "0 s", x = "3 m", y = "0 m" }, { at = "2 s", x = "1 m", y = "0 m" }]
+loop = false
+"""
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +62,41 @@ def test_it_tells_every_target_rule_and_output_of_the_run(demonstration):
     assert data["run"]["digest"]
     assert data["safety"] == {"mode": "active", "reason": ""}
     assert data["unix_s"] - data["now_s"] == pytest.approx(1_790_000_000.0)
+
+
+def prepared(folder, text=""):
+    """Return the loop of a run of a ball that comes nearer, before it begins, and its feed."""
+    (folder / "run.toml").write_text(SIMULATED_BALL + text + NEAR)
+    loop = Loop(build(load_configuration(folder / "run.toml"), speed=None))
+    return loop, live_feed(loop)
+
+
+def test_a_run_without_a_messenger_has_no_link(tmp_path):
+    _, feed = prepared(tmp_path)
+    assert as_data(feed)["messenger"] is None
+
+
+def test_it_tells_where_messages_go_and_the_newest_of_each_topic(tmp_path):
+    messenger = f'[messenger]\ndriver = "mqtt"\nport = {free_port()}\nnode = "garage"\ncommands = "all"\n'
+    loop, feed = prepared(tmp_path, messenger)
+    loop.run(Limits(frames=200))
+    for payload in ("known", ""):
+        loop.deliveries.note_published(9.0, Message(topic="rule/gone/state", payload=payload, qos=1, retain=True))
+    link = as_data(feed)["messenger"]
+    place = loop.parts.configuration.messenger.options.place
+    assert (link["broker"], link["base"], link["commands"], link["deafness"]) == (place, "stadimeter/garage", "all", "")
+    assert link["home_assistant"] == "homeassistant/device/stadimeter_garage/config"
+    assert link["trouble"] == f"the messenger for {place} is not open"
+    assert (link["undelivered"], link["given_up"]) == (len(loop.parts.messenger.undelivered()), 0)
+    assert link["undelivered"] > 0
+    assert link["dropped"] == loop.parts.messenger.dropped > 0
+    topics = [each["topic"] for each in link["topics"]]
+    assert {"target/ball/state", "rule/near/state", "event/system", "info"} <= set(topics)
+    assert "rule/gone/state" not in topics, "it was cleared"
+    assert len(topics) == len(set(topics))
+    assert [each["at_s"] for each in link["topics"]] == sorted((each["at_s"] for each in link["topics"]), reverse=True)
+    newest = {message.topic: message.payload for _, message in reversed(loop.deliveries.published)}
+    assert newest.items() >= {each["topic"]: each["payload"] for each in link["topics"][:10]}.items()
 
 
 def test_the_figures_are_those_of_the_cycle_and_the_outline_lies_where_the_ball_was_found(demonstration):

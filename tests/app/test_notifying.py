@@ -158,7 +158,7 @@ def test_a_run_tells_people_and_programs_when_it_is_due(tmp_path: Path) -> None:
     alerts = [each for each in messenger.sent if each.item.topic == "door/alert"]  # type: ignore[union-attr]
     assert [each.item.payload for each in alerts] == ['{"distance":0.7}']
     assert alerts[0].at_s - phone.sent[0].at_s == pytest.approx(1.0, abs=0.05)  # type: ignore[attr-defined]
-    assert "door/alert" in [message.topic for _, message in loop.published]
+    assert "door/alert" in [message.topic for _, message in loop.deliveries.published]
     assert not loop.troubles
 
 

@@ -50,12 +50,6 @@ loop = false
 
 
 @pytest.fixture
-def closing() -> Iterator[ExitStack]:
-    with ExitStack() as stack:
-        yield stack
-
-
-@pytest.fixture
 def broker(tmp_path: Path, closing: ExitStack) -> LoopbackBroker:
     made = make_broker(tmp_path, BrokerAccess())
     made.start()

@@ -11,7 +11,7 @@ import os
 import shutil
 import ssl
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from stadimeter.app.bootstrap import build
 from stadimeter.app.loop import Loop
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.home_assistant import Announcement
-from stadimeter.messaging import broker_link
+from stadimeter.messaging import retained_topics
 from stadimeter.testing.rig import eventually
 from support.broker import HOST, BrokerAccess, MosquittoBroker, mosquitto_program
 from support.debian_root import DebianRoot, make_root, why_no_root
@@ -119,12 +119,6 @@ class HomeAssistant:
 
 
 @pytest.fixture
-def closing() -> Iterator[ExitStack]:
-    with ExitStack() as stack:
-        yield stack
-
-
-@pytest.fixture
 def broker(tmp_path: Path, closing: ExitStack) -> MosquittoBroker:
     broker = MosquittoBroker(tmp_path, BrokerAccess())
     broker.start()
@@ -213,7 +207,7 @@ class Run:
 def test_home_assistant_shows_what_a_run_publishes_from_its_start_to_its_end(
     home: HomeAssistant, broker: MosquittoBroker, tmp_path: Path, closing: ExitStack, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(broker_link, "BIRTH_SPREAD_S", 0.1)
+    monkeypatch.setattr(retained_topics, "BIRTH_SPREAD_S", 0.1)
     run = Run(tmp_path, broker.port)
     closing.callback(run.close)
 

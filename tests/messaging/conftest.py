@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -28,13 +28,6 @@ MakeMessenger = Callable[..., PahoMessenger]
 
 # Long enough for mosquitto on a busy computer; amqtt never answers MQTT 5, so waiting for it would only take time.
 ANSWER_S = 10.0 if mosquitto_program() else 0.3
-
-
-@pytest.fixture
-def closing() -> Iterator[ExitStack]:
-    """Return what closes everything in the end, last first."""
-    with ExitStack() as stack:
-        yield stack
 
 
 @pytest.fixture

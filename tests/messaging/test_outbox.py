@@ -126,6 +126,37 @@ def test_messages_of_qos_0_that_were_not_written_are_lost_with_the_connection() 
     assert (outbox.dropped, outbox.has_room_on_wire, outbox.is_empty) == (1, True, True)
 
 
+def test_messages_go_in_their_order_but_those_of_qos_0_do_not_wait_for_acknowledgements() -> None:
+    outbox = MemoryOutbox(window=1)
+    for message in (state(0), alert(1), state(2), alert(3), state(4)):
+        outbox.add(message, 0.0)
+    assert payloads(outbox) == ["0", "1", "2", "4"]
+    outbox.done(1)
+    assert payloads(outbox) == ["3"]
+
+
+def test_a_message_of_qos_0_is_dropped_and_counted_when_as_many_wait_to_be_written() -> None:
+    outbox = MemoryOutbox(unwritten_max=2)
+    for number in range(3):
+        outbox.add(state(number), 0.0)
+    assert (payloads(outbox), outbox.dropped) == (["0", "1"], 1)
+    outbox.add(state(3), 0.0)
+    outbox.done(0)
+    outbox.add(replace(state(4), expires_s=2), 0.0)
+    assert (payloads(outbox, now_s=3.0), outbox.dropped) == ([], 3)  # too late
+
+
+def test_a_message_that_was_taken_is_undelivered_before_it_is_on_the_wire() -> None:
+    outbox = MemoryOutbox()
+    for number in (1, 2):
+        outbox.add(alert(number), 0.0)
+    taken = outbox.take(0.0)
+    assert taken is not None
+    assert outbox.undelivered() == (alert(1), alert(2))
+    outbox.refuse_taken(taken)
+    assert (outbox.undelivered(), outbox.given_up) == ((alert(2),), 1)
+
+
 def test_starting_over_sends_everything_again_in_the_same_order() -> None:
     outbox = MemoryOutbox(window=3)
     for number in range(5):

@@ -10,7 +10,7 @@ import shlex
 import shutil
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -31,12 +31,6 @@ from support.mqtt_asker import MqttAsker
 from support.mqtt_listener import MqttListener
 
 Start = Callable[..., tuple[CommandedRun, MqttAsker]]
-
-
-@pytest.fixture
-def closing() -> Iterator[ExitStack]:
-    with ExitStack() as stack:
-        yield stack
 
 
 @pytest.fixture

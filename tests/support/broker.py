@@ -118,6 +118,7 @@ class MosquittoBroker:
     def _configuration(self, folder: Path, access: BrokerAccess) -> list[str]:
         # As root, mosquitto would become another user, who may not read the test's folder.
         lines = [f"listener {self.port} {HOST}", "persistence false", "user root", "log_dest stderr"]
+        lines.append("set_tcp_nodelay true")
         lines.append(f"allow_anonymous {'true' if access.username is None else 'false'}")
         if access.username is not None:
             passwords = folder / f"mosquitto-{self.port}.passwords"

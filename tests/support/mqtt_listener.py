@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from typing import Any, Self
 
@@ -22,6 +23,7 @@ class Heard(Struct, frozen=True, kw_only=True):
         qos: The quality of service that it came with.
         is_retained: Whether the broker had kept it from before the subscription.
         expires_s: What is left of its life; None for ever, or where MQTT 5 is not spoken.
+        at_s: When it came, on the clock of `time.perf_counter`.
     """
 
     topic: str
@@ -29,6 +31,7 @@ class Heard(Struct, frozen=True, kw_only=True):
     qos: int
     is_retained: bool
     expires_s: int | None
+    at_s: float
 
 
 class MqttListener:
@@ -116,6 +119,7 @@ class MqttListener:
             qos=message.qos,
             is_retained=message.retain,
             expires_s=expires_s,
+            at_s=time.perf_counter(),
         )
         with self._changed:
             self._heard.append(heard)

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from stadimeter.web.passwords import PasswordFile
+from support.broker import BrokerAccess, MosquittoBroker, mosquitto_program
 from support.browser import DESKTOP, PHONE, ROOM, SILENT_AFTER_ONE, STILL, Served, served, tab, until
 
 
@@ -249,6 +250,31 @@ def test_a_run_that_must_be_armed_acts_once_a_person_arms_it(browser, tmp_path):
         page.get_by_role("dialog").get_by_role("button", name="Arm").click()
         page.locator(".banner").wait_for(state="detached")
         until(page, "document.querySelector('.output output').textContent !== '0 %'")
+
+
+def test_where_messages_go_and_what_is_published_is_shown(browser, tmp_path):
+    if mosquitto_program() is None:
+        pytest.skip("mosquitto is not installed")
+    broker = MosquittoBroker(tmp_path, BrokerAccess())
+    broker.start()
+    messenger = f'[messenger]\ndriver = "mqtt"\nport = {broker.port}\nnode = "garage"\n'
+    try:
+        with served(tmp_path, STILL + messenger) as here, tab(browser) as page:
+            opened(page, here)
+            panel = page.locator(".panel", has_text="Messages to other programs")
+            panel.get_by_text(f"127.0.0.1:{broker.port} connected").wait_for()
+            panel.get_by_text("alarms: alarms, and stopping outputs").wait_for()
+            panel.get_by_text("discovers it by homeassistant/device/stadimeter_garage/config").wait_for()
+            panel.get_by_text("stadimeter/garage", exact=True).wait_for()
+            panel.get_by_text("0 waiting, 0 given up, 0 dropped").wait_for()
+            panel.get_by_text("Topics, each with its newest message").click()
+            topic = panel.locator("li", has_text="target/ball/state").first
+            topic.get_by_text('"status":"tracking"').wait_for()
+            assert topic.inner_text().split()[1:3] == ["s", "ago"]
+            broker.stop()
+            panel.get_by_text(f"127.0.0.1:{broker.port} refused the connection").wait_for()
+    finally:
+        broker.stop()
 
 
 def test_who_may_only_read_sees_everything_and_operates_nothing(browser, tmp_path):

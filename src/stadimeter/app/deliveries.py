@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ from stadimeter.core.message import KEPT_S, Message, as_history
 from stadimeter.core.notification import Notification
 from stadimeter.core.rule import AlarmRule, AnyRule, Send, Template
 from stadimeter.errors import StadimeterError
-from stadimeter.messaging.protocol import Discoverable, Retaining
+from stadimeter.messaging.protocol import Discoverable, Retaining, Subscribes, TakesRequests
 
 if TYPE_CHECKING:
     from stadimeter.app.bootstrap import Parts
@@ -25,6 +25,10 @@ if TYPE_CHECKING:
 
 # Period of the check for alarms that are not delivered.
 LOOK_EVERY_S = 0.5
+
+# Number of published messages, and of topics with their newest message, that are kept for the views or shown there.
+PUBLISHED_MAX = 50
+TOPICS_MAX = 40
 
 # Stands for the messenger where else the name of a notifier stands.
 MESSENGER = ""
@@ -37,6 +41,9 @@ class Deliveries:
     """Knows what messenger and notifiers have not delivered. It may be asked from any thread.
 
     States of rules are left out: each run tells them anew.
+
+    Attributes:
+        published: The newest messages with the time of each on the run's clock, newest first.
     """
 
     def __init__(self, parts: Parts) -> None:
@@ -46,6 +53,39 @@ class Deliveries:
         self._began_s: float | None = None
         self._looked_at_s = -math.inf
         self._alarm_waits_since_s: float | None = None
+        self.published: deque[tuple[float, Message]] = deque(maxlen=PUBLISHED_MAX)
+        self._by_topic: dict[str, tuple[float, Message]] = {}
+
+    def note_published(self, at_s: float, message: Message) -> None:
+        """Remember a message for the views. An empty one has cleared its topic."""
+        self.published.appendleft((at_s, message))
+        self._by_topic.pop(message.topic, None)
+        if message.payload:
+            self._by_topic[message.topic] = (at_s, message)
+
+    def link(self) -> dict[str, Any] | None:
+        """Return where the messenger publishes and how it is, for people who watch; None if there is no messenger.
+
+        ``topics`` are the newest message of each topic, with its time, newest first.
+        """
+        messenger, choice = self._parts.messenger, self._parts.configuration.messenger
+        if messenger is None or choice is None:
+            return None
+        options: object = choice.options
+        newest = list(self._by_topic.values())[: -TOPICS_MAX - 1 : -1]
+        place = messenger.discovery_place if isinstance(messenger, Discoverable) else None
+        return {
+            "broker": options.place if isinstance(options, Subscribes) else "",
+            "base": options.base if isinstance(options, Subscribes) else "",
+            "trouble": messenger.trouble(),
+            "undelivered": len(messenger.undelivered()),
+            "given_up": messenger.given_up,
+            "dropped": messenger.dropped,
+            "commands": messenger.commands if isinstance(messenger, TakesRequests) else "off",
+            "deafness": messenger.deafness() if isinstance(messenger, TakesRequests) else "",
+            "home_assistant": place.topic if place is not None else "",
+            "topics": [{"at_s": round(at_s, 3), "topic": each.topic, "payload": each.payload} for at_s, each in newest],
+        }
 
     def retain_only(self, topics: frozenset[str]) -> None:
         """Have a broker keep only what is published on these topics, and Home Assistant show what this run has."""

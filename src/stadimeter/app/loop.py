@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 import uuid
-from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -42,10 +41,6 @@ if TYPE_CHECKING:  # few runs have these, and what they need takes long to load
 
 
 Listener = Callable[[CycleRecord, Frame | None], None]
-
-
-# Number of published messages that are kept, for the views.
-PUBLISHED_MAX = 50
 
 
 class Limits(NamedTuple):
@@ -145,7 +140,6 @@ class Loop:
         troubles: What went wrong on the way out.
         reporter: Composes messages for other programs.
         deadline: Until when the run must have ended.
-        published: The newest messages with the time of each on the run's clock, newest first.
         services: The optional services of the run.
         deliveries: What other programs and people have not got yet, and what was given up.
         configured_at_s: Since when the run goes by its configuration, for people: on this computer's monotonic clock.
@@ -157,7 +151,6 @@ class Loop:
     ending: str = ""
     troubles: list[str] = field(default_factory=list)
     reporter: Reporter = field(default_factory=lambda: Reporter(boot_id=uuid.uuid4().hex))
-    published: deque[tuple[float, Message]] = field(default_factory=lambda: deque(maxlen=PUBLISHED_MAX))
     services: Services = field(default_factory=Services)
     deadline: Deadline = field(default_factory=Deadline)
     configured_at_s: float = field(default_factory=time.monotonic)
@@ -364,7 +357,7 @@ class Loop:
             return
         for message in messages:
             self.parts.messenger.publish(message)
-            self.published.appendleft((now_s, message))
+            self.deliveries.note_published(now_s, message)
 
     def _close_all(self) -> None:
         """Close what was opened, then keep the state, and last close what the parts share.

@@ -30,7 +30,7 @@ from stadimeter.app.control.recording import RecordingOnRequest, recordings_fold
 from stadimeter.app.control.reloading import Reloader, Restarter, build_parts
 from stadimeter.app.control.requests import Act, Control, Requests
 from stadimeter.app.control.socket_server import Answer
-from stadimeter.app.live.health import CONNECTED, Board
+from stadimeter.app.live.health import Board
 from stadimeter.app.live.history import RunHistory, Seen, newer
 from stadimeter.app.live.pictures import Pictures, drawn
 from stadimeter.app.live.snapshot import LiveFeed, RunSnapshot, Surroundings
@@ -269,9 +269,6 @@ def _surroundings(loop: Loop) -> Surroundings:
         world = parts.world.state() if parts.world is not None else None
         return fixed | {"digest": sha256_of(parts.configuration.text), "world": world}
 
-    def broker() -> str:
-        return "" if parts.messenger is None else parts.messenger.trouble() or CONNECTED
-
     def recording() -> Mapping[str, object] | None:
         on_request = loop.services.recording
         return on_request.now() if on_request is not None else None
@@ -280,8 +277,8 @@ def _surroundings(loop: Loop) -> Surroundings:
         recording=recording,
         plan=lambda: parts.configuration.plan,
         trouble=loop.trouble,
-        broker=broker,
-        messages=lambda: tuple(loop.published),
+        messenger=loop.deliveries.link,
+        messages=lambda: tuple(loop.deliveries.published),
         narration=parts.world.narration if parts.world is not None else str,
         run=run,
         has_corners={name: detector.target_shape.has_corners for name, detector in detectors.items()},

@@ -30,8 +30,8 @@ Handler = Callable[[MQTTMessage], None]
 class LinkEvents:
     """Collects the events of paho's callbacks, without a lock.
 
-    All callbacks come in the link's thread, within paho's loop, and so does every call here, save that `take_done`
-    and `refusal` may be used by any thread.
+    All callbacks come in the link's thread, within paho's loop, and so does every call here, save that `refusal` may
+    be read by any thread.
 
     Attributes:
         ending: Why the newest attempt to connect failed, or the connection ended, in words.
@@ -114,6 +114,10 @@ class LinkEvents:
         """Note that the other side sent what is not MQTT."""
         self.ending = describe_non_mqtt(self._options)
         self.suspects_version = not self._was_ever_accepted
+
+    def note_unsendable(self, topic: str, error: ValueError) -> None:
+        """Note that a message cannot be packed, such as one whose text is no Unicode."""
+        self.refusal = f"a message for '{topic[:200]}' cannot be sent: {error}"
 
     def take_done(self) -> Iterator[tuple[int, bool]]:
         """Yield, once each, the messages that were written (QoS 0) or answered (QoS 1): number, and if refused."""

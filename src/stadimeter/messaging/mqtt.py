@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 ASKED_S = 3.0
 
+_NOT_IN_TOPICS = frozenset("+#\0")
+
 
 class MqttOptions(MqttSettings):
     """The table of an ``mqtt`` messenger.
@@ -77,12 +79,12 @@ def _attempt(client: Client, version: MQTTProtocolVersion, events: LinkEvents, o
         events.note_connect_error(error)
         return trouble
     until_s = time.monotonic() + ASKED_S
-    while not events.is_accepted and (left_s := until_s - time.monotonic()) > 0 and serve(client, events, left_s):
+    while not events.is_accepted and (left_s := until_s - time.monotonic()) > 0 and serve(client.loop, events, left_s):
         pass
     if events.is_accepted:
         trouble = _try_to_listen(client, version, events, options) if options.commands != "off" else ""
         say_goodbye(client, version)
-        serve(client, events, 0.0)
+        serve(client.loop, events, 0.0)
     elif not events.ending:
         events.note_no_answer()
     if (connection := client.socket()) is not None:
@@ -95,7 +97,7 @@ def _try_to_listen(client: Client, version: MQTTProtocolVersion, events: LinkEve
     topic = f"{options.base}/request/{OperatorAction.STOP_OUTPUTS}"
     subscribe(client, [topic], 1 if version == V5 and events.has_identifiers else None)
     until_s = time.monotonic() + ASKED_S
-    while (left_s := until_s - time.monotonic()) > 0 and serve(client, events, left_s):
+    while (left_s := until_s - time.monotonic()) > 0 and serve(client.loop, events, left_s):
         for _, codes in events.take_subscribed():
             refused = [str(code) for code in codes if code.is_failure]
             return describe_deafness(options, [topic], refused[0]) if refused else ""
@@ -127,12 +129,12 @@ class PahoMessenger:
     @property
     def dropped(self) -> int:
         """Number of messages of QoS 0 that were lost for want of a connection, and states of QoS 1 replaced unsent."""
-        return self._dropped_before + (self._link.dropped if self._link else 0)
+        return self._dropped_before + (self._link.queue.dropped if self._link else 0)
 
     @property
     def given_up(self) -> int:
         """Number of messages of QoS 1 that were given up: too many waited, they expired, or the broker refused them."""
-        return self._given_up_before + (self._link.given_up if self._link else 0)
+        return self._given_up_before + (self._link.queue.given_up if self._link else 0)
 
     @property
     def commands(self) -> CommandLevel:
@@ -142,19 +144,19 @@ class PahoMessenger:
     def undelivered(self) -> tuple[Message, ...]:
         """Return the messages of QoS 1 that are neither acknowledged nor given up, oldest first."""
         link = self._link
-        return link.undelivered() if link is not None else self._left
+        return link.queue.undelivered() if link is not None else self._left
 
     def open(self) -> None:
         """Begin to connect and return at once. A broker that is away is not an error."""
         if self._link is not None:
             return
         self._link = BrokerLink(self._options, read_secrets(self._options), self._patience, self._requests)
-        self._link.announce(self._announcement)
+        self._link.retained.announce(self._announcement)
         if self._retained is not None:
-            self._link.retain_only(self._retained)
+            self._link.retained.retain_only(self._retained)
         left, self._left = self._left, ()
         for message in left:
-            self._link.send(message)
+            self._link.queue.send(message)
         self._link.start()
 
     def publish(self, message: Message) -> None:
@@ -163,17 +165,17 @@ class PahoMessenger:
         Raises:
             ConfigError: Its topic cannot be one.
         """
-        if not message.topic or any(character in message.topic for character in "+#\0"):
+        if not message.topic or not _NOT_IN_TOPICS.isdisjoint(message.topic):
             raise ConfigError(f"{message.topic!r} is not a topic to publish to; rename what it is made from")
         if self._link is None:
             raise DeviceClosedError(f"the messenger for {self._options.place} is not open; open it first")
-        self._link.send(message)
+        self._link.queue.send(message)
 
     def retain_only(self, topics: frozenset[str]) -> None:
         """Have the broker forget what an earlier run left on other topics; see `Retaining`."""
         self._retained = topics
         if self._link is not None:
-            self._link.retain_only(topics)
+            self._link.retained.retain_only(topics)
 
     def listen(
         self, topics: Collection[str], offered: Collection[str], receive: Callable[[RequestMessage], None]
@@ -207,11 +209,11 @@ class PahoMessenger:
         """Have Home Assistant discover this, over every connection; see `Discoverable`."""
         self._announcement = announcement
         if self._link is not None:
-            self._link.announce(announcement)
+            self._link.retained.announce(announcement)
 
     def take_states_due(self) -> bool:
         """Return, once each time, whether states are to be published again; see `Discoverable`."""
-        return self._link is not None and self._link.take_states_due()
+        return self._link is not None and self._link.retained.take_states_due()
 
     def trouble(self) -> str:
         """Return in words what is wrong with the connection, or an empty string if it stands."""
@@ -222,7 +224,7 @@ class PahoMessenger:
         if self._link is None:
             return
         self._link.stop()
-        self._left = self._link.undelivered()
-        self._dropped_before += self._link.dropped
-        self._given_up_before += self._link.given_up
+        self._left = self._link.queue.undelivered()
+        self._dropped_before += self._link.queue.dropped
+        self._given_up_before += self._link.queue.given_up
         self._link = None

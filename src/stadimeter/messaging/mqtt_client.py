@@ -8,7 +8,7 @@ import ssl
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode, MQTTProtocolVersion
@@ -28,6 +28,7 @@ from stadimeter.config.untrusted_file import (
 from stadimeter.core.home_assistant import DiscoveryPlace
 from stadimeter.core.message import Message
 from stadimeter.errors import DeviceOpenError, UnreadableError
+from stadimeter.messaging.outbox import DirectMessage
 from stadimeter.messaging.protocol import CommandLevel
 
 NODE_CHARACTERS = "letters, digits, '-' and '_'"
@@ -273,12 +274,18 @@ def make_client(
     if isinstance(client, _Client):
         packet_max = client.packet_max = options.packet_max
     client.connect_timeout = answer_s
+    client.on_socket_open = _send_at_once
     if options.username is not None:
         client.username_pw_set(options.username, secrets.password)
     if secrets.tls is not None:
         client.tls_set_context(secrets.tls)
     _set_session(client, options, packet_max, is_v5=is_v5)
     return client
+
+
+def _send_at_once(_client: Client, _data: Any, connection: Any) -> None:
+    """Have the system send a short message although the one before was not confirmed yet: that takes up to 40 ms."""
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
 
 def say_goodbye(client: Client, version: MQTTProtocolVersion) -> None:
@@ -289,6 +296,8 @@ def say_goodbye(client: Client, version: MQTTProtocolVersion) -> None:
 
 def publish_properties(message: Message) -> Properties | None:
     """Return the properties of MQTT 5 that a message needs; None for none."""
+    if isinstance(message, DirectMessage):
+        return _response_properties(message.content_type, message.correlation)
     if message.expires_s is None:
         return None
     return _properties(PacketTypes.PUBLISH, MessageExpiryInterval=message.expires_s)
@@ -308,8 +317,7 @@ def subscribe(client: Client, topics: Collection[str], identifier: int | None) -
     return client.subscribe([(topic, options) for topic in topics], properties=marked)[1]
 
 
-def response_properties(content_type: str, correlation: bytes | None) -> Properties:
-    """Return the properties of MQTT 5 of a response, or of a picture that was asked for."""
+def _response_properties(content_type: str, correlation: bytes | None) -> Properties:
     more = {} if correlation is None else {"CorrelationData": correlation}
     return _properties(PacketTypes.PUBLISH, MessageExpiryInterval=RESPONSE_EXPIRES_S, ContentType=content_type, **more)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections import OrderedDict
+from collections import OrderedDict, deque
 from collections.abc import Iterable, Iterator
 from itertools import count
 
@@ -20,6 +20,21 @@ from msgspec.structs import replace
 from stadimeter.core.decision import Severity
 from stadimeter.core.home_assistant import Announcement, announce, is_entry
 from stadimeter.core.message import KEPT_S, NEWS_S, Message, as_history, clearing
+
+
+class DirectMessage(Message, frozen=True, kw_only=True):
+    """A response, or a picture that was asked for. Its topic is absolute, and its QoS 0.
+
+    Attributes:
+        content: It takes the place of the payload.
+        correlation: What a response carries for who asked; None for nothing.
+    """
+
+    content: bytes
+    content_type: str
+    correlation: bytes | None = None
+    payload: str = ""
+    is_absolute: bool = True
 
 
 class PendingMessage(Struct, frozen=True):
@@ -47,9 +62,14 @@ def pending(message: Message, now_s: float) -> PendingMessage:
 # A state that a newer one has replaced is worth less than any message.
 _REPLACED = "replaced"
 
+# Stands for the number of a message that was taken and has none yet; paho's begin with 1.
+_TAKEN = -1
+
 
 class MemoryOutbox:
     """Remembers messages of QoS 1 until a broker has acknowledged them, and those of QoS 0 until they are written.
+
+    They go in the order in which they came, save that those of QoS 0 do not wait for acknowledgements.
 
     It does no I/O and knows no clock. A full outbox gives up, for a new message, a state that a newer one has replaced,
     or else the oldest of what matters least. It keeps what is about safety, and each topic's newest message that the
@@ -78,38 +98,61 @@ class MemoryOutbox:
         self._may_go: dict[str, OrderedDict[int, None]] = {rank: OrderedDict() for rank in ranks}
         self._newest: dict[str, int] = {}  # by topic, of those that the broker is to keep
         self._unacknowledged: dict[int, PendingMessage] = {}
+        self._unkept: deque[tuple[int, PendingMessage]] = deque()
         self._unwritten: set[int] = set()
 
     @property
     def is_empty(self) -> bool:
         """Whether nothing waits and nothing is on the wire."""
-        return not (self._waiting or self._unacknowledged or self._unwritten)
+        return not (self._waiting or self._unacknowledged or self._unkept or self._unwritten)
 
     @property
     def has_room_on_wire(self) -> bool:
         """Whether a message of QoS 0 may be sent; if not, the link is slower than what is said over it."""
-        return len(self._unwritten) < self._unwritten_max
+        return len(self._unkept) + len(self._unwritten) < self._unwritten_max
 
     def add(self, message: Message, now_s: float) -> None:
-        """Let a message of QoS 1 wait for its turn."""
+        """Let a message wait for its turn; one of QoS 0 is dropped and counted if there is no room on the wire."""
+        if message.qos == 0:
+            if self.has_room_on_wire:
+                self._unkept.append((next(self._numbers), pending(message, now_s)))
+            else:
+                self.drop()
+            return
         if len(self._waiting) >= self._capacity:
             self._make_room()
         self._wait(pending(message, now_s))
 
     def take(self, now_s: float) -> PendingMessage | None:
-        """Return the next message that may be sent now; then report it to `sent`.
+        """Return the next message that may be sent now; then report it to `sent`. Until then it is undelivered.
 
         None if none waits that has not expired, or enough are on the wire.
         """
-        while self._waiting and len(self._unacknowledged) < self._window:
-            found = self._remove(next(iter(self._waiting)))
-            if now_s < found.deadline_s:
-                return found
-            self.given_up += 1
-        return None
+        while True:
+            next_kept = next(iter(self._waiting), None) if len(self._unacknowledged) < self._window else None
+            if self._unkept and (next_kept is None or self._unkept[0][0] < next_kept):
+                found = self._unkept.popleft()[1]
+                if now_s < found.deadline_s:
+                    return found
+                self.drop()
+            elif next_kept is not None:
+                found = self._remove(next_kept)
+                if now_s < found.deadline_s:
+                    self._unacknowledged[_TAKEN] = found
+                    return found
+                self.given_up += 1
+            else:
+                return None
+
+    def refuse_taken(self, taken: PendingMessage) -> None:
+        """Give up what was taken and can never be sent."""
+        if taken.message.qos == 0:
+            self.drop()
+        self.done(_TAKEN, is_refused=True)
 
     def sent(self, number: int, sent: PendingMessage) -> None:
         """Note that a message is on the wire."""
+        self._unacknowledged.pop(_TAKEN, None)
         if sent.message.qos == 0:
             self._unwritten.add(number)
         else:
@@ -128,10 +171,11 @@ class MemoryOutbox:
     def start_over(self) -> None:
         """Take messages back from a wire that is no more, to send them again on another, in the same order.
 
-        Those of QoS 0 that were not written are given up.
+        Those of QoS 0 that were not written are dropped.
         """
-        self.dropped += len(self._unwritten)
+        self.dropped += len(self._unwritten) + len(self._unkept)
         self._unwritten.clear()
+        self._unkept.clear()
         if not self._unacknowledged:
             return
         again = (*self._unacknowledged.values(), *self._waiting.values())

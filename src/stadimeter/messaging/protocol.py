@@ -21,6 +21,10 @@ class Messenger(Protocol):
     def given_up(self) -> int:
         """Number of messages of QoS 1 given up so far: too many waited, they expired, or they were refused."""
 
+    @property
+    def dropped(self) -> int:
+        """Number of messages of QoS 0 that were lost so far for want of a connection."""
+
     def open(self) -> None:
         """Begin to connect and return at once. A broker that is away is not an error: it is tried again."""
 

@@ -80,7 +80,7 @@ class MqttSubscription:
         """Disconnect, so that the broker forgets the session."""
         if self._client is not None:
             say_goodbye(self._client, self._version)
-            serve(self._client, self._events, 0.0)
+            serve(self._client.loop, self._events, 0.0)
             self._drop_client()
 
     def _connect(self) -> None:
@@ -99,7 +99,7 @@ class MqttSubscription:
 
     def _serve(self, client: Client, wait_s: float) -> None:
         was_accepted = self._events.is_accepted
-        stands = serve(client, self._events, min(wait_s, 0.5 if was_accepted else 0.1))  # it pings in between
+        stands = serve(client.loop, self._events, min(wait_s, 0.5 if was_accepted else 0.1))  # it pings in between
         if stands and self._events.is_accepted and not was_accepted:
             client.subscribe([(each, 1) for each in self._filters])
         elif stands and not self._events.is_accepted and time.monotonic() > self._answer_until_s:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import time
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from msgspec import Struct, field
 
 from stadimeter.app.clock import SteppedClock
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.live.health import Board, LiveHealth, live_health
+from stadimeter.app.live.health import CONNECTED, Board, LiveHealth, live_health
 from stadimeter.app.live.history import WINDOW_S, DistanceSample, RunHistory, Seen
 from stadimeter.core.clock import Clock
 from stadimeter.core.conditions.distance import DistanceCondition
@@ -22,9 +23,6 @@ from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule
 from stadimeter.core.rules.explaining import Reasons, explain
 
-# This many messages to other programs are shown at most.
-MESSAGES_MAX = 50
-
 
 class Surroundings(Struct, frozen=True, kw_only=True):
     """What a run has beside its cycles, for those who watch it. Each may be asked from any thread, at any time.
@@ -32,7 +30,7 @@ class Surroundings(Struct, frozen=True, kw_only=True):
     Attributes:
         plan: Its rules, outputs and targets, as they are after the newest reload; None if there is no plan.
         trouble: What is wrong outside the loop, such as with the broker; empty if nothing is.
-        broker: How the link to the broker is, in words; empty if there is none.
+        messenger: Where messages to other programs go, and how that is; None if there is no messenger.
         messages: What was sent to other programs and when, newest first.
         narration: What happens in a simulated world; empty if there is nothing to say.
         run: What the run is: its configuration and so on.
@@ -42,7 +40,7 @@ class Surroundings(Struct, frozen=True, kw_only=True):
 
     plan: Callable[[], Plan | None] = lambda: None
     trouble: Callable[[], str] = str
-    broker: Callable[[], str] = str
+    messenger: Callable[[], Mapping[str, Any] | None] = lambda: None
     messages: Callable[[], Sequence[tuple[float, Message]]] = tuple
     narration: Callable[[], str] = str
     run: Callable[[], Mapping[str, object]] = dict
@@ -59,6 +57,7 @@ class RunSnapshot(Struct, frozen=True, kw_only=True):
         started_s: The time of the first cycle, on the run's monotonic clock.
         samples: The recent distances of each target, oldest first.
         events: Newest first.
+        messenger: See `Surroundings`.
         messages: The messages to other programs, each with its time, newest first.
         health: How the run is doing.
     """
@@ -68,6 +67,7 @@ class RunSnapshot(Struct, frozen=True, kw_only=True):
     started_s: float = 0.0
     samples: Mapping[str, Sequence[DistanceSample]] = field(default_factory=dict)
     events: Sequence[Event] = ()
+    messenger: Mapping[str, Any] | None = None
     messages: Sequence[tuple[float, Message]] = ()
     health: LiveHealth = field(default_factory=LiveHealth)
     narration: str = ""
@@ -154,15 +154,17 @@ class LiveFeed(Struct):
     def snapshot(self, window_s: float = WINDOW_S) -> RunSnapshot:
         """Return what there is to see now, with the distances of this long."""
         history, around = self.history, self.surroundings
-        record = history.record
+        record, link = history.record, around.messenger()
+        broker = link["trouble"] or CONNECTED if link is not None else ""
         return RunSnapshot(
             record=record,
             seen=history.seen,
             started_s=history.started_s,
             samples=history.samples_after(record.observation.now_s - window_s if record is not None else 0.0),
             events=tuple(history.events),
-            messages=tuple(around.messages())[:MESSAGES_MAX],
-            health=live_health(history, self.board, around.broker(), around.trouble(), self.pace()),
+            messenger=link,
+            messages=tuple(around.messages()),
+            health=live_health(history, self.board, broker, around.trouble(), self.pace()),
             narration=around.narration(),
             plan=around.plan(),
             has_corners=around.has_corners,

@@ -82,6 +82,7 @@ def shared_json(snapshot: RunSnapshot, number: int, now_s: float, unix_offset_s:
         "outputs": list(_outputs(snapshot)),
         "safety": _safety(decision),
         "health": _health(snapshot),
+        "messenger": snapshot.messenger,
         "messages": [_message(at_s, message) for at_s, message in snapshot.messages[:MESSAGES_MAX]],
         "recording": snapshot.recording,
         "narration": snapshot.narration,

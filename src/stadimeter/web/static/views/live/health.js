@@ -23,15 +23,46 @@ function note() {
   return element;
 }
 
-export function messages() {
-  const list = h("ul", { class: "list small" });
-  const element = h("section", { class: "panel" }, h("details", null, h("summary", null, h("h2", null, "Messages to other programs")), list));
+export function messages(){
+  const facts = h("ul", { class: "list health" });
+  const topics = h("ul", { class: "list small" });
+  const newest = h("ul", { class: "list small" });
+  const folded = (words, list) => h("details", null, h("summary", null, words), list);
+  const element = h("section", { class: "panel" }, h("h2", null, "Messages to other programs"), facts,
+    folded("Topics, each with its newest message", topics), folded("The newest messages", newest));
   return {
     element,
-    update({ messages: sent, now_s, unix_s }) {
-      element.hidden = !sent?.length;
-      keyed(list, sent ?? [], (each) => `${each.at_s} ${each.topic}`, (each) =>
-        h("li", null, h("span", { class: "quiet number" }, format.moment(unix_s - now_s + each.at_s)), " ", h("strong", null, each.topic), " ", h("code", null, each.payload)));
+    update({ messenger: link, messages: sent, now_s, unix_s }) {
+      element.hidden = !link;
+      if (!link) return;
+      keyed(facts, linkNotes(link), (each) => each.what, () => note());
+      const age = (each) => `${Math.max(0, now_s - each.at_s).toFixed(0)} s ago`;
+      keyed(topics, [...link.topics].sort((one, other) => (one.topic < other.topic ? -1 : 1)), (each) => each.topic, () => said(age));
+      keyed(newest, sent, (each) => `${each.at_s} ${each.topic}`, () => said((each) => format.moment(unix_s - now_s + each.at_s)));
     },
   };
+}
+
+const MAY = { off: "none is taken", alarms: "alarms, and stopping outputs", all: "all" };
+
+function linkNotes(link) {
+  const lost = link.given_up + link.dropped;
+  return [
+    { what: "broker", words: `${link.broker} ${link.trouble ? `: ${link.trouble}` : "connected"}`.trim(), is_good: !link.trouble },
+    { what: "base topic", words: link.base, is_good: true },
+    { what: "not delivered", words: `${link.undelivered} waiting, ${link.given_up} given up, ${link.dropped} dropped`, is_good: !lost },
+    { what: "commands", words: link.deafness || `${link.commands}: ${MAY[link.commands]}`, is_good: !link.deafness },
+    { what: "Home Assistant", words: link.home_assistant ? `discovers it by ${link.home_assistant}` : "is not told of it", is_good: true },
+  ];
+}
+
+function said(when) {
+  const [moment, topic, payload] = [h("span", { class: "quiet number" }), h("strong"), h("code")];
+  const element = h("li", null, moment, " ", topic, " ", payload);
+  element.update = (each) => {
+    write(moment, when(each));
+    write(topic, each.topic);
+    write(payload, each.payload);
+  };
+  return element;
 }

@@ -1,0 +1,72 @@
+"""Whoever publishes never waits for the link's thread, whatever that is about."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from paho.mqtt.client import Client, MQTTMessageInfo
+
+from stadimeter.core.message import Message
+from stadimeter.messaging.mqtt import PahoMessenger
+from stadimeter.messaging.send_queue import INCOMING_MAX
+from stadimeter.testing.rig import eventually
+from support.broker import LoopbackBroker
+from support.mqtt_listener import MqttListener
+
+ALARM = "stadimeter/it/event/alarm"
+
+MakeMessenger = Callable[..., PahoMessenger]
+
+
+def alarm(number: int) -> Message:
+    return Message(topic="event/alarm", payload=str(number), qos=1)
+
+
+def test_publishing_does_not_wait_for_a_thread_that_is_in_paho(
+    broker: LoopbackBroker,
+    make_messenger: MakeMessenger,
+    listen: Callable[..., MqttListener],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    listener = listen(broker.port)
+    messenger = make_messenger(broker.port)
+    messenger.open()
+    eventually(lambda: not messenger.trouble())
+    is_in_paho, may_go_on = threading.Event(), threading.Event()
+    publish = Client.publish
+
+    def hang(*args: Any, **options: Any) -> MQTTMessageInfo:
+        is_in_paho.set()
+        assert may_go_on.wait(60.0)
+        return publish(*args, **options)
+
+    monkeypatch.setattr(Client, "publish", hang)
+    count = 3 * INCOMING_MAX
+    messenger.publish(alarm(0))
+    assert is_in_paho.wait(60.0)
+    for number in range(1, count):
+        messenger.publish(alarm(number))
+    assert [each.payload for each in messenger.undelivered()] == [str(number) for number in range(count)]
+    assert (messenger.trouble(), messenger.given_up, messenger.dropped) == ("", 0, 0)
+    may_go_on.set()
+    listener.wait_for_payloads(ALARM, [str(number) for number in range(count)])
+
+
+def test_a_message_that_cannot_be_packed_is_given_up_and_said_and_those_behind_it_go(
+    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Callable[..., MqttListener]
+) -> None:
+    listener = listen(broker.port)
+    messenger = make_messenger(broker.port)
+    messenger.open()
+    eventually(lambda: not messenger.trouble())
+    messenger.publish(Message(topic="event/alarm", payload="\ud800", qos=1))
+    messenger.publish(Message(topic="target/ball/state", payload="\ud800"))
+    messenger.publish(alarm(1))
+    listener.wait_for(ALARM, "1")
+    assert (messenger.given_up, messenger.dropped) == (1, 1)
+    assert messenger.trouble().startswith(
+        "a message for 'target/ball/state' cannot be sent: 'utf-8' codec can't encode"
+    )
