@@ -440,6 +440,17 @@ def test_a_screen_has_no_more_lines_than_there_are_and_says_what_it_leaves_out(h
         assert "node-007/near" in lines[lines.index(next(each for each in lines if "standing alarms" in each)) + 1]
 
 
+def test_a_device_that_does_not_run_what_it_was_sent_is_marked() -> None:
+    fleet = fleet_of(1)
+    names = {"device": "x", "cohort": "1 of 3", "sha256": "ab", "commit": "1f", "reason": "why"}
+    revision = {"v": 1, "sequence": 7, "phase": "apply", **names}
+    newest = {"revision": revision, "status": "rolled-back", "by": "ada", "sentence": "it was ill"}
+    tell(fleet, "node-000/configuration", {"newest": newest})
+    assert "rolled-back" in drawn(fleet, 1.0)[0]
+    tell(fleet, "node-000/configuration", {"newest": {**newest, "status": "applied"}})
+    assert "applied" not in drawn(fleet, 1.0)[0]
+
+
 def test_what_was_passed_over_is_said() -> None:
     fleet = fleet_of(1)
     tell(fleet, "x" * 400 + "/availability", b"online")

@@ -56,6 +56,32 @@ def test_shellcheck_finds_nothing(deploy: Path, script: str) -> None:
     assert result.returncode == 0, result.stdout
 
 
+class TestUnitOfTheFleet:
+    @pytest.fixture
+    def unit(self, deploy: Path, tmp_path: Path) -> Path:
+        """Return the unit with a program that exists on any machine in place of ours."""
+        unit = tmp_path / "stadimeter-fleet.service"
+        text = (deploy / "stadimeter-fleet.service").read_text()
+        unit.write_text(text.replace("/opt/stadimeter/bin/stadimeter", "/bin/true"))
+        return unit
+
+    def test_systemd_accepts_it_without_a_warning(self, unit: Path) -> None:
+        result = run(needs("systemd-analyze"), "verify", "--man=no", unit)
+        assert (result.returncode, result.stderr) == (0, "")
+
+    def test_it_is_as_closed_as_what_serves_a_network_can_be(self, unit: Path) -> None:
+        result = run(needs("systemd-analyze"), "security", "--offline=yes", "--no-pager", unit)
+        found = re.search(r"Overall exposure level for \S+: (\d+\.\d+)", result.stdout)
+        if found is None:
+            pytest.skip(f"systemd-analyze cannot judge a unit that is not running: {result.stderr.strip()}")
+        assert float(found[1]) <= 1.8
+
+    def test_it_may_use_no_device(self, unit: Path) -> None:
+        lines = unit.read_text().splitlines()
+        assert "PrivateDevices=yes" in lines
+        assert not [line for line in lines if line.startswith(("DeviceAllow=", "SupplementaryGroups="))]
+
+
 class TestUnitOfThePage:
     @pytest.fixture
     def unit(self, deploy: Path, tmp_path: Path) -> Path:

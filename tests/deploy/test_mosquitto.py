@@ -177,17 +177,22 @@ def test_a_device_reads_its_commands_and_its_own_list_of_what_the_broker_keeps_a
     garage.listen()
     operator.publish("stadimeter/attic/request/acknowledge", "{}")
     operator.publish("stadimeter/garage/request/acknowledge", "{}")
+    operator.publish("stadimeter/attic/desired", "another's")
+    operator.publish("stadimeter/garage/desired", "signed")
     garage.publish("stadimeter/garage/event/alarm", "raised")
     garage.publish("stadimeter/garage/retained/garage/0", "[]")
-    expected = [("stadimeter/garage/request/acknowledge", b"{}"), ("stadimeter/garage/retained/garage/0", b"[]")]
-    eventually(lambda: len(garage.heard) >= 2)
-    assert garage.heard == expected
+    eventually(lambda: len(garage.heard) >= 3)
+    assert garage.heard == [
+        ("stadimeter/garage/request/acknowledge", b"{}"),
+        ("stadimeter/garage/desired", b"signed"),
+        ("stadimeter/garage/retained/garage/0", b"[]"),
+    ]
 
 
 def test_an_operator_gives_commands_and_cannot_publish_as_a_device(connect: Connect) -> None:
     reader, operator, garage = connect("dashboard"), connect("homeassistant"), connect("garage")
     reader.listen()
-    for topic in ("event/alarm", "rule/near/state", "availability", "response/acknowledge", "retained/garage/0"):
+    for topic in ("event/alarm", "availability", "configuration", "response/acknowledge", "retained/garage/0"):
         operator.publish(f"stadimeter/garage/{topic}", "forged")
     operator.publish("stadimeter/garage/request/acknowledge", "{}")
     garage.publish("stadimeter/garage/response/acknowledge", "answered")
@@ -203,14 +208,16 @@ def test_a_reader_hears_alarms_and_no_pictures_and_gives_no_commands(connect: Co
     reader.listen()
     garage.listen()
     reader.publish("stadimeter/garage/request/reset", "{}")
+    reader.publish("stadimeter/garage/desired", "forged")
+    connect("homeassistant").publish("stadimeter/garage/desired", "signed")
     reader.publish("stadimeter/garage/event/alarm", "forged")
     garage.publish("stadimeter/garage/snapshot", "a picture")
     garage.publish("stadimeter/garage/event/alarm", "raised")
     eventually(lambda: reader.heard)
     garage.publish("stadimeter/garage/retained/garage/0", "[]")
-    eventually(lambda: garage.heard)
+    eventually(lambda: len(garage.heard) >= 2)
     assert reader.heard[0] == ("stadimeter/garage/event/alarm", b"raised")
-    assert garage.heard == [("stadimeter/garage/retained/garage/0", b"[]")]
+    assert garage.heard == [("stadimeter/garage/desired", b"signed"), ("stadimeter/garage/retained/garage/0", b"[]")]
 
 
 def test_the_program_itself_takes_commands_and_answers_within_its_role(site: Site, connect: Connect) -> None:

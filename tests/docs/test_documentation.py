@@ -187,6 +187,8 @@ def test_every_command_that_is_shown_exists_with_its_options():
 def exists_with_its_options(words):
     command = typer.main.get_command(app)
     while hasattr(command, "commands") and words:
+        if words[0] not in command.commands and getattr(command, "default", None) is not None:
+            words = [command.default, *words]
         name, *words = words
         if name not in command.commands:
             return False

@@ -192,6 +192,41 @@ def test_states_that_did_not_arrive_are_counted_and_a_restart_is_none(heard: Hea
     assert heard.fleet.devices["garage"].missed == 2 + 1
 
 
+REVISION = {
+    "v": 1, "device": "stadimeter/garage", "sequence": 7, "phase": "apply", "cohort": "1 of 3", "sha256": "ab",
+    "commit": "1f2e", "reason": "Warn\x1b[2J from 2 m on",
+}  # fmt: skip
+REFUSED = {"revision": REVISION, "status": "refused", "by": "ada", "sentence": "it is bad", "trial": None}
+
+
+def test_what_a_device_says_of_its_configuration_is_shown_with_why_it_runs_another(heard: Heard) -> None:
+    heard.online()
+    heard.say("garage/configuration", {"v": 1, "sha256": "cd", "newest": REFUSED})
+    (record,) = fleet_record(heard.fleet, heard.now_s)["devices"]
+    assert record["why_not"] == "refused: it is bad"
+    assert record["configuration"]["newest"]["revision"]["reason"] == "Warn [2J from 2 m on"
+    report = heard.fleet.devices["garage"].configuration
+    assert report is not None
+    assert not report.runs("ab")
+    applied = {**REFUSED, "status": "applied", "sentence": ""}
+    heard.say("garage/configuration", {"v": 1, "sha256": "cd", "applied": applied, "newest": applied})
+    assert fleet_record(heard.fleet, heard.now_s)["devices"][0]["why_not"] == ""
+    heard.say("garage/configuration", b"")
+    assert heard.fleet.devices["garage"].configuration is None
+    assert heard.fleet.devices["garage"].unreadable == 0
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [b"[" * 15_000, b"{", b'{"newest":{"status":"fine"}}', b'{"newest":7}', b'"x"', b" " * 20_000],
+)
+def test_a_report_that_is_none_is_counted_and_not_shown(heard: Heard, payload: bytes) -> None:
+    heard.online()
+    heard.say("garage/configuration", payload)
+    assert heard.fleet.devices["garage"].configuration is None
+    assert heard.fleet.devices["garage"].unreadable == 1
+
+
 def test_targets_of_the_run_before_are_forgotten(heard: Heard) -> None:
     heard.state()
     for boot_id, targets in (("one", 1), ("one", 1), ("two", 0)):

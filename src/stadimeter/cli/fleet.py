@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.live import Live
 
 from stadimeter.cli.exits import NOT_FOUND, ConfigArgument, configuration_path, plain_errors, read_option
-from stadimeter.cli.fleet_view import FleetScreen, figure_lines
+from stadimeter.cli.fleet_view import FleetScreen, explained_lines, figure_lines
 from stadimeter.cli.operate import ByOption, JsonOption, print_answer, who
 from stadimeter.config.loader import load_messenger_choice
 from stadimeter.config.units import parse_duration
@@ -52,6 +52,7 @@ Events = Annotated[
 Acknowledge = Annotated[
     str | None, typer.Option("--acknowledge", metavar="NODE/RULE", help="Acknowledge an alarm of a device.")
 ]
+Explain = Annotated[str | None, typer.Option("--explain", metavar="NODE", help="Print what a device runs, and why.")]
 Wait = Annotated[
     str | None, typer.Option("--wait", metavar="TIME", help='How long to listen first, such as "20 s"; by default 6 s.')
 ]
@@ -71,6 +72,7 @@ def fleet(
     figures: Figures = False,
     events: Events = None,
     acknowledge: Acknowledge = None,
+    explain: Explain = None,
     by: ByOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -89,10 +91,13 @@ def fleet(
 
     - `stadimeter fleet config/appliance.toml --acknowledge garage/too-close`
 
+    - `stadimeter fleet config/appliance.toml --explain garage`
+
     - `stadimeter fleet --figures --events events.txt`
 
     **Exit code**: 0 done; with --check all are online and no alarm of severity alarm or safety stands; 1 with --check
-    something is wrong, with --acknowledge the device refused; 2 the broker or the device does not answer.
+    something is wrong, with --acknowledge the device refused, with --explain it says nothing; 2 the broker or the
+    device does not answer.
     """
     with plain_errors():
         if events is not None:
@@ -100,14 +105,17 @@ def fleet(
             return
         options = {"host": host, "port": port, "username": username, "tls": tls or None}
         options |= {"password_file": _absolute(password_file), "ca_file": _absolute(ca_file)}
-        messenger = _messenger(config if host else configuration_path(config), options)
+        messenger = broker_of(config if host else configuration_path(config), options)
         root = below or ("stadimeter" if config is None and host else messenger.base.partition("/")[0])
         wait_s = None if wait is None else read_option(parse_duration, wait, "--wait")
         if acknowledge is not None:
             _acknowledge(messenger, f"{root}/{acknowledge}", who(by), wait_s or 10.0, as_json=as_json)
             return
-        with closing(_FleetConnection(messenger, root)) as listener:
-            if figures:
+        with closing(FleetConnection(messenger, root)) as listener:
+            if explain is not None:
+                listener.listen(3.0 if wait_s is None else wait_s)
+                _print_explained(listener, explain, as_json=as_json)
+            elif figures:
                 listener.listen(600.0 if wait_s is None else wait_s)
                 _print_figures(listener.figures_now(), as_json=as_json)
             elif as_json or check or not sys.stdout.isatty():
@@ -117,7 +125,7 @@ def fleet(
                 listener.show(math.inf if wait_s is None else wait_s)
 
 
-class _FleetConnection:
+class FleetConnection:
     """A connection, and the fleet and the figures that are made from what it brings."""
 
     def __init__(self, messenger: Subscribes, root: str) -> None:
@@ -132,6 +140,7 @@ class _FleetConnection:
         self.subscription = messenger.subscribe(self.fleet.filters, self._take)
 
     def close(self) -> None:
+        """Disconnect."""
         self.subscription.close()
 
     def _take(self, message: Received) -> None:
@@ -162,6 +171,7 @@ class _FleetConnection:
         return self.figures.figures(time.monotonic())
 
     def screen(self) -> FleetScreen:
+        """Return the fleet as it is now."""
         now_s = time.monotonic()
         return FleetScreen(self.fleet, self.place, self.subscription.trouble(), now_s)
 
@@ -214,7 +224,7 @@ def _acknowledge(messenger: Subscribes, alarm: str, by: str, wait_s: float, *, a
     print_answer(msgspec.to_builtins(answers[0]), f"acknowledged: {one_line(alarm)}", as_json=as_json)
 
 
-def _print_once(listener: _FleetConnection, *, check: bool, as_json: bool) -> None:
+def _print_once(listener: FleetConnection, *, check: bool, as_json: bool) -> None:
     """Print the fleet as it is now; with ``check`` only what is wrong in it."""
     now_s = time.monotonic()
     found = troubles(listener.fleet, now_s)
@@ -231,6 +241,15 @@ def _print_once(listener: _FleetConnection, *, check: bool, as_json: bool) -> No
         raise typer.Exit(NOT_FOUND)
 
 
+def _print_explained(listener: FleetConnection, name: str, *, as_json: bool) -> None:
+    device = listener.fleet.devices.get(name)
+    if device is None or device.configuration is None:
+        typer.echo(f"error: {one_line(name)} says nothing of its configuration; is a receiver running there?", err=True)
+        raise typer.Exit(NOT_FOUND)
+    record = msgspec.to_builtins(device.configuration)
+    typer.echo(json.dumps(record, ensure_ascii=False) if as_json else "\n".join(explained_lines(device.configuration)))
+
+
 def _print_figures(figures: Mapping[str, Any], *, as_json: bool) -> None:
     typer.echo(json.dumps(figures, ensure_ascii=False) if as_json else "\n".join(figure_lines(figures)))
 
@@ -239,7 +258,8 @@ def _absolute(path: Path | None) -> str | None:
     return None if path is None else str(path.absolute())
 
 
-def _messenger(config: Path | None, options: Mapping[str, object]) -> Subscribes:
+def broker_of(config: Path | None, options: Mapping[str, object]) -> Subscribes:
+    """Return the messenger of a configuration, with which a broker can be listened to; else raise ConfigError."""
     messenger = load_messenger_choice(config, {key: value for key, value in options.items() if value is not None})
     if not isinstance(messenger.options, Subscribes):
         raise ConfigError(f"{config}: there is no broker to listen to: its messenger is {messenger.driver!r}")

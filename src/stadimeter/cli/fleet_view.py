@@ -16,6 +16,7 @@ from stadimeter.cli.layout import fit, heading
 from stadimeter.core.words import rounded_duration
 from stadimeter.workbench.fleet.devices import STALE_S, Device, Fleet, StandingAlarm
 from stadimeter.workbench.fleet.report import age_s
+from stadimeter.workbench.fleet.reports import FleetOutcome, FleetReport
 
 _STATUS_STYLES = {"online": "green", "offline": "bold red", "silent": "bold red", "unknown": "yellow"}
 _SEVERITY_STYLES = {"info": "cyan", "warning": "yellow"}
@@ -79,6 +80,8 @@ class FleetScreen(Struct, frozen=True):
         standing.append(f" {len(device.unjudged)} unknown" if device.unjudged else "", "yellow")
         targets = Text("  ").join(self._target(device, name) for name in sorted(device.targets))
         targets.append(f"  {device.unreadable} unreadable" if device.unreadable else "", "red")
+        report = device.configuration
+        targets.append(f"  {report.newest.status}" if report and report.newest and report.why_not() else "", "yellow")
         columns = [
             (Text(device.name), max(12, width // 5)),
             (Text(status, _STALE if self.trouble else _STATUS_STYLES[status]), 8),
@@ -123,6 +126,27 @@ def _local_time(text: str) -> str:
 
 def _more(count: int, shown: int) -> tuple[tuple[str, str], ...]:
     return ((f"{count}, {count - shown} of them not shown", "yellow") if count > shown else (str(count), "dim"),)
+
+
+def explained_lines(report: FleetReport) -> Iterator[str]:
+    """Yield in words what a device runs, why, and why not what it was sent last."""
+    yield f"runs a configuration with the SHA-256 {report.sha256}"
+    if report.applied is not None:
+        yield f"applied: {_origin(report.applied)}"
+    if report.is_edited:
+        yield "its file was edited on the device since"
+    if report.newest is not None and report.newest.status != "applied":
+        yield f"sent last: {_origin(report.newest)}"
+        yield report.why_not()
+    if report.rejected.count:
+        yield f"{report.rejected.count} messages were rejected, the last since {report.rejected.sentence}"
+    if report.clock:
+        yield report.clock
+
+
+def _origin(outcome: FleetOutcome) -> str:
+    revision = outcome.revision
+    return f"{revision.reason} (commit {revision.commit[:12]}, signed by {outcome.by}, {outcome.at})"
 
 
 def figure_lines(figures: Mapping[str, Any]) -> Iterator[str]:

@@ -77,6 +77,7 @@ _PLACES = {
     "arm": "operate:arm",
     "disarm": "operate:disarm",
     "alarm": "operate:alarm",
+    "fleet": "fleet_commands:fleet",
 }
 
 

@@ -40,11 +40,13 @@ class MqttOptions(MqttSettings):
         """Return the messenger."""
         return PahoMessenger(self)
 
-    def subscribe(self, filters: Sequence[str], take: Callable[[Received], None]) -> MqttSubscription:
+    def subscribe(
+        self, filters: Sequence[str], take: Callable[[Received], None], max_bytes: int | None = None
+    ) -> MqttSubscription:
         """Return a subscription, not connected yet; see `stadimeter.messaging.protocol.Subscribes`."""
         from stadimeter.messaging.subscription import MqttSubscription  # noqa: PLC0415 - no run needs it
 
-        return MqttSubscription(self, filters, take)
+        return MqttSubscription(self, filters, take, packet_max=max_bytes)
 
     def reach(self) -> str:
         """Connect once with this login, hang up, and return what is wrong, or an empty string.

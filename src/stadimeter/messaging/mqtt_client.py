@@ -218,6 +218,7 @@ class _Client(Client):
 class ListeningClient(Client):
     """Reads what comes in great numbers: many packets in one piece, and of one that is too long only the beginning."""
 
+    packet_max = LISTENING_PACKET_MAX
     _unread = b""
     _read_to = 0
 
@@ -231,9 +232,9 @@ class ListeningClient(Client):
         return code
 
     def _sock_recv(self, bufsize: int) -> bytes:
-        if bufsize > LISTENING_PACKET_MAX:
-            del self._in_packet["packet"][LISTENING_PACKET_MAX:]
-            bufsize = LISTENING_PACKET_MAX
+        if bufsize > self.packet_max:
+            del self._in_packet["packet"][self.packet_max :]
+            bufsize = self.packet_max
         if self._read_to >= len(self._unread):
             self._unread, self._read_to = super()._sock_recv(65_536), 0
         found = self._unread[self._read_to : self._read_to + bufsize]
@@ -258,9 +259,18 @@ def read_secrets(options: MqttSettings) -> Secrets:
 
 
 def make_client(
-    options: MqttSettings, secrets: Secrets, version: MQTTProtocolVersion, answer_s: float, kind: type[Client] = _Client
+    options: MqttSettings,
+    secrets: Secrets,
+    version: MQTTProtocolVersion,
+    answer_s: float,
+    kind: type[_Client | ListeningClient] = _Client,
+    packet_max: int | None = None,
 ) -> Client:
-    """Make a client that is ready to connect. It has no thread, and tries nothing by itself."""
+    """Make a client that is ready to connect. It has no thread, and tries nothing by itself.
+
+    Args:
+        packet_max: The largest packet that is read; None for that of the options.
+    """
     is_v5 = version == MQTTProtocolVersion.MQTTv5
     client = kind(
         CallbackAPIVersion.VERSION2,
@@ -270,16 +280,14 @@ def make_client(
         protocol=version,
         reconnect_on_failure=False,
     )
-    packet_max = LISTENING_PACKET_MAX
-    if isinstance(client, _Client):
-        packet_max = client.packet_max = options.packet_max
+    client.packet_max = packet_max or options.packet_max
     client.connect_timeout = answer_s
     client.on_socket_open = _send_at_once
     if options.username is not None:
         client.username_pw_set(options.username, secrets.password)
     if secrets.tls is not None:
         client.tls_set_context(secrets.tls)
-    _set_session(client, options, packet_max, is_v5=is_v5)
+    _set_session(client, options, client.packet_max, is_v5=is_v5)
     return client
 
 

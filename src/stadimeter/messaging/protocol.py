@@ -169,8 +169,8 @@ class Subscription(Protocol):
     def serve(self, wait_s: float) -> None:
         """Connect if it is time to, and hand over what arrives, for that long at most. Connecting may take longer."""
 
-    def publish(self, topic: str, payload: str, expires_s: int) -> None:
-        """Send a message with QoS 1 that is not kept. Only while there is no trouble."""
+    def publish(self, topic: str, payload: str, expires_s: int | None) -> None:
+        """Send a message with QoS 1. The peer keeps one that does not expire. Only while there is no trouble."""
 
     def close(self) -> None:
         """Disconnect for good."""
@@ -188,12 +188,15 @@ class Subscribes(Protocol):
     def place(self) -> str:
         """The peer, for messages to people."""
 
-    def subscribe(self, filters: Sequence[str], take: Callable[[Received], None]) -> Subscription:
+    def subscribe(
+        self, filters: Sequence[str], take: Callable[[Received], None], max_bytes: int | None = None
+    ) -> Subscription:
         """Return a subscription, not connected yet.
 
         Args:
             filters: The topics, with the wildcards of MQTT. They must not overlap.
             take: Takes each message, within `Subscription.serve`.
+            max_bytes: How long a message with its topic may be to be read as a whole; None for some kilobytes.
         """
 
 

@@ -14,6 +14,7 @@ from stadimeter.messaging.back_off import BackOff, Patience
 from stadimeter.messaging.broker_link import V5, V311, serve
 from stadimeter.messaging.link_events import LinkEvents
 from stadimeter.messaging.mqtt_client import (
+    LISTENING_PACKET_MAX,
     ListeningClient,
     MqttSettings,
     make_client,
@@ -33,6 +34,7 @@ class MqttSubscription:
     Args:
         filters: The topics, with wildcards. They should not overlap: a broker may send a message once for each.
         take: Takes each message, within `serve`.
+        packet_max: Of a longer packet only the beginning is read; None for `LISTENING_PACKET_MAX`.
     """
 
     def __init__(
@@ -41,10 +43,16 @@ class MqttSubscription:
         filters: Sequence[str],
         take: Callable[[Received], None],
         patience: Patience = PATIENCE,
+        packet_max: int | None = None,
     ) -> None:
         self._options = options.model_copy(update={"node": f"{options.node}-fleet-{uuid.uuid4().hex[:8]}"})
         self._secrets = read_secrets(options)
-        self._filters, self._take, self._patience = filters, take, patience
+        self._filters, self._take, self._patience, self._packet_max = (
+            filters,
+            take,
+            patience,
+            packet_max or LISTENING_PACKET_MAX,
+        )
         self._events = LinkEvents(self._options)
         self._back_off = BackOff(patience)
         self._client: Client | None = None
@@ -69,12 +77,12 @@ class MqttSubscription:
             else:
                 time.sleep(min(until_s, self._next_try_s) - now_s)
 
-    def publish(self, topic: str, payload: str, expires_s: int) -> None:
-        """Send a message with QoS 1, which a broker does not keep. Only while there is no trouble."""
+    def publish(self, topic: str, payload: str, expires_s: int | None) -> None:
+        """Send a message with QoS 1; see `stadimeter.messaging.protocol.Subscription`."""
         if self._client is not None:
             message = Message(topic=topic, payload=payload, expires_s=expires_s)
             properties = publish_properties(message) if self._version == V5 else None
-            self._client.publish(topic, payload, qos=1, properties=properties)
+            self._client.publish(topic, payload, qos=1, retain=expires_s is None, properties=properties)
 
     def close(self) -> None:
         """Disconnect, so that the broker forgets the session."""
@@ -85,7 +93,8 @@ class MqttSubscription:
 
     def _connect(self) -> None:
         self._events.begin()
-        client = make_client(self._options, self._secrets, self._version, self._patience.answer_s, ListeningClient)
+        answer_s, packet_max = self._patience.answer_s, self._packet_max
+        client = make_client(self._options, self._secrets, self._version, answer_s, ListeningClient, packet_max)
         client.will_clear()
         self._events.listen_to(client)
         client.on_message, client.on_subscribe = self._on_message, self._on_subscribe

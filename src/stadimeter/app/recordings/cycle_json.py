@@ -31,6 +31,7 @@ _NO_FRAME = b'"frame":null,'
 _FRAME_BEFORE = 80
 
 _OPENING = b'{"observation":'
+_TIME_BEGINS = len(_OPENING + b'{"now_s":')
 _APPLIED = b',"applied":'
 _DECISION = b',"decision":'
 _RULES_KEY = b',"rules":'
@@ -151,6 +152,13 @@ class RecordedCycle:
             words = f"a time beyond {MAX_TIME_S:g} s, which no clock shows"
             raise JournalError(f"{self._place}: not a cycle of a recording: {words}")
         return observation
+
+    def now_s(self) -> float:
+        """Return its time on the run's clock, which comes first in it."""
+        try:
+            return float(self._line[_TIME_BEGINS : self._line.find(b",", _TIME_BEGINS)])
+        except ValueError:
+            return self.observation().now_s
 
     def has_frame(self) -> bool:
         """Return whether a frame was new in it."""

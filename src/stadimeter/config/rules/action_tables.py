@@ -24,8 +24,8 @@ JSON_MAX_DEPTH = 20
 
 # First words of the topics that the program itself publishes below its base topic.
 OWN_TOPICS = (
-    "availability", "camera", "event", "health", "info", "request", "response", "retained", "rule", "snapshot",
-    "target",
+    "availability", "camera", "configuration", "desired", "event", "health", "info", "request", "response", "retained",
+    "rule", "snapshot", "target",
 )  # fmt: skip
 
 DEFAULT_TITLE = "{rule}: {event}"

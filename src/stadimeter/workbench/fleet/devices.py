@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable
-from typing import Annotated, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import msgspec
 from msgspec import Meta, Struct, field
@@ -20,6 +20,7 @@ from stadimeter.core.bounds import MAX_LENGTH_M
 from stadimeter.core.decision import Severity
 from stadimeter.core.words import one_line
 from stadimeter.messaging.protocol import Received
+from stadimeter.workbench.fleet.reports import FleetReport
 
 # A device reports its targets every `HEARTBEAT_S`; one of which three reports are missing is taken for dead.
 STALE_S = 3 * HEARTBEAT_S
@@ -30,13 +31,14 @@ MAX_ENTRIES_EACH = 10_000
 MAX_PAYLOAD_BYTES = 16_000
 MAX_TOPIC_CHARACTERS = 300
 MAX_TEXT_CHARACTERS = 200
+MAX_SENTENCE_CHARACTERS = 600
 MAX_EVENT_IDS = 10_000
 
 # The levels of a base topic below its first: ``stadimeter/<node>``, ``stadimeter/<site>/<node>`` and so on.
 MAX_LEVELS = 3
-_KINDS = ("availability", "info", "event/alarm", "target/+/state", "rule/+/state")
+_KINDS = ("availability", "info", "configuration", "event/alarm", "target/+/state", "rule/+/state")
 _TOPIC = re.compile(
-    r"(?P<base>.+?)/(?:(?P<kind>availability|info|event/alarm)|(?P<of>target|rule)/(?P<name>[^/]+)/state)"
+    r"(?P<base>.+?)/(?:(?P<kind>availability|info|configuration|event/alarm)|(?P<of>target|rule)/(?P<name>[^/]+)/state)"
 )
 _OF_RULE = re.compile(r".+/rule/[^/]+/availability")
 _AVAILABILITIES = {b"online": True, b"offline": False}
@@ -124,6 +126,7 @@ class Device(Struct, kw_only=True):
 
     Attributes:
         is_online: What its availability says; None if it has none.
+        configuration: What its receiver of configurations says; None where there is none.
         newest_s: When its newest message was sent, on the listener's clock. Those that a broker may have kept for long
             say nothing about that, and neither does ``offline``, which the broker says for a device that is gone.
         unjudged: Its alarms of which it is not known whether they are active.
@@ -135,6 +138,7 @@ class Device(Struct, kw_only=True):
     is_online: bool | None = None
     newest_s: float | None = None
     info: DeviceInfo = DeviceInfo()
+    configuration: FleetReport | None = None
     targets: dict[str, TargetReport] = field(default_factory=dict)
     standing: dict[str, StandingAlarm] = field(default_factory=dict)
     unjudged: set[str] = field(default_factory=set)
@@ -222,6 +226,9 @@ class Fleet:
             self._read_availability(device, message.payload)
         elif kind == "info":
             self._read_info(device, message.payload)
+        elif kind == "configuration":
+            found = _clean_all(_decode(message.payload or b"null", Any))
+            device.configuration = msgspec.convert(found, FleetReport | None)
         elif kind == "rule":
             self._read_rule(device, name, message.payload)
         elif kind == "target":
@@ -299,5 +306,18 @@ def _decode(payload: bytes, model: type[PayloadT]) -> PayloadT:
     return msgspec.json.decode(payload, type=model)
 
 
-def _clean(text: str) -> str:
-    return one_line(text[:MAX_TEXT_CHARACTERS])
+def _clean(text: str, most: int = MAX_TEXT_CHARACTERS) -> str:
+    return one_line(text[:most])
+
+
+def _clean_all(value: Any) -> Any:
+    """Return a JSON value with every text in it cleaned; a sentence of a device may be longer than a name."""
+    match value:
+        case str():
+            return _clean(value, MAX_SENTENCE_CHARACTERS)
+        case dict():
+            return {_clean(key): _clean_all(inner) for key, inner in value.items()}
+        case list():
+            return [_clean_all(inner) for inner in value]
+        case _:
+            return value

@@ -45,6 +45,8 @@ def _device_record(device: Device, now_s: float) -> dict[str, Any]:
         "status": device.status(now_s),
         "age_s": age_s(device.newest_s, now_s),
         **msgspec.to_builtins(device.info),
+        "configuration": msgspec.to_builtins(device.configuration),
+        "why_not": device.configuration.why_not() if device.configuration else "",
         "targets": [
             {
                 "target": name,
