@@ -77,7 +77,8 @@ def board(
 
     Take 10 to 20 sharp pictures with the zoom and the focus that you will use. Tilt the board by 30 to 45 degrees to
     all sides: boards that face the camera do not tell the focal length. Bring it into every corner of the picture:
-    where no board was, the distortion is a guess. The board must be flat.
+    where no board was, the distortion is a guess. Glue the board to something flat; a slight bend is found and allowed
+    for.
 
     A low reprojection error alone says little. What counts is the standard deviation of the focal length, which is
     written to the camera file and into every distance.
@@ -196,6 +197,11 @@ def _tell(made: BoardCalibration) -> None:
 
 def _advice(made: BoardCalibration) -> list[str]:
     advice = []
+    if made.bend_m > BEND_ADVICE_M:
+        advice.append(
+            f"the board is bent by {made.bend_m * 1e3:.1f} mm, which was allowed for; the focal length is surer with a "
+            "board on glass or metal"
+        )
     if made.camera_model.focal_relative_sigma > GOOD_FOCAL_SHARE:
         advice.append("the focal length is not well known; add pictures with the board tilted by 30 to 45 degrees")
     if made.uncovered:
@@ -204,6 +210,9 @@ def _advice(made: BoardCalibration) -> list[str]:
         advice.append("the board was seen in little of the picture; bring it nearer, and into every corner")
     return advice
 
+
+# A board that is bent by less is as flat as one can have it at home.
+BEND_ADVICE_M = 0.0005
 
 # Why no view is taken is said this often at most, in time of capture.
 SAY_EVERY_S = 2.0

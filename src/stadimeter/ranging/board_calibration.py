@@ -4,7 +4,8 @@ A low reprojection error says that the model explains these corners, not that it
 all face the camera are explained as well by a longer lens further away. So its standard deviation counts, which
 `stadimeter.ranging.fit_covariance` gives with those of the other parameters.
 
-The fit itself is OpenCV's, after Z. Zhang, A flexible new technique for camera calibration, 2000.
+The fit itself is OpenCV's, after Z. Zhang, A flexible new technique for camera calibration, 2000. Where a board that is
+bent explains the corners better than a flat one, `stadimeter.ranging.bent_board` goes on from there.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from stadimeter.core.detection import Flags, Values
 from stadimeter.core.frame import Optics
 from stadimeter.core.lens_uncertainty import LensUncertainty
 from stadimeter.errors import CalibrationError
+from stadimeter.ranging.bent_board import distances_px, fit_bent, ways_to_bend
 from stadimeter.ranging.fit_covariance import PlacedBoard, lens_covariance
 
 # Fewer views do not fix focal length, centre and distortion.
@@ -73,19 +75,28 @@ class BoardCalibration(Struct, frozen=True, kw_only=True):
     rms_px: float  # the reprojection error over all pictures that were used
     coverage: float  # the share of the picture's area, in cells of a grid, that has a corner in some picture
     uncovered: tuple[str, ...]  # the ninths of the picture without any corner, in words such as ``upper left``
+    bend_m: float = 0.0  # from the lowest corner of the board to the highest; 0 for one that may be flat
 
 
 class _LensFit(Struct, frozen=True, kw_only=True, eq=False):
-    matrix: Values
-    distortion: Values
-    poses: tuple[tuple[Values, Values], ...]  # turn and place of each board
-    view_rms_px: Values
-    rms_px: float
+    lens: Values  # in the order of `stadimeter.core.lens_uncertainty.PARAMETERS`
+    boards: tuple[PlacedBoard, ...]  # one for each view
 
     @property
-    def lens(self) -> Values:
-        """The parameters in the order of `stadimeter.core.lens_uncertainty.PARAMETERS`."""
-        return np.concatenate((self.matrix[(0, 1, 0, 1), (0, 1, 2, 2)], self.distortion.ravel()[:5]))
+    def view_rms_px(self) -> Values:
+        """The reprojection error of each view."""
+        return np.array([math.sqrt(np.mean(np.square(distances_px(each, self.lens)))) for each in self.boards])
+
+    @property
+    def rms_px(self) -> float:
+        """The reprojection error."""
+        every_px = np.concatenate([distances_px(each, self.lens) for each in self.boards])
+        return math.sqrt(np.mean(np.square(every_px)))
+
+    @property
+    def bend_m(self) -> float:
+        """From the lowest corner of the board to the highest."""
+        return float(np.ptp(np.concatenate([each.board_m[:, 2] for each in self.boards])))
 
 
 def calibrate_board(
@@ -123,6 +134,7 @@ def calibrate_board(
         rms_px=fit.rms_px,
         coverage=share,
         uncovered=uncovered,
+        bend_m=fit.bend_m,
     )
 
 
@@ -195,13 +207,25 @@ def _outlier_limit_px(view_rms_px: Values) -> float:
 
 
 def _fit(views: Sequence[BoardView], shape: tuple[int, int]) -> _LensFit:
-    """Fit all five coefficients, or all but k3 where with it the lens would fold the picture."""
+    """Fit all five coefficients, or all but k3 where with it the lens would fold the picture; and the board's bend."""
     fit = _opencv_fit(views, shape, 0)
+    if not _is_lens(fit, shape):
+        fit = _opencv_fit(views, shape, cv2.CALIB_FIX_K3)
+    ways = ways_to_bend([each.board_m for each in views])
+    found = fit_bent([replace(board, bends=way) for board, way in zip(fit.boards, ways, strict=True)], fit.lens)
+    if found is None:
+        return fit
+    bent = _LensFit(lens=found[1], boards=tuple(found[0]))
+    return bent if _is_lens(bent, shape) else fit
+
+
+def _is_lens(fit: _LensFit, shape: tuple[int, int]) -> bool:
+    """Return whether the lens can be one: it does not fold the picture."""
     try:
         _lens(fit, shape)
     except CalibrationError:
-        return _opencv_fit(views, shape, cv2.CALIB_FIX_K3)
-    return fit
+        return False
+    return True
 
 
 def _opencv_fit(views: Sequence[BoardView], shape: tuple[int, int], flags: int) -> _LensFit:
@@ -209,7 +233,7 @@ def _opencv_fit(views: Sequence[BoardView], shape: tuple[int, int], flags: int) 
     matrix: NDArray[Any] = np.eye(3)
     distortion: NDArray[Any] = np.zeros((1, 5))
     try:
-        rms, new_matrix, new_distortion, turns, shifts, _, _, per_view = cv2.calibrateCameraExtended(
+        _, new_matrix, new_distortion, turns, shifts = cv2.calibrateCamera(
             board, corners, shape, matrix, distortion, flags=flags
         )
     except cv2.error as error:
@@ -217,12 +241,19 @@ def _opencv_fit(views: Sequence[BoardView], shape: tuple[int, int], flags: int) 
             "the pictures do not fix the camera: the corners allow no fit; tilt the board to all sides, by 30 to 45 "
             "degrees"
         ) from error
+    matrix, distortion = np.asarray(new_matrix, np.float64), np.asarray(new_distortion, np.float64)
     return _LensFit(
-        matrix=np.asarray(new_matrix, dtype=np.float64),
-        distortion=np.asarray(new_distortion, dtype=np.float64),
-        poses=tuple(zip(map(np.asarray, turns), map(np.asarray, shifts), strict=True)),
-        view_rms_px=np.asarray(per_view, dtype=np.float64).ravel(),
-        rms_px=float(rms),
+        lens=np.concatenate((matrix[(0, 1, 0, 1), (0, 1, 2, 2)], distortion.ravel()[:5])),
+        boards=tuple(
+            PlacedBoard(
+                board_m=np.column_stack((view.board_m, np.zeros(len(view.board_m)))),
+                bends=np.empty((len(view.board_m), 0)),
+                corners_px=view.corners_px,
+                turn=np.asarray(turn, np.float64),
+                shift=np.asarray(shift, np.float64),
+            )
+            for view, turn, shift in zip(views, turns, shifts, strict=True)
+        ),
     )
 
 
@@ -236,21 +267,21 @@ def _to_opencv(views: Sequence[BoardView]) -> tuple[list[NDArray[Any]], list[NDA
 
 
 def _lens(fit: _LensFit, shape: tuple[int, int]) -> CameraModel:
-    matrix = fit.matrix
+    fx_px, fy_px, cx_px, cy_px, *distortion = map(float, fit.lens)
     return CameraModel(
         width_px=shape[0],
         height_px=shape[1],
-        fx_px=float(matrix[0, 0]),
-        fy_px=float(matrix[1, 1]),
-        cx_px=float(matrix[0, 2]),
-        cy_px=float(matrix[1, 2]),
-        distortion=tuple(map(float, fit.distortion.ravel()[:5])),
+        fx_px=fx_px,
+        fy_px=fy_px,
+        cx_px=cx_px,
+        cy_px=cy_px,
+        distortion=tuple(distortion),
     )
 
 
 def _model(fit: _LensFit, views: Sequence[BoardView], shape: tuple[int, int], date: str) -> CameraModel:
     lens = _lens(fit, shape)
-    covariance = lens_covariance(_place_boards(fit, views), fit.lens)
+    covariance = lens_covariance(fit.boards, fit.lens)
     # The worse of both axes, as a share. σ, not the reprojection error, is what tells a good calibration: frontal
     # boards are explained as well by a longer lens further away.
     share = math.sqrt(max(covariance[0, 0] / lens.fx_px**2, covariance[1, 1] / lens.fy_px**2))
@@ -261,6 +292,7 @@ def _model(fit: _LensFit, views: Sequence[BoardView], shape: tuple[int, int], da
         )
     notes = (
         f"reprojection error {fit.rms_px:.3f} px over {len(views)} pictures",
+        *([f"the board is bent by {fit.bend_m * 1e3:.2f} mm, which was allowed for"] if fit.bend_m else []),
         *(f"{view.picture}: {rms_px:.3f} px" for view, rms_px in zip(views, fit.view_rms_px, strict=True)),
     )
     method = f"{len(views)} pictures of a board"
@@ -271,18 +303,6 @@ def _model(fit: _LensFit, views: Sequence[BoardView], shape: tuple[int, int], da
         uncertainty=LensUncertainty.of(covariance),
         provenance=Provenance(method=method, date=date, notes=notes),
     )
-
-
-def _place_boards(fit: _LensFit, views: Sequence[BoardView]) -> list[PlacedBoard]:
-    return [
-        PlacedBoard(
-            board_m=np.column_stack((view.board_m, np.zeros(len(view.board_m)))),
-            corners_px=view.corners_px,
-            turn=turn,
-            shift=shift,
-        )
-        for view, (turn, shift) in zip(views, fit.poses, strict=True)
-    ]
 
 
 def _mark_covered(views: Sequence[BoardView], shape: tuple[int, int], cells: tuple[int, int]) -> Flags:

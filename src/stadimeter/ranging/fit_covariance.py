@@ -23,7 +23,6 @@ from stadimeter.core.detection import Values
 
 # As a share of the largest: smaller ones are rounding errors.
 _OF_POSE = 6
-_OF_LENS = slice(_OF_POSE, _OF_POSE + 9)
 _MIN_EIGENVALUE = 1e-13
 
 _MAX_LEVERAGE = 0.9999
@@ -33,6 +32,7 @@ class PlacedBoard(Struct, frozen=True, kw_only=True, eq=False):
     """A board as a fit has it."""
 
     board_m: Values  # its corners, shape (n, 3)
+    bends: Values  # how their z follows from the ways in which the board is bent, shape (n, 3); (n, 0) for a flat one
     corners_px: Values  # where they were seen, shape (n, 2)
     turn: Values  # its rotation vector, shape (3, 1)
     shift: Values  # its position, shape (3, 1)
@@ -40,36 +40,54 @@ class PlacedBoard(Struct, frozen=True, kw_only=True, eq=False):
 
 def lens_covariance(boards: Sequence[PlacedBoard], lens: Values) -> Values:
     """Return the covariance of fx, fy, cx, cy, k1, k2, p1, p2 and k3; zero for k3 if that is zero."""
-    fitted = slice(0, 9 if lens[8] else 8)
-    seen = [_without_pose(board, lens) for board in boards]
-    jacobians, residuals_px = [each[:, fitted] for each, _ in seen], [each for _, each in seen]
-    root = _inverse_root(np.sum([each.T @ each for each in jacobians], axis=0))
+    jacobians, residuals_px = without_poses(boards, lens)
+    root = inverse_root(np.sum([each.T @ each for each in jacobians], axis=0))
     # Two residuals a corner, less six unknowns a board and those of the lens.
     freedom = sum(map(len, residuals_px)) - _OF_POSE * len(boards) - len(root)
     variance_px2 = float(sum(each @ each for each in residuals_px)) / max(freedom, 1)
     observed = np.sum([_pull(one @ root, two) for one, two in zip(jacobians, residuals_px, strict=True)], axis=0)
+    fitted = slice(0, _fitted(lens))
     covariance = np.zeros((9, 9))
-    covariance[fitted, fitted] = root @ root.T * max(variance_px2, _largest(root, observed))
+    # Those of the bends are left out: what not knowing them does to the lens is in its own part of the inverse.
+    covariance[fitted, fitted] = (root @ root.T * max(variance_px2, _largest(root, observed)))[fitted, fitted]
     return covariance
 
 
-def _without_pose(board: PlacedBoard, lens: Values) -> tuple[Values, Values]:
-    """Return how corners move with the lens while the board's pose makes up for what it can, and how far they are off.
+def without_poses(boards: Sequence[PlacedBoard], lens: Values) -> tuple[list[Values], list[Values]]:
+    """Return how corners move with lens and bends while each board's pose makes up for what it can, and how far off.
 
-    Shapes are (2n, 9) and (2n,).
+    The columns are the eight or nine parameters of the lens that are fitted, and then the bends.
     """
-    camera = np.array([[lens[0], 0.0, lens[2]], [0.0, lens[1], lens[3]], [0.0, 0.0, 1.0]])
-    there_px, jacobian = cv2.projectPoints(board.board_m, board.turn, board.shift, camera, lens[4:])
+    seen = [_without_pose(board, lens) for board in boards]
+    return [each for each, _ in seen], [each for _, each in seen]
+
+
+def _fitted(lens: Values) -> int:
+    return 9 if lens[8] else 8
+
+
+def _without_pose(board: PlacedBoard, lens: Values) -> tuple[Values, Values]:
+    there_px, jacobian = cv2.projectPoints(board.board_m, board.turn, board.shift, camera_matrix(lens), lens[4:])
     # Schur complement by projection: Q Q' is the projector on the columns of the pose, what is left is what no pose of
     # this board can make up for.
     of_pose, _ = np.linalg.qr(jacobian[:, :_OF_POSE])
     off_px = board.corners_px.ravel() - np.asarray(there_px, np.float64).ravel()
-    both = np.column_stack((np.asarray(jacobian, np.float64)[:, _OF_LENS], off_px))
+    # A corner that rises from the board moves like the board that is shifted along its normal.
+    normal = cv2.Rodrigues(board.turn)[0][:, 2]
+    rising = np.asarray(jacobian, np.float64)[:, 3:_OF_POSE] @ normal
+    bent = rising[:, None] * np.repeat(board.bends, 2, axis=0)
+    of_lens = np.asarray(jacobian, np.float64)[:, _OF_POSE : _OF_POSE + _fitted(lens)]
+    both = np.column_stack((of_lens, bent, off_px))
     both = np.asarray(both - of_pose @ (of_pose.T @ both), np.float64)
     return both[:, :-1], both[:, -1]
 
 
-def _inverse_root(normal: Values) -> Values:
+def camera_matrix(lens: Values) -> Values:
+    """Return the matrix of focal lengths and principal point."""
+    return np.array([[lens[0], 0.0, lens[2]], [0.0, lens[1], lens[3]], [0.0, 0.0, 1.0]])
+
+
+def inverse_root(normal: Values) -> Values:
     """Return a matrix R with ``R R^T`` the inverse of the normal matrix.
 
     It is found in units in which the diagonal is 1, since coefficients of high powers differ by orders of magnitude.
