@@ -28,7 +28,7 @@ class MeteredRun:
         self.deliveries = [{"to": "messenger", "waiting": 3, "given_up": 1}]
         self.history = RunHistory(real_time_s=self.clock.now_s)
         around = Surroundings(
-            broker=lambda: "it does not answer",
+            messenger=lambda: {"trouble": "it does not answer", "topics": ()},
             run=lambda: {"title": "hall.toml", "version": "1", "started_unix_s": 9.5},
         )
         board = Board(folder, root=_raspberry_pi(folder / "root"))
