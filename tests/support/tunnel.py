@@ -76,6 +76,7 @@ class Tunnel:
             while data := source.recv(65536):
                 self._flows.wait()
                 sink.sendall(data)
+        self._flows.wait()  # nothing comes through a clogged cable, so no end does
         _shut(source)
         _shut(sink)
 
