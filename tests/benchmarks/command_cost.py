@@ -35,7 +35,9 @@ class NoMessenger:
 
     commands: CommandLevel = "alarms"
 
-    def listen(self, topics: Collection[str], receive: Callable[[RequestMessage], None]) -> None:
+    def listen(
+        self, topics: Collection[str], offered: Collection[str], receive: Callable[[RequestMessage], None]
+    ) -> None:
         """Pass over what to listen to: the messages are made here."""
 
     def respond(self, request: RequestMessage, topic: str, payload: bytes) -> None:

@@ -308,9 +308,26 @@ def attend_to_requests(loop: Loop, requests: Requests) -> Iterator[None]:
         is_kept=lambda: services.memory.is_kept() if services.memory is not None else None,
     )
     try:
-        yield
+        with _last_recording(loop):
+            yield
     finally:
         recording.close()
+
+
+@contextmanager
+def _last_recording(loop: Loop) -> Iterator[None]:
+    """Keep the last hour of a run, if its configuration says so."""
+    if loop.parts.configuration.recording is None:
+        yield
+        return
+    from stadimeter.app.control.last_recording import LastRecording  # noqa: PLC0415 - few runs keep it
+
+    last = LastRecording(loop.parts, lambda: loop.state, loop.services.tell, loop.deadline)
+    loop.listeners.append(last)
+    try:
+        yield
+    finally:
+        last.close()
 
 
 def _change_world(world: StagedWorld, targets: Collection[str], args: WorldArgs, answer: Answer) -> None:

@@ -56,6 +56,8 @@ def _parts(configuration: Configuration) -> Iterator[str]:
         yield f"Shows how it is doing on `{configuration.status_led.name}` ({configuration.status_led.driver})."
     if configuration.web is not None:
         yield f"Its page for browsers is at port {configuration.web.port}, {_where(configuration.web)}."
+    if configuration.recording is not None:
+        yield f"Keeps the last {duration(configuration.recording.last)} of what it sees and does, without pictures."
     if configuration.plan.safety.liveness and any(_tilts(each) for each in configuration.plan.outputs):
         yield "Liveness by motion judges how the camera turns, and not how it tilts."
     for button, table in configuration.button_tables.items():

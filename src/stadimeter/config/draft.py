@@ -123,6 +123,7 @@ class Draft(ChosenDrivers, Struct, kw_only=True):
     tracking: models.TrackingTable = field(default_factory=models.TrackingTable)
     safety: models.SafetyTable = field(default_factory=models.SafetyTable)
     web: models.WebTable | None = None
+    recording: models.RecordingTable | None = None
     rules: dict[str, RuleTable] = field(default_factory=dict)
     tests: dict[int, RuleTest] = field(default_factory=dict)
     compiled: tuple[CompiledRule, ...] = ()
@@ -252,8 +253,10 @@ class _Reader:
         safety = self._validated(models.SafetyTable, ("safety",), self._table("safety") or {})
         self.draft.tracking = tracking or self.draft.tracking
         self.draft.safety = safety or self.draft.safety
-        web = self._table("web")
-        self.draft.web = None if web is None else self._validated(models.WebTable, ("web",), web)
+        if (web := self._table("web")) is not None:
+            self.draft.web = self._validated(models.WebTable, ("web",), web)
+        if (recording := self._table("recording")) is not None:
+            self.draft.recording = self._validated(models.RecordingTable, ("recording",), recording)
 
     def _rules(self) -> None:
         for name, table in self._named("rules"):

@@ -19,7 +19,7 @@ from stadimeter.config.cross_checks import error_findings
 from stadimeter.config.draft import BASE_NAME, ChosenDrivers, Draft, read_draft
 from stadimeter.config.driver_tables import CAMERA, MESSENGER, DriverKind, read_driver_table
 from stadimeter.config.findings import Finding, problems
-from stadimeter.config.models import ActuatorTable, BaseTable, ButtonTable, SensorTable, WebTable
+from stadimeter.config.models import ActuatorTable, BaseTable, ButtonTable, RecordingTable, SensorTable, WebTable
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.ready_bases import with_chosen_base
 from stadimeter.config.renamed_keys import with_current_keys
@@ -65,6 +65,7 @@ class Configuration(ChosenDrivers, Struct, frozen=True, kw_only=True, eq=False):
         button_tables: What each button asks of alarms, by its name.
         sensor_tables: Where each range sensor looks, and what it keeps the base from, by its name.
         web: The page on which a browser sees the run; None for none.
+        recording: What the run keeps by itself; None for nothing.
         find_warnings: Finds what `warnings` gives.
         tests: The tests of its rules; none if they were not asked for.
     """
@@ -83,6 +84,7 @@ class Configuration(ChosenDrivers, Struct, frozen=True, kw_only=True, eq=False):
     button_tables: Mapping[str, ButtonTable] = field(default_factory=dict)
     sensor_tables: Mapping[str, SensorTable] = field(default_factory=dict)
     web: WebTable | None = None
+    recording: RecordingTable | None = None
 
     @property
     def camera(self) -> DriverChoice:
@@ -136,6 +138,7 @@ def load_configuration(path: Path, *, with_tests: bool = True, texts: Texts | No
         button_tables=draft.button_tables,
         sensor_tables=draft.sensor_tables,
         web=draft.web,
+        recording=draft.recording,
         leases_s={name: table.lease for name, table in draft.output_tables.items()},
         stays_off=frozenset(name for name, table in draft.output_tables.items() if table.after_fault == "stay_off"),
         find_warnings=cache(lambda: _warnings(draft, path, source)),

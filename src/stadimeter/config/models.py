@@ -29,6 +29,9 @@ from stadimeter.operator_actions import OperatorAction
 # How old the frame behind a command may grow before the output goes to its safe state.
 LEASE_S = 0.3
 
+# The longest that a run keeps by itself: some 1 GB at 30 Hz.
+DAY_S = 86_400.0
+
 # The longest that a long press may have to be: a button that is held for much longer is stuck.
 HOLD_MAX_S = 5.0
 
@@ -40,7 +43,7 @@ _SAFETY = plan.Safety()
 # Every section that a configuration may have.
 SECTIONS = (
     "camera", "targets", "actuators", "base", "sensors", "status_led", "buttons", "messenger", "notifiers", "world",
-    "tracking", "safety", "web", "rules", "tests",
+    "tracking", "safety", "web", "recording", "rules", "tests",
 )  # fmt: skip
 
 
@@ -212,6 +215,13 @@ class WebTable(Section):
         if (self.certificate is None) is not (self.key is None):
             raise ValueError("certificate and key belong together; give both, or none")
         return self
+
+
+class RecordingTable(Section):
+    """What a run keeps by itself of what it saw and did."""
+
+    last: Annotated[Duration, Field(ge=60.0, le=DAY_S)]
+    """For how long at least it keeps each cycle, without pictures."""
 
 
 class TrackingTable(Section):

@@ -40,6 +40,7 @@ _TABLES: dict[str, type[BaseModel]] = {
     "tracking": models.TrackingTable,
     "safety": models.SafetyTable,
     "web": models.WebTable,
+    "recording": models.RecordingTable,
 }
 _SECTIONS = {
     "camera": "The camera: its driver and its lens.",

@@ -48,12 +48,15 @@ class Bounds(Struct, frozen=True, kw_only=True):
         file_bytes: A recording ends at this size.
         seconds: A recording ends after this long.
         free_bytes: A recording ends when the disk has less room; none begins with less than twice that.
+        keep_s: What ended longer ago is deleted when a recording begins, and the oldest while the folder is full; None
+            to delete nothing.
     """
 
     folder_bytes: int = 4_000_000_000
     file_bytes: int = 1_000_000_000
     seconds: float = 3600.0
     free_bytes: int = 250_000_000
+    keep_s: float | None = None
 
 
 def recordings_folder(configuration: Path) -> Path:
@@ -94,6 +97,7 @@ class RecordingOnRequest:
     Args:
         state: Returns what the run remembers of its newest cycle.
         tell: Takes what a person should read.
+        folder: Where recordings go; None for the usual place.
     """
 
     def __init__(
@@ -103,10 +107,11 @@ class RecordingOnRequest:
         tell: Callable[[str], None],
         deadline: Deadline,
         bounds: Bounds | None = None,
+        folder: Path | None = None,
     ) -> None:
         self._parts = parts
         self._state = state
-        self._folder = recordings_folder(parts.configuration.path)
+        self._folder = folder or recordings_folder(parts.configuration.path)
         self._tell = tell
         self._deadline = deadline
         self._bounds = bounds or Bounds()
@@ -180,6 +185,8 @@ class RecordingOnRequest:
 
         require_mcap("recording to an MCAP file")
         self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if self._bounds.keep_s is not None:
+            delete_old(self._folder, self._bounds.keep_s, self._bounds.folder_bytes)
         self._check_room()
         parts, path = self._parts, self._new_path()
         recorded = Recorded(
@@ -262,6 +269,18 @@ class RecordingOnRequest:
         begun.is_ended.set()
         begun.recorder.end()
         threading.Thread(target=_finish, args=(begun, answer), name="end recording", daemon=True).start()
+
+
+def delete_old(folder: Path, keep_s: float, folder_bytes: int) -> None:
+    """Delete the recordings of a folder that ended longer ago, and the oldest while all together are too large."""
+    newest_first = sorted(
+        ((file.stat(), file) for file in folder.glob(f"*{ENDING}")), key=lambda each: -each[0].st_mtime
+    )
+    total_bytes = 0
+    for about, file in newest_first:
+        total_bytes += about.st_size
+        if total_bytes > folder_bytes or time.time() - about.st_mtime > keep_s:
+            file.unlink(missing_ok=True)
 
 
 def _size_bytes(path: Path) -> int:

@@ -27,7 +27,7 @@ from stadimeter.errors import ConfigError
 POLICY = "fleet.toml"
 
 # What cannot make anything move, nor move it otherwise. Of the rest, some does so only where there is a base.
-_NEVER_MOVES = frozenset({"[messenger]", "[notifiers]", "[web]"})
+_NEVER_MOVES = frozenset({"[messenger]", "[notifiers]", "[web]", "[recording]"})
 _MOVES_WITH_BASE = frozenset({"[camera]", "[camera.model]", "[targets]", "[tracking]", "[world]"})
 
 _SECTIONS = re.compile(r"^(?=[ \t]*\[)", re.MULTILINE)
@@ -44,7 +44,8 @@ class FleetPolicy(Section):
     replay: Literal["if-recorded", "required"] = "if-recorded"
     """Whether a device without a recording of its own takes a configuration."""
     recording: FilePath | None = None
-    """A journal or recording of this device, or a folder of them. By default the folder of those begun by request."""
+    """A journal or recording of this device, or a folder of them. By default what its run keeps by itself, else the
+    folder of those begun by request."""
     state: FilePath | None = None
     """The folder in which the device remembers what it was sent. By default that of the configuration."""
 

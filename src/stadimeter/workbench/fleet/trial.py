@@ -10,12 +10,15 @@ import subprocess
 import sys
 import time
 from collections import Counter, defaultdict
+from collections.abc import Sequence
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 
 import msgspec
+from msgspec import Struct, field
 
+from stadimeter.app.control.last_recording import last_folder
 from stadimeter.app.control.recording import recordings_folder
 from stadimeter.app.control.reloading import needs_restart
 from stadimeter.app.feasibility import feasibility_warnings
@@ -93,12 +96,13 @@ def _replay(
     configuration: Path, policy: FleetPolicy, old: Configuration, new: Configuration
 ) -> tuple[Differences | None, str]:
     """Return what differs over the device's last hour, or why nothing can be said of that."""
-    path = _newest_recording(policy.recording or recordings_folder(configuration))
-    if path is None:
+    kept = [] if policy.recording else _recordings(last_folder(configuration))
+    paths = kept or _recordings(policy.recording or recordings_folder(configuration))[:1]
+    if not paths:
         why_not = "this device has no recording of its own"
     else:
         try:
-            return _differences(path, old, new), ""
+            return _differences(paths, old, new), ""
         except StadimeterError as error:  # damaged, cut off in its first line, or of a library that is not installed
             why_not = f"its recording cannot be replayed: {error}"
     if policy.replay == "required":
@@ -106,19 +110,48 @@ def _replay(
     return None, why_not
 
 
-def _newest_recording(place: Path) -> Path | None:
+def _recordings(place: Path) -> list[Path]:
+    """Return a recording, or those in a folder, the newest first."""
     if not place.is_dir():
-        return place if place.is_file() else None
+        return [place] if place.is_file() else []
     found = [each for each in place.iterdir() if each.suffix in {".mcap", ".jsonl"} and each.is_file()]
-    return max(found, key=lambda file: file.stat().st_mtime_ns, default=None)
+    return sorted(found, key=lambda file: file.stat().st_mtime_ns, reverse=True)
 
 
-def _differences(path: Path, old: Configuration, new: Configuration) -> Differences:
-    ago_s = max(0.0, time.time() - path.stat().st_mtime)
+def _differences(paths: Sequence[Path], old: Configuration, new: Configuration) -> Differences:
+    """Replay the last hour of what recordings hold, the newest first; of older ones what the newer ones lack of it."""
+    found = _Found()
+    for path in paths:
+        if found.seconds >= LAST_S:
+            break
+        _compare_over(path, old, new, found)
+    if not found.cycles:
+        raise JournalError(f"{paths[0]} holds no whole cycle")
+    return Differences(
+        recording=paths[0].name,
+        ago_s=round(max(0.0, time.time() - paths[0].stat().st_mtime), 1),
+        minutes=round(found.seconds / 60, 2),
+        cycles=found.cycles,
+        differing=found.differing,
+        events=dict(islice(found.events.items(), SHOWN)),
+        outputs=dict(found.outputs.most_common(SHOWN)),
+    )
+
+
+class _Found(Struct):
+    """What differs, over the recordings that were replayed so far."""
+
+    seconds: float = 0.0
+    cycles: int = 0
+    differing: int = 0
+    events: defaultdict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
+    outputs: Counter[str] = field(default_factory=Counter)
+
+
+def _compare_over(path: Path, old: Configuration, new: Configuration, found: _Found) -> None:
+    """Decide on a recording by both configurations, and add what differs."""
     recording, tallies = read_recording(path), (Tally(old.plan), Tally(new.plan))
-    from_s = max((cycle.now_s() for cycle in recording.cycles()), default=0.0) - LAST_S
-    outputs: Counter[str] = Counter()
-    cycles = differing = 0
+    from_s = max((cycle.now_s() for cycle in recording.cycles()), default=0.0) - (LAST_S - found.seconds)
     with without_collector():
         # A recording that is still written may be longer when it is read the second time.
         for pair in zip(*(decisions(recording, each.plan, from_s=from_s) for each in (old, new)), strict=False):
@@ -126,24 +159,13 @@ def _differences(path: Path, old: Configuration, new: Configuration) -> Differen
                 tally.add(observation, decision)
             before, after = (decision for _, _, decision in pair)
             others = {command.output for command in {*before.commands} ^ {*after.commands}}
-            outputs.update(others)
+            found.outputs.update(others)
             events = [[(event.kind, event.source) for event in each.events] for each in (before, after)]
-            differing += bool(others) or events[0] != events[1]
-            cycles += 1
-    if not cycles:
-        raise JournalError(f"{path} holds no whole cycle")
-    found: defaultdict[str, Counter[str]] = defaultdict(Counter)
+            found.differing += bool(others) or events[0] != events[1]
+            found.cycles += 1
+    found.seconds += 60 * tallies[1].minutes
     for each in compare(*tallies).changes:
-        found[each.event.source][f"{each.event.kind.value} {each.change}"] += 1
-    return Differences(
-        recording=path.name,
-        ago_s=round(ago_s, 1),
-        minutes=round(tallies[1].minutes, 2),
-        cycles=cycles,
-        differing=differing,
-        events=dict(islice(found.items(), SHOWN)),
-        outputs=dict(outputs.most_common(SHOWN)),
-    )
+        found.events[each.event.source][f"{each.event.kind.value} {each.change}"] += 1
 
 
 if __name__ == "__main__":
