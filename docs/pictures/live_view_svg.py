@@ -1,14 +1,12 @@
-"""The live view as a picture, for the documentation."""
+"""What stands on a terminal as a picture, for the documentation."""
 
 from __future__ import annotations
 
 import io
 from pathlib import Path
 
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.terminal_theme import TerminalTheme
-
-from stadimeter.cli.live_view import LiveView
 
 THEME = TerminalTheme(
     (16, 20, 28),
@@ -21,11 +19,13 @@ THEME = TerminalTheme(
 """Colours that are told apart on a dark ground, by most people who do not tell red from green too."""
 
 
-def save_svg(view: LiveView, path: Path, width: int = 120, height: int = 35, *, title: str = "stadimeter") -> None:
-    """Write what a view shows now as an SVG picture.
+def save_svg(
+    shown: RenderableType, path: Path, width: int = 120, height: int = 35, *, title: str = "stadimeter"
+) -> None:
+    """Write what a terminal shows as an SVG picture.
 
     Args:
-        view: The view.
+        shown: What stands there.
         path: The file to write.
         width: Columns of the terminal in the picture.
         height: Its rows.
@@ -38,5 +38,5 @@ def save_svg(view: LiveView, path: Path, width: int = 120, height: int = 35, *, 
         record=True, width=width, height=height, file=io.StringIO(), force_terminal=True, color_system="truecolor",
         no_color=False, legacy_windows=False, _environ={},
     )  # fmt: skip
-    console.print(view.render(), end="")
+    console.print(shown, end="")
     path.write_text(console.export_svg(title=title, theme=THEME, unique_id="stadimeter"), encoding="utf-8")

@@ -9,6 +9,7 @@ import tempfile
 from pathlib import Path
 
 import camera_table
+import fleet_picture
 from gallery import make_gallery
 from how_it_measures import make_steps
 from live_view_svg import save_svg
@@ -57,7 +58,7 @@ def live_view_picture(path: Path, seconds: float, width: int = 120, height: int 
     def watch(record: CycleRecord, _frame: Frame | None) -> None:
         view.update(record)
         if record.observation.now_s >= seconds:
-            save_svg(view, path, width, height, title="make demo")  # while the run still goes on
+            save_svg(view.render(), path, width, height, title="make demo")  # while the run still goes on
             loop.stop("the picture is taken")
 
     loop.listeners.append(watch)
@@ -122,6 +123,7 @@ def printed_page(path: Path) -> None:
 
 if __name__ == "__main__":
     live_view_picture(HERE / "live-view.svg", LIVE_VIEW_SECONDS)
+    fleet_picture.draw(HERE / "fleet-view.svg")
     wiring_pictures(HERE)
     printed_page(HERE / "print-tag.svg")
     make_gallery(HERE)

@@ -29,7 +29,7 @@ def test_the_picture_is_well_formed_and_holds_the_figures(
     view, show = live_view("test <run> & more")
     for number in range(100):
         show(make_record(number / 10))
-    save_svg(view, tmp_path / "view.svg", width, height)
+    save_svg(view.render(), tmp_path / "view.svg", width, height)
     shown = texts(tmp_path / "view.svg")
     assert "test <run> & more" in shown
     for words in ("± 0.04", "closing 0.21 m/s", "too-near", "active", "keep-off", "1.43 m too far", "62 %"):
@@ -41,5 +41,5 @@ def test_the_same_view_gives_the_same_picture(make_record: Callable[..., CycleRe
     view, show = live_view()
     show(make_record())
     for name in ("one.svg", "other.svg"):
-        save_svg(view, tmp_path / name)
+        save_svg(view.render(), tmp_path / name)
     assert (tmp_path / "one.svg").read_bytes() == (tmp_path / "other.svg").read_bytes()

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import boards_table
 import camera_table
+import fleet_picture
 import make_pictures
 import pytest
 from msgspec.structs import replace
@@ -71,3 +72,9 @@ def test_the_buzzer_of_the_first_beep_is_on_the_pin_that_init_offers() -> None:
     offered = wishes["near"]["output"]
     assert offered == f"buzzer {buzzer.options.pin}"
     assert f"`{offered}`" in (ROOT / "docs" / "raspberry-pi.md").read_text("utf-8")
+
+
+def test_the_view_of_a_fleet_is_what_the_program_shows_now(tmp_path: Path) -> None:
+    fleet_picture.draw(tmp_path / "fleet-view.svg")
+    kept = (ROOT / "docs" / "pictures" / "fleet-view.svg").read_text(encoding="utf-8")
+    assert kept == (tmp_path / "fleet-view.svg").read_text(encoding="utf-8"), "run make pictures"
