@@ -58,7 +58,7 @@ def start(tmp_path: Path, broker: LoopbackBroker, closing: ExitStack) -> Start:
 
 def test_every_row_of_the_table_of_actions_can_be_asked_for_and_nothing_that_moves_by_itself() -> None:
     assert {each.value for each in OperatorAction} < set(OFFERS)
-    assert {"status", "alarms", "explain", "record", "reload", "snapshot"} < set(OFFERS)
+    assert {"status", "alarms", "explain", "calibrate", "record", "reload", "snapshot"} < set(OFFERS)
     assert {offer.op for offer in OFFERS.values()} <= set(ARGS)
     assert not {"hold-output", "world", "restart"} & {offer.op for offer in OFFERS.values()}
     assert {name for name, offer in OFFERS.items() if offer.needs_all} == {
@@ -95,6 +95,7 @@ def test_every_action_is_done_and_answered_and_journaled_with_who_asked(protocol
     eventually(lambda: run.level() > 0)
     assert asker.ask("explain", rule="near")["rules"][0]["rule"] == "near"
     assert [each["rule"] for each in asker.ask("alarms")["alarms"]]
+    assert asker.ask("calibrate", distance="1 m")["focal_px"] == pytest.approx(300, rel=0.04)
     assert set(asker.ask("reload")["kept"]) == {"near", "guarded"}
     assert "cannot be shelved" in asker.ask("shelve", rule="guarded") or "safety" in asker.ask("shelve", rule="guarded")
     ended = asker.ask("record", do="stop")

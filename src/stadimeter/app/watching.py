@@ -25,6 +25,8 @@ import numpy as np
 from msgspec import Struct, field
 
 import stadimeter
+from stadimeter.app.control.calibrating import calibrate_on_request
+from stadimeter.app.control.last_recording import keep_last
 from stadimeter.app.control.messages import FrameArgs, Reply, SubscribeArgs, WorldArgs
 from stadimeter.app.control.recording import RecordingOnRequest, recordings_folder
 from stadimeter.app.control.reloading import Reloader, Restarter, build_parts
@@ -295,6 +297,7 @@ def attend_to_requests(loop: Loop, requests: Requests) -> Iterator[None]:
         "alarms": lambda _args, answer: _answer_alarms(loop.state, loop.history, answer),
         "restart": restarter.act,
         "record": recording.act,
+        "calibrate": partial(calibrate_on_request, loop.parts, loop.history),
     }
     if loop.parts.world is not None:
         acts["world"] = partial(_change_world, loop.parts.world, configuration.plan.targets)
@@ -308,26 +311,10 @@ def attend_to_requests(loop: Loop, requests: Requests) -> Iterator[None]:
         is_kept=lambda: services.memory.is_kept() if services.memory is not None else None,
     )
     try:
-        with _last_recording(loop):
+        with keep_last(loop.listeners, loop.parts, lambda: loop.state, services.tell, loop.deadline):
             yield
     finally:
         recording.close()
-
-
-@contextmanager
-def _last_recording(loop: Loop) -> Iterator[None]:
-    """Keep the last hour of a run, if its configuration says so."""
-    if loop.parts.configuration.recording is None:
-        yield
-        return
-    from stadimeter.app.control.last_recording import LastRecording  # noqa: PLC0415 - few runs keep it
-
-    last = LastRecording(loop.parts, lambda: loop.state, loop.services.tell, loop.deadline)
-    loop.listeners.append(last)
-    try:
-        yield
-    finally:
-        last.close()
 
 
 def _change_world(world: StagedWorld, targets: Collection[str], args: WorldArgs, answer: Answer) -> None:

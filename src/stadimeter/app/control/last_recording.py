@@ -1,13 +1,14 @@
 """The last hour of a run, kept on disk: recordings without pictures, one after another, of which old ones go.
 
-A fleet tries a configuration on what a device has seen of late, and who asks why an alarm sounded has not always begun
-a recording before it.
+A fleet tries a configuration on what a device has seen of late. People who ask why an alarm sounded have seldom begun a
+recording before it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -34,6 +35,23 @@ FOLDER_BYTES = 1_000_000_000
 def last_folder(configuration: Path) -> Path:
     """Return where the last hour of the runs of a configuration is."""
     return recordings_folder(configuration) / FOLDER / configuration.stem
+
+
+@contextmanager
+def keep_last(
+    listeners: list[Callable[[CycleRecord, Frame | None], None]],
+    parts: Parts,
+    state: Callable[[], State | None],
+    tell: Callable[[str], None],
+    deadline: Deadline,
+) -> Iterator[None]:
+    """Keep the last hour of a run while in the context, if its configuration says so."""
+    with ExitStack() as closing:
+        if parts.configuration.recording is not None:
+            last = LastRecording(parts, state, tell, deadline)
+            closing.callback(last.close)
+            listeners.append(last)
+        yield
 
 
 class LastRecording:

@@ -60,7 +60,7 @@ SWITCHES: Mapping[str, tuple[OperatorAction, OperatorAction]] = {
 # ends the connection that the answer would need.
 OFFERS: Mapping[str, _Offer] = {
     **{action.value: _Offer(action.command, action.lets_outputs_act) for action in OperatorAction},
-    **{op: _Offer(op) for op in ("status", "alarms", "explain")},
+    **{op: _Offer(op) for op in ("status", "alarms", "explain", "calibrate")},
     **{op: _Offer(op, needs_all=True) for op in ("record", "reload")},
     SNAPSHOT: _Offer("frame", needs_all=True),
     **{switch: _Offer(off.command) for switch, (_, off) in SWITCHES.items()},
