@@ -8,8 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
+from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus, Prediction
 from stadimeter.core.frame import Image
+from stadimeter.detectors.ball import choice
+from stadimeter.detectors.ball.limb import Limb, look_by_colour
 
 pytestmark = pytest.mark.vision
 
@@ -33,6 +36,28 @@ def test_dots_of_its_colour_around_a_ball_do_not_win(ball_detector, draw, wall, 
     found = ball_detector().detect(draw.frame(draw.noise(picture)))
     assert found.status is DetectionStatus.FOUND
     assert found.width_px == pytest.approx(2 * RADIUS_PX, rel=0.03)
+
+
+def test_beside_a_ball_without_doubt_things_of_its_colour_are_not_looked_at_again(
+    ball_detector, draw, wall, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looks: list[float] = []
+
+    def count(image: Image, limb: Limb, within_px: float, lens: CameraModel) -> Limb:
+        looks.append(limb.circle.radius_px)
+        return look_by_colour(image, limb, within_px, lens)
+
+    monkeypatch.setattr(choice, "look_by_colour", count)
+    bars = draw.polygon(wall(), [(60, 380), (560, 410), (540, 440), (90, 420)], RED)
+    for x in range(95, 620, 75):
+        bars = draw.polygon(bars, [(x, 10), (x + 40, 20), (x + 30, 90), (x + 10, 80)], RED)
+    alone = ball_detector().detect(draw.frame(draw.noise(bars)))
+    looks_alone, beside = len(looks), draw.frame(draw.noise(draw.disc(bars, CENTRE, RADIUS_PX, RED)))
+    looks.clear()
+    found = ball_detector().detect(beside)
+    assert alone.status is DetectionStatus.NOT_FOUND
+    assert found.width_px == pytest.approx(2 * RADIUS_PX, rel=0.02)
+    assert len(looks) < looks_alone / 3
 
 
 @pytest.mark.parametrize("half_axes", [(26, 19), (53, 39), (60, 40), (90, 60)])

@@ -25,6 +25,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame, Subsampling
 from stadimeter.detectors.ball.blobs import Blob, find_blobs, join_patches, search_step, thin_out
+from stadimeter.detectors.ball.choice import BestBall, Doubt, explains, look_again
 from stadimeter.detectors.ball.circles import ImageCircle, find_edge_circle
 from stadimeter.detectors.ball.colour_proposal import propose, view
 from stadimeter.detectors.ball.gates import (
@@ -34,11 +35,10 @@ from stadimeter.detectors.ball.gates import (
     FoundBall,
     is_as_expected,
     list_most_alike,
-    max_score,
     refuse_too_little_colour,
     refuse_without_limb,
 )
-from stadimeter.detectors.ball.limb import find_limb, within
+from stadimeter.detectors.ball.limb import Limb, find_first_limb, within
 from stadimeter.detectors.hsv import HsvRange, HsvRangeText, loosen, other_ranges, parse_hsv_range
 from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView, Exercise, check_image
 from stadimeter.detectors.sampling import Region
@@ -66,9 +66,6 @@ WITHIN_REACH, AROUND_REACH = 1.2, 2.0
 
 # Number of blobs tried of another range than the ball's own, and least quality there: chance has had its turn.
 MAX_OTHER_BLOBS, QUALITY_OF_OTHERS = 4, 0.2
-
-# A ball is no narrower than this share of the blob that shows it, unless that shows more than the ball.
-MIN_SHARE_OF_BLOB = 0.7
 
 # The largest circle within a blob says no more than the one around it unless it is narrower by this factor.
 NARROWER = 0.85
@@ -201,7 +198,7 @@ class BallDetector:
         if not blobs or blobs[0].size_px < COARSE_CELLS * COARSE_STEP:
             return None
         ball = self._search_within(scene, blobs[0])
-        if _explains(ball, blobs[0]):
+        if explains(ball, blobs[0]):
             return ball
         scene.refusals.clear()
         return None
@@ -237,20 +234,22 @@ class BallDetector:
         The largest come first, and what could not be better than the best so far is left out.
         """
         large = [blob for blob in blobs if blob.size_px >= 2 * self._gates.min_radius_px - self._step]
-        # `max_score` of the largest circle that a blob may lead to bounds its score: branch and bound over blobs in
-        # falling size.
-        best, sure = None, []
+        # Branch and bound over blobs in falling size. A second look, by colour, takes several times as long as the
+        # first, so what is beyond doubt without it comes first.
+        choice, doubts = BestBall(), list[Doubt]()
         for blob in large:
-            if best is not None and best.score >= max_score(WITHIN_REACH * blob.circle.radius_px):
+            if choice.is_better_than(WITHIN_REACH * blob.circle.radius_px):
                 break
-            ball = self._search_within(scene, blob)
-            if _explains(ball, blob):
-                sure.append(blob)
-            best = _pick_better(best, ball)
-        for search, blob in self._slower_searches(large, sure):
-            if best is None or best.score < max_score(AROUND_REACH * blob.circle.radius_px):
-                best = _pick_better(best, search(scene, blob))
-        return best
+            choice.take(self._search_within(scene, blob, doubts), blob)
+        for blob, limb, reach_px in doubts:
+            if choice.is_better_than(WITHIN_REACH * blob.circle.radius_px):
+                break
+            again = look_again(choice.beside(scene), limb, reach_px)
+            choice.take(self._judge(scene, blob.circle, again, blob.coloured_px2), blob)
+        for search, blob in self._slower_searches(large, choice.sure):
+            if not choice.is_better_than(AROUND_REACH * blob.circle.radius_px):
+                choice.take(search(choice.beside(scene), blob))
+        return choice.ball
 
     def _search_other_ranges(self, scene: BallScene) -> FoundBall | None:
         """Return the ball by more or less of its range of colours; what was refused there is not reported."""
@@ -277,12 +276,23 @@ class BallDetector:
         for blob in doubtful:
             yield self._search_around, blob
 
-    def _search_within(self, scene: BallScene, blob: Blob) -> FoundBall | None:
-        """Return the ball by the circle around a blob, unless that could not show enough of the ball's colour."""
+    def _search_within(self, scene: BallScene, blob: Blob, doubts: list[Doubt] | None = None) -> FoundBall | None:
+        """Return the ball by the circle around a blob, unless that could not show enough of the ball's colour.
+
+        Args:
+            doubts: Where to put a limb that leaves doubt, in place of a second look; None to look at once.
+        """
         if blob.fill < MIN_FILL:
             scene.refusals.append(refuse_too_little_colour(blob.circle, blob.fill))
             return None
-        return self._search_at(scene, blob.circle, max(FIRST_REACH_PX, REACH_OF_STEP * blob.step), blob.coloured_px2)
+        reach_px = max(FIRST_REACH_PX, REACH_OF_STEP * blob.step)
+        if doubts is None:
+            return self._search_at(scene, blob.circle, reach_px, blob.coloured_px2)
+        limb = find_first_limb(scene.image, blob.circle, reach_px, scene.lens)
+        if limb is not None and limb.is_doubtful:
+            doubts.append(Doubt(blob, limb, reach_px))
+            return None
+        return self._judge(scene, blob.circle, limb, blob.coloured_px2)
 
     def _search_inscribed(self, scene: BallScene, blob: Blob) -> FoundBall | None:
         """Return the ball by the largest circle in a blob, which is wider since other things of its colour touch it."""
@@ -295,7 +305,15 @@ class BallDetector:
         self, scene: BallScene, start: ImageCircle, reach_px: float, coloured_px2: float | None = None
     ) -> FoundBall | None:
         """Return the ball near a circle; None, and a note of why, if there is none."""
-        limb = find_limb(scene.image, start, reach_px, scene.lens)
+        limb = find_first_limb(scene.image, start, reach_px, scene.lens)
+        if limb is not None and limb.is_doubtful:
+            limb = look_again(scene, limb, reach_px)
+        return self._judge(scene, start, limb, coloured_px2)
+
+    def _judge(
+        self, scene: BallScene, start: ImageCircle, limb: Limb | None, coloured_px2: float | None
+    ) -> FoundBall | None:
+        """Return the ball that a limb near a circle is; None, and a note of why, if it is none."""
         if limb is None:
             scene.refusals.append(refuse_without_limb(start))
             return None
@@ -348,16 +366,6 @@ class BallDetector:
 def _reaches(blob: Blob, place_px: tuple[float, float]) -> bool:
     """Return whether the circle around a blob reaches to a place."""
     return math.dist((blob.circle.x_px, blob.circle.y_px), place_px) <= blob.circle.radius_px + blob.step
-
-
-def _explains(ball: FoundBall | None, blob: Blob) -> bool:
-    """Return whether a blob is a ball beyond doubt, and not something larger that a ball is a part of."""
-    return ball is not None and ball.is_sure and ball.limb.circle.radius_px >= MIN_SHARE_OF_BLOB * blob.circle.radius_px
-
-
-def _pick_better(one: FoundBall | None, other: FoundBall | None) -> FoundBall | None:
-    """Return the ball with the higher score."""
-    return one if other is None or (one is not None and one.score >= other.score) else other
 
 
 @lru_cache(maxsize=8)

@@ -151,11 +151,16 @@ def find_limb(image: Image, start: ImageCircle, within_px: float, lens: CameraMo
     Where the steps leave doubt, since they scatter or too few are on one limb, they are looked for once more between
     colours that are the ball's and colours that are not.
     """
-    limb = _settle(image, start, within_px, lens)
-    return _look_by_colour(image, limb, within_px, lens) if limb is not None and limb.is_doubtful else limb
+    limb = find_first_limb(image, start, within_px, lens)
+    return look_by_colour(image, limb, within_px, lens) if limb is not None and limb.is_doubtful else limb
 
 
-def _look_by_colour(image: Image, best: Limb, within_px: float, lens: CameraModel) -> Limb:
+def find_first_limb(image: Image, start: ImageCircle, within_px: float, lens: CameraModel) -> Limb | None:
+    """Fit the limb near an expected circle by brightness alone; None with too few steps."""
+    return _settle(image, start, within_px, lens)
+
+
+def look_by_colour(image: Image, best: Limb, within_px: float, lens: CameraModel) -> Limb:
     """Return the best supported limb of the first one and those found by colour, and how much they differ."""
     limb, looks = best, [best]
     for _ in range(LOOKS_BY_COLOUR):
