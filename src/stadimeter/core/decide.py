@@ -104,8 +104,7 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
     rules, outcome = judge(state.rules, inputs, _sample(state, safety), cycle, _for_rules(observation))
     allowed = _step_permission(state, observation, safety, is_new=is_new)
     holds, answers, outputs = _act(state, observation, allowed.safety, rules, is_after_gap=gap_s is not None)
-    gap = in_words(gap_s, plan.safety) if gap_s else ""
-    seen_events = _track_events(state, track_states, observation.now_s, gap)
+    seen_events = _track_events(state, track_states, observation.now_s, in_words(gap_s, plan.safety) if gap_s else "")
     own_events = allowed.events + _camera_events(state.safety, safety, observation.now_s)
     happened = state.due + seen_events + outcome.events + own_events + sensor_events
     happened += _fault_events(state.faults, observation)

@@ -15,8 +15,9 @@ from stadimeter.core.message import Message
 from stadimeter.errors import ConfigError, DeviceClosedError, DeviceOpenError
 from stadimeter.messaging.back_off import Patience
 from stadimeter.messaging.broker_link import V5, V311, BrokerLink, serve
+from stadimeter.messaging.broker_secrets import read_secrets
 from stadimeter.messaging.link_events import LinkEvents
-from stadimeter.messaging.mqtt_client import MqttSettings, make_client, read_secrets, say_goodbye, subscribe
+from stadimeter.messaging.mqtt_client import MqttSettings, make_client, say_goodbye, subscribe
 from stadimeter.messaging.protocol import CommandLevel, Received, RequestMessage
 from stadimeter.messaging.request_topics import RequestTopics, describe_deafness
 from stadimeter.operator_actions import OperatorAction

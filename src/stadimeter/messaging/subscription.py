@@ -12,6 +12,7 @@ from paho.mqtt.client import Client, MQTTMessage
 from stadimeter.core.message import Message
 from stadimeter.messaging.back_off import BackOff, Patience
 from stadimeter.messaging.broker_link import V5, V311, serve
+from stadimeter.messaging.broker_secrets import read_secrets
 from stadimeter.messaging.link_events import LinkEvents
 from stadimeter.messaging.mqtt_client import (
     LISTENING_PACKET_MAX,
@@ -19,7 +20,6 @@ from stadimeter.messaging.mqtt_client import (
     MqttSettings,
     make_client,
     publish_properties,
-    read_secrets,
     say_goodbye,
 )
 from stadimeter.messaging.protocol import Received
