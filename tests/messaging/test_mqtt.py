@@ -80,7 +80,8 @@ def test_a_short_break_is_not_announced_with_mqtt_5(
     tunnel.cut()
     eventually(messenger.trouble)
     tunnel.mend()
-    listener.wait_for_payloads(AVAILABILITY, ["online", "online"])
+    eventually(lambda: len(listener.payloads(AVAILABILITY)) > 1)  # three if the first was not confirmed before the cut
+    assert set(listener.payloads(AVAILABILITY)) == {"online"}
 
 
 @pytest.mark.long
