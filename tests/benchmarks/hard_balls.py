@@ -13,13 +13,16 @@ from workload import over_seeds
 
 from support.scenes import draw, nuisances
 from support.scenes.backdrop import ClutterBackdrop, PlainBackdrop
-from support.scenes.hard_balls import BACKDROPS, HardBall, hard_ball
+from support.scenes.hard_balls import BACKDROPS, HardBall, ball_on_carpet, hard_ball
 from support.scenes.render import render
 from support.scenes.scene import RenderedScene, Scene
 
 GROSS = 0.1
 LARGE_PX, SMALL_PX, BLURRED_PX = (20.0, 70.0), (5.0, 10.0), (5.0, 14.0)
 DOTS = 12
+CARPET_PX = (7.0, 35.0)
+CARPET_SPLIT_PX = 15.0
+CARPET_EVERY = 2
 CONDITIONS_EVERY = DOTS_EVERY = BLURRED_EVERY = 8
 """Of so many seeds, one is taken for the other tables too: each of their cells then has 200 frames as well."""
 
@@ -58,6 +61,10 @@ TABLES = {
     ),
     "small": "The same with a radius from 5 to 10 px.",
     "conditions": "A plain tennis ball, 10 to 70 px in radius, under one trouble at a time.",
+    "carpet": (
+        "A ball of 7 to 35 px in radius on a grey-brown carpet as bright as it to within a fifth, lit from above, so "
+        "that its lower side is as dark as its contact shadow. JPEG of a quality from 75 to 95, with colour halved."
+    ),
     "dots": f"A plain ball with {DOTS} shapes of its colour around it, 5 to 70 px in radius.",
     "blurred": "A plain ball of 5 to 14 px in radius with motion of 6 px, looked for where it is expected.",
 }
@@ -71,6 +78,8 @@ def samples_of(seed: int) -> list[HardSample]:
     number = seed // len(BACKDROPS)
     if number % 2 == 0:
         found.append(_hard("small", hard_ball(seed + 500_000, SMALL_PX)))
+    if seed % CARPET_EVERY == 1:
+        found.append(_carpet(seed))
     if seed % CONDITIONS_EVERY == 0:
         found += list(_conditions(seed))
     if seed % DOTS_EVERY == 1:
@@ -85,6 +94,13 @@ def _hard(name: str, hard: HardBall) -> HardSample:
     marking, _, felt = hard.surface.partition(", ")
     kinds = ("all", f"on {hard.backdrop}", f"with {marking}", felt or "smooth", held, str(hard.scene.sensor.tone))
     return _measured(name, kinds, hard.scene, render(hard.scene), hard.hsv)
+
+
+def _carpet(seed: int) -> HardSample:
+    on_carpet = ball_on_carpet(seed, CARPET_PX)
+    size = "7 to 15 px" if on_carpet.radius_px < CARPET_SPLIT_PX else "15 to 35 px"
+    kinds = ("all", size, on_carpet.colour, str(on_carpet.scene.sensor.tone))
+    return _measured("carpet", kinds, on_carpet.scene, render(on_carpet.scene), on_carpet.hsv)
 
 
 def _plain(seed: int, radii_px: tuple[float, float]) -> tuple[Scene, str]:
