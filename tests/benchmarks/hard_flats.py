@@ -15,7 +15,7 @@ from workload import over_seeds
 from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.ranging.measure import measure
-from support.scenes import draw, hard_flats, nuisances
+from support.scenes import draw, hard_flats, nuisances, taped
 from support.scenes.cut_sheet import GroupTarget
 from support.scenes.hard_flats import BACKDROPS, CLUTTER, CURLED, DRAWN, ROOM, SHADED, HardFlat
 from support.scenes.render import render
@@ -33,14 +33,11 @@ APART = 100_000
 SIGMAS_OF_A_CUT = 0.7
 """Standard deviation of a side, as a share of the most by which its two ends are off."""
 
-AS_CALIBRATED = replace(draw.CAMERA, edge_bias_sigma_px=UNKNOWN_EDGE_BIAS_SIGMA_PX)
-"""The camera as `stadimeter calibrate` writes it where nothing tells its edge bias: these cameras have random ones."""
-
 CARD, TAPE = "card ±1 mm", "tape ±1 mm"
 OF_EACH_BACKDROP = (CARD, TAPE)
 """What is measured so often before each backdrop that each has a row."""
 
-CUT, LENS, DISC, GRID = "cut", "lens", "disc", "grid"
+CUT, LENS, DISC, GRID, TAPED = "cut", "lens", "disc", "grid", "taped"
 PLAIN_ONLY = ("noise 8", "blur 6")
 CONDITIONS: dict[str, Callable[[Scene], Scene]] = {
     "JPEG 80": nuisances.jpeg(80),
@@ -104,6 +101,11 @@ TABLES = {
     ),
     LENS: "Cards ±1 mm, 20–120 px, through a lens whose distortion (k1 up to ±0.08) the detector is not told.",
     DISC: "Discs of 12 cm, 20–240 px, tilted by up to 60°. Wrong is what lies outside of the disc in the picture.",
+    TAPED: (
+        "Two strips of lit tape of 51 × 127 mm side by side before the dark, 22–110 px long, with glints and glow; "
+        "small: in soft JPEGs of 320 × 240. One to three squares of 100 mm on a board of 400 × 300 mm, cut by hand, "
+        "each end of a side off by up to 1.4 px, 20–110 px; and the board. With a known side, that is the height."
+    ),
     GRID: (
         "One trouble at a time: A4 0.6–4 m away, tags of 100 px and discs of 12 cm 0.3–3 m away, tilted by 0, 15, 30 "
         "and 45° in turn, with the cameras of the old tables."
@@ -132,7 +134,7 @@ def run(frames: int, workers: int, first_seed: int = draw.REPORT_SEEDS.start) ->
 
 def samples_of(seed: int) -> list[FlatSample]:
     """Measure what belongs to one seed: one scene for each cell."""
-    return [*_cut(seed), *_lens(seed), *_discs(seed), *_grid(seed)]
+    return [*_cut(seed), *_taped(seed), *_lens(seed), *_discs(seed), *_grid(seed)]
 
 
 def looks_of(seed: int) -> list[RoomLook]:
@@ -164,6 +166,19 @@ def _cut(seed: int) -> Iterable[FlatSample]:
     surface = (CURLED, DRAWN, SHADED)[seed % 3]
     large = hard_flats.hard_sheet(seed, MM, LARGE_PX, backdrop=turn, surface=surface, side_m=draw.SHEET_M)
     yield _flat(CUT, "large ±1 mm", large)
+
+
+def _taped(seed: int) -> Iterable[FlatSample]:
+    for name, flat in (
+        ("strips", taped.lit_tape(seed)),
+        ("small strips", taped.lit_tape(seed, small=True)),
+        ("squares", taped.cut_square(seed)),
+        ("board", taped.cut_square(seed, board=True)),
+    ):
+        yield _flat(TAPED, name, flat)
+        yield _flat(TAPED, f"{name}, colour", flat, colour=flat.hsv)
+        yield _flat(TAPED, f"{name}, known side", flat, known_side="height")
+        yield _flat(TAPED, f"{name}, known side, colour", flat, colour=flat.hsv, known_side="height")
 
 
 def _lens(seed: int) -> Iterable[FlatSample]:
@@ -199,12 +214,13 @@ def _troubles(target: str) -> dict[str, Callable[[Scene], Scene]]:
     return CONDITIONS | HIDDEN if target == "disc" else CONDITIONS
 
 
-def _flat(name: str, kind: str, flat: HardFlat, colour: str | None = None) -> FlatSample:
+def _flat(name: str, kind: str, flat: HardFlat, colour: str | None = None, known_side: str = "auto") -> FlatSample:
     """Measure a sheet or a strip with what a user would say of it."""
     options = {
         "width": f"{flat.width_m} m",
         "height": f"{flat.height_m} m",
         "hsv": colour,
+        "known_side": known_side,
         "min_side_px": hard_flats.LEAST_SIDE_PX,
         "tolerance": f"{flat.cut_m * SIGMAS_OF_A_CUT} m" if flat.cut_m > 0 else None,
     }
@@ -218,7 +234,8 @@ def _measured(name: str, kinds: tuple[str, ...], scene: Scene, target: str, **op
     made = render(scene)
     if target == "tag":
         options["id"] = scene.target.number
-    camera = draw.CAMERA if name == GRID else AS_CALIBRATED
+    camera = scene.camera if name == TAPED else draw.CAMERA
+    camera = camera if name == GRID else replace(camera, edge_bias_sigma_px=UNKNOWN_EDGE_BIAS_SIGMA_PX)
     finder = ours.detector(target, camera, **options)
     found = finder.detect(ours.framed(made))
     measured = measure(found, finder.target_shape, found.measured_with or camera, 0.0)
@@ -237,9 +254,9 @@ def _of_nearest(sample: Sample, found: Detection, scene: Scene, made: RenderedSc
         return sample, False
     outlines = {made.truth.distance_m: made.truth.outline_px}
     if isinstance(scene.target, GroupTarget):
-        for other in scene.target.others:
+        for other in (each for each in scene.target.others if each.width_m == scene.target.first.width_m):
             points = other.outline_m()
-            outlines[math.hypot(*other.position_m)] = draw.CAMERA.project(points[:, :2] / points[:, 2:])
+            outlines[math.hypot(*other.position_m)] = scene.camera.project(points[:, :2] / points[:, 2:])
     centres = {true_m: outline.mean(axis=0) for true_m, outline in outlines.items()}
     true_m = min(centres, key=lambda each: math.dist(centres[each], found.centre_px))
     reach = max(math.dist(centres[true_m], corner) for corner in outlines[true_m])

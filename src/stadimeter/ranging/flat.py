@@ -162,7 +162,11 @@ class SheetShape(_Flat, Struct, frozen=True, kw_only=True):
         hung = sheet_poses(camera.directions(detection.outline_px), self, corner_sigma) if has_pose else []
         bias_share = _edge_bias_share(detection, camera)
         if not hung:
-            return replace(read_by_one_length(detection, camera, size_m, apparent), systematic_share=bias_share)
+            # Where the other side, as stated, seems nearer, it is longer, or the known one is turned away: by so much.
+            nearer = detection.width_px * detection.height_px / (camera.fx_px * camera.fy_px)
+            nearer /= self.width_m * self.height_m * (apparent / size_m) ** 2
+            doubt = math.hypot(bias_share, max(nearer - 1, 0.0) if self.known_side != "auto" else 0.0)
+            return replace(read_by_one_length(detection, camera, size_m, apparent), systematic_share=doubt)
         best = hung[0]
         corners_m = rectangle(best.width_m, best.height_m)
         noise_share = distance_share(best.pose, corners_m, corner_sigma)

@@ -124,7 +124,7 @@ def hard_sheet(
     def made(pose: Pose) -> CutSheetTarget:
         return CutSheetTarget(pose=pose, width_m=side_m[0], height_m=side_m[1], cut=cut, bgr=bgr, seed=seed)
 
-    sheet = _placed(rng, made, max(side_m), sizes_px, tilts_deg)
+    sheet = placed_whole(rng, made, max(side_m), sizes_px, tilts_deg)
     sheet, behind = _troubled(rng, sheet, what, backdrop_of(rng, kind, bgr))
     scene = _taken(rng, seed, sheet, behind)
     return HardFlat(
@@ -175,7 +175,7 @@ def hard_tape(
         second = strip(replace(pose, position_m=(float(beside[0]), float(beside[1]), float(beside[2]))), seed + 1)
         return GroupTarget(first=first, others=(second,))
 
-    target = _placed(rng, made, max(TAPE_M), sizes_px, TILTS_DEG)
+    target = placed_whole(rng, made, max(TAPE_M), sizes_px, TILTS_DEG)
     behind = backdrop_of(rng, kind, bgr)
     scene = _taken(rng, seed, target, behind)
     return HardFlat(
@@ -198,7 +198,7 @@ def hard_disc(seed: int, tilts_deg: tuple[float, float] = (0.0, 60.0), *, backdr
     def made(pose: Pose) -> Target:
         return DiscTarget(pose=pose, diameter_m=draw.DISC_M, bgr=bgr)
 
-    disc = _placed(rng, made, draw.DISC_M, (20.0, 240.0), tilts_deg)
+    disc = placed_whole(rng, made, draw.DISC_M, (20.0, 240.0), tilts_deg)
     scene = _taken(rng, seed, disc, backdrop_of(rng, kind, bgr))
     return HardFlat(scene=scene, backdrop=kind, width_m=draw.DISC_M, height_m=draw.DISC_M, bgr=bgr)
 
@@ -211,7 +211,7 @@ def hard_tag(seed: int, tilts_deg: tuple[float, float] = (0.0, 60.0), *, backdro
     def made(pose: Pose) -> Target:
         return TagTarget(pose=pose, side_m=draw.TAG_M, family=draw.TAG_FAMILY, number=seed % draw.TAGS)
 
-    tag = _placed(rng, made, draw.TAG_M, (24.0, 160.0), tilts_deg)
+    tag = placed_whole(rng, made, draw.TAG_M, (24.0, 160.0), tilts_deg)
     scene = _taken(rng, seed, tag, backdrop_of(rng, kind, PAPER_BGR))
     return HardFlat(scene=scene, backdrop=kind, width_m=draw.TAG_M, height_m=draw.TAG_M)
 
@@ -258,7 +258,7 @@ def backdrop_of(rng: np.random.Generator, kind: str, target_bgr: Colour) -> Back
     return PlainBackdrop(bgr=(grey, grey + 5, grey + 10))
 
 
-def _placed(
+def placed_whole(
     rng: np.random.Generator,
     made: Callable[[Pose], T],
     longest_m: float,

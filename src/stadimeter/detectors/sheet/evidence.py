@@ -13,6 +13,8 @@ Its parts are independent, so they add up:
 - **Sides.** They are seen whole, and straight.
 - **Whole.** They end at its corners, and it is there between them. The sides of a tile, a book on its shelf or a panel
   lead on, as sides of what is beside it. A frame is hollow, and the corners of a cushion are round.
+- **Twin.** One outline beside it of the same size and contrast, as strips of tape come in pairs, is no rival and speaks
+  for it.
 - **Rivals.** The more outlines of about such a contrast there are, the more probably one of them does all this by
   chance. What stands out less, such as the specks of a carpet, is no rival.
 
@@ -32,6 +34,7 @@ from stadimeter.core.frame import Image
 from stadimeter.detectors.hsv import HsvRange
 from stadimeter.detectors.sheet.candidates import SheetFit
 from stadimeter.detectors.sheet.edges import QuadEdges
+from stadimeter.detectors.sheet.outlines import TWIN_EVIDENCE, Twins
 from stadimeter.ranging.flat import SheetShape
 from stadimeter.ranging.plane_pose import COORDINATES
 
@@ -84,16 +87,6 @@ RIVAL_POWER = 1.5
 # Where colours beside a side are read: at these shares of its length.
 ALONG = np.array((0.25, 0.5, 0.75))
 
-# A sheet of which one side is known must face the camera: standard deviations of its angles from right ones, and of the
-# logarithm of the ratio of opposite sides. This share of all outlines face it just as well.
-FACING_RAD = 0.06
-FACING_LOG_RATIO = 0.05
-FACING_OF_ANY = 0.8
-
-# One that the border cuts may be turned away; the same for the two angles of it that are seen.
-CUT_OFF_RAD = 0.3
-CUT_OFF_OF_ANY = 0.7
-
 
 def slack_share(size: SheetShape, *, by_hand: bool = True) -> float:
     """Return the standard deviation of a sheet's corners from those of an exact rectangle, as a share of its size."""
@@ -130,35 +123,6 @@ def _shape_ratio(fit: SheetFit, sigmas_px: Values) -> Values:
     return np.asarray((1 + squares / HEAVY_TAIL) ** -(HEAVY_TAIL / 2 + 1) / spread)
 
 
-def facing_evidence(corners_px: Points, sigmas_px: Values) -> Values:
-    """Return how much outlines, ``(c, 4, 2)``, look like a rectangle of any length that faces the camera.
-
-    The standard deviation of their corners' coordinates is that of the measurement and of the sheet's own shape.
-    """
-    # Four angles and two ratios, normally distributed about a rectangle seen face on; an error of s px in both ends of
-    # a side of l px turns it by up to 2 s / l.
-    cosines, lengths = _cosines(corners_px)
-    noise = (2 * sigmas_px / lengths.min(axis=1))[:, None]
-    squares = (cosines / np.hypot(FACING_RAD, noise)) ** 2
-    ratios = np.log(lengths[:, :2] / lengths[:, 2:]) / np.hypot(FACING_LOG_RATIO, noise)
-    return np.asarray(-math.log(FACING_OF_ANY) - (squares.sum(axis=1) + (ratios**2).sum(axis=1)) / 2)
-
-
-def cut_off_evidence(corners_px: Points, free: Flags) -> Values:
-    """Return how much outlines that the border cuts look like a rectangle; `free` are the sides that are not seen."""
-    # A corner is seen where neither of the two sides that meet there is the border.
-    cosines, _ = _cosines(corners_px)
-    seen = ~(free | free[:, [3, 0, 1, 2]])
-    return np.asarray(-math.log(CUT_OFF_OF_ANY) - ((cosines / CUT_OFF_RAD) ** 2 * seen).sum(axis=1) / 2)
-
-
-def _cosines(corners_px: Points) -> tuple[Values, Values]:
-    """Return the cosines of the angles at the corners, and the lengths of the sides, both ``(c, 4)``."""
-    sides = corners_px[:, AFTER] - corners_px
-    lengths = np.maximum(np.hypot(sides[..., 0], sides[..., 1]), 1e-9)
-    return (sides[:, BEFORE] * sides).sum(axis=2) / (lengths * lengths[:, BEFORE]), lengths
-
-
 def sides_evidence(edges: QuadEdges) -> Values:
     """Return how much the sides of outlines speak for the sheet: those of others are there by chance."""
     return np.asarray(SUPPORT_POWER * np.log(np.maximum(edges.support.mean(axis=1), 1e-3)))
@@ -181,16 +145,17 @@ class Looks:
         self._image = image
         self._picture, self._scale, self._left_top_px = picture, scale, left_top_px
         self._colour = colour
-        self._others = np.empty(0)
+        self.note_others(np.empty((0, 4, 2)))
         channels = cv2.split(picture)
         planes = (cv2.min(cv2.min(channels[0], channels[1]), channels[2]), cv2.max(cv2.max(*channels[:2]), channels[2]))
         mask = None if colour is None else colour.mask(picture)
         self._share = 1.0 if mask is None else float(np.count_nonzero(mask)) / max(mask.size, 1)
         self._below = [_shares_below(np.asarray(plane, np.uint8), mask) for plane in planes]
 
-    def note_others(self, outlines_px: Points) -> None:
-        """Note the outlines that the picture shows at first sight, ``(c, 4, 2)``."""
+    def note_others(self, outlines_px: Points, aspect: float = 1.0) -> None:
+        """Note the outlines that the picture shows at first sight, ``(c, 4, 2)``, and the sheet's aspect."""
         self._others = _mean_contrast(self._steps(outlines_px))
+        self._twins = Twins(outlines_px, self._others, aspect)
 
     def clearest_first(self, outlines_px: Points) -> Points:
         """Return outlines in the order of how much they stand out on all their sides."""
@@ -206,12 +171,16 @@ class Looks:
         """
         # All figures are in levels of 8 bits of the reduced picture. A candidate is its own rival, hence at least one.
         steps = self._steps(corners_px)
-        rivals = (self._others >= RIVAL_SHARE * _mean_contrast(steps)[:, None]).sum(axis=1)
+        mean_contrast = _mean_contrast(steps)
+        # Tiles and panes are many; where the colour is named, several things of it are too.
+        twins = self._twins.of(corners_px, mean_contrast, several=self._colour is not None)
+        rivals = ((self._others >= RIVAL_SHARE * mean_contrast[:, None]) & ~twins).sum(axis=1)
         contrast = np.maximum(_least_contrast(steps, free), MIN_CONTRAST) / USUAL_CONTRAST
         # The colour of an outline is the median of its four sides, so that a finger on one of them does not count.
         usual = np.median(inside, axis=1)
         looks = self._brightness(usual) if self._colour is None else self._of_colour(usual, self._colour)
         evidence = np.asarray(looks + np.log(contrast) - RIVAL_POWER * np.log(np.clip(rivals, 1, MAX_RIVALS)))
+        evidence += TWIN_EVIDENCE * twins.any(axis=1)
         # What the border cuts has fewer than eight ends and four corners, so these say nothing of it.
         if free is not None:
             return evidence

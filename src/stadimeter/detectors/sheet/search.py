@@ -38,15 +38,9 @@ from stadimeter.detectors.sheet.edges import (
     measure_edges,
     measure_edges_closer,
 )
-from stadimeter.detectors.sheet.evidence import (
-    Looks,
-    cut_off_evidence,
-    facing_evidence,
-    shape_evidence,
-    sides_evidence,
-    slack_share,
-)
+from stadimeter.detectors.sheet.evidence import CUT_PX, Looks, shape_evidence, sides_evidence, slack_share
 from stadimeter.detectors.sheet.one_outline import measure_each, settle_each
+from stadimeter.detectors.sheet.outlines import MAX_LOG_RATIO, cut_off_evidence, facing_evidence, ratio_evidence
 from stadimeter.detectors.sheet.quadrilaterals import (
     bright_masks,
     find_quadrilaterals,
@@ -64,7 +58,7 @@ from stadimeter.detectors.sheet.side_tests import (
     small_text,
     straight_text,
 )
-from stadimeter.detectors.sides import longest_sides_px, quad_shapes
+from stadimeter.detectors.sides import longest_sides_px, quad_shapes, width_and_height
 from stadimeter.ranging.flat import SheetShape
 
 # Candidates are looked for at half the resolution; least and most pixels of the long side of what is searched.
@@ -169,7 +163,7 @@ class SheetSearch:
             outlines = find_quadrilaterals(masks(small), smallest_px)
             outlines = to_full_scale(outlines, scale) + region.left_top_px
             if masks == self._first_masks:
-                looks.note_others(outlines)
+                looks.note_others(outlines, self._aspect)
             on_border = sides_on_border(outlines, self._image.shape, _margin_px(scale))
             # The same outline shows in many masks; it is judged in the first.
             unseen = not_seen_before(outlines * scale, seen)
@@ -294,6 +288,7 @@ class SheetSearch:
         tests: tuple[Test, ...] = (
             *_size_test(edges, expected),
             *side_tests(edges, self._min_side_px),
+            *self._ratio_test(edges.corners_px),
             (misfit_px <= limits, lambda i: self._misfit_text(misfit_px[i], limits[i], edges.corners_px[i])),
             (
                 quality >= min_quality,
@@ -324,13 +319,28 @@ class SheetSearch:
         if self._is_strict:
             shape = np.max([shape_evidence(fit, sigmas, longest_px, self._size) for fit in fits], axis=0)
         else:
-            shape = facing_evidence(edges.corners_px, np.hypot(sigmas, self._slack * longest_px))
+            shape = facing_evidence(edges.corners_px, np.hypot(np.hypot(sigmas, CUT_PX), self._slack * longest_px))
+            shape += ratio_evidence(self._off_ratio(edges.corners_px))
         evidence = shape + looks.evidence(edges.corners_px, edges.inside) + sides_evidence(edges)
         if expected is None:
             return np.asarray(evidence)
         # A normal distribution of the logarithm of the size about the expected one, against an even one elsewhere.
         off = np.log(longest_px / expected.size_px) / EXPECTED_LOG_SIZE
         return np.asarray(evidence + EXPECTED_EVIDENCE - off**2 / 2)
+
+    def _off_ratio(self, corners_px: Points) -> Values:
+        """Return by how much the ratios of the sides of outlines are off that of the sheet, as logarithms."""
+        ratios = [width_px / height_px for width_px, height_px in map(width_and_height, corners_px)]
+        off = np.log(np.array(ratios) * (self._size.height_m / self._size.width_m))
+        return off if self._size.known_side == "width" else -off
+
+    def _ratio_test(self, corners_px: Points) -> tuple[Test, ...]:
+        """Return a test whether the side that is not named is about as long as stated, where one is named."""
+        if self._is_strict:
+            return ()
+        factors = np.exp(np.abs(self._off_ratio(corners_px)))
+        limit = math.exp(MAX_LOG_RATIO)
+        return ((factors <= limit, lambda i: f"sides off the stated ratio {factors[i]:.2f} times, limit {limit:.2f}"),)
 
     def _judge_cut_off(
         self, findings: Findings, outlines: Points, on_border: Flags, scale: float, looks: Looks

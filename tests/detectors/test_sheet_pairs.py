@@ -1,0 +1,88 @@
+"""Strips of tape side by side, and what is named by one side."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from stadimeter.core.detection import Detection, DetectionStatus
+from stadimeter.core.frame import Frame
+from stadimeter.detectors.sheet import SheetDetector, SheetOptions
+from stadimeter.detectors.sheet.outlines import Twins, ratio_evidence
+from stadimeter.ranging.measure import measure
+from support.scenes.draw import CAMERA
+from support.scenes.render import render
+from support.scenes.taped import cut_square, lit_tape
+
+pytestmark = pytest.mark.vision
+
+STRIP = np.array([(0, 0), (20, 0), (20, 50), (0, 50)], float)
+WHITE, BLACK = (228, 232, 230), (12, 12, 12)
+
+
+def twins_of(*moved: tuple[float, float], several: bool = False) -> list[bool]:
+    every = np.stack([STRIP, *(STRIP + each for each in moved)])
+    return Twins(every, np.full(len(every), 100.0), 2.5).of(STRIP[None], np.array([100.0]), several=several)[0].tolist()
+
+
+def test_of_a_pair_the_other_one_is_the_twin_and_nothing_is_its_own() -> None:
+    assert twins_of((80, 0)) == [False, True]
+    assert twins_of((5, 0)) == [False, False]
+
+
+def test_one_of_many_alike_is_no_twin_unless_its_colour_is_named() -> None:
+    assert not any(twins_of((80, 0), (160, 0)))
+    assert twins_of((80, 0), (160, 0), several=True) == [False, True, True]
+
+
+def test_what_does_not_look_like_the_sheet_has_no_twin() -> None:
+    every = np.stack([STRIP, STRIP + np.array((80, 0))])
+    assert not Twins(every, np.full(2, 100.0), 1.3).of(STRIP[None], np.array([100.0]), several=False).any()
+
+
+def test_the_further_off_the_stated_ratio_the_less_speaks_for_it_and_too_short_a_named_side_least() -> None:
+    said = ratio_evidence(np.array([0.0, 0.1, 0.2, -0.1, -0.3, 0.3])).tolist()
+    assert said[0] > said[1] > said[2]
+    assert said[3] < said[1]
+    assert said[4] < said[5]
+
+
+def found(draw, wall, sides_px: tuple[float, float], **options: str) -> Detection:
+    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * sides_px / 2 + (320.3, 240.2)
+    image = draw.noise(draw.polygon(wall(bgr=BLACK), corners, WHITE))
+    detector = SheetDetector("strip", SheetOptions.model_validate({"width": "10 cm", "height": "5 cm", **options}))
+    return detector.detect(Frame(image, 0.0, 0), lens=CAMERA)
+
+
+@pytest.mark.parametrize("sides_px", [(100, 90), (60, 100), (100, 30)])
+def test_a_known_side_takes_nothing_of_quite_another_shape(draw, wall, sides_px) -> None:
+    assert found(draw, wall, sides_px, known_side="width").status is DetectionStatus.NOT_FOUND
+
+
+def test_a_known_side_that_seems_turned_away_has_a_wide_standard_deviation(draw, wall) -> None:
+    shape = SheetOptions.model_validate({"width": "10 cm", "height": "5 cm", "known_side": "width"}).shape
+    facing, turned = (found(draw, wall, sides, known_side="width") for sides in ((100, 50), (94, 50)))
+    sure, unsure = (measure(each, shape, CAMERA, 0.0) for each in (facing, turned))
+    assert unsure.sigma_m > 3 * sure.sigma_m
+    assert abs(unsure.distance_m - 0.6) < 2 * unsure.sigma_m
+
+
+@pytest.mark.parametrize("seed", [1001, 1002, 1003])
+def test_lit_strips_side_by_side_are_measured_by_one_side(seed: int) -> None:
+    flat = lit_tape(seed)
+    options = {"width": f"{flat.width_m} m", "height": f"{flat.height_m} m", "known_side": "height"}
+    detector = SheetDetector("strip", SheetOptions.model_validate(options))
+    made = render(flat.scene)
+    seen = detector.detect(Frame(made.image, 0.0, 0), lens=CAMERA)
+    assert seen.status is DetectionStatus.FOUND, seen.reason
+    assert measure(seen, detector.target_shape, CAMERA, 0.0).distance_m == pytest.approx(made.truth.distance_m, rel=0.1)
+
+
+@pytest.mark.parametrize("board", [False, True])
+def test_squares_on_a_board_are_drawn_and_the_truth_is_of_what_was_asked_for(board: bool) -> None:
+    flat = cut_square(1000, board=board)
+    truth = render(flat.scene).truth
+    sides = np.linalg.norm(np.roll(truth.outline_px, -1, axis=0) - truth.outline_px, axis=1)
+    assert math.isclose(sides[0] / sides[1], 4 / 3 if board else 1, rel_tol=0.15)
