@@ -67,7 +67,7 @@ def test_a_link_that_breaks_makes_the_broker_announce_us_offline(
     listener.wait_for_payloads(AVAILABILITY, ["online", "offline"])
     assert listen(broker.port).wait_for(AVAILABILITY).payload == "offline"
     tunnel.mend()
-    listener.wait_for_payloads(AVAILABILITY, ["online", "offline", "online"])
+    eventually(lambda: listener.payloads(AVAILABILITY)[2:3] == ["online"])  # and again if the first was not confirmed
 
 
 def test_a_short_break_is_not_announced_with_mqtt_5(

@@ -104,12 +104,14 @@ def test_so_do_its_snapshots_in_which_nothing_is_untold(here):
     connection = http.client.HTTPConnection(here.url.removeprefix("http://"), timeout=120)
     connection.request("GET", "/api/v1/live?image=plain")
     answer = connection.getresponse()
-    for _ in range(3):
+    pictures = 0
+    while pictures < 3:  # a snapshot has none where no frame has come since the one before
         lengths = struct.unpack(">II", answer.read(8))
         snapshot, picture = (answer.read(length) for length in lengths)
         data = json.loads(snapshot)
         validator("Snapshot").validate(data)
-        assert picture.startswith(b"\xff\xd8")
+        assert picture[:2] in {b"", b"\xff\xd8"}
+        pictures += bool(picture)
     connection.close()
     for name, found in (
         ("Snapshot", data),
