@@ -204,7 +204,9 @@ class BallDetector:
         balls.sort(key=lambda each: each.score, reverse=True)
         for rival in balls[1:]:
             if rival.score > RIVAL_SCORE * balls[0].score and not are_same(rival.limb.circle, balls[0].limb.circle):
-                places = " and ".join(f"{each.limb.circle.x_px:.0f},{each.limb.circle.y_px:.0f}" for each in balls[:2])
+                places = " and ".join(
+                    f"{each.limb.circle.x_px:.0f},{each.limb.circle.y_px:.0f}" for each in (balls[0], rival)
+                )
                 return self._refuse(f"what is round at {places} is as much like a ball; give its colours, hsv", scene)
         if balls:
             return self._report_found(scene, balls[0])

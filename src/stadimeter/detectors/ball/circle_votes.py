@@ -66,21 +66,20 @@ def propose_circles(image: Image, min_radius_px: float, max_radius_px: float) ->
 
 def _rank_levels(image: Image) -> Iterator[tuple[float, ImageCircle]]:
     """Yield the circles of each level and how much they are like an outline."""
-    # Leaving out whole pixels first costs less than their mean, which the last halving takes.
-    longest = max(image.shape[:2])
-    level, step = thin_out(image, max(1, longest // (2 * VOTING_WIDTH_PX))), max(1, longest // (2 * VOTING_WIDTH_PX))
-    level = np.asarray(cv2.cvtColor(level, cv2.COLOR_BGR2GRAY), np.uint8)
+    # Leaving out pixels first costs less than their mean, which the next halving takes.
+    step = max(1, max(image.shape[:2]) // (2 * VOTING_WIDTH_PX))
+    level = np.asarray(cv2.cvtColor(thin_out(image, step), cv2.COLOR_BGR2GRAY), np.uint8)
     while min(level.shape) >= MIN_LEVEL_PX:
         if max(level.shape) <= VOTING_WIDTH_PX:
             edges = _find_edges(level)
             if len(edges.x) >= MIN_SECTORS:
                 circles, likeness = _fit(edges, _highest(edges, level.shape))
+                # Pixels of a level are the means of `step` by `step` others.
+                off_px = (step - 1) / 2
                 for (x, y, radius), like in zip(circles.tolist(), likeness.tolist(), strict=True):
-                    # Pixels of a level are the means of `step` by `step` others.
-                    off_px = (step - 1) / 2
                     yield (
                         like,
-                        ImageCircle(x_px=x * step + off_px, y_px=y * step + off_px, radius_px=max(radius * step, 1.0)),
+                        ImageCircle(x_px=x * step + off_px, y_px=y * step + off_px, radius_px=radius * step),
                     )
         level = level[: level.shape[0] // 2 * 2, : level.shape[1] // 2 * 2]
         size, step = (level.shape[1] // 2, level.shape[0] // 2), 2 * step
@@ -102,9 +101,9 @@ def _find_edges(grey: Image) -> _Edges:
     beside = np.where(np.abs(across[at]) > np.abs(down[at]), 1, width)
     here = squared[at]
     at = at[(here >= squared[at - beside]) & (here > squared[(at + beside) % len(squared)])]
-    length = np.sqrt(squared[at])
+    per_length = np.float32(1) / np.sqrt(squared[at])
     y, x = np.divmod(at, width)
-    return _Edges(x.astype(np.float32), y.astype(np.float32), across[at] / length, down[at] / length)
+    return _Edges(x.astype(np.float32), y.astype(np.float32), across[at] * per_length, down[at] * per_length)
 
 
 def _highest(edges: _Edges, shape: tuple[int, ...]) -> Profiles:
@@ -113,19 +112,21 @@ def _highest(edges: _Edges, shape: tuple[int, ...]) -> Profiles:
     reach = np.concatenate([RADII_PX, -RADII_PX])[:, None]
     x, y = np.rint(edges.x + reach * edges.across), np.rint(edges.y + reach * edges.down)
     inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
-    band = np.tile(np.arange(count, dtype=np.float32), 2)[:, None] * (width * height)
-    cells = (band + y * width + x)[inside].astype(np.intp)
-    votes = np.bincount(cells, minlength=count * width * height).reshape(count, height, width).astype(np.float32)
+    band = np.tile(np.arange(count, dtype=np.float32), 2)[:, None]
+    cells = ((y * width + x) * count + band)[inside].astype(np.intp)
+    # The radii of one place lie next to each other.
+    votes = np.bincount(cells, minlength=count * width * height).reshape(height, width, count).astype(np.float32)
+    sums = cv2.blur(votes, (3, 3)).reshape(votes.shape)
+    # What the middle radius shows around there is expected of all; its root is the standard deviation of counts.
+    usual = cv2.blur(cv2.extractChannel(sums, count // 2), (2 * AROUND + 1, 2 * AROUND + 1))
+    worth = (sums - usual[..., None]) * (1 / np.sqrt(usual + 0.1))[..., None]
     found = []
-    for grid, radius in zip(votes, RADII_PX.tolist(), strict=True):
-        sums = cv2.blur(grid, (3, 3))
-        usual = cv2.blur(sums, (2 * AROUND + 1, 2 * AROUND + 1))
-        # As many standard deviations above chance, whose votes are counts.
-        worth = (sums - usual) / np.sqrt(usual + 0.1)
+    for index, radius in enumerate(RADII_PX.tolist()):
+        grid = cv2.extractChannel(worth, index)
         for _ in range(PEAKS):
-            _, most, _, (column, row) = cv2.minMaxLoc(worth)
+            _, most, _, (column, row) = cv2.minMaxLoc(grid)
             found.append((most, column, row, radius))
-            worth[max(0, row - 2) : row + 3, max(0, column - 2) : column + 3] = 0
+            grid[max(0, row - 2) : row + 3, max(0, column - 2) : column + 3] = 0
     found.sort(reverse=True)
     return np.array(found, np.float32)[:MAX_FITTED, 1:]
 
