@@ -101,7 +101,7 @@ def _find_edges(grey: Image) -> _Edges:
     beside = np.where(np.abs(across[at]) > np.abs(down[at]), 1, width)
     here = squared[at]
     at = at[(here >= squared[at - beside]) & (here > squared[(at + beside) % len(squared)])]
-    per_length = np.float32(1) / np.sqrt(squared[at])
+    per_length = (1 / np.sqrt(squared[at])).astype(np.float32)
     y, x = np.divmod(at, width)
     return _Edges(x.astype(np.float32), y.astype(np.float32), across[at] * per_length, down[at] * per_length)
 
