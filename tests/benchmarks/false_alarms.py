@@ -17,6 +17,7 @@ from stadimeter.core.detection import DetectionStatus
 from support.scenes import draw
 from support.scenes.backdrop import ClutterBackdrop
 from support.scenes.render import render
+from support.scenes.room import RoomBackdrop
 from support.scenes.scene import Scene
 
 DISTRACTORS = 12
@@ -29,7 +30,7 @@ BUSY_EVERY = 4
 ALIKE_APART = 500_000
 """Each seed stands for two scenes of clutter full of the ball's colour: its own, and that of the seed so far on."""
 
-OF_OURS = ("ball", "sheet", "disc", "tag")
+OF_OURS = ("ball", "ball of any colour", "sheet", "disc", "tag")
 
 
 class Alarm(Struct, frozen=True, kw_only=True):
@@ -77,6 +78,8 @@ def alarms_of(seed: int) -> list[Alarm]:
         "tutorial sheet": tutorial.sheet_box(image) is not None,
     }
     found += [Alarm(row="clutter", method=name, seed=seed, raised=each) for name, each in raised.items()]
+    room = replace(empty, backdrop=RoomBackdrop())
+    found += _of_ours(room, "room", ("ball of any colour",))
     for alike in (seed, seed + ALIKE_APART):
         full = replace(draw.empty_scene(alike), backdrop=ClutterBackdrop(like_target=1.0))
         found += _of_ours(full, "clutter of the ball's colour", ("ball",))

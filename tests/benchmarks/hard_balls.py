@@ -13,16 +13,19 @@ from workload import over_seeds
 
 from support.scenes import draw, nuisances
 from support.scenes.backdrop import ClutterBackdrop, PlainBackdrop
-from support.scenes.hard_balls import BACKDROPS, HardBall, ball_on_carpet, hard_ball
+from support.scenes.hard_balls import BACKDROPS, HardBall, ball_on_carpet, hard_ball, silver_ball
 from support.scenes.render import render
 from support.scenes.scene import RenderedScene, Scene
 
 GROSS = 0.1
-LARGE_PX, SMALL_PX, BLURRED_PX = (20.0, 70.0), (5.0, 10.0), (5.0, 14.0)
+LARGE_PX, SMALL_PX, BLURRED_PX, SILVER_PX = (20.0, 70.0), (5.0, 10.0), (5.0, 14.0), (10.0, 70.0)
 DOTS = 12
 CARPET_PX = (7.0, 35.0)
 CARPET_SPLIT_PX = 15.0
 CARPET_EVERY = 2
+SILVER_EVERY = 4
+"""Of so many seeds, one is taken for silver balls."""
+
 CONDITIONS_EVERY = DOTS_EVERY = BLURRED_EVERY = 8
 """Of so many seeds, one is taken for the other tables too: each of their cells then has 200 frames as well."""
 
@@ -66,6 +69,10 @@ TABLES = {
         "that its lower side is as dark as its contact shadow. JPEG of a quality from 75 to 95, with colour halved."
     ),
     "dots": f"A plain ball with {DOTS} shapes of its colour around it, 5 to 70 px in radius.",
+    "silver": (
+        "A shiny ball of the colour of the wall, or grey before floors and clutter, that mirrors what is above and "
+        "below, 10 to 70 px in radius. The detector is given no colours."
+    ),
     "blurred": "A plain ball of 5 to 14 px in radius with motion of 6 px, looked for where it is expected.",
 }
 
@@ -86,7 +93,15 @@ def samples_of(seed: int) -> list[HardSample]:
         found += list(_dots(seed))
     if seed % BLURRED_EVERY == 2:
         found += list(_blurred(seed))
+    if seed % SILVER_EVERY == 3:
+        found.append(_silver(seed))
     return found
+
+
+def _silver(seed: int) -> HardSample:
+    drawn = silver_ball(seed, SILVER_PX)
+    kinds = ("all", f"on {drawn.backdrop}")
+    return _measured("silver", kinds, drawn.scene, render(drawn.scene), None)
 
 
 def _hard(name: str, hard: HardBall) -> HardSample:
@@ -133,7 +148,7 @@ def _blurred(seed: int) -> Iterable[HardSample]:
 
 
 def _measured(
-    name: str, kinds: tuple[str, ...], scene: Scene, made: RenderedScene, hsv: str, *, is_expected: bool = False
+    name: str, kinds: tuple[str, ...], scene: Scene, made: RenderedScene, hsv: str | None, *, is_expected: bool = False
 ) -> HardSample:
     finder = ours.detector("ball", scene.camera, hsv=hsv, diameter=f"{scene.target.diameter_m} m")
     prediction = ours.prediction_of(made.truth) if is_expected else None

@@ -27,6 +27,7 @@ PREDICTION_SIGMA_PX = 2.0
 
 OPTIONS: dict[str, dict[str, Any]] = {
     "ball": {"diameter": f"{draw.TENNIS_M} m", "hsv": BALL_HSV},
+    "ball of any colour": {"diameter": f"{draw.TENNIS_M} m"},
     "large ball": {"diameter": f"{draw.LARGE_BALL_M} m", "hsv": BALL_HSV},
     "sheet": {"width": f"{draw.SHEET_M[0]} m", "height": f"{draw.SHEET_M[1]} m"},
     "disc": {"diameter": f"{draw.DISC_M} m"},
@@ -34,7 +35,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
 }
 """What each detector is told, by the name of the target."""
 
-DRIVERS = {"large ball": "ball", "plain sheet": "sheet"}
+DRIVERS = {"large ball": "ball", "ball of any colour": "ball", "plain sheet": "sheet"}
 """Which entry point a target's detector has, where the names differ."""
 
 

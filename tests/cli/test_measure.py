@@ -312,7 +312,7 @@ def test_the_help_reads_like_a_manual_page() -> None:
 
 
 def test_all_options_that_are_missing_are_named_at_once(pictures: Path) -> None:
-    result = _run(pictures / "ball.png", "--ball", "10cm")
+    result = _run(pictures / "ball.png", "--tag", "10cm")
     assert result.exit_code == 2
-    assert "add --hsv" in result.stderr
+    assert "add --family" in result.stderr
     assert "--camera: the camera file is missing" in result.stderr

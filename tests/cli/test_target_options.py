@@ -90,7 +90,6 @@ def test_what_is_wrong_is_said_in_one_line() -> None:
         ({"tag": "8cm", "family": "36h1"}, "--family: there is no family of tags '36h1'; did you mean"),
         ({"tag": "8cm", "family": "36h11", "tag_id": 587}, "--id: 587 is not in apriltag-36h11"),
         ({"tag": "8", "family": "36h11"}, "--tag: '8' has no unit"),
-        ({"ball": "6cm"}, "--ball needs the ball's colours"),
         ({"hsv": HSV}, "nothing says what to look for"),
         ({"hsv": HSV, "disc": "12 cm"}, "--hsv says which colours the ball or the sheet has; give --sheet"),
         ({"ball": "6cm", "hsv": HSV, "known_side": "width"}, "give --sheet WIDTH,HEIGHT with it"),

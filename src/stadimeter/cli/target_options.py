@@ -69,7 +69,7 @@ _OPTIONS = {
     "--ball": _Option("DIAMETER", "Look for a ball of this size, such as 6.4cm or 'tennis ball'."),
     "--hsv": _Option(
         "H,S,V:H,S,V",
-        "The ball's colours, or the sheet's if they help to find it: lower and upper limit, as OpenCV has them, "
+        "The ball's or the sheet's colours, if they help to find it: lower and upper limit, as OpenCV has them, "
         "of hue 0 to 179, saturation and value 0 to 255. Such as 29,86,6:64,255,255, a green. A lower hue above the "
         "upper one wraps through red.",
         "hsv",
@@ -121,7 +121,6 @@ _SHORTHANDS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 
 # What to say where an option is missing beside a short one.
 _MISSING = {
-    ("--ball", "--hsv"): '--ball needs the ball\'s colours; add --hsv, such as --hsv "29,86,6:64,255,255"',
     ("--tag", "--family"): "--tag needs the tag's family; add --family, such as --family 36h11",
 }
 

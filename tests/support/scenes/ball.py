@@ -42,6 +42,8 @@ class BallTarget(Struct, frozen=True, kw_only=True):
         surface: Markings, dirt and felt; None for a smooth ball of one colour.
         floor_bgr: Colour of the floor that it lies on: its lower side is lit by that instead of from all sides, and
             darkest where it touches; None for a ball in the air.
+        mirror: The share of its light that is the picture of its surroundings, bright above and dark below, as on a
+            silver ball; 0 for a matte one.
     """
 
     position_m: Vector
@@ -52,6 +54,7 @@ class BallTarget(Struct, frozen=True, kw_only=True):
     specular: float = 0.0
     surface: BallSurface | None = None
     floor_bgr: Colour | None = None
+    mirror: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0 < self.diameter_m / 2 < self.position_m[2]:
@@ -141,6 +144,12 @@ class BallTarget(Struct, frozen=True, kw_only=True):
             perceiver = (u * normal[0] + v * normal[1] + normal[2]).astype(np.float32)
             mirrored = (away - 2 * facing * perceiver) / np.sqrt(u * u + v * v + 1).astype(np.float32)
             light = light + np.float32(self.specular) * (np.clip(mirrored, 0, 1) ** np.float32(SHININESS))[:, :, None]
+        if self.mirror > 0:
+            # Down along the mirrored ray; what is above the horizon is brighter than the ball, what is below darker.
+            perceived = (u * normal[0] + v * normal[1] + normal[2]) / np.sqrt(u * u + v * v + 1)
+            down = v / np.sqrt(u * u + v * v + 1) - 2 * perceived * normal[1]
+            around = np.float32(1) - np.float32(0.7) * np.tanh(3 * down).astype(np.float32)
+            light = light * (1 - self.mirror + self.mirror * around[:, :, None])
         return np.asarray(light, np.float32)
 
 

@@ -153,6 +153,17 @@ def _encoded(light: np.ndarray) -> Colour:
     return blue, green, red
 
 
+def silver_ball(seed: int, radii_px: tuple[float, float]) -> HardBall:
+    """Draw a shiny ball of the colour of a wall, or of a grey before floors and clutter; it mirrors what is around."""
+    drawn, rng = hard_ball(seed, radii_px), np.random.default_rng((seed, 81))
+    grey = int(rng.integers(110, 200))
+    behind = drawn.scene.backdrop
+    bgr = behind.bgr if isinstance(behind, PlainBackdrop) else (grey, grey, grey)
+    shiny = {"mirror": float(rng.uniform(0.3, 0.8)), "specular": float(rng.uniform(0.2, 0.8)), "surface": None}
+    ball = replace(drawn.scene.target, bgr=bgr, **shiny)
+    return replace(drawn, scene=replace(drawn.scene, target=ball, occluder=None), colour="silver", has_hand=False)
+
+
 def hard_sensor(rng: np.random.Generator) -> Sensor:
     """Draw a camera: its tone curve, sharpening, noise and how it stores colour."""
     stored = rng.uniform()

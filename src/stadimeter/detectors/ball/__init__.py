@@ -25,7 +25,8 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame, Subsampling
 from stadimeter.detectors.ball.blobs import Blob, find_blobs, join_patches, search_step, thin_out
-from stadimeter.detectors.ball.choice import BestBall, Doubt, explains, look_again
+from stadimeter.detectors.ball.choice import BestBall, Doubt, best_and_rival, explains, look_again
+from stadimeter.detectors.ball.circle_votes import propose_circles
 from stadimeter.detectors.ball.circles import ImageCircle, find_edge_circle
 from stadimeter.detectors.ball.colour_proposal import propose, view
 from stadimeter.detectors.ball.gates import (
@@ -89,8 +90,8 @@ class BallOptions(DriverOptions):
     """The ball's diameter, such as ``"6.4 cm"``, or its name, such as ``"tennis ball"``."""
     tolerance: Length | None = None
     """One standard deviation of the diameter, such as ``"1 mm"``; None if it is known well."""
-    hsv: HsvRangeText
-    """Its colours, lower and upper limit: ``"29,86,6:64,255,255"``."""
+    hsv: HsvRangeText | None = None
+    """Its colours, lower and upper limit: ``"29,86,6:64,255,255"``; None if any round outline may be the ball."""
     min_radius_px: Annotated[float, Field(ge=3)] = 5.0
     """Balls that look smaller than this are not accepted."""
     max_radius_px: Annotated[float, Field(gt=3)] | None = None
@@ -177,24 +178,41 @@ class BallDetector:
                 return self._report_found(scene, expected)
             # What was refused near a prediction says nothing of the rest of the picture.
             scene.refusals.clear()
-        large = self._find_large(scene) if self._around_px is None else None
-        if large is not None:
+        if (colour := self._colour) is None:
+            return self._find_any_colour(scene)
+        if self._around_px is None and (large := self._find_large(scene, colour)) is not None:
             return self._report_found(scene, large)
-        blobs = find_blobs(frame.image, self._colour, self._step)
+        blobs = find_blobs(frame.image, colour, self._step)
         near = blobs if self._around_px is None else [blob for blob in blobs if _reaches(blob, self._around_px)]
         ball = self._find_best(scene, near)
         if ball is None and self._around_px is None:
-            ball = self._search_other_ranges(scene)
+            ball = self._search_other_ranges(scene, colour)
         return self._report_not_found(scene, blobs) if ball is None else self._report_found(scene, ball)
 
-    def _find_large(self, scene: BallScene) -> FoundBall | None:
+    def _find_any_colour(self, scene: BallScene) -> Detection:
+        """Return the ball among the circles of edges; none if there are two that are as much like one."""
+        circles = propose_circles(scene.image, self._gates.min_radius_px, self._gates.max_radius_px)
+        best, rival = best_and_rival([self._search_at(scene, circle, within(circle)) for circle in circles])
+        if rival:
+            return self._refuse(f"what is round at {rival} is as much like a ball; give its colours, hsv", scene)
+        if best is not None:
+            return self._report_found(scene, best)
+        rejected = list_most_alike(scene.refusals)
+        seen = f"outline of {rejected[0].size_px:.0f} px {rejected[0].reason}" if rejected else "no circle of edges"
+        return self._refuse(seen, scene)
+
+    def _refuse(self, reason: str, scene: BallScene) -> Detection:
+        rejected = list_most_alike(scene.refusals)
+        return Detection(target=self._name, status=DetectionStatus.NOT_FOUND, reason=reason, rejected=rejected)
+
+    def _find_large(self, scene: BallScene, own: HsvRange) -> FoundBall | None:
         """Return a large ball beyond doubt, found in few pixels; None if it takes more of them to tell."""
         height, width = scene.image.shape[:2]
         if width * height <= COARSE_FROM_PIXELS * self._step**2 or self._step >= COARSE_STEP:
             return None
         # Every eighth pixel instead of every fourth: a quarter of the reading. What is found is measured in all pixels
         # all the same, so only a ball of few cells would be less sure, and that goes to the full search.
-        blobs = find_blobs(scene.image, self._colour, COARSE_STEP)
+        blobs = find_blobs(scene.image, own, COARSE_STEP)
         if not blobs or blobs[0].size_px < COARSE_CELLS * COARSE_STEP:
             return None
         ball = self._search_within(scene, blobs[0])
@@ -221,7 +239,7 @@ class BallDetector:
         # beyond it, and four standard deviations of the place.
         half_px = 1.5 * start.radius_px + REGION_SIGMAS * prediction.sigma_px + FIRST_REACH_PX
         region = Region.around((x_px, y_px), half_px, scene.image)
-        if region is None:
+        if region is None or self._colour is None:
             return None
         ball = self._find_best(scene, find_blobs(scene.image, self._colour, self._step, region))
         return ball if ball is not None and is_as_expected(ball, prediction) else None
@@ -251,11 +269,11 @@ class BallDetector:
                 choice.take(search(choice.beside(scene), blob))
         return choice.ball
 
-    def _search_other_ranges(self, scene: BallScene) -> FoundBall | None:
+    def _search_other_ranges(self, scene: BallScene, own: HsvRange) -> FoundBall | None:
         """Return the ball by more or less of its range of colours; what was refused there is not reported."""
         # A range given by hand may hold the floor or a hand as well, so that the blob is no ball; the more saturated or
         # brighter part of it may be the ball alone.
-        for colour in other_ranges(thin_out(scene.image, self._step), self._colour):
+        for colour in other_ranges(thin_out(scene.image, self._step), own):
             narrowed = scene._replace(gates=replace(scene.gates, colour=colour), refusals=[])
             ball = self._find_best(narrowed, find_blobs(scene.image, colour, self._step)[:MAX_OTHER_BLOBS])
             if ball is not None and ball.quality >= QUALITY_OF_OTHERS:
@@ -360,7 +378,7 @@ class BallDetector:
             reason = f"largest blob {blobs[0].size_px:.0f} px, limit {2 * self._gates.min_radius_px:.0f} px"
         else:
             reason = f"blob of {rejected[0].size_px:.0f} px {rejected[0].reason}"
-        return Detection(target=self._name, status=DetectionStatus.NOT_FOUND, reason=reason, rejected=rejected)
+        return self._refuse(reason, scene)
 
 
 def _reaches(blob: Blob, place_px: tuple[float, float]) -> bool:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from msgspec import Struct, field
 
 from stadimeter.detectors.ball.blobs import Blob
+from stadimeter.detectors.ball.circle_votes import are_same
 from stadimeter.detectors.ball.gates import BallScene, FoundBall, max_score
 from stadimeter.detectors.ball.limb import Limb, look_by_colour
 
@@ -17,6 +19,9 @@ MIN_SHARE_OF_BLOB = 0.7
 # In clutter of the ball's colour this takes a third of the time, and of 480 pictures it changed the error of two, to
 # less.
 SEEN_BESIDE_SURE = 0.6
+
+# Without a colour: an outline elsewhere with more than this share of the best one's score is as much like a ball.
+RIVAL_SCORE = 0.8
 
 
 class Doubt(NamedTuple):
@@ -47,6 +52,16 @@ class BestBall(Struct):
     def beside(self, scene: BallScene) -> BallScene:
         """Return the scene as the rest of it is searched."""
         return scene._replace(has_sure=True) if self.ball is not None and self.ball.is_sure else scene
+
+
+def best_and_rival(balls: Sequence[FoundBall | None]) -> tuple[FoundBall | None, str]:
+    """Return the best of several balls, and the places of it and of another one that is as much like one, in words."""
+    ranked = sorted(filter(None, balls), key=lambda each: each.score, reverse=True)
+    for rival in ranked[1:]:
+        if rival.score > RIVAL_SCORE * ranked[0].score and not are_same(rival.limb.circle, ranked[0].limb.circle):
+            circles = (ranked[0].limb.circle, rival.limb.circle)
+            return ranked[0], " and ".join(f"{each.x_px:.0f},{each.y_px:.0f}" for each in circles)
+    return (ranked[0] if ranked else None), ""
 
 
 def explains(ball: FoundBall | None, blob: Blob) -> bool:

@@ -55,6 +55,11 @@ MIN_QUALITY, QUALITY_OF_SMALL_PX = 0.06, 0.3
 # Greatest allowance without blur: steps of texture scatter more, and lie near to any large circle.
 MAX_SCATTER_PX = 3.0
 
+# The same for a ball whose colour is not known: chance has the whole picture to put a circle together. In 120 empty
+# pictures it made 4 of a quality above 0.3, three of them no more than 12 px in radius; of silver balls 5 % have less
+# than 0.43.
+MIN_QUALITY_OF_ANY_COLOUR, ANY_COLOUR_OF_SMALL_PX = 0.3, 2.5
+
 # With less of the limb seen than is asked for and this, twice the share outside of which the ball's colour goes on
 # counts against it: an ellipse or a corner of that colour has an arc that is round, and reaches beyond it elsewhere.
 CLEAR_MARGIN, OVERRUN_WEIGHT = 0.25, 2.0
@@ -120,7 +125,7 @@ class Refusal(NamedTuple):
 class BallGates(Struct, frozen=True, kw_only=True):
     """The tests that a limb has to pass."""
 
-    colour: HsvRange
+    colour: HsvRange | None  # None where any colour will do
     min_radius_px: float
     max_radius_px: float  # the largest radius, perhaps infinite
 
@@ -152,39 +157,22 @@ class BallGates(Struct, frozen=True, kw_only=True):
         # Where a ball is expected and seen all around, its colour was judged less than a second ago: see
         # stadimeter.perception.perceiver. To judge it again would take as long as a fifth of all else.
         is_known = scene.expected is not None and margin >= FULL_QUALITY_MARGIN
-        fill = 1.0 if is_known else self._fill(scene.image, limb.circle, coloured_px2)
+        colour = self.colour
+        fill = 1.0 if is_known or colour is None else _fill(scene.image, limb.circle, coloured_px2, colour)
         if fill < MIN_FILL:
             return refuse_too_little_colour(limb.circle, fill, tests_passed=2)
         # Only a barely supported limb is held against the colour outside: an arc of an ellipse or the corner of a thing
         # of the ball's colour is round too, but the colour goes on where no step is seen.
-        if margin < CLEAR_MARGIN:
-            margin -= OVERRUN_WEIGHT * self._overrun(scene.image, limb, scene.lens)
+        if margin < CLEAR_MARGIN and colour is not None:
+            margin -= OVERRUN_WEIGHT * _overrun(scene.image, limb, scene.lens, colour)
         ball = FoundBall(limb=limb, fill=fill, margin=margin, is_cut_off=cut_off)
         least = MIN_QUALITY + QUALITY_OF_SMALL_PX / radius_px
+        if colour is None:
+            least = MIN_QUALITY_OF_ANY_COLOUR + ANY_COLOUR_OF_SMALL_PX / radius_px
         if ball.quality < least and not agrees:
             reason = f"is hardly round: quality {ball.quality:.2f}, limit {least:.2f}"
             return _refuse(limb.circle, reason, 3 + ball.quality / least)
         return ball
-
-    def _overrun(self, image: Image, limb: Limb, lens: CameraModel) -> float:
-        """Return the share of the limb that shows no step, and outside of which the ball's colour goes on.
-
-        Of what hides a ball there is none outside.
-        """
-        outline_px = lens.project(limb.cone.outline(OUTLINE_POINTS))
-        radius_px, blur_px = limb.circle.radius_px, max(0.0, limb.width_px - SHARP_PX)
-        off_px = max(BESIDE_PX, BESIDE_SHARE * radius_px) + BESIDE_OF_BLUR * blur_px
-        # An outline point is unseen if no step lies within r / 12 of it, two thirds of their spacing.
-        unseen_px = outline_px[_nearest_px(outline_px, limb.points_px) > 4 * radius_px / OUTLINE_POINTS]
-        return colour_share_beside(image, unseen_px, outline_px.mean(0), off_px, self.colour) * (
-            len(unseen_px) / OUTLINE_POINTS
-        )
-
-    def _fill(self, image: Image, circle: ImageCircle, coloured_px2: float | None) -> float:
-        """Return how much of a ball has its colour."""
-        if coloured_px2 is None:
-            return colour_share(image, circle, self.colour)
-        return min(1.0, coloured_px2 / (math.pi * circle.radius_px**2))
 
 
 class BallScene(NamedTuple):
@@ -197,6 +185,26 @@ class BallScene(NamedTuple):
     refusals: list[Refusal]  # what was looked at and is no ball, filled while searching
     has_sure: bool = False  # whether a ball was found in it beyond doubt
     expected: ImageCircle | None = None  # where the ball is expected, while it is looked for there
+
+
+def _overrun(image: Image, limb: Limb, lens: CameraModel, colour: HsvRange) -> float:
+    """Return the share of the limb that shows no step, and outside of which the ball's colour goes on.
+
+    Of what hides a ball there is none outside.
+    """
+    outline_px = lens.project(limb.cone.outline(OUTLINE_POINTS))
+    radius_px, blur_px = limb.circle.radius_px, max(0.0, limb.width_px - SHARP_PX)
+    off_px = max(BESIDE_PX, BESIDE_SHARE * radius_px) + BESIDE_OF_BLUR * blur_px
+    # An outline point is unseen if no step lies within r / 12 of it, two thirds of their spacing.
+    unseen_px = outline_px[_nearest_px(outline_px, limb.points_px) > 4 * radius_px / OUTLINE_POINTS]
+    return colour_share_beside(image, unseen_px, outline_px.mean(0), off_px, colour) * (len(unseen_px) / OUTLINE_POINTS)
+
+
+def _fill(image: Image, circle: ImageCircle, coloured_px2: float | None, colour: HsvRange) -> float:
+    """Return how much of a ball has its colour."""
+    if coloured_px2 is None:
+        return colour_share(image, circle, colour)
+    return min(1.0, coloured_px2 / (math.pi * circle.radius_px**2))
 
 
 def _agrees(circle: ImageCircle, expected: ImageCircle) -> bool:

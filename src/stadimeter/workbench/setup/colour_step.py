@@ -26,7 +26,7 @@ from stadimeter.workbench.colour_aids import (
 from stadimeter.workbench.measuring import open_picture
 from stadimeter.workbench.setup.camera_step import SHOWN
 from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Question, SetupStep, words_of
-from stadimeter.workbench.setup.target import build_target, is_doubtful, look
+from stadimeter.workbench.setup.target import ANY_COLOUR, build_target, is_doubtful, look
 
 # Pictures that are kept with their clicks; the oldest makes room for another.
 MAX_PICTURES = 6
@@ -218,13 +218,14 @@ class ColourStep(SetupStep):
             ready=ready,
             form=(
                 f"places on the ball in {SHOWN}, in pixels to the right and down, such as 312,240 330,262; "
-                'pictures with places, such as dusk.jpg@290,255; or a range such as "29,86,6:64,255,255"'
+                'pictures with places, such as dusk.jpg@290,255; a range such as "29,86,6:64,255,255"; or '
+                f"{ANY_COLOUR}, if it stands out by its outline alone"
             ),
         )
 
     def accept(self, known: Known, text: str) -> Accepted:
         """Take a range, or find one for places and pictures."""
-        if ":" in text and "@" not in text:
+        if text == ANY_COLOUR or (":" in text and "@" not in text):
             found, words = look(known, build_target(known, colour=text))
             return Accepted(answer=text, notes=(words,), doubt=is_doubtful(found))
         samples = _samples(known, text)

@@ -27,8 +27,8 @@ FOUND = f"{PICTURES}/found.png"
 # How ``±`` is typed.
 PLUS_OR_MINUS = re.compile(r"\+/?-")
 
-# The range of a ball before its colour is known.
-ANY_COLOUR = "0,0,0:179,255,255"
+# The answer for a ball of which no range of colours is wanted.
+ANY_COLOUR = "any"
 
 # Sizes beyond these are written in another unit than was meant.
 MIN_SIZE_M, MAX_SIZE_M = 0.005, 3.0
@@ -39,7 +39,8 @@ def target_table(answers: Mapping[str, str]) -> dict[str, Any]:
     kind, (size, tolerance) = answers["target"], size_and_tolerance(answers["size"])
     known_to = {"tolerance": tolerance} if tolerance else {}
     if kind == "ball":
-        return {"detector": kind, "diameter": size, **known_to, "hsv": answers.get("colour", ANY_COLOUR)}
+        colour = answers.get("colour", ANY_COLOUR)
+        return {"detector": kind, "diameter": size, **known_to, **({} if colour == ANY_COLOUR else {"hsv": colour})}
     if kind == "disc":
         return {"detector": kind, "diameter": size, **known_to}
     if kind == "tag":
