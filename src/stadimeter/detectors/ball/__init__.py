@@ -39,7 +39,7 @@ from stadimeter.detectors.ball.gates import (
     refuse_too_little_colour,
     refuse_without_limb,
 )
-from stadimeter.detectors.ball.limb import Limb, find_first_limb, within
+from stadimeter.detectors.ball.limb import Limb, find_limb, within
 from stadimeter.detectors.hsv import HsvRange, HsvRangeText, loosen, other_ranges, parse_hsv_range
 from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView, Exercise, check_image
 from stadimeter.detectors.sampling import Region
@@ -306,7 +306,7 @@ class BallDetector:
         reach_px = max(FIRST_REACH_PX, REACH_OF_STEP * blob.step)
         if doubts is None:
             return self._search_at(scene, blob.circle, reach_px, blob.coloured_px2)
-        limb = find_first_limb(scene.image, blob.circle, reach_px, scene.lens)
+        limb = find_limb(scene.image, blob.circle, reach_px, scene.lens)
         if limb is not None and limb.is_doubtful:
             doubts.append(Doubt(blob, limb, reach_px))
             return None
@@ -323,7 +323,7 @@ class BallDetector:
         self, scene: BallScene, start: ImageCircle, reach_px: float, coloured_px2: float | None = None
     ) -> FoundBall | None:
         """Return the ball near a circle; None, and a note of why, if there is none."""
-        limb = find_first_limb(scene.image, start, reach_px, scene.lens)
+        limb = find_limb(scene.image, start, reach_px, scene.lens)
         if limb is not None and limb.is_doubtful:
             limb = look_again(scene, limb, reach_px)
         return self._judge(scene, start, limb, coloured_px2)

@@ -146,17 +146,10 @@ class Limb(Struct, frozen=True, kw_only=True, eq=False):
 
 
 def find_limb(image: Image, start: ImageCircle, within_px: float, lens: CameraModel) -> Limb | None:
-    """Fit the limb near an expected circle; None with too few steps.
+    """Fit the limb near an expected circle by brightness alone; None with too few steps.
 
-    Where the steps leave doubt, since they scatter or too few are on one limb, they are looked for once more between
-    colours that are the ball's and colours that are not.
+    Where it is doubtful, since steps scatter or too few are on one limb, `look_by_colour` may know better.
     """
-    limb = find_first_limb(image, start, within_px, lens)
-    return look_by_colour(image, limb, within_px, lens) if limb is not None and limb.is_doubtful else limb
-
-
-def find_first_limb(image: Image, start: ImageCircle, within_px: float, lens: CameraModel) -> Limb | None:
-    """Fit the limb near an expected circle by brightness alone; None with too few steps."""
     return _settle(image, start, within_px, lens)
 
 
