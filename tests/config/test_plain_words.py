@@ -75,7 +75,7 @@ WRONG = [
     ({"text": 5}, "zoo.text: 5 is not text; put it in quotes"),
     ({"share": 1.5}, "zoo.share: 1.5 is above 1"),
     ({"share": -0.5}, "zoo.share: -0.5 is below 0"),
-    ({"wait": "2 min"}, "zoo.wait: '2 min' is above 60 in SI units"),
+    ({"wait": "2 min"}, "zoo.wait: '2 min' is above 60 s"),
     ({"wait": 5}, "zoo.wait: 5 has no unit; write it with one, such as '250 ms'"),
     ({"pin": 40}, "zoo.pin: 40 is not a pin; write the BCM number of a GPIO, 0 to 27"),
     ({"colour": "gren"}, "zoo.colour: 'gren' is not one of: red, green (did you mean 'green'?)"),

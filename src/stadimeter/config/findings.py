@@ -15,6 +15,7 @@ from pydantic_core import ErrorDetails
 
 from stadimeter.config.addresses import words_for_people
 from stadimeter.config.toml_lines import KeyPath, SourceSpan, find_span
+from stadimeter.config.units import si_unit_of
 from stadimeter.errors import Problem
 
 # The code of a finding that has none of its own.
@@ -254,7 +255,8 @@ def _complaint(details: ErrorDetails, written: Any) -> str:
     name, context = details["type"], details.get("ctx", {})
     if name in _LIMITS:
         # The limit of a quantity is known only in the unit that the program computes in.
-        unit = " in SI units" if isinstance(written, str) and isinstance(details["input"], float) else ""
+        is_quantity = isinstance(written, str) and isinstance(details["input"], float)
+        unit = f" {si_unit_of(written)}" if is_quantity else ""
         limits = {key: f"{limit:.10g}" if isinstance(limit, float) else limit for key, limit in context.items()}
         return _LIMITS[name].format(**limits) + unit
     if name in {"literal_error", "enum"}:

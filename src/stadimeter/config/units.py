@@ -80,6 +80,10 @@ FREQUENCIES_HZ = Units(MAX_FREQUENCY_HZ, {"Hz": 1.0, "hz": 1.0, "kHz": 1e3})
 _OF_THRESHOLDS = (LENGTHS_M, DURATIONS_S, SPEEDS_MPS, ANGLES_RAD, VOLTAGES_V)
 _OF_ANY_THRESHOLD = Units(MAX_LENGTH_M, {unit: size for units in _OF_THRESHOLDS for unit, size in units.items()})
 
+_OF_ALL = (
+    *_OF_THRESHOLDS, JERKS_MPS3, ACCELERATIONS_MPS2, TURN_RATES_RADPS, TURN_ACCELERATIONS_RADPS2, FREQUENCIES_HZ,
+)  # fmt: skip
+
 DAY_S = 24 * 3600.0
 
 # A number whose comma some read as decimal, others as the one of thousands.
@@ -130,6 +134,12 @@ def parse_any_quantity(text: str) -> tuple[float, str]:
     match = _QUANTITY.fullmatch(text)
     units = next((each for each in _OF_THRESHOLDS if match is not None and match[2] in each), _OF_ANY_THRESHOLD)
     return parse_quantity(text, units, "60 cm"), units.si_unit
+
+
+def si_unit_of(text: str) -> str:
+    """Return the SI unit of a quantity as it is written, such as ``s`` of ``"2 min"``; empty if it is no quantity."""
+    match = _QUANTITY.fullmatch(text)
+    return next((units.si_unit for units in _OF_ALL if match is not None and match[2] in units), "")
 
 
 def _unit_trouble(text: str, unit: str, units: Units, example: str) -> str:
