@@ -32,9 +32,11 @@ import numpy as np
 from stadimeter.core.detection import Flags, Points, Values
 from stadimeter.core.frame import Image
 from stadimeter.detectors.hsv import HsvRange
+from stadimeter.detectors.sampling import CODES
 from stadimeter.detectors.sheet.candidates import SheetFit
 from stadimeter.detectors.sheet.edges import QuadEdges
 from stadimeter.detectors.sheet.outlines import TWIN_EVIDENCE, Twins
+from stadimeter.detectors.sheet.quadrilaterals import SearchedPicture
 from stadimeter.ranging.flat import SheetShape
 from stadimeter.ranging.plane_pose import COORDINATES
 
@@ -140,17 +142,14 @@ class Looks:
     """
 
     def __init__(
-        self, image: Image, picture: Image, scale: float, left_top_px: Points, colour: HsvRange | None
+        self, image: Image, picture: SearchedPicture, scale: float, left_top_px: Points, colour: HsvRange | None
     ) -> None:
         self._image = image
-        self._picture, self._scale, self._left_top_px = picture, scale, left_top_px
+        self._picture, self._scale, self._left_top_px = picture.image, scale, left_top_px
         self._colour = colour
-        self.note_others(np.empty((0, 4, 2)))
-        channels = cv2.split(picture)
-        planes = (cv2.min(cv2.min(channels[0], channels[1]), channels[2]), cv2.max(cv2.max(*channels[:2]), channels[2]))
-        mask = None if colour is None else colour.mask(picture)
+        mask = None if colour is None else colour.mask(picture.image)
         self._share = 1.0 if mask is None else float(np.count_nonzero(mask)) / max(mask.size, 1)
-        self._below = [_shares_below(np.asarray(plane, np.uint8), mask) for plane in planes]
+        self._below = [_shares_below(plane, mask) for plane in (picture.darkest, picture.brightest)]
 
     def note_others(self, outlines_px: Points, aspect: float = 1.0) -> None:
         """Note the outlines that the picture shows at first sight, ``(c, 4, 2)``, and the sheet's aspect."""
@@ -177,7 +176,7 @@ class Looks:
         rivals = ((self._others >= RIVAL_SHARE * mean_contrast[:, None]) & ~twins).sum(axis=1)
         contrast = np.maximum(_least_contrast(steps, free), MIN_CONTRAST) / USUAL_CONTRAST
         # The colour of an outline is the median of its four sides, so that a finger on one of them does not count.
-        usual = np.median(inside, axis=1)
+        usual = np.sort(inside, axis=1)[:, 1:3].mean(axis=1)
         looks = self._brightness(usual) if self._colour is None else self._of_colour(usual, self._colour)
         evidence = np.asarray(looks + np.log(contrast) - RIVAL_POWER * np.log(np.clip(rivals, 1, MAX_RIVALS)))
         evidence += TWIN_EVIDENCE * twins.any(axis=1)
@@ -238,8 +237,8 @@ def _least_contrast(steps: Values, free: Flags | None = None) -> Values:
 
 def _shares_below(plane: Image, mask: Image | None) -> Values:
     """Return the share of pixels in a mask that are darker than each level, shape ``(257,)``, of every second pixel."""
-    some, of_them = plane[::2, ::2], None if mask is None else mask[::2, ::2]
-    counts = np.bincount((some if of_them is None else some[of_them > 0]).ravel(), minlength=256)
+    of_them = None if mask is None else np.ascontiguousarray(mask[::2, ::2])
+    counts = cv2.calcHist([plane[::2, ::2].copy()], [0], of_them, [CODES], (0, CODES)).ravel().astype(np.float64)
     return np.concatenate(((0.0,), np.cumsum(counts) / max(counts.sum(), 1)))
 
 
@@ -267,6 +266,9 @@ OF_SHEETS, OF_OTHERS = 0.1, 0.24
 # Places inside, as shares of the sides. What looks much like that which is around is a hole; what is written on a sheet
 # does not.
 GRID = np.linspace(0.15, 0.85, 6)
+# Bilinear weights of the four corners: not quite perspective, but inside.
+_ACROSS, _DOWN = (each.ravel() for each in np.meshgrid(GRID, GRID))
+INNER = np.stack(((1 - _ACROSS) * (1 - _DOWN), _ACROSS * (1 - _DOWN), _ACROSS * _DOWN, (1 - _ACROSS) * _DOWN)).T
 
 # The share of those places that differ from what is around counts with this power, and as no less than that.
 FILLED_POWER, MIN_FILLED = 4.0, 0.05
@@ -292,7 +294,8 @@ def steps_across(picture: Image, places: Points, along: Points) -> Values:
     """
     outward = np.stack((along[..., 1], -along[..., 0]), axis=-1)
     outward *= BESIDE_PX / np.maximum(np.hypot(outward[..., 0], outward[..., 1]), 1e-9)[..., None]
-    return _at(picture, places - outward[:, :, None]) - _at(picture, places + outward[:, :, None])
+    inside, outside = _at(picture, places + np.stack((-outward, outward))[:, :, :, None])
+    return np.asarray(inside - outside)
 
 
 def ends_evidence(picture: Image, corners: Points, steps: Values) -> Values:
@@ -333,18 +336,16 @@ def filling_evidence(image: Image, corners_px: Points, inside: Values, steps: Va
     hollow = (off < np.abs(steps.mean(axis=1)).max(axis=1, keepdims=True) / 2).mean(axis=1)
     filled = np.log(np.maximum(1 - hollow, MIN_FILLED))
     # Light falls off across a sheet, so a corner is compared with the two sides that meet there.
-    at_corners = ((each + each[:, BEFORE]) / 2 for each in (around, inside))
-    off_around, off_inside = (np.abs(_at(image, _into_corners(corners_px)) - each).max(axis=2) for each in at_corners)
+    beside = np.stack((around, inside))
+    at_corners = (beside + beside[:, :, BEFORE]) / 2
+    off_around, off_inside = np.abs(_at(image, _into_corners(corners_px)) - at_corners).max(axis=3)
     missing = (off_around < off_inside).sum(axis=1)
     return np.asarray(FILLED_POWER * filled - CORNER_EVIDENCE * np.minimum(missing, MAX_CORNERS))
 
 
 def _inner(corners_px: Points) -> Points:
     """Return places all over the inside of outlines, shape ``(c, n, 2)``."""
-    # Bilinear weights of the four corners: not quite perspective, but inside.
-    across, down = (each.ravel() for each in np.meshgrid(GRID, GRID))
-    weights = np.stack(((1 - across) * (1 - down), across * (1 - down), across * down, (1 - across) * down))
-    return np.asarray(np.swapaxes(weights, 0, 1) @ corners_px)
+    return np.asarray(INNER @ corners_px)
 
 
 def _into_corners(corners_px: Points) -> Points:
@@ -360,6 +361,7 @@ def _into_corners(corners_px: Points) -> Points:
 def _at(picture: Image, places: Points) -> Values:
     """Return the colours of a picture at the nearest pixels."""
     height, width = picture.shape[:2]
-    x, y = np.moveaxis(np.rint(np.nan_to_num(places, nan=0.0)), -1, 0)
-    x, y = (np.clip(each, 0, last - 1).astype(np.intp) for each, last in ((x, width), (y, height)))
-    return np.asarray(picture[y, x], np.float64)
+    # Held inside before it is rounded, which is the same; NaN becomes 0, the least.
+    x, y = (np.rint(np.fmin(np.fmax(places[..., i], 0), last - 1)) for i, last in ((0, width), (1, height)))
+    pixels = picture.reshape(-1, picture.shape[2])
+    return np.asarray(pixels.take((y * width + x).astype(np.intp), axis=0), np.float64)

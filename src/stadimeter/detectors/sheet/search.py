@@ -42,6 +42,7 @@ from stadimeter.detectors.sheet.evidence import CUT_PX, Looks, shape_evidence, s
 from stadimeter.detectors.sheet.one_outline import measure_each, settle_each
 from stadimeter.detectors.sheet.outlines import MAX_LOG_RATIO, cut_off_evidence, facing_evidence, ratio_evidence
 from stadimeter.detectors.sheet.quadrilaterals import (
+    SearchedPicture,
     bright_masks,
     find_quadrilaterals,
     more_bright_masks,
@@ -152,7 +153,8 @@ class SheetSearch:
         part = region.of(self._image)
         least, most = SEARCH_LONG_SIDES_PX
         small, scale = reduced(part, int(min(max(SEARCH_SCALE * max(part.shape[:2]), least), most)))
-        looks = Looks(self._image, small, scale, region.left_top_px, self._colour)
+        picture = SearchedPicture.of(small)
+        looks = Looks(self._image, picture, scale, region.left_top_px, self._colour)
         findings = Findings()
         outlines = np.empty((0, 4, 2))
         seen: set[tuple[float, ...]] = set()
@@ -160,7 +162,7 @@ class SheetSearch:
             # Half of the smallest side, in pixels of the reduced picture: an outline found there is rough, and the
             # limit itself is tested once its sides are measured.
             smallest_px = max(self._min_side_px * scale / 2, MIN_SEARCHED_PX)
-            outlines = find_quadrilaterals(masks(small), smallest_px)
+            outlines = find_quadrilaterals(masks(picture), smallest_px)
             outlines = to_full_scale(outlines, scale) + region.left_top_px
             if masks == self._first_masks:
                 looks.note_others(outlines, self._aspect)
@@ -174,10 +176,10 @@ class SheetSearch:
             self._judge_cut_off(findings, outlines, on_border, scale, looks)
         return findings
 
-    def _first_masks(self, picture: Image) -> Iterator[tuple[Mask, float]]:
+    def _first_masks(self, picture: SearchedPicture) -> Iterator[tuple[Mask, float]]:
         yield from quick_masks(picture)
         if self._colour is not None:
-            yield self._colour.mask(picture), 0.0
+            yield self._colour.mask(picture.image), 0.0
 
     def _judge(
         self, findings: Findings, outlines: Points, scale: float, expected: Prediction | None, looks: Looks
