@@ -127,7 +127,7 @@ def _shape_ratio(fit: SheetFit, sigmas_px: Values) -> Values:
 
 def sides_evidence(edges: QuadEdges) -> Values:
     """Return how much the sides of outlines speak for the sheet: those of others are there by chance."""
-    return np.asarray(SUPPORT_POWER * np.log(np.maximum(edges.support.mean(axis=1), 1e-3)))
+    return np.asarray(SUPPORT_POWER * np.log(np.maximum(np.add.reduce(edges.support, axis=1) / 4, 1e-3)))
 
 
 class Looks:
@@ -176,7 +176,7 @@ class Looks:
         rivals = ((self._others >= RIVAL_SHARE * mean_contrast[:, None]) & ~twins).sum(axis=1)
         contrast = np.maximum(_least_contrast(steps, free), MIN_CONTRAST) / USUAL_CONTRAST
         # The colour of an outline is the median of its four sides, so that a finger on one of them does not count.
-        usual = np.sort(inside, axis=1)[:, 1:3].mean(axis=1)
+        usual = np.add.reduce(np.sort(inside, axis=1)[:, 1:3], axis=1) / 2
         looks = self._brightness(usual) if self._colour is None else self._of_colour(usual, self._colour)
         evidence = np.asarray(looks + np.log(contrast) - RIVAL_POWER * np.log(np.clip(rivals, 1, MAX_RIVALS)))
         evidence += TWIN_EVIDENCE * twins.any(axis=1)
@@ -191,7 +191,7 @@ class Looks:
         corners = self._reduced(corners_px)
         vector = corners[:, [1, 2, 3, 0]] - corners
         on_side = corners[:, :, None] + ALONG[:, None] * vector[:, :, None]
-        return np.asarray(steps_across(self._picture, on_side, vector).mean(axis=2))
+        return np.asarray(np.add.reduce(steps_across(self._picture, on_side, vector), axis=2) / len(ALONG))
 
     def _reduced(self, corners_px: Points) -> Points:
         return np.asarray((corners_px - self._left_top_px + 0.5) * self._scale - 0.5)
@@ -221,7 +221,7 @@ class Looks:
 
 def _mean_contrast(steps: Values) -> Values:
     """Return by how many levels outlines differ from what is around, of the channel that differs most on each side."""
-    return np.asarray(np.abs(steps).max(axis=2).mean(axis=1))
+    return np.asarray(np.add.reduce(np.maximum.reduce(np.abs(steps), axis=2), axis=1) / 4)
 
 
 def _least_contrast(steps: Values, free: Flags | None = None) -> Values:
@@ -332,20 +332,16 @@ def filling_evidence(image: Image, corners_px: Points, inside: Values, steps: Va
     # The colours around follow from those inside and the steps. A place inside is hollow if it differs from what is
     # around by less than half of what the sides do.
     around = inside - steps
-    off = np.abs(_at(image, _inner(corners_px)) - around.mean(axis=1, keepdims=True)).max(axis=2)
-    hollow = (off < np.abs(steps.mean(axis=1)).max(axis=1, keepdims=True) / 2).mean(axis=1)
+    off = np.maximum.reduce(np.abs(_at(image, INNER @ corners_px) - np.add.reduce(around, axis=1, keepdims=True) / 4), axis=2)
+    limits = np.maximum.reduce(np.abs(np.add.reduce(steps, axis=1) / 4), axis=1, keepdims=True) / 2
+    hollow = np.add.reduce(off < limits, axis=1) / len(INNER)
     filled = np.log(np.maximum(1 - hollow, MIN_FILLED))
     # Light falls off across a sheet, so a corner is compared with the two sides that meet there.
     beside = np.stack((around, inside))
     at_corners = (beside + beside[:, :, BEFORE]) / 2
-    off_around, off_inside = np.abs(_at(image, _into_corners(corners_px)) - at_corners).max(axis=3)
+    off_around, off_inside = np.maximum.reduce(np.abs(_at(image, _into_corners(corners_px)) - at_corners), axis=3)
     missing = (off_around < off_inside).sum(axis=1)
     return np.asarray(FILLED_POWER * filled - CORNER_EVIDENCE * np.minimum(missing, MAX_CORNERS))
-
-
-def _inner(corners_px: Points) -> Points:
-    """Return places all over the inside of outlines, shape ``(c, n, 2)``."""
-    return np.asarray(INNER @ corners_px)
 
 
 def _into_corners(corners_px: Points) -> Points:
