@@ -26,17 +26,15 @@ from __future__ import annotations
 
 import math
 
-import cv2
 import numpy as np
 
 from stadimeter.core.detection import Flags, Points, Values
 from stadimeter.core.frame import Image
 from stadimeter.detectors.hsv import HsvRange
-from stadimeter.detectors.sampling import CODES
 from stadimeter.detectors.sheet.candidates import SheetFit
 from stadimeter.detectors.sheet.edges import QuadEdges
 from stadimeter.detectors.sheet.outlines import TWIN_EVIDENCE, Twins
-from stadimeter.detectors.sheet.quadrilaterals import SearchedPicture
+from stadimeter.detectors.sheet.quadrilaterals import SearchedPicture, counts_of
 from stadimeter.ranging.flat import SheetShape
 from stadimeter.ranging.plane_pose import COORDINATES
 
@@ -236,9 +234,8 @@ def _least_contrast(steps: Values, free: Flags | None = None) -> Values:
 
 
 def _shares_below(plane: Image, mask: Image | None) -> Values:
-    """Return the share of pixels in a mask that are darker than each level, shape ``(257,)``, of every second pixel."""
-    of_them = None if mask is None else np.ascontiguousarray(mask[::2, ::2])
-    counts = cv2.calcHist([plane[::2, ::2].copy()], [0], of_them, [CODES], (0, CODES)).ravel().astype(np.float64)
+    """Return the share of pixels in a mask that are darker than each level, shape ``(257,)``."""
+    counts = counts_of(plane, mask)
     return np.concatenate(((0.0,), np.cumsum(counts) / max(counts.sum(), 1)))
 
 
@@ -263,11 +260,9 @@ MIN_LEVELS = 4.0
 # How many of the eight ends of its sides lead on, of a sheet and of other outlines.
 OF_SHEETS, OF_OTHERS = 0.1, 0.24
 
-# Places inside, as shares of the sides. What looks much like that which is around is a hole; what is written on a sheet
-# does not.
-GRID = np.linspace(0.15, 0.85, 6)
-# Bilinear weights of the four corners: not quite perspective, but inside.
-_ACROSS, _DOWN = (each.ravel() for each in np.meshgrid(GRID, GRID))
+# Places inside, as bilinear weights of the four corners: not quite perspective, but inside. What looks much like that
+# which is around is a hole; what is written on a sheet does not.
+_ACROSS, _DOWN = (each.ravel() for each in np.meshgrid(*[np.linspace(0.15, 0.85, 6)] * 2))
 INNER = np.stack(((1 - _ACROSS) * (1 - _DOWN), _ACROSS * (1 - _DOWN), _ACROSS * _DOWN, (1 - _ACROSS) * _DOWN)).T
 
 # The share of those places that differ from what is around counts with this power, and as no less than that.
@@ -332,14 +327,14 @@ def filling_evidence(image: Image, corners_px: Points, inside: Values, steps: Va
     # The colours around follow from those inside and the steps. A place inside is hollow if it differs from what is
     # around by less than half of what the sides do.
     around = inside - steps
-    off = np.maximum.reduce(np.abs(_at(image, INNER @ corners_px) - np.add.reduce(around, axis=1, keepdims=True) / 4), axis=2)
+    off = _at(image, INNER @ corners_px) - np.add.reduce(around, axis=1, keepdims=True) / 4
     limits = np.maximum.reduce(np.abs(np.add.reduce(steps, axis=1) / 4), axis=1, keepdims=True) / 2
-    hollow = np.add.reduce(off < limits, axis=1) / len(INNER)
+    hollow = np.add.reduce(np.maximum.reduce(np.abs(off), axis=2) < limits, axis=1) / len(INNER)
     filled = np.log(np.maximum(1 - hollow, MIN_FILLED))
     # Light falls off across a sheet, so a corner is compared with the two sides that meet there.
     beside = np.stack((around, inside))
-    at_corners = (beside + beside[:, :, BEFORE]) / 2
-    off_around, off_inside = np.maximum.reduce(np.abs(_at(image, _into_corners(corners_px)) - at_corners), axis=3)
+    off = _at(image, _into_corners(corners_px)) - (beside + beside[:, :, BEFORE]) / 2
+    off_around, off_inside = np.maximum.reduce(np.abs(off), axis=3)
     missing = (off_around < off_inside).sum(axis=1)
     return np.asarray(FILLED_POWER * filled - CORNER_EVIDENCE * np.minimum(missing, MAX_CORNERS))
 

@@ -6,8 +6,6 @@ outlines are worked on at once: arrays have the outlines first, then their four 
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
@@ -145,9 +143,7 @@ def fit_lines(frame: QuadFrame, across: Values, worth: Values) -> QuadLines:
     distance = (off - offset - slope * along) * frame.cosine
     # Of each step 1, x, x^2, y and x y: the weighted sums of these are all that a line's normal equations need, and a
     # matrix product adds them up for all sides at once.
-    terms = np.empty((*along.shape, 5))
-    for number, term in enumerate((1.0, along, along * along, off, along * off)):
-        terms[..., number] = term
+    terms = np.stack((np.ones_like(along), along, along * along, off, along * off), axis=3)
     for _ in range(ROUNDS):
         limit = _limit(np.abs(distance), found, limit, widest)
         weight = np.maximum(1 - (distance / limit) ** 2, 0) ** 2 * worth
@@ -180,7 +176,10 @@ def line_by_vote(along: Values, off: Values, found: Flags, limit: Values) -> tup
     """Return the line through two steps to which most steps are near; of lines through pairs far from each other."""
     # Pairs of steps half a side apart, and a third apart: a line through near ones would be unsure, and with only one
     # distance an occluder of half a side would spoil every pair.
-    first, second = _pairs(along.shape[2])
+    count = along.shape[2]
+    half, third = count // 2, (count + 2) // 3
+    first = np.concatenate((np.arange(count - half), np.arange(0, count - third, 2)))
+    second = np.concatenate((np.arange(half, count), np.arange(third, count, 2)))
     start, off_start = along.take(first, axis=2), off.take(first, axis=2)
     apart = along.take(second, axis=2) - start
     slopes = (off.take(second, axis=2) - off_start) / np.where(apart == 0, np.inf, apart)
@@ -195,15 +194,8 @@ def line_by_vote(along: Values, off: Values, found: Flags, limit: Values) -> tup
     return picked(offsets, best), picked(slopes, best)
 
 
-@cache
-def _pairs(count: int) -> tuple[Indices, Indices]:
-    half, third = count // 2, (count + 2) // 3
-    first = np.concatenate((np.arange(count - half), np.arange(0, count - third, 2)))
-    return first, np.concatenate((np.arange(half, count), np.arange(third, count, 2)))
-
-
 def picked(values: NDArray[Real], places: Indices) -> NDArray[Real]:
-    """Return one of the values along the last axis each, as `np.take_along_axis` does in four times the time."""
+    """Return one of the values along the last axis each, in a quarter of the time of `np.take_along_axis`."""
     starts = np.arange(0, values.size, values.shape[-1]).reshape(places.shape)
     return values.reshape(-1).take(starts + places)
 
@@ -212,10 +204,8 @@ def _limit(off_px: Values, found: Flags, limit: Values, widest: Values) -> Value
     """Return how far from its line a step may be: three times the usual distance of those near it."""
     # The median of the used ones only: the others are sorted to the end as infinity.
     used = found & (off_px < limit)
-    ordered = np.where(used, off_px, np.inf)
-    ordered.sort(axis=2)
-    half = np.add.reduce(used, axis=2, keepdims=True) // 2
-    usual = picked(ordered, np.minimum(half, ordered.shape[2] - 1))
+    ordered = np.sort(np.where(used, off_px, np.inf), axis=2)
+    usual = picked(ordered, np.minimum(np.add.reduce(used, axis=2, keepdims=True) // 2, ordered.shape[2] - 1))
     return np.minimum(np.maximum(3 * MAD_TO_SIGMA * usual, LIMITS_PX[0]), widest)
 
 

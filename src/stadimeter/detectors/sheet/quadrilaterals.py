@@ -7,7 +7,7 @@ up enough of it are a candidate.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
 from itertools import combinations
 from typing import NamedTuple
@@ -84,9 +84,6 @@ class SearchedPicture(NamedTuple):
         return cls(np.ascontiguousarray(image), np.asarray(darkest, np.uint8), np.asarray(brightest, np.uint8))
 
 
-Masks = Callable[[SearchedPicture], Iterator[tuple[Plane, float]]]
-
-
 def quick_masks(picture: SearchedPicture) -> Iterator[tuple[Plane, float]]:
     """Yield black and white versions that show a sheet that stands out, and how many pixels too small it is there.
 
@@ -96,14 +93,12 @@ def quick_masks(picture: SearchedPicture) -> Iterator[tuple[Plane, float]]:
         yield np.asarray(cv2.threshold(plane, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)[1], np.uint8), 0.0
 
 
-def bright_masks(picture: SearchedPicture) -> Iterator[tuple[Plane, float]]:
-    """Yield black and white versions of a picture that show a bright sheet before things of many colours."""
-    yield from _levels(picture.darkest, slice(0, None, 2))
+def bright_masks(picture: SearchedPicture, first: int = 0) -> Iterator[tuple[Plane, float]]:
+    """Yield black and white versions of a picture that show a bright sheet before things of many colours.
 
-
-def more_bright_masks(picture: SearchedPicture) -> Iterator[tuple[Plane, float]]:
-    """Yield those at the levels between, for a sheet with something nearly as bright behind it."""
-    yield from _levels(picture.darkest, slice(1, None, 2))
+    Every second level from the first; those between are for a sheet with something nearly as bright behind it.
+    """
+    yield from _levels(picture.darkest, slice(first, None, 2))
 
 
 def thorough_masks(picture: SearchedPicture) -> Iterator[tuple[Plane, float]]:
@@ -146,13 +141,17 @@ def find_quadrilaterals(masks: Iterable[tuple[Plane, float]], smallest_side_px: 
 
 
 def _levels(plane: Plane, which: slice) -> Iterator[tuple[Plane, float]]:
-    # Percentiles from the counts of every second pixel in both directions.
-    some = np.ascontiguousarray(plane[::2, ::2])
-    counts = cv2.calcHist([some], [0], None, [CODES], (0, CODES)).ravel().astype(np.float64)
-    shares = np.cumsum(counts) * (100 / some.size)
+    counts = counts_of(plane)
+    shares = np.cumsum(counts) * (100 / counts.sum())
     low, high = np.searchsorted(shares, LEVEL_RANGE).tolist()
     for level in np.linspace(low, high, LEVELS + 2)[1:-1][which]:
         yield np.asarray(cv2.threshold(plane, float(level), 255, cv2.THRESH_BINARY)[1], np.uint8), 0.0
+
+
+def counts_of(plane: Plane, mask: Plane | None = None) -> Values:
+    """Return how many pixels have each level, of every second one in both directions, shape ``(256,)``."""
+    of_them = None if mask is None else mask[::2, ::2].copy()
+    return cv2.calcHist([plane[::2, ::2].copy()], [0], of_them, [CODES], (0, CODES)).ravel().astype(np.float64)
 
 
 def _change(image: Image) -> Plane:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -45,7 +46,6 @@ from stadimeter.detectors.sheet.quadrilaterals import (
     SearchedPicture,
     bright_masks,
     find_quadrilaterals,
-    more_bright_masks,
     not_seen_before,
     quick_masks,
     thorough_masks,
@@ -70,7 +70,7 @@ SEARCH_LONG_SIDES_PX = (320, 800)
 MIN_SEARCHED_PX = 5.0
 
 # After the quick one, one after the other, until the sheet is found beyond doubt.
-LATER_SEARCHES = (bright_masks, more_bright_masks, thorough_masks)
+LATER_SEARCHES = (bright_masks, partial(bright_masks, first=1), thorough_masks)
 
 # A sheet turned away further from the line of sight is not looked for: it appears at a third of its length.
 MAX_TILT_RAD = math.radians(70)
@@ -259,14 +259,14 @@ class SheetSearch:
         corners, every = edges.corners_px, np.ones(len(edges), np.bool_)
         straight = edges.support.min(axis=1, initial=1.0) > FIRST_SUPPORT
         good = findings.sift(2, corners, every, (straight, lambda i: straight_text(edges, i, FIRST_SUPPORT)))
-        misfit_px = self._shape.misfit_px(corners)
-        limits = self._misfit_limits(edges.corner_sigmas_px, longest_sides_px(corners), off_px)
+        misfit_px, limits = self._shape.misfit_px(corners), self._misfit_limits(edges, off_px)
         near: Test = (misfit_px < limits, lambda i: self._misfit_text(misfit_px[i], limits[i], corners[i]))
         return edges[findings.sift(3, corners, good, near, 2 * limits / np.maximum(misfit_px, limits))]
 
-    def _misfit_limits(self, sigmas_px: Values, longest_px: Values, off_px: float = 0.0) -> Values:
+    def _misfit_limits(self, edges: QuadEdges, off_px: float = 0.0) -> Values:
         # The search at half the size is rough, so a sheet that is no exact rectangle either may be off by the sum.
-        return np.maximum(off_px, MISFIT_SIGMAS * sigmas_px) + SLACK_SIGMAS * (self._slack * longest_px)
+        slack_px = self._slack * longest_sides_px(edges.corners_px)
+        return np.maximum(off_px, MISFIT_SIGMAS * edges.corner_sigmas_px) + SLACK_SIGMAS * slack_px
 
     def _misfit_text(self, misfit_px: float, limit_px: float, corners: Points) -> str:
         text = f"corners {misfit_px:.2f} px from those of the sheet, limit {limit_px:.2f} px"
@@ -281,12 +281,11 @@ class SheetSearch:
     ) -> None:
         """Put the candidates through the last tests, and keep those that may be the sheet."""
         # Quality goes from 0 to 1: the share of the sides that is seen, halved where the shape only just passes.
-        sigmas, longest_px = edges.corner_sigmas_px, longest_sides_px(edges.corners_px)
-        fits, limits = self._shape.fits(edges.corners_px), self._misfit_limits(sigmas, longest_px)
+        fits, sigmas, limits = self._shape.fits(edges.corners_px), edges.corner_sigmas_px, self._misfit_limits(edges)
         misfit_px: Values = np.min([each.misfit_px for each in fits], axis=0)
         quality = np.add.reduce(edges.support, axis=1) / 4 * (1 - np.minimum(misfit_px / limits, 1.0) / 2)
         min_quality = 0.0 if self._is_strict else MIN_QUALITY
-        evidence = self._evidence(edges, fits, expected, looks, sigmas, longest_px)
+        evidence = self._evidence(edges, fits, expected, looks)
         good = ~corners_on_border(edges.corners_px, self._image.shape, _margin_px(scale))
         tests: tuple[Test, ...] = (
             *_size_test(edges, expected),
@@ -315,15 +314,10 @@ class SheetSearch:
             )
 
     def _evidence(
-        self,
-        edges: QuadEdges,
-        fits: Sequence[SheetFit],
-        expected: Prediction | None,
-        looks: Looks,
-        sigmas: Values,
-        longest_px: Values,
+        self, edges: QuadEdges, fits: Sequence[SheetFit], expected: Prediction | None, looks: Looks
     ) -> Values:
         """Return how much speaks for each candidate; while the lens is not known, through that which says most."""
+        sigmas, longest_px = edges.corner_sigmas_px, longest_sides_px(edges.corners_px)
         if self._is_strict:
             shape = np.max([shape_evidence(fit, sigmas, longest_px, self._size) for fit in fits], axis=0)
         else:
