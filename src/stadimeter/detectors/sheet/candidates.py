@@ -154,9 +154,8 @@ class Findings(Struct, kw_only=True):
         """
         # The rank joins both: whole numbers are the stage. The logarithm of the size over ten stays below one test.
         passed, why = test
-        failed = good > passed
-        if failed.any():
-            numbers = np.nonzero(failed)[0]
+        numbers = (good > passed).nonzero()[0]
+        if len(numbers):
             sizes = longest_sides_px(corners[numbers])
             ranks = np.log(sizes) / 10 if likely is None else np.minimum(np.maximum(likely[numbers], -10.0), 10.0)
             for which in np.argsort(-ranks, kind="stable")[:REFUSED_OF_A_KIND].tolist():

@@ -242,9 +242,8 @@ def _profiles(image: Image, frame: QuadFrame, reach: int) -> tuple[Plane, Plane]
     # beyond an outline's own reach repeat its last pixel, so that all profiles have one shape.
     apart = np.where(frame.flat, width, 1)
     middle = (frame.pixel * apart + frame.along * (width + 1 - apart)).astype(np.int64)
-    far = frame.reach
-    offsets = np.minimum(np.maximum(np.arange(-reach, reach + 1), -far), far)
-    ends = np.concatenate((-far, 1 - far, far - 1, far), axis=2)
+    offsets = np.minimum(np.maximum(np.arange(-reach, reach + 1), -frame.reach), frame.reach)
+    ends = np.concatenate((-frame.reach, 1 - frame.reach, frame.reach - 1, frame.reach), axis=2)
     pixels, outward, middle = image.reshape(-1, image.shape[2]), apart * frame.outward, middle[..., None]
     codes, levels = (pixels.take(middle + (outward * each)[:, :, None], axis=0) for each in (offsets, ends))
     return codes, levels

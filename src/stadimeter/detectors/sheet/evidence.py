@@ -34,7 +34,7 @@ from stadimeter.detectors.hsv import HsvRange
 from stadimeter.detectors.sheet.candidates import SheetFit
 from stadimeter.detectors.sheet.edges import QuadEdges
 from stadimeter.detectors.sheet.outlines import TWIN_EVIDENCE, Twins
-from stadimeter.detectors.sheet.quadrilaterals import SearchedPicture, counts_of
+from stadimeter.detectors.sheet.quadrilaterals import AFTER, BEFORE, SearchedPicture, counts_of
 from stadimeter.ranging.flat import SheetShape
 from stadimeter.ranging.plane_pose import COORDINATES
 
@@ -272,8 +272,6 @@ FILLED_POWER, MIN_FILLED = 4.0, 0.05
 # that is missing takes from the evidence, for MAX_CORNERS at most: paper curls at a corner, but not at all of them.
 INTO_CORNER, MIN_INTO_CORNER_PX = 0.045, 1.4
 CORNER_EVIDENCE, MAX_CORNERS = 1.2, 3
-
-AFTER, BEFORE = [1, 2, 3, 0], [3, 0, 1, 2]
 
 
 def steps_across(picture: Image, places: Points, along: Points) -> Values:

@@ -196,8 +196,7 @@ def line_by_vote(along: Values, off: Values, found: Flags, limit: Values) -> tup
 
 def picked(values: NDArray[Real], places: Indices) -> NDArray[Real]:
     """Return one of the values along the last axis each, in a quarter of the time of `np.take_along_axis`."""
-    starts = np.arange(0, values.size, values.shape[-1]).reshape(places.shape)
-    return values.reshape(-1).take(starts + places)
+    return values.reshape(-1).take(places + np.arange(0, values.size, values.shape[-1]).reshape(places.shape))
 
 
 def _limit(off_px: Values, found: Flags, limit: Values, widest: Values) -> Values:

@@ -98,8 +98,6 @@ class Twins:
         alike = (apart > TWIN_LENGTHS[0]) & (apart < TWIN_LENGTHS[1])
         alike &= (np.abs(self._sides - sides[:, None]) < TWIN_LOG_SIDE).all(axis=2)
         alike &= np.abs(np.log(np.maximum(self._contrasts, 1) / np.maximum(contrasts[:, None], 1))) < TWIN_LOG_CONTRAST
-        if not alike.any():
-            return np.asarray(alike)
         # Several of them, such as tiles or panes, are no pair; an outline may show twice at one place.
         low, high = (np.where(alike[..., None], off, far) for far in (np.inf, -np.inf))
         spread = (high.max(axis=1, initial=-np.inf) - low.min(axis=1, initial=np.inf)).max(axis=1)

@@ -8,7 +8,7 @@ up enough of it are a candidate.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from functools import cache
+from functools import cache, reduce
 from itertools import combinations
 from typing import NamedTuple
 
@@ -156,13 +156,12 @@ def counts_of(plane: Plane, mask: Plane | None = None) -> Values:
 
 def _change(image: Image) -> Plane:
     """Return how much the channel that changes most changes from pixel to pixel."""
-    steepest = None
+    changes = []
     for plane in cv2.split(image):
-        across = cv2.convertScaleAbs(cv2.Sobel(plane, cv2.CV_16S, 1, 0), alpha=0.25)
-        down = cv2.convertScaleAbs(cv2.Sobel(plane, cv2.CV_16S, 0, 1), alpha=0.25)
-        both = cv2.add(across, down)
-        steepest = both if steepest is None else cv2.max(steepest, both)
-    return np.asarray(steepest, np.uint8)
+        slopes = (cv2.Sobel(plane, cv2.CV_16S, *way) for way in ((1, 0), (0, 1)))
+        across, down = (cv2.convertScaleAbs(slope, alpha=0.25) for slope in slopes)
+        changes.append(cv2.add(across, down))
+    return np.asarray(reduce(cv2.max, changes), np.uint8)
 
 
 def _polygons(mask: Plane, smallest_side_px: float) -> list[Polygon]:
