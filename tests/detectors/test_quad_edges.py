@@ -12,6 +12,7 @@ from stadimeter.detectors.sampling import light_table
 from stadimeter.detectors.sheet.edges import SheetPicture, measure_edges, settle_edges
 from stadimeter.detectors.sheet.one_outline import SUPPORTED, measure_each, settle_each
 from stadimeter.detectors.sheet.quadrilaterals import (
+    SearchedPicture,
     find_quadrilaterals,
     not_seen_before,
     quick_masks,
@@ -56,7 +57,7 @@ def test_a_bright_sheet_stands_out_with_one_sign_on_all_sides_and_nothing_does_n
 
 @pytest.mark.parametrize("masks", [quick_masks, thorough_masks])
 def test_the_outline_of_the_sheet_is_among_those_found(masks) -> None:
-    outlines = find_quadrilaterals(masks(MADE.image), 10.0)
+    outlines = find_quadrilaterals(masks(SearchedPicture.of(MADE.image)), 10.0)
     apart = np.abs(outlines[:, :, None] - CORNERS[None, None]).max(axis=3).min(axis=1).max(axis=1)
     assert apart.min() < 3
 

@@ -16,6 +16,7 @@ from stadimeter.core.frame import Frame
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
 from stadimeter.detectors.sheet.candidates import SheetFit
 from stadimeter.detectors.sheet.evidence import Looks, shape_evidence
+from stadimeter.detectors.sheet.quadrilaterals import SearchedPicture
 from stadimeter.ranging.flat import SheetShape
 from support.each_case import each_case
 from support.scenes.draw import CAMERA, empty_scene, sheet_scene
@@ -161,7 +162,7 @@ def test_the_more_an_outline_stands_out_the_more_speaks_for_it(levels: int, more
     def evidence(contrast: int) -> float:
         picture = np.full((120, 120, 3), 40, np.uint8)
         picture[45:76, 40:81] += np.uint8(contrast)
-        looks = Looks(picture, picture, 1.0, np.zeros(2), None)
+        looks = Looks(picture, SearchedPicture.of(picture), 1.0, np.zeros(2), None)
         looks.note_others(corners)
         return float(looks.evidence(corners, np.full((1, 4, 3), 40.0 + contrast))[0])
 

@@ -89,7 +89,7 @@ def side_frame(
     """
     rows = [(s.start, s.forward, s.slope, s.at_zero, s.cosine, s.outward, *s.strides(width_px)) for s in sides]
     start, forward, slope, at_zero, cosine, outward, next_along, next_across = np.array(rows).T[:, :, None]
-    along = np.rint(start + _step_shares(steps) * forward)
+    along = np.rint(start + step_shares(steps) * forward)
     across = along * slope + at_zero
     if bend is not None:
         across += bend(along)
@@ -128,7 +128,7 @@ def _side_line(start: list[float], end: list[float]) -> SideLine:
 
 
 @cache
-def _step_shares(steps: int) -> Values:
+def step_shares(steps: int) -> Values:
     """Return where along a side its steps are looked for, as shares of its length."""
     return np.linspace(CORNER_SHARE, 1 - CORNER_SHARE, steps)
 

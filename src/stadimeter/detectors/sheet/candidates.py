@@ -154,13 +154,13 @@ class Findings(Struct, kw_only=True):
         """
         # The rank joins both: whole numbers are the stage. The logarithm of the size over ten stays below one test.
         passed, why = test
-        numbers = np.nonzero(good & ~passed)[0]
+        numbers = (good > passed).nonzero()[0]
         if len(numbers):
             sizes = longest_sides_px(corners[numbers])
-            ranks = np.log(sizes) / 10 if likely is None else np.clip(likely[numbers], -10.0, 10.0)
+            ranks = np.log(sizes) / 10 if likely is None else np.minimum(np.maximum(likely[numbers], -10.0), 10.0)
             for which in np.argsort(-ranks, kind="stable")[:REFUSED_OF_A_KIND].tolist():
                 number = int(numbers[which])
-                x_px, y_px = corners[number].mean(axis=0).tolist()
+                x_px, y_px = (np.add.reduce(corners[number], axis=0) / 4).tolist()
                 rank, size_px = stage + float(ranks[which]), float(sizes[which])
                 self.refused.append(
                     RefusedCandidate(rank, stage, (x_px, y_px), size_px, corners[number], partial(why, number))

@@ -27,6 +27,7 @@ from stadimeter.detectors.sheet.lines import (
     QuadFrame,
     fit_lines,
     intersections,
+    picked,
     quad_frame,
 )
 from stadimeter.detectors.sides import CORNER_SHARE
@@ -194,16 +195,12 @@ def _fit(picture: SheetPicture, frame: QuadFrame, free: Flags | None) -> QuadEdg
     # Levels are the means of two pixels at either end of each profile, beyond the blur. The step is where the light,
     # projected on the line from the one colour to the other, passes half way; how much it counts follows from its
     # contrast and from how level the profile is on both sides.
-    codes, light = _profiles(picture.image, frame), picture.light
-    reach = int(frame.reach.max(initial=0))
-    # Two pixels at either end, as far as each outline itself reaches: rows of the profiles, which all have the widest
-    # reach.
-    ends = reach + np.concatenate((-frame.reach, 1 - frame.reach, frame.reach - 1, frame.reach), axis=2)
-    levels = np.take_along_axis(codes, ends[:, :, None, :, None], axis=3)
+    reach, light = int(frame.reach.max(initial=0)), picture.light
+    codes, levels = _profiles(picture.image, frame, reach)
     inside_codes, outside_codes = _means(levels.astype(np.float32))
     difference = inside_codes - outside_codes
     # How far colours differ is the largest of the three channels, in levels: red paper on green may be as bright.
-    most = np.abs(difference).max(axis=3)
+    most = np.maximum.reduce(np.abs(difference), axis=3)
     usual = median(most)
     across, drop, rough = _steps(in_light(codes, light), *_means(in_light(levels, light)), frame, reach)
     worth = np.minimum(most / np.maximum(usual, 1.0), 1.0) / (1 + (rough / np.maximum(median(rough), SMOOTH)) ** 2)
@@ -213,9 +210,9 @@ def _fit(picture: SheetPicture, frame: QuadFrame, free: Flags | None) -> QuadEdg
     if free is not None:
         lines.offset[free], lines.slope[free] = 0.0, 0.0
     # A step supports the outline only if it is brighter, or darker, as most steps of all four sides are.
-    brighter = difference.sum(axis=3)
+    brighter = np.add.reduce(difference, axis=3)
     sign = np.where(median(brighter.reshape(len(brighter), -1)) >= 0, 1.0, -1.0)[:, :, None]
-    inside = np.moveaxis(median(np.moveaxis(inside_codes, 3, 2)), 2, 3)
+    inside = median(inside_codes.swapaxes(2, 3)).swapaxes(2, 3)
     return QuadEdges(
         corners_px=intersections(frame, lines),
         contrast=median(brighter)[..., 0].astype(np.float64) / 3,
@@ -235,17 +232,21 @@ def _means(levels: Profiles) -> tuple[Profiles, Profiles]:
     return (levels[:, :, :, 0] + levels[:, :, :, 1]) * half, (levels[:, :, :, 2] + levels[:, :, :, 3]) * half
 
 
-def _profiles(image: Image, frame: QuadFrame) -> Plane:
-    """Return the code values across each side, from the inside to the outside, shape ``(c, 4, n, 2 reach + 1, 3)``."""
-    reach = int(frame.reach.max(initial=0))
+def _profiles(image: Image, frame: QuadFrame, reach: int) -> tuple[Plane, Plane]:
+    """Return the code values across each side, from the inside to the outside, shape ``(c, 4, n, 2 reach + 1, 3)``.
+
+    And the two pixels at either end, as far as each outline itself reaches: the profiles all have the widest reach.
+    """
     width = image.shape[1]
     # Pixels counted row by row: one further across is a row further for flat sides, a column for the others. Offsets
     # beyond an outline's own reach repeat its last pixel, so that all profiles have one shape.
     apart = np.where(frame.flat, width, 1)
     middle = (frame.pixel * apart + frame.along * (width + 1 - apart)).astype(np.int64)
     offsets = np.minimum(np.maximum(np.arange(-reach, reach + 1), -frame.reach), frame.reach)
-    places = middle[..., None] + ((apart * frame.outward) * offsets)[:, :, None, :]
-    return np.asarray(image.reshape(-1, image.shape[2]).take(places, axis=0), np.uint8)
+    ends = np.concatenate((-frame.reach, 1 - frame.reach, frame.reach - 1, frame.reach), axis=2)
+    pixels, outward, middle = image.reshape(-1, image.shape[2]), apart * frame.outward, middle[..., None]
+    codes, levels = (pixels.take(middle + (outward * each)[:, :, None], axis=0) for each in (offsets, ends))
+    return codes, levels
 
 
 def _steps(
@@ -266,11 +267,11 @@ def _steps(
     before, after = share[..., :-1], share[..., 1:]
     drop = (before - after) * ((before >= 0) & (after < 0))
     # Of several crossings in one profile the steepest is the edge; within it light falls in a straight line.
-    best = np.argmax(drop, axis=3)[..., None]
-    height = np.take_along_axis(drop, best, 3)[..., 0].astype(np.float64)
-    start = np.take_along_axis(before, best, 3)[..., 0]
+    best = drop.argmax(axis=3)[..., None]
+    height = picked(drop, best)[..., 0].astype(np.float64)
+    start = picked(share, best)[..., 0]
     beyond = best[..., 0] + start / np.maximum(height, MIN_DROP)
     # The largest distance from +-0.5 further than CLEAR_PX from the crossing.
-    apart = np.arange(share.shape[3]) - beyond[..., None]
-    off_level = np.abs(np.abs(share) - 0.5) * ((apart > CLEAR_PX) | (apart < -CLEAR_PX))
-    return frame.pixel + frame.outward * (beyond - reach), height, off_level.max(axis=3)
+    apart = np.abs(np.arange(share.shape[3]) - beyond[..., None])
+    off_level = np.abs(np.abs(share) - 0.5) * (apart > CLEAR_PX)
+    return frame.pixel + frame.outward * (beyond - reach), height, np.maximum.reduce(off_level, axis=3)

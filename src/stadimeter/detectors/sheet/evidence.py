@@ -26,7 +26,6 @@ from __future__ import annotations
 
 import math
 
-import cv2
 import numpy as np
 
 from stadimeter.core.detection import Flags, Points, Values
@@ -35,6 +34,7 @@ from stadimeter.detectors.hsv import HsvRange
 from stadimeter.detectors.sheet.candidates import SheetFit
 from stadimeter.detectors.sheet.edges import QuadEdges
 from stadimeter.detectors.sheet.outlines import TWIN_EVIDENCE, Twins
+from stadimeter.detectors.sheet.quadrilaterals import AFTER, BEFORE, SearchedPicture, counts_of
 from stadimeter.ranging.flat import SheetShape
 from stadimeter.ranging.plane_pose import COORDINATES
 
@@ -125,7 +125,7 @@ def _shape_ratio(fit: SheetFit, sigmas_px: Values) -> Values:
 
 def sides_evidence(edges: QuadEdges) -> Values:
     """Return how much the sides of outlines speak for the sheet: those of others are there by chance."""
-    return np.asarray(SUPPORT_POWER * np.log(np.maximum(edges.support.mean(axis=1), 1e-3)))
+    return np.asarray(SUPPORT_POWER * np.log(np.maximum(np.add.reduce(edges.support, axis=1) / 4, 1e-3)))
 
 
 class Looks:
@@ -140,17 +140,14 @@ class Looks:
     """
 
     def __init__(
-        self, image: Image, picture: Image, scale: float, left_top_px: Points, colour: HsvRange | None
+        self, image: Image, picture: SearchedPicture, scale: float, left_top_px: Points, colour: HsvRange | None
     ) -> None:
         self._image = image
-        self._picture, self._scale, self._left_top_px = picture, scale, left_top_px
+        self._picture, self._scale, self._left_top_px = picture.image, scale, left_top_px
         self._colour = colour
-        self.note_others(np.empty((0, 4, 2)))
-        channels = cv2.split(picture)
-        planes = (cv2.min(cv2.min(channels[0], channels[1]), channels[2]), cv2.max(cv2.max(*channels[:2]), channels[2]))
-        mask = None if colour is None else colour.mask(picture)
+        mask = None if colour is None else colour.mask(picture.image)
         self._share = 1.0 if mask is None else float(np.count_nonzero(mask)) / max(mask.size, 1)
-        self._below = [_shares_below(np.asarray(plane, np.uint8), mask) for plane in planes]
+        self._below = [_shares_below(plane, mask) for plane in (picture.darkest, picture.brightest)]
 
     def note_others(self, outlines_px: Points, aspect: float = 1.0) -> None:
         """Note the outlines that the picture shows at first sight, ``(c, 4, 2)``, and the sheet's aspect."""
@@ -177,7 +174,7 @@ class Looks:
         rivals = ((self._others >= RIVAL_SHARE * mean_contrast[:, None]) & ~twins).sum(axis=1)
         contrast = np.maximum(_least_contrast(steps, free), MIN_CONTRAST) / USUAL_CONTRAST
         # The colour of an outline is the median of its four sides, so that a finger on one of them does not count.
-        usual = np.median(inside, axis=1)
+        usual = np.add.reduce(np.sort(inside, axis=1)[:, 1:3], axis=1) / 2
         looks = self._brightness(usual) if self._colour is None else self._of_colour(usual, self._colour)
         evidence = np.asarray(looks + np.log(contrast) - RIVAL_POWER * np.log(np.clip(rivals, 1, MAX_RIVALS)))
         evidence += TWIN_EVIDENCE * twins.any(axis=1)
@@ -192,7 +189,7 @@ class Looks:
         corners = self._reduced(corners_px)
         vector = corners[:, [1, 2, 3, 0]] - corners
         on_side = corners[:, :, None] + ALONG[:, None] * vector[:, :, None]
-        return np.asarray(steps_across(self._picture, on_side, vector).mean(axis=2))
+        return np.asarray(np.add.reduce(steps_across(self._picture, on_side, vector), axis=2) / len(ALONG))
 
     def _reduced(self, corners_px: Points) -> Points:
         return np.asarray((corners_px - self._left_top_px + 0.5) * self._scale - 0.5)
@@ -222,7 +219,7 @@ class Looks:
 
 def _mean_contrast(steps: Values) -> Values:
     """Return by how many levels outlines differ from what is around, of the channel that differs most on each side."""
-    return np.asarray(np.abs(steps).max(axis=2).mean(axis=1))
+    return np.asarray(np.add.reduce(np.maximum.reduce(np.abs(steps), axis=2), axis=1) / 4)
 
 
 def _least_contrast(steps: Values, free: Flags | None = None) -> Values:
@@ -237,9 +234,8 @@ def _least_contrast(steps: Values, free: Flags | None = None) -> Values:
 
 
 def _shares_below(plane: Image, mask: Image | None) -> Values:
-    """Return the share of pixels in a mask that are darker than each level, shape ``(257,)``, of every second pixel."""
-    some, of_them = plane[::2, ::2], None if mask is None else mask[::2, ::2]
-    counts = np.bincount((some if of_them is None else some[of_them > 0]).ravel(), minlength=256)
+    """Return the share of pixels in a mask that are darker than each level, shape ``(257,)``."""
+    counts = counts_of(plane, mask)
     return np.concatenate(((0.0,), np.cumsum(counts) / max(counts.sum(), 1)))
 
 
@@ -264,9 +260,10 @@ MIN_LEVELS = 4.0
 # How many of the eight ends of its sides lead on, of a sheet and of other outlines.
 OF_SHEETS, OF_OTHERS = 0.1, 0.24
 
-# Places inside, as shares of the sides. What looks much like that which is around is a hole; what is written on a sheet
-# does not.
-GRID = np.linspace(0.15, 0.85, 6)
+# Places inside, as bilinear weights of the four corners: not quite perspective, but inside. What looks much like that
+# which is around is a hole; what is written on a sheet does not.
+_ACROSS, _DOWN = (each.ravel() for each in np.meshgrid(*[np.linspace(0.15, 0.85, 6)] * 2))
+INNER = np.stack(((1 - _ACROSS) * (1 - _DOWN), _ACROSS * (1 - _DOWN), _ACROSS * _DOWN, (1 - _ACROSS) * _DOWN)).T
 
 # The share of those places that differ from what is around counts with this power, and as no less than that.
 FILLED_POWER, MIN_FILLED = 4.0, 0.05
@@ -275,8 +272,6 @@ FILLED_POWER, MIN_FILLED = 4.0, 0.05
 # that is missing takes from the evidence, for MAX_CORNERS at most: paper curls at a corner, but not at all of them.
 INTO_CORNER, MIN_INTO_CORNER_PX = 0.045, 1.4
 CORNER_EVIDENCE, MAX_CORNERS = 1.2, 3
-
-AFTER, BEFORE = [1, 2, 3, 0], [3, 0, 1, 2]
 
 
 def steps_across(picture: Image, places: Points, along: Points) -> Values:
@@ -292,7 +287,8 @@ def steps_across(picture: Image, places: Points, along: Points) -> Values:
     """
     outward = np.stack((along[..., 1], -along[..., 0]), axis=-1)
     outward *= BESIDE_PX / np.maximum(np.hypot(outward[..., 0], outward[..., 1]), 1e-9)[..., None]
-    return _at(picture, places - outward[:, :, None]) - _at(picture, places + outward[:, :, None])
+    inside, outside = _at(picture, places + np.stack((-outward, outward))[:, :, :, None])
+    return np.asarray(inside - outside)
 
 
 def ends_evidence(picture: Image, corners: Points, steps: Values) -> Values:
@@ -329,22 +325,16 @@ def filling_evidence(image: Image, corners_px: Points, inside: Values, steps: Va
     # The colours around follow from those inside and the steps. A place inside is hollow if it differs from what is
     # around by less than half of what the sides do.
     around = inside - steps
-    off = np.abs(_at(image, _inner(corners_px)) - around.mean(axis=1, keepdims=True)).max(axis=2)
-    hollow = (off < np.abs(steps.mean(axis=1)).max(axis=1, keepdims=True) / 2).mean(axis=1)
+    off = _at(image, INNER @ corners_px) - np.add.reduce(around, axis=1, keepdims=True) / 4
+    limits = np.maximum.reduce(np.abs(np.add.reduce(steps, axis=1) / 4), axis=1, keepdims=True) / 2
+    hollow = np.add.reduce(np.maximum.reduce(np.abs(off), axis=2) < limits, axis=1) / len(INNER)
     filled = np.log(np.maximum(1 - hollow, MIN_FILLED))
     # Light falls off across a sheet, so a corner is compared with the two sides that meet there.
-    at_corners = ((each + each[:, BEFORE]) / 2 for each in (around, inside))
-    off_around, off_inside = (np.abs(_at(image, _into_corners(corners_px)) - each).max(axis=2) for each in at_corners)
+    beside = np.stack((around, inside))
+    off = _at(image, _into_corners(corners_px)) - (beside + beside[:, :, BEFORE]) / 2
+    off_around, off_inside = np.maximum.reduce(np.abs(off), axis=3)
     missing = (off_around < off_inside).sum(axis=1)
     return np.asarray(FILLED_POWER * filled - CORNER_EVIDENCE * np.minimum(missing, MAX_CORNERS))
-
-
-def _inner(corners_px: Points) -> Points:
-    """Return places all over the inside of outlines, shape ``(c, n, 2)``."""
-    # Bilinear weights of the four corners: not quite perspective, but inside.
-    across, down = (each.ravel() for each in np.meshgrid(GRID, GRID))
-    weights = np.stack(((1 - across) * (1 - down), across * (1 - down), across * down, (1 - across) * down))
-    return np.asarray(np.swapaxes(weights, 0, 1) @ corners_px)
 
 
 def _into_corners(corners_px: Points) -> Points:
@@ -360,6 +350,7 @@ def _into_corners(corners_px: Points) -> Points:
 def _at(picture: Image, places: Points) -> Values:
     """Return the colours of a picture at the nearest pixels."""
     height, width = picture.shape[:2]
-    x, y = np.moveaxis(np.rint(np.nan_to_num(places, nan=0.0)), -1, 0)
-    x, y = (np.clip(each, 0, last - 1).astype(np.intp) for each, last in ((x, width), (y, height)))
-    return np.asarray(picture[y, x], np.float64)
+    # Held inside before it is rounded, which is the same; NaN becomes 0, the least.
+    x, y = (np.rint(np.fmin(np.fmax(places[..., i], 0), last - 1)) for i, last in ((0, width), (1, height)))
+    pixels = picture.reshape(-1, picture.shape[2])
+    return np.asarray(pixels.take((y * width + x).astype(np.intp), axis=0), np.float64)

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 from msgspec import Struct
+from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Flags, Indices, Points, Values
-from stadimeter.detectors.sides import CORNER_SHARE, LIMITS_PX, MAD_TO_SIGMA, MIN_SINE, areas
+from stadimeter.detectors.sampling import Real
+from stadimeter.detectors.sides import LIMITS_PX, MAD_TO_SIGMA, MIN_SINE, areas, step_shares
 
 # Greatest reach across a side, as a share of the distance to the opposite one: looks of opposite sides must not meet.
 REACH_SHARE = 0.3
@@ -55,9 +57,8 @@ def quad_frame(
     cosine = np.abs(forward) / length_px
     height, width = shape[:2]
     last_along, last_across = (np.where(flat, *ends)[..., None] - 1 for ends in ((width, height), (height, width)))
-    shares = np.linspace(CORNER_SHARE, 1 - CORNER_SHARE, steps)
     # Whole pixels along, kept inside the picture: a side that the border cuts runs along it.
-    along = np.minimum(np.maximum(np.rint(start[..., None] + shares * forward[..., None]), 0), last_along)
+    along = np.minimum(np.maximum(np.rint(start[..., None] + step_shares(steps) * forward[..., None]), 0), last_along)
     across = at_zero[..., None] + slope[..., None] * along
     if lens is not None and lens.distortion:
         across = across + bend(corners_px, flat, along, lens)
@@ -122,11 +123,7 @@ class QuadLines(Struct, frozen=True, kw_only=True, eq=False):
     slope: Values  # shape ``(c, 4, 1)``
     used: Flags  # which steps lie on the line, shape ``(c, 4, n)``
     scatter_px: Values  # standard deviation of these steps about it, shape ``(c, 4)``
-
-    @property
-    def steps(self) -> Indices:
-        """Number of steps on each line, shape ``(c, 4)``."""
-        return np.asarray(self.used.sum(axis=2), np.int64)
+    steps: Indices  # how many these are, shape ``(c, 4)``
 
 
 def fit_lines(frame: QuadFrame, across: Values, worth: Values) -> QuadLines:
@@ -135,11 +132,11 @@ def fit_lines(frame: QuadFrame, across: Values, worth: Values) -> QuadLines:
     Places and weights of the steps have the shape ``(c, 4, n)``; the weight is 0 for what is no step.
     """
     middle = (frame.along[..., :1] + frame.along[..., -1:]) / 2
-    along, off = frame.along - middle, across - frame.across
+    along, off, found = frame.along - middle, across - frame.across, worth > 0
     widest = np.maximum(LIMITS_PX[1], BEND_SHARE * frame.length_px)
     # Steps of a finger or of what lies behind are no noise but another edge. Least squares would settle between both,
     # so the start is a vote (as in RANSAC, but over fixed pairs: the same picture gives the same line).
-    offset, slope = line_by_vote(along, off, worth > 0, widest / frame.cosine)
+    offset, slope = line_by_vote(along, off, found, widest / frame.cosine)
     # Distances are square to the side, not across. The limit starts as wide as it may be, and shrinks with the scatter
     # from round to round.
     limit = widest
@@ -148,13 +145,14 @@ def fit_lines(frame: QuadFrame, across: Values, worth: Values) -> QuadLines:
     # matrix product adds them up for all sides at once.
     terms = np.stack((np.ones_like(along), along, along * along, off, along * off), axis=3)
     for _ in range(ROUNDS):
-        limit = _limit(distance, (worth > 0) & (np.abs(distance) < limit), widest)
+        limit = _limit(np.abs(distance), found, limit, widest)
         weight = np.maximum(1 - (distance / limit) ** 2, 0) ** 2 * worth
         offset, slope = _weighted_lines(terms, weight)
         distance = (off - offset - slope * along) * frame.cosine
-    used = (worth > 0) & (np.abs(distance) < limit)
-    scatter = np.sqrt((used * distance**2).sum(axis=2) / np.maximum(used.sum(axis=2) - 2, 1))
-    return QuadLines(middle=middle, offset=offset, slope=slope, used=used, scatter_px=scatter)
+    used = found & (np.abs(distance) < limit)
+    steps = np.add.reduce(used, axis=2)
+    scatter = np.sqrt(np.add.reduce(used * distance**2, axis=2) / np.maximum(steps - 2, 1))
+    return QuadLines(middle=middle, offset=offset, slope=slope, used=used, scatter_px=scatter, steps=steps)
 
 
 def intersections(frame: QuadFrame, lines: QuadLines) -> Points:
@@ -182,25 +180,31 @@ def line_by_vote(along: Values, off: Values, found: Flags, limit: Values) -> tup
     half, third = count // 2, (count + 2) // 3
     first = np.concatenate((np.arange(count - half), np.arange(0, count - third, 2)))
     second = np.concatenate((np.arange(half, count), np.arange(third, count, 2)))
-    apart = along[..., second] - along[..., first]
-    slopes = (off[..., second] - off[..., first]) / np.where(apart == 0, np.inf, apart)
-    offsets = off[..., first] - slopes * along[..., first]
+    start, off_start = along.take(first, axis=2), off.take(first, axis=2)
+    apart = along.take(second, axis=2) - start
+    slopes = (off.take(second, axis=2) - off_start) / np.where(apart == 0, np.inf, apart)
+    offsets = off_start - slopes * start
     # Differences of slope above 1 would turn a side from flat to steep: such a pair stands for another edge. Each step
     # then votes for each line with 1 - (distance / limit)^2, so near ones count most.
     slopes = slopes * (np.abs(slopes) < 1)
     near = np.abs(off[..., None, :] - offsets[..., None] - slopes[..., None] * along[..., None, :]) / limit[..., None]
     votes = (np.maximum(1 - near * near, 0) @ found[..., None].astype(np.float64))[..., 0]
     # A line counts only if both of the steps that it leads through were found.
-    best = np.argmax(votes * found[..., first] * found[..., second], axis=2)[..., None]
-    return np.take_along_axis(offsets, best, 2), np.take_along_axis(slopes, best, 2)
+    best = (votes * found.take(first, axis=2) * found.take(second, axis=2)).argmax(axis=2)[..., None]
+    return picked(offsets, best), picked(slopes, best)
 
 
-def _limit(distance: Values, used: Flags, widest: Values) -> Values:
+def picked(values: NDArray[Real], places: Indices) -> NDArray[Real]:
+    """Return one of the values along the last axis each, in a quarter of the time of `np.take_along_axis`."""
+    return values.reshape(-1).take(places + np.arange(0, values.size, values.shape[-1]).reshape(places.shape))
+
+
+def _limit(off_px: Values, found: Flags, limit: Values, widest: Values) -> Values:
     """Return how far from its line a step may be: three times the usual distance of those near it."""
     # The median of the used ones only: the others are sorted to the end as infinity.
-    ordered = np.sort(np.where(used, np.abs(distance), np.inf), axis=2)
-    half = np.maximum(used.sum(axis=2, keepdims=True) // 2, 0)
-    usual = np.take_along_axis(ordered, np.minimum(half, ordered.shape[2] - 1), 2)
+    used = found & (off_px < limit)
+    ordered = np.sort(np.where(used, off_px, np.inf), axis=2)
+    usual = picked(ordered, np.minimum(np.add.reduce(used, axis=2, keepdims=True) // 2, ordered.shape[2] - 1))
     return np.minimum(np.maximum(3 * MAD_TO_SIGMA * usual, LIMITS_PX[0]), widest)
 
 

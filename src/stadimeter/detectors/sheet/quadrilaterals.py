@@ -8,8 +8,9 @@ up enough of it are a candidate.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from functools import cache
+from functools import cache, reduce
 from itertools import combinations
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from stadimeter.core.detection import Flags, Indices, Plane, Points, Values
 from stadimeter.core.frame import Image
+from stadimeter.detectors.sampling import CODES
 from stadimeter.detectors.sides import areas, grown
 
 Polygon = NDArray[np.generic]
@@ -67,29 +69,41 @@ SAME_PX = 3.0
 AFTER, BEFORE = [1, 2, 3, 0], [3, 0, 1, 2]
 
 
-def quick_masks(image: Image) -> Iterator[tuple[Plane, float]]:
+class SearchedPicture(NamedTuple):
+    """A reduced picture in which outlines are looked for."""
+
+    image: Image
+    darkest: Plane  # the darkest of the three channels of each pixel
+    brightest: Plane  # the brightest of them
+
+    @classmethod
+    def of(cls, image: Image) -> SearchedPicture:
+        """Return a picture of three channels with what is needed of it."""
+        blue, green, red = cv2.split(image)
+        darkest, brightest = cv2.min(cv2.min(blue, green), red), cv2.max(cv2.max(blue, green), red)
+        return cls(np.ascontiguousarray(image), np.asarray(darkest, np.uint8), np.asarray(brightest, np.uint8))
+
+
+def quick_masks(picture: SearchedPicture) -> Iterator[tuple[Plane, float]]:
     """Yield black and white versions that show a sheet that stands out, and how many pixels too small it is there.
 
     White paper on brown wood hardly differs in brightness but clearly in its darkest channel.
     """
-    darkest, brightest = _extremes(image)
-    for plane in (cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), darkest, brightest):
+    for plane in (cv2.cvtColor(picture.image, cv2.COLOR_BGR2GRAY), picture.darkest, picture.brightest):
         yield np.asarray(cv2.threshold(plane, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)[1], np.uint8), 0.0
 
 
-def bright_masks(image: Image) -> Iterator[tuple[Plane, float]]:
-    """Yield black and white versions of a picture that show a bright sheet before things of many colours."""
-    yield from _levels(_extremes(image)[0], slice(0, None, 2))
+def bright_masks(picture: SearchedPicture, first: int = 0) -> Iterator[tuple[Plane, float]]:
+    """Yield black and white versions of a picture that show a bright sheet before things of many colours.
+
+    Every second level from the first; those between are for a sheet with something nearly as bright behind it.
+    """
+    yield from _levels(picture.darkest, slice(first, None, 2))
 
 
-def more_bright_masks(image: Image) -> Iterator[tuple[Plane, float]]:
-    """Yield those at the levels between, for a sheet with something nearly as bright behind it."""
-    yield from _levels(_extremes(image)[0], slice(1, None, 2))
-
-
-def thorough_masks(image: Image) -> Iterator[tuple[Plane, float]]:
+def thorough_masks(picture: SearchedPicture) -> Iterator[tuple[Plane, float]]:
     """Yield black and white versions of a picture that show a dark sheet, and one of any kind under uneven light."""
-    darkest, brightest = _extremes(image)
+    _, darkest, brightest = picture
     # Uneven light: what is brighter than the mean around it (of the darkest channel), or darker (of the brightest). The
     # square is odd, so that it has a middle.
     around_px = max(round(AROUND_SHARE * max(darkest.shape)), 1) | 1
@@ -99,7 +113,7 @@ def thorough_masks(image: Image) -> Iterator[tuple[Plane, float]]:
         yield np.asarray(cv2.threshold(apart, MIN_APART, 255, cv2.THRESH_BINARY)[1], np.uint8), 0.0
     yield from _levels(brightest, slice(None))
     # A sheet of any brightness is even inside; it ends where brightness changes, a pixel or so before its edge.
-    change = _change(image)
+    change = _change(picture.image)
     for limit in FLAT_LIMITS:
         yield np.asarray(cv2.threshold(change, limit, 255, cv2.THRESH_BINARY_INV)[1], np.uint8), FLAT_SHRINKS_PX
 
@@ -127,29 +141,27 @@ def find_quadrilaterals(masks: Iterable[tuple[Plane, float]], smallest_side_px: 
 
 
 def _levels(plane: Plane, which: slice) -> Iterator[tuple[Plane, float]]:
-    # Percentiles from the counts of every second pixel in both directions.
-    some = plane[::2, ::2]
-    shares = np.cumsum(np.bincount(some.ravel(), minlength=256)) * (100 / some.size)
+    counts = counts_of(plane)
+    shares = np.cumsum(counts) * (100 / counts.sum())
     low, high = np.searchsorted(shares, LEVEL_RANGE).tolist()
     for level in np.linspace(low, high, LEVELS + 2)[1:-1][which]:
         yield np.asarray(cv2.threshold(plane, float(level), 255, cv2.THRESH_BINARY)[1], np.uint8), 0.0
 
 
-def _extremes(image: Image) -> tuple[Plane, Plane]:
-    blue, green, red = cv2.split(image)
-    darkest, brightest = cv2.min(cv2.min(blue, green), red), cv2.max(cv2.max(blue, green), red)
-    return np.asarray(darkest, np.uint8), np.asarray(brightest, np.uint8)
+def counts_of(plane: Plane, mask: Plane | None = None) -> Values:
+    """Return how many pixels have each level, of every second one in both directions, shape ``(256,)``."""
+    of_them = None if mask is None else mask[::2, ::2].copy()
+    return cv2.calcHist([plane[::2, ::2].copy()], [0], of_them, [CODES], (0, CODES)).ravel().astype(np.float64)
 
 
 def _change(image: Image) -> Plane:
     """Return how much the channel that changes most changes from pixel to pixel."""
-    steepest = None
+    changes = []
     for plane in cv2.split(image):
-        across = cv2.convertScaleAbs(cv2.Sobel(plane, cv2.CV_16S, 1, 0), alpha=0.25)
-        down = cv2.convertScaleAbs(cv2.Sobel(plane, cv2.CV_16S, 0, 1), alpha=0.25)
-        both = cv2.add(across, down)
-        steepest = both if steepest is None else cv2.max(steepest, both)
-    return np.asarray(steepest, np.uint8)
+        slopes = (cv2.Sobel(plane, cv2.CV_16S, *way) for way in ((1, 0), (0, 1)))
+        across, down = (cv2.convertScaleAbs(slope, alpha=0.25) for slope in slopes)
+        changes.append(cv2.add(across, down))
+    return np.asarray(reduce(cv2.max, changes), np.uint8)
 
 
 def _polygons(mask: Plane, smallest_side_px: float) -> list[Polygon]:
@@ -160,9 +172,8 @@ def _polygons(mask: Plane, smallest_side_px: float) -> list[Polygon]:
     polygons: list[Polygon] = []
     if len(contours) > MAX_CONTOURS:
         return polygons
-    for contour in contours:
-        if len(contour) < 4 or cv2.contourArea(contour) < min_px2:
-            continue
+    area = cv2.contourArea
+    for contour in [each for each in contours if area(each) >= min_px2 and len(each) >= 4]:
         _, _, width, height = cv2.boundingRect(contour)
         if width < min_px or height < min_px:
             continue

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -42,9 +43,9 @@ from stadimeter.detectors.sheet.evidence import CUT_PX, Looks, shape_evidence, s
 from stadimeter.detectors.sheet.one_outline import measure_each, settle_each
 from stadimeter.detectors.sheet.outlines import MAX_LOG_RATIO, cut_off_evidence, facing_evidence, ratio_evidence
 from stadimeter.detectors.sheet.quadrilaterals import (
+    SearchedPicture,
     bright_masks,
     find_quadrilaterals,
-    more_bright_masks,
     not_seen_before,
     quick_masks,
     thorough_masks,
@@ -69,7 +70,7 @@ SEARCH_LONG_SIDES_PX = (320, 800)
 MIN_SEARCHED_PX = 5.0
 
 # After the quick one, one after the other, until the sheet is found beyond doubt.
-LATER_SEARCHES = (bright_masks, more_bright_masks, thorough_masks)
+LATER_SEARCHES = (bright_masks, partial(bright_masks, first=1), thorough_masks)
 
 # A sheet turned away further from the line of sight is not looked for: it appears at a third of its length.
 MAX_TILT_RAD = math.radians(70)
@@ -152,7 +153,8 @@ class SheetSearch:
         part = region.of(self._image)
         least, most = SEARCH_LONG_SIDES_PX
         small, scale = reduced(part, int(min(max(SEARCH_SCALE * max(part.shape[:2]), least), most)))
-        looks = Looks(self._image, small, scale, region.left_top_px, self._colour)
+        picture = SearchedPicture.of(small)
+        looks = Looks(self._image, picture, scale, region.left_top_px, self._colour)
         findings = Findings()
         outlines = np.empty((0, 4, 2))
         seen: set[tuple[float, ...]] = set()
@@ -160,7 +162,7 @@ class SheetSearch:
             # Half of the smallest side, in pixels of the reduced picture: an outline found there is rough, and the
             # limit itself is tested once its sides are measured.
             smallest_px = max(self._min_side_px * scale / 2, MIN_SEARCHED_PX)
-            outlines = find_quadrilaterals(masks(small), smallest_px)
+            outlines = find_quadrilaterals(masks(picture), smallest_px)
             outlines = to_full_scale(outlines, scale) + region.left_top_px
             if masks == self._first_masks:
                 looks.note_others(outlines, self._aspect)
@@ -174,10 +176,10 @@ class SheetSearch:
             self._judge_cut_off(findings, outlines, on_border, scale, looks)
         return findings
 
-    def _first_masks(self, picture: Image) -> Iterator[tuple[Mask, float]]:
+    def _first_masks(self, picture: SearchedPicture) -> Iterator[tuple[Mask, float]]:
         yield from quick_masks(picture)
         if self._colour is not None:
-            yield self._colour.mask(picture), 0.0
+            yield self._colour.mask(picture.image), 0.0
 
     def _judge(
         self, findings: Findings, outlines: Points, scale: float, expected: Prediction | None, looks: Looks
@@ -281,7 +283,7 @@ class SheetSearch:
         # Quality goes from 0 to 1: the share of the sides that is seen, halved where the shape only just passes.
         fits, sigmas, limits = self._shape.fits(edges.corners_px), edges.corner_sigmas_px, self._misfit_limits(edges)
         misfit_px: Values = np.min([each.misfit_px for each in fits], axis=0)
-        quality = edges.support.mean(axis=1) * (1 - np.minimum(misfit_px / limits, 1.0) / 2)
+        quality = np.add.reduce(edges.support, axis=1) / 4 * (1 - np.minimum(misfit_px / limits, 1.0) / 2)
         min_quality = 0.0 if self._is_strict else MIN_QUALITY
         evidence = self._evidence(edges, fits, expected, looks)
         good = ~corners_on_border(edges.corners_px, self._image.shape, _margin_px(scale))
