@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stadimeter.core.detection import DetectionStatus, Prediction
-from stadimeter.detectors.ball.circle_votes import propose_circles
+from stadimeter.detectors.ball.circle_votes import list_octaves, propose_circles
 from support.scenes import draw as scenes
 from support.scenes.hard_balls import silver_ball
 from support.scenes.render import render
@@ -63,4 +63,5 @@ def test_clutter_and_squares_show_no_ball(ball_detector, draw, wall) -> None:
 
 def test_pictures_too_small_for_a_ball_propose_none() -> None:
     for shape in ((1, 1, 3), (10, 400, 3), (24, 24, 3)):
-        assert propose_circles(np.full(shape, 90, np.uint8), 5.0, np.inf) == []
+        octaves = list_octaves(np.full(shape, 90, np.uint8))
+        assert [circle for octave in octaves for circle in propose_circles(octave, 5.0, np.inf)] == []

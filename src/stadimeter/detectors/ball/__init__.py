@@ -24,9 +24,9 @@ from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame, Subsampling
+from stadimeter.detectors.ball.any_colour import find_any_colour
 from stadimeter.detectors.ball.blobs import Blob, find_blobs, join_patches, search_step, thin_out
-from stadimeter.detectors.ball.choice import BestBall, Doubt, best_and_rival, explains, look_again
-from stadimeter.detectors.ball.circle_votes import propose_circles
+from stadimeter.detectors.ball.choice import BestBall, Doubt, explains, look_again
 from stadimeter.detectors.ball.circles import ImageCircle, find_edge_circle
 from stadimeter.detectors.ball.colour_proposal import propose, view
 from stadimeter.detectors.ball.gates import (
@@ -191,8 +191,7 @@ class BallDetector:
 
     def _find_any_colour(self, scene: BallScene) -> Detection:
         """Return the ball among the circles of edges; none if there are two that are as much like one."""
-        circles = propose_circles(scene.image, self._gates.min_radius_px, self._gates.max_radius_px)
-        best, rival = best_and_rival([self._search_at(scene, circle, within(circle)) for circle in circles])
+        best, rival = find_any_colour(scene)
         if rival:
             return self._refuse(f"what is round at {rival} is as much like a ball; give its colours, hsv", scene)
         if best is not None:
