@@ -25,16 +25,16 @@ def test_a_ball_of_any_colour_is_measured_without_one(ball_detector, draw, wall,
     assert abs(found.width_px - 2 * radius) < max(3 * found.size_sigma_px, 0.5)
 
 
-def test_most_silver_balls_are_found_and_none_is_far_off(ball_detector, draw) -> None:
+def test_most_silver_balls_are_found_and_hardly_one_is_far_off(ball_detector, draw) -> None:
     errors = []
     for seed in range(20):
         made = render(silver_ball(seed, (12.0, 70.0)).scene)
         found = ball_detector(hsv=None).detect(draw.frame(made.image))
         if found.status is DetectionStatus.FOUND:
             errors.append(abs(found.width_px / made.truth.apparent_px - 1))
-    assert len(errors) >= 14
+    assert len(errors) >= 17
     assert np.median(errors) < 0.02
-    assert max(errors) < 0.1
+    assert np.count_nonzero(np.array(errors) > 0.1) <= 1
 
 
 def test_two_balls_that_are_alike_are_refused_with_their_places(ball_detector, draw, wall) -> None:
