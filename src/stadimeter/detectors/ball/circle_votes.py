@@ -40,7 +40,8 @@ BORDER = 10
 # Half the side of the square whose votes are what chance brings.
 AROUND = 9
 
-# Numbers of counts fitted of each level, and of circles returned.
+# Numbers of counts fitted of each level, and of circles returned; the second is for a picture with two balls that are
+# alike, and must be more like an outline.
 PEAKS, MAX_PROPOSED = 3, 2
 
 # An edge is on a circle if its gradient is this near to radial (a cosine), and it is this near to it, in pixels of the
@@ -50,7 +51,7 @@ RADIAL, NEAR_PX, NEAR_SHARES = 0.92, 0.5, (0.14, 0.04)
 # Directions from the centre in which edges are counted, and the least number of them that the share of edges near the
 # circle that are radial leaves. With 9 in place of 7.5 a circle less was proposed in an empty picture, and of 400
 # silver balls 9 fewer.
-SECTORS, MIN_LIKENESS = 24, 7.5
+SECTORS, MIN_LIKENESS, MIN_LIKENESS_OF_SECOND = 24, 7.5, 12.0
 
 # With fewer edges near it a circle is left as it was.
 MIN_FITTED = 4
@@ -106,8 +107,9 @@ def propose_circles(octave: Octave, min_radius_px: float, max_radius_px: float) 
     for index in np.argsort(-likeness, kind="stable"):
         x, y, radius = circles[index].tolist()
         circle = ImageCircle(x_px=x, y_px=y, radius_px=radius)
+        is_like = likeness[index] >= (MIN_LIKENESS_OF_SECOND if found else MIN_LIKENESS)
         is_asked = min_radius_px <= radius <= max_radius_px
-        if likeness[index] >= MIN_LIKENESS and is_asked and not any(are_same(circle, each) for each in found):
+        if is_like and is_asked and not any(are_same(circle, each) for each in found):
             found.append(circle)
     return found[:MAX_PROPOSED]
 
