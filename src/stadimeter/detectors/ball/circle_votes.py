@@ -72,6 +72,13 @@ class Octave(NamedTuple):
         return float(RADII_PX[-1]) * FITTED_REACH * self.step
 
 
+class Proposal(NamedTuple):
+    """A circle, and how much it is like an outline: up to `SECTORS`."""
+
+    likeness: float
+    circle: ImageCircle
+
+
 class _Edges(NamedTuple):
     """Edges of a level, shape ``(n,)`` each: places, and directions of their gradients of length 1."""
 
@@ -95,7 +102,7 @@ def list_octaves(image: Image) -> list[Octave]:
     return found[::-1]
 
 
-def propose_circles(octave: Octave, min_radius_px: float, max_radius_px: float) -> list[ImageCircle]:
+def propose_circles(octave: Octave, min_radius_px: float, max_radius_px: float) -> list[Proposal]:
     """Return the circles of an octave that are like an outline, the best first, `MAX_PROPOSED` at most."""
     edges = _find_edges(octave.picture)
     if len(edges.x) < SECTORS:
@@ -103,14 +110,14 @@ def propose_circles(octave: Octave, min_radius_px: float, max_radius_px: float) 
     circles, likeness = _fit(edges, _highest(edges, octave.picture.shape))
     # Pixels of a level are the means of `step` by `step` others.
     circles = circles * octave.step + np.array([octave.step - 1, octave.step - 1, 0.0]) / 2
-    found: list[ImageCircle] = []
+    found: list[Proposal] = []
     for index in np.argsort(-likeness, kind="stable"):
         x, y, radius = circles[index].tolist()
-        circle = ImageCircle(x_px=x, y_px=y, radius_px=radius)
-        is_like = likeness[index] >= (MIN_LIKENESS_OF_SECOND if found else MIN_LIKENESS)
+        proposal = Proposal(float(likeness[index]), ImageCircle(x_px=x, y_px=y, radius_px=radius))
+        is_like = proposal.likeness >= (MIN_LIKENESS_OF_SECOND if found else MIN_LIKENESS)
         is_asked = min_radius_px <= radius <= max_radius_px
-        if is_like and is_asked and not any(are_same(circle, each) for each in found):
-            found.append(circle)
+        if is_like and is_asked and not any(are_same(proposal.circle, each.circle) for each in found):
+            found.append(proposal)
     return found[:MAX_PROPOSED]
 
 
@@ -192,12 +199,12 @@ def _fit(edges: _Edges, circles: Values) -> tuple[Values, Values]:
     row, near_it = np.nonzero((squared > (radii - reach) ** 2) & (squared < (radii + reach) ** 2))
     edge_x, edge_y, across, down = (each[near_it].astype(np.float64) for each in edges)
     for share in NEAR_SHARES:
-        centre_x, centre_y, radius = circles[row].T
+        centre_x, centre_y, radius = circles.T.take(row, axis=1)
         x, y = edge_x - centre_x, edge_y - centre_y
         apart = np.hypot(x, y)
         near = np.abs(apart - radius) < share * radius + NEAR_PX
         on_it = near & (np.abs(x * across + y * down) > RADIAL * apart)
-        circles = _fit_kasa(circles, row[on_it], x[on_it], y[on_it])
+        circles = _fit_kasa(circles, np.where(on_it & (row == np.arange(len(circles))[:, None]), 1.0, 0.0), x, y)
     turns = np.arctan2(y[on_it], x[on_it]) / (2 * np.pi) + 0.5
     cells = row[on_it] * SECTORS + (turns * SECTORS).astype(np.intp) % SECTORS
     seen = (np.bincount(cells, minlength=len(circles) * SECTORS).reshape(-1, SECTORS) > 0).sum(axis=1)
@@ -205,20 +212,17 @@ def _fit(edges: _Edges, circles: Values) -> tuple[Values, Values]:
     return circles, np.asarray(seen * on_it_each / np.maximum(near_each, 1), np.float64)
 
 
-def _fit_kasa(circles: Values, row: Values, x: Values, y: Values) -> Values:
-    """Fit each circle to the edges of its row by the least squares of ``x² + y² = a x + b y + c`` (I. Kåsa, 1976)."""
-    squared, ones = x * x + y * y, np.ones(len(x))
-    design = (x, y, ones)
-
-    def sums(weights: Values) -> Values:
-        return np.asarray(np.bincount(row, weights, minlength=len(circles)), np.float64)
-
-    matrix = np.array([[sums(one * other) for other in design] for one in design]).transpose(2, 0, 1)
-    right = np.array([sums(one * squared) for one in design]).T[..., None]
-    a, b, c = np.linalg.solve(matrix + 1e-3 * np.eye(3), right)[..., 0].T
+def _fit_kasa(circles: Values, on_it: Values, x: Values, y: Values) -> Values:
+    """Fit each circle to its edges, with weights, by least squares of ``x² + y² = a x + b y + c`` (I. Kåsa, 1976)."""
+    design = np.stack([x, y, np.ones(len(x))])
+    # All sums of the normal equations of all circles are one product.
+    products = np.concatenate([(design[:, None] * design).reshape(9, -1), design * (x * x + y * y)])
+    sums = on_it @ products.T
+    matrix = sums[:, :9].reshape(-1, 3, 3) + 1e-3 * np.eye(3)
+    a, b, c = np.linalg.solve(matrix, sums[:, 9:, None])[..., 0].T
     radius = np.sqrt(np.maximum(c + (a * a + b * b) / 4, 1.0))
     fitted = np.stack([circles[:, 0] + a / 2, circles[:, 1] + b / 2, radius], axis=1)
-    return np.where((sums(ones) >= MIN_FITTED)[:, None], fitted, circles)
+    return np.where(sums[:, 8:9] >= MIN_FITTED, fitted, circles)
 
 
 def are_same(one: ImageCircle, other: ImageCircle) -> bool:
