@@ -19,7 +19,7 @@ from stadimeter.core.frame import Image
 from stadimeter.detectors.ball.blobs import thin_out
 from stadimeter.detectors.ball.circles import ImageCircle
 
-# Longer side to which the picture is reduced, at most, and the shorter side of the last level.
+# Longer side to which a larger picture is reduced, and the least shorter side of the last level.
 VOTING_WIDTH_PX, MIN_LEVEL_PX = 320, 24
 
 # Share and number of the pixels of a level that vote at most, and least steepness of their edges, in levels of 8 bits a
@@ -67,7 +67,7 @@ class Octave(NamedTuple):
     """A level of the pyramid, for circles of radii up to twice the smallest."""
 
     picture: Image
-    step: int  # the side of its pixels, in pixels of the whole picture
+    step: float  # the side of its pixels, in pixels of the whole picture
 
     @property
     def max_radius_px(self) -> float:
@@ -93,15 +93,15 @@ class _Edges(NamedTuple):
 
 def list_octaves(image: Image) -> list[Octave]:
     """Return the levels of the pyramid, that of the largest circles first."""
-    # Leaving out pixels first costs less than their mean, which the next halving takes.
-    step = max(1, max(image.shape[:2]) // (2 * VOTING_WIDTH_PX))
-    picture, found = thin_out(image, step), list[Octave]()
-    while min(picture.shape[:2]) >= MIN_LEVEL_PX:
-        if max(picture.shape) <= VOTING_WIDTH_PX:
-            found.append(Octave(picture, step))
-        picture = picture[: picture.shape[0] // 2 * 2, : picture.shape[1] // 2 * 2]
-        size, step = (picture.shape[1] // 2, picture.shape[0] // 2), 2 * step
-        picture = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
+    # Leaving out pixels first costs less than their mean, which the reduction to the first level takes.
+    step, found = max(1.0, max(image.shape[:2]) / VOTING_WIDTH_PX), list[Octave]()
+    picture = thin_out(image, max(1, int(step / 2)))
+    height, width = (round(side / step) for side in image.shape[:2])
+    while min(height, width) >= MIN_LEVEL_PX:
+        picture = np.asarray(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+        found.append(Octave(picture, step))
+        picture = picture[: height // 2 * 2, : width // 2 * 2]
+        height, width, step = height // 2, width // 2, 2 * step
     return found[::-1]
 
 
