@@ -64,4 +64,4 @@ def test_clutter_and_squares_show_no_ball(ball_detector, draw, wall) -> None:
 def test_pictures_too_small_for_a_ball_propose_none() -> None:
     for shape in ((1, 1, 3), (10, 400, 3), (24, 24, 3)):
         octaves = list_octaves(np.full(shape, 90, np.uint8))
-        assert [circle for octave in octaves for circle in propose_circles(octave, 5.0, np.inf)] == []
+        assert [circle for octave in octaves for circle in propose_circles(octave)] == []

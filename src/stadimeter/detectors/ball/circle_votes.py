@@ -43,9 +43,8 @@ BORDER = 10
 # Half the side of the square whose votes are what chance brings.
 AROUND = 9
 
-# Numbers of counts fitted of each level, and of circles returned; the second is for a picture with two balls that are
-# alike, and must be more like an outline.
-PEAKS, MAX_PROPOSED = 3, 2
+# Number of the highest counts of each level that circles are fitted to.
+PEAKS = 3
 
 # An edge is on a circle if its gradient is this near to radial (a cosine), and it is this near to it, in pixels of the
 # level and as a share of the radius: first, and once the circle is fitted.
@@ -54,7 +53,7 @@ RADIAL, NEAR_PX, NEAR_SHARES = 0.92, 0.5, (0.14, 0.04)
 # Directions from the centre in which edges are counted, and the least number of them that the share of edges near the
 # circle that are radial leaves. With 9 in place of 7.5 a circle less was proposed in an empty picture, and of 400
 # silver balls 9 fewer.
-SECTORS, MIN_LIKENESS, MIN_LIKENESS_OF_SECOND = 24, 7.5, 12.0
+SECTORS, MIN_LIKENESS = 24, 7.5
 
 # With fewer edges near it a circle is left as it was.
 MIN_FITTED = 4
@@ -105,8 +104,8 @@ def list_octaves(image: Image) -> list[Octave]:
     return found[::-1]
 
 
-def propose_circles(octave: Octave, min_radius_px: float, max_radius_px: float) -> list[Proposal]:
-    """Return the circles of an octave that are like an outline, the best first, `MAX_PROPOSED` at most."""
+def propose_circles(octave: Octave) -> list[Proposal]:
+    """Return the circles of an octave that are like an outline, the best first."""
     edges = _find_edges(octave.picture)
     if len(edges.x) < SECTORS:
         return []
@@ -114,14 +113,11 @@ def propose_circles(octave: Octave, min_radius_px: float, max_radius_px: float) 
     # Pixels of a level are the means of `step` by `step` others.
     circles = circles * octave.step + np.array([octave.step - 1, octave.step - 1, 0.0]) / 2
     found: list[Proposal] = []
-    for index in np.argsort(-likeness, kind="stable"):
-        x, y, radius = circles[index].tolist()
-        proposal = Proposal(float(likeness[index]), ImageCircle(x_px=x, y_px=y, radius_px=radius))
-        is_like = proposal.likeness >= (MIN_LIKENESS_OF_SECOND if found else MIN_LIKENESS)
-        is_asked = min_radius_px <= radius <= max_radius_px
-        if is_like and is_asked and not any(are_same(proposal.circle, each.circle) for each in found):
-            found.append(proposal)
-    return found[:MAX_PROPOSED]
+    for like, (x, y, radius) in sorted(zip(likeness.tolist(), circles.tolist(), strict=True), reverse=True):
+        circle = ImageCircle(x_px=x, y_px=y, radius_px=radius)
+        if like >= MIN_LIKENESS and not any(are_same(circle, each.circle) for each in found):
+            found.append(Proposal(like, circle))
+    return found
 
 
 def _find_edges(picture: Image) -> _Edges:
