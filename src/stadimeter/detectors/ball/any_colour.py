@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from stadimeter.detectors.ball.choice import RIVAL_SCORE, BestBall
-from stadimeter.detectors.ball.circle_votes import Proposal, list_octaves, propose_circles
+from stadimeter.detectors.ball.circle_votes import CircleProposal, list_octaves, propose_circles
 from stadimeter.detectors.ball.circles import ImageCircle
 from stadimeter.detectors.ball.gates import BallScene, needed_support
 from stadimeter.detectors.ball.limb import Limb
@@ -17,7 +17,7 @@ CLEAR_LIKENESS, MAX_UNCLEAR = 14.0, 2
 
 def pick_circles(scene: BallScene, choice: BestBall) -> Iterator[ImageCircle]:
     """Yield the circles of edges that may be a ball; fewer the better the choice is by then."""
-    unclear = list[Proposal]()
+    unclear = list[CircleProposal]()
     for octave in list_octaves(scene.image):
         # The largest come first: nothing smaller could be as much like a ball as the best.
         if choice.is_better_than(octave.max_radius_px / RIVAL_SCORE**2):

@@ -74,7 +74,7 @@ class Octave(NamedTuple):
         return float(RADII_PX[-1]) * FITTED_REACH * self.step
 
 
-class Proposal(NamedTuple):
+class CircleProposal(NamedTuple):
     """A circle, and how much it is like an outline: up to `SECTORS`."""
 
     likeness: float
@@ -104,7 +104,7 @@ def list_octaves(image: Image) -> list[Octave]:
     return found[::-1]
 
 
-def propose_circles(octave: Octave) -> list[Proposal]:
+def propose_circles(octave: Octave) -> list[CircleProposal]:
     """Return the circles of an octave that are like an outline, the best first."""
     edges = _find_edges(octave.picture)
     if len(edges.x) < SECTORS:
@@ -112,11 +112,11 @@ def propose_circles(octave: Octave) -> list[Proposal]:
     circles, likeness = _fit(edges, _highest(edges, octave.picture.shape))
     # Pixels of a level are the means of `step` by `step` others.
     circles = circles * octave.step + np.array([octave.step - 1, octave.step - 1, 0.0]) / 2
-    found: list[Proposal] = []
+    found: list[CircleProposal] = []
     for like, (x, y, radius) in sorted(zip(likeness.tolist(), circles.tolist(), strict=True), reverse=True):
         circle = ImageCircle(x_px=x, y_px=y, radius_px=radius)
         if like >= MIN_LIKENESS and not any(are_same(circle, each.circle) for each in found):
-            found.append(Proposal(like, circle))
+            found.append(CircleProposal(like, circle))
     return found
 
 
