@@ -32,6 +32,9 @@ from support.scenes.render import render
 from support.scenes.scene import RenderedScene, Scene
 
 SIZES = ((640, 480), (1280, 720), (1920, 1080))
+SIZES_OF = {"ball of any colour": SIZES[:1]}
+"""Those of what is not timed at all sizes."""
+
 FOCAL_OF_WIDTH = 600 / 640
 SCENES = 8
 ROUNDS = 8
@@ -41,12 +44,20 @@ TAG_SIDES_PX = (48.0, 64.0, 100.0)
 
 TITLES = {
     "ball": "Ball on clutter; in brackets against the tutorial",
+    "ball of any colour": "Ball on clutter, its colour not given; in brackets against the search by colour",
     "sheet": "Sheet on clutter; in brackets against the tutorial",
     "plain sheet": "Sheet before a plain wall; in brackets against the tutorial",
     "disc": "Disc on clutter; in brackets against one pass of HSV + `inRange`",
     "tag": "Tag of 48–100 px on clutter; in brackets against `cv2.aruco`'s defaults",
 }
-AGAINST = {"ball": "tutorial", "sheet": "tutorial", "plain sheet": "tutorial", "disc": "HSV + inRange", "tag": "aruco"}
+AGAINST = {
+    "ball": "tutorial",
+    "ball of any colour": "by colour",
+    "sheet": "tutorial",
+    "plain sheet": "tutorial",
+    "disc": "HSV + inRange",
+    "tag": "aruco",
+}
 
 Size = tuple[int, int]
 STATES = ("hot", "cold")
@@ -85,13 +96,14 @@ def run(rounds: int = ROUNDS, scenes: int = SCENES, first_seed: int = draw.REPOR
     seeds = range(first_seed, first_seed + scenes)
     made: dict[str, Callable[[Size, range], list[Contender]]] = {
         "ball": _ball_contenders,
+        "ball of any colour": _any_colour_contenders,
         "sheet": _sheet_contenders,
         "plain sheet": partial(_sheet_contenders, plain=True),
         "disc": _disc_contenders,
         "tag": _tag_contenders,
     }
     times = {
-        what: {size: _timed(contenders(size, seeds), rounds, scenes) for size in SIZES}
+        what: {size: _timed(contenders(size, seeds), rounds, scenes) for size in SIZES_OF.get(what, SIZES)}
         for what, contenders in made.items()
         if ours.exists(what)
     }
@@ -119,6 +131,19 @@ def _ball_contenders(size: Size, seeds: range) -> list[Contender]:
         *_floors(made),
         Contender(name="tutorial", work=lambda number: tutorial.ball_radius_px(made[number].image)),
         *_ours("ball", made, camera),
+    ]
+
+
+def _any_colour_contenders(size: Size, seeds: range) -> list[Contender]:
+    camera = _camera(size)
+    made = [render(draw.ball_scene(seeds.start + 2 * number, camera)) for number in range(len(seeds))]
+    empty = [render(draw.empty_scene(seed)) for seed in seeds]
+    by_colour, by_outline = (ours.detector(name, camera) for name in ("ball", "ball of any colour"))
+    return [
+        *_floors(made),
+        Contender(name="by colour", work=lambda number: ours.measure(by_colour, made[number].image)),
+        Contender(name="stadimeter", work=lambda number: ours.measure(by_outline, made[number].image)),
+        Contender(name="stadimeter, no ball there", work=lambda number: ours.measure(by_outline, empty[number].image)),
     ]
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import cv2
 import pytest
+from msgspec.structs import replace
 from typer.testing import CliRunner, Result
 
 from stadimeter.cli.main import app
@@ -27,6 +28,7 @@ from support.scenes.ball import BallTarget
 from support.scenes.plane import DiscTarget, Pose, SheetTarget, TagTarget
 from support.scenes.render import render
 from support.scenes.scene import Scene
+from support.scenes.target import Colour
 from support.v4l2_double import V4l2Double
 
 pytestmark = [pytest.mark.vision, pytest.mark.timeout(300)]  # a camera and its whole setup, several times
@@ -39,6 +41,7 @@ TARGETS: dict[str, Callable[[float], object]] = {
     "tag": lambda at_m: TagTarget(pose=_facing(at_m), side_m=0.2, family="apriltag-36h11", number=7),
     "disc": lambda at_m: DiscTarget(pose=_facing(at_m), diameter_m=0.2),
 }
+SILVER: Colour = (150, 150, 150)
 SIZES = {"ball": "20 cm", "sheet": "A4", "tag": "20 cm", "disc": "20 cm"}
 
 
@@ -47,7 +50,10 @@ def _facing(at_m: float) -> Pose:
 
 
 def _picture(path: Path, kind: str, at_m: float) -> None:
-    scene = Scene(camera=LENS, target=TARGETS[kind](at_m), seed=1, backdrop=PlainBackdrop())
+    target = TARGETS[kind.removeprefix("silver ")](at_m)
+    if kind == "silver ball":
+        target = replace(target, bgr=SILVER, mirror=0.5)
+    scene = Scene(camera=LENS, target=target, seed=1, backdrop=PlainBackdrop())
     cv2.imwrite(str(path), render(scene).image)
 
 
@@ -83,6 +89,18 @@ def test_one_command_leads_to_a_measured_target_and_a_rule_that_acts(tmp_path: P
         "run", tmp_path / "stadimeter.toml", "--no-state", "--speed", "0", "--seconds", "20"
     )  # they go on for ever
     assert "near raised" in ran.stdout, "the first pictures show it at 0.8 m"
+
+
+def test_a_ball_of_any_colour_is_set_up_without_a_range_and_measured(tmp_path: Path) -> None:
+    for at_m in (0.8, 2.0):
+        _picture(tmp_path / f"{at_m:g}m.png", "silver ball", at_m)
+    camera = "0.8m.png 0.8m.png 0.8m.png 0.8m.png 2m.png"
+    told = _init(tmp_path, camera=camera, target="ball", size="20 cm", colour="any", near_near="1 m")
+    assert told.exit_code == 0, told.output
+    assert "2 tests: 2 passed" in told.stdout
+    assert "hsv" not in tomllib.loads((tmp_path / "stadimeter.toml").read_text())["targets"]["ball"]
+    measured = _run("measure", tmp_path / "2m.png", "--config", tmp_path / "stadimeter.toml")
+    assert _distances(measured.stdout)[0] == pytest.approx(2.0, rel=0.01)
 
 
 @pytest.mark.long

@@ -20,6 +20,9 @@ from stadimeter.core.detection import Detection, DetectionStatus, Prediction, Re
 from stadimeter.core.frame import Frame
 from stadimeter.ranging.ball import BallShape
 from stadimeter.workbench.measuring import measure_picture
+from support.scenes.ball import BallTarget
+from support.scenes.render import render
+from support.scenes.scene import Scene
 
 KEYS = [
     "file", "target", "status", "distance_m", "depth_m", "sigma_m", "bearing_rad", "elevation_rad", "tilt_rad",
@@ -66,6 +69,15 @@ def test_a_sheet_is_measured_in_the_persons_unit_and_in_metres(pictures: Path, c
     assert " in ± 0." in line
     assert " 0.762 m ± 0.00" in line
     assert re.search(r" ahead +(face on|tilted [1-5]°)$", line)
+
+
+def test_a_silver_ball_is_measured_without_a_colour(tmp_path: Path, camera) -> None:
+    ball = BallTarget(position_m=(0.1, -0.05, 1.5), diameter_m=0.2, bgr=(150, 150, 150), mirror=0.5, specular=0.4)
+    made = render(Scene(camera=CameraModel.with_focal_length(600.0, 640, 480), target=ball, seed=3))
+    cv2.imwrite(str(tmp_path / "silver.png"), made.image)
+    result = _run(tmp_path / "silver.png", *camera, "--ball", "20cm", "--json")
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["distance_m"] == pytest.approx(made.truth.distance_m, rel=0.02)
 
 
 def test_json_is_one_object_a_line_with_exactly_these_keys(pictures: Path, camera) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stadimeter.core.detection import DetectionStatus, Prediction
-from stadimeter.detectors.ball.circle_votes import propose_circles
+from stadimeter.detectors.ball.circle_votes import list_octaves, propose_circles
 from support.scenes import draw as scenes
 from support.scenes.hard_balls import silver_ball
 from support.scenes.render import render
@@ -25,16 +25,16 @@ def test_a_ball_of_any_colour_is_measured_without_one(ball_detector, draw, wall,
     assert abs(found.width_px - 2 * radius) < max(3 * found.size_sigma_px, 0.5)
 
 
-def test_most_silver_balls_are_found_and_none_is_far_off(ball_detector, draw) -> None:
+def test_most_silver_balls_are_found_and_hardly_one_is_far_off(ball_detector, draw) -> None:
     errors = []
     for seed in range(20):
         made = render(silver_ball(seed, (12.0, 70.0)).scene)
         found = ball_detector(hsv=None).detect(draw.frame(made.image))
         if found.status is DetectionStatus.FOUND:
             errors.append(abs(found.width_px / made.truth.apparent_px - 1))
-    assert len(errors) >= 14
+    assert len(errors) >= 17
     assert np.median(errors) < 0.02
-    assert max(errors) < 0.1
+    assert np.count_nonzero(np.array(errors) > 0.1) <= 1
 
 
 def test_two_balls_that_are_alike_are_refused_with_their_places(ball_detector, draw, wall) -> None:
@@ -63,4 +63,5 @@ def test_clutter_and_squares_show_no_ball(ball_detector, draw, wall) -> None:
 
 def test_pictures_too_small_for_a_ball_propose_none() -> None:
     for shape in ((1, 1, 3), (10, 400, 3), (24, 24, 3)):
-        assert propose_circles(np.full(shape, 90, np.uint8), 5.0, np.inf) == []
+        octaves = list_octaves(np.full(shape, 90, np.uint8))
+        assert [circle for octave in octaves for circle in propose_circles(octave)] == []

@@ -24,9 +24,9 @@ from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame, Subsampling
+from stadimeter.detectors.ball.any_colour import is_worth_another_look, pick_circles
 from stadimeter.detectors.ball.blobs import Blob, find_blobs, join_patches, search_step, thin_out
 from stadimeter.detectors.ball.choice import BestBall, Doubt, best_and_rival, explains, look_again
-from stadimeter.detectors.ball.circle_votes import propose_circles
 from stadimeter.detectors.ball.circles import ImageCircle, find_edge_circle
 from stadimeter.detectors.ball.colour_proposal import propose, view
 from stadimeter.detectors.ball.gates import (
@@ -45,8 +45,7 @@ from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourVi
 from stadimeter.detectors.sampling import Region
 from stadimeter.ranging.ball import BallShape
 
-# Reach of the search for the limb on either side of the circle around a blob: pixels, or cells and a half of the
-# search.
+# Reach of the search for the limb on either side of a blob's circle: pixels, or cells and a half of the search.
 FIRST_REACH_PX, REACH_OF_STEP = 8.0, 1.5
 
 # A search of more pixels than these looks at a quarter of them first.
@@ -71,9 +70,8 @@ MAX_OTHER_BLOBS, QUALITY_OF_OTHERS = 4, 0.2
 # The largest circle within a blob says no more than the one around it unless it is narrower by this factor.
 NARROWER = 0.85
 
-# No circle of edges is looked for around a blob that covers a smaller share of its own circle: it is the grain of
-# wood, the joint of a floor or the rim of something. Of 635 balls with markings, on textured floors and in hands none
-# showed so little.
+# No circle of edges is looked for around a blob that covers a smaller share of its own circle: it is the grain of wood,
+# a joint or a rim. Of 635 balls with markings, on textured floors and in hands none showed so little.
 MIN_FILL_AROUND = 0.2
 
 # Number of blobs around which the circle of edges is looked for, which is slow.
@@ -170,9 +168,8 @@ class BallDetector:
             refusals=[],
         )
         if prediction is not None:
-            # Tracking: only the ring around the predicted limb is read, so its cost does not grow with the picture;
-            # against the tutorial it is 21 to 38 times as fast, the whole search 11 to 14 times
-            # (docs/benchmarks/report.md).
+            # Tracking: only the ring around the predicted limb is read, so its cost does not grow with the picture: 21
+            # to 38 times as fast as the tutorial, the whole search 11 to 14 times (docs/benchmarks/report.md).
             expected = self._find_expected(scene, prediction)
             if expected is not None:
                 return self._report_found(scene, expected)
@@ -191,8 +188,11 @@ class BallDetector:
 
     def _find_any_colour(self, scene: BallScene) -> Detection:
         """Return the ball among the circles of edges; none if there are two that are as much like one."""
-        circles = propose_circles(scene.image, self._gates.min_radius_px, self._gates.max_radius_px)
-        best, rival = best_and_rival([self._search_at(scene, circle, within(circle)) for circle in circles])
+        choice, balls = BestBall(), list[FoundBall | None]()
+        for circle in pick_circles(scene, choice):
+            balls.append(self._search_at(choice.beside(scene), circle, within(circle)))
+            choice.take(balls[-1])
+        best, rival = best_and_rival(balls)
         if rival:
             return self._refuse(f"what is round at {rival} is as much like a ball; give its colours, hsv", scene)
         if best is not None:
@@ -324,7 +324,7 @@ class BallDetector:
     ) -> FoundBall | None:
         """Return the ball near a circle; None, and a note of why, if there is none."""
         limb = find_limb(scene.image, start, reach_px, scene.lens)
-        if limb is not None and limb.is_doubtful:
+        if limb is not None and limb.is_doubtful and is_worth_another_look(scene, limb):
             limb = look_again(scene, limb, reach_px)
         return self._judge(scene, start, limb, coloured_px2)
 

@@ -16,6 +16,7 @@ from stadimeter.core.frame import Image
 from stadimeter.detectors.ball.circles import ImageCircle
 from stadimeter.detectors.ball.limb import SHARP_PX, Limb
 from stadimeter.detectors.hsv import HsvRange
+from stadimeter.ranging.ball import ConeFrame, with_ones
 
 # Least share of the limb that must be seen: the first if its steps lie on it exactly, more as they scatter, up to
 # the sum of both for the allowance below. Clutter has many circles with few steps near them, and some that are round by
@@ -55,10 +56,15 @@ MIN_QUALITY, QUALITY_OF_SMALL_PX = 0.06, 0.3
 # Greatest allowance without blur: steps of texture scatter more, and lie near to any large circle.
 MAX_SCATTER_PX = 3.0
 
-# The same for a ball whose colour is not known: chance has the whole picture to put a circle together. In 120 empty
-# pictures it made 4 of a quality above 0.3, three of them no more than 12 px in radius; of silver balls 5 % have less
-# than 0.43.
-MIN_QUALITY_OF_ANY_COLOUR, ANY_COLOUR_OF_SMALL_PX = 0.3, 2.5
+# A ball whose colour is not known: chance has the whole picture to put a circle together, and there are eggs and drops.
+# The share of the limb that is seen, less these multiples of its scatter over what is allowed and of the share of that
+# scatter which is a shape of its own, must be more than the last. In 970 empty pictures two things have that, and of
+# 367 silver balls all but 34; a least quality that two have refuses 60. Of those balls none has less than this quality.
+ROUND_SCATTER, ROUND_SHAPE, MIN_ROUNDNESS = 1.4, 0.4, 0.15
+MIN_QUALITY_OF_ANY_COLOUR = 0.2
+
+# The shape of something else: so many waves around it.
+WAVES = np.arange(1, 5)
 
 # With less of the limb seen than is asked for and this, twice the share outside of which the ball's colour goes on
 # counts against it: an ellipse or a corner of that colour has an arc that is round, and reaches beyond it elsewhere.
@@ -143,7 +149,7 @@ class BallGates(Struct, frozen=True, kw_only=True):
             limits = f"{2 * self.min_radius_px:.0f}{most} px"
             return _refuse(limb.circle, f"lies in a circle of {2 * radius_px:.0f} px, limit {limits}", 0.0)
         agrees = scene.expected is not None and _agrees(limb.circle, scene.expected)
-        needed = _needed_support(limb, is_lens_known=scene.is_lens_known) * (AGREEING_SHARE if agrees else 1.0)
+        needed = needed_support(scene, limb, agrees=agrees)
         cut_off = is_cut_off(limb.circle, scene.image)
         # Support is the share of spokes with a step on the limb. Of a ball at the border only the spokes inside the
         # picture count, if at least a quarter of the whole limb is seen.
@@ -151,8 +157,8 @@ class BallGates(Struct, frozen=True, kw_only=True):
         if support < needed:
             reason = f"is not round: {support:.0%} of a circle to {limb.scatter_px:.1f} px, limit {needed:.0%}"
             return _refuse(limb.circle, reason, 1 + support / needed)
-        if not agrees and _is_square(limb):
-            return _refuse(limb.circle, "is not round: it has corners, as four waves around it tell", 2.0)
+        if not agrees and (fault := self._misshape(scene, limb, support, needed)):
+            return _refuse(limb.circle, fault, 2.0)
         margin = support - needed
         # Where a ball is expected and seen all around, its colour was judged less than a second ago: see
         # stadimeter.perception.perceiver. To judge it again would take as long as a fifth of all else.
@@ -166,13 +172,21 @@ class BallGates(Struct, frozen=True, kw_only=True):
         if margin < CLEAR_MARGIN and colour is not None:
             margin -= OVERRUN_WEIGHT * _overrun(scene.image, limb, scene.lens, colour)
         ball = FoundBall(limb=limb, fill=fill, margin=margin, is_cut_off=cut_off)
-        least = MIN_QUALITY + QUALITY_OF_SMALL_PX / radius_px
-        if colour is None:
-            least = MIN_QUALITY_OF_ANY_COLOUR + ANY_COLOUR_OF_SMALL_PX / radius_px
+        least = MIN_QUALITY + QUALITY_OF_SMALL_PX / radius_px if colour is not None else MIN_QUALITY_OF_ANY_COLOUR
         if ball.quality < least and not agrees:
             reason = f"is hardly round: quality {ball.quality:.2f}, limit {least:.2f}"
             return _refuse(limb.circle, reason, 3 + ball.quality / least)
         return ball
+
+    def _misshape(self, scene: BallScene, limb: Limb, support: float, needed: float) -> str:
+        """Return how a limb's shape is none of a ball; empty if it may be one."""
+        if _is_square(limb):
+            return "is not round: it has corners, as four waves around it tell"
+        if self.colour is not None:
+            return ""
+        scatter = ROUND_SCATTER * (needed - MIN_SUPPORT) / SUPPORT_OF_SCATTER
+        roundness = support - scatter - ROUND_SHAPE * _shape_share(limb, scene.lens)
+        return "" if roundness >= MIN_ROUNDNESS else f"is hardly round: {roundness:.2f}, limit {MIN_ROUNDNESS:.2f}"
 
 
 class BallScene(NamedTuple):
@@ -229,6 +243,15 @@ def _is_square(limb: Limb) -> bool:
     return height_px > SQUARE_OFF * limb.circle.radius_px and all_px2 < (1 - SQUARE_SHARE) * round_px2
 
 
+def _shape_share(limb: Limb, lens: CameraModel) -> float:
+    """Return the share of the squared scatter that is a few waves around the limb, as of an egg or a drop."""
+    x, y = (limb.points_px - (limb.circle.x_px, limb.circle.y_px)).T
+    frame = ConeFrame(with_ones(lens.directions(limb.points_px)), lens.direction(limb.circle.x_px, limb.circle.y_px))
+    misses, turns = frame.misses(limb.cone), np.outer(WAVES, np.arctan2(y, x))
+    _, left = _fit_waves(np.vstack([np.ones(len(x)), np.cos(turns), np.sin(turns)]), misses)
+    return 1 - left / max(float(misses @ misses), 1e-12)
+
+
 def _fit_waves(waves: Values, radii_px: Values) -> tuple[Values, float]:
     """Return the heights of the waves that come nearest to the radii, and the sum of the squares that they leave."""
     fit = np.asarray(np.linalg.lstsq(waves.T, radii_px, rcond=None)[0], np.float64)
@@ -266,14 +289,15 @@ def _nearest_px(points_px: Points, others_px: Points) -> Values:
     return np.asarray(np.hypot(apart[..., 0], apart[..., 1]).min(axis=1))
 
 
-def _needed_support(limb: Limb, *, is_lens_known: bool) -> float:
+def needed_support(scene: BallScene, limb: Limb, *, agrees: bool = False) -> float:
     """Return how much of a limb must be seen for it to be a ball's, given how much its steps scatter."""
     # Allowed scatter in pixels: noise, a share of the radius for felt and fingers, and for blurred limbs a share of
     # what their steps are wider than 2.6 px. The needed support rises in proportion to the scatter.
-    share = SCATTER_SHARE + (0.0 if is_lens_known else UNKNOWN_LENS_SHARE)
+    share = SCATTER_SHARE + (0.0 if scene.is_lens_known else UNKNOWN_LENS_SHARE)
     blur_px = max(0.0, limb.width_px - SHARP_PX)
     allowance_px = min(SCATTER_PX + share * limb.circle.radius_px, MAX_SCATTER_PX) + SCATTER_OF_BLUR * blur_px
-    return MIN_SUPPORT + SUPPORT_OF_SCATTER * limb.scatter_px / allowance_px
+    needed = MIN_SUPPORT + SUPPORT_OF_SCATTER * limb.scatter_px / allowance_px
+    return needed * (AGREEING_SHARE if agrees else 1.0)
 
 
 def _refuse(circle: ImageCircle, reason: str, tests_passed: float) -> Refusal:
