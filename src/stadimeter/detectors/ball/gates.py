@@ -143,7 +143,7 @@ class BallGates(Struct, frozen=True, kw_only=True):
             limits = f"{2 * self.min_radius_px:.0f}{most} px"
             return _refuse(limb.circle, f"lies in a circle of {2 * radius_px:.0f} px, limit {limits}", 0.0)
         agrees = scene.expected is not None and _agrees(limb.circle, scene.expected)
-        needed = _needed_support(limb, is_lens_known=scene.is_lens_known) * (AGREEING_SHARE if agrees else 1.0)
+        needed = needed_support(scene, limb, agrees=agrees)
         cut_off = is_cut_off(limb.circle, scene.image)
         # Support is the share of spokes with a step on the limb. Of a ball at the border only the spokes inside the
         # picture count, if at least a quarter of the whole limb is seen.
@@ -183,6 +183,7 @@ class BallScene(NamedTuple):
     is_lens_known: bool  # whether it is
     gates: BallGates  # what a ball must pass
     refusals: list[Refusal]  # what was looked at and is no ball, filled while searching
+    looks: dict[ImageCircle, Limb]  # what a second look at doubtful limbs came to, filled while searching
     has_sure: bool = False  # whether a ball was found in it beyond doubt
     expected: ImageCircle | None = None  # where the ball is expected, while it is looked for there
 
@@ -266,14 +267,15 @@ def _nearest_px(points_px: Points, others_px: Points) -> Values:
     return np.asarray(np.hypot(apart[..., 0], apart[..., 1]).min(axis=1))
 
 
-def _needed_support(limb: Limb, *, is_lens_known: bool) -> float:
+def needed_support(scene: BallScene, limb: Limb, *, agrees: bool = False) -> float:
     """Return how much of a limb must be seen for it to be a ball's, given how much its steps scatter."""
     # Allowed scatter in pixels: noise, a share of the radius for felt and fingers, and for blurred limbs a share of
     # what their steps are wider than 2.6 px. The needed support rises in proportion to the scatter.
-    share = SCATTER_SHARE + (0.0 if is_lens_known else UNKNOWN_LENS_SHARE)
+    share = SCATTER_SHARE + (0.0 if scene.is_lens_known else UNKNOWN_LENS_SHARE)
     blur_px = max(0.0, limb.width_px - SHARP_PX)
     allowance_px = min(SCATTER_PX + share * limb.circle.radius_px, MAX_SCATTER_PX) + SCATTER_OF_BLUR * blur_px
-    return MIN_SUPPORT + SUPPORT_OF_SCATTER * limb.scatter_px / allowance_px
+    needed = MIN_SUPPORT + SUPPORT_OF_SCATTER * limb.scatter_px / allowance_px
+    return needed * (AGREEING_SHARE if agrees else 1.0)
 
 
 def _refuse(circle: ImageCircle, reason: str, tests_passed: float) -> Refusal:
