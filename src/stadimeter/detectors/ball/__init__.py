@@ -25,7 +25,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame, Subsampling
 from stadimeter.detectors.ball.blobs import Blob, find_blobs, join_patches, search_step, thin_out
-from stadimeter.detectors.ball.choice import BestBall, Doubt, Search, best_and_rival, explains, look_again, margin_of
+from stadimeter.detectors.ball.choice import BestBall, Search, best_and_rival, explains, is_found_again, look_again
 from stadimeter.detectors.ball.circle_votes import propose_circles
 from stadimeter.detectors.ball.circles import ImageCircle, find_edge_circle
 from stadimeter.detectors.ball.colour_proposal import propose, view
@@ -309,7 +309,7 @@ class BallDetector:
         reach_px = max(FIRST_REACH_PX, REACH_OF_STEP * blob.step)
         limb = find_limb(search.scene.image, blob.circle, reach_px, search.scene.lens)
         if limb is not None and limb.is_doubtful:
-            search.doubts.append(Doubt(blob, limb, reach_px, margin_of(search.scene, limb)))
+            search.put_off(blob, limb, reach_px)
         else:
             search.choice.take(self._judge(search.scene, blob.circle, limb, blob.coloured_px2))
 
@@ -345,7 +345,7 @@ class BallDetector:
         if blob.fill < MIN_FILL_AROUND:
             return None
         circle = find_edge_circle(scene.image, blob.thinned_px, blob.area_px2)
-        if circle is None:
+        if circle is None or is_found_again(scene, circle):
             return None
         return self._search_at(scene, circle, within(circle))
 

@@ -10,6 +10,7 @@ from msgspec.structs import replace
 
 from stadimeter.detectors.ball.blobs import Blob
 from stadimeter.detectors.ball.circle_votes import are_same
+from stadimeter.detectors.ball.circles import ImageCircle
 from stadimeter.detectors.ball.colours import learn_colours
 from stadimeter.detectors.ball.gates import BallScene, FoundBall, max_score, needed_support
 from stadimeter.detectors.ball.limb import Limb, find_limb, near_px
@@ -25,6 +26,12 @@ SEEN_BESIDE_SURE = 0.6
 # its support before the first and the second of them. Of 444 limbs that such looks made a ball's, one had less before
 # the first and one before the second; of 9,200 others more than half had.
 LOOKS_BY_COLOUR, HOPELESS_AT_FIRST, HOPELESS = 2, -0.3, -0.1
+
+# Around a limb that moved by less than this share of its radius, the same colours are learnt again.
+MOVED_SHARE = 0.005
+
+# A circle of edges that is so near to the ball that was found leads to it again: a share of the radius.
+FOUND_SHARE = 0.05
 
 # A look that is supported this well, as a share of the best one, may be right as well.
 RIVAL_SHARE = 0.7
@@ -63,7 +70,7 @@ class BestBall(Struct):
 
     def beside(self, scene: BallScene) -> BallScene:
         """Return the scene as the rest of it is searched."""
-        return scene._replace(has_sure=self.has_sure)
+        return scene._replace(found=self.ball)
 
 
 class Search(NamedTuple):
@@ -72,7 +79,11 @@ class Search(NamedTuple):
     scene: BallScene
     large: Sequence[Blob]  # what is looked at, the largest first
     choice: BestBall
-    doubts: list[Doubt]  # limbs that need a second look, the most promising last
+    doubts: list[Doubt]  # limbs that need a second look
+
+    def put_off(self, blob: Blob, limb: Limb, reach_px: float) -> None:
+        """Leave a second look at a limb for later."""
+        self.doubts.append(Doubt(blob, limb, reach_px, _margin(self.scene, limb)))
 
 
 def best_and_rival(balls: Sequence[FoundBall | None]) -> tuple[FoundBall | None, str]:
@@ -90,19 +101,32 @@ def explains(ball: FoundBall | None, blob: Blob) -> bool:
     return ball is not None and ball.is_sure and ball.limb.circle.radius_px >= MIN_SHARE_OF_BLOB * blob.circle.radius_px
 
 
-def margin_of(scene: BallScene, limb: Limb) -> float:
+def _margin(scene: BallScene, limb: Limb) -> float:
     """Return by how much more of a limb is seen than is asked for, at best; below zero it is no ball's."""
     return limb.support_inside - needed_support(scene, limb, agrees=scene.expected is not None)
 
 
 def look_again(scene: BallScene, limb: Limb, reach_px: float) -> Limb:
     """Return a doubtful limb by colour; as it is where that will hardly help, or beside a sure ball."""
-    if margin_of(scene, limb) < HOPELESS_AT_FIRST or (scene.has_sure and limb.support_inside < SEEN_BESIDE_SURE):
+    if _margin(scene, limb) < HOPELESS_AT_FIRST or (
+        scene.found is not None and scene.found.is_sure and limb.support_inside < SEEN_BESIDE_SURE
+    ):
         return limb
     # Another range of colours often shows the same blob, and so the same limb.
     if limb.circle not in scene.looks:
         scene.looks[limb.circle] = look_by_colour(scene, limb, reach_px)
     return scene.looks[limb.circle]
+
+
+def is_found_again(scene: BallScene, circle: ImageCircle) -> bool:
+    """Return whether a circle is so near to the ball that was found that it leads to it again."""
+    return scene.found is not None and _are_near(circle, scene.found.limb.circle, FOUND_SHARE)
+
+
+def _are_near(one: ImageCircle, other: ImageCircle, share: float) -> bool:
+    """Return whether two circles are no further apart than this share of the radius, in place and size."""
+    off_px = max(abs(one.x_px - other.x_px), abs(one.y_px - other.y_px), abs(one.radius_px - other.radius_px))
+    return off_px <= share * other.radius_px
 
 
 def look_by_colour(scene: BallScene, best: Limb, within_px: float) -> Limb:
@@ -116,10 +140,11 @@ def look_by_colour(scene: BallScene, best: Limb, within_px: float) -> Limb:
         found = None if colours is None else find_limb(scene.image, limb.circle, within_px, scene.lens, colours)
         if found is None:
             break
+        has_moved = not _are_near(found.circle, limb.circle, MOVED_SHARE)
         limb, within_px = found, near_px(found)
         looks.append(limb)
         best = limb if limb.worth >= best.worth else best
-        if not limb.is_doubtful or max(margin_of(scene, each) for each in looks) < HOPELESS:
+        if not (limb.is_doubtful and has_moved) or max(_margin(scene, each) for each in looks) < HOPELESS:
             break
     # Looks that are nearly as well supported but disagree: their spread becomes part of σ (0.8 of it, see
     # `Limb.radius_sigma_px`).
