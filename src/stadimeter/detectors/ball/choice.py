@@ -27,9 +27,6 @@ SEEN_BESIDE_SURE = 0.6
 # the first and one before the second; of 9,200 others more than half had.
 LOOKS_BY_COLOUR, HOPELESS_AT_FIRST, HOPELESS = 2, -0.3, -0.1
 
-# Around a limb that moved by less than this share of its radius, the same colours are learnt again.
-MOVED_SHARE = 0.005
-
 # A circle of edges that is so near to the ball that was found leads to it again: a share of the radius.
 FOUND_SHARE = 0.05
 
@@ -120,13 +117,11 @@ def look_again(scene: BallScene, limb: Limb, reach_px: float) -> Limb:
 
 def is_found_again(scene: BallScene, circle: ImageCircle) -> bool:
     """Return whether a circle is so near to the ball that was found that it leads to it again."""
-    return scene.found is not None and _are_near(circle, scene.found.limb.circle, FOUND_SHARE)
-
-
-def _are_near(one: ImageCircle, other: ImageCircle, share: float) -> bool:
-    """Return whether two circles are no further apart than this share of the radius, in place and size."""
-    off_px = max(abs(one.x_px - other.x_px), abs(one.y_px - other.y_px), abs(one.radius_px - other.radius_px))
-    return off_px <= share * other.radius_px
+    if scene.found is None:
+        return False
+    ball = scene.found.limb.circle
+    off_px = max(abs(circle.x_px - ball.x_px), abs(circle.y_px - ball.y_px), abs(circle.radius_px - ball.radius_px))
+    return off_px <= FOUND_SHARE * ball.radius_px
 
 
 def look_by_colour(scene: BallScene, best: Limb, within_px: float) -> Limb:
@@ -140,11 +135,10 @@ def look_by_colour(scene: BallScene, best: Limb, within_px: float) -> Limb:
         found = None if colours is None else find_limb(scene.image, limb.circle, within_px, scene.lens, colours)
         if found is None:
             break
-        has_moved = not _are_near(found.circle, limb.circle, MOVED_SHARE)
         limb, within_px = found, near_px(found)
         looks.append(limb)
         best = limb if limb.worth >= best.worth else best
-        if not (limb.is_doubtful and has_moved) or max(_margin(scene, each) for each in looks) < HOPELESS:
+        if not limb.is_doubtful or max(_margin(scene, each) for each in looks) < HOPELESS:
             break
     # Looks that are nearly as well supported but disagree: their spread becomes part of σ (0.8 of it, see
     # `Limb.radius_sigma_px`).
