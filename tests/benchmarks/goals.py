@@ -170,6 +170,12 @@ TIME = (
     _faster("ball, detected and measured", "ball stadimeter", "cold", (10, 12, 12)),
     _faster("ball, tracked and measured", "ball stadimeter, tracking", "hot", (22, 27, 40)),
     _faster("ball, tracked and measured", "ball stadimeter, tracking", "cold", (18, 23, 28)),
+    at_least(
+        "ball at 640, mean over scenes of the least time, against the tutorial's: detected / tracked",
+        "≥ 10 / 10 ×",
+        times,
+        {"ball stadimeter mean speed-up": 10, "ball stadimeter, tracking mean speed-up": 10},
+    ),
     at_most(
         "ball, full detection, against HSV + `inRange` alone at 720 and 1080",
         "≤ 0.35",

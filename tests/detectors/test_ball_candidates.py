@@ -8,11 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
-from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus, Prediction
 from stadimeter.core.frame import Image
 from stadimeter.detectors.ball import choice
-from stadimeter.detectors.ball.limb import Limb, look_by_colour
+from stadimeter.detectors.ball.choice import look_by_colour
+from stadimeter.detectors.ball.gates import BallScene
+from stadimeter.detectors.ball.limb import Limb
 
 pytestmark = pytest.mark.vision
 
@@ -43,9 +44,9 @@ def test_beside_a_ball_without_doubt_things_of_its_colour_are_not_looked_at_agai
 ) -> None:
     looks: list[float] = []
 
-    def count(image: Image, limb: Limb, within_px: float, lens: CameraModel) -> Limb:
+    def count(scene: BallScene, limb: Limb, within_px: float) -> Limb:
         looks.append(limb.circle.radius_px)
-        return look_by_colour(image, limb, within_px, lens)
+        return look_by_colour(scene, limb, within_px)
 
     monkeypatch.setattr(choice, "look_by_colour", count)
     bars = draw.polygon(wall(), [(60, 380), (560, 410), (540, 440), (90, 420)], RED)

@@ -26,7 +26,7 @@ def pick_circles(scene: BallScene, choice: BestBall) -> Iterator[ImageCircle]:
         yield from (each.circle for each in proposals if each.likeness >= CLEAR_LIKENESS)
         unclear += proposals[:1] if proposals and proposals[0].likeness < CLEAR_LIKENESS else []
     for each in sorted(unclear, key=lambda proposal: -proposal.likeness)[:MAX_UNCLEAR]:
-        if not choice.beside(scene).has_sure:
+        if not choice.has_sure:
             yield each.circle
 
 

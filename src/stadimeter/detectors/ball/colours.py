@@ -102,8 +102,12 @@ def _axis(inside: Profiles, outside: Profiles) -> Profiles:
     """Return the direction along which both are furthest apart for how much each of them varies."""
     # Fisher's discriminant: (covariance within)⁻¹ times the difference of the means (R. Fisher, 1936). The added
     # variance of 30 squared levels (5.5 levels) keeps the solution stable on plain surfaces.
-    spread = SPREAD_OF_NOISE * np.eye(3) + (np.cov(inside, rowvar=False) + np.cov(outside, rowvar=False)) / 2
-    axis = np.linalg.solve(spread, inside.mean(axis=0) - outside.mean(axis=0))
+    how = cv2.COVAR_NORMAL | cv2.COVAR_ROWS | cv2.COVAR_SCALE
+    (ball, ball_mean), (around, around_mean) = (
+        cv2.calcCovarMatrix(each, np.empty(0), how) for each in (inside, outside)
+    )
+    spread = SPREAD_OF_NOISE * np.eye(3) + (ball + around) / 2
+    axis = np.linalg.solve(spread, (ball_mean - around_mean)[0])
     return np.asarray(axis / max(float(np.sqrt(axis.dot(axis))), 1e-9), np.float32)
 
 

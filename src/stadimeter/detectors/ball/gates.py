@@ -197,7 +197,8 @@ class BallScene(NamedTuple):
     is_lens_known: bool  # whether it is
     gates: BallGates  # what a ball must pass
     refusals: list[Refusal]  # what was looked at and is no ball, filled while searching
-    has_sure: bool = False  # whether a ball was found in it beyond doubt
+    looks: dict[ImageCircle, Limb]  # what a second look at doubtful limbs came to, filled while searching
+    found: FoundBall | None = None  # the best ball so far
     expected: ImageCircle | None = None  # where the ball is expected, while it is looked for there
 
 

@@ -13,13 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 from msgspec import Struct
-from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Flags, Indices, Points, Values
 from stadimeter.core.frame import Image
 from stadimeter.detectors.ball.circles import ImageCircle, find_common_circle
-from stadimeter.detectors.ball.colours import BallColours, learn_colours
+from stadimeter.detectors.ball.colours import BallColours
 from stadimeter.detectors.ball.limb_edges import LimbEdges, limb_edges
 from stadimeter.ranging.ball import MIN_RAYS, ConeFrame, SphereCone, with_ones
 
@@ -42,18 +41,9 @@ WITHIN_PX, WITHIN_SHARE, WITHIN_OF_WIDTH = 2.0, 0.06, 0.3
 # Once it was fitted to steps between the ball's colours and others, so near: pixels, and a share of the radius.
 NEAR_PX, NEAR_SHARE = 2.0, 0.02
 
-# Greatest number of looks for steps between the ball's colours and others. They are taken where a smaller share of
-# the spokes has a step on the limb, or where these scatter by more: pixels, and a share of what blur adds to their
-# width.
-LOOKS_BY_COLOUR, LOOK_SUPPORT = 2, 0.85
-LOOK_SCATTER_PX, LOOK_SCATTER_OF_BLUR = 0.25, 0.2
-
-# Where neither the first look nor one by colour sees more of a limb than this, a second one by colour does not find
-# it either: of 530 balls it found one.
-HOPELESS_SUPPORT = 0.35
-
-# A look that is supported this well, as a share of the best one, may be right as well.
-RIVAL_SHARE = 0.7
+# A limb is doubtful where a smaller share of the spokes has a step on it, or where these scatter by more: pixels, and a
+# share of what blur adds to their width.
+LOOK_SUPPORT, LOOK_SCATTER_PX, LOOK_SCATTER_OF_BLUR = 0.85, 0.25, 0.2
 
 # Greatest number of looks, each around the last fit, until the same steps are found.
 MAX_LOOKS = 4
@@ -145,40 +135,14 @@ class Limb(Struct, frozen=True, kw_only=True, eq=False):
         )
 
 
-def find_limb(image: Image, start: ImageCircle, within_px: float, lens: CameraModel) -> Limb | None:
-    """Fit the limb near an expected circle by brightness alone; None with too few steps.
-
-    Where it is doubtful, since steps scatter or too few are on one limb, `look_by_colour` may know better.
-    """
-    return _settle(image, start, within_px, lens)
-
-
-def look_by_colour(image: Image, best: Limb, within_px: float, lens: CameraModel) -> Limb:
-    """Return the best supported limb of the first one and those found by colour, and how much they differ."""
-    limb, looks = best, [best]
-    for _ in range(LOOKS_BY_COLOUR):
-        # Colours are learnt anew around each limb that was found: the first one may include a finger or the shadow.
-        # Looks by colour brought the 95th percentile of the error on marked balls from 4.6 to 2.8 %, and cost nothing
-        # where the first limb is beyond doubt.
-        colours = learn_colours(image, limb.circle)
-        found = None if colours is None else _settle(image, limb.circle, within_px, lens, colours)
-        if found is None:
-            break
-        limb, within_px = found, _near_px(found)
-        looks.append(limb)
-        best = limb if limb.worth >= best.worth else best
-        if not limb.is_doubtful or max(each.support_inside for each in looks) < HOPELESS_SUPPORT:
-            break
-    # Looks that are nearly as well supported but disagree: their spread becomes part of σ (0.8 of it, see
-    # `Limb.radius_sigma_px`).
-    radii_px = [each.straight_radius_px for each in looks if each.worth >= RIVAL_SHARE * best.worth]
-    return replace(best, change_px=max(radii_px) - min(radii_px))
-
-
-def _settle(
+def find_limb(
     image: Image, circle: ImageCircle, within_px: float, lens: CameraModel, colours: BallColours | None = None
 ) -> Limb | None:
-    """Fit the limb near a circle, then around where the fit put it, until the same steps are found."""
+    """Fit the limb near an expected circle, then around where the fit put it; None with too few steps.
+
+    Without colours it goes by brightness alone. Where that is doubtful, since steps scatter or too few are on one limb,
+    `choice.look_by_colour` may know better.
+    """
     # Invariant: the result does not depend on where the search began. So the spokes are laid again around each fit
     # until the part of the picture that they cover holds the whole of every step.
     limb, reach_px = None, within_px + BEYOND_PX
@@ -200,7 +164,7 @@ def _settle(
     return limb
 
 
-def _near_px(limb: Limb) -> float:
+def near_px(limb: Limb) -> float:
     """Return how far from a limb that was fitted by colour its steps may be."""
     felt_px = NEAR_SHARE * limb.circle.radius_px
     return NEAR_PX + felt_px + _oblong_px(limb) + WITHIN_OF_WIDTH * max(0.0, limb.width_px - SHARP_PX)
