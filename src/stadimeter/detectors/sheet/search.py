@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Flags, Points, Prediction, Values
@@ -114,6 +115,9 @@ EXPECTED_EVIDENCE = 2.0
 EXPECTED_SIZES = (0.4, 1.4)
 EXPECTED_LOG_SIZE = 0.2
 
+# How many sheets of which one side is named have the other one as stated, so that their shape tells as much as of any.
+AS_STATED = 0.5
+
 # While one side is not known, what fits badly is not taken for the sheet.
 MIN_QUALITY = 0.5
 
@@ -142,6 +146,7 @@ class SheetSearch:
         self._aspect = max(size.width_m, size.height_m) / min(size.width_m, size.height_m)
         self._shape = SheetOutlines(size, lens, (image.shape[1], image.shape[0]))
         self._is_strict = size.known_side == "auto"
+        self._stated = SheetOutlines(replace(size, known_side="auto"), lens, (image.shape[1], image.shape[0]))
         self._slack = slack_share(size, by_hand=self._is_strict)
         if not self._is_strict:
             self._slack = math.hypot(self._slack, UNKNOWN_SIDE_SHARE)
@@ -316,11 +321,12 @@ class SheetSearch:
     ) -> Values:
         """Return how much speaks for each candidate; while the lens is not known, through that which says most."""
         sigmas, longest_px = edges.corner_sigmas_px, longest_sides_px(edges.corners_px)
-        if self._is_strict:
-            shape = np.max([shape_evidence(fit, sigmas, longest_px, self._size) for fit in fits], axis=0)
-        else:
-            shape = facing_evidence(edges.corners_px, np.hypot(np.hypot(sigmas, CUT_PX), self._slack * longest_px))
-            shape += ratio_evidence(self._off_ratio(edges.corners_px))
+        fits = fits if self._is_strict else self._stated.fits(edges.corners_px)
+        shape = np.max([shape_evidence(fit, sigmas, longest_px, self._size) for fit in fits], axis=0)
+        if not self._is_strict:
+            facing = facing_evidence(edges.corners_px, np.hypot(np.hypot(sigmas, CUT_PX), self._slack * longest_px))
+            facing += ratio_evidence(self._off_ratio(edges.corners_px))
+            shape = np.logaddexp(math.log(AS_STATED) + shape, math.log(1 - AS_STATED) + facing)
         evidence = shape + looks.evidence(edges.corners_px, edges.inside) + sides_evidence(edges)
         if expected is None:
             return np.asarray(evidence)
