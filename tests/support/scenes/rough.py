@@ -98,6 +98,8 @@ def rough_flat(seed: int, what: Rough, *, small: bool = False) -> HardFlat:
         (0.0, MOST_TILT_DEG[what]),
         camera,
     )
+    if isinstance(target, PartlySeen):  # all of it is drawn
+        target = GroupTarget(first=target.first, others=target.others)
     kind = ("wall", "clutter", "room")[int(rng.integers(3 if what == "sheet" else 2))]
     behind = backdrop_of(
         rng, "room" if what == "square" and kind == "clutter" else kind, board_bgr if what == "square" else bgr

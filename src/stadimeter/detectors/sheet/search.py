@@ -102,9 +102,11 @@ MAX_SETTLED = 12
 FIRST_SUPPORT = 0.15
 
 # Greatest misfit of the corners to those of the sheet, in standard deviations of the measurement and of its shape:
-# noise has no bound, but what is cut worse than this is another thing.
+# noise has no bound, but what is cut worse than this is another thing. Of 120 rendered A4 sheets of a named colour, cut
+# with rough edges, 75 are found; 64 with 2.0 of the shape and no part of it in pixels. 4.0 and 0.3 px found 77, but no
+# more of them within 2 %.
 MISFIT_SIGMAS = 4.0
-SLACK_SIGMAS = 2.0
+SLACK_SIGMAS = 3.0
 
 # Standard deviation of the shape, as a share of the size, while one side is one of a few that are tried.
 UNKNOWN_SIDE_SHARE = 0.005
@@ -269,7 +271,7 @@ class SheetSearch:
     def _misfit_limits(self, edges: QuadEdges, off_px: float = 0.0) -> Values:
         # The search at half the size is rough, so a sheet that is no exact rectangle either may be off by the sum.
         slack_px = self._slack * longest_sides_px(edges.corners_px)
-        return np.maximum(off_px, MISFIT_SIGMAS * edges.corner_sigmas_px) + SLACK_SIGMAS * slack_px
+        return np.maximum(off_px, MISFIT_SIGMAS * edges.corner_sigmas_px) + SLACK_SIGMAS * np.hypot(slack_px, CUT_PX)
 
     def _misfit_text(self, misfit_px: float, limit_px: float, corners: Points) -> str:
         text = f"corners {misfit_px:.2f} px from those of the sheet, limit {limit_px:.2f} px"
