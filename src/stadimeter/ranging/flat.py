@@ -45,6 +45,9 @@ _USUAL_TILT_RAD = math.radians(25)
 # sides may differ, as a logarithm, for a turn to explain it: one of 42 degrees.
 _NOT_AS_STATED, _MAX_LOG_NEARER = 0.3, 0.3
 
+# How much less likely a sheet hangs the other way than its sides are stated, as a logarithm: one of five does.
+_OTHER_WAY = 1.5
+
 # The detectors' standard deviation on rendered pictures: a floor, and for tags a part inverse to the apparent side.
 _SIGMA_FLOOR_PX = 0.015
 _SIGMA_OF_SMALL_TAG_PX2 = 1.35
@@ -244,14 +247,14 @@ def sheet_poses(directions: Points, size: SheetShape, corner_sigma: float) -> li
         if poses:
             ways.append((poses, width_m, height_m))
     ways.sort(key=lambda way: way[0][0].misfit)
-    found, contender = [], math.inf
+    found, contender, as_it_hangs = [], math.inf, size.width_m
     for poses, width_m, height_m in ways:
         if poses[0].misfit <= contender:
             poses[0] = nearest_pose(poses[0], rectangle(width_m, height_m).tolist(), seen)
         contender = min(contender, CONTENDER * max(poses[0].misfit, corner_sigma, CLOSER))
-        found += [HungSheet(pose, width_m, height_m, _unlikely(pose, corner_sigma)) for pose in poses]
+        other_way = _OTHER_WAY * (width_m != as_it_hangs)
+        found += [HungSheet(pose, width_m, height_m, _unlikely(pose, corner_sigma) + other_way) for pose in poses]
     # Of what is equal but for rounding, the one as the sheet hangs comes first.
-    as_it_hangs = size.width_m
     found.sort(key=lambda each: (round(each.unlikely / CLOSER), each.width_m != as_it_hangs))
     return found
 
