@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from typing import get_args
 
 import ours
 from msgspec import Struct
@@ -19,6 +20,7 @@ from support.scenes import draw, hard_flats, nuisances, taped
 from support.scenes.cut_sheet import GroupTarget
 from support.scenes.hard_flats import BACKDROPS, CLUTTER, CURLED, DRAWN, ROOM, SHADED, HardFlat
 from support.scenes.render import render
+from support.scenes.rough import Rough, rough_flat
 from support.scenes.scene import RenderedScene, Scene
 
 GROSS = 0.1
@@ -37,7 +39,7 @@ CARD, TAPE = "card ±1 mm", "tape ±1 mm"
 OF_EACH_BACKDROP = (CARD, TAPE)
 """What is measured so often before each backdrop that each has a row."""
 
-CUT, LENS, DISC, GRID, TAPED = "cut", "lens", "disc", "grid", "taped"
+CUT, LENS, DISC, GRID, TAPED, ROUGH = "cut", "lens", "disc", "grid", "taped", "rough"
 PLAIN_ONLY = ("noise 8", "blur 6")
 CONDITIONS: dict[str, Callable[[Scene], Scene]] = {
     "JPEG 80": nuisances.jpeg(80),
@@ -106,6 +108,12 @@ TABLES = {
         "small: in soft JPEGs of 320 × 240. One to three squares of 100 mm on a board of 400 × 300 mm, cut by hand, "
         "each end of a side off by up to 1.4 px, 20–110 px; and the board. With a known side, that is the height."
     ),
+    ROUGH: (
+        "A4 sheets before anything, green squares of 100 mm on a board and strips of lit tape, each end of a side off "
+        "by up to 0.2–1.2 % of its size and 0.3–1.2 px more, so that corners are a pixel or two off a rectangle. The "
+        "shorter side has 10–250 px at 640 × 480; small: 8–100 px in soft JPEGs of 320 × 240. With the tolerance: 0.7 "
+        "of the most that they are off as a share."
+    ),
     GRID: (
         "One trouble at a time: A4 0.6–4 m away, tags of 100 px and discs of 12 cm 0.3–3 m away, tilted by 0, 15, 30 "
         "and 45° in turn, with the cameras of the old tables."
@@ -134,7 +142,7 @@ def run(frames: int, workers: int, first_seed: int = draw.REPORT_SEEDS.start) ->
 
 def samples_of(seed: int) -> list[FlatSample]:
     """Measure what belongs to one seed: one scene for each cell."""
-    return [*_cut(seed), *_taped(seed), *_lens(seed), *_discs(seed), *_grid(seed)]
+    return [*_cut(seed), *_taped(seed), *_lens(seed), *_discs(seed), *_grid(seed), *_rough(seed)]
 
 
 def looks_of(seed: int) -> list[RoomLook]:
@@ -179,6 +187,18 @@ def _taped(seed: int) -> Iterable[FlatSample]:
         yield _flat(TAPED, f"{name}, colour", flat, colour=flat.hsv)
         yield _flat(TAPED, f"{name}, known side", flat, known_side="height")
         yield _flat(TAPED, f"{name}, known side, colour", flat, colour=flat.hsv, known_side="height")
+
+
+def _rough(seed: int) -> Iterable[FlatSample]:
+    for what in get_args(Rough):
+        for size, small in (("", False), ("small ", True)):
+            flat = rough_flat(seed, what, small=small)
+            exact = replace(flat, cut_m=0.0)
+            yield _flat(ROUGH, f"{size}{what}", exact)
+            yield _flat(ROUGH, f"{size}{what}, colour", exact, colour=flat.hsv)
+            yield _flat(ROUGH, f"{size}{what}, colour, tolerance", flat, colour=flat.hsv)
+            if what == "strip":
+                yield _flat(ROUGH, f"{size}{what}, known side, colour", exact, colour=flat.hsv, known_side="height")
 
 
 def _lens(seed: int) -> Iterable[FlatSample]:
@@ -234,7 +254,7 @@ def _measured(name: str, kinds: tuple[str, ...], scene: Scene, target: str, **op
     made = render(scene)
     if target == "tag":
         options["id"] = scene.target.number
-    camera = scene.camera if name == TAPED else draw.CAMERA
+    camera = scene.camera if name in (TAPED, ROUGH) else draw.CAMERA
     camera = camera if name == GRID else replace(camera, edge_bias_sigma_px=UNKNOWN_EDGE_BIAS_SIGMA_PX)
     finder = ours.detector(target, camera, **options)
     found = finder.detect(ours.framed(made))

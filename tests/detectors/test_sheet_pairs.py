@@ -14,6 +14,7 @@ from stadimeter.detectors.sheet.outlines import Twins, ratio_evidence
 from stadimeter.ranging.measure import measure
 from support.scenes.draw import CAMERA
 from support.scenes.render import render
+from support.scenes.rough import rough_flat
 from support.scenes.taped import cut_square, lit_tape
 
 pytestmark = pytest.mark.vision
@@ -86,3 +87,14 @@ def test_squares_on_a_board_are_drawn_and_the_truth_is_of_what_was_asked_for(boa
     truth = render(flat.scene).truth
     sides = np.linalg.norm(np.roll(truth.outline_px, -1, axis=0) - truth.outline_px, axis=1)
     assert math.isclose(sides[0] / sides[1], 4 / 3 if board else 1, rel_tol=0.15)
+
+
+@pytest.mark.parametrize("seed", [700009, 700035, 700059])
+def test_a_sheet_cut_askew_is_not_taken_to_hang_the_other_way(seed: int) -> None:
+    flat = rough_flat(seed, "sheet")
+    made = render(flat.scene)
+    options = {"width": f"{flat.width_m} m", "height": f"{flat.height_m} m", "hsv": flat.hsv}
+    detector = SheetDetector("sheet", SheetOptions.model_validate(options))
+    detection = detector.detect(Frame(made.image, 0.0, 0), lens=CAMERA)
+    measured = measure(detection, detector.target_shape, CAMERA, 0.0)
+    assert measured.distance_m == pytest.approx(made.truth.distance_m, rel=0.05)

@@ -72,6 +72,17 @@ def test_a_named_side_decides_alone() -> None:
         assert size.locate(seen, CAMERA).position_m[2] == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("known_side", ["width", "height"])
+def test_the_turn_of_a_sheet_with_a_named_side_is_corrected_and_leaves_a_doubt(known_side: str) -> None:
+    size = SheetShape(width_m=SIZE.width_m, height_m=SIZE.height_m, known_side=known_side)
+    facing, *turned = (
+        size.locate(seen_from(Pose(position_m=(0, 0, 1), tilt_rad=tilt, tilt_towards_rad=towards)), CAMERA)
+        for tilt, towards in ((0, 0), (0.5, 0), (0.5, math.pi / 2))
+    )
+    assert [each.position_m[2] for each in (facing, *turned)] == pytest.approx([1.0] * 3, rel=2e-3)
+    assert max(each.systematic_share for each in turned) > facing.systematic_share + 0.03
+
+
 def test_a_sheet_that_is_farther_or_less_sharp_is_less_sure() -> None:
     shares = [
         SIZE.locate(seen_from(Pose(position_m=(0, 0, z), tilt_rad=0.4), sigma_px), CAMERA).noise_share

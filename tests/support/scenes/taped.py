@@ -158,21 +158,26 @@ def lit_tape(seed: int, *, small: bool = False) -> HardFlat:
         return GroupTarget(first=first, others=(strip(replace(pose, position_m=(x_m, y_m, z_m)), seed + 1),))
 
     target = placed_whole(rng, made, max(STRIP_M), (22.0, 110.0), (0.0, 35.0), camera)
+    behind = before_the_dark(rng, target, bgr, camera)
+    scene = taken(rng, seed, camera, target, behind, small=small)
+    return HardFlat(
+        scene=scene, backdrop="dark", cut_m=STRIP_CUT_M, width_m=STRIP_M[0], height_m=STRIP_M[1], twins=1, bgr=bgr
+    )
+
+
+def before_the_dark(rng: np.random.Generator, target: GroupTarget, bgr: Colour, camera: CameraModel) -> Backdrop:
+    """Return black, or a room in a hundredth of its light, with glints and the glow of what is lit."""
     behind: Backdrop = PlainBackdrop(bgr=(int(rng.integers(3, 25)),) * 3)
     if rng.random() < 0.5:
         behind = DimBackdrop(inner=RoomBackdrop(things=int(rng.integers(4, 14))), share=float(rng.uniform(0.005, 0.03)))
     outlines = ((each.outline_m() / each.outline_m()[:, 2:])[:, :2] for each in (target.first, *target.others))
-    behind = GlowBackdrop(
+    return GlowBackdrop(
         inner=behind,
         bgr=bgr,
         outlines_px=tuple(tuple(map(tuple, camera.project(each).tolist())) for each in outlines),
         glints=int(rng.integers(MAX_GLINTS)),
         glow=float(rng.uniform(0, GLOW)),
         reach_px=float(rng.uniform(*GLOW_PX)),
-    )
-    scene = _taken(rng, seed, camera, target, behind, small=small)
-    return HardFlat(
-        scene=scene, backdrop="dark", cut_m=STRIP_CUT_M, width_m=STRIP_M[0], height_m=STRIP_M[1], twins=1, bgr=bgr
     )
 
 
@@ -189,10 +194,10 @@ def cut_square(seed: int, *, board: bool = False) -> HardFlat:
         # On the board, or from the first square, which is what is placed then.
         origin = (0.0, 0.0) if board else places_m[0]
         first, *squares = (
-            _skewed(_beside(level, place, origin), (SQUARE_M, SQUARE_M), pixel_m, SQUARE_BGR, seed + 10 * number)
+            _skewed(beside(level, place, origin), (SQUARE_M, SQUARE_M), pixel_m, SQUARE_BGR, seed + 10 * number)
             for number, place in enumerate(places_m)
         )
-        around = _skewed(_beside(level, (0.0, 0.0), origin), BOARD_M, pixel_m, board_bgr, seed + 1)
+        around = _skewed(beside(level, (0.0, 0.0), origin), BOARD_M, pixel_m, board_bgr, seed + 1)
         if board:
             return BelowTarget(first=around, others=(first, *squares))
         return GroupTarget(first=first, others=(*squares, around))
@@ -200,12 +205,12 @@ def cut_square(seed: int, *, board: bool = False) -> HardFlat:
     side_m, sizes_px = (BOARD_M, (70.0, 400.0)) if board else ((SQUARE_M, SQUARE_M), (20.0, 110.0))
     target = placed_whole(rng, made, max(side_m), sizes_px, (0.0, 20.0), draw.CAMERA)
     behind = backdrop_of(rng, ("wall", "room")[int(rng.integers(2))], board_bgr)
-    scene = _taken(rng, seed, draw.CAMERA, target, behind, small=False)
+    scene = taken(rng, seed, draw.CAMERA, target, behind, small=False)
     bgr = board_bgr if board else SQUARE_BGR
     return HardFlat(scene=scene, backdrop="board", width_m=side_m[0], height_m=side_m[1], bgr=bgr)
 
 
-def _beside(pose: Pose, place_m: tuple[float, float], origin_m: tuple[float, float]) -> Pose:
+def beside(pose: Pose, place_m: tuple[float, float], origin_m: tuple[float, float]) -> Pose:
     x_m, y_m, z_m = pose.placed(np.array([place_m]) - origin_m)[0].tolist()
     return replace(pose, position_m=(x_m, y_m, z_m))
 
@@ -216,7 +221,7 @@ def _skewed(pose: Pose, side_m: tuple[float, float], pixel_m: float, bgr: Colour
     return CutSheetTarget(pose=pose, width_m=side_m[0], height_m=side_m[1], cut=cut, bgr=bgr, seed=seed)
 
 
-def _taken(
+def taken(
     rng: np.random.Generator, seed: int, camera: CameraModel, target: Target, behind: Backdrop, *, small: bool
 ) -> Scene:
     """Return the scene as a camera takes it; of small pictures a soft one, that stores JPEGs."""

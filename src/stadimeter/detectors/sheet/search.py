@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 
 import numpy as np
+from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Flags, Points, Prediction, Values
@@ -102,9 +103,11 @@ MAX_SETTLED = 12
 FIRST_SUPPORT = 0.15
 
 # Greatest misfit of the corners to those of the sheet, in standard deviations of the measurement and of its shape:
-# noise has no bound, but what is cut worse than this is another thing.
+# noise has no bound, but what is cut worse than this is another thing. Of 120 rendered A4 sheets of a named colour, cut
+# with rough edges, 75 are found; 64 with 2.0 of the shape and no part of it in pixels. 4.0 and 0.3 px found 77, but no
+# more of them within 2 %.
 MISFIT_SIGMAS = 4.0
-SLACK_SIGMAS = 2.0
+SLACK_SIGMAS = 3.0
 
 # Standard deviation of the shape, as a share of the size, while one side is one of a few that are tried.
 UNKNOWN_SIDE_SHARE = 0.005
@@ -114,6 +117,9 @@ UNKNOWN_SIDE_SHARE = 0.005
 EXPECTED_EVIDENCE = 2.0
 EXPECTED_SIZES = (0.4, 1.4)
 EXPECTED_LOG_SIZE = 0.2
+
+# How many sheets of which one side is named have the other one as stated, so that their shape tells as much as of any.
+AS_STATED = 0.5
 
 # While one side is not known, what fits badly is not taken for the sheet.
 MIN_QUALITY = 0.5
@@ -143,6 +149,7 @@ class SheetSearch:
         self._aspect = max(size.width_m, size.height_m) / min(size.width_m, size.height_m)
         self._shape = SheetOutlines(size, lens, (image.shape[1], image.shape[0]))
         self._is_strict = size.known_side == "auto"
+        self._stated = SheetOutlines(replace(size, known_side="auto"), lens, (image.shape[1], image.shape[0]))
         self._slack = slack_share(size, by_hand=self._is_strict)
         if not self._is_strict:
             self._slack = math.hypot(self._slack, UNKNOWN_SIDE_SHARE)
@@ -266,7 +273,7 @@ class SheetSearch:
     def _misfit_limits(self, edges: QuadEdges, off_px: float = 0.0) -> Values:
         # The search at half the size is rough, so a sheet that is no exact rectangle either may be off by the sum.
         slack_px = self._slack * longest_sides_px(edges.corners_px)
-        return np.maximum(off_px, MISFIT_SIGMAS * edges.corner_sigmas_px) + SLACK_SIGMAS * slack_px
+        return np.maximum(off_px, MISFIT_SIGMAS * edges.corner_sigmas_px) + SLACK_SIGMAS * np.hypot(slack_px, CUT_PX)
 
     def _misfit_text(self, misfit_px: float, limit_px: float, corners: Points) -> str:
         text = f"corners {misfit_px:.2f} px from those of the sheet, limit {limit_px:.2f} px"
@@ -318,11 +325,12 @@ class SheetSearch:
     ) -> Values:
         """Return how much speaks for each candidate; while the lens is not known, through that which says most."""
         sigmas, longest_px = edges.corner_sigmas_px, longest_sides_px(edges.corners_px)
-        if self._is_strict:
-            shape = np.max([shape_evidence(fit, sigmas, longest_px, self._size) for fit in fits], axis=0)
-        else:
-            shape = facing_evidence(edges.corners_px, np.hypot(np.hypot(sigmas, CUT_PX), self._slack * longest_px))
-            shape += ratio_evidence(self._off_ratio(edges.corners_px))
+        fits = fits if self._is_strict else self._stated.fits(edges.corners_px)
+        shape = np.max([shape_evidence(fit, sigmas, longest_px, self._size) for fit in fits], axis=0)
+        if not self._is_strict:
+            facing = facing_evidence(edges.corners_px, np.hypot(np.hypot(sigmas, CUT_PX), self._slack * longest_px))
+            facing += ratio_evidence(self._off_ratio(edges.corners_px))
+            shape = np.logaddexp(math.log(AS_STATED) + shape, math.log(1 - AS_STATED) + facing)
         evidence = shape + looks.evidence(edges.corners_px, edges.inside) + sides_evidence(edges)
         if expected is None:
             return np.asarray(evidence)
