@@ -27,8 +27,8 @@ SEEN_BESIDE_SURE = 0.6
 # the first and one before the second; of 9,200 others more than half had.
 LOOKS_BY_COLOUR, HOPELESS_AT_FIRST, HOPELESS = 2, -0.3, -0.1
 
-# A circle of edges that is so near to the ball that was found leads to it again: a share of the radius. With 0.05 it took
-# as long, and of a striped ball on video 8 of 759 frames fewer were tracked.
+# A circle of edges that is so near to the ball that was found leads to it again: a share of the radius. With 0.05 it
+# took as long, and of a striped ball on video 8 of 759 frames fewer were tracked.
 FOUND_SHARE = 0.01
 
 # A look that is supported this well, as a share of the best one, may be right as well.
