@@ -86,8 +86,8 @@ def _mixed(number: int, count: int) -> AnyRule:
             target="ball",
             output="output-0",
             priority=number,
-            start_m=limit_m,
-            full_m=limit_m + 1,
+            start=limit_m,
+            full=limit_m + 1,
         )
     conditions: Sequence[Condition] = (
         near,

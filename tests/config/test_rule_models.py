@@ -33,7 +33,7 @@ def alarm(text: str) -> core.AlarmRule:
 
 def test_vibrating_beyond_ten_feet_is_two_lines() -> None:
     assert rule('actuator = "motor"\nramp = { from = "10 ft", to = "20 ft" }') == core.RampRule(
-        name="it", target="ball", output="motor", start_m=pytest.approx(3.048), full_m=pytest.approx(6.096)
+        name="it", target="ball", output="motor", start=pytest.approx(3.048), full=pytest.approx(6.096)
     )
 
 
@@ -167,8 +167,8 @@ def test_every_key_of_a_ramp_reaches_the_core() -> None:
         name="it",
         target="ball",
         output="motor",
-        start_m=2.0,
-        full_m=0.0,
+        start=2.0,
+        full=0.0,
         quantity="depth",
         level_min=0.2,
         level_max=0.9,

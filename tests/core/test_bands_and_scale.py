@@ -182,11 +182,9 @@ def test_a_target_that_stands_at_a_limit_does_not_make_an_alarm_chatter(probabil
         assert turns(condition, distance_m, scale_sigma, seed) <= 2
 
 
-TABLE = RampRule(
-    name="r", target="ball", output="o", start_m=1.0, full_m=3.0, points=((1.0, 0.0), (2.0, 1.0), (3.0, 0.0))
-)
+TABLE = RampRule(name="r", target="ball", output="o", start=1.0, full=3.0, points=((1.0, 0.0), (2.0, 1.0), (3.0, 0.0)))
 CURVES = [
-    RampRule(name="r", target="ball", output="o", start_m=start_m, full_m=full_m, level_min=0.2)
+    RampRule(name="r", target="ball", output="o", start=start_m, full=full_m, level_min=0.2)
     for start_m, full_m in ((1.0, 3.0), (3.0, 1.0))
 ]
 

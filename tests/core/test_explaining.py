@@ -180,7 +180,7 @@ def test_a_condition_with_parts_shows_each_with_its_own_verdict():
 
 def test_ramps_and_follow_rules_are_explained_too():
     run = rehearse(
-        RampRule(name="ramp", target="ball", output="buzzer", start_m=2.0, full_m=1.0),
+        RampRule(name="ramp", target="ball", output="buzzer", start=2.0, full=1.0),
         FollowRule(name="follow", target="ball", distance_m=1.0),
     )
     decision = run.see(*[1.5] * 5)

@@ -17,9 +17,10 @@ from stadimeter.cli.main import app
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.models import ActuatorTable, BaseTable
 from stadimeter.config.rule_test_tables import ExpectTable, InputTable
-from stadimeter.config.rules.action_tables import FollowTable, PatternTable, RampTable, StepTable
+from stadimeter.config.rules.action_tables import FollowTable, PatternTable, StepTable
 from stadimeter.config.rules.condition_tables import CountTable, TimeTable, WhenTable
 from stadimeter.config.rules.limit_tables import ClosingTable, ContactTable, DirectionTable, SeparationTable
+from stadimeter.config.rules.ramp_tables import RampTable
 from stadimeter.config.rules.tables import LostTable, RuleTable
 from stadimeter.core import templates
 from stadimeter.errors import ConfigError

@@ -121,7 +121,7 @@ def _rule_findings(compiled: CompiledRule, sizes: Mapping[str, TargetShape], cam
     if isinstance(rule, AlarmRule):
         when, *_ = compiled.conditions()
         yield from _condition_findings(when, sizes, camera)
-    elif rule.target in sizes:
+    elif rule.target in sizes and getattr(rule, "quantity", "distance") in {"distance", "depth"}:
         path = compiled.at("ramp" if isinstance(rule, RampRule) else "follow")
         yield from _too_small(path, _farthest_limit_m(rule), rule.target, sizes[rule.target], camera)
 
@@ -142,7 +142,7 @@ def _condition_findings(
 def _farthest_limit_m(rule: RampRule | FollowRule) -> float:
     if isinstance(rule, FollowRule):
         return rule.distance_m
-    return max(rule.start_m, rule.full_m, *(at_m for at_m, _ in rule.points), 0.0)
+    return max(rule.start, rule.full, *(at_m for at_m, _ in rule.points), 0.0)
 
 
 def _distance_findings(

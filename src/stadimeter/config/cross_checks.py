@@ -18,17 +18,22 @@ from stadimeter.config.findings import Finding, did_you_mean, did_you_mean_or_li
 from stadimeter.config.loop_gain import loop_findings
 from stadimeter.config.plugins import marked_options
 from stadimeter.config.rules.condition_tables import (
+    KEY_ABOUT_STANDING,
     KEYS_ABOUT_DISTANCE,
     KEYS_OF_A_TARGET,
+    KEYS_OF_COMPARISONS,
     KEYS_OF_NO_TARGET,
     KEYS_OF_OTHERS,
+    KEYS_OF_QUANTITIES,
     MAX_DEPTH,
     WhenTable,
 )
 from stadimeter.config.rules.tables import KINDS, FramesTable, RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.units import PinMark, PortMark
+from stadimeter.core.conditions.quantities import QUANTITIES, noun_of
 from stadimeter.core.rules.follow_law import MAX_GAIN_SHARE
+from stadimeter.core.words import short_figure
 
 # Nothing acts on a frame that is older than this. A robot at 0.5 m/s has gone half a metre by then.
 MAX_BLIND_S = 1.0
@@ -47,8 +52,8 @@ _LIMITS = (("above", "below"), ("between",))
 _CONDITION_KINDS = (*_LIMITS, *((key,) for key in (*KEYS_OF_A_TARGET, *KEYS_OF_NO_TARGET, *KEYS_OF_OTHERS)))
 
 # Conditions that are a table of their own, in which their deadbands and probabilities stand.
-_BETWEEN_LIMITS = ("bearing", "elevation", "closing_speed", "separation")
-_INSIDE = ("bearing", "elevation", "closing_speed", "time_to_contact", "separation")
+_BETWEEN_LIMITS = ("bearing", "elevation", "closing_speed", "separation", *KEYS_OF_QUANTITIES)
+_INSIDE = (*_BETWEEN_LIMITS, "time_to_contact", *KEYS_OF_COMPARISONS)
 
 _LIMITS_FORM = "write above, below, both of these, or between"
 _NAMED = [key for group in _CONDITION_KINDS for key in group]
@@ -116,10 +121,11 @@ def _times(at: KeyPath, rule: RuleTable) -> Iterator[Finding]:
 def _ramp(at: KeyPath, rule: RuleTable) -> Iterator[Finding]:
     if rule.ramp is None or rule.ramp.points:  # points are checked as they are read
         return
-    start_m, full_m = rule.ramp.ends_m
-    if start_m == full_m:
-        message = f"the ramp goes from {start_m:g} m to the same distance"
-        yield Finding((*at, "ramp"), message, "choose two distances, or write a rule with when", "ramp-reversed")
+    start, full = rule.ramp.ends
+    if start == full:
+        noun = noun_of(rule.ramp.of)
+        message = f"the ramp goes from {short_figure(start, QUANTITIES[rule.ramp.of].unit)} to the same {noun}"
+        yield Finding((*at, "ramp"), message, "choose two figures, or write a rule with when", "ramp-reversed")
     if rule.ramp.min > rule.ramp.max:
         message = f"min {rule.ramp.min:g} is above max {rule.ramp.max:g}"
         yield Finding((*at, "ramp", "min"), message, "exchange them; from and to give the direction", "ramp-reversed")
@@ -320,6 +326,9 @@ def _not_empty(at: KeyPath, table: Mapping[str, Any], written: list[str]) -> Ite
 
 
 def _meaningless(at: KeyPath, table: Mapping[str, Any], written: list[str]) -> Iterator[Finding]:
+    if KEY_ABOUT_STANDING in table and "still_for" not in table:
+        message = f"'{KEY_ABOUT_STANDING}' has a meaning only beside still_for"
+        yield Finding((*at, KEY_ABOUT_STANDING), message, 'add such as still_for = "10 min"', "condition-keys")
     if any(key in group for group in _LIMITS for key in written):
         return
     kinds = " and ".join(f"'{kind}'" for kind in written)
@@ -341,6 +350,7 @@ def _inner_tables(at: KeyPath, table: Mapping[str, Any]) -> Iterator[Finding]:
     if "count" in inner and not inner["count"].keys() & {"at_least", "at_most"}:
         hint = "add at_least, at_most, or both"
         yield Finding((*at, "count"), "how many targets is not said", hint, "condition-keys")
+    yield from _not_with_itself(at, table)
     separation = inner.get("separation", {}).get("of")
     if isinstance(separation, list) and len(separation) == 2 and separation[0] == separation[1]:
         message = f"'{separation[0]}' is always where it is itself"
@@ -350,6 +360,14 @@ def _inner_tables(at: KeyPath, table: Mapping[str, Any]) -> Iterator[Finding]:
         hint = 'write ["00:00", "24:00"] for the whole day'
         message = f"the time begins and ends at {between[0]}"
         yield Finding((*at, "time", "between"), message, hint, "empty-interval")
+
+
+def _not_with_itself(at: KeyPath, table: Mapping[str, Any]) -> Iterator[Finding]:
+    for key in (key for key in KEYS_OF_COMPARISONS if key in table):
+        other = table[key].get("target") if isinstance(table[key], Mapping) else table[key]
+        if isinstance(other, str) and other == table.get("target"):
+            message = f"'{other}' is never {key.replace('_', ' ')} itself"
+            yield Finding((*at, key), message, "name another target", "condition-keys")
 
 
 def _limits_of_one_form(at: KeyPath, table: Mapping[str, Any]) -> Iterator[Finding]:

@@ -73,6 +73,10 @@ class CameraTable(Section):
 
     model: Any = None
     """The camera file, relative to the configuration, or the same keys as a table."""
+    height: LengthOrZero | None = None
+    """In metres; how high it is above the floor. None if that is not known."""
+    tilt: Angle = 0.0
+    """In radians; how far it looks up from level, below zero for down."""
 
 
 class TargetTable(Section):

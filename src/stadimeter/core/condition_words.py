@@ -6,7 +6,7 @@ Conditions state thresholds and figures. A kind that is not named here is worded
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from msgspec import Struct
 
@@ -16,10 +16,12 @@ from stadimeter.core.conditions.discrete import CountCondition, PresenceConditio
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs
 from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, LimitsCondition, SeparationCondition
+from stadimeter.core.conditions.measured import ComparisonCondition, FigureCondition, StillCondition
 from stadimeter.core.conditions.of_base import ContactSensorCondition
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.track import Track
-from stadimeter.core.words import day, duration, length, metres, time_of_day
+from stadimeter.core.words import day, duration, figure_in_words, length, metres, short_figure, time_of_day
+from stadimeter.core.words import uncertain_figure as uncertain
 
 _ANSWERS = {True: "yes", False: "no", None: "unknown"}
 _RULE_STATES = {True: "is active", False: "is not active", None: "has nothing to judge by"}
@@ -71,9 +73,7 @@ class Evidence(Struct, frozen=True, kw_only=True):
         return self._points(self.end_points)
 
     def _points(self, points: tuple[float, ...]) -> str:
-        if self.unit == "rad":
-            return " or ".join(_degrees(point) for point in points)
-        return " or ".join(f"{point:.2f} {self.unit}" for point in points)
+        return " or ".join(short_figure(point, self.unit) for point in points)
 
 
 # The figures behind a verdict ---------------------------------------------------------------------------------------
@@ -103,6 +103,11 @@ def collect_evidence(
 ) -> tuple[Evidence, ...]:
     """Return the figures behind what `judge` returns for the same arguments: one for each part, from left to right."""
     return tuple(_evidence(part, inputs) for part in judged_leaves(condition, held, is_active=is_active))
+
+
+def describe_unread(tracks: Sequence[Track], noun: str) -> str:
+    """Return in words why there is no figure of some targets."""
+    return " and ".join(describe_unseen(track) for track in tracks if not track.is_valid) or f"the {noun} is not known"
 
 
 def describe_unseen(track: Track) -> str:
@@ -199,11 +204,10 @@ def _unread_words(leaf: Leaf, inputs: RuleInputs, named: str) -> str:
         return f"{named}{metres(approach.distance_m, approach.sigma_m)}, {speed}: too unsure for a time"
     if not tracks:
         return f"the base does not report its {leaf.noun}"
-    away = [track for track in tracks if not track.is_valid]
-    return " and ".join(describe_unseen(track) for track in away or tracks)
+    return describe_unread(tracks, leaf.noun)
 
 
-def _value_words(leaf: Leaf, reading: JudgedFigure) -> str:
+def _value_words(leaf: Leaf, reading: JudgedFigure) -> str:  # noqa: PLR0911 - one for each kind
     value, sigma = reading.value, reading.sigma or 0.0
     match leaf:
         case DistanceCondition():
@@ -216,6 +220,9 @@ def _value_words(leaf: Leaf, reading: JudgedFigure) -> str:
             return f"contact in {value:.2f} s ± {sigma:.2f}"
         case DirectionCondition():
             return f"{leaf.quantity} {math.degrees(value):+.1f}°"
+        case FigureCondition():
+            other = f" to {leaf.other}" if isinstance(leaf, ComparisonCondition) else ""
+            return uncertain(leaf.noun + other, value, sigma, leaf.unit)
         case _:
             return f"{leaf.noun} {value:.2f} {leaf.unit}"
 
@@ -300,12 +307,24 @@ def _begin_words(leaf: Leaf) -> str:  # noqa: PLR0911 - one for each kind
             return f"`{leaf.rule}` is active"
         case UndeliveredCondition():
             return f"an alarm is undelivered for {duration(leaf.for_s)}"
+        case TimeToContactCondition() | StillCondition() | ComparisonCondition():
+            return _words_of_own(leaf)
+        case _:
+            return f"{_subject(leaf)} {_within_words(leaf)}"
+
+
+def _words_of_own(leaf: TimeToContactCondition | StillCondition | ComparisonCondition) -> str:
+    match leaf:
         case TimeToContactCondition():
             where = f"{length(leaf.contact_m)} away" if leaf.contact_m else "here"
             slower = f"(if faster than {leaf.closing_min_mps:g} m/s)"
             return f"`{leaf.target}` will be {where} within {leaf.below_s:g} s {slower}"
+        case StillCondition():
+            return f"`{leaf.target}` has not moved by more than {length(leaf.within_m)} for {duration(leaf.for_s)}"
         case _:
-            return f"{_subject(leaf)} {_within_words(leaf)}"
+            by = abs(next(limit for limit in leaf.limits if math.isfinite(limit)))
+            more = f" by {figure_in_words(by, leaf.unit)}" if by else ""
+            return f"`{leaf.target}` is {leaf.comparison.replace('_', ' ')} `{leaf.other}`{more}"
 
 
 def _subject(leaf: Leaf) -> str:
@@ -366,23 +385,6 @@ def _back_words(leaf: LimitsCondition | TimeToContactCondition, deadband: float)
     noise = f"{sigmas:g} standard deviations of the noise"
     width = f"{deadband:g} {leaf.unit} or {noise}, whichever is more," if deadband else noise
     return f"{' or '.join(there)} by {width}"
-
-
-def figure_in_words(value: float, unit: str) -> str:
-    """Return a figure that is in its SI unit, such as ``0.60 m (2.0 ft)``; an angle is in degrees."""
-    match unit:
-        case "m":
-            return length(value)
-        case "rad":
-            return _degrees(value)
-        case "s":
-            return f"{value:g} s"
-        case _:
-            return f"{value:.2f} {unit}"
-
-
-def _degrees(angle_rad: float) -> str:
-    return f"{math.degrees(angle_rad):.1f}°"
 
 
 def _closing(closing_mps: float, sigma_mps: float) -> str:

@@ -10,6 +10,7 @@ from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.discrete import ScheduleCondition
 from stadimeter.core.rule import AlarmRule, AnyRule
 from stadimeter.core.sensor_fusion import SensorPair
+from stadimeter.core.transverse_motion import Viewpoint
 
 
 class LevelOutput(Struct, frozen=True, kw_only=True):
@@ -111,6 +112,7 @@ class Plan(Struct, frozen=True, kw_only=True):
     tracking: Tracking = field(default_factory=Tracking)
     safety: Safety = field(default_factory=Safety)
     sensor_pairs: tuple[SensorPair, ...] = ()
+    viewpoint: Viewpoint = Viewpoint()
 
     @property
     def needs_wall_time(self) -> bool:

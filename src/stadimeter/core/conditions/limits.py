@@ -59,7 +59,7 @@ class LimitsCondition(Leaf):
     def can_end(self) -> bool:
         """Whether a figure that is never below zero can come back over the deadband."""
         low, high = self.limits
-        return self.unit != "m" or math.isinf(low) or math.isfinite(high) or self.deadband < low
+        return self.is_signed or math.isinf(low) or math.isfinite(high) or self.deadband < low
 
     @property
     def thresholds(self) -> tuple[Threshold, ...]:
@@ -74,7 +74,7 @@ class LimitsCondition(Leaf):
         if math.isinf(low):
             return (Threshold(f"{inside}below", upper, least, most),)
         if math.isinf(high):
-            above_band = math.nextafter(self.deadband, math.inf) if self.unit == "m" else least
+            above_band = least if self.is_signed else math.nextafter(self.deadband, math.inf)
             return (Threshold(f"{inside}above", lower, max(least, above_band), most),)
         near, far = ("near", "far") if self.unit == "m" else ("low", "high")
         return (

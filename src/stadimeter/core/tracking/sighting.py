@@ -48,6 +48,7 @@ def sighting_of(measurement: Measurement) -> Sighting | None:
         depth_share=depth_m / distance_m,
         bearing_rad=bearing_rad,
         elevation_rad=elevation_rad,
+        size_share=measurement.size_share,
     )
 
 
