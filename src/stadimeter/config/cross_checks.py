@@ -11,6 +11,7 @@ from typing import Any
 from stadimeter.config.analysis import Subject, subject_of
 from stadimeter.config.analysis.bands import band_errors, holding_errors
 from stadimeter.config.analysis.promises import promise_errors
+from stadimeter.config.analysis.quantities import quantity_errors
 from stadimeter.config.analysis.references import reference_errors
 from stadimeter.config.analysis.writers import shadow_errors
 from stadimeter.config.draft import BASE_NAME, Draft, output_path
@@ -31,9 +32,7 @@ from stadimeter.config.rules.condition_tables import (
 from stadimeter.config.rules.tables import KINDS, FramesTable, RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.units import PinMark, PortMark
-from stadimeter.core.conditions.quantities import QUANTITIES, noun_of
 from stadimeter.core.rules.follow_law import MAX_GAIN_SHARE
-from stadimeter.core.words import short_figure
 
 # Nothing acts on a frame that is older than this. A robot at 0.5 m/s has gone half a metre by then.
 MAX_BLIND_S = 1.0
@@ -79,7 +78,7 @@ def _rules_by_themselves(draft: Draft) -> Iterator[Finding]:
             if isinstance(table.get(key), Mapping):
                 yield from condition_findings(("rules", name, key), table[key])
     for name, rule in draft.rules.items():
-        for check in (_times, _ramp, _follow):
+        for check in (_times, _follow):
             yield from check(("rules", name), rule)
 
 
@@ -116,19 +115,6 @@ def _times(at: KeyPath, rule: RuleTable) -> Iterator[Finding]:
             message = f"delay_tolerance {tolerance_s:g} s is no shorter than {key} {delay_s:g} s"
             hint = f"make it much shorter, or write a longer {key}: two frames that far apart would fulfil the delay"
             yield Finding((*at, "delay_tolerance"), message, hint, "tolerance-too-long")
-
-
-def _ramp(at: KeyPath, rule: RuleTable) -> Iterator[Finding]:
-    if rule.ramp is None or rule.ramp.points:  # points are checked as they are read
-        return
-    start, full = rule.ramp.ends
-    if start == full:
-        noun = noun_of(rule.ramp.of)
-        message = f"the ramp goes from {short_figure(start, QUANTITIES[rule.ramp.of].unit)} to the same {noun}"
-        yield Finding((*at, "ramp"), message, "choose two figures, or write a rule with when", "ramp-reversed")
-    if rule.ramp.min > rule.ramp.max:
-        message = f"min {rule.ramp.min:g} is above max {rule.ramp.max:g}"
-        yield Finding((*at, "ramp", "min"), message, "exchange them; from and to give the direction", "ramp-reversed")
 
 
 def _follow(at: KeyPath, rule: RuleTable) -> Iterator[Finding]:
@@ -350,7 +336,6 @@ def _inner_tables(at: KeyPath, table: Mapping[str, Any]) -> Iterator[Finding]:
     if "count" in inner and not inner["count"].keys() & {"at_least", "at_most"}:
         hint = "add at_least, at_most, or both"
         yield Finding((*at, "count"), "how many targets is not said", hint, "condition-keys")
-    yield from _not_with_itself(at, table)
     separation = inner.get("separation", {}).get("of")
     if isinstance(separation, list) and len(separation) == 2 and separation[0] == separation[1]:
         message = f"'{separation[0]}' is always where it is itself"
@@ -360,14 +345,6 @@ def _inner_tables(at: KeyPath, table: Mapping[str, Any]) -> Iterator[Finding]:
         hint = 'write ["00:00", "24:00"] for the whole day'
         message = f"the time begins and ends at {between[0]}"
         yield Finding((*at, "time", "between"), message, hint, "empty-interval")
-
-
-def _not_with_itself(at: KeyPath, table: Mapping[str, Any]) -> Iterator[Finding]:
-    for key in (key for key in KEYS_OF_COMPARISONS if key in table):
-        other = table[key].get("target") if isinstance(table[key], Mapping) else table[key]
-        if isinstance(other, str) and other == table.get("target"):
-            message = f"'{other}' is never {key.replace('_', ' ')} itself"
-            yield Finding((*at, key), message, "name another target", "condition-keys")
 
 
 def _limits_of_one_form(at: KeyPath, table: Mapping[str, Any]) -> Iterator[Finding]:
@@ -411,6 +388,7 @@ _CHECKS: tuple[Callable[[Draft], Iterator[Finding]], ...] = (
 )
 _ANALYSES: tuple[Callable[[Subject], Iterator[Finding]], ...] = (
     band_errors,
+    quantity_errors,
     holding_errors,
     shadow_errors,
     promise_errors,

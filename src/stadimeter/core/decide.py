@@ -231,10 +231,10 @@ def _rule_inputs(
 
 
 def _step_motions(state: State, inputs: RuleInputs) -> dict[str, TransverseMotion]:
-    acceleration_mps2, is_after_gap = state.plan.tracking.acceleration_mps2, inputs.is_after_gap
+    settings, gap = state.plan.tracking, inputs.is_after_gap
+    noise = settings.acceleration_mps2, settings.autocorrelation
     return {
-        each.target: step_motion(each, inputs.tracks[each.target], acceleration_mps2, is_after_gap=is_after_gap)
-        for each in state.motions
+        each.target: step_motion(each, inputs.tracks[each.target], *noise, is_after_gap=gap) for each in state.motions
     }
 
 

@@ -35,16 +35,22 @@ class AngleEstimate(NamedTuple):
 
     Attributes:
         at_s: The capture time of the newest sighting that was taken in.
+        seen_rad: The angle in it.
+        earlier_s: The capture time of the one before it; None for none.
+        earlier_rad: The angle in that.
         angle_rad: The angle.
         rate_radps: Its rate of change.
         var_rad2: Variance of the angle.
         cov_rad2ps: Covariance of angle and rate.
         var_rate: Variance of the rate, in (rad/s)².
         noise_rad2: Variance of a sighting's noise, as it was learnt.
-        doubt: 1 or -1 if the newest sighting was refused as too far to one side, else 0.
+        doubt: 1 or -1 if the newest sighting was unexpectedly far to one side, else 0.
     """
 
     at_s: float
+    seen_rad: float
+    earlier_s: float | None
+    earlier_rad: float
     angle_rad: float
     rate_radps: float
     var_rad2: float

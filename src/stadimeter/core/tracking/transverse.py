@@ -4,9 +4,9 @@ It is worked out only for targets that some rule asks it of. Each angle has a Ka
 whose rate wanders with white-noise acceleration, as in `stadimeter.core.tracking.filter`; an acceleration of a m/s² at
 the distance d is one of a / d rad/s². Two things are different from the filter of the distance:
 
-- Nothing states how noisy an angle is, so its variance is learnt: the mean square of the innovations of some seconds,
-  less what the filter itself is unsure of. R. Mehra, "On the identification of variances and adaptive Kalman
-  filtering", IEEE Transactions on Automatic Control 15 (2), 1970.
+- Nothing states how noisy an angle is, so its variance is learnt: from how far each sighting is from the line through
+  the ones before and after it, which no steady motion changes. Innovations would not do: a filter that lags takes its
+  lag for noise, and lags more for that.
 - One filter is enough, since it begins anew when it is wrong: of two sightings in a row that are both too far to the
   same side, the first is refused, for it may be an error, and with the second the rate is free to be any.
 """
@@ -26,8 +26,9 @@ from stadimeter.core.transverse_motion import AngleEstimate, AskedMotion, Standi
 # and a target that sways is no longer within the stated deviation.
 ACCELERATION_SHARE = 0.15
 
-# A sighting this many standard deviations from what was expected is an error, or the target has set off.
-GATE_SIGMAS = 4.0
+# A sighting further than this from what was expected, in standard deviations, may be an error: the next one tells.
+# Beyond the second of these, two to the same side mean that the target manoeuvres.
+GATE_SIGMAS, DOUBT_SIGMAS = 4.0, 2.0
 
 # Noise of an angle: to begin with one pixel at a focal length of 500, and never less than a twentieth of that.
 NOISE_AT_START_RAD, NOISE_FLOOR_RAD = 2e-3, 1e-4
@@ -56,12 +57,13 @@ def motions_for(asked: Iterable[AskedMotion], before: Iterable[TransverseMotion]
 
 
 def step_motion(
-    before: TransverseMotion, track: Track, acceleration_mps2: float, *, is_after_gap: bool
+    before: TransverseMotion, track: Track, acceleration_mps2: float, autocorrelation: float, *, is_after_gap: bool
 ) -> TransverseMotion:
     """Take in what one cycle knows of a target.
 
     Args:
         acceleration_mps2: Standard deviation of the target's acceleration that is expected.
+        autocorrelation: Of the noise from one frame to the next, which hides a part of it from who compares frames.
         is_after_gap: Whether the program stood still before this cycle: what was before says nothing.
     """
     if is_after_gap:
@@ -74,11 +76,12 @@ def step_motion(
         return before
     wander = (ACCELERATION_SHARE * acceleration_mps2 / distance_m) ** 2
     start_var = (RATE_AT_START_MPS / distance_m) ** 2
+    shown = 1.0 - (4.0 - autocorrelation) * autocorrelation / 3.0  # of the variance, in a second difference
     after = replace(
         before,
         seen_at_s=at_s,
-        bearing=_step_angle(before.bearing, bearing_rad, at_s, wander, start_var),
-        elevation=_step_angle(before.elevation, elevation_rad, at_s, wander, start_var),
+        bearing=_step_angle(before.bearing, bearing_rad, at_s, wander, start_var, shown),
+        elevation=_step_angle(before.elevation, elevation_rad, at_s, wander, start_var, shown),
     )
     if not before.withins_m:
         return after
@@ -91,38 +94,50 @@ def step_motion(
 
 
 def _step_angle(
-    before: AngleEstimate | None, seen_rad: float, at_s: float, wander: float, start_var: float
+    before: AngleEstimate | None, seen_rad: float, at_s: float, wander: float, start_var: float, shown: float
 ) -> AngleEstimate:
     if before is None or at_s - before.at_s > MAX_PAUSE_S:
         noise = NOISE_AT_START_RAD**2 if before is None else before.noise_rad2
-        return AngleEstimate(at_s, seen_rad, 0.0, noise, 0.0, start_var, noise)
-    last_s, angle, rate, var, cov, var_rate, noise, doubt = before
-    step_s = at_s - last_s
-    error = seen_rad - angle - step_s * rate
+        return AngleEstimate(at_s, seen_rad, None, 0.0, seen_rad, 0.0, noise, 0.0, start_var, noise)
+    step_s = at_s - before.at_s
+    expected = before.angle_rad + step_s * before.rate_radps
+    error = seen_rad - expected
     added = wander * step_s
-    cov_rate = cov + step_s * var_rate
-    var += step_s * (cov + cov_rate + added * step_s / 3)
-    cov, var_rate = cov_rate + added * step_s / 2, var_rate + added
-    if error * error > GATE_SIGMAS**2 * (var + noise):
-        side = 1 if error > 0 else -1
-        if side != doubt:
-            return before._replace(doubt=side)
-        free = (error / step_s) ** 2  # the rate may have become any while nothing was taken in
-        var, cov, var_rate = var + step_s * step_s * free, cov + step_s * free, var_rate + free
-    else:
-        share = 1.0 - math.exp(-step_s / LEARNING_S)
-        noise = max(noise + share * (error * error - var - noise), NOISE_FLOOR_RAD**2)
-    total = var + noise
-    gain, rate_gain = var / total, cov / total
+    cov = before.cov_rad2ps + step_s * before.var_rate
+    var = before.var_rad2 + step_s * (before.cov_rad2ps + cov + added * step_s / 3)
+    cov, var_rate = cov + added * step_s / 2, before.var_rate + added
+    noise, square = before.noise_rad2, error * error
+    side = 0 if square < DOUBT_SIGMAS**2 * (var + noise) else 1 if error > 0 else -1
+    if side and side == before.doubt:
+        wider = square - var - noise  # as much as makes the error one of one standard deviation
+        var, cov, var_rate = var + wider, cov + wider / step_s, var_rate + wider / (step_s * step_s)
+    elif square > GATE_SIGMAS**2 * (var + noise):
+        return before._replace(doubt=side)
+    gain, rate_gain = var / (var + noise), cov / (var + noise)
     return AngleEstimate(
-        at_s,
-        angle + step_s * rate + gain * error,
-        rate + rate_gain * error,
-        max(0.0, var - gain * var),
-        cov - gain * cov,
-        max(0.0, var_rate - rate_gain * cov),
-        noise,
+        at_s=at_s,
+        seen_rad=seen_rad,
+        earlier_s=before.at_s,
+        earlier_rad=before.seen_rad,
+        angle_rad=expected + gain * error,
+        rate_radps=before.rate_radps + rate_gain * error,
+        var_rad2=max(0.0, var - gain * var),
+        cov_rad2ps=cov - gain * cov,
+        var_rate=max(0.0, var_rate - rate_gain * cov),
+        noise_rad2=_learn_noise(before, seen_rad, at_s, shown),
+        doubt=side,
     )
+
+
+def _learn_noise(before: AngleEstimate, seen_rad: float, at_s: float, shown: float) -> float:
+    """Return the variance of a sighting's noise after another one; a sighting counts for no more than three sigmas."""
+    if before.earlier_s is None:
+        return before.noise_rad2
+    way = (before.at_s - before.earlier_s) / (at_s - before.earlier_s)
+    off = before.seen_rad - (before.earlier_rad + way * (seen_rad - before.earlier_rad))
+    variance = off * off / (shown * (1.0 + way * way + (1.0 - way) * (1.0 - way)))
+    share = 1.0 - math.exp((before.at_s - at_s) / LEARNING_S)
+    return max((1.0 - share) * before.noise_rad2 + share * min(variance, 9.0 * before.noise_rad2), NOISE_FLOOR_RAD**2)
 
 
 def _stand(
