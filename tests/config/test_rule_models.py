@@ -14,8 +14,8 @@ from stadimeter.core import plan
 from stadimeter.core import rule as core
 from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.conditions.limits import ClosingCondition
 from stadimeter.core.decision import Severity
+from support.conditions import closing
 from support.each_case import each_case
 
 
@@ -85,9 +85,9 @@ def test_a_safety_rule_acts_at_even_odds_and_at_once() -> None:
 
 def test_a_safety_rule_about_speed_asks_for_an_estimate_that_has_settled() -> None:
     found = alarm('severity = "safety"\nwhen = { closing_speed = { above = "1 m/s" } }').condition
-    assert found == ClosingCondition(above_mps=1.0, probability_on=0.8, target="ball")
+    assert found == closing(above=1.0, probability_on=0.8, target="ball")
     found = alarm('severity = "safety"\nwhen = { closing_speed = { above = "1 m/s", probability = 0.5 } }').condition
-    assert found == ClosingCondition(above_mps=1.0, probability_on=0.5, target="ball")
+    assert found == closing(above=1.0, probability_on=0.5, target="ball")
 
 
 def test_what_a_safety_rule_says_itself_counts() -> None:

@@ -10,12 +10,12 @@ from msgspec.structs import replace
 
 from stadimeter.core.alarms.settings import thresholds_of
 from stadimeter.core.base_report import BaseReport
+from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
 from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, SeparationCondition
-from stadimeter.core.conditions.measured import ComparisonCondition, FigureCondition, StillCondition
+from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.decide import State
@@ -37,13 +37,15 @@ from stadimeter.core.rule import (
     Send,
     Template,
 )
-from stadimeter.core.transverse_motion import Viewpoint
+from stadimeter.core.tracking.transverse import Viewpoint
 from stadimeter.operator_actions import OperatorAction
+from support.conditions import closing, compared, direction, separation, still
 from support.observing import measured, missed
 
 TARGETS = ("ball", "tag")
 LIMIT_M = 1.5
 """The limit of every distance in an aimed run."""
+LENS = replace(CameraModel.with_focal_length(600.0, 640, 480), focal_relative_sigma=0.01)
 OTHER_QUANTITIES = (
     "bearing",
     "x",
@@ -84,7 +86,7 @@ def random_run(seed: int, *, is_aimed: bool = False) -> RandomRun:
     safety = Safety(max_frame_age_s=max(0.2, 2.5 / fps), good_frames=2)
     names = tuple(rule.name for rule in rules if isinstance(rule, AlarmRule))
     seen = _Scene(rng, fps, names, is_aimed=is_aimed).observations(60 if is_aimed else 100)
-    viewpoint = Viewpoint(height_m=rng.choice((None, 0.5)), tilt_rad=0.1, focal_sigma=0.01)
+    viewpoint = Viewpoint(height_m=rng.choice((None, 0.5)), tilt_rad=0.1, lens=LENS)
     plan = Plan(targets=TARGETS, rules=rules, outputs=OUTPUTS, safety=safety, viewpoint=viewpoint)
     return RandomRun(plan=plan, observations=tuple(seen))
 
@@ -177,10 +179,10 @@ class _Rules:
         kinds: tuple[Callable[[], Condition], ...] = (
             self._distance,
             self._distance,
-            lambda: DirectionCondition(
-                quantity=rng.choice(("bearing", "elevation")), above_rad=rng.uniform(-0.3, 0.3), target=self._target()
+            lambda: direction(
+                quantity=rng.choice(("bearing", "elevation")), above=rng.uniform(-0.3, 0.3), target=self._target()
             ),
-            lambda: ClosingCondition(above_mps=rng.uniform(-1, 1), target=self._target(), **self._chances()),  # type: ignore[arg-type]
+            lambda: closing(above=rng.uniform(-1, 1), target=self._target(), **self._chances()),  # type: ignore[arg-type]
             lambda: TimeToContactCondition(
                 below_s=rng.uniform(0.3, 5),
                 contact_m=rng.choice((0.0, 0.3)),
@@ -188,17 +190,14 @@ class _Rules:
                 **self._chances(),  # type: ignore[arg-type]
             ),
             self._figure,
-            lambda: ComparisonCondition(
-                quantity=rng.choice(("distance", "bearing", "height_above_camera")),
+            lambda: compared(
+                rng.choice(("distance", "bearing", "height_above_camera")),
+                *TARGETS,
                 above=rng.uniform(-0.3, 0.3),
-                target=TARGETS[0],
-                other=TARGETS[1],
                 **self._chances(),  # type: ignore[arg-type]
             ),
-            lambda: StillCondition(
-                for_s=rng.choice((0.3, 1.0)), within_m=rng.choice((0.0, 0.1)), target=self._target()
-            ),
-            lambda: SeparationCondition(targets=TARGETS, below_m=rng.uniform(0.2, 2), **self._chances()),  # type: ignore[arg-type]
+            lambda: still(rng.choice((0.3, 1.0)), within_m=rng.choice((0.0, 0.1)), target=self._target()),
+            lambda: separation(targets=TARGETS, below=rng.uniform(0.2, 2), **self._chances()),  # type: ignore[arg-type]
             lambda: PresenceCondition(
                 seen=rng.random() < 0.4, for_s=rng.choice((0.0, 0.5, 3.0)), target=self._target()
             ),

@@ -9,9 +9,8 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from stadimeter.config.analysis import Subject, subject_of
-from stadimeter.config.analysis.bands import band_errors, holding_errors
+from stadimeter.config.analysis.bands import band_errors, holding_errors, quantity_errors
 from stadimeter.config.analysis.promises import promise_errors
-from stadimeter.config.analysis.quantities import quantity_errors
 from stadimeter.config.analysis.references import reference_errors
 from stadimeter.config.analysis.writers import shadow_errors
 from stadimeter.config.draft import BASE_NAME, Draft, output_path

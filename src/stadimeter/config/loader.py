@@ -31,7 +31,6 @@ from stadimeter.config.units import validation_context
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.plan import Output, Plan
-from stadimeter.core.transverse_motion import Viewpoint
 from stadimeter.errors import ConfigError, Problem
 
 if TYPE_CHECKING:  # loaded only for configurations whose tests are asked for
@@ -198,11 +197,7 @@ def _plan(draft: Draft) -> Plan:
         tracking=draft.tracking.to_plan(),
         safety=draft.safety.to_plan(),
         sensor_pairs=tuple(table.to_plan(name) for name, table in draft.sensor_tables.items() if table.confirms),
-        viewpoint=Viewpoint(
-            height_m=draft.camera_table.height,
-            tilt_rad=draft.camera_table.tilt,
-            focal_sigma=draft.camera_model.focal_relative_sigma if draft.camera_model is not None else 0.0,
-        ),
+        viewpoint=draft.camera_table.to_plan(draft.camera_model),
     )
 
 

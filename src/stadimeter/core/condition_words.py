@@ -15,8 +15,8 @@ from stadimeter.core.conditions.contact import SpeedKnowledge, TimeToContactCond
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs
-from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, LimitsCondition, SeparationCondition
-from stadimeter.core.conditions.measured import ComparisonCondition, FigureCondition, StillCondition
+from stadimeter.core.conditions.limits import LimitsCondition
+from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.conditions.of_base import ContactSensorCondition
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.track import Track
@@ -26,9 +26,10 @@ from stadimeter.core.words import uncertain_figure as uncertain
 _ANSWERS = {True: "yes", False: "no", None: "unknown"}
 _RULE_STATES = {True: "is active", False: "is not active", None: "has nothing to judge by"}
 _CONTACT_WORDS = {"is_bumped": "the bumper of the base is pressed", "is_at_cliff": "there is no floor below the base"}
-_NOT_COUNTED: dict[type[Leaf], str] = {
-    DirectionCondition: "; how sure a direction is, is not known",
-    SeparationCondition: "; how sure the directions are is not known, and not counted",
+_NOT_COUNTED = {
+    "bearing": "; how sure a direction is, is not known",
+    "elevation": "; how sure a direction is, is not known",
+    "separation": "; how sure the directions are is not known, and not counted",
 }
 
 
@@ -137,7 +138,7 @@ def _evidence(part: JudgedLeaf, inputs: RuleInputs) -> Evidence:
     return Evidence(
         quantity=leaf.noun,
         about=(leaf.rule,) if isinstance(leaf, RuleCondition) else leaf.targets_named,
-        words=words + _NOT_COUNTED.get(type(leaf), ""),
+        words=words + _NOT_COUNTED.get("" if reading and reading.probability and leaf.unit == "rad" else leaf.noun, ""),
         holds=leaf.holds(inputs, is_on),
         unit=leaf.unit,
         value=reading.value if reading else None,
@@ -173,7 +174,7 @@ def _part_words(  # noqa: PLR0911 - one for each kind
                 else "no alarm is undelivered"
             )
         case _:
-            is_named = names_target and leaf.targets_named and not isinstance(leaf, SeparationCondition)
+            is_named = names_target and leaf.targets_named and leaf.noun != "separation"
             named = f"{leaf.targets_named[0]} " if is_named else ""
             return _measured_words(part, inputs, named, with_probability=with_probability)
 
@@ -212,17 +213,16 @@ def _value_words(leaf: Leaf, reading: JudgedFigure) -> str:  # noqa: PLR0911 - o
     match leaf:
         case DistanceCondition():
             return metres(value, sigma)
-        case ClosingCondition():
+        case FigureCondition(quantity="closing_speed"):
             return _closing(value, sigma)
-        case SeparationCondition():
-            return f"{' and '.join(leaf.targets)} {metres(value, sigma)} apart"
+        case FigureCondition(quantity="separation"):
+            return f"{' and '.join(leaf.targets_named)} {metres(value, sigma)} apart"
         case TimeToContactCondition():
             return f"contact in {value:.2f} s ± {sigma:.2f}"
-        case DirectionCondition():
-            return f"{leaf.quantity} {math.degrees(value):+.1f}°"
-        case FigureCondition():
-            other = f" to {leaf.other}" if isinstance(leaf, ComparisonCondition) else ""
-            return uncertain(leaf.noun + other, value, sigma, leaf.unit)
+        case FigureCondition() if reading.sigma is not None:
+            return uncertain(leaf.noun + (f" to {leaf.other}" if leaf.other else ""), value, sigma, leaf.unit)
+        case FigureCondition(unit="rad"):
+            return f"{leaf.noun} {math.degrees(value):+.1f}°"
         case _:
             return f"{leaf.noun} {value:.2f} {leaf.unit}"
 
@@ -283,8 +283,10 @@ def describe_end(condition: Condition) -> str:
             return f"contact is {_back_words(condition, condition.deadband_s)}"
         case DistanceCondition():
             return f"it is {_back_words(condition, condition.deadband)}"
-        case SeparationCondition():
+        case FigureCondition(quantity="separation"):
             return f"they are {_back_words(condition, condition.deadband)}"
+        case FigureCondition(quantity="still"):
+            return "it has moved"
         case LimitsCondition():
             return f"its {condition.noun} is {_back_words(condition, condition.deadband)}"
         case _:
@@ -307,20 +309,20 @@ def _begin_words(leaf: Leaf) -> str:  # noqa: PLR0911 - one for each kind
             return f"`{leaf.rule}` is active"
         case UndeliveredCondition():
             return f"an alarm is undelivered for {duration(leaf.for_s)}"
-        case TimeToContactCondition() | StillCondition() | ComparisonCondition():
+        case TimeToContactCondition() | FigureCondition(quantity="still") | FigureCondition(is_comparison=True):
             return _words_of_own(leaf)
         case _:
             return f"{_subject(leaf)} {_within_words(leaf)}"
 
 
-def _words_of_own(leaf: TimeToContactCondition | StillCondition | ComparisonCondition) -> str:
+def _words_of_own(leaf: TimeToContactCondition | FigureCondition) -> str:
     match leaf:
         case TimeToContactCondition():
             where = f"{length(leaf.contact_m)} away" if leaf.contact_m else "here"
             slower = f"(if faster than {leaf.closing_min_mps:g} m/s)"
             return f"`{leaf.target}` will be {where} within {leaf.below_s:g} s {slower}"
-        case StillCondition():
-            return f"`{leaf.target}` has not moved by more than {length(leaf.within_m)} for {duration(leaf.for_s)}"
+        case FigureCondition(quantity="still"):
+            return f"`{leaf.target}` has not moved by more than {length(leaf.within_m)} for {duration(leaf.limits[0])}"
         case _:
             by = abs(next(limit for limit in leaf.limits if math.isfinite(limit)))
             more = f" by {figure_in_words(by, leaf.unit)}" if by else ""
@@ -330,7 +332,7 @@ def _words_of_own(leaf: TimeToContactCondition | StillCondition | ComparisonCond
 def _subject(leaf: Leaf) -> str:
     """Return what a clause about thresholds begins with, such as ``the bearing of `ball` is``."""
     named = " and ".join(f"`{target}`" for target in leaf.targets_named) or "the base"
-    if isinstance(leaf, SeparationCondition):
+    if leaf.noun == "separation":
         return f"{named} are"
     return f"{named} is" if isinstance(leaf, DistanceCondition) else f"the {leaf.noun} of {named} is"
 
@@ -351,7 +353,7 @@ def _sides(leaf: Leaf) -> tuple[str, str]:
     match leaf:
         case DistanceCondition():
             return "nearer than ", "further than "
-        case SeparationCondition():
+        case FigureCondition(quantity="separation"):
             return "nearer to each other than ", "further apart than "
         case TimeToContactCondition():
             return "", "later than "

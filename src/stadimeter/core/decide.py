@@ -41,8 +41,7 @@ from stadimeter.core.sensor_fusion import fuse, step_disagreements
 from stadimeter.core.track import TrackStatus
 from stadimeter.core.tracking.life_cycle import TrackState, after_gap, new_track
 from stadimeter.core.tracking.life_cycle import step as step_track
-from stadimeter.core.tracking.transverse import motions_for, step_motion
-from stadimeter.core.transverse_motion import TransverseMotion
+from stadimeter.core.tracking.transverse import TransverseMotion, motions_for, step_motion
 
 
 class State(Struct, frozen=True, kw_only=True):
@@ -106,8 +105,9 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
     track_states = _step_tracks(state, seen, observation.now_s, gap_s)
     before = while_stopped(while_disarmed(safety, state.disarmed), state.stopped)
     inputs = _rule_inputs(state, track_states, observation, before, is_after_gap=gap_s is not None)
-    if state.motions:
-        inputs = replace(inputs, motions=_step_motions(state, inputs))
+    motions = _step_motions(state, inputs) if state.motions else ()
+    if motions:
+        inputs = replace(inputs, motions={each.target: each for each in motions})
     cycle = Sample(at_s=observation.now_s, since_s=step_s)
     rules, outcome = judge(state.rules, inputs, _sample(state, safety), cycle, _for_rules(observation))
     allowed = _step_permission(state, observation, safety, is_new=is_new)
@@ -144,7 +144,7 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
         disagreeing=disagreeing,
         disarmed=allowed.disarmed,
         liveness=allowed.liveness,
-        motions=tuple(inputs.motions.values()),
+        motions=motions,
     )
     return remembered, decision
 
@@ -230,12 +230,10 @@ def _rule_inputs(
     )
 
 
-def _step_motions(state: State, inputs: RuleInputs) -> dict[str, TransverseMotion]:
-    settings, gap = state.plan.tracking, inputs.is_after_gap
-    noise = settings.acceleration_mps2, settings.autocorrelation
-    return {
-        each.target: step_motion(each, inputs.tracks[each.target], *noise, is_after_gap=gap) for each in state.motions
-    }
+def _step_motions(state: State, inputs: RuleInputs) -> tuple[TransverseMotion, ...]:
+    before = motions_for(state.rules.layout.watch.motions) if inputs.is_after_gap else state.motions
+    tracks, sightings, settings = inputs.tracks, inputs.sightings, state.plan.tracking
+    return tuple([step_motion(m, tracks[m.target], sightings[m.target], inputs.viewpoint, settings) for m in before])
 
 
 def _step_tracks(

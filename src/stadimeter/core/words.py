@@ -33,15 +33,9 @@ def length(value_m: float) -> str:
 
 def figure_in_words(value: float, unit: str) -> str:
     """Return a figure that is in its SI unit, such as ``0.60 m (2.0 ft)``; an angle is in degrees."""
-    match unit:
-        case "m":
-            return length(value)
-        case "rad":
-            return short_figure(value, unit)
-        case "s":
-            return f"{value:g} s"
-        case _:
-            return f"{value:.2f} {unit}"
+    if unit == "s":
+        return f"{value:g} s"
+    return length(value) if unit == "m" else short_figure(value, unit)
 
 
 _LONG_UNITS = (("h", 3600.0), ("min", 60.0))

@@ -32,8 +32,7 @@ from stadimeter.core.rules.ramp import RampStep
 from stadimeter.core.rules.scheduler import with_steps
 from stadimeter.core.safety import SafetyState
 from stadimeter.core.tracking.life_cycle import TrackState
-from stadimeter.core.tracking.transverse import motions_for
-from stadimeter.core.transverse_motion import TransverseMotion
+from stadimeter.core.tracking.transverse import TransverseMotion, motions_for
 from stadimeter.errors import StateError
 
 # The name of the clock of simulations and recordings: it begins at the same time in each run.

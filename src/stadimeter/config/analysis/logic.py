@@ -23,7 +23,7 @@ from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.leaf import Leaf
 from stadimeter.core.conditions.limits import ends_of
-from stadimeter.core.conditions.measured import DIFFERENCE, ComparisonCondition
+from stadimeter.core.conditions.measured import DIFFERENCE, FigureCondition
 
 _DAY_S = 86400.0
 _WEEK_S = 7 * _DAY_S
@@ -140,7 +140,9 @@ def _measured(leaf: Leaf, truth: Truth) -> Iterator[Box]:
         yield from ({sight: GONE} for sight in sights)
         return
     limits = leaf.limits
-    if isinstance(leaf, ComparisonCondition) and leaf.target > leaf.other:  # one axis for both directions
+    if (
+        isinstance(leaf, FigureCondition) and leaf.is_comparison and leaf.target > leaf.other
+    ):  # one axis for both directions
         limits = -limits[1], -limits[0]
     inside, possible = interval(*limits), ALL if leaf.is_signed else LENGTHS
     axis = (leaf.noun, *sorted(leaf.targets_named))

@@ -12,7 +12,6 @@ from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
 from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.leaf import Leaf
-from stadimeter.core.conditions.limits import DirectionCondition, SeparationCondition
 from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.rule import AlarmRule, AnyRule, RampRule
 
@@ -87,12 +86,9 @@ def _widened(condition: Condition) -> Condition:
 def widen(leaf: _L) -> _L:
     """Return a condition with each threshold moved by its deadband, standard deviations left out."""
     match leaf:
-        case DistanceCondition() | SeparationCondition():
+        case DistanceCondition():
             above_m, below_m = _moved(leaf.above_m, leaf.below_m, leaf.deadband_m)
             return replace(leaf, above_m=above_m, below_m=below_m)
-        case DirectionCondition():
-            above_rad, below_rad = _moved(leaf.above_rad, leaf.below_rad, leaf.deadband_rad)
-            return replace(leaf, above_rad=above_rad, below_rad=below_rad)
         case FigureCondition():
             above, below = _moved(leaf.above, leaf.below, leaf.deadband)
             return replace(leaf, above=above, below=below)

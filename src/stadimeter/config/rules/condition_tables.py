@@ -12,28 +12,29 @@ from pydantic import BeforeValidator, Field, WithJsonSchema
 
 from stadimeter.config.models import DurationAboveZero, Section
 from stadimeter.config.rules.figure_tables import (
+    AS_IT_IS,
     Comparison,
     DirectionComparison,
+    DirectionTable,
     PlaceTable,
+    SeparationTable,
     SizeTable,
     SpeedTable,
     comparison_of,
 )
 from stadimeter.config.rules.limit_tables import (
-    ClosingTable,
     ContactTable,
-    DirectionTable,
     LikelihoodTable,
     LimitsTable,
-    SeparationTable,
 )
 from stadimeter.config.units import Duration, Length, LengthOrZero, TimeOfDay, Voltage
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.figures import Quantity
-from stadimeter.core.conditions.measured import COMPARISONS, STILL_WITHIN_M, StillCondition
+from stadimeter.core.conditions.measured import COMPARISONS, FigureCondition
 from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
+from stadimeter.core.conditions.quantities import STILL_WITHIN_M
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.decision import Severity
 
@@ -118,7 +119,7 @@ class WhenTable(LimitsTable, LikelihoodTable):
     """Holds while the target is in this direction."""
     elevation: DirectionTable | None = None
     """Holds while the target is in this direction."""
-    closing_speed: ClosingTable | None = None
+    closing_speed: SpeedTable | None = None
     """Holds while the target comes nearer at this speed."""
     time_to_contact: ContactTable | None = None
     """Holds while the target will be here this soon."""
@@ -235,7 +236,7 @@ def _on_quantity(key: str) -> _Conversion:
 
 
 def _compared(key: str) -> _Conversion:
-    return lambda when, severity: comparison_of(getattr(when, key)).to_plan(key, severity, when.target or "")
+    return lambda when, severity: comparison_of(getattr(when, key)).compare(key, severity, when.target or "")
 
 
 # Each key that makes a condition something else than one on the distance, and its conversion.
@@ -244,18 +245,16 @@ _OF_A_TARGET: dict[str, _Conversion] = {
     "lost": lambda when, _: _presence(when, seen=False),
     "seen_for": lambda when, _: _presence(when, seen=True, for_s=when.seen_for),
     "lost_for": lambda when, _: _presence(when, seen=False, for_s=when.lost_for),
-    "bearing": lambda when, _: when.bearing.to_plan("bearing", when.target or ""),
-    "elevation": lambda when, _: when.elevation.to_plan("elevation", when.target or ""),
-    "closing_speed": lambda when, severity: when.closing_speed.to_plan(severity, when.target or ""),
+    **{key: _on_quantity(key) for key in ("bearing", "elevation", "closing_speed")},
     "time_to_contact": lambda when, severity: when.time_to_contact.to_plan(severity, when.target or ""),
     **{key: _on_quantity(key) for key in KEYS_OF_QUANTITIES},
-    "still_for": lambda when, _: StillCondition(
-        for_s=when.still_for, within_m=when.still_within, target=when.target or ""
+    "still_for": lambda when, _: FigureCondition(
+        quantity="still", above=when.still_for, within_m=when.still_within, target=when.target or "", **AS_IT_IS
     ),
     **{key: _compared(key) for key in KEYS_OF_COMPARISONS},
 }
 _OF_NO_TARGET: dict[str, _Conversion] = {
-    "separation": lambda when, severity: when.separation.to_plan(severity),
+    "separation": lambda when, severity: when.separation.to_plan("separation", severity, *when.separation.of),
     "count": lambda when, _: when.count.to_plan(),
     "rule": lambda when, _: RuleCondition(rule=when.rule),
     "time": lambda when, _: when.time.to_plan(),

@@ -19,7 +19,7 @@ from stadimeter.core.decision import SafetyMode
 from stadimeter.core.measurement import Sighting
 from stadimeter.core.observation import WallTime
 from stadimeter.core.track import Track
-from stadimeter.core.transverse_motion import AskedMotion, TransverseMotion, Viewpoint
+from stadimeter.core.tracking.transverse import AskedMotion, TransverseMotion, Viewpoint
 
 # The value of a figure that is not known. No figure that is known has it.
 UNKNOWN = -math.inf

@@ -1,33 +1,29 @@
-"""Conditions on any quantity of a target, on the difference of one quantity of two targets, and on standing still."""
+"""Conditions on any quantity of a target, on how it differs between two targets, and on standing still."""
 
 from __future__ import annotations
 
-import math
-
 from msgspec import Struct
+from msgspec.structs import replace
 
-from stadimeter.core.bounds import MAX_DURATION_S, MIN_QUANTITY
+from stadimeter.core.bounds import MIN_QUANTITY
 from stadimeter.core.conditions.figures import Uncertain
-from stadimeter.core.conditions.leaf import UNKNOWN, Figure, JudgedFigure, Leaf, Rest, RuleInputs, Threshold
-from stadimeter.core.conditions.limits import LimitsCondition, ends_of, value_of
+from stadimeter.core.conditions.leaf import Figure, JudgedFigure, RuleInputs, Threshold
+from stadimeter.core.conditions.limits import LimitsCondition, ends_of
 from stadimeter.core.conditions.quantities import (
+    OF_TWO,
     QUANTITIES,
-    QuantityName,
-    difference_of,
+    STILL_WITHIN_M,
+    Quantity,
     noun_of,
     quantity_figure,
     uncertain_of,
 )
-from stadimeter.core.transverse_motion import AskedMotion
-
-# A target that stands must be this far, at least, from where it began to stand to have moved.
-STILL_WITHIN_M = 0.1
 
 # How the noun of a difference begins.
 DIFFERENCE = "difference in "
 
 # What is compared, and whether the first target is to have more of it than the second.
-COMPARISONS: dict[str, tuple[QuantityName, bool]] = {
+COMPARISONS: dict[str, tuple[str, bool]] = {
     "nearer_than": ("distance", False),
     "further_than": ("distance", True),
     "left_of": ("bearing", False),
@@ -38,7 +34,9 @@ COMPARISONS: dict[str, tuple[QuantityName, bool]] = {
 
 
 class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
-    """A quantity of the target is within limits. All figures are in the SI unit of the quantity.
+    """A quantity of the target, or its difference from that of another, is within limits.
+
+    All figures are in the SI unit of the quantity.
 
     Attributes:
         above: Holds above this; None for no such threshold.
@@ -48,9 +46,11 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
         probability_on: The condition begins when it is at least this likely; None compares the figures alone.
         probability_off: The condition ends when it is, deadband included, at most this likely.
         target: The target; empty for that of the rule.
+        other: The target that it is compared with; empty for none.
+        within_m: Of standing still, how far from where it began to stand a target still counts as there.
     """
 
-    quantity: QuantityName
+    quantity: str
     above: float | None = None
     below: float | None = None
     deadband: float = 0.0
@@ -58,33 +58,56 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     probability_on: float | None = 0.7
     probability_off: float = 0.5
     target: str = ""
+    other: str = ""
+    within_m: float = STILL_WITHIN_M
 
     ends = ("above", "below")
 
     @property
+    def kind(self) -> Quantity:
+        """The quantity."""
+        return QUANTITIES[self.quantity]
+
+    @property
+    def is_comparison(self) -> bool:
+        """Whether it is on a difference."""
+        return bool(self.other) and self.quantity != OF_TWO
+
+    @property
+    def comparison(self) -> str:
+        """The key that a comparison is written with."""
+        return next(key for key, what in COMPARISONS.items() if what == (self.quantity, self.above is not None))
+
+    @property
     def noun(self) -> str:
         """The quantity in words."""
-        return noun_of(self.quantity)
+        return f"{DIFFERENCE if self.is_comparison else ''}{noun_of(self.quantity)}"
 
     @property
     def section(self) -> str:
-        """The table of a quantity is called like it."""
-        return self.quantity
+        """The table of a quantity is called like it, and that of a comparison like its key."""
+        return self.comparison if self.is_comparison else self.quantity
 
     @property
     def unit(self) -> str:
         """That of the quantity."""
-        return QUANTITIES[self.quantity].unit
+        return self.kind.unit
 
     @property
     def is_signed(self) -> bool:
-        """Whether the quantity may be below zero."""
-        return QUANTITIES[self.quantity].is_signed
+        """Whether the figure may be below zero; a difference always may."""
+        return self.is_comparison or self.kind.is_signed
 
     @property
-    def bounds(self) -> tuple[float, float]:  # type: ignore[override]  # of the other kinds it is a constant
+    def bounds(self) -> tuple[float, float]:  # type: ignore[override]  # of a distance it is a constant
         """Those of the quantity."""
-        return QUANTITIES[self.quantity].bounds
+        return -self.kind.most if self.is_signed else MIN_QUANTITY, self.kind.most
+
+    @property
+    def thresholds(self) -> tuple[Threshold, ...]:
+        """As of any limits; the time of standing still is written without a table of its own."""
+        found = LimitsCondition.thresholds.fget(self)  # type: ignore[attr-defined]
+        return tuple([each._replace(key="still_for") for each in found]) if self.quantity == "still" else found
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -92,133 +115,24 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
         return ends_of(self.above, self.below)
 
     @property
-    def figure(self) -> Figure:
-        """The quantity of its target."""
-        return quantity_figure(self.target, self.quantity)
-
-    def uncertain(self, inputs: RuleInputs) -> Uncertain | None:
-        """Return the quantity; see `LimitsCondition.uncertain`."""
-        return uncertain_of(inputs, self.target, self.quantity)
-
-
-class ComparisonCondition(FigureCondition, frozen=True, kw_only=True):
-    """A quantity of the target less the same one of another target is within limits.
-
-    Attributes:
-        other: The other target.
-    """
-
-    other: str
-
-    @property
-    def noun(self) -> str:
-        """The difference in words."""
-        return f"{DIFFERENCE}{noun_of(self.quantity)}"
-
-    @property
-    def comparison(self) -> str:
-        """The key that it is written with."""
-        return next(key for key, what in COMPARISONS.items() if what == (self.quantity, self.above is not None))
-
-    @property
-    def section(self) -> str:
-        """Its key."""
-        return self.comparison
-
-    @property
-    def is_signed(self) -> bool:
-        """A difference may always be below zero."""
-        return True
-
-    @property
-    def bounds(self) -> tuple[float, float]:  # type: ignore[override]
-        """As far below zero as above."""
-        most = QUANTITIES[self.quantity].bounds[1]
-        return -most, most
-
-    @property
     def targets_named(self) -> tuple[str, ...]:
         """The target, and the other one."""
-        return self.target, self.other
+        return (self.target, self.other) if self.other else (self.target,)
 
     @property
     def figure(self) -> Figure:
-        """The difference."""
-        motions = (AskedMotion(self.target), AskedMotion(self.other)) if QUANTITIES[self.quantity].needs_motion else ()
-        return Figure(_difference, (self.target, self.other, self.quantity), motions)
+        """The quantity of its target, or the difference."""
+        return quantity_figure(*self._of)
 
     def uncertain(self, inputs: RuleInputs) -> Uncertain | None:
-        """Return the difference; see `LimitsCondition.uncertain`."""
-        return _uncertain_difference(inputs, self.target, self.other, self.quantity)
+        """Return the figure; see `LimitsCondition.uncertain`."""
+        return uncertain_of(inputs, *self._of)
 
-
-class StillCondition(Leaf, Struct, frozen=True, kw_only=True):
-    """The target has not moved for some time, in any direction. Unknown while it is out of sight.
-
-    Attributes:
-        for_s: For how long.
-        within_m: It has moved when it is further than this, and than its noise, from where it began to stand.
-        target: The target; empty for that of the rule.
-    """
-
-    for_s: float
-    within_m: float = STILL_WITHIN_M
-    target: str = ""
-
-    noun = "time without motion"
-    unit = "s"
-    is_by_cycle = True
-    has_figures = True
+    def reading(self, inputs: RuleInputs, is_on: bool) -> JudgedFigure | None:
+        """Return the figure, without a standard deviation where that is not known."""
+        reading = LimitsCondition.reading(self, inputs, is_on)
+        return reading if reading is None or reading.sigma else replace(reading, sigma=None)
 
     @property
-    def limits(self) -> tuple[float, float]:
-        """In seconds; there is no upper one."""
-        return self.for_s, math.inf
-
-    @property
-    def thresholds(self) -> tuple[Threshold, ...]:
-        """The time."""
-        return (Threshold("still_for", "for_s", MIN_QUANTITY, MAX_DURATION_S),)
-
-    @property
-    def targets_named(self) -> tuple[str, ...]:
-        """Its target."""
-        return (self.target,)
-
-    def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:  # noqa: ARG002 - its hysteresis is `within_m`
-        """Return whether it holds; see `Leaf.holds`."""
-        since_s = _still_since_s(inputs, self.target, self.within_m)
-        return None if since_s == UNKNOWN else inputs.now_s >= since_s + self.for_s
-
-    def figures(self) -> tuple[Figure, ...]:
-        """Return since when its target has stood."""
-        motions = (AskedMotion(self.target, self.within_m),)
-        return (Figure(_still_since_s, (self.target, self.within_m), motions),)
-
-    def rest(self, inputs: RuleInputs, is_on: bool) -> Rest:  # noqa: ARG002
-        """Return that it stays as it is until its target moves, comes or goes, or until its time has come."""
-        since_s = _still_since_s(inputs, self.target, self.within_m)
-        due_s = since_s + self.for_s
-        return Rest(((self.figures()[0], since_s, since_s),), due_s if inputs.now_s < due_s else math.inf)
-
-    def reading(self, inputs: RuleInputs, is_on: bool) -> JudgedFigure | None:  # noqa: ARG002
-        """Return for how long it has stood; None while it is out of sight."""
-        since_s = _still_since_s(inputs, self.target, self.within_m)
-        return None if since_s == UNKNOWN else JudgedFigure(value=inputs.now_s - since_s, low=self.for_s)
-
-
-def _uncertain_difference(inputs: RuleInputs, target: str, other: str, quantity: QuantityName) -> Uncertain | None:
-    first, second = uncertain_of(inputs, target, quantity), uncertain_of(inputs, other, quantity)
-    if first is None or second is None:
-        return None
-    return difference_of(first, second, inputs.viewpoint.focal_sigma)
-
-
-def _difference(inputs: RuleInputs, target: str, other: str, quantity: QuantityName) -> float:
-    return value_of(_uncertain_difference(inputs, target, other, quantity))
-
-
-def _still_since_s(inputs: RuleInputs, target: str, within_m: float) -> float:
-    motion = inputs.motions.get(target)
-    since_s = motion.still_since_s(within_m) if motion is not None and inputs.tracks[target].is_valid else None
-    return UNKNOWN if since_s is None else since_s
+    def _of(self) -> tuple[str, str, str, float]:
+        return self.target, self.quantity, self.other, self.within_m

@@ -1,7 +1,7 @@
 """Every quantity of a target that conditions and ramps may be on, by the name that people write.
 
 Places are in the camera frame: x to the right, y down, z forward along the optical axis, in metres. Their standard
-deviations follow from that of the distance along the line of sight, and from the learnt noise of the angles across it.
+deviations follow from that of the distance along the line of sight, and from the noise of the angles across it.
 What the configuration says of the camera's mounting counts as exact, and so does the middle of the picture.
 """
 
@@ -13,22 +13,25 @@ from functools import partial
 from operator import mul
 from typing import Literal, NamedTuple
 
-from stadimeter.core.bounds import MAX_ANGLE_RAD, MAX_LENGTH_M, MAX_SPEED_MPS, MIN_QUANTITY
-from stadimeter.core.conditions.figures import Uncertain, closing_of, direction_of, quantity_of
+from stadimeter.core.bounds import MAX_ANGLE_RAD, MAX_DURATION_S, MAX_LENGTH_M, MAX_SPEED_MPS, MIN_QUANTITY
+from stadimeter.core.conditions.figures import Uncertain, closing_of, direction_of, quantity_of, separation_of
 from stadimeter.core.conditions.leaf import UNKNOWN, Figure, RuleInputs
-from stadimeter.core.transverse_motion import AskedMotion
-from stadimeter.core.transverse_motion import direction_of as vector_of
+from stadimeter.core.tracking.transverse import direction_of as vector_of
 
 QuantityName = Literal[
     "distance", "depth", "bearing", "elevation", "closing_speed", "x", "y", "z", "height", "height_above_camera",
-    "sideways_speed", "speed", "size",
+    "sideways_speed", "speed", "size", "still",
 ]  # fmt: skip
 
-# The largest share of the picture's width that is taken: a target nearer than that is not seen whole.
-MAX_SIZE = 10.0
+# The quantity that two targets have together; of the others they have a difference.
+OF_TWO = "separation"
 
-# The unit of the size in the picture.
+# The unit of the size in the picture. A target that is larger than ten times its width is not seen whole.
 SIZE_UNIT = "of the width"
+_MOST = {"m": MAX_LENGTH_M, "m/s": MAX_SPEED_MPS, "rad": MAX_ANGLE_RAD, "s": MAX_DURATION_S, SIZE_UNIT: 10.0}
+
+# A target that stands must be this far, at least, from where it began to stand to have moved.
+STILL_WITHIN_M = 0.1
 
 
 class Quantity(NamedTuple):
@@ -38,32 +41,47 @@ class Quantity(NamedTuple):
     """Its SI unit."""
     read: Callable[[RuleInputs, str], Uncertain | None]
     """Return it; None while there is no finite figure to act on."""
-    needs_motion: bool = False
-    """Whether it, or how sure it is, follows from the motion across the line of sight."""
     is_signed: bool = False
     """Whether it may be below zero."""
+    takes_motion: bool = False
+    """Whether it follows from the motion across the line of sight."""
 
     @property
-    def bounds(self) -> tuple[float, float]:
-        """The least and the largest value that a threshold may have."""
-        most = {"m": MAX_LENGTH_M, "m/s": MAX_SPEED_MPS, "rad": MAX_ANGLE_RAD, SIZE_UNIT: MAX_SIZE}[self.unit]
-        return -most if self.is_signed else MIN_QUANTITY, most
+    def most(self) -> float:
+        """The largest value that a threshold may have."""
+        return _MOST[self.unit]
 
 
-def uncertain_of(inputs: RuleInputs, target: str, quantity: QuantityName) -> Uncertain | None:
-    """Return a quantity of a target, in its SI unit; None while there is no finite figure to act on."""
-    return QUANTITIES[quantity].read(inputs, target)
+def uncertain_of(
+    inputs: RuleInputs, target: str, quantity: str, other: str = "", within_m: float = STILL_WITHIN_M
+) -> Uncertain | None:
+    """Return a quantity of a target, in its SI unit; None while there is no finite figure to act on.
+
+    Args:
+        other: The target whose quantity is subtracted, or which the quantity is of too; empty for none.
+        within_m: Of standing still, how far from where it began to stand a target still counts as there.
+    """
+    if quantity == OF_TWO:
+        return separation_of(inputs.tracks[target], inputs.tracks[other])
+    if quantity == "still":
+        return _still_s(inputs, target, within_m)
+    read, lens = QUANTITIES[quantity].read, inputs.viewpoint.lens
+    first, second = read(inputs, target), read(inputs, other) if other else None
+    if first is None or not other:
+        return first
+    common_share = lens.focal_relative_sigma if lens is not None else 0.0
+    return None if second is None else difference_of(first, second, common_share)
 
 
-def quantity_figure(target: str, quantity: QuantityName) -> Figure:
-    """Return the figure of a quantity of a target."""
-    motions = (AskedMotion(target),) if QUANTITIES[quantity].needs_motion else ()
-    return Figure(_value, (target, quantity), motions)
+def quantity_figure(target: str, quantity: str, other: str = "", within_m: float = STILL_WITHIN_M) -> Figure:
+    """Return the figure of a quantity of a target; see `uncertain_of`."""
+    asked = target, (within_m if quantity == "still" else None)
+    return Figure(_value, (target, quantity, other, within_m), (asked,) if QUANTITIES[quantity].takes_motion else ())
 
 
-def noun_of(quantity: QuantityName) -> str:
+def noun_of(quantity: str) -> str:
     """Return a quantity in words, such as ``sideways speed``."""
-    return "size in the picture" if quantity == "size" else quantity.replace("_", " ")
+    return {"size": "size in the picture", "still": "time without motion"}.get(quantity, quantity.replace("_", " "))
 
 
 def difference_of(first: Uncertain, second: Uncertain, common_share: float) -> Uncertain:
@@ -75,35 +93,30 @@ def difference_of(first: Uncertain, second: Uncertain, common_share: float) -> U
     Args:
         common_share: Standard deviation of the common error of the scale, as a share.
     """
-    own: list[float] = []
-    common = 0.0
-    for sign, (value, sigma, noise) in ((1, first), (-1, second)):
-        lasting = max(0.0, sigma * sigma - noise * noise)
-        shared = min(math.sqrt(lasting), common_share * abs(value))
-        common += sign * math.copysign(shared, value)
-        own.append(math.sqrt(max(0.0, lasting - shared * shared)))
-    noise = math.hypot(first[2], second[2])
-    return first[0] - second[0], math.hypot(noise, *own, common), noise
+    common = common_share
+    for value, sigma, noise in (first, second):
+        common = min(common, math.sqrt(max(0.0, sigma * sigma - noise * noise)) / max(abs(value), MIN_QUANTITY))
+    variance = first[1] ** 2 + second[1] ** 2 - 2 * common * common * first[0] * second[0]
+    return first[0] - second[0], math.sqrt(max(0.0, variance)), math.hypot(first[2], second[2])
 
 
-def _value(inputs: RuleInputs, target: str, quantity: QuantityName) -> float:
-    figures = uncertain_of(inputs, target, quantity)
+def _value(inputs: RuleInputs, target: str, quantity: str, other: str, within_m: float) -> float:
+    figures = uncertain_of(inputs, target, quantity, other, within_m)
     return UNKNOWN if figures is None else figures[0]
 
 
-def _of_track(quantity: Literal["distance", "depth"], inputs: RuleInputs, target: str) -> Uncertain | None:
-    return quantity_of(inputs.tracks[target], quantity)
-
-
-def _closing(inputs: RuleInputs, target: str) -> Uncertain | None:
-    return closing_of(inputs.tracks[target])
+def _still_s(inputs: RuleInputs, target: str, within_m: float = STILL_WITHIN_M) -> Uncertain | None:
+    motion = inputs.motions.get(target)
+    if motion is None or not inputs.tracks[target].is_valid:
+        return None
+    since_s = next((each.since_s for each in motion.standing if each.within_m == within_m), None)
+    return None if since_s is None else (inputs.now_s - since_s, 0.0, 0.0)
 
 
 def _angle(quantity: Literal["bearing", "elevation"], inputs: RuleInputs, target: str) -> Uncertain | None:
-    figures, motion = direction_of(inputs.tracks[target], quantity), inputs.motions.get(target)
-    if figures is None or motion is None:
-        return figures
-    return figures[0], motion.angle_noise_rad, motion.angle_noise_rad
+    figures = direction_of(inputs.tracks[target], quantity)
+    noise_rad = inputs.viewpoint.angle_noise_rad(inputs.tracks[target], inputs.sightings.get(target))
+    return None if figures is None else (figures[0], noise_rad, noise_rad)
 
 
 def _along(axis: tuple[float, float, float], inputs: RuleInputs, target: str) -> Uncertain | None:
@@ -112,11 +125,9 @@ def _along(axis: tuple[float, float, float], inputs: RuleInputs, target: str) ->
     bearing, elevation = _angle("bearing", inputs, target), _angle("elevation", inputs, target)
     if distance is None or bearing is None or elevation is None:
         return None
-    (distance_m, sigma_m, noise_m), (b, angle_sigma, _), (e, _, _) = distance, bearing, elevation
-    share = sum(map(mul, axis, vector_of(b, e)))
-    by_bearing = math.cos(e) * (axis[0] * math.cos(b) - axis[2] * math.sin(b))
-    by_elevation = sum(map(mul, axis, (-math.sin(e) * math.sin(b), -math.cos(e), -math.sin(e) * math.cos(b))))
-    across_m = distance_m * angle_sigma * math.hypot(by_bearing, by_elevation)
+    (distance_m, sigma_m, noise_m), noise_rad = distance, bearing[1]
+    share = sum(map(mul, axis, vector_of(bearing[0], elevation[0])))
+    across_m = distance_m * noise_rad * math.sqrt(max(0.0, 1.0 - share * share))
     return distance_m * share, math.hypot(share * sigma_m, across_m), math.hypot(share * noise_m, across_m)
 
 
@@ -134,15 +145,13 @@ def _velocity(inputs: RuleInputs, target: str) -> tuple[Uncertain, Uncertain, Un
     """Return the speed away from the camera, to the right and upwards, each as seen along the line of sight."""
     track, motion = inputs.tracks[target], inputs.motions.get(target)
     closing, distance = closing_of(track), quantity_of(track, "distance")
-    if closing is None or distance is None or motion is None or track.elevation_rad is None:
+    if closing is None or distance is None or motion is None or motion.angles is None:
         return None
-    if motion.bearing is None or motion.elevation is None:
-        return None
-    distance_m, sigma_m, _ = distance
     across: list[Uncertain] = []
-    for angle, lever in ((motion.bearing, math.cos(track.elevation_rad)), (motion.elevation, 1.0)):
-        rate, noise = lever * angle.rate_radps, lever * distance_m * math.sqrt(angle.var_rate)
-        across.append((distance_m * rate, math.hypot(noise, sigma_m * rate), noise))
+    for angle, lever in zip(motion.angles, (math.cos(track.elevation_rad or 0.0), 1.0), strict=True):
+        known, arm_m = angle.estimate(), lever * distance[0]  # in rad and rad/s
+        noise, scale = arm_m * math.sqrt(known.var_rate_m2ps2), lever * distance[1] * known.rate_mps
+        across.append((arm_m * known.rate_mps, math.hypot(noise, scale), noise))
     return (-closing[0], *closing[1:]), across[0], across[1]
 
 
@@ -177,18 +186,20 @@ def _size(inputs: RuleInputs, target: str) -> Uncertain | None:
     return (size, noise, noise) if math.isfinite(size + noise) else None
 
 
-QUANTITIES: dict[QuantityName, Quantity] = {
-    "distance": Quantity("m", partial(_of_track, "distance")),
-    "depth": Quantity("m", partial(_of_track, "depth")),
-    "bearing": Quantity("rad", partial(_angle, "bearing"), True, True),
-    "elevation": Quantity("rad", partial(_angle, "elevation"), True, True),
-    "closing_speed": Quantity("m/s", _closing, False, True),
-    "x": Quantity("m", partial(_along, (1.0, 0.0, 0.0)), True, True),
-    "y": Quantity("m", partial(_along, (0.0, 1.0, 0.0)), True, True),
-    "z": Quantity("m", partial(_along, (0.0, 0.0, 1.0)), True, True),
-    "height": Quantity("m", _height, True, True),
-    "height_above_camera": Quantity("m", _above_camera, True, True),
-    "sideways_speed": Quantity("m/s", _sideways_speed, True, True),
-    "speed": Quantity("m/s", _speed, True, False),
+QUANTITIES: dict[str, Quantity] = {
+    "distance": Quantity("m", lambda inputs, target: quantity_of(inputs.tracks[target], "distance")),
+    "depth": Quantity("m", lambda inputs, target: quantity_of(inputs.tracks[target], "depth")),
+    "bearing": Quantity("rad", partial(_angle, "bearing"), is_signed=True),
+    "elevation": Quantity("rad", partial(_angle, "elevation"), is_signed=True),
+    "closing_speed": Quantity("m/s", lambda inputs, target: closing_of(inputs.tracks[target]), is_signed=True),
+    "x": Quantity("m", partial(_along, (1.0, 0.0, 0.0)), is_signed=True),
+    "y": Quantity("m", partial(_along, (0.0, 1.0, 0.0)), is_signed=True),
+    "z": Quantity("m", partial(_along, (0.0, 0.0, 1.0)), is_signed=True),
+    "height": Quantity("m", _height, is_signed=True),
+    "height_above_camera": Quantity("m", _above_camera, is_signed=True),
+    "sideways_speed": Quantity("m/s", _sideways_speed, is_signed=True, takes_motion=True),
+    "speed": Quantity("m/s", _speed, takes_motion=True),
     "size": Quantity(SIZE_UNIT, _size),
+    "still": Quantity("s", _still_s, takes_motion=True),
+    "separation": Quantity("m", lambda *_: None),
 }

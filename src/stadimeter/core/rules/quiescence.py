@@ -25,7 +25,7 @@ from stadimeter.core.conditions.leaf import UNKNOWN, Figure, Rest, RuleInputs
 from stadimeter.core.conditions.quantities import quantity_figure
 from stadimeter.core.decision import Severity
 from stadimeter.core.rule import ROUNDING_S, AlarmRule, AnyRule, RampRule
-from stadimeter.core.transverse_motion import AskedMotion
+from stadimeter.core.tracking.transverse import AskedMotion
 
 # In one cycle this many quiescent rules are evaluated: about 5 ms if each of them raises an alarm (x86, 3 GHz).
 MAX_WOKEN = 128

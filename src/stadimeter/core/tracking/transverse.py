@@ -1,47 +1,90 @@
 """The motion of a target across the line of sight: the rates of its bearing and elevation, and whether it stands still.
 
-It is worked out only for targets that some rule asks it of. Each angle has a Kalman filter of the angle and its rate,
-whose rate wanders with white-noise acceleration, as in `stadimeter.core.tracking.filter`; an acceleration of a m/s² at
-the distance d is one of a / d rad/s². Two things are different from the filter of the distance:
-
-- Nothing states how noisy an angle is, so its variance is learnt: from how far each sighting is from the line through
-  the ones before and after it, which no steady motion changes. Innovations would not do: a filter that lags takes its
-  lag for noise, and lags more for that.
-- One filter is enough, since it begins anew when it is wrong: of two sightings in a row that are both too far to the
-  same side, the first is refused, for it may be an error, and with the second the rate is free to be any.
+It is worked out only for targets that some rule asks it of. Each angle goes through the same three filters as the
+distance (`stadimeter.core.tracking.motion`): an acceleration of a m/s² at the distance d is one of a / d rad/s². What
+they filter is never below zero, so angles are counted from behind the camera.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from typing import NamedTuple
 
+from msgspec import Struct
 from msgspec.structs import replace
 
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.measurement import Sighting
 from stadimeter.core.track import Track
-from stadimeter.core.tracking.filter import RATE_AT_START_MPS
-from stadimeter.core.transverse_motion import AngleEstimate, AskedMotion, Standing, TransverseMotion, direction_of
+from stadimeter.core.tracking import motion
+from stadimeter.core.tracking.motion import MotionState
+from stadimeter.core.tracking.settings import Tracking
 
-# Process noise, as a share of the configured acceleration. Higher, and the speed of what stands is less sure; lower,
-# and a target that sways is no longer within the stated deviation.
-ACCELERATION_SHARE = 0.15
-
-# A sighting further than this from what was expected, in standard deviations, may be an error: the next one tells.
-# Beyond the second of these, two to the same side mean that the target manoeuvres.
-GATE_SIGMAS, DOUBT_SIGMAS = 4.0, 2.0
-
-# Noise of an angle: to begin with one pixel at a focal length of 500, and never less than a twentieth of that.
-NOISE_AT_START_RAD, NOISE_FLOOR_RAD = 2e-3, 1e-4
-
-# The time over which the noise is learnt.
-LEARNING_S = 2.0
+# Noise of an angle: never less than a twentieth of a pixel at a focal length of 500, and one pixel where it is unknown.
+MIN_NOISE_RAD, UNKNOWN_NOISE_RAD = 1e-4, 2e-3
 
 # Out of sight for longer, a target has another speed; and for longer than the second, it may have moved and come back.
 MAX_PAUSE_S, MAX_UNSEEN_S = 0.5, 5.0
 
 # It has moved when it is this many standard deviations of the noise further away than it may be, and the place where it
-# began to stand is the mean of this time. In 20 hours of simulated standing at 2 to 8 m nothing moved, allowed 1 cm.
+# began to stand is the mean of this time. In 6 hours of simulated standing at 2 to 8 m nothing moved, allowed 1 cm.
 MOVED_SIGMAS, PLACE_S = 5.0, 2.0
+
+# A target whose motion is asked for, and the distance within which it counts as standing; None where that is not asked.
+AskedMotion = tuple[str, float | None]
+
+
+class Viewpoint(Struct, frozen=True, kw_only=True):
+    """From where the camera looks, as far as the configuration says, and through which lens.
+
+    Attributes:
+        height_m: How high the camera is above the floor; None if that is not known.
+        tilt_rad: How far it looks up from level where its mounting does not move.
+    """
+
+    height_m: float | None = None
+    tilt_rad: float = 0.0
+    lens: CameraModel | None = None
+
+    def angle_noise_rad(self, track: Track, sighting: Sighting | None) -> float:
+        """Return the standard deviation of the noise of a sighting's angles; 0 where that is not known.
+
+        The noise of the edges that makes a target seem larger or smaller moves its centre too, which is the mean of its
+        two sides where the extent is their difference. So as a share of the extent it is half that of the distance.
+        """
+        if sighting is None or sighting.size_share is None or self.lens is None:
+            return 0.0
+        share = sighting.noise_m * track.noise_factor / sighting.distance_m
+        return share * sighting.size_share * self.lens.width_px / self.lens.fx_px / 2
+
+
+class Standing(NamedTuple):
+    """Since when a target has stood, to within a distance of where it began to."""
+
+    within_m: float
+    place_m: tuple[float, float, float]
+    """Where it began to stand, in the camera frame: the mean of its first moments there."""
+    since_s: float
+    frames: int = 1
+    """In how many frames it was seen in these moments."""
+
+
+class TransverseMotion(Struct, frozen=True, kw_only=True):
+    """All that is remembered of a target's motion across the line of sight from one cycle to the next.
+
+    Attributes:
+        withins_m: The distances that count as standing still, one for each condition that asks.
+        seen_at_s: The capture time of the newest sighting; None until it was seen.
+        angles: The filters of bearing and elevation; None until it was seen.
+        standing: Since when it has stood, for each of `withins_m`; empty until it was seen.
+    """
+
+    target: str
+    withins_m: tuple[float, ...] = ()
+    seen_at_s: float | None = None
+    angles: tuple[MotionState, MotionState] | None = None
+    standing: tuple[Standing, ...] = ()
 
 
 def motions_for(asked: Iterable[AskedMotion], before: Iterable[TransverseMotion] = ()) -> tuple[TransverseMotion, ...]:
@@ -57,94 +100,44 @@ def motions_for(asked: Iterable[AskedMotion], before: Iterable[TransverseMotion]
 
 
 def step_motion(
-    before: TransverseMotion, track: Track, acceleration_mps2: float, autocorrelation: float, *, is_after_gap: bool
+    before: TransverseMotion, track: Track, sighting: Sighting | None, viewpoint: Viewpoint, settings: Tracking
 ) -> TransverseMotion:
-    """Take in what one cycle knows of a target.
-
-    Args:
-        acceleration_mps2: Standard deviation of the target's acceleration that is expected.
-        autocorrelation: Of the noise from one frame to the next, which hides a part of it from who compares frames.
-        is_after_gap: Whether the program stood still before this cycle: what was before says nothing.
-    """
-    if is_after_gap:
-        before = TransverseMotion(target=before.target, withins_m=before.withins_m)
-    at_s, distance_m, noise_m = track.measured_at_s, track.distance_m, track.noise_m
-    bearing_rad, elevation_rad = track.bearing_rad, track.elevation_rad
-    if not track.is_valid or at_s is None or at_s == before.seen_at_s or not distance_m:
+    """Take in what one cycle knows of a target; `sighting` is the newest that was accepted."""
+    if sighting is None or not track.is_valid or sighting.at_s == before.seen_at_s or not track.distance_m:
         return before
-    if bearing_rad is None or elevation_rad is None:
-        return before
-    wander = (ACCELERATION_SHARE * acceleration_mps2 / distance_m) ** 2
-    start_var = (RATE_AT_START_MPS / distance_m) ** 2
-    shown = 1.0 - (4.0 - autocorrelation) * autocorrelation / 3.0  # of the variance, in a second difference
-    after = replace(
+    angle_rad = viewpoint.angle_noise_rad(track, sighting) or UNKNOWN_NOISE_RAD
+    pause_s = math.inf if before.seen_at_s is None else sighting.at_s - before.seen_at_s
+    wander = settings.acceleration_mps2 / track.distance_m, settings.autocorrelation
+    last = before.angles if before.angles is not None and pause_s <= MAX_PAUSE_S else (None, None)
+    stood = {each.within_m: each for each in before.standing} if pause_s <= MAX_UNSEEN_S else {}
+    towards = direction_of(sighting.bearing_rad, sighting.elevation_rad)
+    noises_m = track.noise_m or 0.0, track.distance_m * angle_rad
+    place_m = towards[0] * track.distance_m, towards[1] * track.distance_m, towards[2] * track.distance_m
+    return replace(
         before,
-        seen_at_s=at_s,
-        bearing=_step_angle(before.bearing, bearing_rad, at_s, wander, start_var, shown),
-        elevation=_step_angle(before.elevation, elevation_rad, at_s, wander, start_var, shown),
+        seen_at_s=sighting.at_s,
+        angles=(
+            _step_angle(last[0], sighting.bearing_rad, angle_rad, pause_s, wander),
+            _step_angle(last[1], sighting.elevation_rad, angle_rad, pause_s, wander),
+        ),
+        standing=tuple([_stand(stood.get(m), m, place_m, noises_m, sighting.at_s) for m in before.withins_m]),
     )
-    if not before.withins_m:
-        return after
-    towards = direction_of(bearing_rad, elevation_rad)
-    noises_m = (noise_m or track.sigma_m or 0.0, distance_m * after.angle_noise_rad)
-    is_new = before.seen_at_s is not None and at_s - before.seen_at_s > MAX_UNSEEN_S
-    stood = {} if is_new else {each.within_m: each for each in before.standing}
-    standing = [_stand(stood.get(each), each, towards, distance_m, noises_m, at_s) for each in before.withins_m]
-    return replace(after, standing=tuple(standing))
 
 
 def _step_angle(
-    before: AngleEstimate | None, seen_rad: float, at_s: float, wander: float, start_var: float, shown: float
-) -> AngleEstimate:
-    if before is None or at_s - before.at_s > MAX_PAUSE_S:
-        noise = NOISE_AT_START_RAD**2 if before is None else before.noise_rad2
-        return AngleEstimate(at_s, seen_rad, None, 0.0, seen_rad, 0.0, noise, 0.0, start_var, noise)
-    step_s = at_s - before.at_s
-    expected = before.angle_rad + step_s * before.rate_radps
-    error = seen_rad - expected
-    added = wander * step_s
-    cov = before.cov_rad2ps + step_s * before.var_rate
-    var = before.var_rad2 + step_s * (before.cov_rad2ps + cov + added * step_s / 3)
-    cov, var_rate = cov + added * step_s / 2, before.var_rate + added
-    noise, square = before.noise_rad2, error * error
-    side = 0 if square < DOUBT_SIGMAS**2 * (var + noise) else 1 if error > 0 else -1
-    if side and side == before.doubt:
-        wider = square - var - noise  # as much as makes the error one of one standard deviation
-        var, cov, var_rate = var + wider, cov + wider / step_s, var_rate + wider / (step_s * step_s)
-    elif square > GATE_SIGMAS**2 * (var + noise):
-        return before._replace(doubt=side)
-    gain, rate_gain = var / (var + noise), cov / (var + noise)
-    return AngleEstimate(
-        at_s=at_s,
-        seen_rad=seen_rad,
-        earlier_s=before.at_s,
-        earlier_rad=before.seen_rad,
-        angle_rad=expected + gain * error,
-        rate_radps=before.rate_radps + rate_gain * error,
-        var_rad2=max(0.0, var - gain * var),
-        cov_rad2ps=cov - gain * cov,
-        var_rate=max(0.0, var_rate - rate_gain * cov),
-        noise_rad2=_learn_noise(before, seen_rad, at_s, shown),
-        doubt=side,
-    )
-
-
-def _learn_noise(before: AngleEstimate, seen_rad: float, at_s: float, shown: float) -> float:
-    """Return the variance of a sighting's noise after another one; a sighting counts for no more than three sigmas."""
-    if before.earlier_s is None:
-        return before.noise_rad2
-    way = (before.at_s - before.earlier_s) / (at_s - before.earlier_s)
-    off = before.seen_rad - (before.earlier_rad + way * (seen_rad - before.earlier_rad))
-    variance = off * off / (shown * (1.0 + way * way + (1.0 - way) * (1.0 - way)))
-    share = 1.0 - math.exp((before.at_s - at_s) / LEARNING_S)
-    return max((1.0 - share) * before.noise_rad2 + share * min(variance, 9.0 * before.noise_rad2), NOISE_FLOOR_RAD**2)
+    before: MotionState | None, seen_rad: float, noise_rad: float, pause_s: float, wander: tuple[float, float]
+) -> MotionState:
+    seen_rad, noise_rad = seen_rad + math.pi, max(noise_rad, MIN_NOISE_RAD)
+    if before is None:
+        return motion.start(seen_rad, noise_rad)
+    moved = motion.predict(before, pause_s, *wander)
+    return motion.update(moved, noise_rad, motion.compare(moved, seen_rad, noise_rad))
 
 
 def _stand(
     before: Standing | None,
     within_m: float,
-    towards: tuple[float, float, float],
-    distance_m: float,
+    place_m: tuple[float, float, float],
     noises_m: tuple[float, float],
     at_s: float,
 ) -> Standing:
@@ -153,18 +146,21 @@ def _stand(
     Args:
         noises_m: The standard deviation of its noise along the line of sight, and across it.
     """
-    x, y, z = place_m = (distance_m * towards[0], distance_m * towards[1], distance_m * towards[2])
     if before is None:
         return Standing(within_m, place_m, at_s)
-    x0, y0, z0 = before.place_m
     moved_m = math.dist(place_m, before.place_m)
-    along_m = (x - x0) * towards[0] + (y - y0) * towards[1] + (z - z0) * towards[2]
-    share = along_m / moved_m if moved_m else 1.0
-    noise_m = math.hypot(share * noises_m[0], math.sqrt(max(0.0, 1.0 - share * share)) * noises_m[1])
+    along_m = abs(math.hypot(*place_m) - math.hypot(*before.place_m))
+    across_m = math.sqrt(max(0.0, moved_m * moved_m - along_m * along_m))
+    noise_m = math.hypot(along_m * noises_m[0], across_m * noises_m[1]) / moved_m if moved_m else 0.0
     if moved_m > within_m + MOVED_SIGMAS * noise_m:
         return Standing(within_m, place_m, at_s)
     if at_s - before.since_s > PLACE_S:
         return before
-    frames = before.frames + 1
-    mean_m = (x0 + (x - x0) / frames, y0 + (y - y0) / frames, z0 + (z - z0) / frames)
-    return before._replace(place_m=mean_m, frames=frames)
+    x, y, z = [was + (now - was) / (before.frames + 1) for was, now in zip(before.place_m, place_m, strict=True)]
+    return before._replace(place_m=(x, y, z), frames=before.frames + 1)
+
+
+def direction_of(bearing_rad: float, elevation_rad: float) -> tuple[float, float, float]:
+    """Return a vector of length 1 in the camera frame: x right, y down, z forward."""
+    level = math.cos(elevation_rad)
+    return (level * math.sin(bearing_rad), -math.sin(elevation_rad), level * math.cos(bearing_rad))
