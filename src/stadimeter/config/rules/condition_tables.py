@@ -11,22 +11,8 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BeforeValidator, Field, WithJsonSchema
 
 from stadimeter.config.models import DurationAboveZero, Section
-from stadimeter.config.rules.figure_tables import (
-    AS_IT_IS,
-    Comparison,
-    DirectionComparison,
-    DirectionTable,
-    PlaceTable,
-    SeparationTable,
-    SizeTable,
-    SpeedTable,
-    comparison_of,
-)
-from stadimeter.config.rules.limit_tables import (
-    ContactTable,
-    LikelihoodTable,
-    LimitsTable,
-)
+from stadimeter.config.rules import figure_tables as figures
+from stadimeter.config.rules.limit_tables import ContactTable, LikelihoodTable, LimitsTable
 from stadimeter.config.units import Duration, Length, LengthOrZero, TimeOfDay, Voltage
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
@@ -115,47 +101,47 @@ class WhenTable(LimitsTable, LikelihoodTable):
     """In seconds; holds once the target has been tracked for this long."""
     lost_for: Duration | None = None
     """In seconds; holds once it has not been tracked for this long."""
-    bearing: DirectionTable | None = None
+    bearing: figures.DirectionTable | None = None
     """Holds while the target is in this direction."""
-    elevation: DirectionTable | None = None
+    elevation: figures.DirectionTable | None = None
     """Holds while the target is in this direction."""
-    closing_speed: SpeedTable | None = None
+    closing_speed: figures.SpeedTable | None = None
     """Holds while the target comes nearer at this speed."""
     time_to_contact: ContactTable | None = None
     """Holds while the target will be here this soon."""
-    x: PlaceTable | None = None
+    x: figures.PlaceTable | None = None
     """Holds while the target is this far to the right of the camera."""
-    y: PlaceTable | None = None
+    y: figures.PlaceTable | None = None
     """Holds while the target is this far below the camera, in the picture's direction."""
-    z: PlaceTable | None = None
+    z: figures.PlaceTable | None = None
     """Holds while the target is this far ahead of the camera, along the optical axis."""
-    height: PlaceTable | None = None
+    height: figures.PlaceTable | None = None
     """Holds while the target is this high above the floor; needs `height` in the section of the camera."""
-    height_above_camera: PlaceTable | None = None
+    height_above_camera: figures.PlaceTable | None = None
     """Holds while the target is this high above the camera."""
-    sideways_speed: SpeedTable | None = None
+    sideways_speed: figures.SpeedTable | None = None
     """Holds while the target moves to the right at this speed."""
-    speed: SpeedTable | None = None
+    speed: figures.SpeedTable | None = None
     """Holds while the target moves at this speed, in whatever direction."""
-    size: SizeTable | None = None
+    size: figures.SizeTable | None = None
     """Holds while the target appears this large in the picture."""
     still_for: DurationAboveZero | None = None
     """In seconds; holds once the target has not moved for this long."""
     still_within: LengthOrZero = STILL_WITHIN_M
     """In metres; for `still_for`, the target has moved when it is further than this from where it began to stand."""
-    nearer_than: Comparison | None = None
+    nearer_than: figures.Comparison | None = None
     """Holds while the target is nearer than another one."""
-    further_than: Comparison | None = None
+    further_than: figures.Comparison | None = None
     """Holds while the target is further away than another one."""
-    left_of: DirectionComparison | None = None
+    left_of: figures.DirectionComparison | None = None
     """Holds while the target is to the left of another one, as seen by the camera."""
-    right_of: DirectionComparison | None = None
+    right_of: figures.DirectionComparison | None = None
     """Holds while the target is to the right of another one, as seen by the camera."""
-    higher_than: Comparison | None = None
+    higher_than: figures.Comparison | None = None
     """Holds while the target is higher above the floor than another one."""
-    lower_than: Comparison | None = None
+    lower_than: figures.Comparison | None = None
     """Holds while the target is lower than another one."""
-    separation: SeparationTable | None = None
+    separation: figures.SeparationTable | None = None
     """Holds while two targets are this far apart."""
     count: CountTable | None = None
     """Holds while this many targets are in sight."""
@@ -236,7 +222,7 @@ def _on_quantity(key: str) -> _Conversion:
 
 
 def _compared(key: str) -> _Conversion:
-    return lambda when, severity: comparison_of(getattr(when, key)).compare(key, severity, when.target or "")
+    return lambda when, severity: figures.comparison_of(getattr(when, key)).compare(key, severity, when.target or "")
 
 
 # Each key that makes a condition something else than one on the distance, and its conversion.
@@ -249,7 +235,7 @@ _OF_A_TARGET: dict[str, _Conversion] = {
     "time_to_contact": lambda when, severity: when.time_to_contact.to_plan(severity, when.target or ""),
     **{key: _on_quantity(key) for key in KEYS_OF_QUANTITIES},
     "still_for": lambda when, _: FigureCondition(
-        quantity="still", above=when.still_for, within_m=when.still_within, target=when.target or "", **AS_IT_IS
+        quantity="still", above=when.still_for, within_m=when.still_within, target=when.target or "", **figures.AS_IT_IS
     ),
     **{key: _compared(key) for key in KEYS_OF_COMPARISONS},
 }

@@ -3,14 +3,15 @@
 Annotations are no texts here, as in every file of tables.
 """
 
-from typing import Annotated, Any, ClassVar, Generic, TypedDict, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, TypeVar
 
+from msgspec.structs import replace
 from pydantic import BeforeValidator, Discriminator, Field, Tag
 
 from stadimeter.config import units
 from stadimeter.config.rules.limit_tables import Likelihood, LikelihoodTable, LimitsTable, Probability, Sigmas
 from stadimeter.core.conditions.measured import COMPARISONS, FigureCondition
-from stadimeter.core.conditions.quantities import QUANTITIES, SIZE_UNIT, noun_of
+from stadimeter.core.conditions.quantities import MOST, QUANTITIES, SIZE_UNIT, noun_of
 from stadimeter.core.decision import Severity
 
 # A speed is estimated from many frames, and overshoots for some tenths of a second after a target has set off. At even
@@ -22,7 +23,7 @@ PROBABILITY_OF_SPEED_FOR_SAFETY = 0.8
 # Of a figure that is compared as it is.
 AS_IT_IS = Likelihood(deadband_sigmas=0.0, probability_on=None, probability_off=0.5)
 
-SIZES = units.Units(QUANTITIES["size"].most, {SIZE_UNIT: 1.0, "%": 0.01})
+SIZES = units.Units(MOST[SIZE_UNIT], {SIZE_UNIT: 1.0, "%": 0.01})
 
 # By the SI unit, how a quantity is written: its units, what that is, and an example.
 _WRITTEN = {
@@ -37,12 +38,8 @@ _ANY = units.Units(
 )
 
 
-def _check_text(value: object) -> object:
-    return value if isinstance(value, str) else units.parse_quantity(value, _ANY, "2 m")
-
-
 # The text of a figure of some quantity, which `parse_figure` reads once the quantity is known.
-WrittenFigure = Annotated[str, BeforeValidator(_check_text), units.as_written(_ANY, "2 m", is_signed=True)]
+WrittenFigure = Annotated[str, units.as_written(_ANY, "2 m", is_signed=True)]
 
 
 def parse_figure(text: object, quantity: str) -> float:
@@ -70,12 +67,6 @@ FigureT = TypeVar("FigureT", bound=float)
 WidthT = TypeVar("WidthT", bound=float)
 
 
-class _Limits(TypedDict):
-    above: float | None
-    below: float | None
-    deadband: float
-
-
 class FigureTable(LimitsTable, Generic[FigureT, WidthT]):
     """Limits on a quantity, of one type, and a deadband, of another that has no sign."""
 
@@ -92,8 +83,8 @@ class FigureTable(LimitsTable, Generic[FigureT, WidthT]):
         """Return the condition as the core sees it."""
         (low, high), band = self.limits, float(self.deadband)
         sure = self.likelihood(severity) if isinstance(self, LikelihoodTable) else AS_IT_IS
-        limits = _Limits(above=low, below=high, deadband=band)
-        return FigureCondition(quantity=quantity, target=target, other=other, **limits, **sure)
+        condition = FigureCondition(quantity=quantity, target=target, other=other, **sure)
+        return replace(condition, above=low, below=high, deadband=band)
 
 
 class DirectionTable(FigureTable[units.Angle, units.AngleOrZero]):
@@ -144,9 +135,8 @@ class ComparisonTable(LikelihoodTable):
         """
         quantity, is_more = COMPARISONS[key]
         low, high = (self.by, None) if is_more else (None, 0.0 - self.by)
-        limits = _Limits(above=low, below=high, deadband=self.deadband)
-        sure = self.likelihood(severity)
-        return FigureCondition(quantity=quantity, target=target, other=self.target, **limits, **sure)
+        condition = FigureCondition(quantity=quantity, target=target, other=self.target, **self.likelihood(severity))
+        return replace(condition, above=low, below=high, deadband=self.deadband)
 
 
 class DirectionComparisonTable(ComparisonTable):

@@ -6,18 +6,10 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from stadimeter.core.bounds import MIN_QUANTITY
+from stadimeter.core.conditions import quantities
 from stadimeter.core.conditions.figures import Uncertain
 from stadimeter.core.conditions.leaf import Figure, JudgedFigure, RuleInputs, Threshold
 from stadimeter.core.conditions.limits import LimitsCondition, ends_of
-from stadimeter.core.conditions.quantities import (
-    OF_TWO,
-    QUANTITIES,
-    STILL_WITHIN_M,
-    Quantity,
-    noun_of,
-    quantity_figure,
-    uncertain_of,
-)
 
 # How the noun of a difference begins.
 DIFFERENCE = "difference in "
@@ -59,19 +51,19 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     probability_off: float = 0.5
     target: str = ""
     other: str = ""
-    within_m: float = STILL_WITHIN_M
+    within_m: float = quantities.STILL_WITHIN_M
 
     ends = ("above", "below")
 
     @property
-    def kind(self) -> Quantity:
+    def kind(self) -> quantities.Quantity:
         """The quantity."""
-        return QUANTITIES[self.quantity]
+        return quantities.QUANTITIES[self.quantity]
 
     @property
     def is_comparison(self) -> bool:
         """Whether it is on a difference."""
-        return bool(self.other) and self.quantity != OF_TWO
+        return bool(self.other) and self.quantity != quantities.OF_TWO
 
     @property
     def comparison(self) -> str:
@@ -81,7 +73,7 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     @property
     def noun(self) -> str:
         """The quantity in words."""
-        return f"{DIFFERENCE if self.is_comparison else ''}{noun_of(self.quantity)}"
+        return f"{DIFFERENCE if self.is_comparison else ''}{quantities.noun_of(self.quantity)}"
 
     @property
     def section(self) -> str:
@@ -101,7 +93,7 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     @property
     def bounds(self) -> tuple[float, float]:  # type: ignore[override]  # of a distance it is a constant
         """Those of the quantity."""
-        return -self.kind.most if self.is_signed else MIN_QUANTITY, self.kind.most
+        return -quantities.MOST[self.unit] if self.is_signed else MIN_QUANTITY, quantities.MOST[self.unit]
 
     @property
     def thresholds(self) -> tuple[Threshold, ...]:
@@ -122,11 +114,11 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     @property
     def figure(self) -> Figure:
         """The quantity of its target, or the difference."""
-        return quantity_figure(*self._of)
+        return quantities.quantity_figure(*self._of)
 
     def uncertain(self, inputs: RuleInputs) -> Uncertain | None:
         """Return the figure; see `LimitsCondition.uncertain`."""
-        return uncertain_of(inputs, *self._of)
+        return quantities.uncertain_of(inputs, *self._of)
 
     def reading(self, inputs: RuleInputs, is_on: bool) -> JudgedFigure | None:
         """Return the figure, without a standard deviation where that is not known."""

@@ -26,9 +26,10 @@ QuantityName = Literal[
 # The quantity that two targets have together; of the others they have a difference.
 OF_TWO = "separation"
 
-# The unit of the size in the picture. A target that is larger than ten times its width is not seen whole.
+# The unit of the size in the picture; then, by the unit, the largest value of a threshold. A target that is larger than
+# ten times the width is not seen whole.
 SIZE_UNIT = "of the width"
-_MOST = {"m": MAX_LENGTH_M, "m/s": MAX_SPEED_MPS, "rad": MAX_ANGLE_RAD, "s": MAX_DURATION_S, SIZE_UNIT: 10.0}
+MOST = {"m": MAX_LENGTH_M, "m/s": MAX_SPEED_MPS, "rad": MAX_ANGLE_RAD, "s": MAX_DURATION_S, SIZE_UNIT: 10.0}
 
 # A target that stands must be this far, at least, from where it began to stand to have moved.
 STILL_WITHIN_M = 0.1
@@ -45,11 +46,6 @@ class Quantity(NamedTuple):
     """Whether it may be below zero."""
     takes_motion: bool = False
     """Whether it follows from the motion across the line of sight."""
-
-    @property
-    def most(self) -> float:
-        """The largest value that a threshold may have."""
-        return _MOST[self.unit]
 
 
 def uncertain_of(

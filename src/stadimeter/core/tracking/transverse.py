@@ -76,6 +76,7 @@ class TransverseMotion(Struct, frozen=True, kw_only=True):
     Attributes:
         withins_m: The distances that count as standing still, one for each condition that asks.
         seen_at_s: The capture time of the newest sighting; None until it was seen.
+        doubted_at_s: That of a newer one that was refused as too far from what was expected; None for none.
         angles: The filters of bearing and elevation; None until it was seen.
         standing: Since when it has stood, for each of `withins_m`; empty until it was seen.
     """
@@ -83,6 +84,7 @@ class TransverseMotion(Struct, frozen=True, kw_only=True):
     target: str
     withins_m: tuple[float, ...] = ()
     seen_at_s: float | None = None
+    doubted_at_s: float | None = None
     angles: tuple[MotionState, MotionState] | None = None
     standing: tuple[Standing, ...] = ()
 
@@ -103,35 +105,37 @@ def step_motion(
     before: TransverseMotion, track: Track, sighting: Sighting | None, viewpoint: Viewpoint, settings: Tracking
 ) -> TransverseMotion:
     """Take in what one cycle knows of a target; `sighting` is the newest that was accepted."""
-    if sighting is None or not track.is_valid or sighting.at_s == before.seen_at_s or not track.distance_m:
+    if sighting is None or not (track.is_valid and track.distance_m):
+        return before
+    at_s = sighting.at_s
+    if at_s in {before.seen_at_s, before.doubted_at_s}:
         return before
     angle_rad = viewpoint.angle_noise_rad(track, sighting) or UNKNOWN_NOISE_RAD
-    pause_s = math.inf if before.seen_at_s is None else sighting.at_s - before.seen_at_s
+    pause_s = math.inf if before.seen_at_s is None else at_s - before.seen_at_s
     wander = settings.acceleration_mps2 / track.distance_m, settings.autocorrelation
     last = before.angles if before.angles is not None and pause_s <= MAX_PAUSE_S else (None, None)
+    bearing, bearing_sigmas = _step_angle(last[0], sighting.bearing_rad, angle_rad, pause_s, wander)
+    elevation, elevation_sigmas = _step_angle(last[1], sighting.elevation_rad, angle_rad, pause_s, wander)
+    if before.doubted_at_s is None and max(bearing_sigmas, elevation_sigmas) > settings.gate_sigmas:
+        return replace(before, doubted_at_s=at_s)  # an error, or it has set off: the next sighting tells
     stood = {each.within_m: each for each in before.standing} if pause_s <= MAX_UNSEEN_S else {}
-    towards = direction_of(sighting.bearing_rad, sighting.elevation_rad)
+    x, y, z = direction_of(sighting.bearing_rad, sighting.elevation_rad)
+    place_m = x * track.distance_m, y * track.distance_m, z * track.distance_m
     noises_m = track.noise_m or 0.0, track.distance_m * angle_rad
-    place_m = towards[0] * track.distance_m, towards[1] * track.distance_m, towards[2] * track.distance_m
-    return replace(
-        before,
-        seen_at_s=sighting.at_s,
-        angles=(
-            _step_angle(last[0], sighting.bearing_rad, angle_rad, pause_s, wander),
-            _step_angle(last[1], sighting.elevation_rad, angle_rad, pause_s, wander),
-        ),
-        standing=tuple([_stand(stood.get(m), m, place_m, noises_m, sighting.at_s) for m in before.withins_m]),
-    )
+    standing = tuple([_stand(stood.get(m), m, place_m, noises_m, at_s) for m in before.withins_m])
+    return replace(before, seen_at_s=at_s, doubted_at_s=None, angles=(bearing, elevation), standing=standing)
 
 
 def _step_angle(
     before: MotionState | None, seen_rad: float, noise_rad: float, pause_s: float, wander: tuple[float, float]
-) -> MotionState:
+) -> tuple[MotionState, float]:
+    """Return the filters after a sighting, and how many standard deviations it is from what was expected."""
     seen_rad, noise_rad = seen_rad + math.pi, max(noise_rad, MIN_NOISE_RAD)
     if before is None:
-        return motion.start(seen_rad, noise_rad)
+        return motion.start(seen_rad, noise_rad), 0.0
     moved = motion.predict(before, pause_s, *wander)
-    return motion.update(moved, noise_rad, motion.compare(moved, seen_rad, noise_rad))
+    innovation = motion.compare(moved, seen_rad, noise_rad)
+    return motion.update(moved, noise_rad, innovation), innovation.sigmas
 
 
 def _stand(
