@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag
 from stadimeter.config import units
 from stadimeter.config.rules.limit_tables import Likelihood, LikelihoodTable, LimitsTable, Probability, Sigmas
 from stadimeter.core.conditions.measured import COMPARISONS, FigureCondition
-from stadimeter.core.conditions.quantities import MOST, QUANTITIES, SIZE_UNIT, noun_of
+from stadimeter.core.conditions.quantities import MAX_BY_UNIT, QUANTITIES, SIZE_UNIT, noun_of
 from stadimeter.core.decision import Severity
 
 # A speed is estimated from many frames, and overshoots for some tenths of a second after a target has set off. At even
@@ -23,7 +23,7 @@ PROBABILITY_OF_SPEED_FOR_SAFETY = 0.8
 # Of a figure that is compared as it is.
 AS_IT_IS = Likelihood(deadband_sigmas=0.0, probability_on=None, probability_off=0.5)
 
-SIZES = units.Units(MOST[SIZE_UNIT], {SIZE_UNIT: 1.0, "%": 0.01})
+SIZES = units.Units(MAX_BY_UNIT[SIZE_UNIT], {SIZE_UNIT: 1.0, "%": 0.01})
 
 # By the SI unit, how a quantity is written: its units, what that is, and an example.
 _WRITTEN = {

@@ -159,7 +159,7 @@ class LimitsCondition(Leaf):
         value, sigma, noise = figures
         low, high = self.widened_limits(value, noise) if is_on else self.limits
         likely = None if self.probability_on is None else probability_between(low, high, value, sigma)
-        return JudgedFigure(value=value, sigma=sigma, low=low, high=high, probability=likely)
+        return JudgedFigure(value=value, sigma=sigma or None, low=low, high=high, probability=likely)
 
     def turning_points(self, inputs: RuleInputs, *, is_on: bool) -> tuple[float, ...]:
         """Return the figures at which it begins, or ends; see `Leaf.turning_points`."""

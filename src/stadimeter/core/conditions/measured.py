@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from msgspec import Struct
-from msgspec.structs import replace
 
 from stadimeter.core.bounds import MIN_QUANTITY
 from stadimeter.core.conditions import quantities
 from stadimeter.core.conditions.figures import Uncertain
-from stadimeter.core.conditions.leaf import Figure, JudgedFigure, RuleInputs, Threshold
+from stadimeter.core.conditions.leaf import Figure, RuleInputs, Threshold
 from stadimeter.core.conditions.limits import LimitsCondition, ends_of
 
 # How the noun of a difference begins.
@@ -56,11 +55,6 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     ends = ("above", "below")
 
     @property
-    def kind(self) -> quantities.Quantity:
-        """The quantity."""
-        return quantities.QUANTITIES[self.quantity]
-
-    @property
     def is_comparison(self) -> bool:
         """Whether it is on a difference."""
         return bool(self.other) and self.quantity != quantities.OF_TWO
@@ -83,17 +77,17 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     @property
     def unit(self) -> str:
         """That of the quantity."""
-        return self.kind.unit
+        return quantities.QUANTITIES[self.quantity].unit
 
     @property
     def is_signed(self) -> bool:
         """Whether the figure may be below zero; a difference always may."""
-        return self.is_comparison or self.kind.is_signed
+        return self.is_comparison or quantities.QUANTITIES[self.quantity].is_signed
 
     @property
     def bounds(self) -> tuple[float, float]:  # type: ignore[override]  # of a distance it is a constant
         """Those of the quantity."""
-        return -quantities.MOST[self.unit] if self.is_signed else MIN_QUANTITY, quantities.MOST[self.unit]
+        return -quantities.MAX_BY_UNIT[self.unit] if self.is_signed else MIN_QUANTITY, quantities.MAX_BY_UNIT[self.unit]
 
     @property
     def thresholds(self) -> tuple[Threshold, ...]:
@@ -119,11 +113,6 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     def uncertain(self, inputs: RuleInputs) -> Uncertain | None:
         """Return the figure; see `LimitsCondition.uncertain`."""
         return quantities.uncertain_of(inputs, *self._of)
-
-    def reading(self, inputs: RuleInputs, is_on: bool) -> JudgedFigure | None:
-        """Return the figure, without a standard deviation where that is not known."""
-        reading = LimitsCondition.reading(self, inputs, is_on)
-        return reading if reading is None or reading.sigma else replace(reading, sigma=None)
 
     @property
     def _of(self) -> tuple[str, str, str, float]:

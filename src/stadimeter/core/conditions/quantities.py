@@ -29,7 +29,7 @@ OF_TWO = "separation"
 # The unit of the size in the picture; then, by the unit, the largest value of a threshold. A target that is larger than
 # ten times the width is not seen whole.
 SIZE_UNIT = "of the width"
-MOST = {"m": MAX_LENGTH_M, "m/s": MAX_SPEED_MPS, "rad": MAX_ANGLE_RAD, "s": MAX_DURATION_S, SIZE_UNIT: 10.0}
+MAX_BY_UNIT = {"m": MAX_LENGTH_M, "m/s": MAX_SPEED_MPS, "rad": MAX_ANGLE_RAD, "s": MAX_DURATION_S, SIZE_UNIT: 10.0}
 
 # A target that stands must be this far, at least, from where it began to stand to have moved.
 STILL_WITHIN_M = 0.1
