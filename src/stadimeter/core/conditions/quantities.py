@@ -61,10 +61,10 @@ def uncertain_of(
         return separation_of(inputs.tracks[target], inputs.tracks[other])
     if quantity == "still":
         return _still_s(inputs, target, within_m)
-    read, lens = QUANTITIES[quantity].read, inputs.viewpoint.lens
-    first, second = read(inputs, target), read(inputs, other) if other else None
+    first = QUANTITIES[quantity].read(inputs, target)
     if first is None or not other:
         return first
+    second, lens = QUANTITIES[quantity].read(inputs, other), inputs.viewpoint.lens
     common_share = lens.focal_relative_sigma if lens is not None else 0.0
     return None if second is None else difference_of(first, second, common_share)
 
