@@ -15,6 +15,7 @@ from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.measurement import Sighting
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import LevelOutput, Plan
+from stadimeter.core.reload import reload
 from stadimeter.core.rule import AlarmRule, RampRule
 from stadimeter.core.track import Track, TrackStatus
 from stadimeter.core.tracking.transverse import Viewpoint
@@ -271,6 +272,28 @@ def test_a_moment_out_of_sight_is_no_move_and_many_seconds_may_be():
     assert [round(at_s) for at_s in raised_at(decisions)] == [3]
     _, decisions = run(lambda t: None if 1.0 < t < 7.0 else (3.0, 0.1, 0.0), STILL, seconds=12.0)
     assert [round(at_s) for at_s in raised_at(decisions)] == [10]
+
+
+def test_a_reload_lets_the_time_go_on_for_rules_that_ask_for_it_still():
+    state, _ = run(lambda _: (3.0, 0.1, 0.0), STILL, seconds=2.0)
+    sooner = replace(STILL, condition=still(1.0))
+    again = reload(state, replace(state.plan, rules=(sooner, FAST))).state
+    assert again.motions == state.motions
+    assert reload(state, replace(state.plan, rules=())).state.motions == ()
+
+
+def test_a_program_that_stood_still_saw_no_one_stand_still():
+    def seen(at_s, sequence):
+        stamp = FrameStamp(sequence=sequence, captured_at_s=at_s)
+        return Observation(now_s=at_s, frame=stamp, measurements=(measured("ball", at_s, 3.0),))
+
+    state, _ = run(lambda _: (3.0, 0.0, 0.0), STILL, seconds=2.0)
+    decisions = []
+    for number in range(60):
+        at_s = 12.0 + number / 30
+        state, decision = decide(state, seen(at_s, 100 + number))
+        decisions.append((at_s, decision))
+    assert raised_at(decisions) == []
 
 
 # Ramps

@@ -138,7 +138,7 @@ def _evidence(part: JudgedLeaf, inputs: RuleInputs) -> Evidence:
     return Evidence(
         quantity=leaf.noun,
         about=(leaf.rule,) if isinstance(leaf, RuleCondition) else leaf.targets_named,
-        words=words + _NOT_COUNTED.get("" if reading and reading.probability and leaf.unit == "rad" else leaf.noun, ""),
+        words=words + _NOT_COUNTED.get(leaf.noun, ""),
         holds=leaf.holds(inputs, is_on),
         unit=leaf.unit,
         value=reading.value if reading else None,
