@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from operator import mul
 from typing import Literal, NamedTuple
 
@@ -57,18 +57,18 @@ def uncertain_of(
         other: The target whose quantity is subtracted, or which the quantity is of too; empty for none.
         within_m: Of standing still, how far from where it began to stand a target still counts as there.
     """
+    read = QUANTITIES[quantity].read
+    if not other:
+        return _still_s(inputs, target, within_m) if quantity == "still" else read(inputs, target)
     if quantity == OF_TWO:
         return separation_of(inputs.tracks[target], inputs.tracks[other])
-    if quantity == "still":
-        return _still_s(inputs, target, within_m)
-    first = QUANTITIES[quantity].read(inputs, target)
-    if first is None or not other:
-        return first
-    second, lens = QUANTITIES[quantity].read(inputs, other), inputs.viewpoint.lens
-    common_share = lens.focal_relative_sigma if lens is not None else 0.0
-    return None if second is None else difference_of(first, second, common_share)
+    first, second, lens = read(inputs, target), read(inputs, other), inputs.viewpoint.lens
+    if first is None or second is None:
+        return None
+    return difference_of(first, second, lens.focal_relative_sigma if lens is not None else 0.0)
 
 
+@cache
 def quantity_figure(target: str, quantity: str, other: str = "", within_m: float = STILL_WITHIN_M) -> Figure:
     """Return the figure of a quantity of a target; see `uncertain_of`."""
     asked = target, (within_m if quantity == "still" else None)
