@@ -31,7 +31,7 @@ PLAN = Plan(
     targets=("ball",),
     rules=(
         AlarmRule(name="near", target="ball", output="buzzer", condition=DistanceCondition(below_m=1.0)),
-        RampRule(name="far", target="ball", output="motor", start_m=3.0, full_m=6.0),
+        RampRule(name="far", target="ball", output="motor", start=3.0, full=6.0),
         FollowRule(name="follow", target="ball", output="base", distance_m=1.0),
     ),
     outputs=(LevelOutput(name="buzzer"), LevelOutput(name="motor"), BaseOutput(name="base")),

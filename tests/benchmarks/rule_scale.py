@@ -22,11 +22,11 @@ from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
 from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.discrete import PresenceCondition, RuleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition
 from stadimeter.core.decide import State, decide, initial_state
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule, AnyRule, RampRule
+from support.conditions import closing, direction
 from support.observing import measured
 
 FRAME_S = 1 / 30
@@ -86,17 +86,17 @@ def _mixed(number: int, count: int) -> AnyRule:
             target="ball",
             output="output-0",
             priority=number,
-            start_m=limit_m,
-            full_m=limit_m + 1,
+            start=limit_m,
+            full=limit_m + 1,
         )
     conditions: Sequence[Condition] = (
         near,
         DistanceCondition(above_m=_limit_m(number, count)),
-        DirectionCondition(above_rad=0.1),
-        ClosingCondition(above_mps=0.1 + number / 50),
+        direction(above=0.1),
+        closing(above=0.1 + number / 50),
         TimeToContactCondition(below_s=1 + number / 20),
         PresenceCondition(seen=False, for_s=3),
-        AllOf(conditions=(near, DirectionCondition(above_rad=0.2))),
+        AllOf(conditions=(near, direction(above=0.2))),
         AnyOf(conditions=(near, PresenceCondition(seen=False))),
         Not(condition=near),
     )

@@ -16,11 +16,11 @@ from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.leaf import RuleInputs
-from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, SeparationCondition
 from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.observation import WallTime
 from stadimeter.core.track import Track, TrackStatus
+from support.conditions import closing, direction, separation
 
 NOW_S = 1000.0
 TARGETS = ("ball", "tag")
@@ -56,16 +56,12 @@ def leaves(draw: st.DrawFn) -> Condition:
                     probability_on=None,
                     target=target,
                 ),
-                DirectionCondition(above_rad=low, below_rad=high, deadband_rad=deadband, target=target),
-                ClosingCondition(
-                    above_mps=low, below_mps=high, deadband_sigmas=0.0, probability_on=None, target=target
-                ),
+                direction(above=low, below=high, deadband=deadband, target=target),
+                closing(above=low, below=high, deadband_sigmas=0.0, probability_on=None, target=target),
                 TimeToContactCondition(
                     below_s=draw(limits), closing_min_mps=draw(limits), probability_on=None, target=target
                 ),
-                SeparationCondition(
-                    targets=TARGETS, above_m=low, below_m=high, deadband_sigmas=0.0, probability_on=None
-                ),
+                separation(targets=TARGETS, above=low, below=high, deadband_sigmas=0.0, probability_on=None),
                 PresenceCondition(seen=draw(st.booleans()), for_s=float(draw(st.integers(0, 3))), target=target),
                 CountCondition(at_least=draw(st.integers(1, 3)), at_most=draw(st.none() | st.integers(0, 2))),
                 RuleCondition(rule=draw(st.sampled_from(RULES))),

@@ -17,10 +17,11 @@ from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not, l
 from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, SeparationCondition
+from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.decision import Severity
+from support.conditions import closing, direction, separation, still
 
 Load = Callable[[str], Configuration]
 Told = Callable[[str], list[str]]
@@ -60,17 +61,17 @@ ENTRIES: list[tuple[str, Condition]] = [
     ('{ lost_for = "5 min" }', PresenceCondition(seen=False, for_s=300.0)),
     (
         '{ bearing = { above = "-10 deg", deadband = "2 deg" } }',
-        DirectionCondition(above_rad=math.radians(-10), deadband_rad=math.radians(2)),
+        direction(above=math.radians(-10), deadband=math.radians(2)),
     ),
     (
         '{ elevation = { between = ["0 deg", "90 deg"] }, target = "tag" }',
-        DirectionCondition(quantity="elevation", above_rad=0.0, below_rad=math.pi / 2, target="tag"),
+        direction(quantity="elevation", above=0.0, below=math.pi / 2, target="tag"),
     ),
     (
         '{ closing_speed = { above = "0.5 m/s", deadband = "0.1 m/s", probability = 0.9 } }',
-        ClosingCondition(above_mps=0.5, deadband_mps=0.1, probability_on=0.9),
+        closing(above=0.5, deadband=0.1, probability_on=0.9),
     ),
-    ('{ closing_speed = { below = "-1 m/s" } }', ClosingCondition(below_mps=-1.0)),
+    ('{ closing_speed = { below = "-1 m/s" } }', closing(below=-1.0)),
     (
         (
             '{ time_to_contact = { below = "2 s", contact = "10 cm", min_closing_speed = "0.3 m/s", deadband = "1 s", '
@@ -80,7 +81,34 @@ ENTRIES: list[tuple[str, Condition]] = [
     ),
     (
         '{ separation = { of = ["ball", "tag"], below = "1 m" } }',
-        SeparationCondition(targets=("ball", "tag"), below_m=1.0),
+        separation(targets=("ball", "tag"), below=1.0),
+    ),
+    ('{ height = { above = "2 m" } }', FigureCondition(quantity="height", above=2.0)),
+    (
+        '{ x = { between = ["-1 m", "50 cm"], deadband = "5 cm" }, target = "tag" }',
+        FigureCondition(quantity="x", above=-1.0, below=0.5, deadband=0.05, target="tag"),
+    ),
+    (
+        '{ speed = { above = "2 m/s" } }',
+        FigureCondition(quantity="speed", above=2.0, deadband_sigmas=2.0, probability_on=0.95),
+    ),
+    ('{ size = { above = "20 %" } }', FigureCondition(quantity="size", above=0.2)),
+    ('{ still_for = "10 min", still_within = "5 cm" }', still(600.0, within_m=0.05)),
+    ('{ nearer_than = "tag" }', FigureCondition(quantity="distance", below=0.0, other="tag")),
+    (
+        '{ target = "ball", right_of = { target = "tag", by = "10 deg", deadband = "1 deg", probability = 0.9 } }',
+        FigureCondition(
+            quantity="bearing",
+            above=math.radians(10),
+            deadband=math.radians(1),
+            probability_on=0.9,
+            target="ball",
+            other="tag",
+        ),
+    ),
+    (
+        '{ lower_than = { target = "tag", by = "20 cm" } }',
+        FigureCondition(quantity="height_above_camera", below=-0.2, other="tag"),
     ),
     ("{ count = { at_least = 2 } }", CountCondition(at_least=2)),
     (

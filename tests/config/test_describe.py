@@ -37,6 +37,10 @@ def test_what_it_looks_for_and_through_is_told_first(load: Load, sound: str) -> 
             ),
         ),
         (
+            'actuator = "motor"\nramp = { of = "bearing", from = "0 deg", to = "-20 deg" }',
+            "`it` vibrates `motor` when the bearing of `ball` is below 0.0°, full at -20.0°; off when lost.",
+        ),
+        (
             'actuator = "motor"\nramp = { from = "2 m", to = "1 m", min = 0.3, max = 0.8, of = "depth" }',
             (
                 "`it` vibrates `motor` when `ball` is nearer than 2.00 m (6.6 ft) along the "

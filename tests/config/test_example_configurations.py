@@ -34,7 +34,7 @@ def test_the_two_uses_that_people_ask_for_most_are_three_lines_each() -> None:
     rules = [line for line in written.splitlines() if line and not line.startswith("#")]
     assert len(rules) == 6
     assert isinstance(far, RampRule)
-    assert (far.output, far.start_m, far.full_m) == ("motor", pytest.approx(3.048), pytest.approx(6.096))
+    assert (far.output, far.start, far.full) == ("motor", pytest.approx(3.048), pytest.approx(6.096))
     assert isinstance(near, AlarmRule)
     assert near.output == "buzzer"
 

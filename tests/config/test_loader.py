@@ -139,8 +139,8 @@ EXPECTED = [
     "23: safety.good_frames: 2.5 is not a whole number",
     "25: rules.far.actuator: there is no actuator 'motr' (did you mean 'motor'?)",
     (
-        "26: rules.far.ramp: the ramp goes from 3.048 m to the same distance "
-        "(choose two distances, or write a rule with when)"
+        "26: rules.far.ramp: the ramp goes from 3.05 m to the same distance "
+        "(choose two figures, or write a rule with when)"
     ),
     "26: rules.far.ramp.bias: 'cautius' is not one of: neutral, cautious, quiet (did you mean 'cautious'?)",
     "29: rules.near.severity: 'alarmm' is not one of: info, warning, alarm, safety (did you mean 'alarm'?)",

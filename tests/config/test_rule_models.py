@@ -14,8 +14,8 @@ from stadimeter.core import plan
 from stadimeter.core import rule as core
 from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.conditions.limits import ClosingCondition
 from stadimeter.core.decision import Severity
+from support.conditions import closing
 from support.each_case import each_case
 
 
@@ -33,7 +33,7 @@ def alarm(text: str) -> core.AlarmRule:
 
 def test_vibrating_beyond_ten_feet_is_two_lines() -> None:
     assert rule('actuator = "motor"\nramp = { from = "10 ft", to = "20 ft" }') == core.RampRule(
-        name="it", target="ball", output="motor", start_m=pytest.approx(3.048), full_m=pytest.approx(6.096)
+        name="it", target="ball", output="motor", start=pytest.approx(3.048), full=pytest.approx(6.096)
     )
 
 
@@ -85,9 +85,9 @@ def test_a_safety_rule_acts_at_even_odds_and_at_once() -> None:
 
 def test_a_safety_rule_about_speed_asks_for_an_estimate_that_has_settled() -> None:
     found = alarm('severity = "safety"\nwhen = { closing_speed = { above = "1 m/s" } }').condition
-    assert found == ClosingCondition(above_mps=1.0, probability_on=0.8, target="ball")
+    assert found == closing(above=1.0, probability_on=0.8, target="ball")
     found = alarm('severity = "safety"\nwhen = { closing_speed = { above = "1 m/s", probability = 0.5 } }').condition
-    assert found == ClosingCondition(above_mps=1.0, probability_on=0.5, target="ball")
+    assert found == closing(above=1.0, probability_on=0.5, target="ball")
 
 
 def test_what_a_safety_rule_says_itself_counts() -> None:
@@ -167,8 +167,8 @@ def test_every_key_of_a_ramp_reaches_the_core() -> None:
         name="it",
         target="ball",
         output="motor",
-        start_m=2.0,
-        full_m=0.0,
+        start=2.0,
+        full=0.0,
         quantity="depth",
         level_min=0.2,
         level_max=0.9,

@@ -253,7 +253,7 @@ def test_a_table_of_points_reaches_the_core_with_the_nearest_first(tmp_path: Pat
     keys = 'points = [ { at = "3 m", level = 0.2 }, { at = "1 m", level = 1 } ], dead_zone = 0.1, of = "depth"'
     found = ramp(tmp_path, keys)
     assert found.points == ((1.0, 1.0), (3.0, 0.2))
-    assert (found.start_m, found.full_m, found.dead_zone, found.quantity) == (3.0, 1.0, 0.1, "depth")
+    assert (found.start, found.full, found.dead_zone, found.quantity) == (3.0, 1.0, 0.1, "depth")
 
 
 WRONG_RAMPS = [

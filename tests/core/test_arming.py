@@ -18,7 +18,7 @@ PLAN = Plan(
     targets=("ball",),
     rules=(
         FollowRule(name="follow", target="ball", output="base", distance_m=1.0),
-        RampRule(name="far", target="ball", output="motor", start_m=1.0, full_m=2.0),
+        RampRule(name="far", target="ball", output="motor", start=1.0, full=2.0),
     ),
     outputs=(BaseOutput(name="base"), LevelOutput(name="motor")),
     safety=Safety(good_frames=2, arm="by-command"),

@@ -13,13 +13,13 @@ from stadimeter.core.conditions.compounds import judge
 from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.leaf import RuleInputs
-from stadimeter.core.conditions.limits import SeparationCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan, Tracking
 from stadimeter.core.rule import AlarmRule, OnDelay, RampRule, Severity
 from stadimeter.core.rules.ramp import ramp_level
 from stadimeter.core.track import Track, TrackStatus
+from support.conditions import separation
 from support.each_case import each_case
 from support.observing import measured
 
@@ -79,7 +79,7 @@ def test_where_the_noise_is_not_known_apart_all_counts_as_noise():
     "condition",
     [
         NEAR,
-        SeparationCondition(targets=("ball", "tag"), below_m=1.0),
+        separation(targets=("ball", "tag"), below=1.0),
         TimeToContactCondition(below_s=2.0, target="ball"),
     ],
 )
@@ -89,7 +89,7 @@ def test_with_a_noise_that_is_no_number_nothing_is_known(condition, broken):
 
 
 def test_two_targets_come_apart_by_the_noise_of_both():
-    apart = SeparationCondition(targets=("ball", "tag"), below_m=1.0)
+    apart = separation(targets=("ball", "tag"), below=1.0)
     tag = ball(3.0, 0.03, target="tag")
     assert holds(apart, ball(1.80, 0.04), tag, is_active=True) is False  # 1.2 m; the band is 3 · 0.05 m
     assert holds(apart, ball(1.90, 0.04), tag, is_active=True) is True
@@ -182,11 +182,9 @@ def test_a_target_that_stands_at_a_limit_does_not_make_an_alarm_chatter(probabil
         assert turns(condition, distance_m, scale_sigma, seed) <= 2
 
 
-TABLE = RampRule(
-    name="r", target="ball", output="o", start_m=1.0, full_m=3.0, points=((1.0, 0.0), (2.0, 1.0), (3.0, 0.0))
-)
+TABLE = RampRule(name="r", target="ball", output="o", start=1.0, full=3.0, points=((1.0, 0.0), (2.0, 1.0), (3.0, 0.0)))
 CURVES = [
-    RampRule(name="r", target="ball", output="o", start_m=start_m, full_m=full_m, level_min=0.2)
+    RampRule(name="r", target="ball", output="o", start=start_m, full=full_m, level_min=0.2)
     for start_m, full_m in ((1.0, 3.0), (3.0, 1.0))
 ]
 

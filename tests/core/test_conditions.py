@@ -14,9 +14,9 @@ from stadimeter.core.conditions.discrete import CountCondition, PresenceConditio
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.figures import probability_between
 from stadimeter.core.conditions.leaf import RuleInputs
-from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, SeparationCondition
 from stadimeter.core.observation import WallTime
 from stadimeter.core.track import Track, TrackStatus
+from support.conditions import closing, direction, separation
 from support.each_case import each_case
 
 MONDAY, TUESDAY, SUNDAY = 0, 1, 6
@@ -74,11 +74,11 @@ def test_the_reason_names_the_figures():
 
 FIGURES = [
     NEAR,
-    DirectionCondition(above_rad=0.1, target="ball"),
-    DirectionCondition(quantity="elevation", below_rad=0.1, target="ball"),
-    ClosingCondition(above_mps=0.1, target="ball"),
+    direction(above=0.1, target="ball"),
+    direction(quantity="elevation", below=0.1, target="ball"),
+    closing(above=0.1, target="ball"),
     TimeToContactCondition(below_s=2.0, target="ball"),
-    SeparationCondition(targets=("ball", "tag"), below_m=1.0),
+    separation(targets=("ball", "tag"), below=1.0),
 ]
 
 
@@ -97,7 +97,7 @@ def test_without_the_target_nothing_is_known(condition, status, is_active):
 def test_a_figure_that_is_not_finite_is_not_known_either(condition, broken):
     figures = {"closing_mps": broken, "bearing_rad": broken, "elevation_rad": broken}
     assert holds(condition, track(broken, **figures), track(target="tag")) is None
-    if not isinstance(condition, DirectionCondition):
+    if condition.unit != "rad":
         sigmas = {"sigma_m": broken, "closing_sigma_mps": broken}
         assert holds(condition, track(0.5, **sigmas), track(target="tag")) is None
 
@@ -191,7 +191,7 @@ def test_lost_for_a_time_counts_from_when_it_was_lost():
 
 
 def test_a_bearing_is_compared_as_it_is_and_ends_beyond_its_deadband():
-    right = DirectionCondition(above_rad=0.2, deadband_rad=0.05, target="ball")
+    right = direction(above=0.2, deadband=0.05, target="ball")
     assert holds(right, track(bearing_rad=0.21)) is True
     assert holds(right, track(bearing_rad=0.19)) is False
     assert holds(right, track(bearing_rad=0.16), is_active=True) is True
@@ -200,12 +200,12 @@ def test_a_bearing_is_compared_as_it_is_and_ends_beyond_its_deadband():
 
 
 def test_elevation_can_be_meant_instead_of_bearing():
-    low = DirectionCondition(quantity="elevation", below_rad=-0.1, target="ball")
+    low = direction(quantity="elevation", below=-0.1, target="ball")
     assert holds(low, track(elevation_rad=-0.2, bearing_rad=0.5)) is True
 
 
 def test_a_closing_speed_counts_when_it_is_sure_enough():
-    fast = ClosingCondition(above_mps=0.5, probability_on=0.8, target="ball")
+    fast = closing(above=0.5, probability_on=0.8, target="ball")
     assert holds(fast, track(closing_mps=0.6, closing_sigma_mps=0.05)) is True
     assert holds(fast, track(closing_mps=0.6, closing_sigma_mps=0.5)) is False
     assert holds(fast, track(closing_mps=0.42, closing_sigma_mps=0.05), is_active=True) is True
@@ -215,7 +215,7 @@ def test_a_closing_speed_counts_when_it_is_sure_enough():
 
 
 def test_a_target_that_goes_away_closes_at_less_than_nothing():
-    leaving = ClosingCondition(below_mps=-0.3, target="ball")
+    leaving = closing(below=-0.3, target="ball")
     assert holds(leaving, track(closing_mps=-0.6)) is True
     assert holds(leaving, track(closing_mps=0.6)) is False
 
@@ -285,7 +285,7 @@ def at(target, distance_m, bearing_rad, elevation_rad=0.0, sigma_m=0.03):
     return track(distance_m, sigma_m, target=target, bearing_rad=bearing_rad, elevation_rad=elevation_rad)
 
 
-APART = SeparationCondition(targets=("ball", "tag"), below_m=1.0)
+APART = separation(targets=("ball", "tag"), below=1.0)
 
 
 def test_two_targets_beside_each_other_are_apart_by_their_directions():
@@ -304,8 +304,8 @@ def test_two_targets_behind_each_other_are_as_unsure_as_both_distances():
 def test_directions_mean_the_same_as_in_a_measurement():
     above = at("tag", 2.0, 0.0, math.radians(30))
     ahead = at("ball", 2.0, 0.0)
-    assert holds(replace(APART, below_m=1.1), ahead, above) is True  # 2 · 2 m · sin 15° = 1.035 m
-    assert holds(replace(APART, below_m=1.0), ahead, above) is False
+    assert holds(replace(APART, below=1.1), ahead, above) is True  # 2 · 2 m · sin 15° = 1.035 m
+    assert holds(replace(APART, below=1.0), ahead, above) is False
 
 
 def test_two_targets_in_one_place_are_not_apart():
@@ -402,13 +402,13 @@ SIMPLE = st.one_of(
         target=st.just("ball"),
     ),
     st.builds(
-        ClosingCondition,
-        above_mps=st.floats(-1, 1),
+        closing,
+        above=st.floats(-1, 1),
         probability_on=st.none() | st.floats(0.05, 0.95),
         probability_off=st.floats(0.05, 0.95),
         target=st.just("ball"),
     ),
-    st.builds(DirectionCondition, below_rad=st.floats(-1, 1), deadband_rad=st.floats(0, 0.2), target=st.just("ball")),
+    st.builds(direction, below=st.floats(-1, 1), deadband=st.floats(0, 0.2), target=st.just("ball")),
 )
 SIGHTS = st.builds(
     lambda distance_m, sigma_m, closing_mps, closing_sigma_mps, share, bearing_rad: track(

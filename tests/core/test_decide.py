@@ -21,7 +21,7 @@ PLAN = Plan(
     targets=("ball",),
     rules=(
         AlarmRule(name="near", target="ball", output="buzzer", condition=DistanceCondition(below_m=0.5)),
-        RampRule(name="far", target="ball", output="motor", start_m=3.0, full_m=6.0, level_min=0.2),
+        RampRule(name="far", target="ball", output="motor", start=3.0, full=6.0, level_min=0.2),
         FollowRule(name="follow", target="ball", output="base", distance_m=1.0),
         AlarmRule(
             name="too-near", target="ball", output="base", priority=200, condition=DistanceCondition(below_m=0.4)

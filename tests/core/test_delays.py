@@ -12,17 +12,17 @@ from stadimeter.core.alarms.machine import AlarmRecord
 from stadimeter.core.alarms.state import Sample
 from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.conditions.limits import DirectionCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, DelayTolerance, Lost, LostPolicy, OnDelay
 from stadimeter.core.rules.explaining import explain
+from support.conditions import direction
 from support.observing import Rehearsal, measured
 
 NEAR = AlarmRule(name="near", target="ball", condition=DistanceCondition(below_m=1.0, probability_on=None))
 BEARING = AlarmRule(
-    name="near", target="ball", condition=DirectionCondition(quantity="bearing", above_rad=0.0), raises_per_min_max=0
+    name="near", target="ball", condition=direction(quantity="bearing", above=0.0), raises_per_min_max=0
 )
 """It holds in exactly those frames in which the target is seen to the right: nothing is filtered."""
 TRACKING = Tracking(confirm_frames=1, coast_s=0.15, outliers_max=0, acceleration_mps2=10.0, autocorrelation=0.0)

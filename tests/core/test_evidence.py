@@ -13,8 +13,8 @@ from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.leaf import RuleInputs
-from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, SeparationCondition
 from stadimeter.core.track import Track, TrackStatus
+from support.conditions import closing, direction, separation
 
 NEAR = DistanceCondition(below_m=2.0, probability_on=0.8, probability_off=0.5, deadband_sigmas=3.0, target="ball")
 
@@ -92,15 +92,15 @@ def test_a_plain_comparison_turns_at_its_limits():
 
 
 def test_an_angle_is_told_in_degrees_and_nothing_is_claimed_of_how_sure_it_is():
-    (found,) = of(DirectionCondition(above_rad=math.radians(20), deadband_rad=math.radians(2), target="ball"))
+    (found,) = of(direction(above=math.radians(20), deadband=math.radians(2), target="ball"))
     assert (found.quantity, found.unit, found.sigma, found.probability) == ("bearing", "rad", None, None)
     assert (found.begins_at, found.ends_at) == ("20.0°", "18.0°")
     assert found.words.endswith("how sure a direction is, is not known")
 
 
 def test_a_closing_speed_turns_at_a_speed():
-    closing = ClosingCondition(above_mps=0.5, probability_on=0.8, deadband_sigmas=2.0, target="ball")
-    (found,) = of(closing)
+    fast = closing(above=0.5, probability_on=0.8, deadband_sigmas=2.0, target="ball")
+    (found,) = of(fast)
     assert (found.begins_at, found.ends_at) == ("0.58 m/s", "0.30 m/s")
 
 
@@ -120,7 +120,7 @@ def test_a_speed_that_is_not_known_gives_no_time():
 
 
 def test_of_a_separation_it_is_told_what_is_not_counted():
-    (found,) = of(SeparationCondition(targets=("ball", "tag"), below_m=1.0), track(), track(3.4, target="tag"))
+    (found,) = of(separation(targets=("ball", "tag"), below=1.0), track(), track(3.4, target="tag"))
     assert (found.quantity, found.about) == ("separation", ("ball", "tag"))
     assert found.value == pytest.approx(1.3)
     assert found.sigma == pytest.approx(math.hypot(0.1, 0.1))

@@ -8,12 +8,12 @@ from msgspec.structs import replace
 
 from stadimeter.core.conditions.compounds import AllOf, Not
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.conditions.limits import DirectionCondition
 from stadimeter.core.decision import RuleStatus, SafetyMode
 from stadimeter.core.observation import Observation
 from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, FollowRule, OnDelay, RampRule
 from stadimeter.core.rules.explaining import explain
+from support.conditions import direction
 from support.observing import Rehearsal
 
 NEAR = AlarmRule(
@@ -170,7 +170,7 @@ def test_within_the_cooldown_it_says_when_people_are_told():
 
 
 def test_a_condition_with_parts_shows_each_with_its_own_verdict():
-    parts = AllOf(conditions=(DistanceCondition(below_m=2.0), Not(condition=DirectionCondition(above_rad=0.1))))
+    parts = AllOf(conditions=(DistanceCondition(below_m=2.0), Not(condition=direction(above=0.1))))
     run = rehearse(condition=parts)
     found = explain(run.see(*[1.0] * 5, bearing_rad=0.3), "near")
     assert found.status is RuleStatus.IDLE
@@ -180,7 +180,7 @@ def test_a_condition_with_parts_shows_each_with_its_own_verdict():
 
 def test_ramps_and_follow_rules_are_explained_too():
     run = rehearse(
-        RampRule(name="ramp", target="ball", output="buzzer", start_m=2.0, full_m=1.0),
+        RampRule(name="ramp", target="ball", output="buzzer", start=2.0, full=1.0),
         FollowRule(name="follow", target="ball", distance_m=1.0),
     )
     decision = run.see(*[1.5] * 5)

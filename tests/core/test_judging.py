@@ -48,8 +48,8 @@ ramps = st.builds(
     name=st.just("ramp"),
     target=st.just("ball"),
     output=st.sampled_from([None, "motor"]),
-    start_m=st.floats(0.5, 1.5),
-    full_m=st.floats(1.6, 3) | st.floats(0.1, 0.4),
+    start=st.floats(0.5, 1.5),
+    full=st.floats(1.6, 3) | st.floats(0.1, 0.4),
     level_min=st.sampled_from([0.0, 0.3]),
     bias=st.sampled_from(["neutral", "cautious", "quiet"]),
 )

@@ -8,11 +8,11 @@ from stadimeter.core.conditions.compounds import AllOf, AnyOf, Not
 from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, SeparationCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.observation import FrameStamp, Observation, WallTime
 from stadimeter.core.plan import LevelOutput, Plan, Safety, Tracking
 from stadimeter.core.rule import AlarmRule, Lost, LostPolicy, OnDelay
+from support.conditions import closing, direction, separation
 from support.observing import Rehearsal, measured, missed
 from support.random_runs import with_all_active
 
@@ -27,8 +27,8 @@ alone = st.one_of(
         target=targets,
         **sure,
     ),
-    st.builds(DirectionCondition, above_rad=st.sampled_from([0.0, 0.1]), target=targets),
-    st.builds(ClosingCondition, above_mps=st.sampled_from([0.0, 0.4]), target=targets, **sure),
+    st.builds(direction, above=st.sampled_from([0.0, 0.1]), target=targets),
+    st.builds(closing, above=st.sampled_from([0.0, 0.4]), target=targets, **sure),
     st.builds(
         TimeToContactCondition,
         below_s=st.sampled_from([1.0, 2.5]),
@@ -36,7 +36,7 @@ alone = st.one_of(
         target=targets,
         **sure,
     ),
-    st.builds(SeparationCondition, targets=st.just(("ball", "tag")), below_m=st.sampled_from([0.1, 0.5]), **sure),
+    st.builds(separation, targets=st.just(("ball", "tag")), below=st.sampled_from([0.1, 0.5]), **sure),
     st.builds(PresenceCondition, seen=st.booleans(), for_s=st.sampled_from([0.0, 0.7]), target=targets),
     st.builds(CountCondition, at_least=st.sampled_from([1, 2])),
     st.just(ScheduleCondition(from_s=100.0, to_s=200.0)),

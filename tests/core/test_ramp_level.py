@@ -7,12 +7,13 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.rule import RampRule
 from stadimeter.core.rules.ramp import describe_ramp, new_ramp, ramp_level, rest_of_ramp, step_ramp
 from stadimeter.core.track import Track, TrackStatus
 
 TABLE = RampRule(
-    name="lamp", target="ball", output="lamp", start_m=3.0, full_m=1.0, points=((1.0, 1.0), (2.0, 0.5), (3.0, 0.2))
+    name="lamp", target="ball", output="lamp", start=3.0, full=1.0, points=((1.0, 1.0), (2.0, 0.5), (3.0, 0.2))
 )
 PARKING = replace(TABLE, points=((1.0, 0.0), (2.0, 1.0), (3.0, 0.0)))
 
@@ -28,7 +29,7 @@ def tables(draw, *, is_rising=False):
     height = draw(st.lists(levels, min_size=len(at_m), max_size=len(at_m)))
     points = tuple(zip(at_m, sorted(height) if is_rising else height, strict=True))
     return RampRule(
-        name="r", target="ball", output="o", start_m=at_m[0], full_m=at_m[-1], points=points, bias=draw(biases),
+        name="r", target="ball", output="o", start=at_m[0], full=at_m[-1], points=points, bias=draw(biases),
         dead_zone=draw(st.just(0.0) | levels),
     )  # fmt: skip
 
@@ -39,7 +40,7 @@ def curves(draw):
     assume(abs(start_m - full_m) > 1e-3)
     low, high = sorted((draw(levels), draw(levels)))
     return RampRule(
-        name="r", target="ball", output="o", start_m=start_m, full_m=full_m, level_min=low, level_max=high,
+        name="r", target="ball", output="o", start=start_m, full=full_m, level_min=low, level_max=high,
         gamma=draw(st.floats(0.2, 4)), bias=draw(biases), dead_zone=draw(st.just(0.0) | levels),
     )  # fmt: skip
 
@@ -52,7 +53,8 @@ def level(rule, distance_m, sigma_m=0.0, *, is_on=False):
 
 
 def ball(distance_m, sigma_m=0.0):
-    return Track(target="ball", status=TrackStatus.TRACKING, distance_m=distance_m, sigma_m=sigma_m)
+    track = Track(target="ball", status=TrackStatus.TRACKING, distance_m=distance_m, sigma_m=sigma_m)
+    return RuleInputs(tracks={"ball": track}, now_s=0.0)
 
 
 def test_between_two_points_the_level_is_in_proportion_and_beyond_the_ends_it_stays():
@@ -83,7 +85,7 @@ def test_noise_at_the_dead_zone_does_not_switch_it_off():
 
 
 def test_a_dead_zone_holds_for_a_curve_too():
-    rule = RampRule(name="far", target="ball", start_m=3.0, full_m=6.0, dead_zone=0.4)
+    rule = RampRule(name="far", target="ball", start=3.0, full=6.0, dead_zone=0.4)
     assert level(rule, 4.0) == 0.0
     assert level(rule, 4.5) == 0.5
     assert level(rule, 4.1, 0.06, is_on=True) == 0.4
@@ -111,7 +113,7 @@ def test_a_table_that_rises_gives_no_less_further_away(rule, one_m, other_m, sig
 
 @given(curves(), distances_m, distances_m, sigmas_m, st.booleans())
 def test_a_curve_gives_no_less_nearer_to_its_full_end(rule, one_m, other_m, sigma_m, is_on):
-    nearer, further = sorted((one_m, other_m), reverse=rule.full_m < rule.start_m)
+    nearer, further = sorted((one_m, other_m), reverse=rule.full < rule.start)
     assert level(rule, nearer, sigma_m, is_on=is_on) <= level(rule, further, sigma_m, is_on=is_on)
 
 

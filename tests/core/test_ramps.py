@@ -5,13 +5,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.rule import RampRule
 from stadimeter.core.rules.ramp import new_ramp, ramp_level, step_ramp
 from stadimeter.core.track import Track, TrackStatus
 
-FAR = RampRule(name="far", target="ball", output="motor", start_m=3.0, full_m=6.0, level_min=0.25)
-NEAR = RampRule(name="near", target="ball", output="motor", start_m=1.0, full_m=0.2)
+FAR = RampRule(name="far", target="ball", output="motor", start=3.0, full=6.0, level_min=0.25)
+NEAR = RampRule(name="near", target="ball", output="motor", start=1.0, full=0.2)
 
 
 def level(rule, distance_m, sigma_m=0.0, *, is_on=False):
@@ -43,7 +44,7 @@ def test_it_may_err_on_the_side_that_is_asked_for():
 
 @given(st.floats(0, 20), st.floats(0, 20), st.floats(0.2, 4))
 def test_it_is_monotonic_and_within_its_limits(a, b, gamma):
-    rule = RampRule(name="r", target="t", start_m=2.0, full_m=8.0, level_min=0.1, level_max=0.9, gamma=gamma)
+    rule = RampRule(name="r", target="t", start=2.0, full=8.0, level_min=0.1, level_max=0.9, gamma=gamma)
     low, high = sorted((a, b))
     assert 0 <= level(rule, low) <= level(rule, high) <= 0.9
 
@@ -51,7 +52,8 @@ def test_it_is_monotonic_and_within_its_limits(a, b, gamma):
 @pytest.mark.parametrize("status", [TrackStatus.SEARCHING, TrackStatus.LOST])
 def test_a_ramp_without_its_target_asks_for_nothing(status):
     track = Track(target="ball", status=status, distance_m=5.0, sigma_m=0.1)
-    step = step_ramp(FAR, replace(new_ramp(FAR), level=0.5), track)
+    inputs = RuleInputs(tracks={"ball": track}, now_s=0.0)
+    step = step_ramp(FAR, replace(new_ramp(FAR), level=0.5), inputs)
     assert step.requests == ()
     assert step.trace.status is RuleStatus.UNKNOWN
     assert step.level == 0.0

@@ -11,7 +11,6 @@ from stadimeter.core.conditions.compounds import AllOf, AnyOf, Not
 from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, SeparationCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import SafetyMode, Severity
 from stadimeter.core.observation import FrameStamp, Observation, OutputFault, WallTime
@@ -32,6 +31,7 @@ from stadimeter.core.rule import (
 )
 from stadimeter.core.track import TrackStatus
 from stadimeter.operator_actions import OperatorAction
+from support.conditions import closing, direction, separation
 from support.observing import measured, missed
 from support.random_runs import with_all_active
 
@@ -51,12 +51,10 @@ leaf = st.one_of(
     st.builds(DistanceCondition, below_m=metres, target=target, quantity=some(["distance", "depth"]), **chances),
     st.builds(DistanceCondition, above_m=metres, target=target, **chances),
     st.builds(lambda a, b: DistanceCondition(above_m=min(a, b), below_m=max(a, b) + 0.01), metres, metres),
-    st.builds(
-        DirectionCondition, quantity=some(["bearing", "elevation"]), above_rad=st.floats(-0.3, 0.3), target=target
-    ),
-    st.builds(ClosingCondition, above_mps=st.floats(-1, 1), target=target, **chances),
+    st.builds(direction, quantity=some(["bearing", "elevation"]), above=st.floats(-0.3, 0.3), target=target),
+    st.builds(closing, above=st.floats(-1, 1), target=target, **chances),
     st.builds(TimeToContactCondition, below_s=st.floats(0.2, 5), contact_m=some([0.0, 0.3]), target=target, **chances),
-    st.builds(SeparationCondition, targets=st.just(TARGETS), below_m=metres, **chances),
+    st.builds(separation, targets=st.just(TARGETS), below=metres, **chances),
     st.builds(PresenceCondition, seen=st.booleans(), for_s=some([0.0, 0.5]), target=target),
     st.builds(CountCondition, at_least=some([1, 2])),
     st.builds(ScheduleCondition, from_s=some([0.0, 43200.0]), to_s=some([43200.5, 80000.0])),
@@ -114,8 +112,8 @@ ramp = st.builds(
     RampRule,
     name=st.just("ramp"),
     output=some(["motor", "lamp"]),
-    start_m=st.floats(0.5, 1.5),
-    full_m=st.floats(1.6, 3) | st.floats(0.1, 0.4),
+    start=st.floats(0.5, 1.5),
+    full=st.floats(1.6, 3) | st.floats(0.1, 0.4),
     level_min=some([0.0, 0.3]),
     bias=some(["neutral", "cautious", "quiet"]),
     **common,

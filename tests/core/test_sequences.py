@@ -209,8 +209,8 @@ def test_of_equals_an_output_that_combines_takes_the_highest_or_the_lowest(combi
 
 def test_of_equal_ramps_the_highest_wins_at_every_distance():
     rules = (
-        RampRule(name="near", target="ball", output="buzzer", start_m=2.0, full_m=1.0),
-        RampRule(name="far", target="ball", output="buzzer", start_m=1.0, full_m=2.0),
+        RampRule(name="near", target="ball", output="buzzer", start=2.0, full=1.0),
+        RampRule(name="far", target="ball", output="buzzer", start=1.0, full=2.0),
     )
     run = rehearse(*rules, outputs=(LevelOutput(name="buzzer", combine="max"),))
     for number in range(30):

@@ -13,7 +13,6 @@ from stadimeter.core.conditions.compounds import AllOf, AnyOf, Not
 from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, SeparationCondition
 from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import Severity
@@ -21,6 +20,7 @@ from stadimeter.core.persistence import SnapshotChange, classify_change, restore
 from stadimeter.core.reload import reload
 from stadimeter.core.rule import AlarmRule
 from stadimeter.core.rules.explaining import explain
+from support.conditions import closing, direction, separation
 from support.each_case import each_case
 from support.random_runs import random_run, with_settings
 from support.two_rules import FAR, NEAR, plan_of, rehearse
@@ -159,10 +159,10 @@ def named(condition):
         (DistanceCondition(below_m=1.0), {"below": 1.0}),
         (DistanceCondition(above_m=1.0, quantity="depth"), {"above": 1.0}),
         (DistanceCondition(above_m=1.0, below_m=2.0), {"between.near": 1.0, "between.far": 2.0}),
-        (DirectionCondition(above_rad=0.1, below_rad=0.2), {"bearing.between.low": 0.1, "bearing.between.high": 0.2}),
-        (DirectionCondition(quantity="elevation", below_rad=0.2), {"elevation.below": 0.2}),
-        (ClosingCondition(above_mps=0.5), {"closing_speed.above": 0.5}),
-        (SeparationCondition(targets=("ball", "tag"), below_m=0.5), {"separation.below": 0.5}),
+        (direction(above=0.1, below=0.2), {"bearing.between.low": 0.1, "bearing.between.high": 0.2}),
+        (direction(quantity="elevation", below=0.2), {"elevation.below": 0.2}),
+        (closing(above=0.5), {"closing_speed.above": 0.5}),
+        (separation(targets=("ball", "tag"), below=0.5), {"separation.below": 0.5}),
         (TimeToContactCondition(below_s=2.0), {"time_to_contact.below": 2.0}),
         (BatteryCondition(below_v=11.0), {"battery_below": 11.0}),
         (PresenceCondition(seen=False, for_s=3.0), {"lost_for": 3.0}),
@@ -171,7 +171,7 @@ def named(condition):
         (ContactSensorCondition(sensor="is_bumped"), {}),
         (RuleCondition(rule="far"), {}),
         (
-            AllOf(conditions=(DistanceCondition(below_m=1.0), ClosingCondition(above_mps=0.5))),
+            AllOf(conditions=(DistanceCondition(below_m=1.0), closing(above=0.5))),
             {"below": 1.0, "closing_speed.above": 0.5},
         ),
         (

@@ -17,9 +17,18 @@ from stadimeter.cli.main import app
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.models import ActuatorTable, BaseTable
 from stadimeter.config.rule_test_tables import ExpectTable, InputTable
-from stadimeter.config.rules.action_tables import FollowTable, PatternTable, RampTable, StepTable
+from stadimeter.config.rules.action_tables import FollowTable, PatternTable, StepTable
 from stadimeter.config.rules.condition_tables import CountTable, TimeTable, WhenTable
-from stadimeter.config.rules.limit_tables import ClosingTable, ContactTable, DirectionTable, SeparationTable
+from stadimeter.config.rules.figure_tables import (
+    ComparisonTable,
+    DirectionTable,
+    PlaceTable,
+    SeparationTable,
+    SizeTable,
+    SpeedTable,
+)
+from stadimeter.config.rules.limit_tables import ContactTable
+from stadimeter.config.rules.ramp_tables import RampTable
 from stadimeter.config.rules.tables import LostTable, RuleTable
 from stadimeter.core import templates
 from stadimeter.errors import ConfigError
@@ -64,7 +73,8 @@ KEYS = {
     table.__name__: keys_of(table)
     for table in (
         RuleTable, WhenTable, RampTable, FollowTable, StepTable, PatternTable, LostTable, InputTable, ExpectTable,
-        ClosingTable, ContactTable, CountTable, DirectionTable, SeparationTable, TimeTable, ActuatorTable, BaseTable,
+        SpeedTable, ContactTable, CountTable, DirectionTable, SeparationTable, TimeTable, ActuatorTable, BaseTable,
+        PlaceTable, SizeTable, ComparisonTable,
     )
 }  # fmt: skip
 """The keys that people may write, by the table that they stand in."""

@@ -10,11 +10,12 @@ from msgspec.structs import replace
 
 from stadimeter.core.alarms.settings import thresholds_of
 from stadimeter.core.base_report import BaseReport
+from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
 from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, SeparationCondition
+from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.decide import State
@@ -36,12 +37,27 @@ from stadimeter.core.rule import (
     Send,
     Template,
 )
+from stadimeter.core.tracking.transverse import Viewpoint
 from stadimeter.operator_actions import OperatorAction
+from support.conditions import closing, compared, direction, separation, still
 from support.observing import measured, missed
 
 TARGETS = ("ball", "tag")
 LIMIT_M = 1.5
 """The limit of every distance in an aimed run."""
+LENS = replace(CameraModel.with_focal_length(600.0, 640, 480), focal_relative_sigma=0.01)
+OTHER_QUANTITIES = (
+    "bearing",
+    "x",
+    "y",
+    "z",
+    "height",
+    "height_above_camera",
+    "sideways_speed",
+    "speed",
+    "closing_speed",
+    "size",
+)
 OUTPUTS = (
     LevelOutput(name="motor", rise_per_s=2.0, fall_per_s=4.0),
     LevelOutput(name="lamp", safe_level=0.3, combine="max"),
@@ -70,7 +86,9 @@ def random_run(seed: int, *, is_aimed: bool = False) -> RandomRun:
     safety = Safety(max_frame_age_s=max(0.2, 2.5 / fps), good_frames=2)
     names = tuple(rule.name for rule in rules if isinstance(rule, AlarmRule))
     seen = _Scene(rng, fps, names, is_aimed=is_aimed).observations(60 if is_aimed else 100)
-    return RandomRun(plan=Plan(targets=TARGETS, rules=rules, outputs=OUTPUTS, safety=safety), observations=tuple(seen))
+    viewpoint = Viewpoint(height_m=rng.choice((None, 0.5)), tilt_rad=0.1, lens=LENS)
+    plan = Plan(targets=TARGETS, rules=rules, outputs=OUTPUTS, safety=safety, viewpoint=viewpoint)
+    return RandomRun(plan=plan, observations=tuple(seen))
 
 
 # What an operator sets of a rule. The other actions are those of `random_run`, whose seeds stay what they are.
@@ -146,22 +164,40 @@ class _Rules:
             **self._chances(),  # type: ignore[arg-type]
         )
 
+    def _figure(self) -> Condition:
+        """Limits on one of the quantities that have no kind of their own."""
+        return FigureCondition(
+            quantity=self.rng.choice(OTHER_QUANTITIES),
+            above=self.rng.uniform(-0.3, 0.5),
+            deadband=self.rng.choice((0.0, 0.1)),
+            target=self._target(),
+            **self._chances(),  # type: ignore[arg-type]
+        )
+
     def _leaf(self) -> Condition:
         rng = self.rng
         kinds: tuple[Callable[[], Condition], ...] = (
             self._distance,
             self._distance,
-            lambda: DirectionCondition(
-                quantity=rng.choice(("bearing", "elevation")), above_rad=rng.uniform(-0.3, 0.3), target=self._target()
+            lambda: direction(
+                quantity=rng.choice(("bearing", "elevation")), above=rng.uniform(-0.3, 0.3), target=self._target()
             ),
-            lambda: ClosingCondition(above_mps=rng.uniform(-1, 1), target=self._target(), **self._chances()),  # type: ignore[arg-type]
+            lambda: closing(above=rng.uniform(-1, 1), target=self._target(), **self._chances()),  # type: ignore[arg-type]
             lambda: TimeToContactCondition(
                 below_s=rng.uniform(0.3, 5),
                 contact_m=rng.choice((0.0, 0.3)),
                 target=self._target(),
                 **self._chances(),  # type: ignore[arg-type]
             ),
-            lambda: SeparationCondition(targets=TARGETS, below_m=rng.uniform(0.2, 2), **self._chances()),  # type: ignore[arg-type]
+            self._figure,
+            lambda: compared(
+                rng.choice(("distance", "bearing", "height_above_camera")),
+                *TARGETS,
+                above=rng.uniform(-0.3, 0.3),
+                **self._chances(),  # type: ignore[arg-type]
+            ),
+            lambda: still(rng.choice((0.3, 1.0)), within_m=rng.choice((0.0, 0.1)), target=self._target()),
+            lambda: separation(targets=TARGETS, below=rng.uniform(0.2, 2), **self._chances()),  # type: ignore[arg-type]
             lambda: PresenceCondition(
                 seen=rng.random() < 0.4, for_s=rng.choice((0.0, 0.5, 3.0)), target=self._target()
             ),
@@ -236,14 +272,16 @@ class _Rules:
 
     def _ramp(self, name: str) -> RampRule:
         start_m = self.rng.uniform(0.6, 2.0)
+        quantity = self.rng.choice(("distance", "distance", "depth", *OTHER_QUANTITIES))
         points = ((0.5, 1.0), (1.0, 0.4), (1.5, 0.4), (2.0, 0.0)) if self.rng.random() < 0.3 else ()
         return RampRule(
             name=name,
             target=self._target(),
             output=self.rng.choice(("motor", "lamp")),
             priority=self.rng.randint(0, 3),
-            start_m=start_m,
-            full_m=start_m + self.rng.choice((-0.4, 0.8)),
+            start=start_m,
+            full=start_m + self.rng.choice((-0.4, 0.8)),
+            quantity=quantity,
             level_min=self.rng.choice((0.0, 0.3)),
             dead_zone=self.rng.choice((0.0, 0.2)),
             bias=self.rng.choice(("neutral", "neutral", "cautious", "quiet")),
@@ -324,7 +362,9 @@ class _Scene:
         if rng.random() < 0.04:
             distance_m += rng.choice((0.8, 3.0))  # an outlier
         found = measured(target, at_s, distance_m, self.sigma_m, rng.gauss(0.0, 0.1))
-        return replace(found, noise_m=self.sigma_m * rng.choice((1.0, 1.0, 0.3)))
+        elevation_rad, size_share = rng.gauss(0.0, 0.05), rng.choice((None, 0.2 / distance_m))
+        noise_m = self.sigma_m * rng.choice((1.0, 1.0, 0.3))
+        return replace(found, noise_m=noise_m, elevation_rad=elevation_rad, size_share=size_share)
 
     def _command(self) -> OperatorCommand:
         rng = self.rng

@@ -14,7 +14,7 @@ NEAR = AlarmRule(
     cooldown_s=0.0,
     lost=Lost(grace_s=0.5, fault_after_s=5.0),
 )
-FAR = RampRule(name="far", target="ball", output="motor", start_m=2.0, full_m=4.0)
+FAR = RampRule(name="far", target="ball", output="motor", start=2.0, full=4.0)
 TRACKING = Tracking(confirm_frames=2, coast_s=0.15, outliers_max=0, acceleration_mps2=20.0, autocorrelation=0.0)
 
 

@@ -15,8 +15,8 @@ from stadimeter.config.rules.compiled import CompiledRule, WrittenCondition
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.conditions.figures import Direction, probability_between
-from stadimeter.core.conditions.limits import DirectionCondition
+from stadimeter.core.conditions.figures import probability_between
+from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.rule import AlarmRule, FollowRule, RampRule
 from stadimeter.core.target import TargetShape
 from stadimeter.core.words import length
@@ -24,7 +24,7 @@ from stadimeter.errors import Problem, StadimeterError
 from stadimeter.ranging.similar_triangles import RELIABLE_PX, expect, farthest_m
 
 
-def field_of_view_rad(camera: CameraModel, quantity: Direction) -> tuple[float, float]:
+def field_of_view_rad(camera: CameraModel, quantity: str) -> tuple[float, float]:
     """Return the lowest and the highest bearing (positive to the right) or elevation (positive upwards) that is seen.
 
     They are those along the middle of the picture; lens distortion at its edge is left out.
@@ -34,17 +34,17 @@ def field_of_view_rad(camera: CameraModel, quantity: Direction) -> tuple[float, 
     return -math.atan((camera.height_px - 1 - camera.cy_px) / camera.fy_px), math.atan(camera.cy_px / camera.fy_px)
 
 
-def direction_findings(at: KeyPath, condition: DirectionCondition, camera: CameraModel) -> Iterator[Finding]:
+def direction_findings(at: KeyPath, condition: FigureCondition, camera: CameraModel) -> Iterator[Finding]:
     """Find conditions on directions that begin, or end, outside the picture only."""
     low_rad, high_rad = field_of_view_rad(camera, condition.quantity)
     seen = f"the camera sees from {_degrees(low_rad)} to {_degrees(high_rad)}"
-    above_rad = -math.inf if condition.above_rad is None else condition.above_rad
-    below_rad = math.inf if condition.below_rad is None else condition.below_rad
+    above_rad = -math.inf if condition.above is None else condition.above
+    below_rad = math.inf if condition.below is None else condition.below
     if above_rad >= high_rad or below_rad <= low_rad:
         message = f"no {condition.quantity} in the picture meets this: {seen}"
         yield Finding(at, message, "choose a limit within that, or a wider lens", "unreachable")
-    elif above_rad - condition.deadband_rad <= low_rad and below_rad + condition.deadband_rad >= high_rad:
-        message = f"with its deadband of {_degrees(condition.deadband_rad)} this ends outside the picture only: {seen}"
+    elif above_rad - condition.deadband <= low_rad and below_rad + condition.deadband >= high_rad:
+        message = f"with its deadband of {_degrees(condition.deadband)} this ends outside the picture only: {seen}"
         yield Finding(at, message, "make the deadband smaller, or choose another limit", "unresolvable")
 
 
@@ -121,7 +121,7 @@ def _rule_findings(compiled: CompiledRule, sizes: Mapping[str, TargetShape], cam
     if isinstance(rule, AlarmRule):
         when, *_ = compiled.conditions()
         yield from _condition_findings(when, sizes, camera)
-    elif rule.target in sizes:
+    elif rule.target in sizes and getattr(rule, "quantity", "distance") in {"distance", "depth"}:
         path = compiled.at("ramp" if isinstance(rule, RampRule) else "follow")
         yield from _too_small(path, _farthest_limit_m(rule), rule.target, sizes[rule.target], camera)
 
@@ -133,7 +133,7 @@ def _condition_findings(
         match written.leaf:
             case DistanceCondition() as leaf if leaf.target in sizes:
                 yield from _distance_findings(written.path, leaf, sizes[leaf.target], camera)
-            case DirectionCondition() as leaf if leaf.target in sizes:
+            case FigureCondition(quantity="bearing" | "elevation", other="") as leaf if leaf.target in sizes:
                 yield from direction_findings(written.limits_path, leaf, camera)
             case _:
                 pass
@@ -142,7 +142,7 @@ def _condition_findings(
 def _farthest_limit_m(rule: RampRule | FollowRule) -> float:
     if isinstance(rule, FollowRule):
         return rule.distance_m
-    return max(rule.start_m, rule.full_m, *(at_m for at_m, _ in rule.points), 0.0)
+    return max(rule.start, rule.full, *(at_m for at_m, _ in rule.points), 0.0)
 
 
 def _distance_findings(

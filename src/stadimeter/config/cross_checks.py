@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from stadimeter.config.analysis import Subject, subject_of
-from stadimeter.config.analysis.bands import band_errors, holding_errors
+from stadimeter.config.analysis.bands import band_errors, holding_errors, quantity_errors
 from stadimeter.config.analysis.promises import promise_errors
 from stadimeter.config.analysis.references import reference_errors
 from stadimeter.config.analysis.writers import shadow_errors
@@ -18,10 +18,13 @@ from stadimeter.config.findings import Finding, did_you_mean, did_you_mean_or_li
 from stadimeter.config.loop_gain import loop_findings
 from stadimeter.config.plugins import marked_options
 from stadimeter.config.rules.condition_tables import (
+    KEY_ABOUT_STANDING,
     KEYS_ABOUT_DISTANCE,
     KEYS_OF_A_TARGET,
+    KEYS_OF_COMPARISONS,
     KEYS_OF_NO_TARGET,
     KEYS_OF_OTHERS,
+    KEYS_OF_QUANTITIES,
     MAX_DEPTH,
     WhenTable,
 )
@@ -47,8 +50,8 @@ _LIMITS = (("above", "below"), ("between",))
 _CONDITION_KINDS = (*_LIMITS, *((key,) for key in (*KEYS_OF_A_TARGET, *KEYS_OF_NO_TARGET, *KEYS_OF_OTHERS)))
 
 # Conditions that are a table of their own, in which their deadbands and probabilities stand.
-_BETWEEN_LIMITS = ("bearing", "elevation", "closing_speed", "separation")
-_INSIDE = ("bearing", "elevation", "closing_speed", "time_to_contact", "separation")
+_BETWEEN_LIMITS = ("bearing", "elevation", "closing_speed", "separation", *KEYS_OF_QUANTITIES)
+_INSIDE = (*_BETWEEN_LIMITS, "time_to_contact", *KEYS_OF_COMPARISONS)
 
 _LIMITS_FORM = "write above, below, both of these, or between"
 _NAMED = [key for group in _CONDITION_KINDS for key in group]
@@ -74,7 +77,7 @@ def _rules_by_themselves(draft: Draft) -> Iterator[Finding]:
             if isinstance(table.get(key), Mapping):
                 yield from condition_findings(("rules", name, key), table[key])
     for name, rule in draft.rules.items():
-        for check in (_times, _ramp, _follow):
+        for check in (_times, _follow):
             yield from check(("rules", name), rule)
 
 
@@ -111,18 +114,6 @@ def _times(at: KeyPath, rule: RuleTable) -> Iterator[Finding]:
             message = f"delay_tolerance {tolerance_s:g} s is no shorter than {key} {delay_s:g} s"
             hint = f"make it much shorter, or write a longer {key}: two frames that far apart would fulfil the delay"
             yield Finding((*at, "delay_tolerance"), message, hint, "tolerance-too-long")
-
-
-def _ramp(at: KeyPath, rule: RuleTable) -> Iterator[Finding]:
-    if rule.ramp is None or rule.ramp.points:  # points are checked as they are read
-        return
-    start_m, full_m = rule.ramp.ends_m
-    if start_m == full_m:
-        message = f"the ramp goes from {start_m:g} m to the same distance"
-        yield Finding((*at, "ramp"), message, "choose two distances, or write a rule with when", "ramp-reversed")
-    if rule.ramp.min > rule.ramp.max:
-        message = f"min {rule.ramp.min:g} is above max {rule.ramp.max:g}"
-        yield Finding((*at, "ramp", "min"), message, "exchange them; from and to give the direction", "ramp-reversed")
 
 
 def _follow(at: KeyPath, rule: RuleTable) -> Iterator[Finding]:
@@ -320,6 +311,9 @@ def _not_empty(at: KeyPath, table: Mapping[str, Any], written: list[str]) -> Ite
 
 
 def _meaningless(at: KeyPath, table: Mapping[str, Any], written: list[str]) -> Iterator[Finding]:
+    if KEY_ABOUT_STANDING in table and "still_for" not in table:
+        message = f"'{KEY_ABOUT_STANDING}' has a meaning only beside still_for"
+        yield Finding((*at, KEY_ABOUT_STANDING), message, 'add such as still_for = "10 min"', "condition-keys")
     if any(key in group for group in _LIMITS for key in written):
         return
     kinds = " and ".join(f"'{kind}'" for kind in written)
@@ -393,6 +387,7 @@ _CHECKS: tuple[Callable[[Draft], Iterator[Finding]], ...] = (
 )
 _ANALYSES: tuple[Callable[[Subject], Iterator[Finding]], ...] = (
     band_errors,
+    quantity_errors,
     holding_errors,
     shadow_errors,
     promise_errors,

@@ -11,6 +11,7 @@ from stadimeter.config.models import ButtonTable, WebTable
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.condition_words import describe_begin, describe_end
 from stadimeter.core.conditions.compounds import Condition, leaves
+from stadimeter.core.conditions.quantities import QUANTITIES, noun_of
 from stadimeter.core.plan import BaseOutput, LevelOutput, Output
 from stadimeter.core.rule import (
     RAISES_PER_MIN_MAX,
@@ -25,7 +26,7 @@ from stadimeter.core.rule import (
     RampRule,
 )
 from stadimeter.core.rules.layout import contested_outputs
-from stadimeter.core.words import duration, length
+from stadimeter.core.words import duration, figure_in_words, length
 
 _TOLERANCE = DelayTolerance()
 
@@ -227,14 +228,19 @@ def _strength(rule: RampRule) -> str:
     """Say where a ramp acts, such as ``when `ball` is further than 3.05 m (10.0 ft), full at 6.10 m (20.0 ft)``."""
     along = " along the optical axis" if rule.quantity == "depth" else ""
     dead_zone = f", and not at all below {rule.dead_zone:.0%}" if rule.dead_zone else ""
+    unit = QUANTITIES[rule.quantity].unit
+    noun = "distance" if rule.quantity == "depth" else noun_of(rule.quantity)
     if rule.points:
-        points = ", ".join(f"{_full(level)} at {length(at_m)}" for at_m, level in rule.points)
-        return f"by the distance of `{rule.target}`{along}: {points}{dead_zone}"
-    where = "further" if rule.full_m > rule.start_m else "nearer"
+        points = ", ".join(f"{_full(level)} at {figure_in_words(at, unit)}" for at, level in rule.points)
+        return f"by the {noun} of `{rule.target}`{along}: {points}{dead_zone}"
+    grows = rule.full > rule.start
+    subject = f"`{rule.target}` is {'further' if grows else 'nearer'} than"
+    if noun != "distance":
+        subject = f"the {noun} of `{rule.target}` is {'above' if grows else 'below'}"
     least = f"at least {rule.level_min:.0%}, " if rule.level_min else ""
     return (
-        f"when `{rule.target}` is {where} than {length(rule.start_m)}{along}, "
-        f"{least}{_full(rule.level_max)} at {length(rule.full_m)}{dead_zone}"
+        f"when {subject} {figure_in_words(rule.start, unit)}{along}, "
+        f"{least}{_full(rule.level_max)} at {figure_in_words(rule.full, unit)}{dead_zone}"
     )
 
 

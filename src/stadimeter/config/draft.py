@@ -117,6 +117,7 @@ class Draft(ChosenDrivers, Struct, kw_only=True):
     file_problems: list[Problem] = field(default_factory=list)
     drivers: dict[KeyPath, DriverChoice] = field(default_factory=dict)
     camera_model: CameraModel | None = None
+    camera_table: models.CameraTable = field(default_factory=models.CameraTable)
     button_tables: dict[str, models.ButtonTable] = field(default_factory=dict)
     sensor_tables: dict[str, models.SensorTable] = field(default_factory=dict)
     output_tables: dict[str, models.ActuatorTable | models.BaseTable] = field(default_factory=dict)
@@ -210,6 +211,7 @@ class _Reader:
                 match common:
                     case models.CameraTable():
                         self._camera_model(common.model)
+                        self.draft.camera_table = common
                     case models.ActuatorTable() | models.BaseTable():
                         self.draft.output_tables[at[-1]] = common
                     case models.SensorTable():

@@ -23,7 +23,9 @@ from stadimeter.config.units import (
     parse_duration,
 )
 from stadimeter.core import plan
+from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.sensor_fusion import SensorPair
+from stadimeter.core.tracking.transverse import Viewpoint
 from stadimeter.operator_actions import OperatorAction
 
 # How old the frame behind a command may grow before the output goes to its safe state.
@@ -73,6 +75,14 @@ class CameraTable(Section):
 
     model: Any = None
     """The camera file, relative to the configuration, or the same keys as a table."""
+    height: LengthOrZero | None = None
+    """In metres; how high it is above the floor. None if that is not known."""
+    tilt: Angle = 0.0
+    """In radians; how far it looks up from level, below zero for down."""
+
+    def to_plan(self, lens: CameraModel | None) -> Viewpoint:
+        """Return from where the camera looks as the core sees it."""
+        return Viewpoint(height_m=self.height, tilt_rad=self.tilt, lens=lens)
 
 
 class TargetTable(Section):

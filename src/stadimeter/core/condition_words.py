@@ -6,7 +6,7 @@ Conditions state thresholds and figures. A kind that is not named here is worded
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from msgspec import Struct
 
@@ -15,18 +15,21 @@ from stadimeter.core.conditions.contact import SpeedKnowledge, TimeToContactCond
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs
-from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, LimitsCondition, SeparationCondition
+from stadimeter.core.conditions.limits import LimitsCondition
+from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.conditions.of_base import ContactSensorCondition
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.track import Track
-from stadimeter.core.words import day, duration, length, metres, time_of_day
+from stadimeter.core.words import day, duration, figure_in_words, length, metres, short_figure, time_of_day
+from stadimeter.core.words import uncertain_figure as uncertain
 
 _ANSWERS = {True: "yes", False: "no", None: "unknown"}
 _RULE_STATES = {True: "is active", False: "is not active", None: "has nothing to judge by"}
 _CONTACT_WORDS = {"is_bumped": "the bumper of the base is pressed", "is_at_cliff": "there is no floor below the base"}
-_NOT_COUNTED: dict[type[Leaf], str] = {
-    DirectionCondition: "; how sure a direction is, is not known",
-    SeparationCondition: "; how sure the directions are is not known, and not counted",
+_NOT_COUNTED = {
+    "bearing": "; how sure a direction is, is not known",
+    "elevation": "; how sure a direction is, is not known",
+    "separation": "; how sure the directions are is not known, and not counted",
 }
 
 
@@ -71,9 +74,7 @@ class Evidence(Struct, frozen=True, kw_only=True):
         return self._points(self.end_points)
 
     def _points(self, points: tuple[float, ...]) -> str:
-        if self.unit == "rad":
-            return " or ".join(_degrees(point) for point in points)
-        return " or ".join(f"{point:.2f} {self.unit}" for point in points)
+        return " or ".join(short_figure(point, self.unit) for point in points)
 
 
 # The figures behind a verdict ---------------------------------------------------------------------------------------
@@ -105,6 +106,11 @@ def collect_evidence(
     return tuple(_evidence(part, inputs) for part in judged_leaves(condition, held, is_active=is_active))
 
 
+def describe_unread(tracks: Sequence[Track], noun: str) -> str:
+    """Return in words why there is no figure of some targets."""
+    return " and ".join(describe_unseen(track) for track in tracks if not track.is_valid) or f"the {noun} is not known"
+
+
 def describe_unseen(track: Track) -> str:
     """Return in words that there is no distance to act on."""
     return f"{track.target} is {track.status.value}: {track.reason or 'no distance'}"
@@ -132,7 +138,7 @@ def _evidence(part: JudgedLeaf, inputs: RuleInputs) -> Evidence:
     return Evidence(
         quantity=leaf.noun,
         about=(leaf.rule,) if isinstance(leaf, RuleCondition) else leaf.targets_named,
-        words=words + _NOT_COUNTED.get(type(leaf), ""),
+        words=words + _NOT_COUNTED.get(leaf.noun, ""),
         holds=leaf.holds(inputs, is_on),
         unit=leaf.unit,
         value=reading.value if reading else None,
@@ -168,7 +174,7 @@ def _part_words(  # noqa: PLR0911 - one for each kind
                 else "no alarm is undelivered"
             )
         case _:
-            is_named = names_target and leaf.targets_named and not isinstance(leaf, SeparationCondition)
+            is_named = names_target and leaf.targets_named and leaf.noun != "separation"
             named = f"{leaf.targets_named[0]} " if is_named else ""
             return _measured_words(part, inputs, named, with_probability=with_probability)
 
@@ -199,23 +205,24 @@ def _unread_words(leaf: Leaf, inputs: RuleInputs, named: str) -> str:
         return f"{named}{metres(approach.distance_m, approach.sigma_m)}, {speed}: too unsure for a time"
     if not tracks:
         return f"the base does not report its {leaf.noun}"
-    away = [track for track in tracks if not track.is_valid]
-    return " and ".join(describe_unseen(track) for track in away or tracks)
+    return describe_unread(tracks, leaf.noun)
 
 
-def _value_words(leaf: Leaf, reading: JudgedFigure) -> str:
+def _value_words(leaf: Leaf, reading: JudgedFigure) -> str:  # noqa: PLR0911 - one for each kind
     value, sigma = reading.value, reading.sigma or 0.0
     match leaf:
         case DistanceCondition():
             return metres(value, sigma)
-        case ClosingCondition():
+        case FigureCondition(quantity="closing_speed"):
             return _closing(value, sigma)
-        case SeparationCondition():
-            return f"{' and '.join(leaf.targets)} {metres(value, sigma)} apart"
+        case FigureCondition(quantity="separation"):
+            return f"{' and '.join(leaf.targets_named)} {metres(value, sigma)} apart"
         case TimeToContactCondition():
             return f"contact in {value:.2f} s ± {sigma:.2f}"
-        case DirectionCondition():
-            return f"{leaf.quantity} {math.degrees(value):+.1f}°"
+        case FigureCondition() if reading.sigma is not None:
+            return uncertain(leaf.noun + (f" to {leaf.other}" if leaf.other else ""), value, sigma, leaf.unit)
+        case FigureCondition(unit="rad"):
+            return f"{leaf.noun} {math.degrees(value):+.1f}°"
         case _:
             return f"{leaf.noun} {value:.2f} {leaf.unit}"
 
@@ -276,8 +283,10 @@ def describe_end(condition: Condition) -> str:
             return f"contact is {_back_words(condition, condition.deadband_s)}"
         case DistanceCondition():
             return f"it is {_back_words(condition, condition.deadband)}"
-        case SeparationCondition():
+        case FigureCondition(quantity="separation"):
             return f"they are {_back_words(condition, condition.deadband)}"
+        case FigureCondition(quantity="still"):
+            return "it has moved"
         case LimitsCondition():
             return f"its {condition.noun} is {_back_words(condition, condition.deadband)}"
         case _:
@@ -300,18 +309,30 @@ def _begin_words(leaf: Leaf) -> str:  # noqa: PLR0911 - one for each kind
             return f"`{leaf.rule}` is active"
         case UndeliveredCondition():
             return f"an alarm is undelivered for {duration(leaf.for_s)}"
+        case TimeToContactCondition() | FigureCondition(quantity="still") | FigureCondition(is_comparison=True):
+            return _words_of_own(leaf)
+        case _:
+            return f"{_subject(leaf)} {_within_words(leaf)}"
+
+
+def _words_of_own(leaf: TimeToContactCondition | FigureCondition) -> str:
+    match leaf:
         case TimeToContactCondition():
             where = f"{length(leaf.contact_m)} away" if leaf.contact_m else "here"
             slower = f"(if faster than {leaf.closing_min_mps:g} m/s)"
             return f"`{leaf.target}` will be {where} within {leaf.below_s:g} s {slower}"
+        case FigureCondition(quantity="still"):
+            return f"`{leaf.target}` has not moved by more than {length(leaf.within_m)} for {duration(leaf.limits[0])}"
         case _:
-            return f"{_subject(leaf)} {_within_words(leaf)}"
+            by = abs(next(limit for limit in leaf.limits if math.isfinite(limit)))
+            more = f" by {figure_in_words(by, leaf.unit)}" if by else ""
+            return f"`{leaf.target}` is {leaf.comparison.replace('_', ' ')} `{leaf.other}`{more}"
 
 
 def _subject(leaf: Leaf) -> str:
     """Return what a clause about thresholds begins with, such as ``the bearing of `ball` is``."""
     named = " and ".join(f"`{target}`" for target in leaf.targets_named) or "the base"
-    if isinstance(leaf, SeparationCondition):
+    if leaf.noun == "separation":
         return f"{named} are"
     return f"{named} is" if isinstance(leaf, DistanceCondition) else f"the {leaf.noun} of {named} is"
 
@@ -332,7 +353,7 @@ def _sides(leaf: Leaf) -> tuple[str, str]:
     match leaf:
         case DistanceCondition():
             return "nearer than ", "further than "
-        case SeparationCondition():
+        case FigureCondition(quantity="separation"):
             return "nearer to each other than ", "further apart than "
         case TimeToContactCondition():
             return "", "later than "
@@ -366,23 +387,6 @@ def _back_words(leaf: LimitsCondition | TimeToContactCondition, deadband: float)
     noise = f"{sigmas:g} standard deviations of the noise"
     width = f"{deadband:g} {leaf.unit} or {noise}, whichever is more," if deadband else noise
     return f"{' or '.join(there)} by {width}"
-
-
-def figure_in_words(value: float, unit: str) -> str:
-    """Return a figure that is in its SI unit, such as ``0.60 m (2.0 ft)``; an angle is in degrees."""
-    match unit:
-        case "m":
-            return length(value)
-        case "rad":
-            return _degrees(value)
-        case "s":
-            return f"{value:g} s"
-        case _:
-            return f"{value:.2f} {unit}"
-
-
-def _degrees(angle_rad: float) -> str:
-    return f"{math.degrees(angle_rad):.1f}°"
 
 
 def _closing(closing_mps: float, sigma_mps: float) -> str:

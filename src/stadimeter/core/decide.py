@@ -41,6 +41,7 @@ from stadimeter.core.sensor_fusion import fuse, step_disagreements
 from stadimeter.core.track import TrackStatus
 from stadimeter.core.tracking.life_cycle import TrackState, after_gap, new_track
 from stadimeter.core.tracking.life_cycle import step as step_track
+from stadimeter.core.tracking.transverse import TransverseMotion, motions_for, step_motion
 
 
 class State(Struct, frozen=True, kw_only=True):
@@ -57,6 +58,7 @@ class State(Struct, frozen=True, kw_only=True):
         disagreeing: The range sensors that disagree with the camera.
         disarmed: Since when or by what the run is disarmed, in words; empty while it is armed.
         liveness: What the picture has shown of the robot's own motion.
+        motions: How targets move across the line of sight, for those that some rule asks it of.
     """
 
     plan: Plan
@@ -74,14 +76,17 @@ class State(Struct, frozen=True, kw_only=True):
     disagreeing: frozenset[str] = frozenset()
     disarmed: str = ""
     liveness: LivenessState = field(default_factory=LivenessState)
+    motions: tuple[TransverseMotion, ...] = ()
 
 
 def initial_state(plan: Plan) -> State:
     """Return the state at the start of a run: nothing seen, every output at its safe value."""
+    rules = new_rules(plan)
     return State(
         plan=plan,
         tracks=tuple(new_track(target) for target in plan.targets),
-        rules=new_rules(plan),
+        rules=rules,
+        motions=motions_for(rules.layout.watch.motions),
         outputs=tuple(new_output(output) for output in plan.outputs),
         disarmed="" if plan.safety.arm == "at-start" else AT_START,
     )
@@ -100,6 +105,9 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
     track_states = _step_tracks(state, seen, observation.now_s, gap_s)
     before = while_stopped(while_disarmed(safety, state.disarmed), state.stopped)
     inputs = _rule_inputs(state, track_states, observation, before, is_after_gap=gap_s is not None)
+    motions = _step_motions(state, inputs) if state.motions else ()
+    if motions:
+        inputs = replace(inputs, motions={each.target: each for each in motions})
     cycle = Sample(at_s=observation.now_s, since_s=step_s)
     rules, outcome = judge(state.rules, inputs, _sample(state, safety), cycle, _for_rules(observation))
     allowed = _step_permission(state, observation, safety, is_new=is_new)
@@ -136,6 +144,7 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
         disagreeing=disagreeing,
         disarmed=allowed.disarmed,
         liveness=allowed.liveness,
+        motions=motions,
     )
     return remembered, decision
 
@@ -217,7 +226,14 @@ def _rule_inputs(
         commands={step.command.output: step.command for step in state.outputs},
         safety=safety.mode,
         undelivered_since_s=observation.undelivered_since_s,
+        viewpoint=state.plan.viewpoint,
     )
+
+
+def _step_motions(state: State, inputs: RuleInputs) -> tuple[TransverseMotion, ...]:
+    before = motions_for(state.rules.layout.watch.motions) if inputs.is_after_gap else state.motions
+    tracks, sightings, settings = inputs.tracks, inputs.sightings, state.plan.tracking
+    return tuple([step_motion(m, tracks[m.target], sightings[m.target], inputs.viewpoint, settings) for m in before])
 
 
 def _step_tracks(

@@ -35,6 +35,8 @@ class Measurement(Struct, frozen=True, kw_only=True):
         ambiguity: Of something flat, how far it is from certain which of two mirrored poses it has: 0 for certain, 1
             for no idea; None for a ball.
         reason: Why there is no distance; empty if there is one.
+        size_share: Its larger extent in the picture, as a share of the picture's width; None for what was not seen in
+            one.
     """
 
     target: str
@@ -49,6 +51,7 @@ class Measurement(Struct, frozen=True, kw_only=True):
     tilt_rad: float | None = None
     ambiguity: float | None = None
     reason: str = ""
+    size_share: float | None = None
 
     @property
     def position_m(self) -> tuple[float, float, float] | None:
@@ -71,6 +74,7 @@ class Sighting(Struct, frozen=True, kw_only=True):
         depth_share: Depth divided by distance.
         bearing_rad: The bearing.
         elevation_rad: The elevation.
+        size_share: As in `Measurement`.
     """
 
     at_s: float
@@ -80,3 +84,4 @@ class Sighting(Struct, frozen=True, kw_only=True):
     depth_share: float
     bearing_rad: float
     elevation_rad: float
+    size_share: float | None = None

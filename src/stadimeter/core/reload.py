@@ -17,6 +17,7 @@ from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule, AnyRule
 from stadimeter.core.rule_step import Step
 from stadimeter.core.rules.scheduler import new_rules, with_steps
+from stadimeter.core.tracking.transverse import motions_for
 
 REMOVED = "removed from the configuration"
 CHANGED = "its rule was changed in the configuration"
@@ -50,19 +51,20 @@ def reload(state: State, plan: Plan) -> ReloadedState:
         tracks={each.track.target: each.track for each in state.tracks},
         now_s=0.0 if state.now_s is None else state.now_s,
     )
+    first_out = {group: name for group, name in state.rules.first_out.items() if is_kept.get(name)}
     renewed = [
         (old[rule.name][1], ()) if is_kept.get(rule.name) else _renewed(rule, new, old.get(rule.name), now)
         for rule, new in zip(plan.rules, new_rules(plan).steps, strict=True)
     ]
-    steps = tuple(step for step, _ in renewed)
-    first_out = {group: name for group, name in state.rules.first_out.items() if is_kept.get(name)}
+    rules = with_steps(plan, tuple(step for step, _ in renewed), first_out)
     removed = tuple(name for name in old if name not in is_kept)
     gone = dict.fromkeys(removed, REMOVED) | {name: CHANGED for name, same in is_kept.items() if not same}
     return ReloadedState(
         state=replace(
             state,
             plan=plan,
-            rules=with_steps(plan, steps, first_out),
+            rules=rules,
+            motions=motions_for(rules.layout.watch.motions, state.motions),
             due=state.due + _clear_dropped(now, old, gone) + tuple(event for _, events in renewed for event in events),
         ),
         kept=tuple(name for name, same in is_kept.items() if same),

@@ -10,7 +10,7 @@ from msgspec import Struct, field
 from msgspec.structs import force_setattr
 
 from stadimeter.core.conditions.compounds import Condition, about
-from stadimeter.core.conditions.figures import Quantity
+from stadimeter.core.conditions.quantities import QuantityName
 from stadimeter.core.decision import Severity
 
 # What is due this soon is due, however a sum of times was rounded.
@@ -233,25 +233,25 @@ Bias = Literal["neutral", "cautious", "quiet"]
 
 
 class RampRule(Rule, Struct, frozen=True, kw_only=True):
-    """Act the more strongly the further, or the nearer, the target is.
+    """Act the more strongly the larger, or the smaller, a quantity of the target is, such as its distance.
 
     Attributes:
-        start_m: Where the output begins. On the other side of it the output is 0.
-        full_m: Where the output is full. Larger than `start_m`: grows with distance; smaller: grows with nearness.
-        quantity: Whether these are straight-line distances or depths along the optical axis.
+        start: Where the output begins, in the SI unit of the quantity. On the other side of it the output is 0.
+        full: Where the output is full. Larger than `start`: grows with the quantity; smaller: as it gets less.
+        quantity: What it goes by.
         level_min: The level right after the start; a vibration motor does not turn below some level.
-        level_max: The level at and beyond `full_m`.
+        level_max: The level at and beyond `full`.
         gamma: Exponent of the curve; 1 is a straight line.
         bias: Which way to err within the standard deviation: ``cautious`` gives the stronger output, ``quiet`` the
             weaker.
-        points: A table instead of a curve: distances in metres, in order, and the level at each; between them the
+        points: A table instead of a curve: figures in the SI unit, in order, and the level at each; between them the
             level is interpolated, and beyond the ends it stays. Empty for the curve.
         dead_zone: Levels below this are 0.
     """
 
-    start_m: float
-    full_m: float
-    quantity: Quantity = "distance"
+    start: float
+    full: float
+    quantity: QuantityName = "distance"
     level_min: float = 0.0
     level_max: float = 1.0
     gamma: float = 1.0

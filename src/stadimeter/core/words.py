@@ -14,9 +14,28 @@ def metres(value_m: float, sigma_m: float) -> str:
     return f"{value_m:.{digits}f} m ± {sigma_m:.{digits}f}"
 
 
+def short_figure(value: float, unit: str) -> str:
+    """Return a figure that is in its SI unit, such as ``2.43 m`` or ``0.31 m/s``; an angle is in degrees."""
+    return f"{math.degrees(value):.1f}°" if unit == "rad" else f"{value:.2f} {unit}"
+
+
+def uncertain_figure(noun: str, value: float, sigma: float, unit: str) -> str:
+    """Return a figure with its standard deviation, such as ``sideways speed 0.31 m/s ± 0.02``."""
+    if noun in {"distance", "depth"}:
+        return metres(value, sigma)
+    return f"{noun} {short_figure(value, unit)} ± {math.degrees(sigma) if unit == 'rad' else sigma:.2f}"
+
+
 def length(value_m: float) -> str:
     """Return a length in metres and in feet, such as ``3.05 m (10.0 ft)``."""
     return f"{value_m:.2f} m ({value_m / FOOT_M:.1f} ft)"
+
+
+def figure_in_words(value: float, unit: str) -> str:
+    """Return a figure that is in its SI unit, such as ``0.60 m (2.0 ft)``; an angle is in degrees."""
+    if unit == "s":
+        return f"{value:g} s"
+    return length(value) if unit == "m" else short_figure(value, unit)
 
 
 _LONG_UNITS = (("h", 3600.0), ("min", 60.0))

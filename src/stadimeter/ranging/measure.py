@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
@@ -40,7 +41,8 @@ def measure(detection: Detection, shape: TargetShape, camera: CameraModel, captu
     # Edge bias of σ px an edge: 2 σ / P of the size, so of the distance; it is the same in every frame.
     bias_share = 2 * camera.edge_bias_sigma_px / max(detection.width_px, detection.height_px)
     lasting_share = math.hypot(_lens_share(camera, reading.position_m), shape.relative_sigma, bias_share)
-    return _with_figures(detection, captured_at_s, reading, lasting_share)
+    measurement = _with_figures(detection, captured_at_s, reading, lasting_share)
+    return replace(measurement, size_share=max(detection.width_px, detection.height_px) / camera.width_px)
 
 
 def _lens_share(camera: CameraModel, position_m: tuple[float, float, float] | None) -> float:

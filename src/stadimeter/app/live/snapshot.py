@@ -120,8 +120,8 @@ def _limits_m(rule: AnyRule) -> tuple[float, ...]:
     match rule:
         case AlarmRule(condition=DistanceCondition(above_m=above_m, below_m=below_m)):
             return tuple(limit_m for limit_m in (above_m, below_m) if limit_m is not None)
-        case RampRule():
-            return (rule.start_m,)
+        case RampRule(quantity="distance" | "depth"):
+            return (rule.start,)
         case FollowRule():
             return (rule.distance_m,)
         case _:

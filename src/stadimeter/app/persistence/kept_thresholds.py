@@ -10,9 +10,9 @@ from pathlib import Path
 from stadimeter.app.exact_json import decode
 from stadimeter.app.persistence.alarm_store import Kind, kind_of, too_large
 from stadimeter.core.alarms.settings import keep_thresholds
-from stadimeter.core.condition_words import figure_in_words
 from stadimeter.core.persistence import AlarmSnapshot
 from stadimeter.core.rule import AlarmRule, AnyRule
+from stadimeter.core.words import figure_in_words
 
 
 def describe_kept(file: Path, rules: Iterable[AnyRule]) -> Iterator[str]:

@@ -32,6 +32,7 @@ from stadimeter.core.rules.ramp import RampStep
 from stadimeter.core.rules.scheduler import with_steps
 from stadimeter.core.safety import SafetyState
 from stadimeter.core.tracking.life_cycle import TrackState
+from stadimeter.core.tracking.transverse import TransverseMotion, motions_for
 from stadimeter.errors import StateError
 
 # The name of the clock of simulations and recordings: it begins at the same time in each run.
@@ -163,6 +164,7 @@ class _RunState(Struct, frozen=True, kw_only=True):
     disagreeing: frozenset[str] = frozenset()
     disarmed: str = ""
     liveness: LivenessState = field(default_factory=LivenessState)
+    motions: tuple[TransverseMotion, ...] = ()
 
 
 def state_text(state: State) -> str:
@@ -183,6 +185,7 @@ def state_text(state: State) -> str:
         disagreeing=state.disagreeing,
         disarmed=state.disarmed,
         liveness=state.liveness,
+        motions=state.motions,
     )
     return encode(run).decode()
 
@@ -210,12 +213,13 @@ def read_state(text: str, state: State) -> State:
     tracks = {tracked.track.target: tracked for tracked in was.tracks}
     outputs = {step.command.output: step for step in was.outputs}
     names = {rule.name for rule in plan.rules}
+    rules = with_steps(plan, steps, {group: name for group, name in was.first_out.items() if name in names})
     return replace(
         state,
         now_s=was.now_s,
         usual_step_s=was.usual_step_s,
         tracks=tuple(tracks.get(new.track.target, new) for new in state.tracks),
-        rules=with_steps(plan, steps, {group: name for group, name in was.first_out.items() if name in names}),
+        rules=rules,
         safety=was.safety,
         outputs=tuple(_like(outputs.get(new.command.output), new) for new in state.outputs),
         faults=was.faults,
@@ -226,6 +230,7 @@ def read_state(text: str, state: State) -> State:
         disagreeing=was.disagreeing,
         disarmed=was.disarmed,
         liveness=was.liveness,
+        motions=motions_for(rules.layout.watch.motions, was.motions),
     )
 
 

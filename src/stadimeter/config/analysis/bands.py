@@ -11,10 +11,15 @@ from stadimeter.config.analysis import Subject
 from stadimeter.config.analysis.logic import Logic, Wanted
 from stadimeter.config.analysis.regions import beginning_of
 from stadimeter.config.findings import Finding
-from stadimeter.config.rules.compiled import WrittenCondition
+from stadimeter.config.rules.compiled import CompiledRule, WrittenCondition
+from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.conditions.compounds import AllOf, Condition
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition
 from stadimeter.core.conditions.limits import LimitsCondition, ends_of
+from stadimeter.core.conditions.measured import FigureCondition
+from stadimeter.core.conditions.quantities import QUANTITIES, noun_of
+from stadimeter.core.rule import RampRule
+from stadimeter.core.words import short_figure
 
 # Pairs of parts that are tried at most to name the two that clash: those of some sixty parts.
 _MAX_PAIRS = 2000
@@ -73,6 +78,44 @@ def _table_of(leaf: WrittenCondition) -> Any:
     for key in leaf.limits_path[len(leaf.path) :]:
         table = table[key]
     return table
+
+
+def quantity_errors(subject: Subject) -> Iterator[Finding]:
+    """Find ramps whose ends are not in order, targets compared with themselves, and heights above an unknown floor."""
+    heights: dict[KeyPath, str] = {}
+    for declared in subject.every_rule:
+        leaves = [leaf for written in declared.conditions() for leaf in written.leaves()]
+        for leaf in leaves:
+            yield from _with_itself(leaf)
+        heights |= {leaf.limits_path: getattr(leaf.condition, "quantity", "") for leaf in leaves}
+        if isinstance(declared.rule, RampRule):
+            yield from _ramp(declared, declared.rule)
+            heights[declared.at("ramp", "of")] = declared.rule.quantity
+    hint = 'add such as height = "1.2 m" to [camera], or write height_above_camera'
+    for path in [path for path, quantity in heights.items() if quantity == "height"]:
+        if subject.draft.camera_table.height is None:
+            yield Finding(path, "how high the camera is above the floor is not known", hint, "height-unknown")
+
+
+def _ramp(declared: CompiledRule, ramp: RampRule) -> Iterator[Finding]:
+    if ramp.points:  # they are checked as they are read
+        return
+    if ramp.start == ramp.full:
+        start = short_figure(ramp.start, QUANTITIES[ramp.quantity].unit)
+        message = f"the ramp goes from {start} to the same {noun_of(ramp.quantity)}"
+        yield Finding(declared.at("ramp"), message, "choose two figures, or write a rule with when", "ramp-reversed")
+    if ramp.level_min > ramp.level_max:
+        message = f"min {ramp.level_min:g} is above max {ramp.level_max:g}"
+        hint = "exchange them; from and to give the direction"
+        yield Finding(declared.at("ramp", "min"), message, hint, "ramp-reversed")
+
+
+def _with_itself(leaf: WrittenCondition) -> Iterator[Finding]:
+    condition = leaf.condition
+    if isinstance(condition, FigureCondition) and condition.is_comparison and condition.target == condition.other:
+        key = condition.comparison
+        message = f"'{condition.other}' is never {key.replace('_', ' ')} itself"
+        yield Finding((*leaf.path, key), message, "name another target", "condition-keys")
 
 
 def holding_errors(subject: Subject) -> Iterator[Finding]:

@@ -23,6 +23,7 @@ from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.leaf import Leaf
 from stadimeter.core.conditions.limits import ends_of
+from stadimeter.core.conditions.measured import DIFFERENCE, FigureCondition
 
 _DAY_S = 86400.0
 _WEEK_S = 7 * _DAY_S
@@ -138,7 +139,12 @@ def _measured(leaf: Leaf, truth: Truth) -> Iterator[Box]:
     if truth is Truth.UNKNOWN:
         yield from ({sight: GONE} for sight in sights)
         return
-    inside, possible = interval(*leaf.limits), LENGTHS if leaf.unit == "m" else ALL
+    limits = leaf.limits
+    if (
+        isinstance(leaf, FigureCondition) and leaf.is_comparison and leaf.target > leaf.other
+    ):  # one axis for both directions
+        limits = -limits[1], -limits[0]
+    inside, possible = interval(*limits), ALL if leaf.is_signed else LENGTHS
     axis = (leaf.noun, *sorted(leaf.targets_named))
     yield {**dict.fromkeys(sights, SEEN), axis: possible & (inside if truth is Truth.TRUE else ~inside)}
 
@@ -278,7 +284,18 @@ def _fits(box: Box, axis: Axis) -> bool:
         return not (box[axis] & interval(seen - 0.5, len(names) - gone + 0.5)).is_empty
     if name == "separation":
         return _triangle(box, axis)
+    if name.startswith(DIFFERENCE):
+        return _subtraction(box, axis)
     return True
+
+
+def _subtraction(box: Box, axis: Axis) -> bool:
+    """Return whether the difference of two quantities can be what it is to be, given the limits of each."""
+    least = 0.0 if axis[0] == f"{DIFFERENCE}distance" else -math.inf
+    noun = axis[0].removeprefix(DIFFERENCE)
+    (first_low, first_high), (second_low, second_high) = (_ends(box, (noun, target), least) for target in axis[1:])
+    low, high = _ends(box, axis, -math.inf)
+    return low < first_high - second_low and high > first_low - second_high
 
 
 def _triangle(box: Box, axis: Axis) -> bool:
@@ -287,6 +304,6 @@ def _triangle(box: Box, axis: Axis) -> bool:
     return low < first_high + second_high and high > max(first_low - second_high, second_low - first_high)
 
 
-def _ends(box: Box, axis: Axis) -> tuple[float, float]:
-    parts = box[axis].parts if axis in box else ((0.0, math.inf),)
+def _ends(box: Box, axis: Axis, least: float = 0.0) -> tuple[float, float]:
+    parts = box[axis].parts if axis in box else ((least, math.inf),)
     return parts[0][0], parts[-1][1]

@@ -14,6 +14,7 @@ from msgspec import Struct
 from stadimeter.config.draft import Draft
 from stadimeter.config.findings import Finding, did_you_mean_or_list
 from stadimeter.config.models import ButtonTable
+from stadimeter.config.rules.condition_tables import KEYS_OF_COMPARISONS
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.rule import AlarmRule
 from stadimeter.core.words import duration
@@ -81,6 +82,9 @@ def _names(section: str, table: Mapping[str, Any]) -> Iterator[_Name]:
 
 
 def _named_in(path: KeyPath, table: Mapping[str, Any]) -> Iterator[_Name]:
+    for key in KEYS_OF_COMPARISONS:
+        if isinstance(table.get(key), str):
+            yield _Name("target", table[key], (*path, key))
     for key in ("rule", "target"):
         if isinstance(table.get(key), str):
             yield _Name(key, table[key], (*path, key))

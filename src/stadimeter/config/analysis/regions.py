@@ -12,7 +12,7 @@ from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
 from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.leaf import Leaf
-from stadimeter.core.conditions.limits import DirectionCondition, SeparationCondition
+from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.rule import AlarmRule, AnyRule, RampRule
 
 _L = TypeVar("_L", bound=Leaf)
@@ -86,12 +86,12 @@ def _widened(condition: Condition) -> Condition:
 def widen(leaf: _L) -> _L:
     """Return a condition with each threshold moved by its deadband, standard deviations left out."""
     match leaf:
-        case DistanceCondition() | SeparationCondition():
+        case DistanceCondition():
             above_m, below_m = _moved(leaf.above_m, leaf.below_m, leaf.deadband_m)
             return replace(leaf, above_m=above_m, below_m=below_m)
-        case DirectionCondition():
-            above_rad, below_rad = _moved(leaf.above_rad, leaf.below_rad, leaf.deadband_rad)
-            return replace(leaf, above_rad=above_rad, below_rad=below_rad)
+        case FigureCondition():
+            above, below = _moved(leaf.above, leaf.below, leaf.deadband)
+            return replace(leaf, above=above, below=below)
         case _:
             return leaf
 
@@ -100,36 +100,32 @@ def _moved(low: float | None, high: float | None, by: float) -> tuple[float | No
     return None if low is None else low - by, None if high is None else high + by
 
 
-def _curve(ramp: RampRule) -> DistanceCondition:
-    begins_m = _begins_m(ramp)
-    grows = ramp.full_m > ramp.start_m
-    return _between(ramp, begins_m if grows else None, None if grows else begins_m)
+def _curve(ramp: RampRule) -> FigureCondition:
+    begins = _begins(ramp)
+    grows = ramp.full > ramp.start
+    return _between(ramp, begins if grows else None, None if grows else begins)
 
 
-def _begins_m(ramp: RampRule) -> float:
+def _begins(ramp: RampRule) -> float:
     """Return where the level comes out of the dead zone."""
     if ramp.dead_zone <= ramp.level_min:
-        return ramp.start_m
+        return ramp.start
     if ramp.dead_zone >= ramp.level_max:
-        return ramp.full_m
+        return ramp.full
     share = math.pow((ramp.dead_zone - ramp.level_min) / (ramp.level_max - ramp.level_min), 1 / ramp.gamma)
-    return ramp.start_m + share * (ramp.full_m - ramp.start_m)
+    return ramp.start + share * (ramp.full - ramp.start)
 
 
 def _points(ramp: RampRule, *, is_winner: bool) -> list[Condition]:
     """Return between which points, and beyond which, the level is above zero: surely, or possibly."""
     least = min if is_winner else max
-    ends_m = [(None, ramp.points[0][0]), *pairwise(at_m for at_m, _ in ramp.points), (ramp.points[-1][0], None)]
+    ends = [(None, ramp.points[0][0]), *pairwise(at for at, _ in ramp.points), (ramp.points[-1][0], None)]
     levels = [ramp.points[0][1], *(least(pair) for pair in pairwise(level for _, level in ramp.points))]
     levels.append(ramp.points[-1][1])
     return [
-        _between(ramp, low_m, high_m)
-        for (low_m, high_m), level in zip(ends_m, levels, strict=True)
-        if level > ramp.dead_zone
+        _between(ramp, low, high) for (low, high), level in zip(ends, levels, strict=True) if level > ramp.dead_zone
     ]
 
 
-def _between(ramp: RampRule, above_m: float | None, below_m: float | None) -> DistanceCondition:
-    return DistanceCondition(
-        above_m=above_m, below_m=below_m, quantity=ramp.quantity, deadband_m=0.0, target=ramp.target
-    )
+def _between(ramp: RampRule, above: float | None, below: float | None) -> FigureCondition:
+    return FigureCondition(quantity=ramp.quantity, above=above, below=below, target=ramp.target)

@@ -12,7 +12,7 @@ from typing import Any
 from msgspec import Struct
 from msgspec.structs import replace
 
-from stadimeter.config.rules.condition_tables import kinds_in
+from stadimeter.config.rules.condition_tables import KEYS_OF_COMPARISONS, KEYS_OF_QUANTITIES, kinds_in
 from stadimeter.config.rules.tables import KINDS, RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.toml_source import as_toml
@@ -23,7 +23,10 @@ from stadimeter.core.rule import AlarmRule, AnyRule
 
 # Conditions that are a table of their own inside the table of the condition.
 _MAX_LENGTH = 70
-_OF_ONE_QUANTITY = ("bearing", "elevation", "closing_speed", "time_to_contact", "separation", "count", "time")
+_OF_ONE_QUANTITY = (
+    "bearing", "elevation", "closing_speed", "time_to_contact", "separation", "count", "time",
+    *KEYS_OF_QUANTITIES, *KEYS_OF_COMPARISONS,
+)  # fmt: skip
 
 
 class WrittenCondition(Struct, frozen=True, kw_only=True):

@@ -11,20 +11,16 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BeforeValidator, Field, WithJsonSchema
 
 from stadimeter.config.models import DurationAboveZero, Section
-from stadimeter.config.rules.limit_tables import (
-    ClosingTable,
-    ContactTable,
-    DirectionTable,
-    LikelihoodTable,
-    LimitsTable,
-    SeparationTable,
-)
+from stadimeter.config.rules import figure_tables as figures
+from stadimeter.config.rules.limit_tables import ContactTable, LikelihoodTable, LimitsTable
 from stadimeter.config.units import Duration, Length, LengthOrZero, TimeOfDay, Voltage
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.figures import Quantity
+from stadimeter.core.conditions.measured import COMPARISONS, FigureCondition
 from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
+from stadimeter.core.conditions.quantities import STILL_WITHIN_M
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.decision import Severity
 
@@ -105,15 +101,47 @@ class WhenTable(LimitsTable, LikelihoodTable):
     """In seconds; holds once the target has been tracked for this long."""
     lost_for: Duration | None = None
     """In seconds; holds once it has not been tracked for this long."""
-    bearing: DirectionTable | None = None
+    bearing: figures.DirectionTable | None = None
     """Holds while the target is in this direction."""
-    elevation: DirectionTable | None = None
+    elevation: figures.DirectionTable | None = None
     """Holds while the target is in this direction."""
-    closing_speed: ClosingTable | None = None
+    closing_speed: figures.SpeedTable | None = None
     """Holds while the target comes nearer at this speed."""
     time_to_contact: ContactTable | None = None
     """Holds while the target will be here this soon."""
-    separation: SeparationTable | None = None
+    x: figures.PlaceTable | None = None
+    """Holds while the target is this far to the right of the camera."""
+    y: figures.PlaceTable | None = None
+    """Holds while the target is this far below the camera, in the picture's direction."""
+    z: figures.PlaceTable | None = None
+    """Holds while the target is this far ahead of the camera, along the optical axis."""
+    height: figures.PlaceTable | None = None
+    """Holds while the target is this high above the floor; needs `height` in the section of the camera."""
+    height_above_camera: figures.PlaceTable | None = None
+    """Holds while the target is this high above the camera."""
+    sideways_speed: figures.SpeedTable | None = None
+    """Holds while the target moves to the right at this speed."""
+    speed: figures.SpeedTable | None = None
+    """Holds while the target moves at this speed, in whatever direction."""
+    size: figures.SizeTable | None = None
+    """Holds while the target appears this large in the picture."""
+    still_for: DurationAboveZero | None = None
+    """In seconds; holds once the target has not moved for this long."""
+    still_within: LengthOrZero = STILL_WITHIN_M
+    """In metres; for `still_for`, the target has moved when it is further than this from where it began to stand."""
+    nearer_than: figures.Comparison | None = None
+    """Holds while the target is nearer than another one."""
+    further_than: figures.Comparison | None = None
+    """Holds while the target is further away than another one."""
+    left_of: figures.DirectionComparison | None = None
+    """Holds while the target is to the left of another one, as seen by the camera."""
+    right_of: figures.DirectionComparison | None = None
+    """Holds while the target is to the right of another one, as seen by the camera."""
+    higher_than: figures.Comparison | None = None
+    """Holds while the target is higher above the floor than another one."""
+    lower_than: figures.Comparison | None = None
+    """Holds while the target is lower than another one."""
+    separation: figures.SeparationTable | None = None
     """Holds while two targets are this far apart."""
     count: CountTable | None = None
     """Holds while this many targets are in sight."""
@@ -167,6 +195,8 @@ def kinds_in(table: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def _of_kind(table: Mapping[str, Any], group: tuple[str, ...]) -> dict[str, Any]:
     beside: tuple[str, ...] = ("target",) if group[0] in _OF_A_TARGET else ()
+    if group[0] == "still_for":
+        beside = (KEY_ABOUT_STANDING, "target")
     if "below" in group:
         beside = (*KEYS_ABOUT_DISTANCE, "target")
     return {key: value for key, value in table.items() if key in group or key in beside}
@@ -182,19 +212,35 @@ def _parts(tables: list[WhenTable] | None, severity: Severity) -> tuple[Conditio
 
 _Conversion = Callable[[Any, Severity], Condition]
 
+# The quantities that have a table of their own shape, and are converted alike.
+KEYS_OF_QUANTITIES = ("x", "y", "z", "height", "height_above_camera", "sideways_speed", "speed", "size")
+KEYS_OF_COMPARISONS = tuple(COMPARISONS)
+
+
+def _on_quantity(key: str) -> _Conversion:
+    return lambda when, severity: getattr(when, key).to_plan(key, severity, when.target or "")
+
+
+def _compared(key: str) -> _Conversion:
+    return lambda when, severity: figures.comparison_of(getattr(when, key)).compare(key, severity, when.target or "")
+
+
 # Each key that makes a condition something else than one on the distance, and its conversion.
 _OF_A_TARGET: dict[str, _Conversion] = {
     "seen": lambda when, _: _presence(when, seen=True),
     "lost": lambda when, _: _presence(when, seen=False),
     "seen_for": lambda when, _: _presence(when, seen=True, for_s=when.seen_for),
     "lost_for": lambda when, _: _presence(when, seen=False, for_s=when.lost_for),
-    "bearing": lambda when, _: when.bearing.to_plan("bearing", when.target or ""),
-    "elevation": lambda when, _: when.elevation.to_plan("elevation", when.target or ""),
-    "closing_speed": lambda when, severity: when.closing_speed.to_plan(severity, when.target or ""),
+    **{key: _on_quantity(key) for key in ("bearing", "elevation", "closing_speed")},
     "time_to_contact": lambda when, severity: when.time_to_contact.to_plan(severity, when.target or ""),
+    **{key: _on_quantity(key) for key in KEYS_OF_QUANTITIES},
+    "still_for": lambda when, _: FigureCondition(
+        quantity="still", above=when.still_for, within_m=when.still_within, target=when.target or "", **figures.AS_IT_IS
+    ),
+    **{key: _compared(key) for key in KEYS_OF_COMPARISONS},
 }
 _OF_NO_TARGET: dict[str, _Conversion] = {
-    "separation": lambda when, severity: when.separation.to_plan(severity),
+    "separation": lambda when, severity: when.separation.to_plan("separation", severity, *when.separation.of),
     "count": lambda when, _: when.count.to_plan(),
     "rule": lambda when, _: RuleCondition(rule=when.rule),
     "time": lambda when, _: when.time.to_plan(),
@@ -212,6 +258,9 @@ _CONVERSIONS = _OF_A_TARGET | _OF_NO_TARGET | _OF_OTHERS
 
 # The keys of conditions on one target, on several or none, and on other conditions.
 KEYS_OF_A_TARGET, KEYS_OF_NO_TARGET, KEYS_OF_OTHERS = map(tuple, (_OF_A_TARGET, _OF_NO_TARGET, _OF_OTHERS))
+
+# The key that belongs to `still_for`.
+KEY_ABOUT_STANDING = "still_within"
 
 # The keys that belong to limits on the distance.
 KEYS_ABOUT_DISTANCE = ("of", "deadband", "deadband_sigmas", "probability", "probability_off")

@@ -8,27 +8,16 @@ from typing import Annotated, ClassVar, TypedDict
 from pydantic import BeforeValidator, Field, WithJsonSchema
 
 from stadimeter.config.models import DurationAboveZero, Section
-from stadimeter.config.units import Angle, AngleOrZero, Duration, Length, LengthOrZero, Speed, Velocity
+from stadimeter.config.units import Duration, LengthOrZero, Speed
 from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.conditions.figures import Direction
-from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, SeparationCondition
 from stadimeter.core.decision import Severity
 
 # A safety rule acts as soon as danger is as likely as not.
 PROBABILITY_FOR_SAFETY = 0.5
 
-# A speed is estimated from many frames, and overshoots for some tenths of a second after a target has set off. At even
-# odds the estimate alone decides, and every third target that sets off to 70 % of a limit is taken to be above it; at
-# 0.8 its standard deviation, which says that it has not settled, keeps all but 1 in 50 out. A target at twice the limit
-# is found 0.1 s later, one at 1.1 times 0.3 to 0.6 s. Measured by ``tests/benchmarks/closing_speeds.py``.
-PROBABILITY_OF_SPEED_FOR_SAFETY = 0.8
-
 _DISTANCE = DistanceCondition()
-_DIRECTION = DirectionCondition()
-_CLOSING = ClosingCondition()
 _CONTACT = TimeToContactCondition(below_s=1.0)
-_SEPARATION = SeparationCondition(targets=("", ""))
 
 _Bounds = tuple[float | None, float | None]
 
@@ -99,53 +88,6 @@ class LikelihoodTable(Section):
         }
 
 
-class DirectionTable(LimitsTable):
-    """A condition on the bearing, positive to the right, or the elevation, positive upwards."""
-
-    above: Angle | None = None
-    """In radians."""
-    below: Angle | None = None
-    """In radians."""
-    between: Annotated[list[Angle], Field(min_length=2, max_length=2)] | None = None
-    """In radians."""
-    deadband: AngleOrZero = _DIRECTION.deadband_rad
-    """In radians; how far the target must come back."""
-
-    def to_plan(self, quantity: Direction, target: str) -> DirectionCondition:
-        """Return the condition as the core sees it."""
-        above_rad, below_rad = self.limits
-        return DirectionCondition(
-            quantity=quantity, above_rad=above_rad, below_rad=below_rad, deadband_rad=self.deadband, target=target
-        )
-
-
-class ClosingTable(LimitsTable, LikelihoodTable):
-    """A condition on the speed at which a target comes nearer; that of one that goes away is below zero."""
-
-    above: Velocity | None = None
-    """In m/s."""
-    below: Velocity | None = None
-    """In m/s."""
-    between: Annotated[list[Velocity], Field(min_length=2, max_length=2)] | None = None
-    """In m/s."""
-    deadband: Speed = _CLOSING.deadband_mps
-    """In m/s; how far the speed must come back."""
-    deadband_sigmas: Sigmas = _CLOSING.deadband_sigmas
-    probability: Probability = _CLOSING.probability_on
-    probability_for_safety: ClassVar[float] = PROBABILITY_OF_SPEED_FOR_SAFETY
-
-    def to_plan(self, severity: Severity, target: str) -> ClosingCondition:
-        """Return the condition as the core sees it."""
-        above_mps, below_mps = self.limits
-        return ClosingCondition(
-            above_mps=above_mps,
-            below_mps=below_mps,
-            deadband_mps=self.deadband,
-            **self.likelihood(severity),
-            target=target,
-        )
-
-
 class ContactTable(LikelihoodTable):
     """A condition on how soon a target will be here, if it goes on as it does."""
 
@@ -171,30 +113,4 @@ class ContactTable(LikelihoodTable):
             deadband_s=self.deadband,
             **self.likelihood(severity),
             target=target,
-        )
-
-
-class SeparationTable(LimitsTable, LikelihoodTable):
-    """A condition on how far two targets are from each other."""
-
-    of: Annotated[list[str], Field(min_length=2, max_length=2)]
-    """The two targets."""
-    above: Length | None = None
-    """In metres."""
-    below: Length | None = None
-    """In metres."""
-    between: Annotated[list[Length], Field(min_length=2, max_length=2)] | None = None
-    """In metres."""
-    deadband: LengthOrZero = _SEPARATION.deadband_m
-    """In metres; how far they must come back."""
-
-    def to_plan(self, severity: Severity) -> SeparationCondition:
-        """Return the condition as the core sees it."""
-        above_m, below_m = self.limits
-        return SeparationCondition(
-            targets=(self.of[0], self.of[1]),
-            above_m=above_m,
-            below_m=below_m,
-            deadband_m=self.deadband,
-            **self.likelihood(severity),
         )

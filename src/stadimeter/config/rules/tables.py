@@ -6,8 +6,9 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 from pydantic import Discriminator, Field, Tag
 
 from stadimeter.config.models import DurationAboveZero, Section, Share
-from stadimeter.config.rules.action_tables import FollowTable, PatternTable, RampTable, RuleCommon, StepTable
+from stadimeter.config.rules.action_tables import FollowTable, PatternTable, RuleCommon, StepTable
 from stadimeter.config.rules.condition_tables import WhenTable
+from stadimeter.config.rules.ramp_tables import RampTable
 from stadimeter.config.units import Duration
 from stadimeter.core import rule
 from stadimeter.core.conditions.compounds import Condition, leaves, targets_of

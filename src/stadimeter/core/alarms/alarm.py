@@ -18,7 +18,6 @@ from stadimeter.core.alarms.alarm_words import given_up_in_words, in_words, miss
 from stadimeter.core.alarms.machine import LATCHED, AlarmRecord, AlarmState
 from stadimeter.core.alarms.settings import as_set, keep_thresholds
 from stadimeter.core.alarms.state import NO_INHIBITS, Sample, SetThreshold, is_too_frequent
-from stadimeter.core.condition_words import figure_in_words
 from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition
 from stadimeter.core.conditions.leaf import Rest, RuleInputs
@@ -26,6 +25,7 @@ from stadimeter.core.decision import Event, EventKind, Notice, RuleStatus, RuleT
 from stadimeter.core.rule import ROUNDING_S, AlarmRule
 from stadimeter.core.rule_step import OBSERVED, Step, keep_if_same, trace_of
 from stadimeter.core.track import TrackStatus
+from stadimeter.core.words import figure_in_words
 
 # At the start of a run, and after a restart, a target may take this long to be seen: until then it is not lost.
 AWAITED_S = 10.0

@@ -13,12 +13,11 @@ from stadimeter.core.alarms.alarm_words import why_not_latched
 from stadimeter.core.alarms.machine import LATCHED, TRANSITIONS, Trigger
 from stadimeter.core.alarms.settings import RuleThreshold, move, thresholds_of
 from stadimeter.core.alarms.state import Acknowledgement, SetThreshold
-from stadimeter.core.condition_words import figure_in_words
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decision import EventKind, Severity
 from stadimeter.core.operator import OperatorAnswer, OperatorCommand
 from stadimeter.core.rule import AlarmRule
-from stadimeter.core.words import duration
+from stadimeter.core.words import duration, figure_in_words
 from stadimeter.operator_actions import OperatorAction
 
 Refusal = str  # why a command is not done; empty if it is

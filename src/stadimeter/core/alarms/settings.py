@@ -16,12 +16,11 @@ from msgspec.structs import replace
 from stadimeter.core.alarms.machine import AlarmRecord
 from stadimeter.core.alarms.state import SetThreshold
 from stadimeter.core.bounds import MIN_QUANTITY
-from stadimeter.core.condition_words import figure_in_words
 from stadimeter.core.conditions.compounds import leaves, named_leaves, with_leaves
 from stadimeter.core.conditions.leaf import Leaf, Threshold
 from stadimeter.core.decision import Severity
 from stadimeter.core.rule import AlarmRule
-from stadimeter.core.words import rounded_duration
+from stadimeter.core.words import figure_in_words, rounded_duration
 
 
 class RuleThreshold(NamedTuple):

@@ -13,8 +13,8 @@ from stadimeter.core.conditions.limits import (
     LimitsCondition,
     ends_of,
     turning_point,
-    value_of,
 )
+from stadimeter.core.conditions.quantities import quantity_figure
 
 
 class DistanceCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
@@ -62,7 +62,7 @@ class DistanceCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     @property
     def figure(self) -> Figure:
         """The distance or the depth of its target."""
-        return distance_figure(self.target, self.quantity)
+        return quantity_figure(self.target, self.quantity)
 
     def uncertain(self, inputs: RuleInputs) -> Uncertain | None:
         """Return the distance or depth; see `LimitsCondition.uncertain`."""
@@ -157,12 +157,3 @@ class DistanceCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
         if math.isfinite(high):
             points += turning_point(holds, middle if math.isfinite(low) else 0.0, 2 * high)
         return tuple(points)
-
-
-def distance_figure(target: str, quantity: Quantity) -> Figure:
-    """Return the figure of the distance or the depth of a target, in metres."""
-    return Figure(_distance_m, (target, quantity))
-
-
-def _distance_m(inputs: RuleInputs, target: str, quantity: Quantity) -> float:
-    return value_of(quantity_of(inputs.tracks[target], quantity))

@@ -19,6 +19,7 @@ from stadimeter.core.decision import SafetyMode
 from stadimeter.core.measurement import Sighting
 from stadimeter.core.observation import WallTime
 from stadimeter.core.track import Track
+from stadimeter.core.tracking.transverse import AskedMotion, TransverseMotion, Viewpoint
 
 # The value of a figure that is not known. No figure that is known has it.
 UNKNOWN = -math.inf
@@ -40,6 +41,8 @@ class RuleInputs(Struct, frozen=True, kw_only=True):
         commands: What each output was commanded in the cycle before, by its name.
         safety: Whether outputs may act, as far as it is known before the rules are judged.
         undelivered_since_s: As in `stadimeter.core.observation.Observation`.
+        motions: How targets move across the line of sight, by name: those that some rule asks it of.
+        viewpoint: From where the camera looks.
     """
 
     tracks: Mapping[str, Track]
@@ -54,6 +57,8 @@ class RuleInputs(Struct, frozen=True, kw_only=True):
     commands: Mapping[str, Command] = field(default_factory=dict)
     safety: SafetyMode = SafetyMode.ACTIVE
     undelivered_since_s: float | None = None
+    motions: Mapping[str, TransverseMotion] = field(default_factory=dict)
+    viewpoint: Viewpoint = Viewpoint()
 
 
 class Figure(NamedTuple):
@@ -62,6 +67,8 @@ class Figure(NamedTuple):
     read: Callable[..., float]
     """From what is known in a cycle, and `of`; `UNKNOWN` where it is not known."""
     of: tuple[Any, ...]
+    motions: tuple[AskedMotion, ...] = ()
+    """The motions across the line of sight that it takes; these are worked out only where some figure does."""
 
 
 class Rest(NamedTuple):
@@ -134,6 +141,11 @@ class Leaf:
     def unit(self) -> str:
         """The SI unit of its figures; empty for those without."""
         return ""
+
+    @property
+    def is_signed(self) -> bool:
+        """Whether its figure may be below zero."""
+        return self.unit != "m"
 
     @property
     def limits(self) -> tuple[float, float]:

@@ -16,18 +16,7 @@ import math
 from collections.abc import Callable
 from typing import ClassVar
 
-from msgspec import Struct
-from msgspec.structs import replace
-
-from stadimeter.core.bounds import MAX_ANGLE_RAD, MAX_LENGTH_M, MAX_SPEED_MPS, MIN_QUANTITY
-from stadimeter.core.conditions.figures import (
-    Direction,
-    Uncertain,
-    closing_of,
-    direction_of,
-    probability_between,
-    separation_of,
-)
+from stadimeter.core.conditions.figures import Uncertain, probability_between
 from stadimeter.core.conditions.leaf import UNKNOWN, Figure, JudgedFigure, Leaf, Rest, RuleInputs, Threshold
 
 # Nothing is in doubt this many standard deviations from a threshold.
@@ -59,7 +48,7 @@ class LimitsCondition(Leaf):
     def can_end(self) -> bool:
         """Whether a figure that is never below zero can come back over the deadband."""
         low, high = self.limits
-        return self.unit != "m" or math.isinf(low) or math.isfinite(high) or self.deadband < low
+        return self.is_signed or math.isinf(low) or math.isfinite(high) or self.deadband < low
 
     @property
     def thresholds(self) -> tuple[Threshold, ...]:
@@ -74,7 +63,7 @@ class LimitsCondition(Leaf):
         if math.isinf(low):
             return (Threshold(f"{inside}below", upper, least, most),)
         if math.isinf(high):
-            above_band = math.nextafter(self.deadband, math.inf) if self.unit == "m" else least
+            above_band = least if self.is_signed else math.nextafter(self.deadband, math.inf)
             return (Threshold(f"{inside}above", lower, max(least, above_band), most),)
         near, far = ("near", "far") if self.unit == "m" else ("low", "high")
         return (
@@ -170,7 +159,7 @@ class LimitsCondition(Leaf):
         value, sigma, noise = figures
         low, high = self.widened_limits(value, noise) if is_on else self.limits
         likely = None if self.probability_on is None else probability_between(low, high, value, sigma)
-        return JudgedFigure(value=value, sigma=sigma, low=low, high=high, probability=likely)
+        return JudgedFigure(value=value, sigma=sigma or None, low=low, high=high, probability=likely)
 
     def turning_points(self, inputs: RuleInputs, *, is_on: bool) -> tuple[float, ...]:
         """Return the figures at which it begins, or ends; see `Leaf.turning_points`."""
@@ -220,172 +209,3 @@ def turning_point(holds: Callable[[float], bool], inside: float, outside: float)
         else:
             outside = middle
     return [(inside + outside) / 2]
-
-
-class ClosingCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
-    """How fast the target comes nearer.
-
-    It takes more than for a distance to be sure: a target that was just seen first may move at any speed.
-
-    Attributes:
-        above_mps: Holds above this; None for no such threshold. A target that goes away closes at less than nothing.
-        below_mps: Holds below this.
-        deadband_mps: How far the speed must come back before the condition ends.
-        deadband_sigmas: The same in standard deviations; the larger of the two counts.
-        probability_on: The condition begins when it is at least this likely; None compares the figures alone.
-        probability_off: The condition ends when it is, deadband included, at most this likely.
-        target: The target; empty for that of the rule.
-    """
-
-    above_mps: float | None = None
-    below_mps: float | None = None
-    deadband_mps: float = 0.0
-    deadband_sigmas: float = 2.0
-    probability_on: float | None = 0.95
-    probability_off: float = 0.5
-    target: str = ""
-
-    unit = "m/s"
-    noun = "closing speed"
-    section = "closing_speed"
-    ends = ("above_mps", "below_mps")
-    bounds = (-MAX_SPEED_MPS, MAX_SPEED_MPS)
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        """In m/s; infinite where there is none."""
-        return ends_of(self.above_mps, self.below_mps)
-
-    @property
-    def deadband(self) -> float:
-        """In m/s."""
-        return self.deadband_mps
-
-    @property
-    def figure(self) -> Figure:
-        """The closing speed of its target."""
-        return Figure(_closing_mps, (self.target,))
-
-    def uncertain(self, inputs: RuleInputs) -> Uncertain | None:
-        """Return the speed; see `LimitsCondition.uncertain`."""
-        return closing_of(inputs.tracks[self.target])
-
-
-class DirectionCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
-    """In which direction the target is.
-
-    Attributes:
-        quantity: Bearing, positive to the right, or elevation, positive upwards.
-        above_rad: Holds above this; None for no such threshold.
-        below_rad: Holds below this. With both, it holds between them.
-        deadband_rad: How far the target must come back before the condition ends.
-        target: The target; empty for that of the rule.
-    """
-
-    quantity: Direction = "bearing"
-    above_rad: float | None = None
-    below_rad: float | None = None
-    deadband_rad: float = 0.02
-    target: str = ""
-
-    unit = "rad"
-    ends = ("above_rad", "below_rad")
-    bounds = (-MAX_ANGLE_RAD, MAX_ANGLE_RAD)
-
-    @property
-    def noun(self) -> str:
-        """Bearing or elevation."""
-        return self.quantity
-
-    @property
-    def section(self) -> str:
-        """The table of a direction is called like its quantity."""
-        return self.quantity
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        """In radians; infinite where there is none."""
-        return ends_of(self.above_rad, self.below_rad)
-
-    @property
-    def deadband(self) -> float:
-        """In radians."""
-        return self.deadband_rad
-
-    @property
-    def figure(self) -> Figure:
-        """The bearing or the elevation of its target."""
-        return Figure(_direction_rad, (self.target, self.quantity))
-
-    def uncertain(self, inputs: RuleInputs) -> Uncertain | None:
-        """Return the angle; see `LimitsCondition.uncertain`."""
-        return direction_of(inputs.tracks[self.target], self.quantity)
-
-    def reading(self, inputs: RuleInputs, is_on: bool) -> JudgedFigure | None:
-        """Return the angle, without a standard deviation: that is not known."""
-        reading = LimitsCondition.reading(self, inputs, is_on)
-        return None if reading is None else replace(reading, sigma=None)
-
-
-class SeparationCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
-    """How far two targets are from each other.
-
-    Attributes:
-        above_m: Holds when they are further apart than this; None for no such threshold.
-        below_m: Holds when they are nearer to each other than this.
-        deadband_m: How far they must come back before the condition ends.
-        deadband_sigmas: The same in standard deviations of the noise; the larger of the two counts.
-        probability_on: The condition begins when it is at least this likely; None compares the figures alone.
-        probability_off: The condition ends when it is, deadband included, at most this likely.
-    """
-
-    targets: tuple[str, str]
-    above_m: float | None = None
-    below_m: float | None = None
-    deadband_m: float = 0.0
-    deadband_sigmas: float = 3.0
-    probability_on: float | None = 0.7
-    probability_off: float = 0.5
-
-    unit = "m"
-    noun = "separation"
-    section = "separation"
-    ends = ("above_m", "below_m")
-    bounds = (MIN_QUANTITY, MAX_LENGTH_M)
-
-    @property
-    def targets_named(self) -> tuple[str, ...]:
-        """The two."""
-        return self.targets
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        """In metres; infinite where there is none."""
-        return ends_of(self.above_m, self.below_m)
-
-    @property
-    def deadband(self) -> float:
-        """In metres."""
-        return self.deadband_m
-
-    @property
-    def figure(self) -> Figure:
-        """The distance of the two from each other."""
-        return Figure(_separation_m, self.targets)
-
-    def uncertain(self, inputs: RuleInputs) -> Uncertain | None:
-        """Return the separation; see `LimitsCondition.uncertain`."""
-        first, second = self.targets
-        return separation_of(inputs.tracks[first], inputs.tracks[second])
-
-
-def _closing_mps(inputs: RuleInputs, target: str) -> float:
-    return value_of(closing_of(inputs.tracks[target]))
-
-
-def _direction_rad(inputs: RuleInputs, target: str, quantity: Direction) -> float:
-    return value_of(direction_of(inputs.tracks[target], quantity))
-
-
-def _separation_m(inputs: RuleInputs, first: str, second: str) -> float:
-    return value_of(separation_of(inputs.tracks[first], inputs.tracks[second]))

@@ -43,7 +43,7 @@ class Reasons(Mapping[str, str]):
             case AlarmRule(), AlarmStep():
                 return describe_alarm(rule, step.record, self.inputs_of_rules())
             case RampRule(), _:
-                return describe_ramp(rule, self.inputs.tracks[rule.target])
+                return describe_ramp(rule, self.inputs)
             case FollowRule(), FollowStep():
                 return describe_follow(rule, step, self.inputs.tracks[rule.target])
             case _:

@@ -21,10 +21,11 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from stadimeter.core.conditions.compounds import leaves
-from stadimeter.core.conditions.distance import distance_figure
 from stadimeter.core.conditions.leaf import UNKNOWN, Figure, Rest, RuleInputs
+from stadimeter.core.conditions.quantities import quantity_figure
 from stadimeter.core.decision import Severity
 from stadimeter.core.rule import ROUNDING_S, AlarmRule, AnyRule, RampRule
+from stadimeter.core.tracking.transverse import AskedMotion
 
 # In one cycle this many quiescent rules are evaluated: about 5 ms if each of them raises an alarm (x86, 3 GHz).
 MAX_WOKEN = 128
@@ -49,6 +50,11 @@ class Watch(Struct, frozen=True, kw_only=True, eq=False):
     rule_of_row: _Positions = field(default_factory=lambda: np.zeros(0, np.intp))
     rows: tuple[Mapping[Figure, int], ...] = ()
     safety: frozenset[int] = frozenset()
+
+    @property
+    def motions(self) -> frozenset[AskedMotion]:
+        """The motions across the line of sight that any figure takes."""
+        return frozenset(motion for figure in self.figures for motion in figure.motions)
 
 
 class Quiescence(Struct, frozen=True, kw_only=True, eq=False):
@@ -166,6 +172,6 @@ def _watched(rule: AnyRule) -> Iterator[Figure]:
                 for leaf in leaves(condition) if condition is not None else ():
                     yield from leaf.figures()
         case RampRule():
-            yield distance_figure(rule.target, rule.quantity)
+            yield quantity_figure(rule.target, rule.quantity)
         case _:
             pass  # a rule that follows its target is always active

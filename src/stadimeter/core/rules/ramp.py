@@ -1,4 +1,4 @@
-"""An output that grows with distance, or with nearness: along a curve, or by a table of points.
+"""An output that grows with a figure of its target, such as its nearness: along a curve, or by a table of points.
 
 How fast a level may change is a matter of the output (`rise_per_s`, `fall_per_s`), not of the ramp: an output that two
 rules drive in turn has one motor, and one answer to how fast that may speed up.
@@ -9,15 +9,13 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 
-from stadimeter.core.condition_words import describe_unseen
-from stadimeter.core.conditions.distance import distance_figure
-from stadimeter.core.conditions.figures import quantity_of
-from stadimeter.core.conditions.leaf import UNKNOWN, Rest
+from stadimeter.core.condition_words import describe_unread
+from stadimeter.core.conditions.leaf import UNKNOWN, Rest, RuleInputs
+from stadimeter.core.conditions.quantities import QUANTITIES, noun_of, quantity_figure, uncertain_of
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.rule import RampRule
 from stadimeter.core.rule_step import LevelRequest, Step, trace_of
-from stadimeter.core.track import Track
-from stadimeter.core.words import metres
+from stadimeter.core.words import short_figure, uncertain_figure
 
 # An output that has begun goes on until the target is this far back, in standard deviations of the noise: noise at the
 # start must not switch it.
@@ -36,38 +34,42 @@ def new_ramp(rule: RampRule) -> RampStep:
     return RampStep(trace=trace_of(rule, RuleStatus.UNKNOWN))
 
 
-def step_ramp(rule: RampRule, before: RampStep, track: Track) -> RampStep:
+def step_ramp(rule: RampRule, before: RampStep, inputs: RuleInputs) -> RampStep:
     """Judge a ramp for one cycle; the step before is returned if nothing changed."""
-    figures = quantity_of(track, rule.quantity)
+    figures = uncertain_of(inputs, rule.target, rule.quantity)
     if figures is None:
         return _step(rule, before, RuleStatus.UNKNOWN, 0.0)
     level = ramp_level(rule, *figures, is_on=before.level > 0)
     return _step(rule, before, RuleStatus.ACTIVE if level > 0 else RuleStatus.IDLE, level)
 
 
-def rest_of_ramp(rule: RampRule, step: RampStep, track: Track) -> Rest | None:
+def rest_of_ramp(rule: RampRule, step: RampStep, inputs: RuleInputs) -> Rest | None:
     """Return for how long a ramp stays at its level; None if it must be judged in every cycle."""
-    figures, figure = quantity_of(track, rule.quantity), distance_figure(rule.target, rule.quantity)
+    figures, figure = uncertain_of(inputs, rule.target, rule.quantity), quantity_figure(rule.target, rule.quantity)
     if figures is None:
         return Rest(((figure, UNKNOWN, UNKNOWN),))
-    flat = flat_interval_m(rule, figures[0])
+    flat = flat_interval(rule, figures[0])
     # A level that is only held against noise ends when the noise changes.
     if flat is None or (step.level > 0 and ramp_level(rule, *figures, is_on=False) == 0):
         return None
     return Rest(((figure, *flat),))
 
 
-def describe_ramp(rule: RampRule, track: Track) -> str:
+def describe_ramp(rule: RampRule, inputs: RuleInputs) -> str:
     """Return why a ramp does what it does, in words with figures."""
-    figures = quantity_of(track, rule.quantity)
+    figures = uncertain_of(inputs, rule.target, rule.quantity)
     if figures is None:
-        return describe_unseen(track)
-    now = metres(*figures[:2])
+        return describe_unread((inputs.tracks[rule.target],), noun_of(rule.quantity))
+    now = uncertain_figure(noun_of(rule.quantity), *figures[:2], QUANTITIES[rule.quantity].unit)
     if rule.points:
-        (near_m, at_near), (far_m, at_far) = rule.points[0], rule.points[-1]
-        table = f"the table from {near_m:.2f} m ({at_near:.0%}) to {far_m:.2f} m ({at_far:.0%})"
+        (low, at_low), (high, at_high) = rule.points[0], rule.points[-1]
+        table = f"the table from {_at(rule, low)} ({at_low:.0%}) to {_at(rule, high)} ({at_high:.0%})"
         return f"{now}: {ramp_level(rule, *figures, is_on=False):.0%} by {table}"
-    return f"{now} between {rule.start_m:.2f} m (off) and {rule.full_m:.2f} m (full)"
+    return f"{now} between {_at(rule, rule.start)} (off) and {_at(rule, rule.full)} (full)"
+
+
+def _at(rule: RampRule, value: float) -> str:
+    return short_figure(value, QUANTITIES[rule.quantity].unit)
 
 
 def _step(rule: RampRule, before: RampStep, status: RuleStatus, level: float) -> RampStep:
@@ -80,10 +82,10 @@ def _step(rule: RampRule, before: RampStep, status: RuleStatus, level: float) ->
     return RampStep(trace=trace, requests=requests, level=level)
 
 
-# The level at a distance
+# The level at a figure
 
 
-def ramp_level(rule: RampRule, value_m: float, sigma_m: float, noise_m: float, *, is_on: bool) -> float:
+def ramp_level(rule: RampRule, value: float, sigma: float, noise: float, *, is_on: bool) -> float:
     """Return the level that a ramp gives.
 
     Along the curve, with u the share of the way from start to full, limited to 0…1: 0 where u = 0, else
@@ -91,65 +93,65 @@ def ramp_level(rule: RampRule, value_m: float, sigma_m: float, noise_m: float, *
     below the dead zone is 0.
 
     Args:
-        value_m: Distance or depth.
-        sigma_m: Its standard deviation; the bias is within that.
-        noise_m: The part of that which differs from frame to frame.
+        value: The ramp's quantity, in its SI unit.
+        sigma: Its standard deviation; the bias is within that.
+        noise: The part of that which differs from frame to frame.
         is_on: Whether the output is above zero now.
     """
     if rule.bias == "neutral":
-        level = _level(rule, value_m)
+        level = _level(rule, value)
     elif rule.bias == "cautious":
-        level = max(_levels_within(rule, value_m, sigma_m))
+        level = max(_levels_within(rule, value, sigma))
     else:
-        level = min(_levels_within(rule, value_m, sigma_m))
+        level = min(_levels_within(rule, value, sigma))
     if level > 0 or not is_on:
         return level
     held = max(rule.dead_zone, 0.0 if rule.points else rule.level_min)
-    return held if _is_near_start(rule, value_m, sigma_m, noise_m) else 0.0
+    return held if _is_near_start(rule, value, sigma, noise) else 0.0
 
 
-def flat_interval_m(rule: RampRule, value_m: float) -> tuple[float, float] | None:
-    """Return the distances, ends included, between which the level stays as it is at one of them; None if it does not.
+def flat_interval(rule: RampRule, value: float) -> tuple[float, float] | None:
+    """Return the figures, ends included, between which the level stays as it is at one of them; None if it does not.
 
     It never does with a bias, since then the standard deviation counts too.
     """
     if rule.bias != "neutral":
         return None
     if rule.points:
-        (before_m, before), (after_m, after) = _neighbours(rule, value_m)
+        (before_at, before), (after_at, after) = _neighbours(rule, value)
     else:
-        first_m, last_m = sorted((rule.start_m, rule.full_m))
-        before_m = -math.inf if value_m <= first_m else first_m if value_m <= last_m else last_m
-        after_m = first_m if value_m <= first_m else last_m if value_m <= last_m else math.inf
-        before, after = 0.0, float(math.isfinite(before_m) and math.isfinite(after_m))  # flat beyond both ends
-    if before != after or value_m in {before_m, after_m}:
+        first, last = sorted((rule.start, rule.full))
+        before_at = -math.inf if value <= first else first if value <= last else last
+        after_at = first if value <= first else last if value <= last else math.inf
+        before, after = 0.0, float(math.isfinite(before_at) and math.isfinite(after_at))  # flat beyond both ends
+    if before != after or value in {before_at, after_at}:
         return None
-    return math.nextafter(before_m, math.inf), math.nextafter(after_m, -math.inf)
+    return math.nextafter(before_at, math.inf), math.nextafter(after_at, -math.inf)
 
 
-def _is_near_start(rule: RampRule, value_m: float, sigma_m: float, noise_m: float) -> bool:
+def _is_near_start(rule: RampRule, value: float, sigma: float, noise: float) -> bool:
     """Return whether noise alone may have taken a target there from where the output begins."""
-    reach_m = HOLD_ON_SIGMAS * noise_m + {"neutral": 0.0, "cautious": sigma_m, "quiet": -sigma_m}[rule.bias]
-    if reach_m >= 0:
-        return max(_levels_within(rule, value_m, reach_m)) > 0
+    reach = HOLD_ON_SIGMAS * noise + {"neutral": 0.0, "cautious": sigma, "quiet": -sigma}[rule.bias]
+    if reach >= 0:
+        return max(_levels_within(rule, value, reach)) > 0
     # A quiet ramp begins well within its range, and gives that up only as far as the noise goes.
-    return min(_levels_within(rule, value_m, -reach_m)) > 0
+    return min(_levels_within(rule, value, -reach)) > 0
 
 
-def _level(rule: RampRule, value_m: float) -> float:
-    level = _by_table(rule, value_m) if rule.points else _along_curve(rule, value_m)
+def _level(rule: RampRule, value: float) -> float:
+    level = _by_table(rule, value) if rule.points else _along_curve(rule, value)
     return level if level >= rule.dead_zone else 0.0
 
 
-def _levels_within(rule: RampRule, value_m: float, reach_m: float) -> list[float]:
+def _levels_within(rule: RampRule, value: float, reach: float) -> list[float]:
     """Return the levels among which the least and the greatest within some distance of a value are."""
-    near_m, far_m = value_m - reach_m, value_m + reach_m
-    between = [at_m for at_m, _ in rule.points if near_m < at_m < far_m]
-    return [_level(rule, at_m) for at_m in (near_m, *between, far_m)]
+    low, high = value - reach, value + reach
+    between = [at for at, _ in rule.points if low < at < high]
+    return [_level(rule, at) for at in (low, *between, high)]
 
 
-def _along_curve(rule: RampRule, value_m: float) -> float:
-    share = (value_m - rule.start_m) / (rule.full_m - rule.start_m)
+def _along_curve(rule: RampRule, value: float) -> float:
+    share = (value - rule.start) / (rule.full - rule.start)
     if share <= 0:
         return 0.0
     if share >= 1:
@@ -158,17 +160,17 @@ def _along_curve(rule: RampRule, value_m: float) -> float:
     return min(level, max(rule.level_min, rule.level_max))
 
 
-def _by_table(rule: RampRule, value_m: float) -> float:
-    (before_m, before), (after_m, after) = _neighbours(rule, value_m)
+def _by_table(rule: RampRule, value: float) -> float:
+    (before_at, before), (after_at, after) = _neighbours(rule, value)
     if before == after:
         return before
-    level = before + (after - before) * (value_m - before_m) / (after_m - before_m)
+    level = before + (after - before) * (value - before_at) / (after_at - before_at)
     return min(max(level, min(before, after)), max(before, after))  # whatever was rounded
 
 
-def _neighbours(rule: RampRule, value_m: float) -> tuple[tuple[float, float], tuple[float, float]]:
+def _neighbours(rule: RampRule, value: float) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return the points around a value; beyond the ends, the same level goes on for ever."""
-    index = bisect_right(rule.points, (value_m, math.inf))
+    index = bisect_right(rule.points, (value, math.inf))
     before = rule.points[index - 1] if index > 0 else (-math.inf, rule.points[0][1])
     after = rule.points[index] if index < len(rule.points) else (math.inf, rule.points[-1][1])
     return before, after

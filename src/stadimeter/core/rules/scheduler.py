@@ -210,8 +210,8 @@ class _Evaluation:
             if rule.group and stepped.events:
                 self._note_first_out(rule, stepped.events)
         elif isinstance(rule, RampRule) and isinstance(last, RampStep):
-            step = step_ramp(rule, last, self.inputs.tracks[rule.target])
-            rest = rest_of_ramp(rule, step, self.inputs.tracks[rule.target])
+            step = step_ramp(rule, last, self.inputs)
+            rest = rest_of_ramp(rule, step, self.inputs)
         elif isinstance(rule, FollowRule) and isinstance(last, FollowStep):
             step, events = step_follow(rule, last, self.inputs, self.before.layout.bases.get(rule.output or ""))
             self.events += events

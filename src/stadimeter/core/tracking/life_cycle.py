@@ -20,11 +20,11 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from stadimeter.core.measurement import Measurement, Sighting
-from stadimeter.core.plan import Tracking
 from stadimeter.core.track import Track, TrackStatus
 from stadimeter.core.tracking import motion, noise_level
 from stadimeter.core.tracking.motion import Innovation, MotionState
 from stadimeter.core.tracking.noise_level import NoiseEstimate
+from stadimeter.core.tracking.settings import Tracking
 from stadimeter.core.tracking.sighting import TentativeTrack, extend_tentative, sighting_of
 
 # A target that keeps its speed has a probability of the constant-velocity model above this.

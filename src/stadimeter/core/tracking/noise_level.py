@@ -28,9 +28,9 @@ import math
 from typing import NamedTuple
 
 from stadimeter.core.measurement import Sighting
-from stadimeter.core.plan import Tracking
 from stadimeter.core.tracking.filter import FRESH_SHARE
 from stadimeter.core.tracking.motion import SWAYING_SHARE
+from stadimeter.core.tracking.settings import Tracking
 
 # Time constants of learning.
 LEVEL_WITHIN_S, AUTOCORRELATION_WITHIN_S = 1.0, 5.0

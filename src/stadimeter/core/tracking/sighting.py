@@ -14,10 +14,10 @@ from typing import NamedTuple
 
 from stadimeter.core.bounds import MAX_FIGURE, MAX_TIME_S
 from stadimeter.core.measurement import Measurement, MeasurementStatus, Sighting
-from stadimeter.core.plan import Tracking
 from stadimeter.core.tracking import motion
 from stadimeter.core.tracking.filter import NOISE_FLOOR_M
 from stadimeter.core.tracking.motion import MotionState
+from stadimeter.core.tracking.settings import Tracking
 
 # Two sightings that are further apart than a target of this speed could come are not of one target.
 MAX_SPEED_MPS = 40.0
@@ -48,6 +48,7 @@ def sighting_of(measurement: Measurement) -> Sighting | None:
         depth_share=depth_m / distance_m,
         bearing_rad=bearing_rad,
         elevation_rad=elevation_rad,
+        size_share=measurement.size_share,
     )
 
 

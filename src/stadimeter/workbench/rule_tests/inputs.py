@@ -160,6 +160,11 @@ class SensorModel:
         noise_m = expect(self._size, self._exact, distance_m).sigma_m
         return math.hypot(noise_m, self._stays * distance_m), noise_m
 
+    def size_share(self, distance_m: float) -> float | None:
+        """Return its larger extent in the picture at a distance, as a share of the picture's width."""
+        size_px = expect(self._size, self._exact, distance_m).size_px
+        return size_px * self._size.longest_m / self._size.shortest_m / self._exact.width_px
+
     def is_found(self, distance_m: float) -> bool:
         """Return whether the target appears large enough at a distance for any detector to find it."""
         return expect(self._size, self._exact, distance_m).size_px >= MIN_SIZE_PX
@@ -177,6 +182,10 @@ class RangeSensorModel(SensorModel):
     def sigmas_m(self, distance_m: float) -> tuple[float, float]:  # noqa: ARG002 - those of ours hardly depend on it
         """Return the standard deviation in metres, all of which differs from one echo to the next."""
         return self.SIGMA_M, self.SIGMA_M
+
+    def size_share(self, distance_m: float) -> float | None:  # noqa: ARG002
+        """Return None: it has no picture."""
+        return None
 
     def is_found(self, distance_m: float) -> bool:
         """Return whether the target is within its range."""
@@ -327,4 +336,5 @@ class SyntheticTrack:
             noise_m=noise_m,
             bearing_rad=true.bearing_rad,
             elevation_rad=true.elevation_rad,
+            size_share=self.sensor.size_share(distance_m),
         )

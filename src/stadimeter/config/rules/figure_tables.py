@@ -1,0 +1,160 @@
+"""The tables of limits on any quantity of a target, and of comparisons of two targets.
+
+Annotations are no texts here, as in every file of tables.
+"""
+
+from typing import Annotated, Any, ClassVar, Generic, TypeVar
+
+from msgspec.structs import replace
+from pydantic import BeforeValidator, Discriminator, Field, Tag
+
+from stadimeter.config import units
+from stadimeter.config.rules.limit_tables import Likelihood, LikelihoodTable, LimitsTable, Probability, Sigmas
+from stadimeter.core.conditions.measured import COMPARISONS, FigureCondition
+from stadimeter.core.conditions.quantities import MAX_BY_UNIT, QUANTITIES, SIZE_UNIT, noun_of
+from stadimeter.core.decision import Severity
+
+# A speed is estimated from many frames, and overshoots for some tenths of a second after a target has set off. At even
+# odds the estimate alone decides, and every third target that sets off to 70 % of a limit is taken to be above it; at
+# 0.8 its standard deviation, which says that it has not settled, keeps all but 1 in 50 out. A target at twice the limit
+# is found 0.1 s later, one at 1.1 times 0.3 to 0.6 s. Measured by ``tests/benchmarks/closing_speeds.py``.
+PROBABILITY_OF_SPEED_FOR_SAFETY = 0.8
+
+# Of a figure that is compared as it is.
+AS_IT_IS = Likelihood(deadband_sigmas=0.0, probability_on=None, probability_off=0.5)
+
+SIZES = units.Units(MAX_BY_UNIT[SIZE_UNIT], {SIZE_UNIT: 1.0, "%": 0.01})
+
+# By the SI unit, how a quantity is written: its units, what that is, and an example.
+_WRITTEN = {
+    "m": (units.LENGTHS_M, "a length", "2 m"),
+    "rad": (units.ANGLES_RAD, "an angle", "20 deg"),
+    "m/s": (units.SPEEDS_MPS, "a speed", "0.5 m/s"),
+    "s": (units.DURATIONS_S, "a time", "10 min"),
+    SIZE_UNIT: (SIZES, "a share of the picture's width", "20 %"),
+}
+_ANY = units.Units(
+    units.LENGTHS_M.most, {unit: size for known, *_ in _WRITTEN.values() for unit, size in known.items()}
+)
+
+
+# The text of a figure of some quantity, which `parse_figure` reads once the quantity is known.
+WrittenFigure = Annotated[str, units.as_written(_ANY, "2 m", is_signed=True)]
+
+
+def parse_figure(text: object, quantity: str) -> float:
+    """Read a figure of a quantity, such as ``"20 deg"`` of a bearing; return it in the SI unit.
+
+    Raises:
+        ValueError: It is none, has the unit of another quantity, or is below zero where the quantity cannot be.
+    """
+    known, kind, example = _WRITTEN[QUANTITIES[quantity].unit]
+    try:
+        value = units.parse_quantity(text, known, example)
+    except ValueError:
+        _, unit = units.parse_any_quantity(str(text))  # one of no quantity at all is an error here
+        if unit == known.si_unit:
+            raise
+        message = f"{text!r} is in {unit}, and the {noun_of(quantity)} is {kind}, such as {example!r}"
+        raise ValueError(message) from None
+    if value < 0 and not QUANTITIES[quantity].is_signed:
+        raise ValueError(f"{text!r} is below zero")
+    return value
+
+
+Size = Annotated[float, BeforeValidator(lambda text: parse_figure(text, "size")), units.as_written(SIZES, "20 %")]
+FigureT = TypeVar("FigureT", bound=float)
+WidthT = TypeVar("WidthT", bound=float)
+
+
+class FigureTable(LimitsTable, Generic[FigureT, WidthT]):
+    """Limits on a quantity, of one type, and a deadband, of another that has no sign."""
+
+    above: FigureT | None = None
+    """Holds above this."""
+    below: FigureT | None = None
+    """Holds below this."""
+    between: Annotated[list[FigureT], Field(min_length=2, max_length=2)] | None = None  # type: ignore[assignment]
+    """The same two at once, the lower end first."""
+    deadband: WidthT = Field(default=0.0)  # type: ignore[assignment]
+    """How far the figure must come back."""
+
+    def to_plan(self, quantity: str, severity: Severity, target: str, other: str = "") -> FigureCondition:
+        """Return the condition as the core sees it."""
+        (low, high), band = self.limits, float(self.deadband)
+        sure = self.likelihood(severity) if isinstance(self, LikelihoodTable) else AS_IT_IS
+        condition = FigureCondition(quantity=quantity, target=target, other=other, **sure)
+        return replace(condition, above=low, below=high, deadband=band)
+
+
+class DirectionTable(FigureTable[units.Angle, units.AngleOrZero]):
+    """A condition on the bearing, positive to the right, or the elevation, positive upwards; compared as they are."""
+
+    deadband: units.AngleOrZero = 0.02
+    """How far the target must come back."""
+
+
+class PlaceTable(FigureTable[units.Coordinate, units.LengthOrZero], LikelihoodTable):
+    """A condition on where the target is, along one axis or above something."""
+
+
+class SizeTable(FigureTable[Size, Size], LikelihoodTable):
+    """A condition on how large the target appears in the picture."""
+
+
+class SpeedTable(FigureTable[units.Velocity, units.Speed], LikelihoodTable):
+    """A condition on a speed: towards the camera, sideways, or in all directions."""
+
+    deadband_sigmas: Sigmas = 2.0
+    probability: Probability = 0.95
+    probability_for_safety: ClassVar[float] = PROBABILITY_OF_SPEED_FOR_SAFETY
+
+
+class SeparationTable(FigureTable[units.Length, units.LengthOrZero], LikelihoodTable):
+    """A condition on how far two targets are from each other."""
+
+    of: Annotated[list[str], Field(min_length=2, max_length=2)]
+    """The two targets."""
+
+
+class ComparisonTable(LikelihoodTable):
+    """A condition on how a target is in relation to another one; `by` and `deadband` are lengths."""
+
+    target: str
+    """The other target."""
+    by: units.LengthOrZero = 0.0
+    """In metres; how much nearer, further, higher or lower at least."""
+    deadband: units.LengthOrZero = 0.0
+    """In metres; how far the difference must come back."""
+
+    def compare(self, key: str, severity: Severity, target: str) -> FigureCondition:
+        """Return the condition as the core sees it.
+
+        Args:
+            key: One of `COMPARISONS`.
+        """
+        quantity, is_more = COMPARISONS[key]
+        low, high = (self.by, None) if is_more else (None, 0.0 - self.by)
+        condition = FigureCondition(quantity=quantity, target=target, other=self.target, **self.likelihood(severity))
+        return replace(condition, above=low, below=high, deadband=self.deadband)
+
+
+class DirectionComparisonTable(ComparisonTable):
+    """The same for directions; `by` and `deadband` are angles."""
+
+    by: units.AngleOrZero = 0.0
+    """In radians; how much further to that side at least."""
+    deadband: units.AngleOrZero = 0.0
+    """In radians; how far the difference must come back."""
+
+
+# The name of the other target alone, or a table.
+_Name = Annotated[str, Tag("name")]
+_form = Discriminator(lambda value: "name" if isinstance(value, str) else "table")
+Comparison = Annotated[Annotated[ComparisonTable, Tag("table")] | _Name, _form]
+DirectionComparison = Annotated[Annotated[DirectionComparisonTable, Tag("table")] | _Name, _form]
+
+
+def comparison_of(written: Any) -> ComparisonTable:
+    """Return the table of a comparison, of which the name of the other target may stand alone."""
+    return ComparisonTable(target=written) if isinstance(written, str) else written

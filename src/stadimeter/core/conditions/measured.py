@@ -1,0 +1,119 @@
+"""Conditions on any quantity of a target, on how it differs between two targets, and on standing still."""
+
+from __future__ import annotations
+
+from msgspec import Struct
+
+from stadimeter.core.bounds import MIN_QUANTITY
+from stadimeter.core.conditions import quantities
+from stadimeter.core.conditions.figures import Uncertain
+from stadimeter.core.conditions.leaf import Figure, RuleInputs, Threshold
+from stadimeter.core.conditions.limits import LimitsCondition, ends_of
+
+# How the noun of a difference begins.
+DIFFERENCE = "difference in "
+
+# What is compared, and whether the first target is to have more of it than the second.
+COMPARISONS: dict[str, tuple[str, bool]] = {
+    "nearer_than": ("distance", False),
+    "further_than": ("distance", True),
+    "left_of": ("bearing", False),
+    "right_of": ("bearing", True),
+    "lower_than": ("height_above_camera", False),
+    "higher_than": ("height_above_camera", True),
+}
+
+
+class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
+    """A quantity of the target, or its difference from that of another, is within limits.
+
+    All figures are in the SI unit of the quantity.
+
+    Attributes:
+        above: Holds above this; None for no such threshold.
+        below: Holds below this.
+        deadband: How far the figure must come back before the condition ends.
+        deadband_sigmas: The same in standard deviations of the noise; the larger of the two counts.
+        probability_on: The condition begins when it is at least this likely; None compares the figures alone.
+        probability_off: The condition ends when it is, deadband included, at most this likely.
+        target: The target; empty for that of the rule.
+        other: The target that it is compared with; empty for none.
+        within_m: Of standing still, how far from where it began to stand a target still counts as there.
+    """
+
+    quantity: str
+    above: float | None = None
+    below: float | None = None
+    deadband: float = 0.0
+    deadband_sigmas: float = 3.0
+    probability_on: float | None = 0.7
+    probability_off: float = 0.5
+    target: str = ""
+    other: str = ""
+    within_m: float = quantities.STILL_WITHIN_M
+
+    ends = ("above", "below")
+
+    @property
+    def is_comparison(self) -> bool:
+        """Whether it is on a difference."""
+        return bool(self.other) and self.quantity != quantities.OF_TWO
+
+    @property
+    def comparison(self) -> str:
+        """The key that a comparison is written with."""
+        return next(key for key, what in COMPARISONS.items() if what == (self.quantity, self.above is not None))
+
+    @property
+    def noun(self) -> str:
+        """The quantity in words."""
+        return f"{DIFFERENCE if self.is_comparison else ''}{quantities.noun_of(self.quantity)}"
+
+    @property
+    def section(self) -> str:
+        """The table of a quantity is called like it, and that of a comparison like its key."""
+        return self.comparison if self.is_comparison else self.quantity
+
+    @property
+    def unit(self) -> str:
+        """That of the quantity."""
+        return quantities.QUANTITIES[self.quantity].unit
+
+    @property
+    def is_signed(self) -> bool:
+        """Whether the figure may be below zero; a difference always may."""
+        return self.is_comparison or quantities.QUANTITIES[self.quantity].is_signed
+
+    @property
+    def bounds(self) -> tuple[float, float]:  # type: ignore[override]  # of a distance it is a constant
+        """Those of the quantity."""
+        return -quantities.MAX_BY_UNIT[self.unit] if self.is_signed else MIN_QUANTITY, quantities.MAX_BY_UNIT[self.unit]
+
+    @property
+    def thresholds(self) -> tuple[Threshold, ...]:
+        """As of any limits; the time of standing still is written without a table of its own."""
+        found = LimitsCondition.thresholds.fget(self)  # type: ignore[attr-defined]
+        return tuple([each._replace(key="still_for") for each in found]) if self.quantity == "still" else found
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Infinite where there is none."""
+        return ends_of(self.above, self.below)
+
+    @property
+    def targets_named(self) -> tuple[str, ...]:
+        """The target, and the other one."""
+        return (self.target, self.other) if self.other else (self.target,)
+
+    @property
+    def figure(self) -> Figure:
+        """The quantity of its target, or the difference."""
+        return quantities.quantity_figure(*self._of)
+
+    def uncertain(self, inputs: RuleInputs) -> Uncertain | None:
+        """Return the figure; see `LimitsCondition.uncertain`."""
+        return quantities.uncertain_of(inputs, *self._of)
+
+    @property
+    def _of(self) -> tuple[str, str, str, float]:
+        return self.target, self.quantity, self.other, self.within_m

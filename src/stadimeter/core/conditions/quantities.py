@@ -1,0 +1,201 @@
+"""Every quantity of a target that conditions and ramps may be on, by the name that people write.
+
+Places are in the camera frame: x to the right, y down, z forward along the optical axis, in metres. Their standard
+deviations follow from that of the distance along the line of sight, and from the noise of the angles across it.
+What the configuration says of the camera's mounting counts as exact, and so does the middle of the picture.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cache, partial
+from operator import mul
+from typing import Literal, NamedTuple
+
+from stadimeter.core.bounds import MAX_ANGLE_RAD, MAX_DURATION_S, MAX_LENGTH_M, MAX_SPEED_MPS, MIN_QUANTITY
+from stadimeter.core.conditions.figures import Uncertain, closing_of, direction_of, quantity_of, separation_of
+from stadimeter.core.conditions.leaf import UNKNOWN, Figure, RuleInputs
+from stadimeter.core.tracking.transverse import direction_of as vector_of
+
+QuantityName = Literal[
+    "distance", "depth", "bearing", "elevation", "closing_speed", "x", "y", "z", "height", "height_above_camera",
+    "sideways_speed", "speed", "size", "still",
+]  # fmt: skip
+
+# The quantity that two targets have together; of the others they have a difference.
+OF_TWO = "separation"
+
+# The unit of the size in the picture; then, by the unit, the largest value of a threshold. A target that is larger than
+# ten times the width is not seen whole.
+SIZE_UNIT = "of the width"
+MAX_BY_UNIT = {"m": MAX_LENGTH_M, "m/s": MAX_SPEED_MPS, "rad": MAX_ANGLE_RAD, "s": MAX_DURATION_S, SIZE_UNIT: 10.0}
+
+# A target that stands must be this far, at least, from where it began to stand to have moved.
+STILL_WITHIN_M = 0.1
+
+
+class Quantity(NamedTuple):
+    """A quantity of a target."""
+
+    unit: str
+    """Its SI unit."""
+    read: Callable[[RuleInputs, str], Uncertain | None]
+    """Return it; None while there is no finite figure to act on."""
+    is_signed: bool = False
+    """Whether it may be below zero."""
+    takes_motion: bool = False
+    """Whether it follows from the motion across the line of sight."""
+
+
+def uncertain_of(
+    inputs: RuleInputs, target: str, quantity: str, other: str = "", within_m: float = STILL_WITHIN_M
+) -> Uncertain | None:
+    """Return a quantity of a target, in its SI unit; None while there is no finite figure to act on.
+
+    Args:
+        other: The target whose quantity is subtracted, or which the quantity is of too; empty for none.
+        within_m: Of standing still, how far from where it began to stand a target still counts as there.
+    """
+    read = QUANTITIES[quantity].read
+    if not other:
+        return _still_s(inputs, target, within_m) if quantity == "still" else read(inputs, target)
+    if quantity == OF_TWO:
+        return separation_of(inputs.tracks[target], inputs.tracks[other])
+    first, second, lens = read(inputs, target), read(inputs, other), inputs.viewpoint.lens
+    if first is None or second is None:
+        return None
+    return difference_of(first, second, lens.focal_relative_sigma if lens is not None else 0.0)
+
+
+@cache
+def quantity_figure(target: str, quantity: str, other: str = "", within_m: float = STILL_WITHIN_M) -> Figure:
+    """Return the figure of a quantity of a target; see `uncertain_of`."""
+    asked = target, (within_m if quantity == "still" else None)
+    return Figure(_value, (target, quantity, other, within_m), (asked,) if QUANTITIES[quantity].takes_motion else ())
+
+
+def noun_of(quantity: str) -> str:
+    """Return a quantity in words, such as ``sideways speed``."""
+    return {"size": "size in the picture", "still": "time without motion"}.get(quantity, quantity.replace("_", " "))
+
+
+def difference_of(first: Uncertain, second: Uncertain, common_share: float) -> Uncertain:
+    """Return the difference of one quantity of two targets.
+
+    An error of the scale that both have in common changes both values by the same share, and so the difference by that
+    share of itself. Noise does not cancel, nor does what is left of the errors that last, such as those of the sizes.
+
+    Args:
+        common_share: Standard deviation of the common error of the scale, as a share.
+    """
+    common = common_share
+    for value, sigma, noise in (first, second):
+        common = min(common, math.sqrt(max(0.0, sigma * sigma - noise * noise)) / max(abs(value), MIN_QUANTITY))
+    variance = first[1] ** 2 + second[1] ** 2 - 2 * common * common * first[0] * second[0]
+    return first[0] - second[0], math.sqrt(max(0.0, variance)), math.hypot(first[2], second[2])
+
+
+def _value(inputs: RuleInputs, target: str, quantity: str, other: str, within_m: float) -> float:
+    figures = uncertain_of(inputs, target, quantity, other, within_m)
+    return UNKNOWN if figures is None else figures[0]
+
+
+def _still_s(inputs: RuleInputs, target: str, within_m: float = STILL_WITHIN_M) -> Uncertain | None:
+    motion = inputs.motions.get(target)
+    if motion is None or not inputs.tracks[target].is_valid:
+        return None
+    since_s = next((each.since_s for each in motion.standing if each.within_m == within_m), None)
+    return None if since_s is None else (inputs.now_s - since_s, 0.0, 0.0)
+
+
+def _angle(quantity: Literal["bearing", "elevation"], inputs: RuleInputs, target: str) -> Uncertain | None:
+    figures = direction_of(inputs.tracks[target], quantity)
+    noise_rad = inputs.viewpoint.angle_noise_rad(inputs.tracks[target], inputs.sightings.get(target))
+    return None if figures is None else (figures[0], noise_rad, noise_rad)
+
+
+def _along(axis: tuple[float, float, float], inputs: RuleInputs, target: str) -> Uncertain | None:
+    """Return how far a target is from the camera along an axis of the camera frame."""
+    distance = quantity_of(inputs.tracks[target], "distance")
+    bearing, elevation = _angle("bearing", inputs, target), _angle("elevation", inputs, target)
+    if distance is None or bearing is None or elevation is None:
+        return None
+    (distance_m, sigma_m, noise_m), noise_rad = distance, bearing[1]
+    share = sum(map(mul, axis, vector_of(bearing[0], elevation[0])))
+    across_m = distance_m * noise_rad * math.sqrt(max(0.0, 1.0 - share * share))
+    return distance_m * share, math.hypot(share * sigma_m, across_m), math.hypot(share * noise_m, across_m)
+
+
+def _above_camera(inputs: RuleInputs, target: str) -> Uncertain | None:
+    tilt_rad = inputs.viewpoint.tilt_rad + ((inputs.base.camera_tilt_rad or 0.0) if inputs.base is not None else 0.0)
+    return _along((0.0, -math.cos(tilt_rad), math.sin(tilt_rad)), inputs, target)
+
+
+def _height(inputs: RuleInputs, target: str) -> Uncertain | None:
+    figures, camera_m = _above_camera(inputs, target), inputs.viewpoint.height_m
+    return None if figures is None or camera_m is None else (figures[0] + camera_m, *figures[1:])
+
+
+def _velocity(inputs: RuleInputs, target: str) -> tuple[Uncertain, Uncertain, Uncertain] | None:
+    """Return the speed away from the camera, to the right and upwards, each as seen along the line of sight."""
+    track, motion = inputs.tracks[target], inputs.motions.get(target)
+    closing, distance = closing_of(track), quantity_of(track, "distance")
+    if closing is None or distance is None or motion is None or motion.angles is None:
+        return None
+    across: list[Uncertain] = []
+    for angle, lever in zip(motion.angles, (math.cos(track.elevation_rad or 0.0), 1.0), strict=True):
+        known, arm_m = angle.estimate(), lever * distance[0]  # in rad and rad/s
+        noise, scale = arm_m * math.sqrt(known.var_rate_m2ps2), lever * distance[1] * known.rate_mps
+        across.append((arm_m * known.rate_mps, math.hypot(noise, scale), noise))
+    return (-closing[0], *closing[1:]), across[0], across[1]
+
+
+def _sideways_speed(inputs: RuleInputs, target: str) -> Uncertain | None:
+    velocity = _velocity(inputs, target)
+    return None if velocity is None else velocity[1]
+
+
+def _speed(inputs: RuleInputs, target: str) -> Uncertain | None:
+    """Return the speed in all directions; its standard deviations are those along the direction of motion."""
+    velocity = _velocity(inputs, target)
+    if velocity is None:
+        return None
+    speed = math.hypot(*[each[0] for each in velocity])
+    shares = [each[0] / speed if speed else 1.0 for each in velocity]
+    sigma, noise = (
+        math.hypot(*[share * each[part] for share, each in zip(shares, velocity, strict=True)]) for part in (1, 2)
+    )
+    return speed, sigma, noise
+
+
+def _size(inputs: RuleInputs, target: str) -> Uncertain | None:
+    """Return the larger extent in the picture as a share of its width: as it was seen, moved to the track's distance.
+
+    It has the share of the noise of the distance. Errors of the focal length and of the target's size do not matter.
+    """
+    distance, sighting = quantity_of(inputs.tracks[target], "distance"), inputs.sightings.get(target)
+    if distance is None or distance[0] <= 0 or sighting is None or sighting.size_share is None:
+        return None
+    size = sighting.size_share * sighting.distance_m / distance[0]
+    noise = size * distance[2] / distance[0]
+    return (size, noise, noise) if math.isfinite(size + noise) else None
+
+
+QUANTITIES: dict[str, Quantity] = {
+    "distance": Quantity("m", lambda inputs, target: quantity_of(inputs.tracks[target], "distance")),
+    "depth": Quantity("m", lambda inputs, target: quantity_of(inputs.tracks[target], "depth")),
+    "bearing": Quantity("rad", partial(_angle, "bearing"), is_signed=True),
+    "elevation": Quantity("rad", partial(_angle, "elevation"), is_signed=True),
+    "closing_speed": Quantity("m/s", lambda inputs, target: closing_of(inputs.tracks[target]), is_signed=True),
+    "x": Quantity("m", partial(_along, (1.0, 0.0, 0.0)), is_signed=True),
+    "y": Quantity("m", partial(_along, (0.0, 1.0, 0.0)), is_signed=True),
+    "z": Quantity("m", partial(_along, (0.0, 0.0, 1.0)), is_signed=True),
+    "height": Quantity("m", _height, is_signed=True),
+    "height_above_camera": Quantity("m", _above_camera, is_signed=True),
+    "sideways_speed": Quantity("m/s", _sideways_speed, is_signed=True, takes_motion=True),
+    "speed": Quantity("m/s", _speed, takes_motion=True),
+    "size": Quantity(SIZE_UNIT, _size),
+    "still": Quantity("s", _still_s, takes_motion=True),
+    "separation": Quantity("m", lambda *_: None),
+}
