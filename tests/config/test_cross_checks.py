@@ -32,18 +32,18 @@ BROKEN = [
         "rules.near.actuator: there is no actuator 'zzz' (known are: base, buzzer, motor)",
     ),
     (
-        f'{NEAR}when = {{ below = "1 m" }}\nramp = {{ from = "1 m", to = "2 m" }}',
-        ("rules.near.ramp: the rule 'near' has when and ramp; a rule has exactly one of when, ramp and follow "
+        f'{NEAR}follow = {{ distance = "1 m" }}\nramp = {{ from = "1 m", to = "2 m" }}',
+        ("rules.near.follow: the rule 'near' has ramp and follow; a rule has one of them, or when alone "
         "(make a rule of its own for each)"),
     ),
     (
         NEAR,
-        ("rules.near: the rule 'near' does nothing; a rule has exactly one of when, ramp and follow "
+        ("rules.near: the rule 'near' does nothing; a rule has ramp or follow, or when alone "
         '(add one, such as when = { below = "50 cm" })'),
     ),
     (
         f'{NEAR}ramp = {{ from = "1 m", to = "2 m" }}\nlevel = 0.5',
-        "rules.near.level: 'level' has a meaning only beside when (leave it out)",
+        "rules.near.level: 'level' has no meaning beside ramp (leave it out)",
     ),
     (
         f"{NEAR}when = {{ }}",

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import random
 from collections.abc import Callable, Iterator
+from datetime import date
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -12,10 +14,17 @@ from stadimeter.core.alarms.settings import thresholds_of
 from stadimeter.core.base_report import BaseReport
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
 from stadimeter.core.conditions.contact import TimeToContactCondition
-from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
+from stadimeter.core.conditions.discrete import (
+    CountCondition,
+    DateSpan,
+    PresenceCondition,
+    RuleCondition,
+    ScheduleCondition,
+)
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, SeparationCondition
 from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
+from stadimeter.core.conditions.sequence import SequenceCondition
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Severity
@@ -24,6 +33,7 @@ from stadimeter.core.observation import FrameStamp, Observation, WallTime
 from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety
 from stadimeter.core.rule import (
+    ALWAYS,
     AlarmRule,
     AnyRule,
     EscalationStep,
@@ -95,6 +105,67 @@ def with_settings(run: RandomRun, seed: int) -> RandomRun:
         for each in run.observations
     )
     return replace(run, observations=tuple(observations))
+
+
+def with_gates(run: RandomRun, seed: int) -> RandomRun:  # noqa: C901 - what it draws is one sequence
+    """Return the same run with gates on its ramps and follow rules, conditions on steps, schedules and orders.
+
+    Operators command every rule, and the calendar and the sun are known.
+    """
+    rng = random.Random(seed)  # noqa: S311 - the same run each time
+    made = _Rules(rng, is_aimed=False)
+    names = [rule.name for rule in run.plan.rules]
+
+    def condition(name: str) -> Condition:
+        made.names = sorted(names)[: sorted(names).index(name)]  # rules ask for those made before them
+        kind = rng.random()
+        if kind < 0.2:
+            return ScheduleCondition(
+                from_s=rng.choice((-2.0, 0.0, 1.0)),
+                to_s=rng.choice((0.0, 3.0)),
+                from_sun=rng.choice(("sunset", "sunrise")),
+                to_sun=rng.choice(("sunset", "sunrise")),
+                dates=rng.choice(((), (DateSpan((11, 25), (1, 6)),), (DateSpan((2026, 8, 1), (2026, 8, 2)),))),
+            )
+        if kind < 0.4 and len(made.names) > 1:
+            return made.sequence()
+        return made._condition(1)
+
+    def gated(rule: AnyRule) -> AnyRule:
+        if isinstance(rule, AlarmRule):
+            steps = (
+                replace(step, when=condition(rule.name)) if rng.random() < 0.6 else step for step in rule.escalation
+            )
+            return replace(rule, escalation=tuple(steps))
+        gate = AlarmRule(
+            name="",
+            target="",
+            condition=condition(rule.name) if rng.random() < 0.8 else ALWAYS,
+            suppress_when=condition(rule.name) if rng.random() < 0.4 else None,
+        )
+        return replace(rule, gate=gate)
+
+    made.names = names
+    orders = [
+        AlarmRule(name=f"z-order-{number}", target=TARGETS[0], condition=made.sequence(), off_delay_s=0.0)
+        for number in range(2 if len(names) > 1 else 0)
+    ]
+    rules = (*(gated(rule) for rule in run.plan.rules), *orders)
+
+    def seen(observation: Observation) -> Observation:
+        wall = observation.wall
+        if wall is not None:
+            sun = (43204.0, 43202.0) if seed % 3 else rng.choice(((math.inf, -math.inf), (-math.inf, math.inf)))
+            wall = replace(wall, date=date(2026, 11, 26), sunrise_s=sun[0], sunset_s=sun[1])
+        commands = observation.operator_commands
+        if rng.random() < 0.1:
+            action = rng.choice([action for action in OperatorAction if not action.is_on_outputs])
+            commands = (*commands, OperatorCommand(id="3", action=action, rule=rng.choice(names), for_s=0.4, by="Eve"))
+        return replace(observation, wall=wall, operator_commands=commands)
+
+    return RandomRun(
+        plan=replace(run.plan, rules=rules), observations=tuple(seen(observation) for observation in run.observations)
+    )
 
 
 def with_all_active(state: State) -> State:
@@ -220,6 +291,14 @@ class _Rules:
             group=rng.choice(("", "", "door")),
             suppress_when=self._condition(1) if rng.random() < 0.25 else None,
             escalation=tuple(self._step() for _ in range(rng.choice((0, 0, 1, 2)))),
+        )
+
+    def sequence(self) -> SequenceCondition:
+        """An order of two or three of the rules that were made before."""
+        return SequenceCondition(
+            rules=tuple(self.rng.sample(self.names, min(len(self.names), self.rng.choice((2, 2, 3))))),
+            within_s=self.rng.choice((0.5, 2.0, 30.0)),
+            for_s=self.rng.choice((None, None, 0.3)),
         )
 
     def _step(self) -> EscalationStep:

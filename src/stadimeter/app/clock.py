@@ -257,6 +257,12 @@ def local_now() -> datetime:
     return datetime.now().astimezone()
 
 
+def time_of_day(local: datetime) -> WallTime:
+    """Return the time that a clock on the wall shows, and the date."""
+    second = 3600 * local.hour + 60 * local.minute + local.second + local.microsecond * 1e-6
+    return WallTime(second_of_day=second, weekday=local.weekday(), date=local.date())
+
+
 class TimeOfDay:
     """The time of day in each cycle. Asks the computer for it once a second at most.
 
@@ -270,8 +276,10 @@ class TimeOfDay:
         is_live: bool,
         now: Callable[[], datetime] = local_now,
         is_right: Callable[[], bool] = is_synchronised,
+        shown: Callable[[datetime], WallTime] = time_of_day,
     ) -> None:
         self._is_live = is_live
+        self._show = shown
         self._now = now
         self._is_right = is_right
         self._asked_s = -math.inf
@@ -282,7 +290,7 @@ class TimeOfDay:
         """Return the local time; None while nothing vouches for it."""
         if now_s - self._asked_s >= ASKED_EVERY_S:
             self._asked_s = now_s
-            self._shown = _time_of_day(self._local(now_s)) if self._is_right() else None
+            self._shown = self._show(self._local(now_s)) if self._is_right() else None
         return self._shown
 
     def _local(self, now_s: float) -> datetime:
@@ -292,8 +300,3 @@ class TimeOfDay:
             self._began = (self._now(), now_s)
         began, began_s = self._began
         return began + timedelta(seconds=now_s - began_s)
-
-
-def _time_of_day(local: datetime) -> WallTime:
-    second = 3600 * local.hour + 60 * local.minute + local.second + local.microsecond * 1e-6
-    return WallTime(second_of_day=second, weekday=local.weekday())

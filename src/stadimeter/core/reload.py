@@ -8,13 +8,13 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from stadimeter.core.alarms.actions import dismiss
-from stadimeter.core.alarms.alarm import AlarmStep, renew
+from stadimeter.core.alarms.alarm import AlarmStep, OperatedStep, renew
 from stadimeter.core.alarms.settings import as_set
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Event
 from stadimeter.core.plan import Plan
-from stadimeter.core.rule import AlarmRule, AnyRule
+from stadimeter.core.rule import AlarmRule, AnyRule, gate_of
 from stadimeter.core.rule_step import Step
 from stadimeter.core.rules.scheduler import new_rules, with_steps
 
@@ -62,7 +62,7 @@ def reload(state: State, plan: Plan) -> ReloadedState:
         state=replace(
             state,
             plan=plan,
-            rules=with_steps(plan, steps, first_out),
+            rules=with_steps(plan, steps, first_out, state.rules.raised_at_s),
             due=state.due + _clear_dropped(now, old, gone) + tuple(event for _, events in renewed for event in events),
         ),
         kept=tuple(name for name, same in is_kept.items() if same),
@@ -76,9 +76,9 @@ def _renewed(
     rule: AnyRule, new: Step, old: tuple[AnyRule, Step] | None, inputs: RuleInputs
 ) -> tuple[Step, tuple[Event, ...]]:
     """Return the step of a rule that is new or means something else, and the events of thresholds that were set."""
-    if old is None or not isinstance(rule, AlarmRule) or not isinstance(old[1], AlarmStep):
+    if old is None or not isinstance(new, OperatedStep) or not isinstance(old[1], OperatedStep):
         return new, ()
-    return renew(rule, old[1].record.thresholds, inputs)
+    return renew(gate_of(rule), new, old[1].record.thresholds, inputs)
 
 
 def _clear_dropped(

@@ -163,6 +163,7 @@ class _RunState(Struct, frozen=True, kw_only=True):
     disagreeing: frozenset[str] = frozenset()
     disarmed: str = ""
     liveness: LivenessState = field(default_factory=LivenessState)
+    raised_at_s: Mapping[str, float] = field(default_factory=dict)
 
 
 def state_text(state: State) -> str:
@@ -173,6 +174,7 @@ def state_text(state: State) -> str:
         tracks=state.tracks,
         rules=tuple(_RuleMemory.of(rule, step) for rule, step in zip(state.plan.rules, state.rules.steps, strict=True)),
         first_out=state.rules.first_out,
+        raised_at_s=state.rules.raised_at_s,
         safety=state.safety,
         outputs=state.outputs,
         faults=state.faults,
@@ -215,7 +217,9 @@ def read_state(text: str, state: State) -> State:
         now_s=was.now_s,
         usual_step_s=was.usual_step_s,
         tracks=tuple(tracks.get(new.track.target, new) for new in state.tracks),
-        rules=with_steps(plan, steps, {group: name for group, name in was.first_out.items() if name in names}),
+        rules=with_steps(
+            plan, steps, {group: name for group, name in was.first_out.items() if name in names}, was.raised_at_s
+        ),
         safety=was.safety,
         outputs=tuple(_like(outputs.get(new.command.output), new) for new in state.outputs),
         faults=was.faults,

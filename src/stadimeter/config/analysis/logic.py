@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import date
 from enum import Enum
 from typing import Any
 
@@ -23,9 +24,11 @@ from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.leaf import Leaf
 from stadimeter.core.conditions.limits import ends_of
+from stadimeter.core.conditions.sequence import SequenceCondition
 
 _DAY_S = 86400.0
 _WEEK_S = 7 * _DAY_S
+_YEAR_DAYS = 366.0
 
 
 class Intervals(Struct, frozen=True):
@@ -95,7 +98,7 @@ class Truth(Enum):
     UNKNOWN = "unknown"
 
 
-def situations(leaf: Leaf, truth: Truth, targets: tuple[str, ...]) -> Iterator[Box]:
+def situations(leaf: Leaf, truth: Truth, targets: tuple[str, ...]) -> Iterator[Box]:  # noqa: C901 - one for each kind
     """Yield the boxes of situations in which a simple condition is true, false or unknown, as `truth` says.
 
     Args:
@@ -110,7 +113,10 @@ def situations(leaf: Leaf, truth: Truth, targets: tuple[str, ...]) -> Iterator[B
             if truth is not Truth.UNKNOWN:
                 yield _count(leaf, truth, tuple(sorted(set(leaf.targets or targets))))
         case ScheduleCondition():
-            yield _clock(leaf, truth)
+            yield from _clock(leaf, truth)
+        case SequenceCondition():
+            ended = {("rule", leaf.rules[-1]): NOT_KNOWN} if truth is Truth.UNKNOWN else {}
+            yield {("sequence", leaf): YES if truth is Truth.TRUE else NO, **ended}
         case RuleCondition():
             yield {("rule", leaf.rule): {Truth.TRUE: YES, Truth.FALSE: NO, Truth.UNKNOWN: NOT_KNOWN}[truth]}
         case TimeToContactCondition():
@@ -151,11 +157,42 @@ def _count(leaf: CountCondition, truth: Truth, counted: tuple[str, ...]) -> Box:
     return {("count", *counted): possible & (holds if truth is Truth.TRUE else ~holds)}
 
 
-def _clock(leaf: ScheduleCondition, truth: Truth) -> Box:
+def _clock(leaf: ScheduleCondition, truth: Truth) -> Iterator[Box]:
     if truth is Truth.UNKNOWN:
-        return {("clock",): NOT_KNOWN}
-    week = week_of(leaf)
-    return {("clock",): YES, ("week",): interval(0.0, _WEEK_S) & (week if truth is Truth.TRUE else ~week)}
+        yield {("clock",): NOT_KNOWN}
+        return
+    known, is_so = {("clock",): YES}, truth is Truth.TRUE
+    if leaf.from_sun or leaf.to_sun:
+        # Night is when it is not day; how other times by the sun lie to each other depends on place and date.
+        is_day = leaf.from_sun == "sunrise" and leaf.to_sun == "sunset"
+        is_whole = leaf.from_sun != leaf.to_sun and leaf.from_s == leaf.to_s == 0 and leaf.from_sun and leaf.to_sun
+        axis: Axis = ("by day",) if is_whole else ("by the sun", leaf.from_sun, leaf.from_s, leaf.to_sun, leaf.to_s)
+        hours: dict[Axis, Intervals] = {axis: YES if is_so is (is_day or not is_whole) else NO}
+        others: dict[Axis, Intervals] = {("days", leaf.weekdays): YES if is_so else NO} if leaf.weekdays else {}
+    else:
+        week = week_of(leaf)
+        hours, others = {("week",): interval(0.0, _WEEK_S) & (week if is_so else ~week)}, {}
+    if leaf.dates:
+        year = _days_of_year(leaf)
+        others |= {("day of the year",): interval(0.0, _YEAR_DAYS) & (year if is_so else ~year)}
+    if is_so:
+        yield known | hours | others
+    else:
+        yield from (known | {axis: part} for axis, part in (hours | others).items())
+
+
+def _days_of_year(leaf: ScheduleCondition) -> Intervals:
+    """Return on which days of a leap year a schedule may hold, whichever year its dates name, from 0 for 1 January."""
+    spans = [(_of_year(span.first), _of_year(span.last)) for span in leaf.dates]
+    if any(len(span.first) == 3 and span.first[0] != span.last[0] for span in leaf.dates):
+        return interval(None, None)
+    # What begins on a day may go on over its midnight.
+    whole = [(first, last + 2.0 + (_YEAR_DAYS if last < first else 0.0)) for first, last in spans]
+    return union_of([*whole, *((low - _YEAR_DAYS, high - _YEAR_DAYS) for low, high in whole)])
+
+
+def _of_year(day: tuple[int, ...]) -> float:
+    return float(date(2000, day[-2], day[-1]).timetuple().tm_yday - 1)
 
 
 def _contact(leaf: TimeToContactCondition, truth: Truth) -> Iterator[Box]:

@@ -16,7 +16,7 @@ from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not, d
 from stadimeter.core.conditions.discrete import PresenceCondition, RuleCondition
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.decision import Severity
-from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, LostPolicy
+from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, LostPolicy, gate_of
 
 # A condition that never holds.
 _NEVER = AnyOf(conditions=())
@@ -24,9 +24,9 @@ _NEVER = AnyOf(conditions=())
 
 def promise_errors(subject: Subject) -> Iterator[Finding]:
     """Find safety rules that could be late, silent or switched off."""
-    for declared, alarm in subject.alarms:
-        if alarm.severity is Severity.SAFETY:
-            yield from _safety(declared, alarm)
+    for declared in subject.rules:
+        if declared.rule.severity is Severity.SAFETY:
+            yield from _safety(declared, gate_of(declared.rule))
 
 
 def promise_warnings(subject: Subject) -> Iterator[Finding]:

@@ -15,7 +15,7 @@ from stadimeter.config.draft import Draft
 from stadimeter.config.findings import Finding, did_you_mean_or_list
 from stadimeter.config.models import ButtonTable
 from stadimeter.config.toml_lines import KeyPath
-from stadimeter.core.rule import AlarmRule
+from stadimeter.core.rule import AlarmRule, gate_of
 from stadimeter.core.words import duration
 
 # A longer ring is written with a gap.
@@ -68,9 +68,18 @@ def _rule_names(draft: Draft) -> Iterator[str]:
             yield from (f"{section}:{target}" for target in targets)
 
 
+def condition_tables_of(section: str, table: Mapping[str, Any]) -> Iterator[tuple[KeyPath, Any]]:
+    """Go through the conditions of a rule as they were written, and where each stands."""
+    yield from ((("rules", section, key), table.get(key)) for key in _CONDITIONS)
+    steps = table.get("escalation")
+    for number, step in enumerate(steps if isinstance(steps, list) else ()):
+        if isinstance(step, Mapping):
+            yield ("rules", section, "escalation", number, "when"), step.get("when")
+
+
 def _names(section: str, table: Mapping[str, Any]) -> Iterator[_Name]:
     """Go through the names in the conditions of a rule, however deep these are nested."""
-    left: list[tuple[KeyPath, Any]] = [(("rules", section, key), table.get(key)) for key in reversed(_CONDITIONS)]
+    left: list[tuple[KeyPath, Any]] = [*reversed(list(condition_tables_of(section, table)))]
     while left:
         path, value = left.pop()
         if isinstance(value, list):
@@ -84,9 +93,10 @@ def _named_in(path: KeyPath, table: Mapping[str, Any]) -> Iterator[_Name]:
     for key in ("rule", "target"):
         if isinstance(table.get(key), str):
             yield _Name(key, table[key], (*path, key))
-    if isinstance(table.get("of"), list):
-        names = ((number, name) for number, name in enumerate(table["of"]) if isinstance(name, str))
-        yield from (_Name("target", name, (*path, "of", number)) for number, name in names)
+    for key, kind in (("of", "target"), ("rules", "rule")):
+        names = table.get(key) if isinstance(table.get(key), list) else ()
+        each = ((number, name) for number, name in enumerate(names or ()) if isinstance(name, str))
+        yield from (_Name(kind, name, (*path, key, number)) for number, name in each)
 
 
 def _steps(draft: Draft, section: str, table: Mapping[str, Any]) -> Iterator[Finding]:
@@ -105,7 +115,7 @@ def _steps(draft: Draft, section: str, table: Mapping[str, Any]) -> Iterator[Fin
 
 def _buttons(draft: Draft) -> Iterator[Finding]:
     """Check what buttons ask of alarms."""
-    alarms = [each.rule for each in draft.compiled if isinstance(each.rule, AlarmRule)]
+    alarms = [gate_of(each.rule) for each in draft.compiled]
     for button, table in draft.button_tables.items():
         at: KeyPath = ("buttons", button)
         meant = [rule for rule in alarms if table.rule in {"", rule.name}]

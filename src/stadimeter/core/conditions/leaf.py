@@ -40,6 +40,8 @@ class RuleInputs(Struct, frozen=True, kw_only=True):
         commands: What each output was commanded in the cycle before, by its name.
         safety: Whether outputs may act, as far as it is known before the rules are judged.
         undelivered_since_s: As in `stadimeter.core.observation.Observation`.
+        raised_at_s: When each rule that a sequence names was raised last, by its name; and when each sequence was last
+            complete, by its key.
     """
 
     tracks: Mapping[str, Track]
@@ -54,6 +56,7 @@ class RuleInputs(Struct, frozen=True, kw_only=True):
     commands: Mapping[str, Command] = field(default_factory=dict)
     safety: SafetyMode = SafetyMode.ACTIVE
     undelivered_since_s: float | None = None
+    raised_at_s: Mapping[str, float] = field(default_factory=dict)
 
 
 class Figure(NamedTuple):
@@ -143,6 +146,11 @@ class Leaf:
     @property
     def thresholds(self) -> tuple[Threshold, ...]:
         """The thresholds that it has and that may be moved; none for a kind whose thresholds are fixed."""
+        return ()
+
+    @property
+    def rules_named(self) -> tuple[str, ...]:
+        """The rules that it names."""
         return ()
 
     @property

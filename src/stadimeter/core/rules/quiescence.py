@@ -24,7 +24,7 @@ from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.distance import distance_figure
 from stadimeter.core.conditions.leaf import UNKNOWN, Figure, Rest, RuleInputs
 from stadimeter.core.decision import Severity
-from stadimeter.core.rule import ROUNDING_S, AlarmRule, AnyRule, RampRule
+from stadimeter.core.rule import ROUNDING_S, AnyRule, FollowRule, RampRule, conditions_of
 
 # In one cycle this many quiescent rules are evaluated: about 5 ms if each of them raises an alarm (x86, 3 GHz).
 MAX_WOKEN = 128
@@ -160,12 +160,10 @@ def all_active(watch: Watch) -> Quiescence:
 
 
 def _watched(rule: AnyRule) -> Iterator[Figure]:
-    match rule:
-        case AlarmRule():
-            for condition in (rule.condition, rule.suppress_when):
-                for leaf in leaves(condition) if condition is not None else ():
-                    yield from leaf.figures()
-        case RampRule():
-            yield distance_figure(rule.target, rule.quantity)
-        case _:
-            pass  # a rule that follows its target is always active
+    if isinstance(rule, FollowRule):
+        return  # it is always active
+    for condition in conditions_of(rule):
+        for leaf in leaves(condition):
+            yield from leaf.figures()
+    if isinstance(rule, RampRule):
+        yield distance_figure(rule.target, rule.quantity)
