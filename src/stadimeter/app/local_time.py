@@ -7,7 +7,8 @@ the upper edge of the sun is at the horizon, refraction included. Beyond the pol
 from __future__ import annotations
 
 import math
-from datetime import date, datetime, time, timedelta, tzinfo
+from contextlib import suppress
+from datetime import UTC, date, datetime, time, tzinfo
 from functools import lru_cache
 
 from msgspec.structs import replace
@@ -31,9 +32,7 @@ def wall_time(now: datetime, configuration: Configuration) -> WallTime:
     shown = time_of_day(now if now.tzinfo is None else now.astimezone(zone))
     if not configuration.needs_sun or place is None or place.latitude is None or place.longitude is None:
         return shown
-    if shown.date is None:
-        return shown
-    sunrise_s, sunset_s = sun_times_s(place.latitude, place.longitude, zone, shown.date)
+    sunrise_s, sunset_s = sun_times_s(place.latitude, place.longitude, zone, shown.date or now.date())
     return replace(shown, sunrise_s=sunrise_s, sunset_s=sunset_s)
 
 
@@ -48,18 +47,13 @@ def sun_times_s(latitude_deg: float, longitude_deg: float, zone: tzinfo | None, 
     from astral.sun import elevation, sunrise, sunset  # noqa: PLC0415
 
     observer = Observer(latitude_deg, longitude_deg)
-    noon = datetime.combine(day, time(12), zone).astimezone(zone)
-
-    def second_of(event: object) -> float | None:
-        try:
-            at = event(observer, day, tzinfo=noon.tzinfo)  # type: ignore[operator]
-        except ValueError:  # it does not come on that day
-            return None
-        clock_s = 3600 * at.hour + 60 * at.minute + at.second + at.microsecond * 1e-6
-        return float(clock_s + (at.date() - day) / timedelta(seconds=1))
-
-    rises_s, sets_s = second_of(sunrise), second_of(sunset)
-    if rises_s is None and sets_s is None:
-        is_up = elevation(observer, noon) > _HORIZON_DEG
-        return (-math.inf, math.inf) if is_up else (math.inf, -math.inf)
-    return -math.inf if rises_s is None else rises_s, math.inf if sets_s is None else sets_s
+    midnight = datetime.combine(day, time())
+    noon = midnight.replace(hour=12, tzinfo=zone).astimezone(zone)
+    times_s = {}
+    for event in (sunrise, sunset):
+        with suppress(ValueError):  # it does not come on that day
+            at = event(observer, day, tzinfo=noon.tzinfo or UTC)
+            times_s[event] = (at.replace(tzinfo=None) - midnight).total_seconds()
+    if not times_s and elevation(observer, noon) <= _HORIZON_DEG:
+        return math.inf, -math.inf
+    return times_s.get(sunrise, -math.inf), times_s.get(sunset, math.inf)

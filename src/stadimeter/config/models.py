@@ -302,10 +302,3 @@ class PlaceTable(Section):
         from zoneinfo import ZoneInfo  # noqa: PLC0415 - most configurations name none
 
         return None if self.time_zone is None else ZoneInfo(self.time_zone)
-
-    @model_validator(mode="after")
-    def _both_or_none(self) -> Self:
-        if (self.latitude is None) is not (self.longitude is None):
-            missing = "latitude" if self.latitude is None else "longitude"
-            raise ValueError(f"'{missing}' is missing; a place on the map has both, in degrees")
-        return self

@@ -121,7 +121,7 @@ class Plan(Struct, frozen=True, kw_only=True):
     @property
     def needs_sun(self) -> bool:
         """Whether any rule asks when the sun rises or sets."""
-        return any(schedule.from_sun or schedule.to_sun for schedule in self._schedules())
+        return any(schedule.is_by_sun for schedule in self._schedules())
 
     def _schedules(self) -> Iterator[ScheduleCondition]:
         parts = (leaf for rule in self.rules for condition in conditions_of(rule) for leaf in leaves(condition))

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from datetime import date
+from datetime import date, timedelta
 from enum import Enum
 from typing import Any
 
@@ -28,7 +28,7 @@ from stadimeter.core.conditions.sequence import SequenceCondition
 
 _DAY_S = 86400.0
 _WEEK_S = 7 * _DAY_S
-_YEAR_DAYS = 366.0
+_YEAR_DAYS = 366
 
 
 class Intervals(Struct, frozen=True):
@@ -161,38 +161,22 @@ def _clock(leaf: ScheduleCondition, truth: Truth) -> Iterator[Box]:
     if truth is Truth.UNKNOWN:
         yield {("clock",): NOT_KNOWN}
         return
-    known, is_so = {("clock",): YES}, truth is Truth.TRUE
-    if leaf.from_sun or leaf.to_sun:
-        # Night is when it is not day; how other times by the sun lie to each other depends on place and date.
-        is_day = leaf.from_sun == "sunrise" and leaf.to_sun == "sunset"
-        is_whole = leaf.from_sun != leaf.to_sun and leaf.from_s == leaf.to_s == 0 and leaf.from_sun and leaf.to_sun
-        axis: Axis = ("by day",) if is_whole else ("by the sun", leaf.from_sun, leaf.from_s, leaf.to_sun, leaf.to_s)
-        hours: dict[Axis, Intervals] = {axis: YES if is_so is (is_day or not is_whole) else NO}
-        others: dict[Axis, Intervals] = {("days", leaf.weekdays): YES if is_so else NO} if leaf.weekdays else {}
+    is_so, parts = truth is Truth.TRUE, dict[Axis, Intervals]()
+    if leaf.is_by_sun:
+        # Night is when it is not day. How other times by the sun lie to each other depends on the place and the date.
+        sides = ((leaf.from_sun, leaf.from_s), (leaf.to_sun, leaf.to_s))
+        is_night = sides == (("sunset", 0.0), ("sunrise", 0.0))
+        axis = ("by the sun", *(reversed(sides) if is_night else sides), leaf.weekdays)
+        parts[axis] = NO if is_so is is_night else YES
     else:
         week = week_of(leaf)
-        hours, others = {("week",): interval(0.0, _WEEK_S) & (week if is_so else ~week)}, {}
+        parts["week",] = interval(0.0, _WEEK_S) & (week if is_so else ~week)
     if leaf.dates:
-        year = _days_of_year(leaf)
-        others |= {("day of the year",): interval(0.0, _YEAR_DAYS) & (year if is_so else ~year)}
-    if is_so:
-        yield known | hours | others
-    else:
-        yield from (known | {axis: part} for axis, part in (hours | others).items())
-
-
-def _days_of_year(leaf: ScheduleCondition) -> Intervals:
-    """Return on which days of a leap year a schedule may hold, whichever year its dates name, from 0 for 1 January."""
-    spans = [(_of_year(span.first), _of_year(span.last)) for span in leaf.dates]
-    if any(len(span.first) == 3 and span.first[0] != span.last[0] for span in leaf.dates):
-        return interval(None, None)
-    # What begins on a day may go on over its midnight.
-    whole = [(first, last + 2.0 + (_YEAR_DAYS if last < first else 0.0)) for first, last in spans]
-    return union_of([*whole, *((low - _YEAR_DAYS, high - _YEAR_DAYS) for low, high in whole)])
-
-
-def _of_year(day: tuple[int, ...]) -> float:
-    return float(date(2000, day[-2], day[-1]).timetuple().tm_yday - 1)
+        year = (number for number in range(_YEAR_DAYS) if leaf.dated(date(2000, 1, 1) + timedelta(days=number)))
+        whole = union_of((day, day + 2.0) for day in year)  # what begins on a day may go on over its midnight
+        parts["day of the year",] = interval(0.0, _YEAR_DAYS + 2.0) & (whole if is_so else ~whole)
+    each = [parts] if is_so else [{axis: part} for axis, part in parts.items()]
+    yield from ({("clock",): YES, **part} for part in each)
 
 
 def _contact(leaf: TimeToContactCondition, truth: Truth) -> Iterator[Box]:

@@ -1,7 +1,7 @@
 """The tables of conditions on time: schedules by the clock, the calendar and the sun, and the order of rules."""
 
 import re
-from datetime import date
+from calendar import monthrange
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, WithJsonSchema
@@ -19,10 +19,9 @@ MAX_FROM_SUN_S = 12 * 3600.0
 
 _SUN = re.compile(r"\s*(sunrise|sunset)\s*(?:([+-])\s*(.+))?")
 _CLOCK = r"^\s*([0-9]{1,2}:[0-9]{2}(:[0-9.]+)?|(sunrise|sunset)(\s*[+-].+)?)\s*$"
-_DAY = re.compile(r"\s*(?:([0-9]{4})-)?([0-9]{1,2})-([0-9]{1,2})\s*")
-_DATES = r"^\s*([0-9]{4}-)?[0-9]{1,2}-[0-9]{1,2}\s*(\.\.\s*([0-9]{4}-)?[0-9]{1,2}-[0-9]{1,2}\s*)?$"
+_DAYS = re.compile(r"\s*([0-9]{1,2})-([0-9]{1,2})\s*(?:\.\.\s*([0-9]{1,2})-([0-9]{1,2})\s*)?")
 
-# 29 February is a day of every fourth year: one that has it stands for a year that is not named.
+# 29 February is a day, though not of every year.
 _LEAP_YEAR = 2000
 
 
@@ -34,8 +33,6 @@ def parse_hour(text: object) -> tuple[Sun, float]:
     """
     match = _SUN.fullmatch(text) if isinstance(text, str) else None
     if match is None:
-        if isinstance(text, str) and text.strip()[:1].isalpha():
-            raise ValueError(f"{text!r} is neither a time of day nor of the sun; write it such as 'sunset + 30 min'")
         return "", parse_time_of_day(text)
     sun: Sun = "sunrise" if match[1] == "sunrise" else "sunset"
     away_s = parse_duration(match[3].strip()) if match[3] else 0.0
@@ -46,29 +43,21 @@ def parse_hour(text: object) -> tuple[Sun, float]:
 
 def parse_dates(text: object) -> DateSpan:
     """Read days such as ``"12-24..12-26"``; raises ValueError if they are none."""
-    first, _, last = text.partition("..") if isinstance(text, str) else ("", "", "")
-    span = DateSpan(_day(text, first), _day(text, last or first))
-    if len(span.first) != len(span.last):
-        raise ValueError(f"{text!r} names a year once; write it on both sides, or on none for every year")
-    if len(span.first) == 3 and span.last < span.first:
-        raise ValueError(f"{text!r} ends before it begins; exchange the two")
-    return span
-
-
-def _day(whole: object, text: str) -> tuple[int, ...]:
-    match = _DAY.fullmatch(text)
+    match = _DAYS.fullmatch(text) if isinstance(text, str) else None
     if match is None:
-        raise ValueError(f"{whole!r} is no span of days; write it such as '12-24..12-26' or '2026-08-01..2026-08-14'")
-    year, month, day = int(match[1] or _LEAP_YEAR), int(match[2]), int(match[3])
-    try:
-        date(year, month, day)
-    except ValueError as error:
-        raise ValueError(f"'{text.strip()}' is on no calendar: {error}; write month and day, such as '12-24'") from None
-    return (year, month, day) if match[1] else (month, day)
+        raise ValueError(f"{text!r} is no span of days; write months and days, such as '12-24..12-26'")
+    numbers = [int(number) for number in match.groups(default=0)]
+    first, last = (numbers[0], numbers[1]), (numbers[2] or numbers[0], numbers[3] or numbers[1])
+    for month, day in (first, last):
+        if not 1 <= month <= 12 or not 1 <= day <= monthrange(_LEAP_YEAR, month)[1]:
+            raise ValueError(f"{month:02d}-{day:02d} is on no calendar; write the month first, then the day")
+    return DateSpan(first, last)
 
 
 Hour = Annotated[Any, BeforeValidator(parse_hour), WithJsonSchema({"type": "string", "pattern": _CLOCK})]
-Dates = Annotated[Any, BeforeValidator(parse_dates), WithJsonSchema({"type": "string", "pattern": _DATES})]
+Dates = Annotated[
+    Any, BeforeValidator(parse_dates), WithJsonSchema({"type": "string", "pattern": f"^{_DAYS.pattern}$"})
+]
 
 
 class TimeTable(Section):
@@ -79,20 +68,14 @@ class TimeTable(Section):
     days: Annotated[list[Literal["mon", "tue", "wed", "thu", "fri", "sat", "sun"]], Field(min_length=1)] | None = None
     """The days on which it begins; every day if left out."""
     dates: Annotated[list[Dates], Field(min_length=1, max_length=100)] | None = None
-    """The dates on which it begins, of every year unless they name one; every day if left out."""
+    """The dates of every year on which it begins; every day if left out."""
 
     def to_plan(self) -> ScheduleCondition:
         """Return the condition as the core sees it."""
         weekdays = tuple(sorted({DAYS.index(day) for day in self.days or ()}))
         (from_sun, from_s), (to_sun, to_s) = self.between
-        return ScheduleCondition(
-            from_s=from_s,
-            to_s=to_s,
-            weekdays=weekdays,
-            dates=tuple(self.dates or ()),
-            from_sun=from_sun,
-            to_sun=to_sun,
-        )
+        by_sun = {"from_sun": from_sun, "to_sun": to_sun}
+        return ScheduleCondition(from_s=from_s, to_s=to_s, weekdays=weekdays, dates=tuple(self.dates or ()), **by_sun)
 
 
 class SequenceTable(Section):

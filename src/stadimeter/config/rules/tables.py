@@ -12,10 +12,9 @@ from stadimeter.config.rules.condition_tables import WhenTable
 from stadimeter.config.units import Duration
 from stadimeter.core import rule
 from stadimeter.core.conditions.compounds import Condition, leaves, targets_of
-from stadimeter.core.conditions.discrete import RuleCondition, ScheduleCondition
+from stadimeter.core.conditions.discrete import ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.of_base import ContactSensorCondition
-from stadimeter.core.conditions.sequence import SequenceCondition
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.decision import Severity
 
@@ -239,14 +238,11 @@ class RuleTable(Section):
             return rule.OnDelay(frames=self.on_delay.frames, of_frames=self.on_delay.of)
         if self.on_delay is not None:
             return rule.OnDelay(hold_s=self.on_delay)
-        without_noise = (
-            RuleCondition,
-            SequenceCondition,
-            ScheduleCondition,
-            ContactSensorCondition,
-            UndeliveredCondition,
+        without_noise = (ScheduleCondition, ContactSensorCondition, UndeliveredCondition)
+        is_sure = all(
+            leaf.probability_on is not None or leaf.rules_named or isinstance(leaf, without_noise)
+            for leaf in leaves(judged)
         )
-        is_sure = all(leaf.probability_on is not None or isinstance(leaf, without_noise) for leaf in leaves(judged))
         return rule.OnDelay() if is_sure or self.severity is Severity.SAFETY else FRAMES_TO_RAISE
 
     @property

@@ -126,14 +126,18 @@ class CountCondition(Leaf, Struct, frozen=True, kw_only=True):
 
 
 class DateSpan(Struct, frozen=True):
-    """Days from one to another, both included: year, month and day each, or month and day of every year."""
+    """Days of every year from one to another, both included, over its end if the second is earlier.
 
-    first: tuple[int, ...]
-    last: tuple[int, ...]
+    Attributes:
+        first: Its month and its day.
+    """
+
+    first: tuple[int, int]
+    last: tuple[int, int]
 
     def covers(self, day: date) -> bool:
         """Return whether a day is among them."""
-        today = (day.year, day.month, day.day)[-len(self.first) :]
+        today = (day.month, day.day)
         if self.first <= self.last:
             return self.first <= today <= self.last
         return today >= self.first or today <= self.last
@@ -165,6 +169,11 @@ class ScheduleCondition(Leaf, Struct, frozen=True, kw_only=True):
         """Return whether it holds; see `Leaf.holds`."""
         return None if inputs.wall is None else self.covers(inputs.wall)
 
+    @property
+    def is_by_sun(self) -> bool:
+        """Whether it goes by the sun."""
+        return bool(self.from_sun or self.to_sun)
+
     def covers(self, wall: WallTime) -> bool | None:
         """Return whether a local time of day is within it; None if the date or the sun is not known."""
         low_s, high_s = _of_day(wall, self.from_sun, self.from_s), _of_day(wall, self.to_sun, self.to_s)
@@ -180,9 +189,11 @@ class ScheduleCondition(Leaf, Struct, frozen=True, kw_only=True):
 
     def begins_on(self, day: date) -> bool:
         """Return whether it begins on a day."""
-        return (not self.weekdays or day.weekday() in self.weekdays) and (
-            not self.dates or any(span.covers(day) for span in self.dates)
-        )
+        return (not self.weekdays or day.weekday() in self.weekdays) and self.dated(day)
+
+    def dated(self, day: date) -> bool:
+        """Return whether a day is among its dates."""
+        return not self.dates or any(span.covers(day) for span in self.dates)
 
     def _begins(self, wall: WallTime, later: int) -> bool:
         """Return whether it begins so many days later."""
