@@ -68,11 +68,18 @@ def _when_changed(leaf: ScheduleCondition, does: str, at_s: float, zone: tzinfo 
     today = datetime.combine(datetime.now(zone), datetime.min.time())
     for number in range(_AHEAD_DAYS):
         day = today + timedelta(days=number)
-        shown = (day + timedelta(seconds=at_s)).replace(tzinfo=zone)
-        first, second = (shown.replace(fold=fold).astimezone(zone).utcoffset() for fold in (0, 1))
-        if first is None or second is None or first == second:
+        first_s, second_s = _offsets_s(day + timedelta(seconds=at_s), zone)
+        # Both a moment before and then: at the beginning of what is skipped, or comes twice, nothing is odd.
+        before_s = _offsets_s(day + timedelta(seconds=at_s - 1), zone)
+        if first_s == second_s or before_s != (first_s, second_s):
             continue
         if any(leaf.begins_on(day.date() - timedelta(days=by)) for by in (0, 1)):
             what = f"on {day.date()}, when clocks are changed, {time_of_day(at_s)}"
             once = f"does not come: it {does} when they have been"
-            yield f"{what} {once if first < second else f'comes twice, and it {does} twice'}"
+            yield f"{what} {once if first_s < second_s else f'comes twice, and it {does} twice'}"
+
+
+def _offsets_s(shown: datetime, zone: tzinfo | None) -> tuple[float, ...]:
+    """Return how far what clocks show is from universal time: the two differ where it is skipped, or comes twice."""
+    at = (shown.replace(tzinfo=zone, fold=fold).astimezone(zone) for fold in (0, 1))
+    return tuple((each.utcoffset() or timedelta()).total_seconds() for each in at)

@@ -28,7 +28,7 @@ class GatedStep(OperatedStep, frozen=True, kw_only=True):
         held: Whether each part of that condition did.
     """
 
-    is_open: bool | None = True
+    is_open: bool | None = None
     held: tuple[bool, ...] = ()
 
 

@@ -81,7 +81,8 @@ def step_follow(
 ) -> tuple[FollowStep, tuple[Event, ...]]:
     """Judge a follow rule for one cycle; return what it does, and what happened."""
     if base is None:
-        return FollowStep(trace=trace_of(rule, RuleStatus.UNKNOWN, before.trace), record=gate.record), gate.events
+        trace = trace_of(rule, RuleStatus.UNKNOWN, before.trace)
+        return FollowStep(trace=trace, record=gate.record, is_open=gate.is_open, held=gate.held), gate.events
     commanded = _commanded(inputs, base.name)
     now, own = _take_in(rule, before, inputs, base, commanded)
     now = replace(now, record=gate.record, is_open=gate.is_open, held=gate.held)
