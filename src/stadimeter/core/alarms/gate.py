@@ -35,8 +35,8 @@ class GatedStep(OperatedStep, frozen=True, kw_only=True):
 class Gate(NamedTuple):
     """A gate after a cycle."""
 
-    record: AlarmRecord
-    """That of the cycle before, if nothing changed."""
+    record: AlarmRecord | None
+    """None if it is that of the cycle before."""
     is_open: bool | None
     held: tuple[bool, ...]
     inhibits: tuple[str, ...]
@@ -51,7 +51,9 @@ class Gate(NamedTuple):
         return False if any(word != OBSERVED for word in self.inhibits) else self.is_open
 
 
-OPEN = Gate(AlarmRecord(), True, (), (), (), Rest())
+# The gate of a rule that has none.
+OPEN = Gate(None, True, (), (), (), Rest())
+_OPEN_OBSERVED = OPEN._replace(inhibits=(OBSERVED,))
 
 
 def step_gate(rule: AlarmRule, before: GatedStep, inputs: RuleInputs) -> Gate:
@@ -62,19 +64,20 @@ def step_gate(rule: AlarmRule, before: GatedStep, inputs: RuleInputs) -> Gate:
     """
     record = before.record
     if rule.condition is ALWAYS and rule.suppress_when is None and record.inhibits is NO_INHIBITS:
-        return OPEN._replace(record=record, inhibits=_inhibits(rule, record))
+        return _OPEN_OBSERVED if rule.observe else OPEN
     evaluation = Evaluation(rule, record, inputs)
     verdict = evaluation.judge(rule.condition, before.held, is_active=before.is_open is True)
     stand(evaluation)
     is_same = evaluation.record == record
-    if not is_same:
-        record = evaluation.record
     rest = evaluation.rest
     if rest is None or not (is_same and verdict.value is before.is_open and verdict.held == before.held):
         rest = None  # it is judged in another way from now on
     else:
         rest = rest & Rest(due_s=due_s(evaluation))
-    return Gate(record, verdict.value, verdict.held, _inhibits(rule, record), evaluation.events, rest)
+    words = evaluation.record.inhibits.words()
+    inhibits = (*words, OBSERVED) if rule.observe else words
+    after = None if is_same else evaluation.record
+    return Gate(after, verdict.value, verdict.held, inhibits, evaluation.events, rest)
 
 
 def describe_gate(rule: AlarmRule, step: GatedStep, inputs: RuleInputs) -> str:
@@ -83,8 +86,3 @@ def describe_gate(rule: AlarmRule, step: GatedStep, inputs: RuleInputs) -> str:
         return ""
     words = describe_verdict(rule.condition, inputs, step.held, is_active=False)
     return f"its `when` {'cannot be known' if step.is_open is None else 'does not hold'}: {words}"
-
-
-def _inhibits(rule: AlarmRule, record: AlarmRecord) -> tuple[str, ...]:
-    words = record.inhibits.words() if record.inhibits is not NO_INHIBITS else ()
-    return (*words, OBSERVED) if rule.observe else words

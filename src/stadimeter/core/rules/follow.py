@@ -82,10 +82,11 @@ def step_follow(
     """Judge a follow rule for one cycle; return what it does, and what happened."""
     if base is None:
         trace = trace_of(rule, RuleStatus.UNKNOWN, before.trace)
-        return FollowStep(trace=trace, record=gate.record, is_open=gate.is_open, held=gate.held), gate.events
+        return FollowStep(trace=trace, record=gate.record or before.record, is_open=gate.is_open), gate.events
     commanded = _commanded(inputs, base.name)
     now, own = _take_in(rule, before, inputs, base, commanded)
-    now = replace(now, record=gate.record, is_open=gate.is_open, held=gate.held)
+    if gate is not OPEN or not before.is_open:
+        now = replace(now, record=gate.record or before.record, is_open=gate.is_open, held=gate.held)
     if not gate.lets_move:
         return _kept_still(rule, before, now, base, commanded, gate), gate.events
     twist: Twist | None = None

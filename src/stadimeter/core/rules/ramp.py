@@ -50,6 +50,8 @@ def step_ramp(rule: RampRule, before: RampStep, track: Track, gate: Gate = OPEN)
 
 def rest_of_ramp(rule: RampRule, step: RampStep, track: Track, gate: Gate = OPEN) -> Rest | None:
     """Return for how long a ramp stays at its level; None if it must be judged in every cycle."""
+    if gate is OPEN:
+        return _rest_of_level(rule, step, track)
     if gate.rest is None or not gate.is_open:
         return gate.rest
     rest = _rest_of_level(rule, step, track)
@@ -82,16 +84,15 @@ def describe_ramp(rule: RampRule, track: Track) -> str:
 
 def _step(rule: RampRule, before: RampStep, status: RuleStatus, level: float, gate: Gate) -> RampStep:
     is_same = status is before.trace.status and gate.inhibits == before.trace.inhibits
-    is_gate_same = gate.record is before.record and gate.is_open is before.is_open and gate.held == before.held
+    is_gate_same = gate.record is None and gate.is_open is before.is_open and gate.held == before.held
     if is_same and level == before.level and is_gate_same:
         return before
+    record = before.record if gate.record is None else gate.record
     requests: tuple[LevelRequest, ...] = ()
     if rule.output is not None and level > 0 and not gate.inhibits:
         requests = (LevelRequest(rule=rule.name, output=rule.output, priority=rule.priority, level=level),)
     trace = before.trace if is_same else trace_of(rule, status, before.trace, gate.inhibits)
-    return RampStep(
-        trace=trace, requests=requests, level=level, record=gate.record, is_open=gate.is_open, held=gate.held
-    )
+    return RampStep(trace=trace, requests=requests, level=level, record=record, is_open=gate.is_open, held=gate.held)
 
 
 # The level at a distance
