@@ -32,11 +32,6 @@ BROKEN = [
         "rules.near.actuator: there is no actuator 'zzz' (known are: base, buzzer, motor)",
     ),
     (
-        f'{NEAR}follow = {{ distance = "1 m" }}\nramp = {{ from = "1 m", to = "2 m" }}',
-        ("rules.near.follow: the rule 'near' has ramp and follow; a rule has one of them, or when alone "
-        "(make a rule of its own for each)"),
-    ),
-    (
         NEAR,
         ("rules.near: the rule 'near' does nothing; a rule has ramp or follow, or when alone "
         '(add one, such as when = { below = "50 cm" })'),
@@ -48,8 +43,8 @@ BROKEN = [
     (
         f"{NEAR}when = {{ }}",
         ("rules.near.when: the condition is empty (write one of above, below, between, seen, lost, seen_for, "
-        "lost_for, bearing, elevation, closing_speed, time_to_contact, separation, count, rule, time, bumped, "
-        "at_cliff, battery_below, undelivered_for, all, any and not)"),
+        "lost_for, bearing, elevation, closing_speed, time_to_contact, separation, count, rule, sequence_of, time, "
+        "bumped, at_cliff, battery_below, undelivered_for, all, any and not)"),
     ),
     (
         f'{NEAR}when = {{ above = "1 m", between = ["2 m", "3 m"] }}',

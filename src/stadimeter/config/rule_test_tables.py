@@ -332,6 +332,13 @@ class OperatorTable(Section):
         return tuple((action, "" if rule is True else rule) for action, rule in named if rule is not None)
 
 
+def _date(value: object) -> object:
+    try:
+        return dt.date.fromisoformat(value) if isinstance(value, str) else value
+    except ValueError:
+        raise ValueError(f"{value!r} is no date; write it such as '2026-12-24'") from None
+
+
 class InputTable(MotionTable):
     """What the camera sees in a test, and what people do. Without a journal it is made up."""
 
@@ -357,7 +364,7 @@ class InputTable(MotionTable):
     """The time of day at the start, in seconds after midnight; None for a clock that is not synchronised."""
     day: Literal["mon", "tue", "wed", "thu", "fri", "sat", "sun"] = "mon"
     """The day of the week at the start."""
-    date: dt.date | None = None
+    date: Annotated[dt.date | None, BeforeValidator(_date)] = None
     """The date at the start, in place of the day of the week; None for one that is not known."""
     operator: list[OperatorTable] = Field(default_factory=list)
     """What people tell rules."""

@@ -41,6 +41,7 @@ _TABLES: dict[str, type[BaseModel]] = {
     "safety": models.SafetyTable,
     "web": models.WebTable,
     "recording": models.RecordingTable,
+    "place": models.PlaceTable,
 }
 _SECTIONS = {
     "camera": "The camera: its driver and its lens.",

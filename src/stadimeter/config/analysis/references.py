@@ -17,6 +17,7 @@ from stadimeter.config.models import ButtonTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.rule import AlarmRule, gate_of
 from stadimeter.core.words import duration
+from stadimeter.operator_actions import OperatorAction
 
 # A longer ring is written with a gap.
 _MAX_NAMES = 8
@@ -25,6 +26,9 @@ _MAX_NAMES = 8
 _MAX_RINGS = 50
 
 _CONDITIONS = ("when", "suppress_when")
+
+# What only an alarm can be told; a ramp, or a rule that follows, is kept quiet like one.
+_OF_ALARMS = frozenset({OperatorAction.ACKNOWLEDGE, OperatorAction.RESET})
 
 
 class _Name(Struct, frozen=True):
@@ -115,8 +119,10 @@ def _steps(draft: Draft, section: str, table: Mapping[str, Any]) -> Iterator[Fin
 
 def _buttons(draft: Draft) -> Iterator[Finding]:
     """Check what buttons ask of alarms."""
-    alarms = [gate_of(each.rule) for each in draft.compiled]
     for button, table in draft.button_tables.items():
+        is_for_alarms = not {table.press, table.hold}.isdisjoint(_OF_ALARMS)
+        rules = (each.rule for each in draft.compiled)
+        alarms = [gate_of(rule) for rule in rules if isinstance(rule, AlarmRule) or not is_for_alarms]
         at: KeyPath = ("buttons", button)
         meant = [rule for rule in alarms if table.rule in {"", rule.name}]
         if not meant and table.rule and (table.rule in draft.rules or table.rule not in draft.names("rules")):
