@@ -61,7 +61,7 @@ def test_a_place_has_the_time_of_its_zone_and_no_sun_unless_a_rule_asks(configur
     place = "latitude = 52.52\nlongitude = 13.405\ntime_zone = 'Europe/Berlin'"
     now = datetime(2026, 6, 21, 22, 30, tzinfo=UTC)
     plain = wall_time(now, configuration_with("['22:00', '06:00']", place))
-    assert (plain.second_of_day, plain.date, plain.weekday) == (1800.0, date(2026, 6, 22), 0)
+    assert (plain.second_of_day, plain.dates[1], plain.weekday) == (1800.0, (6, 22), 0)
     assert (plain.sunrise_s, plain.sunset_s) == (None, None)
     by_sun = wall_time(now, configuration_with("['sunset', 'sunrise']", place))
     assert by_sun.sunrise_s == pytest.approx(3600 * 4.72, abs=120)

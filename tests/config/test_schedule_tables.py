@@ -111,7 +111,8 @@ def test_where_clocks_are_not_changed_then_nothing_is_said(load, time, place):
 
 def test_a_test_has_a_date_only_with_a_time_of_day_and_without_a_day_of_the_week(load):
     test = (
-        "[[tests]]\ninput = { hover = { at = '1 m', for = '1 s' }, date = '2026-12-24'%s }\nexpect.near = { raised = 0 }"
+        "[[tests]]\n"
+        "input = { hover = { at = '1 m', for = '1 s' }, date = '2026-12-24'%s }\nexpect.near = { raised = 0 }"
     )
     rule = near("{ between = ['22:00', '06:00'] }")
     with pytest.raises(ConfigError, match="a date without a time of day"):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Callable, Iterator
-from datetime import date
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -125,7 +124,7 @@ def with_gates(run: RandomRun, seed: int) -> RandomRun:  # noqa: C901 - what it 
                 to_s=rng.choice((0.0, 3.0)),
                 from_sun=rng.choice(("sunset", "sunrise")),
                 to_sun=rng.choice(("sunset", "sunrise")),
-                dates=rng.choice(((), (DateSpan((11, 25), (1, 6)),), (DateSpan((2026, 8, 1), (2026, 8, 2)),))),
+                dates=rng.choice(((), (DateSpan((11, 26), (1, 6)),), (DateSpan((8, 1), (8, 2)),))),
             )
         if kind < 0.4 and len(made.names) > 1:
             return made.sequence()
@@ -156,7 +155,7 @@ def with_gates(run: RandomRun, seed: int) -> RandomRun:  # noqa: C901 - what it 
         wall = observation.wall
         if wall is not None:
             sun = (43204.0, 43202.0) if seed % 3 else rng.choice(((math.inf, -math.inf), (-math.inf, math.inf)))
-            wall = replace(wall, date=date(2026, 11, 26), sunrise_s=sun[0], sunset_s=sun[1])
+            wall = replace(wall, dates=((11, 25), (11, 26), (11, 27)), sunrise_s=sun[0], sunset_s=sun[1])
         commands = observation.operator_commands
         if rng.random() < 0.1:
             action = rng.choice([action for action in OperatorAction if not action.is_on_outputs])

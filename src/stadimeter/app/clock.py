@@ -258,9 +258,11 @@ def local_now() -> datetime:
 
 
 def time_of_day(local: datetime) -> WallTime:
-    """Return the time that a clock on the wall shows, and the date."""
+    """Return the time that a clock on the wall shows, and the dates around it."""
     second = 3600 * local.hour + 60 * local.minute + local.second + local.microsecond * 1e-6
-    return WallTime(second_of_day=second, weekday=local.weekday(), date=local.date())
+    days = [local.date() + timedelta(days=later) for later in (-1, 0, 1)]
+    dates = tuple([(day.month, day.day) for day in days])
+    return WallTime(second_of_day=second, weekday=local.weekday(), dates=dates)
 
 
 class TimeOfDay:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import datetime as dt
-
 from msgspec import Struct
 
 from stadimeter.core.base_report import BaseReport
@@ -40,7 +38,7 @@ class WallTime(Struct, frozen=True, kw_only=True):
     Attributes:
         second_of_day: Seconds since midnight.
         weekday: 0 for Monday.
-        date: None where it is not known, as in a test that does not say.
+        dates: Month and day of yesterday, of today and of tomorrow; empty where they are not known.
         sunrise_s: When the sun rises on that day, in seconds since its midnight: −∞ if it was up already, ∞ if it does
             not rise. None where no rule asks for it.
         sunset_s: The same of when it sets: −∞ if it is down already, ∞ if it does not set.
@@ -48,7 +46,7 @@ class WallTime(Struct, frozen=True, kw_only=True):
 
     second_of_day: float
     weekday: int
-    date: dt.date | None = None
+    dates: tuple[tuple[int, int], ...] = ()
     sunrise_s: float | None = None
     sunset_s: float | None = None
 

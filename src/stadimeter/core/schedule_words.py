@@ -16,13 +16,13 @@ def clock_words(leaf: ScheduleCondition, inputs: RuleInputs) -> str:
     if inputs.wall is None:
         return f"the time of day is not known yet, {hours(leaf)}"
     wall = inputs.wall
-    today = f"{day(wall.weekday)}{f' {wall.date}' if leaf.dates and wall.date else ''}"
+    today = f"{day(wall.weekday)}{f' {_month_and_day(wall.dates[1])}' if leaf.dates and wall.dates else ''}"
     return f"{today} {time_of_day(wall.second_of_day // 60 * 60)}, {hours(leaf)}{_sun_today(leaf, wall)}"
 
 
 def _sun_today(leaf: ScheduleCondition, wall: WallTime) -> str:
     """Say when the sun rises and sets, where a schedule goes by it."""
-    if leaf.dates and wall.date is None:
+    if leaf.dates and not wall.dates:
         return ": the date is not known"
     if not (leaf.from_sun or leaf.to_sun):
         return ""
@@ -47,7 +47,7 @@ def sequence_words(leaf: SequenceCondition, inputs: RuleInputs) -> str:
 def hours(leaf: ScheduleCondition) -> str:
     """Return when a schedule holds, such as ``between 22:00 and 06:00 on Monday``."""
     days = f" on {' and '.join(map(day, leaf.weekdays))}" if leaf.weekdays else ""
-    spans = [span_of_days(span) for span in leaf.dates]
+    spans = [_span_of_days(span) for span in leaf.dates]
     dates = f" on {' and '.join(spans)}" if spans else ""
     return f"between {_hour(leaf.from_sun, leaf.from_s)} and {_hour(leaf.to_sun, leaf.to_s)}{days}{dates}"
 
@@ -60,10 +60,14 @@ def _hour(sun: str, second: float) -> str:
     return f"{duration(abs(second))} {side} {sun}" if second else sun
 
 
-def span_of_days(span: DateSpan) -> str:
+def _span_of_days(span: DateSpan) -> str:
     """Return days such as ``12-24 to 12-26``, as they are written."""
-    first, last = ("-".join(f"{number:02d}" for number in day) for day in (span.first, span.last))
+    first, last = _month_and_day(span.first), _month_and_day(span.last)
     return first if first == last else f"{first} to {last}"
+
+
+def _month_and_day(date: tuple[int, int]) -> str:
+    return f"{date[0]:02d}-{date[1]:02d}"
 
 
 def describe_sequence(leaf: SequenceCondition) -> str:

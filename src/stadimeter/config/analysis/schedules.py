@@ -73,7 +73,10 @@ def _when_changed(leaf: ScheduleCondition, does: str, at_s: float, zone: tzinfo 
         before_s = _offsets_s(day + timedelta(seconds=at_s - 1), zone)
         if first_s == second_s or before_s != (first_s, second_s):
             continue
-        if any(leaf.begins_on(day.date() - timedelta(days=by)) for by in (0, 1)):
+        begins = [day - timedelta(days=by) for by in (0, 1)]
+        if any(
+            leaf.begins_on((each.month, each.day)) and each.weekday() in (leaf.weekdays or range(7)) for each in begins
+        ):
             what = f"on {day.date()}, when clocks are changed, {time_of_day(at_s)}"
             once = f"does not come: it {does} when they have been"
             yield f"{what} {once if first_s < second_s else f'comes twice, and it {does} twice'}"

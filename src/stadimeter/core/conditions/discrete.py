@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from datetime import date, timedelta
 from typing import Literal
 
 from msgspec import Struct
@@ -135,12 +134,11 @@ class DateSpan(Struct, frozen=True):
     first: tuple[int, int]
     last: tuple[int, int]
 
-    def covers(self, day: date) -> bool:
-        """Return whether a day is among them."""
-        today = (day.month, day.day)
+    def covers(self, day: tuple[int, int]) -> bool:
+        """Return whether a day is among them, by its month and its number there."""
         if self.first <= self.last:
-            return self.first <= today <= self.last
-        return today >= self.first or today <= self.last
+            return self.first <= day <= self.last
+        return day >= self.first or day <= self.last
 
 
 class ScheduleCondition(Leaf, Struct, frozen=True, kw_only=True):
@@ -178,7 +176,7 @@ class ScheduleCondition(Leaf, Struct, frozen=True, kw_only=True):
         """Return whether a local time of day is within it; None if the date or the sun is not known."""
         low_s = _of_day(wall, self.from_sun, self.from_s) if self.from_sun else self.from_s
         high_s = _of_day(wall, self.to_sun, self.to_s) if self.to_sun else self.to_s
-        if low_s is None or high_s is None or (self.dates and wall.date is None):
+        if low_s is None or high_s is None or (self.dates and not wall.dates):
             return None
         if high_s <= low_s:
             high_s += _DAY_S
@@ -189,19 +187,15 @@ class ScheduleCondition(Leaf, Struct, frozen=True, kw_only=True):
                 return True
         return False
 
-    def begins_on(self, day: date) -> bool:
-        """Return whether it begins on a day."""
-        return (not self.weekdays or day.weekday() in self.weekdays) and self.dated(day)
-
-    def dated(self, day: date) -> bool:
-        """Return whether a day is among its dates."""
+    def begins_on(self, day: tuple[int, int]) -> bool:
+        """Return whether a day is among its dates, by its month and its number there."""
         return not self.dates or any(span.covers(day) for span in self.dates)
 
     def _begins(self, wall: WallTime, later: int) -> bool:
         """Return whether it begins so many days later."""
-        if self.dates and wall.date is not None:
-            return self.begins_on(wall.date + timedelta(days=later))
-        return not self.weekdays or (wall.weekday + later) % 7 in self.weekdays
+        if self.weekdays and (wall.weekday + later) % 7 not in self.weekdays:
+            return False
+        return not self.dates or self.begins_on(wall.dates[1 + later])
 
     def rest(self, inputs: RuleInputs, is_on: bool) -> Rest | None:  # noqa: ARG002
         """Return that it is judged in every cycle: the time of day goes by another clock, which may jump."""
