@@ -275,7 +275,7 @@ def _send(evaluation: Evaluation, leg: Leg) -> None:
 
 
 def _is_to_be(evaluation: Evaluation, step: EscalationStep) -> bool:
-    """Return whether a step that is due is done. Where that is not known people are told, and nothing moves."""
+    """Return whether a step that is due is done. Where that is not known people are notified, and nothing moves."""
     if step.when is None:
         return True
     value = judge(step.when, evaluation.inputs, (), is_active=False).value

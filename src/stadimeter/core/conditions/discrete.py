@@ -192,7 +192,7 @@ class ScheduleCondition(Leaf, Struct, frozen=True, kw_only=True):
         return not self.dates or any(span.covers(day) for span in self.dates)
 
     def _begins(self, wall: WallTime, later: int) -> bool:
-        """Return whether it begins so many days later."""
+        """Return whether it begins on a day, 1 for tomorrow."""
         if self.weekdays and (wall.weekday + later) % 7 not in self.weekdays:
             return False
         return not self.dates or self.begins_on(wall.dates[1 + later])

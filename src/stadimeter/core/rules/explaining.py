@@ -11,7 +11,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from stadimeter.core.alarms import machine
-from stadimeter.core.alarms.alarm import AlarmStep
+from stadimeter.core.alarms.alarm import AlarmStep, OperatedStep
 from stadimeter.core.alarms.alarm_words import describe_alarm, in_words, latched_until, policy_in_words
 from stadimeter.core.alarms.gate import GatedStep, describe_gate
 from stadimeter.core.alarms.machine import LATCHED, AlarmRecord, AlarmState
@@ -68,9 +68,9 @@ class Reasons(Mapping[str, str]):
         return self.judged.rules[position], self.judged.steps[position]
 
     def record_of(self, name: str) -> tuple[AlarmRule, AlarmRecord] | None:
-        """Return an alarm as it was judged, and what it remembers; None for another kind of rule."""
+        """Return an alarm, or the gate of another rule, as it was judged, and what it remembers."""
         rule, step = self.step(name)
-        return (rule, step.record) if isinstance(rule, AlarmRule) and isinstance(step, AlarmStep) else None
+        return (gate_of(rule), step.record) if isinstance(step, OperatedStep) else None
 
     def inputs_of_rules(self) -> RuleInputs:
         """Return all that the rules were judged by, with which of them are active."""
