@@ -11,8 +11,9 @@ from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule
 from stadimeter.core.rules.quiescence import MAX_WOKEN
+from support.gated_runs import with_gates
 from support.observing import measured
-from support.random_runs import random_run, with_all_active, with_gates, with_settings
+from support.random_runs import random_run, with_all_active, with_settings
 
 
 def first_difference(run):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import random
 from collections.abc import Callable, Iterator
 
@@ -15,7 +14,6 @@ from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
 from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.discrete import (
     CountCondition,
-    DateSpan,
     PresenceCondition,
     RuleCondition,
     ScheduleCondition,
@@ -32,7 +30,6 @@ from stadimeter.core.observation import FrameStamp, Observation, WallTime
 from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety
 from stadimeter.core.rule import (
-    ALWAYS,
     AlarmRule,
     AnyRule,
     EscalationStep,
@@ -74,7 +71,7 @@ def random_run(seed: int, *, is_aimed: bool = False) -> RandomRun:
             about two targets of which one stands in a deadband while the other is out of sight.
     """
     rng = random.Random(seed)  # noqa: S311 - the same run each time
-    rules = _Rules(rng, is_aimed=is_aimed).some()
+    rules = RandomRules(rng, is_aimed=is_aimed).some()
     fps = rng.choice((1, 5, 10, 30, 60))
     safety = Safety(max_frame_age_s=max(0.2, 2.5 / fps), good_frames=2)
     names = tuple(rule.name for rule in rules if isinstance(rule, AlarmRule))
@@ -106,73 +103,14 @@ def with_settings(run: RandomRun, seed: int) -> RandomRun:
     return replace(run, observations=tuple(observations))
 
 
-def with_gates(run: RandomRun, seed: int) -> RandomRun:  # noqa: C901 - what it draws is one sequence
-    """Return the same run with gates on its ramps and follow rules, conditions on steps, schedules and orders.
-
-    Operators command every rule, and the calendar and the sun are known.
-    """
-    rng = random.Random(seed)  # noqa: S311 - the same run each time
-    made = _Rules(rng, is_aimed=False)
-    names = [rule.name for rule in run.plan.rules]
-
-    def condition(name: str) -> Condition:
-        made.names = sorted(names)[: sorted(names).index(name)]  # rules ask for those made before them
-        kind = rng.random()
-        if kind < 0.2:
-            return ScheduleCondition(
-                from_s=rng.choice((-2.0, 0.0, 1.0)),
-                to_s=rng.choice((0.0, 3.0)),
-                from_sun=rng.choice(("sunset", "sunrise")),
-                to_sun=rng.choice(("sunset", "sunrise")),
-                dates=rng.choice(((), (DateSpan((11, 26), (1, 6)),), (DateSpan((8, 1), (8, 2)),))),
-            )
-        if kind < 0.4 and len(made.names) > 1:
-            return made.sequence()
-        return made._condition(1)
-
-    def gated(rule: AnyRule) -> AnyRule:
-        if isinstance(rule, AlarmRule):
-            steps = (
-                replace(step, when=condition(rule.name)) if rng.random() < 0.6 else step for step in rule.escalation
-            )
-            return replace(rule, escalation=tuple(steps))
-        gate = AlarmRule(
-            name="",
-            target="",
-            condition=condition(rule.name) if rng.random() < 0.8 else ALWAYS,
-            suppress_when=condition(rule.name) if rng.random() < 0.4 else None,
-        )
-        return replace(rule, gate=gate)
-
-    made.names = names
-    orders = [
-        AlarmRule(name=f"z-order-{number}", target=TARGETS[0], condition=made.sequence(), off_delay_s=0.0)
-        for number in range(2 if len(names) > 1 else 0)
-    ]
-    rules = (*(gated(rule) for rule in run.plan.rules), *orders)
-
-    def seen(observation: Observation) -> Observation:
-        wall = observation.wall
-        if wall is not None:
-            sun = (43204.0, 43202.0) if seed % 3 else rng.choice(((math.inf, -math.inf), (-math.inf, math.inf)))
-            wall = replace(wall, dates=((11, 25), (11, 26), (11, 27)), sunrise_s=sun[0], sunset_s=sun[1])
-        commands = observation.operator_commands
-        if rng.random() < 0.1:
-            action = rng.choice([action for action in OperatorAction if not action.is_on_outputs])
-            commands = (*commands, OperatorCommand(id="3", action=action, rule=rng.choice(names), for_s=0.4, by="Eve"))
-        return replace(observation, wall=wall, operator_commands=commands)
-
-    return RandomRun(
-        plan=replace(run.plan, rules=rules), observations=tuple(seen(observation) for observation in run.observations)
-    )
-
-
 def with_all_active(state: State) -> State:
     """Return a state in which no rule is quiescent: every rule is judged in the next cycle."""
     return replace(state, rules=replace(state.rules, quiescence=state.rules.quiescence.with_all_active()))
 
 
-class _Rules:
+class RandomRules:
+    """Makes rules."""
+
     def __init__(self, rng: random.Random, *, is_aimed: bool) -> None:
         self.rng = rng
         self.is_aimed = is_aimed
@@ -256,12 +194,13 @@ class _Rules:
         whole = self.rng.choice((AllOf(conditions=parts), AnyOf(conditions=parts)))
         return self.rng.choice((whole, whole, Not(condition=whole)))
 
-    def _condition(self, depth: int = 0) -> Condition:
+    def condition(self, depth: int = 0) -> Condition:
+        """A condition of any kind."""
         if self.is_aimed and depth == 0 and self.rng.random() < 0.6:
             return self._of_both()
         if depth == 2 or self.rng.random() < (0.25 if self.is_aimed and depth == 0 else 0.6):
             return self._leaf()
-        parts = tuple(self._condition(depth + 1) for _ in range(self.rng.randint(2, 3)))
+        parts = tuple(self.condition(depth + 1) for _ in range(self.rng.randint(2, 3)))
         return self.rng.choice((AllOf(conditions=parts), AnyOf(conditions=parts), Not(condition=parts[0])))
 
     def _alarm(self, name: str) -> AlarmRule:
@@ -275,7 +214,7 @@ class _Rules:
             priority=rng.randint(0, 3),
             severity=rng.choice((Severity.WARNING, Severity.WARNING, Severity.SAFETY)),
             observe=rng.random() < 0.1,
-            condition=self._condition(),
+            condition=self.condition(),
             lost=Lost(
                 grace_s=rng.choice((0.0, 0.3, 1.0)), policy=rng.choice(policies), fault_after_s=rng.choice((0.6, 2.0))
             ),
@@ -288,7 +227,7 @@ class _Rules:
             realarm_s=rng.choice((None, None, 1.5)),
             cooldown_s=rng.choice((0.0, 1.0, 10.0)),
             group=rng.choice(("", "", "door")),
-            suppress_when=self._condition(1) if rng.random() < 0.25 else None,
+            suppress_when=self.condition(1) if rng.random() < 0.25 else None,
             escalation=tuple(self._step() for _ in range(rng.choice((0, 0, 1, 2)))),
         )
 

@@ -8,6 +8,7 @@ from msgspec import Struct
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from stadimeter.config.models import DurationAboveZero, Section, Share
+from stadimeter.config.rules.schedule_tables import parse_date
 from stadimeter.config.units import Angle, Duration, FilePath, Frequency, Length, Speed, TimeOfDay
 from stadimeter.core.decision import RuleStatus
 from stadimeter.operator_actions import OperatorAction
@@ -332,13 +333,6 @@ class OperatorTable(Section):
         return tuple((action, "" if rule is True else rule) for action, rule in named if rule is not None)
 
 
-def _date(value: object) -> object:
-    try:
-        return dt.date.fromisoformat(value) if isinstance(value, str) else value
-    except ValueError:
-        raise ValueError(f"{value!r} is no date; write it such as '2026-12-24'") from None
-
-
 class InputTable(MotionTable):
     """What the camera sees in a test, and what people do. Without a journal it is made up."""
 
@@ -364,7 +358,7 @@ class InputTable(MotionTable):
     """The time of day at the start, in seconds after midnight; None for a clock that is not synchronised."""
     day: Literal["mon", "tue", "wed", "thu", "fri", "sat", "sun"] = "mon"
     """The day of the week at the start."""
-    date: Annotated[dt.date | None, BeforeValidator(_date)] = None
+    date: Annotated[dt.date | None, BeforeValidator(parse_date)] = None
     """The date at the start, in place of the day of the week; None for one that is not known."""
     operator: list[OperatorTable] = Field(default_factory=list)
     """What people tell rules."""

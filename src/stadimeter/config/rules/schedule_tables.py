@@ -2,6 +2,7 @@
 
 import re
 from calendar import monthrange
+from datetime import date
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, WithJsonSchema
@@ -39,6 +40,14 @@ def parse_hour(text: object) -> tuple[Sun, float]:
     if away_s > MAX_FROM_SUN_S:
         raise ValueError(f"{text!r} is more than 12 h away from the {sun}; count from the other one, or name an hour")
     return sun, -away_s if match[2] == "-" else away_s
+
+
+def parse_date(text: object) -> object:
+    """Read a date such as ``"2026-12-24"``; raises ValueError for another text, and leaves what is no text."""
+    try:
+        return date.fromisoformat(text) if isinstance(text, str) else text
+    except ValueError:
+        raise ValueError(f"{text!r} is no date; write it such as '2026-12-24'") from None
 
 
 def parse_dates(text: object) -> DateSpan:
