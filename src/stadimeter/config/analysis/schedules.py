@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from datetime import datetime, timedelta, tzinfo
+from itertools import pairwise
 
 from stadimeter.config.analysis import Subject
 from stadimeter.config.extras import missing
@@ -36,12 +37,13 @@ def schedule_errors(subject: Subject) -> Iterator[Finding]:
 
 def schedule_warnings(subject: Subject) -> Iterator[Finding]:
     """Find schedules that begin or end at a time that clocks skip, or show twice, when they are changed."""
-    zone = subject.draft.place.zone if subject.draft.place is not None else None
-    for written in _leaves(subject):
-        leaf = written.leaf
-        if isinstance(leaf, ScheduleCondition):
+    schedules = [(written, leaf) for written in _leaves(subject) if isinstance(leaf := written.leaf, ScheduleCondition)]
+    if schedules:
+        zone = subject.draft.place.zone if subject.draft.place is not None else None
+        days = _days_of_change(zone)
+        for written, leaf in schedules:
             ends = (("begins", leaf.from_sun, leaf.from_s), ("ends", leaf.to_sun, leaf.to_s))
-            said = [words for does, sun, at_s in ends if not sun for words in _when_changed(leaf, does, at_s, zone)]
+            said = [words for does, sun, at_s in ends if not sun for words in _at_change(leaf, does, at_s, zone, days)]
             if said:
                 hint = "choose another time if that matters"
                 yield Finding((*written.limits_path, "between"), "; ".join(said), hint, "clocks-changed")
@@ -63,11 +65,18 @@ def _order(subject: Subject, written: WrittenCondition, leaf: SequenceCondition)
             yield Finding(at, f"'{name}' stands for several rules: {members}", "name one of them", "order-of-several")
 
 
-def _when_changed(leaf: ScheduleCondition, does: str, at_s: float, zone: tzinfo | None) -> Iterator[str]:
-    """Say what becomes of one end of a schedule when clocks are changed."""
+def _days_of_change(zone: tzinfo | None) -> list[datetime]:
+    """Return the days of the year ahead, as their midnights, on which clocks are changed."""
     today = datetime.combine(datetime.now(zone), datetime.min.time())
-    for number in range(_AHEAD_DAYS):
-        day = today + timedelta(days=number)
+    days = [today + timedelta(days=number) for number in range(_AHEAD_DAYS + 1)]
+    return [day for day, after in pairwise(days) if _offsets_s(day, zone) != _offsets_s(after, zone)]
+
+
+def _at_change(
+    leaf: ScheduleCondition, does: str, at_s: float, zone: tzinfo | None, days: list[datetime]
+) -> Iterator[str]:
+    """Say what becomes of one end of a schedule when clocks are changed."""
+    for day in days:
         first_s, second_s = _offsets_s(day + timedelta(seconds=at_s), zone)
         # Both a moment before and then: at the beginning of what is skipped, or comes twice, nothing is odd.
         before_s = _offsets_s(day + timedelta(seconds=at_s - 1), zone)
