@@ -9,6 +9,7 @@ import pytest
 from stadimeter.app.clock import TimeOfDay
 from stadimeter.app.local_time import sun_times_s, wall_time
 from stadimeter.config.loader import load_configuration
+from stadimeter.core.observation import MonthDay
 from support.simulated_run import SIMULATED_BALL
 
 BERLIN, TROMSO, AUCKLAND = (52.52, 13.405), (69.65, 18.96), (-36.85, 174.76)
@@ -61,7 +62,7 @@ def test_a_place_has_the_time_of_its_zone_and_no_sun_unless_a_rule_asks(configur
     place = "latitude = 52.52\nlongitude = 13.405\ntime_zone = 'Europe/Berlin'"
     now = datetime(2026, 6, 21, 22, 30, tzinfo=UTC)
     plain = wall_time(now, configuration_with("['22:00', '06:00']", place))
-    assert (plain.second_of_day, plain.dates[1], plain.weekday) == (1800.0, (6, 22), 0)
+    assert (plain.second_of_day, plain.dates[1], plain.weekday) == (1800.0, MonthDay(6, 22), 0)
     assert (plain.sunrise_s, plain.sunset_s) == (None, None)
     by_sun = wall_time(now, configuration_with("['sunset', 'sunrise']", place))
     assert by_sun.sunrise_s == pytest.approx(3600 * 4.72, abs=120)

@@ -8,6 +8,7 @@ from stadimeter.config import extras
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.conditions.discrete import DateSpan, ScheduleCondition
 from stadimeter.core.conditions.sequence import SequenceCondition
+from stadimeter.core.observation import MonthDay
 from stadimeter.errors import ConfigError
 from support.simulated_run import SIMULATED_BALL
 
@@ -43,7 +44,7 @@ def near(time):
                 to_s=82800.0,
                 from_sun="sunset",
                 weekdays=(5,),
-                dates=(DateSpan((12, 24), (12, 26)), DateSpan((2, 29), (2, 29))),
+                dates=(DateSpan(MonthDay(12, 24), MonthDay(12, 26)), DateSpan(MonthDay(2, 29), MonthDay(2, 29))),
             ),
         ),
     ],

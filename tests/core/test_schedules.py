@@ -8,18 +8,18 @@ import pytest
 from stadimeter.app.exact_json import decode, encode
 from stadimeter.core.conditions.discrete import DateSpan, ScheduleCondition
 from stadimeter.core.conditions.leaf import RuleInputs
-from stadimeter.core.observation import WallTime
+from stadimeter.core.observation import MonthDay, WallTime
 from stadimeter.core.schedule_words import clock_words, hours
 
 HOUR_S = 3600.0
-CHRISTMAS = DateSpan((12, 24), (12, 26))
+CHRISTMAS = DateSpan(MonthDay(12, 24), MonthDay(12, 26))
 NIGHT = ScheduleCondition(from_s=0.0, to_s=0.0, from_sun="sunset", to_sun="sunrise")
 BY_DAY = ScheduleCondition(from_s=0.0, to_s=0.0, from_sun="sunrise", to_sun="sunset")
 POLAR_NIGHT, POLAR_DAY = (math.inf, -math.inf), (-math.inf, math.inf)
 
 
 def month_and_day(day):
-    return day.month, day.day
+    return MonthDay(day.month, day.day)
 
 
 def dates_around(day):
@@ -52,7 +52,7 @@ def test_over_midnight_the_date_on_which_it_begins_counts(day, hour, holds):
 
 
 def test_a_span_of_dates_may_go_over_the_end_of_the_year():
-    span = DateSpan((12, 20), (1, 6))
+    span = DateSpan(MonthDay(12, 20), MonthDay(1, 6))
     days = [date(2026, 12, 1) + timedelta(days=number) for number in range(60)]
     assert [day for day in days if span.covers(month_and_day(day))] == [
         date(2026, 12, 20) + timedelta(days=n) for n in range(18)
@@ -60,7 +60,7 @@ def test_a_span_of_dates_may_go_over_the_end_of_the_year():
 
 
 def test_29_february_is_a_day_of_leap_years():
-    span = DateSpan((2, 29), (2, 29))
+    span = DateSpan(MonthDay(2, 29), MonthDay(2, 29))
     days = [date(2026, 1, 1) + timedelta(days=number) for number in range(5 * 365)]
     assert [day for day in days if span.covers(month_and_day(day))] == [date(2028, 2, 29)]
 

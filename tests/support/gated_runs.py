@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from stadimeter.core.conditions.compounds import Condition
 from stadimeter.core.conditions.discrete import DateSpan, ScheduleCondition
-from stadimeter.core.observation import Observation
+from stadimeter.core.observation import MonthDay, Observation
 from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.rule import ALWAYS, AlarmRule, AnyRule
 from stadimeter.operator_actions import OperatorAction
@@ -34,7 +34,9 @@ def with_gates(run: RandomRun, seed: int) -> RandomRun:  # noqa: C901 - what it 
                 to_s=rng.choice((0.0, 3.0)),
                 from_sun=rng.choice(("sunset", "sunrise")),
                 to_sun=rng.choice(("sunset", "sunrise")),
-                dates=rng.choice(((), (DateSpan((11, 26), (1, 6)),), (DateSpan((8, 1), (8, 2)),))),
+                dates=rng.choice(
+                    ((), (DateSpan(MonthDay(11, 26), MonthDay(1, 6)),), (DateSpan(MonthDay(8, 1), MonthDay(8, 2)),))
+                ),
             )
         if kind < 0.4 and len(made.names) > 1:
             return made.sequence()
@@ -65,7 +67,9 @@ def with_gates(run: RandomRun, seed: int) -> RandomRun:  # noqa: C901 - what it 
         wall = observation.wall
         if wall is not None:
             sun = (43204.0, 43202.0) if seed % 3 else rng.choice(((math.inf, -math.inf), (-math.inf, math.inf)))
-            wall = replace(wall, dates=((11, 25), (11, 26), (11, 27)), sunrise_s=sun[0], sunset_s=sun[1])
+            wall = replace(
+                wall, dates=(MonthDay(11, 25), MonthDay(11, 26), MonthDay(11, 27)), sunrise_s=sun[0], sunset_s=sun[1]
+            )
         commands = observation.operator_commands
         if rng.random() < 0.1:
             action = rng.choice([action for action in OperatorAction if not action.is_on_outputs])

@@ -26,7 +26,7 @@ from pathlib import Path
 from msgspec import Struct
 
 from stadimeter.core.clock import TaskEndedError
-from stadimeter.core.observation import WallTime
+from stadimeter.core.observation import MonthDay, WallTime
 
 # A paced clock that is this far behind real time no longer tries to catch up.
 LATE_S = 0.2
@@ -261,7 +261,7 @@ def time_of_day(local: datetime) -> WallTime:
     """Return the time that a clock on the wall shows, and the dates around it."""
     second = 3600 * local.hour + 60 * local.minute + local.second + local.microsecond * 1e-6
     days = [local.date() + timedelta(days=later) for later in (-1, 0, 1)]
-    dates = tuple([(day.month, day.day) for day in days])
+    dates = tuple([MonthDay(day.month, day.day) for day in days])
     return WallTime(second_of_day=second, weekday=local.weekday(), dates=dates)
 
 

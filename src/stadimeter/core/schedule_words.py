@@ -7,7 +7,7 @@ import math
 from stadimeter.core.conditions.discrete import DateSpan, ScheduleCondition
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.conditions.sequence import SequenceCondition
-from stadimeter.core.observation import WallTime
+from stadimeter.core.observation import MonthDay, WallTime
 from stadimeter.core.words import day, duration, time_of_day
 
 
@@ -66,8 +66,8 @@ def _span_of_days(span: DateSpan) -> str:
     return first if first == last else f"{first} to {last}"
 
 
-def _month_and_day(date: tuple[int, int]) -> str:
-    return f"{date[0]:02d}-{date[1]:02d}"
+def _month_and_day(date: MonthDay) -> str:
+    return f"{date.month:02d}-{date.day:02d}"
 
 
 def describe_sequence(leaf: SequenceCondition) -> str:

@@ -25,6 +25,7 @@ from stadimeter.core.conditions.discrete import CountCondition, PresenceConditio
 from stadimeter.core.conditions.leaf import Leaf
 from stadimeter.core.conditions.limits import ends_of
 from stadimeter.core.conditions.sequence import SequenceCondition
+from stadimeter.core.observation import MonthDay
 
 _DAY_S = 86400.0
 _WEEK_S = 7 * _DAY_S
@@ -173,7 +174,7 @@ def _clock(leaf: ScheduleCondition, truth: Truth) -> Iterator[Box]:
         parts["week",] = interval(0.0, _WEEK_S) & (week if is_so else ~week)
     if leaf.dates:
         days = (date(2000, 1, 1) + timedelta(days=number) for number in range(_YEAR_DAYS))  # of a leap year
-        year = (number for number, day in enumerate(days) if leaf.begins_on((day.month, day.day)))
+        year = (number for number, day in enumerate(days) if leaf.begins_on(MonthDay(day.month, day.day)))
         whole = union_of((day, day + 2.0) for day in year)  # what begins on a day may go on over its midnight
         parts["day of the year",] = interval(0.0, _YEAR_DAYS + 2.0) & (whole if is_so else ~whole)
     each = [parts] if is_so else [{axis: part} for axis, part in parts.items()]

@@ -13,6 +13,7 @@ from stadimeter.config.findings import Finding
 from stadimeter.config.rules.compiled import WrittenCondition
 from stadimeter.core.conditions.discrete import ScheduleCondition
 from stadimeter.core.conditions.sequence import SequenceCondition
+from stadimeter.core.observation import MonthDay
 from stadimeter.core.words import time_of_day
 
 # Clocks are changed in every year on nearly the same days.
@@ -84,7 +85,8 @@ def _at_change(
             continue
         begins = [day - timedelta(days=by) for by in (0, 1)]
         if any(
-            leaf.begins_on((each.month, each.day)) and each.weekday() in (leaf.weekdays or range(7)) for each in begins
+            leaf.begins_on(MonthDay(each.month, each.day)) and each.weekday() in (leaf.weekdays or range(7))
+            for each in begins
         ):
             what = f"on {day.date()}, when clocks are changed, {time_of_day(at_s)}"
             once = f"does not come: it {does} when they have been"

@@ -11,6 +11,7 @@ from stadimeter.config.models import DurationAboveZero, Section
 from stadimeter.config.units import parse_duration, parse_time_of_day
 from stadimeter.core.conditions.discrete import DateSpan, ScheduleCondition, Sun
 from stadimeter.core.conditions.sequence import SequenceCondition
+from stadimeter.core.observation import MonthDay
 
 # The days of the week as they are written, Monday first.
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
@@ -56,10 +57,10 @@ def parse_dates(text: object) -> DateSpan:
     if match is None:
         raise ValueError(f"{text!r} is no span of days; write months and days, such as '12-24..12-26'")
     numbers = [int(number) for number in match.groups(default=0)]
-    first, last = (numbers[0], numbers[1]), (numbers[2] or numbers[0], numbers[3] or numbers[1])
-    for month, day in (first, last):
-        if not 1 <= month <= 12 or not 1 <= day <= monthrange(_LEAP_YEAR, month)[1]:
-            raise ValueError(f"{month:02d}-{day:02d} is on no calendar; write the month first, then the day")
+    first, last = MonthDay(*numbers[:2]), MonthDay(*(numbers[2:] if match[3] else numbers[:2]))
+    for each in (first, last):
+        if not 1 <= each.month <= 12 or not 1 <= each.day <= monthrange(_LEAP_YEAR, each.month)[1]:
+            raise ValueError(f"{each.month:02d}-{each.day:02d} is on no calendar; write the month first, then the day")
     return DateSpan(first, last)
 
 

@@ -10,7 +10,7 @@ from msgspec import Struct
 from stadimeter.core.bounds import MAX_DURATION_S, MIN_QUANTITY
 from stadimeter.core.conditions.leaf import Figure, JudgedFigure, Leaf, Rest, RuleInputs, Threshold
 from stadimeter.core.conditions.limits import ends_of
-from stadimeter.core.observation import WallTime
+from stadimeter.core.observation import MonthDay, WallTime
 
 Sun = Literal["", "sunrise", "sunset"]
 
@@ -125,17 +125,13 @@ class CountCondition(Leaf, Struct, frozen=True, kw_only=True):
 
 
 class DateSpan(Struct, frozen=True):
-    """Days of every year from one to another, both included, over its end if the second is earlier.
+    """Days of every year from one to another, both included, over its end if the second is earlier."""
 
-    Attributes:
-        first: Its month and its day.
-    """
+    first: MonthDay
+    last: MonthDay
 
-    first: tuple[int, int]
-    last: tuple[int, int]
-
-    def covers(self, day: tuple[int, int]) -> bool:
-        """Return whether a day is among them, by its month and its number there."""
+    def covers(self, day: MonthDay) -> bool:
+        """Return whether a day is among them."""
         if self.first <= self.last:
             return self.first <= day <= self.last
         return day >= self.first or day <= self.last
@@ -187,8 +183,8 @@ class ScheduleCondition(Leaf, Struct, frozen=True, kw_only=True):
                 return True
         return False
 
-    def begins_on(self, day: tuple[int, int]) -> bool:
-        """Return whether a day is among its dates, by its month and its number there."""
+    def begins_on(self, day: MonthDay) -> bool:
+        """Return whether a day is among its dates."""
         return not self.dates or any(span.covers(day) for span in self.dates)
 
     def _begins(self, wall: WallTime, later: int) -> bool:
