@@ -178,7 +178,7 @@ class ScheduleCondition(Leaf, Struct, frozen=True, kw_only=True):
             high_s += _DAY_S
         now_s = wall.second_of_day
         # It may have begun yesterday; and one of tomorrow that begins long before sunrise may begin today.
-        for day in (0, -1, 1):  # noqa: SIM110 - `any` takes twice as long
+        for day in (0, -1, 1) if low_s < 0 else (0, -1):
             if low_s <= now_s - day * _DAY_S < high_s and self._begins(wall, day):
                 return True
         return False

@@ -232,7 +232,8 @@ class _Evaluation:
             gate, track = step_gate(rule.gate, last, self.inputs), self.inputs.tracks[rule.target]
             step = step_ramp(rule, last, track, gate)
             rest = rest_of_ramp(rule, step, track, gate)
-            self.events += gate.events
+            if gate.events:
+                self.events += gate.events
         elif isinstance(rule, FollowRule) and isinstance(last, FollowStep):
             gate, base = step_gate(rule.gate, last, self.inputs), self.before.layout.bases.get(rule.output or "")
             step, events = step_follow(rule, last, self.inputs, base, gate)
