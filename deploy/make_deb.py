@@ -27,7 +27,7 @@ from stadimeter.config.extras import OLDEST_PICAMERA2
 DEPLOY = Path(__file__).resolve().parent
 CHECKOUT = DEPLOY.parent
 HOME = "opt/stadimeter"
-EXTRAS = "metrics,notify,record,web"
+EXTRAS = "metrics,notify,record,sun,web"
 WHEELS_FOR = {"amd64": "x86_64", "arm64": "aarch64"}
 """How wheels name an architecture of Debian."""
 

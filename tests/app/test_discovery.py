@@ -115,7 +115,9 @@ def test_identifiers_stay_as_they_are(message: dict[str, Any], tmp_path: Path) -
     keys = set(message["components"])
     assert of_ball | of_near | of_run <= keys
     assert {key for key in keys if key.endswith("_near")} == of_near
-    assert {key for key in keys if key.endswith(("_louder", "_follow"))} == {"rule_louder", "rule_follow"}
+    for name in ("louder", "follow"):  # no alarms, and kept quiet like them
+        kept_quiet = {f"{what}_{name}" for what in ("rule", "shelve", "unshelve", "in_service", "observed")}
+        assert {key for key in keys if key.endswith(f"_{name}")} == kept_quiet
     for key, each in message["components"].items():
         assert each["unique_id"] == f"stadimeter_Dock-3_{key}"
 

@@ -1,4 +1,4 @@
-"""What is published of what operators set: one retained topic for each alarm."""
+"""What is published of what operators set: one retained topic for each rule."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from support.two_rules import FAR, NEAR, plan_of, rehearse
 NOON = "2026-06-01T12:00:00.000+00:00"
 
 
-def told_settings(reporter: Reporter, run: Rehearsal) -> list[Any]:
+def told_settings(reporter: Reporter, run: Rehearsal, rule: str = "near") -> list[Any]:
     messages = reporter.messages(run.now_s, lambda: NOON, run.decisions[-1][1])
-    found = [each for each in messages if each.topic.endswith("/settings")]
-    assert all((each.qos, each.retain, each.topic) == (1, True, "rule/near/settings") for each in found)
+    found = [each for each in messages if each.topic == f"rule/{rule}/settings"]
+    assert all((each.qos, each.retain) == (1, True) for each in found)
     return [json.loads(each.payload) for each in found]
 
 
@@ -77,11 +77,20 @@ def test_what_is_set_is_published_anew_when_a_reload_changes_it_and_cleared_with
     run.state = reload(run.state, plan_of(FAR)).state
     run.see(3.0)
     assert told_settings(reporter, run) == []
-    assert "rule/far/settings" not in reporter.retained
+    assert "rule/far/settings" in reporter.retained
     reporter.reload((changed, FAR))
     run.state = reload(run.state, plan_of(changed, FAR)).state
     run.see(3.0)
     assert told_settings(reporter, run) == [payload]
+
+
+def test_what_is_set_of_a_ramp_is_published_as_of_an_alarm() -> None:
+    run, reporter = rehearse(NEAR, FAR), Reporter(boot_id="boot")
+    run.see(3.0)
+    as_configured = {"v": 1, "thresholds": {}, "in_service": True, "observed": False}
+    assert told_settings(reporter, run, "far") == [as_configured]
+    run.tell("take-out", "far")
+    assert told_settings(reporter, run, "far") == [{**as_configured, "in_service": False}]
 
 
 def test_published_bounds_are_taken_although_they_are_rounded() -> None:

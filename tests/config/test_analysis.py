@@ -30,6 +30,7 @@ CLASSES = {
     "safety-shelved", "safety-suppressed", "shadowed", "unheard", "unknown-key", "unknown-name", "unknown-rule",
     "unreachable",
     "tolerance-too-long", "unresolvable",
+    "order-of-several", "order-twice", "shut-gate",
 }  # fmt: skip
 """The codes that programs may rely on."""
 

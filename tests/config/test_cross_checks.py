@@ -32,25 +32,20 @@ BROKEN = [
         "rules.near.actuator: there is no actuator 'zzz' (known are: base, buzzer, motor)",
     ),
     (
-        f'{NEAR}when = {{ below = "1 m" }}\nramp = {{ from = "1 m", to = "2 m" }}',
-        ("rules.near.ramp: the rule 'near' has when and ramp; a rule has exactly one of when, ramp and follow "
-        "(make a rule of its own for each)"),
-    ),
-    (
         NEAR,
-        ("rules.near: the rule 'near' does nothing; a rule has exactly one of when, ramp and follow "
+        ("rules.near: the rule 'near' does nothing; a rule has ramp or follow, or when alone "
         '(add one, such as when = { below = "50 cm" })'),
     ),
     (
         f'{NEAR}ramp = {{ from = "1 m", to = "2 m" }}\nlevel = 0.5',
-        "rules.near.level: 'level' has a meaning only beside when (leave it out)",
+        "rules.near.level: 'level' has no meaning beside ramp (leave it out)",
     ),
     (
         f"{NEAR}when = {{ }}",
         ("rules.near.when: the condition is empty (write one of above, below, between, seen, lost, seen_for, "
         "lost_for, bearing, elevation, closing_speed, time_to_contact, x, y, z, height, height_above_camera, "
         "sideways_speed, speed, size, still_for, nearer_than, further_than, left_of, right_of, lower_than, "
-        "higher_than, separation, count, rule, time, bumped, "
+        "higher_than, separation, count, rule, sequence_of, time, bumped, "
         "at_cliff, battery_below, undelivered_for, all, any and not)"),
     ),
     (

@@ -106,7 +106,7 @@ def test_a_misspelt_key_is_told_in_whatever_table_it_stands(schema: dict[str, An
         ('[rules.near]\nwhen = { below = "-1 m" }', "'-1 m' does not match"),
         ("[rules.near]\nwhen = { seen = false }", "True was expected"),
         ('[rules.near]\nwhen = { all = [{ any = [{ not = { belwo = "1 m" } }] }] }', "'belwo' was unexpected"),
-        ('[rules.near]\nwhen = { seen = true }\nramp = { from = "1 m", to = "2 m" }', "each of"),
+        ('[rules.near]\nfollow = { distance = "1 m" }\nramp = { from = "1 m", to = "2 m" }', "each of"),
         ('[rules.near]\nactuator = "motor"', "'when' is a required property"),
         ('[rules.near]\nwhen = { seen = true }\nseverity = "loud"', "'loud' is not one of"),
         ('[rules.near]\nwhen = { time = { between = ["22:00"] } }', "is too short"),

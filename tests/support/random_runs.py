@@ -13,10 +13,16 @@ from stadimeter.core.base_report import BaseReport
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
 from stadimeter.core.conditions.contact import TimeToContactCondition
-from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
+from stadimeter.core.conditions.discrete import (
+    CountCondition,
+    PresenceCondition,
+    RuleCondition,
+    ScheduleCondition,
+)
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
+from stadimeter.core.conditions.sequence import SequenceCondition
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Severity
@@ -81,7 +87,7 @@ def random_run(seed: int, *, is_aimed: bool = False) -> RandomRun:
             about two targets of which one stands in a deadband while the other is out of sight.
     """
     rng = random.Random(seed)  # noqa: S311 - the same run each time
-    rules = _Rules(rng, is_aimed=is_aimed).some()
+    rules = RandomRules(rng, is_aimed=is_aimed).some()
     fps = rng.choice((1, 5, 10, 30, 60))
     safety = Safety(max_frame_age_s=max(0.2, 2.5 / fps), good_frames=2)
     names = tuple(rule.name for rule in rules if isinstance(rule, AlarmRule))
@@ -120,7 +126,9 @@ def with_all_active(state: State) -> State:
     return replace(state, rules=replace(state.rules, quiescence=state.rules.quiescence.with_all_active()))
 
 
-class _Rules:
+class RandomRules:
+    """Makes rules."""
+
     def __init__(self, rng: random.Random, *, is_aimed: bool) -> None:
         self.rng = rng
         self.is_aimed = is_aimed
@@ -222,12 +230,13 @@ class _Rules:
         whole = self.rng.choice((AllOf(conditions=parts), AnyOf(conditions=parts)))
         return self.rng.choice((whole, whole, Not(condition=whole)))
 
-    def _condition(self, depth: int = 0) -> Condition:
+    def condition(self, depth: int = 0) -> Condition:
+        """A condition of any kind."""
         if self.is_aimed and depth == 0 and self.rng.random() < 0.6:
             return self._of_both()
         if depth == 2 or self.rng.random() < (0.25 if self.is_aimed and depth == 0 else 0.6):
             return self._leaf()
-        parts = tuple(self._condition(depth + 1) for _ in range(self.rng.randint(2, 3)))
+        parts = tuple(self.condition(depth + 1) for _ in range(self.rng.randint(2, 3)))
         return self.rng.choice((AllOf(conditions=parts), AnyOf(conditions=parts), Not(condition=parts[0])))
 
     def _alarm(self, name: str) -> AlarmRule:
@@ -241,7 +250,7 @@ class _Rules:
             priority=rng.randint(0, 3),
             severity=rng.choice((Severity.WARNING, Severity.WARNING, Severity.SAFETY)),
             observe=rng.random() < 0.1,
-            condition=self._condition(),
+            condition=self.condition(),
             lost=Lost(
                 grace_s=rng.choice((0.0, 0.3, 1.0)), policy=rng.choice(policies), fault_after_s=rng.choice((0.6, 2.0))
             ),
@@ -254,8 +263,16 @@ class _Rules:
             realarm_s=rng.choice((None, None, 1.5)),
             cooldown_s=rng.choice((0.0, 1.0, 10.0)),
             group=rng.choice(("", "", "door")),
-            suppress_when=self._condition(1) if rng.random() < 0.25 else None,
+            suppress_when=self.condition(1) if rng.random() < 0.25 else None,
             escalation=tuple(self._step() for _ in range(rng.choice((0, 0, 1, 2)))),
+        )
+
+    def sequence(self) -> SequenceCondition:
+        """An order of two or three of the rules that were made before."""
+        return SequenceCondition(
+            rules=tuple(self.rng.sample(self.names, min(len(self.names), self.rng.choice((2, 2, 3))))),
+            within_s=self.rng.choice((0.5, 2.0, 30.0)),
+            for_s=self.rng.choice((None, None, 0.3)),
         )
 
     def _step(self) -> EscalationStep:

@@ -26,7 +26,7 @@ from pathlib import Path
 from msgspec import Struct
 
 from stadimeter.core.clock import TaskEndedError
-from stadimeter.core.observation import WallTime
+from stadimeter.core.observation import MonthDay, WallTime
 
 # A paced clock that is this far behind real time no longer tries to catch up.
 LATE_S = 0.2
@@ -257,6 +257,14 @@ def local_now() -> datetime:
     return datetime.now().astimezone()
 
 
+def time_of_day(local: datetime) -> WallTime:
+    """Return the time that a clock on the wall shows, and the dates around it."""
+    second = 3600 * local.hour + 60 * local.minute + local.second + local.microsecond * 1e-6
+    days = [local.date() + timedelta(days=later) for later in (-1, 0, 1)]
+    dates = tuple([MonthDay(day.month, day.day) for day in days])
+    return WallTime(second_of_day=second, weekday=local.weekday(), dates=dates)
+
+
 class TimeOfDay:
     """The time of day in each cycle. Asks the computer for it once a second at most.
 
@@ -270,8 +278,10 @@ class TimeOfDay:
         is_live: bool,
         now: Callable[[], datetime] = local_now,
         is_right: Callable[[], bool] = is_synchronised,
+        shown: Callable[[datetime], WallTime] = time_of_day,
     ) -> None:
         self._is_live = is_live
+        self._show = shown
         self._now = now
         self._is_right = is_right
         self._asked_s = -math.inf
@@ -282,7 +292,7 @@ class TimeOfDay:
         """Return the local time; None while nothing vouches for it."""
         if now_s - self._asked_s >= ASKED_EVERY_S:
             self._asked_s = now_s
-            self._shown = _time_of_day(self._local(now_s)) if self._is_right() else None
+            self._shown = self._show(self._local(now_s)) if self._is_right() else None
         return self._shown
 
     def _local(self, now_s: float) -> datetime:
@@ -292,8 +302,3 @@ class TimeOfDay:
             self._began = (self._now(), now_s)
         began, began_s = self._began
         return began + timedelta(seconds=now_s - began_s)
-
-
-def _time_of_day(local: datetime) -> WallTime:
-    second = 3600 * local.hour + 60 * local.minute + local.second + local.microsecond * 1e-6
-    return WallTime(second_of_day=second, weekday=local.weekday())

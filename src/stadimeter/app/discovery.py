@@ -36,7 +36,7 @@ from stadimeter.core.home_assistant import (
     UpdateEntity,
 )
 from stadimeter.core.plan import Plan
-from stadimeter.core.rule import AlarmRule, AnyRule
+from stadimeter.core.rule import AlarmRule, AnyRule, gate_of
 from stadimeter.core.track import TrackStatus
 from stadimeter.operator_actions import OperatorAction
 
@@ -160,12 +160,12 @@ class _Entities:
             json_attributes_template=f"{{{{ {{{attributes}}} | tojson if value_json is defined else '{{}}' }}}}",
             **self._available(f"rule/{name}/availability"),
         )
-        if isinstance(rule, AlarmRule):
-            yield from self._buttons(rule)
-            if rule.severity is not Severity.SAFETY:
-                yield from (self._threshold(name, key, found) for key, found in thresholds_of(rule).items())
-                yield self._switch(name, "in-service", "in_service", "in service")
-                yield self._switch(name, "observed", "observed", "observed only")
+        alarm = gate_of(rule)
+        yield from self._buttons(alarm)
+        if rule.severity is not Severity.SAFETY:
+            yield from (self._threshold(name, key, found) for key, found in thresholds_of(alarm).items())
+            yield self._switch(name, "in-service", "in_service", "in service")
+            yield self._switch(name, "observed", "observed", "observed only")
 
     def of_run(self) -> Iterator[AnyComponent]:
         """Yield what is not of one target or rule."""

@@ -333,8 +333,7 @@ def _severities(rules: Iterable[AnyRule]) -> dict[str, Severity]:
 
 
 def _retained_topics(rules: Iterable[AnyRule]) -> frozenset[str]:
-    own = {f"rule/{rule.name}/{what}" for rule in rules for what in ("state", "availability")}
-    own |= {f"rule/{rule.name}/settings" for rule in rules if isinstance(rule, AlarmRule)}
+    own = {f"rule/{rule.name}/{what}" for rule in rules for what in ("state", "availability", "settings")}
     steps = [step for rule in rules if isinstance(rule, AlarmRule) for step in rule.escalation]
     return frozenset(own | {step.send.topic for step in steps if step.send is not None and step.send.retain})
 

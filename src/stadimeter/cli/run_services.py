@@ -15,6 +15,7 @@ from msgspec import Struct
 import stadimeter
 from stadimeter.app.clock import TimeOfDay, is_synchronised
 from stadimeter.app.event_log import EventLog, event_log_path
+from stadimeter.app.local_time import wall_time
 from stadimeter.app.service import (
     Service,
     held_lines,
@@ -65,7 +66,9 @@ def open_services(loop: Loop, options: RunOptions, *, is_quiet: bool = False) ->
         late = _ErrorLines(is_quiet=is_quiet)
         closing.callback(late.tell_all)
         services.tell = late
-        services.time_of_day = TimeOfDay(is_live=loop.parts.is_live, is_right=is_right)
+        services.time_of_day = TimeOfDay(
+            is_live=loop.parts.is_live, is_right=is_right, shown=lambda now: wall_time(now, loop.parts.configuration)
+        )
         if state_directory() is not None:
             closing.enter_context(_open_event_log(loop, is_right))
         _list_safe_outputs(loop)

@@ -11,7 +11,8 @@ from typing import Any
 from stadimeter.config.analysis import Subject, subject_of
 from stadimeter.config.analysis.bands import band_errors, holding_errors, quantity_errors
 from stadimeter.config.analysis.promises import promise_errors
-from stadimeter.config.analysis.references import reference_errors
+from stadimeter.config.analysis.references import condition_tables_of, reference_errors
+from stadimeter.config.analysis.schedules import schedule_errors
 from stadimeter.config.analysis.writers import shadow_errors
 from stadimeter.config.draft import BASE_NAME, Draft, output_path
 from stadimeter.config.findings import Finding, did_you_mean, did_you_mean_or_list, known_keys
@@ -28,7 +29,7 @@ from stadimeter.config.rules.condition_tables import (
     MAX_DEPTH,
     WhenTable,
 )
-from stadimeter.config.rules.tables import KINDS, FramesTable, RuleTable
+from stadimeter.config.rules.tables import IN_PROPORTION, KINDS, FramesTable, RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.units import PinMark, PortMark
 from stadimeter.core.rules.follow_law import MAX_GAIN_SHARE
@@ -41,9 +42,9 @@ WATCHDOG_AFTER_LEASE_S = 0.2
 
 
 _BEEPS = "leave it out: a buzzer on a ramp beeps by itself, the faster the higher the level"
-_ONLY_FOR_WHEN = (
+_ONLY_FOR_ALARMS = (
     "targets", "on_delay", "off_delay", "delay_tolerance", "level", "pattern", "at_start", "latch", "ack", "realarm",
-    "cooldown", "shelve_max", "raises_per_min_max", "group", "suppress_when", "escalation", "notify",
+    "cooldown", "raises_per_min_max", "group", "escalation", "notify",
 )  # fmt: skip
 _LIMITS = (("above", "below"), ("between",))
 # What a condition can be; a table with keys of several of these groups is short for all of them.
@@ -73,9 +74,9 @@ def _rules_by_themselves(draft: Draft) -> Iterator[Finding]:
     for name, table in draft.tables("rules").items():
         yield from _kind(name, table)
         yield from _keys_of_another_kind(name, table)
-        for key in ("when", "suppress_when"):
-            if isinstance(table.get(key), Mapping):
-                yield from condition_findings(("rules", name, key), table[key])
+        for at, condition in condition_tables_of(name, table):
+            if isinstance(condition, Mapping):
+                yield from condition_findings(at, condition)
     for name, rule in draft.rules.items():
         for check in (_times, _follow):
             yield from check(("rules", name), rule)
@@ -83,21 +84,20 @@ def _rules_by_themselves(draft: Draft) -> Iterator[Finding]:
 
 def _kind(name: str, table: Mapping[str, Any]) -> Iterator[Finding]:
     kinds = [kind for kind in KINDS if kind in table]
-    if len(kinds) > 1:
-        message = f"the rule '{name}' has {' and '.join(kinds)}; a rule has exactly one of when, ramp and follow"
+    if all(kind in table for kind in IN_PROPORTION):
+        message = f"the rule '{name}' has {' and '.join(IN_PROPORTION)}; a rule has one of them, or when alone"
         yield Finding(("rules", name, kinds[-1]), message, "make a rule of its own for each", "rule-kind")
     misspelt = any(did_you_mean(key, KINDS) for key in table if key not in RuleTable.model_fields)
     if not kinds and not misspelt:
-        message = f"the rule '{name}' does nothing; a rule has exactly one of when, ramp and follow"
+        message = f"the rule '{name}' does nothing; a rule has ramp or follow, or when alone"
         yield Finding(("rules", name), message, 'add one, such as when = { below = "50 cm" }', "rule-kind")
 
 
 def _keys_of_another_kind(name: str, table: Mapping[str, Any]) -> Iterator[Finding]:
-    if "when" in table or not any(kind in table for kind in KINDS):
-        return
-    for key in (key for key in _ONLY_FOR_WHEN if key in table):
+    kind = next((kind for kind in IN_PROPORTION if kind in table), "")
+    for key in (key for key in _ONLY_FOR_ALARMS if key in table and kind):
         hint = _BEEPS if key == "pattern" else "leave it out"
-        yield Finding(("rules", name, key), f"'{key}' has a meaning only beside when", hint, "key-of-another-kind")
+        yield Finding(("rules", name, key), f"'{key}' has no meaning beside {kind}", hint, "key-of-another-kind")
 
 
 def _times(at: KeyPath, rule: RuleTable) -> Iterator[Finding]:
@@ -391,4 +391,5 @@ _ANALYSES: tuple[Callable[[Subject], Iterator[Finding]], ...] = (
     holding_errors,
     shadow_errors,
     promise_errors,
+    schedule_errors,
 )

@@ -14,6 +14,7 @@ from stadimeter.core.conditions.compounds import Condition, leaves
 from stadimeter.core.conditions.quantities import QUANTITIES, noun_of
 from stadimeter.core.plan import BaseOutput, LevelOutput, Output
 from stadimeter.core.rule import (
+    ALWAYS,
     RAISES_PER_MIN_MAX,
     AlarmRule,
     AnyRule,
@@ -115,7 +116,17 @@ def _rule(rule: AnyRule, configuration: Configuration) -> str:
             does = _ramp(rule, configuration)
         case _:
             does = _follow(rule, configuration)
-    return f"`{rule.name}` {does}{_wins(rule, configuration)}"
+    return f"`{rule.name}` {does}{_gate(rule)}{_wins(rule, configuration)}"
+
+
+def _gate(rule: AnyRule) -> str:
+    """Say when a rule that acts in proportion does not."""
+    if isinstance(rule, AlarmRule):
+        return ""
+    gate = rule.gate
+    only = f" Acts only while {describe_begin(gate.condition)}." if gate.condition is not ALWAYS else ""
+    quiet = f" Keeps quiet while {describe_begin(gate.suppress_when)}." if gate.suppress_when is not None else ""
+    return only + quiet
 
 
 def _alarm(rule: AlarmRule, configuration: Configuration) -> str:
@@ -293,7 +304,8 @@ def _step(step: EscalationStep, configuration: Configuration) -> str:
     when = "When it clears" if step.on == "cleared" else "When raised"
     after = f", {duration(step.after_s)} later" if step.after_s else ""
     unless = " unless it has been acknowledged" if step.only_unacknowledged else ""
-    return f"{when}{after} {_does(step, configuration)}{unless}"
+    only_if = f" if {describe_begin(step.when)}" if step.when is not None else ""
+    return f"{when}{after} {_does(step, configuration)}{unless}{only_if}"
 
 
 def _does(step: EscalationStep, configuration: Configuration) -> str:

@@ -125,6 +125,7 @@ class Draft(ChosenDrivers, Struct, kw_only=True):
     safety: models.SafetyTable = field(default_factory=models.SafetyTable)
     web: models.WebTable | None = None
     recording: models.RecordingTable | None = None
+    place: models.PlaceTable | None = None
     rules: dict[str, RuleTable] = field(default_factory=dict)
     tests: dict[int, RuleTest] = field(default_factory=dict)
     compiled: tuple[CompiledRule, ...] = ()
@@ -257,6 +258,8 @@ class _Reader:
         self.draft.safety = safety or self.draft.safety
         if (web := self._table("web")) is not None:
             self.draft.web = self._validated(models.WebTable, ("web",), web)
+        if (place := self._table("place")) is not None:
+            self.draft.place = self._validated(models.PlaceTable, ("place",), place)
         if (recording := self._table("recording")) is not None:
             self.draft.recording = self._validated(models.RecordingTable, ("recording",), recording)
 

@@ -16,6 +16,7 @@ LIBRARIES = {
     "pi": "lgpio",
     "record": "mcap",
     "ros2": "websockets",
+    "sun": "astral",
     "tof": "VL53L1X",
     "web": "uvicorn",
     "zenoh": "zenoh",

@@ -19,7 +19,15 @@ from stadimeter.config.cross_checks import error_findings
 from stadimeter.config.draft import BASE_NAME, ChosenDrivers, Draft, read_draft
 from stadimeter.config.driver_tables import CAMERA, MESSENGER, DriverKind, read_driver_table
 from stadimeter.config.findings import Finding, problems
-from stadimeter.config.models import ActuatorTable, BaseTable, ButtonTable, RecordingTable, SensorTable, WebTable
+from stadimeter.config.models import (
+    ActuatorTable,
+    BaseTable,
+    ButtonTable,
+    PlaceTable,
+    RecordingTable,
+    SensorTable,
+    WebTable,
+)
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.ready_bases import with_chosen_base
 from stadimeter.config.renamed_keys import with_current_keys
@@ -66,6 +74,8 @@ class Configuration(ChosenDrivers, Struct, frozen=True, kw_only=True, eq=False):
         sensor_tables: Where each range sensor looks, and what it keeps the base from, by its name.
         web: The page on which a browser sees the run; None for none.
         recording: What the run keeps by itself; None for nothing.
+        place: Where it is, for schedules; None for anywhere, in the time zone of the computer.
+        needs_sun: Whether a rule asks when the sun rises or sets.
         find_warnings: Finds what `warnings` gives.
         tests: The tests of its rules; none if they were not asked for.
     """
@@ -85,6 +95,8 @@ class Configuration(ChosenDrivers, Struct, frozen=True, kw_only=True, eq=False):
     sensor_tables: Mapping[str, SensorTable] = field(default_factory=dict)
     web: WebTable | None = None
     recording: RecordingTable | None = None
+    place: PlaceTable | None = None
+    needs_sun: bool = False
 
     @property
     def camera(self) -> DriverChoice:
@@ -127,10 +139,11 @@ def load_configuration(path: Path, *, with_tests: bool = True, texts: Texts | No
     found = [*problems(findings, str(path), source.spans), *draft.file_problems]
     if found or draft.camera is None:
         raise ConfigError(found, _warnings(draft, path, source, findings))
+    plan = _plan(draft)
     return Configuration(
         path=path,
         text=text,
-        plan=_plan(draft),
+        plan=plan,
         rules=draft.compiled,
         spans=source.spans,
         drivers=draft.drivers,
@@ -139,6 +152,8 @@ def load_configuration(path: Path, *, with_tests: bool = True, texts: Texts | No
         sensor_tables=draft.sensor_tables,
         web=draft.web,
         recording=draft.recording,
+        place=draft.place,
+        needs_sun=plan.needs_sun,
         leases_s={name: table.lease for name, table in draft.output_tables.items()},
         stays_off=frozenset(name for name, table in draft.output_tables.items() if table.after_fault == "stay_off"),
         find_warnings=cache(lambda: _warnings(draft, path, source)),

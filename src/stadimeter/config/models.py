@@ -1,10 +1,12 @@
 """The sections of a configuration that belong to no driver. Their defaults are those of `stadimeter.core.plan`."""
 
 import math
+from datetime import tzinfo
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
+from stadimeter.config.findings import did_you_mean
 from stadimeter.config.units import (
     DURATIONS_S,
     Acceleration,
@@ -45,7 +47,7 @@ _SAFETY = plan.Safety()
 # Every section that a configuration may have.
 SECTIONS = (
     "camera", "targets", "actuators", "base", "sensors", "status_led", "buttons", "messenger", "notifiers", "world",
-    "tracking", "safety", "web", "recording", "rules", "tests",
+    "tracking", "safety", "web", "recording", "place", "rules", "tests",
 )  # fmt: skip
 
 
@@ -283,3 +285,30 @@ class SafetyTable(Section):
             watchdog_s=self.watchdog,
             liveness=self.liveness,
         )
+
+
+def _time_zone(name: object) -> object:
+    import zoneinfo  # noqa: PLC0415 - most configurations name none
+
+    if isinstance(name, str) and name not in (known := zoneinfo.available_timezones()):
+        hint = did_you_mean(name, known) or "write it such as 'Europe/Berlin'"
+        raise ValueError(f"there is no time zone {name!r}; {hint}")
+    return name
+
+
+class PlaceTable(Section):
+    """Where the computer is, for schedules."""
+
+    latitude: Annotated[float, Field(ge=-90, le=90)] | None = None
+    """In degrees, north of the equator positive."""
+    longitude: Annotated[float, Field(ge=-180, le=180)] | None = None
+    """In degrees, east of Greenwich positive."""
+    time_zone: Annotated[str, BeforeValidator(_time_zone)] | None = None
+    """Its name, such as ``Europe/Berlin``; None for that of the computer."""
+
+    @property
+    def zone(self) -> tzinfo | None:
+        """The time zone; None for that of the computer."""
+        from zoneinfo import ZoneInfo  # noqa: PLC0415 - most configurations name none
+
+        return None if self.time_zone is None else ZoneInfo(self.time_zone)

@@ -31,7 +31,7 @@ from stadimeter.core.rule import AlarmRule
 
 # Keys of which a recording has its own.
 _MADE_UP = (*MOTIONS, "targets", "target", "bearing", "elevation", "lost", "noise", "dropouts", "outliers", "rate")
-_MADE_UP_TOO = ("seed", "frozen", "clock", "day", "operator")
+_MADE_UP_TOO = ("seed", "frozen", "clock", "day", "date", "operator")
 _MAX_RATE_HZ = 30.0
 _EXAMPLE = "expect.RULE = { raised = 1 }"
 
@@ -97,6 +97,10 @@ def _input(draft: Draft, at: KeyPath, given: InputTable, written: Mapping[str, A
     yield from _motion(at, given, written, is_needed="targets" not in written)
     for name, motion in (given.targets or {}).items():
         yield from _motion((*at, "targets", name), motion, written["targets"][name], is_needed=True)
+    if given.date is not None and given.clock is None:
+        yield Finding((*at, "date"), "a date without a time of day", 'add one, such as clock = "12:00"')
+    if given.date is not None and "day" in written:
+        yield Finding((*at, "day"), f"{given.date} has a day of the week of its own", "leave it out")
     yield from _length(at, given)
     yield from _orders(draft, at, given)
 

@@ -1,5 +1,6 @@
 """The tables ``[[tests]]``: what the target does, and what is expected of the rules."""
 
+import datetime as dt
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal, Self
 
@@ -7,6 +8,7 @@ from msgspec import Struct
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from stadimeter.config.models import DurationAboveZero, Section, Share
+from stadimeter.config.rules.schedule_tables import parse_date
 from stadimeter.config.units import Angle, Duration, FilePath, Frequency, Length, Speed, TimeOfDay
 from stadimeter.core.decision import RuleStatus
 from stadimeter.operator_actions import OperatorAction
@@ -356,6 +358,8 @@ class InputTable(MotionTable):
     """The time of day at the start, in seconds after midnight; None for a clock that is not synchronised."""
     day: Literal["mon", "tue", "wed", "thu", "fri", "sat", "sun"] = "mon"
     """The day of the week at the start."""
+    date: Annotated[dt.date | None, BeforeValidator(parse_date)] = None
+    """The date at the start, in place of the day of the week; None for one that is not known."""
     operator: list[OperatorTable] = Field(default_factory=list)
     """What people tell rules."""
 

@@ -23,7 +23,7 @@ from pydantic_core import core_schema
 from stadimeter.config import camera_file, models, plugins
 from stadimeter.config.driver_tables import BASE, CAMERA, DRIVER_KINDS, DriverKind
 from stadimeter.config.rule_test_tables import RuleTestTable
-from stadimeter.config.rules.tables import KINDS, RuleTable
+from stadimeter.config.rules.tables import IN_PROPORTION, RuleTable
 from stadimeter.errors import DriverError
 
 JsonSchema = dict[str, Any]
@@ -41,6 +41,7 @@ _TABLES: dict[str, type[BaseModel]] = {
     "safety": models.SafetyTable,
     "web": models.WebTable,
     "recording": models.RecordingTable,
+    "place": models.PlaceTable,
 }
 _SECTIONS = {
     "camera": "The camera: its driver and its lens.",
@@ -192,7 +193,8 @@ def _camera_model(model: JsonSchema, by_model: dict[type[BaseModel], JsonSchema]
 
 def _rule(by_model: dict[type[BaseModel], JsonSchema], definitions: dict[str, JsonSchema]) -> JsonSchema:
     table = _resolved(by_model[RuleTable], definitions)
-    return {**table, "oneOf": [{"required": [kind]} for kind in KINDS]}
+    each = [{"required": [kind]} for kind in IN_PROPORTION]
+    return {**table, "oneOf": [*each, {"required": ["when"], "not": {"anyOf": each}}]}
 
 
 def _resolved(schema: JsonSchema, definitions: dict[str, JsonSchema]) -> JsonSchema:

@@ -13,6 +13,7 @@ from stadimeter.config.analysis import Subject, delay_s, frame_rate_hz, subject_
 from stadimeter.config.analysis.bands import holding_warnings
 from stadimeter.config.analysis.promises import promise_warnings, unknown_warnings
 from stadimeter.config.analysis.references import rules_asked_for
+from stadimeter.config.analysis.schedules import schedule_warnings
 from stadimeter.config.analysis.writers import priority_warnings, shadow_warnings
 from stadimeter.config.draft import BASE_NAME, Draft, output_path
 from stadimeter.config.findings import Finding
@@ -359,6 +360,7 @@ _ANALYSES: tuple[Callable[[Subject], Iterator[Finding]], ...] = (
     priority_warnings,
     timing_warnings,
     promise_warnings,
+    schedule_warnings,
     unknown_warnings,
 )
 _ABOUT_DRIVERS: tuple[Callable[[Draft], Iterator[Finding]], ...] = (

@@ -12,15 +12,22 @@ from msgspec import Struct
 
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, JudgedLeaf, Not, judged_leaves
 from stadimeter.core.conditions.contact import SpeedKnowledge, TimeToContactCondition, approach_of
-from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
+from stadimeter.core.conditions.discrete import (
+    CountCondition,
+    PresenceCondition,
+    RuleCondition,
+    ScheduleCondition,
+)
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs
 from stadimeter.core.conditions.limits import LimitsCondition
 from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.conditions.of_base import ContactSensorCondition
+from stadimeter.core.conditions.sequence import SequenceCondition
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
+from stadimeter.core.schedule_words import clock_words, describe_sequence, hours, sequence_words
 from stadimeter.core.track import Track
-from stadimeter.core.words import day, duration, figure_in_words, length, metres, short_figure, time_of_day
+from stadimeter.core.words import duration, figure_in_words, length, metres, short_figure
 from stadimeter.core.words import uncertain_figure as uncertain
 
 _ANSWERS = {True: "yes", False: "no", None: "unknown"}
@@ -137,7 +144,7 @@ def _evidence(part: JudgedLeaf, inputs: RuleInputs) -> Evidence:
     begin, end = (leaf.turning_points(inputs, is_on=side) for side in (part.is_inverted, not part.is_inverted))
     return Evidence(
         quantity=leaf.noun,
-        about=(leaf.rule,) if isinstance(leaf, RuleCondition) else leaf.targets_named,
+        about=leaf.rules_named or leaf.targets_named,
         words=words + _NOT_COUNTED.get(leaf.noun, ""),
         holds=leaf.holds(inputs, is_on),
         unit=leaf.unit,
@@ -161,11 +168,13 @@ def _part_words(  # noqa: PLR0911 - one for each kind
         case CountCondition():
             return _count_words(leaf, inputs)
         case ScheduleCondition():
-            return _clock_words(leaf, inputs)
+            return clock_words(leaf, inputs)
         case ContactSensorCondition():
             return f"{_CONTACT_WORDS[leaf.sensor]}: {_ANSWERS[leaf.holds(inputs, part.is_on)]}"
         case RuleCondition():
             return f"the rule {leaf.rule} {_RULE_STATES[inputs.active.get(leaf.rule)]}"
+        case SequenceCondition():
+            return sequence_words(leaf, inputs)
         case UndeliveredCondition():
             reading = leaf.reading(inputs, part.is_on)
             return (
@@ -252,12 +261,6 @@ def _count_words(leaf: CountCondition, inputs: RuleInputs) -> str:
     return f"{leaf.count(inputs):.0f} of {number} in sight, {' and '.join(thresholds)}"
 
 
-def _clock_words(leaf: ScheduleCondition, inputs: RuleInputs) -> str:
-    if inputs.wall is None:
-        return f"the time of day is not known yet, {_hours(leaf)}"
-    return f"{day(inputs.wall.weekday)} {time_of_day(inputs.wall.second_of_day // 60 * 60)}, {_hours(leaf)}"
-
-
 # When a condition begins and ends -----------------------------------------------------------------------------------
 
 
@@ -302,11 +305,11 @@ def _begin_words(leaf: Leaf) -> str:  # noqa: PLR0911 - one for each kind
             counted = f"of {', '.join(f'`{target}`' for target in leaf.targets)}" if leaf.targets else "targets"
             return f"{_number_words(leaf.at_least, leaf.at_most)} {counted} are in sight"
         case ScheduleCondition():
-            return f"it is {_hours(leaf)}"
+            return f"it is {hours(leaf)}"
         case ContactSensorCondition():
             return _CONTACT_WORDS[leaf.sensor]
-        case RuleCondition():
-            return f"`{leaf.rule}` is active"
+        case RuleCondition() | SequenceCondition():
+            return f"`{leaf.rule}` is active" if isinstance(leaf, RuleCondition) else describe_sequence(leaf)
         case UndeliveredCondition():
             return f"an alarm is undelivered for {duration(leaf.for_s)}"
         case TimeToContactCondition() | FigureCondition(quantity="still") | FigureCondition(is_comparison=True):
@@ -341,11 +344,6 @@ def _number_words(least: int | None, most: int | None) -> str:
     if least is None or most is None:
         return f"at most {most}" if least is None else f"at least {least}"
     return f"{least}" if least == most else f"{least} to {most}"
-
-
-def _hours(leaf: ScheduleCondition) -> str:
-    days = f" on {' and '.join(map(day, leaf.weekdays))}" if leaf.weekdays else ""
-    return f"between {time_of_day(leaf.from_s)} and {time_of_day(leaf.to_s)}{days}"
 
 
 def _sides(leaf: Leaf) -> tuple[str, str]:

@@ -32,16 +32,30 @@ class OutputFault(Struct, frozen=True, kw_only=True):
     reason: str
 
 
+class MonthDay(Struct, frozen=True, order=True):
+    """A day of every year, the month from 1."""
+
+    month: int
+    day: int
+
+
 class WallTime(Struct, frozen=True, kw_only=True):
     """The local time of day. Schedules go by it, and nothing else does.
 
     Attributes:
         second_of_day: Seconds since midnight.
         weekday: 0 for Monday.
+        dates: Yesterday, today and tomorrow; empty where they are not known.
+        sunrise_s: When the sun rises on that day, in seconds since its midnight: −∞ if it was up already, ∞ if it does
+            not rise. None where no rule asks for it.
+        sunset_s: The same of when it sets: −∞ if it is down already, ∞ if it does not set.
     """
 
     second_of_day: float
     weekday: int
+    dates: tuple[MonthDay, ...] = ()
+    sunrise_s: float | None = None
+    sunset_s: float | None = None
 
 
 class Observation(Struct, frozen=True, kw_only=True):

@@ -16,7 +16,7 @@ from typing import Any, TypeVar, cast
 from msgspec import NODEFAULT, Struct, field
 from msgspec.structs import fields, replace
 
-from stadimeter.core.alarms.alarm import AlarmStep, new_alarm, renew, with_record
+from stadimeter.core.alarms.alarm import OperatedStep, renew, with_record
 from stadimeter.core.alarms.machine import AlarmRecord, AlarmState
 from stadimeter.core.alarms.settings import as_set
 from stadimeter.core.alarms.state import Resumed, Timers
@@ -24,7 +24,7 @@ from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decide import State
-from stadimeter.core.rule import AlarmRule, AnyRule
+from stadimeter.core.rule import AlarmRule, AnyRule, GatedRule, conditions_of, gate_of
 from stadimeter.core.rules.scheduler import with_steps
 from stadimeter.core.tracking.life_cycle import TrackState
 
@@ -49,6 +49,8 @@ class AlarmSnapshot(Struct, frozen=True, kw_only=True):
     """Tells rules apart that do not mean the same."""
     record: AlarmRecord = field(name="state")  # so it is called in state files
     is_first_out: bool = False
+    last_raised_at_s: float | None = None
+    """When it was raised last, for one that a sequence names."""
 
 
 class Absence(Struct, frozen=True, kw_only=True):
@@ -91,15 +93,23 @@ def _canonical(value: object) -> str:
 def _is_set(value: object, field: Any) -> bool:
     """Return whether a field is not as it is by default."""
     default = field.default_factory() if field.default_factory is not NODEFAULT else field.default
+    if isinstance(value, GatedRule) and field.name == "gate":
+        default = value.owning(default)
     return bool(getattr(value, field.name) != default)
 
 
 def snapshot_alarms(state: State) -> tuple[AlarmSnapshot, ...]:
     """Return a snapshot of the alarms of a run, in the order of the configuration."""
     return tuple(
-        AlarmSnapshot(rule=rule.name, meaning=meaning_of(rule), record=step.record, is_first_out=step.trace.first_out)
+        AlarmSnapshot(
+            rule=rule.name,
+            meaning=meaning_of(rule),
+            record=step.record,
+            is_first_out=step.trace.first_out,
+            last_raised_at_s=state.rules.raised_at_s.get(rule.name),
+        )
         for rule, step in zip(state.plan.rules, state.rules.steps, strict=True)
-        if isinstance(step, AlarmStep)
+        if isinstance(step, OperatedStep)
     )
 
 
@@ -121,7 +131,7 @@ def classify_change(before: State, after: State) -> SnapshotChange:
     if before.rules.steps is after.rules.steps:
         return found
     for last, step in zip(before.rules.steps, after.rules.steps, strict=True):
-        if step is not last and isinstance(step, AlarmStep) and isinstance(last, AlarmStep):
+        if step is not last and isinstance(step, OperatedStep) and isinstance(last, OperatedStep):
             found = max(found, _change(last.record, step.record))
     return found
 
@@ -134,8 +144,8 @@ def _begins_an_absence(before: State, after: State) -> bool:
     return gone and any(
         isinstance(leaf, PresenceCondition) and leaf.for_s > 0
         for rule in after.plan.rules
-        if isinstance(rule, AlarmRule)
-        for leaf in leaves(rule.condition)
+        for condition in conditions_of(rule)
+        for leaf in leaves(condition)
     )
 
 
@@ -177,24 +187,29 @@ def restore_alarms(
         from_s: As of when they remembered it, on this run's clock.
     """
     by_rule = {memory.rule: memory for memory in memories}
-    steps, first_out = list(state.rules.steps), {}
+    steps, first_out, raised_at_s = list(state.rules.steps), {}, {}
     due = state.due
     for index, rule in enumerate(state.plan.rules):
         memory = by_rule.get(rule.name)
-        if memory is None or not isinstance(rule, AlarmRule):
+        step = steps[index]
+        if memory is None or not isinstance(step, OperatedStep):
             continue
         if memory.meaning != meaning_of(rule):
             were_set = shift_times(memory.record.thresholds, shift_s)
-            steps[index], events = renew(rule, were_set, RuleInputs(tracks={}, now_s=now_s))
+            steps[index], events = renew(gate_of(rule), step, were_set, RuleInputs(tracks={}, now_s=now_s))
             due += events
             continue
-        resumed = _resume(rule, memory.record, shift_s=shift_s, from_s=from_s, now_s=now_s)
-        steps[index] = with_record(as_set(rule, resumed), new_alarm(rule), resumed)
+        alarm = gate_of(rule)
+        resumed = _resume(alarm, memory.record, shift_s=shift_s, from_s=from_s, now_s=now_s)
+        steps[index] = with_record(as_set(alarm, resumed), step, resumed)
+        if memory.last_raised_at_s is not None:
+            raised_at_s[rule.name] = memory.last_raised_at_s + shift_s
         if memory.is_first_out:
-            first_out[rule.group] = rule.name
+            first_out[alarm.group] = rule.name
     since_s = {absence.target: absence.since_s + shift_s for absence in absences}
     tracks = tuple(_absent_since(tracked, since_s.get(tracked.track.target)) for tracked in state.tracks)
-    return replace(state, tracks=tracks, rules=with_steps(state.plan, tuple(steps), first_out), due=due)
+    rules = with_steps(state.plan, tuple(steps), first_out, raised_at_s)
+    return replace(state, tracks=tracks, rules=rules, due=due)
 
 
 def _absent_since(tracked: TrackState, since_s: float | None) -> TrackState:

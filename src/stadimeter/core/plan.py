@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Literal
 
 from msgspec import Struct, field
 
 from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.discrete import ScheduleCondition
-from stadimeter.core.rule import AlarmRule, AnyRule
+from stadimeter.core.rule import AnyRule, conditions_of
 from stadimeter.core.sensor_fusion import SensorPair
 from stadimeter.core.tracking.settings import Tracking
 from stadimeter.core.tracking.transverse import Viewpoint
@@ -96,6 +97,13 @@ class Plan(Struct, frozen=True, kw_only=True):
     @property
     def needs_wall_time(self) -> bool:
         """Whether any rule asks for the time of day."""
-        alarms = (rule for rule in self.rules if isinstance(rule, AlarmRule))
-        conditions = (condition for rule in alarms for condition in (rule.condition, rule.suppress_when) if condition)
-        return any(isinstance(leaf, ScheduleCondition) for condition in conditions for leaf in leaves(condition))
+        return next(self._schedules(), None) is not None
+
+    @property
+    def needs_sun(self) -> bool:
+        """Whether any rule asks when the sun rises or sets."""
+        return any(schedule.is_by_sun for schedule in self._schedules())
+
+    def _schedules(self) -> Iterator[ScheduleCondition]:
+        parts = (leaf for rule in self.rules for condition in conditions_of(rule) for leaf in leaves(condition))
+        return (leaf for leaf in parts if isinstance(leaf, ScheduleCondition))

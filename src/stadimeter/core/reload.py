@@ -8,13 +8,13 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from stadimeter.core.alarms.actions import dismiss
-from stadimeter.core.alarms.alarm import AlarmStep, renew
+from stadimeter.core.alarms.alarm import AlarmStep, OperatedStep, renew
 from stadimeter.core.alarms.settings import as_set
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Event
 from stadimeter.core.plan import Plan
-from stadimeter.core.rule import AlarmRule, AnyRule
+from stadimeter.core.rule import AlarmRule, AnyRule, gate_of
 from stadimeter.core.rule_step import Step
 from stadimeter.core.rules.scheduler import new_rules, with_steps
 from stadimeter.core.tracking.transverse import motions_for
@@ -56,7 +56,7 @@ def reload(state: State, plan: Plan) -> ReloadedState:
         (old[rule.name][1], ()) if is_kept.get(rule.name) else _renewed(rule, new, old.get(rule.name), now)
         for rule, new in zip(plan.rules, new_rules(plan).steps, strict=True)
     ]
-    rules = with_steps(plan, tuple(step for step, _ in renewed), first_out)
+    rules = with_steps(plan, tuple(step for step, _ in renewed), first_out, state.rules.raised_at_s)
     removed = tuple(name for name in old if name not in is_kept)
     gone = dict.fromkeys(removed, REMOVED) | {name: CHANGED for name, same in is_kept.items() if not same}
     return ReloadedState(
@@ -78,9 +78,9 @@ def _renewed(
     rule: AnyRule, new: Step, old: tuple[AnyRule, Step] | None, inputs: RuleInputs
 ) -> tuple[Step, tuple[Event, ...]]:
     """Return the step of a rule that is new or means something else, and the events of thresholds that were set."""
-    if old is None or not isinstance(rule, AlarmRule) or not isinstance(old[1], AlarmStep):
+    if old is None or not isinstance(new, OperatedStep) or not isinstance(old[1], OperatedStep):
         return new, ()
-    return renew(rule, old[1].record.thresholds, inputs)
+    return renew(gate_of(rule), new, old[1].record.thresholds, inputs)
 
 
 def _clear_dropped(

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from enum import StrEnum
 from typing import Literal
 
 from msgspec import Struct, field
-from msgspec.structs import force_setattr
+from msgspec.structs import force_setattr, replace
 
-from stadimeter.core.conditions.compounds import Condition, about
+from stadimeter.core.conditions.compounds import AllOf, Condition, about
 from stadimeter.core.conditions.quantities import QuantityName
 from stadimeter.core.decision import Severity
 
@@ -163,6 +164,8 @@ class EscalationStep(Struct, frozen=True, kw_only=True):
         pattern: Levels that change by themselves, in place of `level`; None for none.
         for_s: For how long; infinite for as long as the alarm stands, which after clearing is no time at all.
         send: What it sends; None for nothing.
+        when: A condition that is judged once, when the step is due; None for always. If it does not hold, the step is
+            left out; if that is not known, what it sends is sent, and its output does not act.
     """
 
     on: Literal["raised", "cleared"] = "raised"
@@ -173,6 +176,7 @@ class EscalationStep(Struct, frozen=True, kw_only=True):
     pattern: Pattern | None = None
     for_s: float = math.inf
     send: Send | None = None
+    when: Condition | None = None
 
 
 # An alarm that is raised more often within a minute chatters, unless its configuration says otherwise.
@@ -227,12 +231,41 @@ class AlarmRule(Rule, Struct, frozen=True, kw_only=True):
         force_setattr(self, "condition", about(self.condition, self.target))
         if self.suppress_when is not None:
             force_setattr(self, "suppress_when", about(self.suppress_when, self.target))
+        if any(step.when is not None for step in self.escalation):
+            steps = [
+                step if step.when is None else replace(step, when=about(step.when, self.target))
+                for step in self.escalation
+            ]
+            force_setattr(self, "escalation", tuple(steps))
+
+
+# A condition that always holds.
+ALWAYS = AllOf(conditions=())
+
+
+class GatedRule(Rule, Struct, frozen=True, kw_only=True):
+    """A rule that acts all the time, in proportion to something, as far as its gate lets it.
+
+    Attributes:
+        gate: An alarm without delays that drives nothing: the rule acts only while its condition holds. What keeps an
+            alarm quiet keeps the rule quiet. Its name, target, severity and `observe` are those of the rule.
+    """
+
+    gate: AlarmRule = AlarmRule(name="", target="", condition=ALWAYS)
+
+    def __post_init__(self) -> None:
+        """Make the gate one of this rule."""
+        force_setattr(self, "gate", self.owning(self.gate))
+
+    def owning(self, gate: AlarmRule) -> AlarmRule:
+        """Return a gate as one of this rule."""
+        return replace(gate, name=self.name, target=self.target, severity=self.severity, observe=self.observe)
 
 
 Bias = Literal["neutral", "cautious", "quiet"]
 
 
-class RampRule(Rule, Struct, frozen=True, kw_only=True):
+class RampRule(GatedRule, Struct, frozen=True, kw_only=True):
     """Act the more strongly the larger, or the smaller, a quantity of the target is, such as its distance.
 
     Attributes:
@@ -294,7 +327,7 @@ class SlowNear(Struct, frozen=True, kw_only=True):
     full_m: float
 
 
-class FollowRule(Rule, Struct, frozen=True, kw_only=True):
+class FollowRule(GatedRule, Struct, frozen=True, kw_only=True):
     """Keep a base at a distance from the target, and pointed at it.
 
     Attributes:
@@ -327,3 +360,17 @@ class FollowRule(Rule, Struct, frozen=True, kw_only=True):
 
 
 AnyRule = AlarmRule | RampRule | FollowRule
+
+
+def gate_of(rule: AnyRule) -> AlarmRule:
+    """Return what operators may keep quiet of a rule: an alarm itself, or the gate of another rule."""
+    return rule if isinstance(rule, AlarmRule) else rule.gate
+
+
+def conditions_of(rule: AnyRule) -> Iterator[Condition]:
+    """Go through the conditions that a rule, or its gate, is judged by, and those of its steps."""
+    alarm = gate_of(rule)
+    yield alarm.condition
+    for condition in (alarm.suppress_when, *(step.when for step in alarm.escalation)):
+        if condition is not None:
+            yield condition

@@ -51,10 +51,17 @@ class Step(Struct, frozen=True, kw_only=True):
     requests: tuple[Request, ...] = ()
 
 
-def trace_of(rule: Rule, status: RuleStatus, before: RuleTrace | None = None) -> RuleTrace:
-    """Return the trace of a rule without a memory: it is active while it acts."""
+def trace_of(
+    rule: Rule, status: RuleStatus, before: RuleTrace | None = None, inhibits: tuple[str, ...] | None = None
+) -> RuleTrace:
+    """Return the trace of a rule that is active while it acts.
+
+    Args:
+        inhibits: What keeps it quiet, in words; None for no more than its own `observe`.
+    """
     active = None if status is RuleStatus.UNKNOWN else status is RuleStatus.ACTIVE
-    inhibits = (OBSERVED,) if rule.observe else ()
+    if inhibits is None:
+        inhibits = (OBSERVED,) if rule.observe else ()
     now = RuleTrace(rule=rule.name, status=status, output=rule.output, inhibits=inhibits, active=active)
     return now if before is None else keep_if_same(now, before)
 

@@ -165,6 +165,7 @@ class _RunState(Struct, frozen=True, kw_only=True):
     disarmed: str = ""
     liveness: LivenessState = field(default_factory=LivenessState)
     motions: tuple[TransverseMotion, ...] = ()
+    raised_at_s: Mapping[str, float] = field(default_factory=dict)
 
 
 def state_text(state: State) -> str:
@@ -175,6 +176,7 @@ def state_text(state: State) -> str:
         tracks=state.tracks,
         rules=tuple(_RuleMemory.of(rule, step) for rule, step in zip(state.plan.rules, state.rules.steps, strict=True)),
         first_out=state.rules.first_out,
+        raised_at_s=state.rules.raised_at_s,
         safety=state.safety,
         outputs=state.outputs,
         faults=state.faults,
@@ -213,7 +215,8 @@ def read_state(text: str, state: State) -> State:
     tracks = {tracked.track.target: tracked for tracked in was.tracks}
     outputs = {step.command.output: step for step in was.outputs}
     names = {rule.name for rule in plan.rules}
-    rules = with_steps(plan, steps, {group: name for group, name in was.first_out.items() if name in names})
+    first_out = {group: name for group, name in was.first_out.items() if name in names}
+    rules = with_steps(plan, steps, first_out, was.raised_at_s)
     return replace(
         state,
         now_s=was.now_s,

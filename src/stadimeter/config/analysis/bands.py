@@ -9,7 +9,7 @@ from typing import Any
 
 from stadimeter.config.analysis import Subject
 from stadimeter.config.analysis.logic import Logic, Wanted
-from stadimeter.config.analysis.regions import beginning_of
+from stadimeter.config.analysis.regions import beginning_of, range_of, region_of
 from stadimeter.config.findings import Finding
 from stadimeter.config.rules.compiled import CompiledRule, WrittenCondition
 from stadimeter.config.toml_lines import KeyPath
@@ -18,7 +18,7 @@ from stadimeter.core.conditions.discrete import CountCondition, PresenceConditio
 from stadimeter.core.conditions.limits import LimitsCondition, ends_of
 from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.conditions.quantities import QUANTITIES, noun_of
-from stadimeter.core.rule import RampRule
+from stadimeter.core.rule import AlarmRule, RampRule, gate_of
 from stadimeter.core.words import short_figure
 
 # Pairs of parts that are tried at most to name the two that clash: those of some sixty parts.
@@ -27,7 +27,7 @@ _MAX_PAIRS = 2000
 
 def band_errors(subject: Subject) -> Iterator[Finding]:
     """Find limits that are not in order, bands that never end, and probabilities that make an alarm chatter."""
-    for declared, _ in subject.alarms:
+    for declared in subject.rules:
         for written in declared.conditions():
             yield from empty_leaves(written)
             for leaf in written.leaves():
@@ -120,18 +120,33 @@ def _with_itself(leaf: WrittenCondition) -> Iterator[Finding]:
 
 def holding_errors(subject: Subject) -> Iterator[Finding]:
     """Find conditions that can never hold."""
-    for declared, _ in subject.alarms:
+    for declared in subject.rules:
         for written in declared.conditions():
             if not any(empty_leaves(written)):  # reported by `band_errors`
                 yield from _never(written, subject.logic)
+        yield from _shut(declared, subject.logic)
+
+
+def _shut(declared: CompiledRule, logic: Logic) -> Iterator[Finding]:
+    """Find gates that are open only where their rule would do nothing."""
+    rule = declared.rule
+    if isinstance(rule, AlarmRule) or logic.can_be((region_of(rule), Wanted.TRUE)):
+        return
+    if logic.can_be((rule.gate.condition, Wanted.TRUE)) and logic.can_be((range_of(rule), Wanted.TRUE)):
+        kind = "ramp" if isinstance(rule, RampRule) else "follow"
+        message = f"wherever this holds, the {kind} of '{declared.section}' does nothing: it never acts"
+        yield Finding(
+            declared.at("when"), message, f"let when hold where the {kind} acts, or leave it out", "shut-gate"
+        )
 
 
 def holding_warnings(subject: Subject) -> Iterator[Finding]:
     """Find conditions that never cease to hold, and suppressions that meet their rule always."""
-    for declared, alarm in subject.alarms:
+    for declared in subject.rules:
         for written in declared.conditions():
-            yield from _always(written, subject.logic)
-        if alarm.suppress_when is not None and _meets_always(alarm.condition, alarm.suppress_when, subject.logic):
+            yield from _always(declared, written, subject.logic)
+        suppress_when = gate_of(declared.rule).suppress_when
+        if suppress_when is not None and _meets_always(region_of(declared.rule), suppress_when, subject.logic):
             message = (
                 f"whenever '{declared.section}' holds, it is suppressed: it never drives and never notifies anything"
             )
@@ -175,14 +190,16 @@ def _clash(written: WrittenCondition, logic: Logic) -> tuple[WrittenCondition, W
     return next((pair for pair in pairs if not _can_begin(logic, *pair)), None)
 
 
-def _always(written: WrittenCondition, logic: Logic) -> Iterator[Finding]:
+def _always(declared: CompiledRule, written: WrittenCondition, logic: Logic) -> Iterator[Finding]:
     if logic.can_be((written.condition, Wanted.FALSE)) or not logic.can_be((written.condition, Wanted.TRUE)):
         return
     if written.path[-1] == "suppress_when":
         message = f"{written} always holds: the rule is suppressed for ever"
     else:
         where = "at all times" if _knows_always(written) else "wherever it is known"
-        message = f"{written} holds {where}: once raised, the alarm does not end"
+        is_alarm = isinstance(declared.rule, AlarmRule) and len(written.path) == len(declared.at("when"))
+        effect = "once raised, the alarm does not end" if is_alarm else "it holds nothing back"
+        message = f"{written} holds {where}: {effect}"
     hint = "write all in place of any if both are meant together, or change a limit"
     yield Finding(written.path, message, hint, "always-true")
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import date, timedelta
 from enum import Enum
 from typing import Any
 
@@ -24,9 +25,12 @@ from stadimeter.core.conditions.discrete import CountCondition, PresenceConditio
 from stadimeter.core.conditions.leaf import Leaf
 from stadimeter.core.conditions.limits import ends_of
 from stadimeter.core.conditions.measured import DIFFERENCE, FigureCondition
+from stadimeter.core.conditions.sequence import SequenceCondition
+from stadimeter.core.observation import MonthDay
 
 _DAY_S = 86400.0
 _WEEK_S = 7 * _DAY_S
+_YEAR_DAYS = 366
 
 
 class Intervals(Struct, frozen=True):
@@ -96,7 +100,7 @@ class Truth(Enum):
     UNKNOWN = "unknown"
 
 
-def situations(leaf: Leaf, truth: Truth, targets: tuple[str, ...]) -> Iterator[Box]:
+def situations(leaf: Leaf, truth: Truth, targets: tuple[str, ...]) -> Iterator[Box]:  # noqa: C901 - one for each kind
     """Yield the boxes of situations in which a simple condition is true, false or unknown, as `truth` says.
 
     Args:
@@ -111,7 +115,10 @@ def situations(leaf: Leaf, truth: Truth, targets: tuple[str, ...]) -> Iterator[B
             if truth is not Truth.UNKNOWN:
                 yield _count(leaf, truth, tuple(sorted(set(leaf.targets or targets))))
         case ScheduleCondition():
-            yield _clock(leaf, truth)
+            yield from _clock(leaf, truth)
+        case SequenceCondition():
+            ended = {("rule", leaf.rules[-1]): NOT_KNOWN} if truth is Truth.UNKNOWN else {}
+            yield {("sequence", leaf): YES if truth is Truth.TRUE else NO, **ended}
         case RuleCondition():
             yield {("rule", leaf.rule): {Truth.TRUE: YES, Truth.FALSE: NO, Truth.UNKNOWN: NOT_KNOWN}[truth]}
         case TimeToContactCondition():
@@ -157,11 +164,27 @@ def _count(leaf: CountCondition, truth: Truth, counted: tuple[str, ...]) -> Box:
     return {("count", *counted): possible & (holds if truth is Truth.TRUE else ~holds)}
 
 
-def _clock(leaf: ScheduleCondition, truth: Truth) -> Box:
+def _clock(leaf: ScheduleCondition, truth: Truth) -> Iterator[Box]:
     if truth is Truth.UNKNOWN:
-        return {("clock",): NOT_KNOWN}
-    week = week_of(leaf)
-    return {("clock",): YES, ("week",): interval(0.0, _WEEK_S) & (week if truth is Truth.TRUE else ~week)}
+        yield {("clock",): NOT_KNOWN}
+        return
+    is_so, parts = truth is Truth.TRUE, dict[Axis, Intervals]()
+    if leaf.is_by_sun:
+        # Night is when it is not day. How other times by the sun lie to each other depends on the place and the date.
+        sides = ((leaf.from_sun, leaf.from_s), (leaf.to_sun, leaf.to_s))
+        is_night = sides == (("sunset", 0.0), ("sunrise", 0.0))
+        axis = ("by the sun", *(reversed(sides) if is_night else sides), leaf.weekdays)
+        parts[axis] = NO if is_so is is_night else YES
+    else:
+        week = week_of(leaf)
+        parts["week",] = interval(0.0, _WEEK_S) & (week if is_so else ~week)
+    if leaf.dates:
+        days = (date(2000, 1, 1) + timedelta(days=number) for number in range(_YEAR_DAYS))  # of a leap year
+        year = (number for number, day in enumerate(days) if leaf.begins_on(MonthDay(day.month, day.day)))
+        whole = union_of((day, day + 2.0) for day in year)  # what begins on a day may go on over its midnight
+        parts["day of the year",] = interval(0.0, _YEAR_DAYS + 2.0) & (whole if is_so else ~whole)
+    each = [parts] if is_so else [{axis: part} for axis, part in parts.items()]
+    yield from ({("clock",): YES, **part} for part in each)
 
 
 def _contact(leaf: TimeToContactCondition, truth: Truth) -> Iterator[Box]:

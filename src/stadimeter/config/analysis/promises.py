@@ -16,7 +16,7 @@ from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not, d
 from stadimeter.core.conditions.discrete import PresenceCondition, RuleCondition
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.decision import Severity
-from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, LostPolicy
+from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, LostPolicy, gate_of
 
 # A condition that never holds.
 _NEVER = AnyOf(conditions=())
@@ -24,9 +24,9 @@ _NEVER = AnyOf(conditions=())
 
 def promise_errors(subject: Subject) -> Iterator[Finding]:
     """Find safety rules that could be late, silent or switched off."""
-    for declared, alarm in subject.alarms:
-        if alarm.severity is Severity.SAFETY:
-            yield from _safety(declared, alarm)
+    for declared in subject.rules:
+        if declared.rule.severity is Severity.SAFETY:
+            yield from _safety(declared, gate_of(declared.rule))
 
 
 def promise_warnings(subject: Subject) -> Iterator[Finding]:
@@ -135,12 +135,18 @@ def _never_undelivered(subject: Subject, declared: CompiledRule) -> Iterator[Fin
 def unknown_warnings(subject: Subject) -> Iterator[Finding]:
     """Find conditions that would hold if another rule counted as not active where nothing is known of it."""
     rules = {each.rule.name: each.rule for each in subject.every_rule}
-    for declared, alarm in subject.alarms:
+    for declared in subject.rules:
+        rule, alarm = declared.rule, gate_of(declared.rule)
+        own = "is not raised" if isinstance(rule, AlarmRule) else "does not act"
+        effects = {
+            "when": own,
+            "suppress_when": "is not suppressed",
+            "escalation": "sends this step, or drives nothing",
+        }
         for written in declared.conditions():
-            is_own = written.condition is alarm.condition
-            if is_own and alarm.lost.policy is LostPolicy.ASSERT:
+            if written.condition is alarm.condition and alarm.lost.policy is LostPolicy.ASSERT:
                 continue  # what is unknown counts as holding
-            effect = f"'{alarm.name}' is not raised" if is_own else f"'{alarm.name}' is not suppressed"
+            effect = f"'{rule.name}' {effects[str(written.path[2])]}"
             for leaf in written.leaves():
                 asked = rules.get(leaf.condition.rule) if isinstance(leaf.condition, RuleCondition) else None
                 if asked is not None and _is_missed(subject.logic, written.condition, asked):

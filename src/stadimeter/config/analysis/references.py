@@ -16,8 +16,9 @@ from stadimeter.config.findings import Finding, did_you_mean_or_list
 from stadimeter.config.models import ButtonTable
 from stadimeter.config.rules.condition_tables import KEYS_OF_COMPARISONS
 from stadimeter.config.toml_lines import KeyPath
-from stadimeter.core.rule import AlarmRule
+from stadimeter.core.rule import AlarmRule, gate_of
 from stadimeter.core.words import duration
+from stadimeter.operator_actions import OperatorAction
 
 # A longer ring is written with a gap.
 _MAX_NAMES = 8
@@ -26,6 +27,9 @@ _MAX_NAMES = 8
 _MAX_RINGS = 50
 
 _CONDITIONS = ("when", "suppress_when")
+
+# What only an alarm can be told; a ramp, or a rule that follows, is kept quiet like one.
+_OF_ALARMS = frozenset({OperatorAction.ACKNOWLEDGE, OperatorAction.RESET})
 
 
 class _Name(Struct, frozen=True):
@@ -69,9 +73,18 @@ def _rule_names(draft: Draft) -> Iterator[str]:
             yield from (f"{section}:{target}" for target in targets)
 
 
+def condition_tables_of(section: str, table: Mapping[str, Any]) -> Iterator[tuple[KeyPath, Any]]:
+    """Go through the conditions of a rule as they were written, and where each stands."""
+    yield from ((("rules", section, key), table.get(key)) for key in _CONDITIONS)
+    steps = table.get("escalation")
+    for number, step in enumerate(steps if isinstance(steps, list) else ()):
+        if isinstance(step, Mapping):
+            yield ("rules", section, "escalation", number, "when"), step.get("when")
+
+
 def _names(section: str, table: Mapping[str, Any]) -> Iterator[_Name]:
     """Go through the names in the conditions of a rule, however deep these are nested."""
-    left: list[tuple[KeyPath, Any]] = [(("rules", section, key), table.get(key)) for key in reversed(_CONDITIONS)]
+    left: list[tuple[KeyPath, Any]] = [*reversed(list(condition_tables_of(section, table)))]
     while left:
         path, value = left.pop()
         if isinstance(value, list):
@@ -88,9 +101,10 @@ def _named_in(path: KeyPath, table: Mapping[str, Any]) -> Iterator[_Name]:
     for key in ("rule", "target"):
         if isinstance(table.get(key), str):
             yield _Name(key, table[key], (*path, key))
-    if isinstance(table.get("of"), list):
-        names = ((number, name) for number, name in enumerate(table["of"]) if isinstance(name, str))
-        yield from (_Name("target", name, (*path, "of", number)) for number, name in names)
+    for key, kind in (("of", "target"), ("rules", "rule")):
+        names = table.get(key) if isinstance(table.get(key), list) else ()
+        each = ((number, name) for number, name in enumerate(names or ()) if isinstance(name, str))
+        yield from (_Name(kind, name, (*path, key, number)) for number, name in each)
 
 
 def _steps(draft: Draft, section: str, table: Mapping[str, Any]) -> Iterator[Finding]:
@@ -109,8 +123,10 @@ def _steps(draft: Draft, section: str, table: Mapping[str, Any]) -> Iterator[Fin
 
 def _buttons(draft: Draft) -> Iterator[Finding]:
     """Check what buttons ask of alarms."""
-    alarms = [each.rule for each in draft.compiled if isinstance(each.rule, AlarmRule)]
     for button, table in draft.button_tables.items():
+        is_for_alarms = not {table.press, table.hold}.isdisjoint(_OF_ALARMS)
+        rules = (each.rule for each in draft.compiled)
+        alarms = [gate_of(rule) for rule in rules if isinstance(rule, AlarmRule) or not is_for_alarms]
         at: KeyPath = ("buttons", button)
         meant = [rule for rule in alarms if table.rule in {"", rule.name}]
         if not meant and table.rule and (table.rule in draft.rules or table.rule not in draft.names("rules")):

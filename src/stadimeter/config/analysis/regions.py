@@ -13,7 +13,7 @@ from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.leaf import Leaf
 from stadimeter.core.conditions.measured import FigureCondition
-from stadimeter.core.rule import AlarmRule, AnyRule, RampRule
+from stadimeter.core.rule import ALWAYS, AlarmRule, AnyRule, FollowRule, RampRule
 
 _L = TypeVar("_L", bound=Leaf)
 
@@ -25,15 +25,20 @@ def region_of(rule: AnyRule, *, is_winner: bool = False) -> Condition:
         is_winner: Whether it must surely hold, as a rule that takes the output from others. Else it must possibly hold.
 
     Returns:
-        Its condition; where a ramp is above zero; for a rule that follows, that its target is in sight.
+        Its condition; where a ramp is above zero; for a rule that follows, that its target is in sight; of these two
+        as far as their gate lets them.
     """
-    match rule:
-        case AlarmRule():
-            return rule.condition
-        case RampRule():
-            return AnyOf(conditions=tuple(_points(rule, is_winner=is_winner) if rule.points else [_curve(rule)]))
-        case _:
-            return PresenceCondition(seen=True, target=rule.target)
+    if isinstance(rule, AlarmRule):
+        return rule.condition
+    own = range_of(rule, is_winner=is_winner)
+    return own if rule.gate.condition is ALWAYS else AllOf(conditions=(rule.gate.condition, own))
+
+
+def range_of(rule: RampRule | FollowRule, *, is_winner: bool = False) -> Condition:
+    """Return the condition under which a rule would act if its gate were open; see `region_of`."""
+    if isinstance(rule, RampRule):
+        return AnyOf(conditions=tuple(_points(rule, is_winner=is_winner) if rule.points else [_curve(rule)]))
+    return PresenceCondition(seen=True, target=rule.target)
 
 
 def widened_region_of(rule: AnyRule, *, is_winner: bool = False) -> Condition:

@@ -13,7 +13,7 @@ from stadimeter.config.findings import Finding
 from stadimeter.config.rules.compiled import CompiledRule
 from stadimeter.core.conditions.compounds import Condition
 from stadimeter.core.decision import Severity
-from stadimeter.core.rule import AlarmRule, AnyRule, LostPolicy
+from stadimeter.core.rule import AlarmRule, AnyRule, LostPolicy, gate_of
 
 # A rule that wins an output for no longer than this, because the winner waits longer, has hardly any effect.
 MOMENT_S = 1.0
@@ -106,8 +106,9 @@ def _covered(loser: AnyRule, winners: list[CompiledRule], subject: Subject) -> b
 
 def _drives(rule: AnyRule, region: Condition) -> list[Goal]:
     goals: list[Goal] = [(region, Wanted.TRUE)]
-    if isinstance(rule, AlarmRule) and rule.suppress_when is not None:
-        goals.append((rule.suppress_when, Wanted.NOT_TRUE))
+    suppress_when = gate_of(rule).suppress_when
+    if suppress_when is not None:
+        goals.append((suppress_when, Wanted.NOT_TRUE))
     return goals
 
 
@@ -117,9 +118,11 @@ def _goes_before(winner: AnyRule, loser: AnyRule) -> bool:
         return False
     if isinstance(loser, AlarmRule) and (loser.latch or loser.lost.policy is LostPolicy.ASSERT):
         return False  # it can be active where its condition does not hold
+    if gate_of(winner).suppress_when is not None:
+        return False
     if not isinstance(winner, AlarmRule):
         return True
-    if winner.suppress_when is not None or winner.at_start == "announce":
+    if winner.at_start == "announce":
         return False
     waits_s = delay_s(loser, ASSUMED_RATE_HZ) if isinstance(loser, AlarmRule) else 0.0
     stays_s = loser.off_delay_s if isinstance(loser, AlarmRule) else 0.0

@@ -10,6 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from stadimeter.config.findings import did_you_mean_or_list
 from stadimeter.config.models import DurationAboveZero, Section, Share
+from stadimeter.config.rules.condition_tables import WhenTable
 from stadimeter.config.units import Angle, AngleOrZero, Duration, Length, LengthOrZero, Speed, TurnRate
 from stadimeter.core import rule, templates
 from stadimeter.core.decision import Severity
@@ -149,6 +150,8 @@ class StepTable(Section):
     """After being raised, or after being cleared."""
     only_unacknowledged: bool = _STEP.only_unacknowledged
     """Skipped if the alarm has been acknowledged by then."""
+    when: WhenTable | None = None
+    """Skipped if this does not hold by then."""
     actuator: str | None = None
     """An actuator that it drives, or ``base``."""
     level: Share = _STEP.level
@@ -185,8 +188,8 @@ class StepTable(Section):
             raise ValueError("after the alarm has cleared an actuator needs an end: add for, such as for = '2 s'")
         return self
 
-    def to_plan(self) -> rule.EscalationStep:
-        """Return the step as the core sees it."""
+    def to_plan(self, severity: Severity) -> rule.EscalationStep:
+        """Return the step as the core sees it; a default of its condition depends on how much the rule matters."""
         return rule.EscalationStep(
             on=self.on,
             after_s=self.after,
@@ -196,6 +199,7 @@ class StepTable(Section):
             pattern=self.pattern.to_plan(self.level) if self.pattern else None,
             for_s=_STEP.for_s if self.for_ is None else self.for_,
             send=None if self.actuator else self._send(),
+            when=None if self.when is None else self.when.to_plan(severity),
         )
 
     def _send(self) -> rule.Send:

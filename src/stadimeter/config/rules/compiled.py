@@ -19,7 +19,7 @@ from stadimeter.config.toml_source import as_toml
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not, targets_of
 from stadimeter.core.conditions.discrete import RuleCondition
 from stadimeter.core.conditions.leaf import Leaf
-from stadimeter.core.rule import AlarmRule, AnyRule
+from stadimeter.core.rule import ALWAYS, AlarmRule, AnyRule, gate_of
 
 # Conditions that are a table of their own inside the table of the condition.
 _MAX_LENGTH = 70
@@ -115,11 +115,16 @@ class CompiledRule(Struct, frozen=True, kw_only=True):
         return (*self.path, *keys)
 
     def conditions(self) -> Iterator[WrittenCondition]:
-        """Go through ``when`` and ``suppress_when`` of an alarm, as far as it has them."""
-        if isinstance(self.rule, AlarmRule):
-            yield _at(self.at("when"), self.table.get("when"), self.rule.condition)
-            if self.rule.suppress_when is not None:
-                yield _at(self.at("suppress_when"), self.table.get("suppress_when"), self.rule.suppress_when)
+        """Go through ``when`` and ``suppress_when``, and those of its steps, as far as it has them."""
+        alarm = gate_of(self.rule)
+        if alarm.condition is not ALWAYS:
+            yield _at(self.at("when"), self.table.get("when"), alarm.condition)
+        if alarm.suppress_when is not None:
+            yield _at(self.at("suppress_when"), self.table.get("suppress_when"), alarm.suppress_when)
+        for number, step in enumerate(alarm.escalation):
+            if step.when is not None:
+                table = self.table["escalation"][number].get("when")
+                yield _at(self.at("escalation", number, "when"), table, step.when)
 
 
 def compile_rules(
@@ -143,23 +148,30 @@ def _compiled(
     section: str, table: RuleTable, written: Mapping[str, Any], targets: Sequence[str]
 ) -> Iterator[CompiledRule]:
     conditions = table.conditions()
-    needs_target = conditions.when is None or any("" in targets_of(each) for each in conditions if each is not None)
+    steps = (step.when.to_plan(table.severity) for step in table.steps if step.when is not None)
+    all_of_it = (*(each for each in conditions if each is not None), *steps)
+    is_alarm = conditions.when is not None and table.in_proportion is None
+    needs_target = not is_alarm or any("" in targets_of(each) for each in all_of_it)
     for rule in table.to_plans(section, targets, conditions):
         yield CompiledRule(section=section, table=written, rule=rule, needs_target=needs_target)
 
 
 def _naming_members(compiled: CompiledRule, several: Mapping[str, tuple[str, ...]]) -> CompiledRule:
     """Let conditions that ask for a table of several rules ask for its rules: it is active when one of them is."""
-    rule = compiled.rule
-    if not several or not isinstance(rule, AlarmRule):
+    if not several:
         return compiled
-    unless = rule.suppress_when
-    named = replace(
-        rule,
-        condition=_members_in(rule.condition, several),
-        suppress_when=None if unless is None else _members_in(unless, several),
+    rule, alarm = compiled.rule, gate_of(compiled.rule)
+
+    def named(condition: Condition | None) -> Condition | None:
+        return None if condition is None else _members_in(condition, several)
+
+    after = replace(
+        alarm,
+        condition=alarm.condition if alarm.condition is ALWAYS else named(alarm.condition),
+        suppress_when=named(alarm.suppress_when),
+        escalation=tuple(replace(step, when=named(step.when)) for step in alarm.escalation),
     )
-    return replace(compiled, rule=named)
+    return replace(compiled, rule=after if isinstance(rule, AlarmRule) else replace(rule, gate=after))
 
 
 def _members_in(condition: Condition, several: Mapping[str, tuple[str, ...]]) -> Condition:

@@ -6,16 +6,17 @@ each of them once more, whenever the program starts.
 """
 
 from collections.abc import Callable, Mapping
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 from pydantic import BeforeValidator, Field, WithJsonSchema
 
 from stadimeter.config.models import DurationAboveZero, Section
 from stadimeter.config.rules import figure_tables as figures
 from stadimeter.config.rules.limit_tables import ContactTable, LikelihoodTable, LimitsTable
-from stadimeter.config.units import Duration, Length, LengthOrZero, TimeOfDay, Voltage
+from stadimeter.config.rules.schedule_tables import SequenceTable, TimeTable
+from stadimeter.config.units import Duration, Length, LengthOrZero, Voltage
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
-from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
+from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.figures import Quantity
 from stadimeter.core.conditions.measured import COMPARISONS, FigureCondition
@@ -26,9 +27,6 @@ from stadimeter.core.decision import Severity
 
 # Greatest depth of nested conditions.
 MAX_DEPTH = 20
-
-# The days of the week as they are written, Monday first.
-DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
 
 _DISTANCE = DistanceCondition()
 
@@ -46,20 +44,6 @@ class CountTable(Section):
     def to_plan(self) -> CountCondition:
         """Return the condition as the core sees it."""
         return CountCondition(targets=tuple(self.of or ()), at_least=self.at_least, at_most=self.at_most)
-
-
-class TimeTable(Section):
-    """A condition on the time of day, local time."""
-
-    between: Annotated[list[TimeOfDay], Field(min_length=2, max_length=2)]
-    """In seconds since midnight, the beginning first; over midnight if the end is earlier."""
-    days: Annotated[list[Literal["mon", "tue", "wed", "thu", "fri", "sat", "sun"]], Field(min_length=1)] | None = None
-    """The days on which it begins; every day if left out."""
-
-    def to_plan(self) -> ScheduleCondition:
-        """Return the condition as the core sees it."""
-        weekdays = tuple(sorted({DAYS.index(day) for day in self.days or ()}))
-        return ScheduleCondition(from_s=self.between[0], to_s=self.between[1], weekdays=weekdays)
 
 
 def _only_true(value: object) -> bool:
@@ -147,6 +131,8 @@ class WhenTable(LimitsTable, LikelihoodTable):
     """Holds while this many targets are in sight."""
     rule: str | None = None
     """Holds while the rule of this name is active."""
+    sequence_of: SequenceTable | None = None
+    """Holds when these rules were raised one after the other."""
     time: TimeTable | None = None
     """Holds at this time of day."""
     bumped: Flag | None = None
@@ -243,6 +229,7 @@ _OF_NO_TARGET: dict[str, _Conversion] = {
     "separation": lambda when, severity: when.separation.to_plan("separation", severity, *when.separation.of),
     "count": lambda when, _: when.count.to_plan(),
     "rule": lambda when, _: RuleCondition(rule=when.rule),
+    "sequence_of": lambda when, _: when.sequence_of.to_plan(),
     "time": lambda when, _: when.time.to_plan(),
     "bumped": lambda *_: ContactSensorCondition(sensor="is_bumped"),
     "at_cliff": lambda *_: ContactSensorCondition(sensor="is_at_cliff"),

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
+from msgspec.structs import replace
 from pydantic import Discriminator, Field, Tag
 
 from stadimeter.config.models import DurationAboveZero, Section, Share
@@ -12,7 +13,7 @@ from stadimeter.config.rules.ramp_tables import RampTable
 from stadimeter.config.units import Duration
 from stadimeter.core import rule
 from stadimeter.core.conditions.compounds import Condition, leaves, targets_of
-from stadimeter.core.conditions.discrete import RuleCondition, ScheduleCondition
+from stadimeter.core.conditions.discrete import ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.of_base import ContactSensorCondition
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
@@ -30,8 +31,9 @@ FRAMES_TO_RAISE = rule.OnDelay(frames=3, of_frames=5)
 
 UNTIL_ACKNOWLEDGED = "until-acknowledged"
 
-# The kinds of rules: exactly one of these keys is in the table of one.
-KINDS = ("when", "ramp", "follow")
+# What a rule does: exactly one of the first two, whose gate `when` then is, or `when` alone.
+IN_PROPORTION = ("ramp", "follow")
+KINDS = ("when", *IN_PROPORTION)
 
 
 class LostTable(Section):
@@ -120,7 +122,7 @@ class RuleTable(Section):
     observe: bool = _RULE.observe
     """It is judged, recorded and explained like any other, but drives nothing and sends nothing."""
     when: WhenTable | None = None
-    """A condition to act on."""
+    """A condition to act on; beside a ramp or follow, it acts only while this holds."""
     ramp: RampTable | None = None
     """An output that follows the distance."""
     follow: FollowTable | None = None
@@ -161,6 +163,11 @@ class RuleTable(Section):
     """What else it does, and when."""
 
     @property
+    def in_proportion(self) -> RampTable | FollowTable | None:
+        """What it does all the time, as far as `when` lets it; None for an alarm."""
+        return self.ramp or self.follow
+
+    @property
     def steps(self) -> list[StepTable]:
         """The steps of the escalation, and behind them the one that `notify` is short for."""
         return [*self.escalation, *([StepTable(notify=self.notify)] if self.notify is not None else [])]
@@ -190,7 +197,8 @@ class RuleTable(Section):
         Raises:
             ValueError: The table has none of `KINDS`.
         """
-        about = targets_of(conditions.when) if conditions.when is not None else frozenset[str]()
+        is_alarm = conditions.when is not None and self.in_proportion is None
+        about = targets_of(conditions.when) if conditions.when is not None and is_alarm else frozenset[str]()
         default = next((target for target in targets if target in about), next(iter(targets), ""))
         watched = self.targets or (self.target or default,)
         return tuple(
@@ -207,12 +215,17 @@ class RuleTable(Section):
             lost=self.lost.to_plan(0.0 if self.latch else self.off_delay),
             observe=self.observe,
         )
+        if self.in_proportion is not None:
+            gate = rule.AlarmRule(
+                name=name,
+                target=target,
+                condition=rule.ALWAYS if conditions.when is None else conditions.when,
+                suppress_when=conditions.suppress_when,
+                shelve_max_s=self.shelve_max_s,
+            )
+            return replace(self.in_proportion.to_plan(common), gate=gate)
         if conditions.when is not None:
             return self._alarm(common, conditions.when, conditions.suppress_when)
-        if self.ramp is not None:
-            return self.ramp.to_plan(common)
-        if self.follow is not None:
-            return self.follow.to_plan(common)
         raise ValueError(f"the rule '{name}' has none of: {', '.join(KINDS)}")
 
     def delay(self, judged: Condition) -> rule.OnDelay:
@@ -226,8 +239,11 @@ class RuleTable(Section):
             return rule.OnDelay(frames=self.on_delay.frames, of_frames=self.on_delay.of)
         if self.on_delay is not None:
             return rule.OnDelay(hold_s=self.on_delay)
-        without_noise = (RuleCondition, ScheduleCondition, ContactSensorCondition, UndeliveredCondition)
-        is_sure = all(leaf.probability_on is not None or isinstance(leaf, without_noise) for leaf in leaves(judged))
+        without_noise = (ScheduleCondition, ContactSensorCondition, UndeliveredCondition)
+        is_sure = all(
+            leaf.probability_on is not None or leaf.rules_named or isinstance(leaf, without_noise)
+            for leaf in leaves(judged)
+        )
         return rule.OnDelay() if is_sure or self.severity is Severity.SAFETY else FRAMES_TO_RAISE
 
     @property
@@ -273,5 +289,5 @@ class RuleTable(Section):
             raises_per_min_max=0 if self.raises_per_min_max == "off" else self.raises_per_min_max,
             group=self.group,
             suppress_when=suppress_when,
-            escalation=tuple(step.to_plan() for step in self.steps),
+            escalation=tuple(step.to_plan(self.severity) for step in self.steps),
         )

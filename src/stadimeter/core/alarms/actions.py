@@ -261,7 +261,9 @@ def _send(evaluation: Evaluation, leg: Leg) -> None:
     due = [position for position, step in _unsent(evaluation) if now_s + ROUNDING_S >= leg.began_s + step.after_s]
     if not due:
         return
-    evaluation.record.leg = replace(leg, sent=(*leg.sent, *due))
+    judged = [position for position in due if not _is_to_be(evaluation, evaluation.rule.escalation[position])]
+    evaluation.record.leg = replace(leg, sent=(*leg.sent, *due), left_out=(*leg.left_out, *judged))
+    due = [position for position in due if position not in judged and evaluation.rule.escalation[position].send]
     if evaluation.is_quiet or not leg.event.notify:
         return
     count = evaluation.record.raises
@@ -270,6 +272,14 @@ def _send(evaluation: Evaluation, leg: Leg) -> None:
         if not (step.only_unacknowledged and evaluation.record.is_acknowledged):
             event = _as_of_now(leg.event, evaluation)
             evaluation.notices += (Notice(rule=evaluation.rule.name, step=position, event=event, count=count),)
+
+
+def _is_to_be(evaluation: Evaluation, step: EscalationStep) -> bool:
+    """Return whether a step that is due is done. Where that is not known people are notified, and nothing moves."""
+    if step.when is None:
+        return True
+    value = judge(step.when, evaluation.inputs, (), is_active=False).value
+    return step.send is not None if value is None else value
 
 
 def _as_of_now(event: Event, evaluation: Evaluation) -> Event:
@@ -285,7 +295,8 @@ def _unsent(evaluation: Evaluation) -> Iterator[tuple[int, EscalationStep]]:
     if leg is None:
         return
     for position, step in enumerate(evaluation.rule.escalation):
-        if step.send is not None and step.on == leg.on and position not in leg.sent:
+        has_moment = step.send is not None or step.when is not None
+        if has_moment and step.on == leg.on and position not in leg.sent:
             yield position, step
 
 
@@ -312,7 +323,9 @@ def _requests(evaluation: Evaluation, bases: Container[str]) -> Iterator[Request
     if record.is_active is not (leg.on == "raised"):
         return
     since_s = evaluation.inputs.now_s - leg.began_s + ROUNDING_S
-    for step in rule.escalation:
+    for position, step in enumerate(rule.escalation):
+        if position in leg.left_out:
+            continue
         lasts_s = step.for_s if leg.on == "raised" or math.isfinite(step.for_s) else 0.0
         if step.output is None or step.on != leg.on or not step.after_s <= since_s < step.after_s + lasts_s:
             continue

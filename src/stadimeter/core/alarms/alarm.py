@@ -31,10 +31,14 @@ from stadimeter.core.words import figure_in_words
 AWAITED_S = 10.0
 
 
-class AlarmStep(Step, frozen=True, kw_only=True):
-    """What an alarm does in one cycle, and remembers."""
+class OperatedStep(Step, frozen=True, kw_only=True):
+    """What a rule does in one cycle, and what it, or its gate, remembers of operators among others."""
 
     record: AlarmRecord = field(default_factory=AlarmRecord)
+
+
+class AlarmStep(OperatedStep, frozen=True, kw_only=True):
+    """What an alarm does in one cycle, and remembers."""
 
 
 class Stepped(NamedTuple):
@@ -53,18 +57,28 @@ def new_alarm(rule: AlarmRule) -> AlarmStep:
     return AlarmStep(trace=trace_of(rule, RuleStatus.UNKNOWN))
 
 
-def with_record(rule: AlarmRule, step: AlarmStep, record: AlarmRecord) -> AlarmStep:
-    """Return an alarm that has another record since its step, by a command or by a restart. It must be evaluated."""
+def with_record(rule: AlarmRule, step: OperatedStep, record: AlarmRecord) -> OperatedStep:
+    """Return a rule that has another record since its step, by a command or by a restart. It must be evaluated.
+
+    Args:
+        rule: The alarm, or the gate of another rule.
+    """
+    if not isinstance(step, AlarmStep):
+        return replace(step, record=record)
     active = record.is_active or None
     return replace(step, trace=_trace(rule, record, step.trace.status, active, step.trace), record=record)
 
 
 def renew(
-    rule: AlarmRule, were_set: tuple[SetThreshold, ...], inputs: RuleInputs
-) -> tuple[AlarmStep, tuple[Event, ...]]:
-    """Return an alarm that begins anew since its rule was changed; thresholds stay set as far as they may.
+    rule: AlarmRule, step: OperatedStep, were_set: tuple[SetThreshold, ...], inputs: RuleInputs
+) -> tuple[OperatedStep, tuple[Event, ...]]:
+    """Return a rule that begins anew since it was changed; thresholds stay set as far as they may.
 
     The events tell which do not.
+
+    Args:
+        rule: The alarm, or the gate of another rule.
+        step: That with which it begins.
     """
     kept, gone = keep_thresholds(rule, were_set)
     record = AlarmRecord(thresholds=kept)
@@ -73,7 +87,7 @@ def renew(
         was = f"{each.key} was {figure_in_words(each.value, each.unit)}, set by {each.by or 'an operator'}"
         reason = f"{was}; the configuration was changed, and counts"
         evaluation.add_event(EventKind.THRESHOLD_WITHDRAWN, reason, notify=False)
-    return with_record(evaluation.rule, new_alarm(evaluation.rule), record), evaluation.events
+    return with_record(evaluation.rule, step, record), evaluation.events
 
 
 # ---- One cycle ----

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from stadimeter.core.alarms import machine
 from stadimeter.core.alarms.actions import Evaluation, unshelve
-from stadimeter.core.alarms.alarm import AlarmStep
+from stadimeter.core.alarms.alarm import OperatedStep
 from stadimeter.core.alarms.alarm_words import why_not_latched
 from stadimeter.core.alarms.machine import LATCHED, TRANSITIONS, Trigger
 from stadimeter.core.alarms.settings import RuleThreshold, move, thresholds_of
@@ -24,12 +24,12 @@ Refusal = str  # why a command is not done; empty if it is
 
 
 def operate(
-    alarms: Mapping[str, tuple[int, AlarmRule, AlarmStep]], inputs: RuleInputs, command: OperatorCommand
+    alarms: Mapping[str, tuple[int, AlarmRule, OperatedStep]], inputs: RuleInputs, command: OperatorCommand
 ) -> tuple[OperatorAnswer, list[tuple[int, Evaluation]]]:
     """Do what an operator wants of one alarm, or of all.
 
     Args:
-        alarms: Every alarm by its name, with its position in the plan and its step.
+        alarms: Every alarm, and the gate of every other rule, by its name, with its position in the plan and its step.
 
     Returns:
         The answer, and the alarms that were changed, with their positions.

@@ -153,7 +153,9 @@ class Leg(Struct, frozen=True, kw_only=True):
     event: Event
     """What began it."""
     sent: tuple[int, ...] = ()
-    """The positions of the steps that were sent."""
+    """The positions of the steps that were sent, or whose condition was judged."""
+    left_out: tuple[int, ...] = ()
+    """The positions of the steps on outputs whose condition did not hold when they were due."""
 
 
 class Resumed(Struct, frozen=True, kw_only=True):

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import math
+from typing import Literal
 
 from msgspec import Struct
 
 from stadimeter.core.bounds import MAX_DURATION_S, MIN_QUANTITY
 from stadimeter.core.conditions.leaf import Figure, JudgedFigure, Leaf, Rest, RuleInputs, Threshold
 from stadimeter.core.conditions.limits import ends_of
-from stadimeter.core.observation import WallTime
+from stadimeter.core.observation import MonthDay, WallTime
+
+Sun = Literal["", "sunrise", "sunset"]
+
+_DAY_S = 86400.0
 
 
 class PresenceCondition(Leaf, Struct, frozen=True, kw_only=True):
@@ -119,18 +124,37 @@ class CountCondition(Leaf, Struct, frozen=True, kw_only=True):
         return JudgedFigure(value=self.count(inputs), low=low, high=high)
 
 
+class DateSpan(Struct, frozen=True):
+    """Days of every year from one to another, both included, over its end if the second is earlier."""
+
+    first: MonthDay
+    last: MonthDay
+
+    def covers(self, day: MonthDay) -> bool:
+        """Return whether a day is among them."""
+        if self.first <= self.last:
+            return self.first <= day <= self.last
+        return day >= self.first or day <= self.last
+
+
 class ScheduleCondition(Leaf, Struct, frozen=True, kw_only=True):
     """Whether it is a certain time of day, local time. Unknown while the clock is not synchronised.
 
     Attributes:
-        from_s: It begins this long after midnight.
-        to_s: It ends this long after midnight; before or at `from_s`, on the day after.
+        from_s: It begins this long after midnight, or after what `from_sun` names.
+        to_s: It ends this long after midnight, or after what `to_sun` names; before or at the beginning, on the day
+            after.
         weekdays: On these days, 0 for Monday; the day on which it begins counts. Empty for every day.
+        dates: In these spans, likewise; empty for every day.
+        from_sun: Empty for midnight.
     """
 
     from_s: float
     to_s: float
     weekdays: tuple[int, ...] = ()
+    dates: tuple[DateSpan, ...] = ()
+    from_sun: Sun = ""
+    to_sun: Sun = ""
 
     noun = "time of day"
     is_by_cycle = True
@@ -139,14 +163,35 @@ class ScheduleCondition(Leaf, Struct, frozen=True, kw_only=True):
         """Return whether it holds; see `Leaf.holds`."""
         return None if inputs.wall is None else self.covers(inputs.wall)
 
-    def covers(self, wall: WallTime) -> bool:
-        """Return whether a local time of day is within it."""
-        second, days = wall.second_of_day, self.weekdays
-        is_today = not days or wall.weekday in days
-        if self.from_s < self.to_s:
-            return is_today and self.from_s <= second < self.to_s
-        began_yesterday = not days or (wall.weekday - 1) % 7 in days
-        return (is_today and second >= self.from_s) or (began_yesterday and second < self.to_s)
+    @property
+    def is_by_sun(self) -> bool:
+        """Whether it goes by the sun."""
+        return bool(self.from_sun or self.to_sun)
+
+    def covers(self, wall: WallTime) -> bool | None:
+        """Return whether a local time of day is within it; None if the date or the sun is not known."""
+        low_s = _of_day(wall, self.from_sun, self.from_s) if self.from_sun else self.from_s
+        high_s = _of_day(wall, self.to_sun, self.to_s) if self.to_sun else self.to_s
+        if low_s is None or high_s is None or (self.dates and not wall.dates):
+            return None
+        if high_s <= low_s:
+            high_s += _DAY_S
+        now_s = wall.second_of_day
+        # It may have begun yesterday; and one of tomorrow that begins long before sunrise may begin today.
+        for day in (0, -1, 1) if low_s < 0 else (0, -1):
+            if low_s <= now_s - day * _DAY_S < high_s and self._begins(wall, day):
+                return True
+        return False
+
+    def begins_on(self, day: MonthDay) -> bool:
+        """Return whether a day is among its dates."""
+        return not self.dates or any(span.covers(day) for span in self.dates)
+
+    def _begins(self, wall: WallTime, later: int) -> bool:
+        """Return whether it begins on a day, 1 for tomorrow."""
+        if self.weekdays and (wall.weekday + later) % 7 not in self.weekdays:
+            return False
+        return not self.dates or self.begins_on(wall.dates[1 + later])
 
     def rest(self, inputs: RuleInputs, is_on: bool) -> Rest | None:  # noqa: ARG002
         """Return that it is judged in every cycle: the time of day goes by another clock, which may jump."""
@@ -161,6 +206,11 @@ class RuleCondition(Leaf, Struct, frozen=True, kw_only=True):
     noun = "rule"
     is_by_cycle = True
 
+    @property
+    def rules_named(self) -> tuple[str, ...]:
+        """That rule."""
+        return (self.rule,)
+
     def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:  # noqa: ARG002
         """Return whether it holds; see `Leaf.holds`."""
         return inputs.active.get(self.rule)
@@ -168,6 +218,12 @@ class RuleCondition(Leaf, Struct, frozen=True, kw_only=True):
     def rest(self, inputs: RuleInputs, is_on: bool) -> Rest:  # noqa: ARG002
         """Return that it stays as it is: the scheduler evaluates it when the other rule changes."""
         return Rest()
+
+
+def _of_day(wall: WallTime, sun: Sun, after_s: float) -> float | None:
+    """Return a time of a schedule in seconds since midnight; None if it goes by a sun that is not known."""
+    sun_s = wall.sunrise_s if sun == "sunrise" else wall.sunset_s
+    return None if sun_s is None else sun_s + after_s
 
 
 def _is_seen(inputs: RuleInputs, target: str) -> float:

@@ -43,6 +43,8 @@ class RuleInputs(Struct, frozen=True, kw_only=True):
         undelivered_since_s: As in `stadimeter.core.observation.Observation`.
         motions: How targets move across the line of sight, by name: those that some rule asks it of.
         viewpoint: From where the camera looks.
+        raised_at_s: When each rule that a sequence names was raised last, by its name; and when each sequence was last
+            complete, by its key.
     """
 
     tracks: Mapping[str, Track]
@@ -59,6 +61,7 @@ class RuleInputs(Struct, frozen=True, kw_only=True):
     undelivered_since_s: float | None = None
     motions: Mapping[str, TransverseMotion] = field(default_factory=dict)
     viewpoint: Viewpoint = Viewpoint()
+    raised_at_s: Mapping[str, float] = field(default_factory=dict)
 
 
 class Figure(NamedTuple):
@@ -155,6 +158,11 @@ class Leaf:
     @property
     def thresholds(self) -> tuple[Threshold, ...]:
         """The thresholds that it has and that may be moved; none for a kind whose thresholds are fixed."""
+        return ()
+
+    @property
+    def rules_named(self) -> tuple[str, ...]:
+        """The rules that it names."""
         return ()
 
     @property

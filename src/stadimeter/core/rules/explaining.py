@@ -11,15 +11,16 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from stadimeter.core.alarms import machine
-from stadimeter.core.alarms.alarm import AlarmStep
+from stadimeter.core.alarms.alarm import AlarmStep, OperatedStep
 from stadimeter.core.alarms.alarm_words import describe_alarm, in_words, latched_until, policy_in_words
+from stadimeter.core.alarms.gate import GatedStep, describe_gate
 from stadimeter.core.alarms.machine import LATCHED, AlarmRecord, AlarmState
 from stadimeter.core.alarms.settings import describe_thresholds
 from stadimeter.core.condition_words import Evidence, collect_evidence, describe_verdict
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decision import Decision, OutputTrace, RuleStatus, SafetyMode
 from stadimeter.core.plan import Plan
-from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule
+from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule, gate_of
 from stadimeter.core.rule_step import Step
 from stadimeter.core.rules.follow import FollowStep, describe_follow
 from stadimeter.core.rules.ramp import describe_ramp
@@ -42,6 +43,8 @@ class Reasons(Mapping[str, str]):
         match rule, step:
             case AlarmRule(), AlarmStep():
                 return describe_alarm(rule, step.record, self.inputs_of_rules())
+            case RampRule() | FollowRule(), GatedStep() if not step.is_open:
+                return describe_gate(rule.gate, step, self.inputs_of_rules())
             case RampRule(), _:
                 return describe_ramp(rule, self.inputs)
             case FollowRule(), FollowStep():
@@ -65,13 +68,13 @@ class Reasons(Mapping[str, str]):
         return self.judged.rules[position], self.judged.steps[position]
 
     def record_of(self, name: str) -> tuple[AlarmRule, AlarmRecord] | None:
-        """Return an alarm as it was judged, and what it remembers; None for another kind of rule."""
+        """Return an alarm, or the gate of another rule, as it was judged, and what it remembers."""
         rule, step = self.step(name)
-        return (rule, step.record) if isinstance(rule, AlarmRule) and isinstance(step, AlarmStep) else None
+        return (gate_of(rule), step.record) if isinstance(step, OperatedStep) else None
 
     def inputs_of_rules(self) -> RuleInputs:
         """Return all that the rules were judged by, with which of them are active."""
-        return replace(self.inputs, active=self.judged.active)
+        return replace(self.inputs, active=self.judged.active, raised_at_s=self.judged.raised_at_s)
 
 
 class Explanation(Struct, frozen=True, kw_only=True):
@@ -125,8 +128,15 @@ def explain(decision: Decision, name: str, *, with_probability: bool = True) -> 
         leaves = step.record.timers.leaves
         found = collect_evidence(rule.condition, inputs, leaves, is_active=step.record.is_judged_by_its_end)
     else:
-        clauses = [f"{step.trace.status.value}: {reasons[name]}", *_consequence(rule, step, decision, inputs, output)]
-        timers, inhibits, found, are_set = (), step.trace.inhibits, (), ()
+        timers, inhibits, found, are_set = (), (), (), ()
+        if isinstance(step, GatedStep):
+            gate = gate_of(rule)
+            inhibits = tuple(_inhibits(gate, step.record, inputs))
+            are_set = describe_thresholds(step.record, inputs.now_s)
+            found = collect_evidence(gate.condition, inputs, step.held, is_active=step.is_open is True)
+        quiet = [f"kept quiet: {', '.join(inhibits)}"] if inhibits else []
+        does = _consequence(rule, step, decision, inputs, output)
+        clauses = [f"{step.trace.status.value}: {reasons[name]}", *quiet, *does, *are_set]
     clauses += _noisiness(inputs, rule)
     return Explanation(
         rule=name,

@@ -10,6 +10,7 @@ import math
 
 from msgspec.structs import replace
 
+from stadimeter.core.alarms.gate import OPEN, Gate, GatedStep
 from stadimeter.core.base_report import BaseReport
 from stadimeter.core.command import TwistCommand
 from stadimeter.core.condition_words import describe_unseen
@@ -18,7 +19,7 @@ from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decision import Event, EventKind, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.plan import BaseOutput
 from stadimeter.core.rule import FollowRule
-from stadimeter.core.rule_step import Step, TwistRequest, trace_of
+from stadimeter.core.rule_step import TwistRequest, trace_of
 from stadimeter.core.rules.follow_law import BRAKE_SHARE, TOO_NEAR, Law, follow_twist, law_of, tilt_rate_radps
 from stadimeter.core.rules.own_motion import AT_REST, RESPONSE_S, FloorPose, OwnMotion, Twist, step_own_motion
 from stadimeter.core.rules.search import SearchStep, begin_search, step_search
@@ -44,7 +45,7 @@ MAX_CYCLE_S = 0.2
 KEEPS = "keeps"
 
 
-class FollowStep(Step, frozen=True, kw_only=True):
+class FollowStep(GatedStep, frozen=True, kw_only=True):
     """What a follow rule remembers.
 
     Attributes:
@@ -56,6 +57,7 @@ class FollowStep(Step, frozen=True, kw_only=True):
         is_tethered: Whether it is at the end of its tether.
         slow_at: Where on the floor the target was last near which it is slow; None before it was seen.
         does: `KEEPS`, the phase of the search, or nothing.
+        brakes_until_s: It slows down gently for no longer than this, since its gate closed; None for no such thing.
     """
 
     own: OwnMotion | None = None
@@ -66,6 +68,7 @@ class FollowStep(Step, frozen=True, kw_only=True):
     is_tethered: bool = False
     slow_at: tuple[float, float] | None = None
     does: str = ""
+    brakes_until_s: float | None = None
 
 
 def new_follow(rule: FollowRule) -> FollowStep:
@@ -74,13 +77,18 @@ def new_follow(rule: FollowRule) -> FollowStep:
 
 
 def step_follow(
-    rule: FollowRule, before: FollowStep, inputs: RuleInputs, base: BaseOutput | None
+    rule: FollowRule, before: FollowStep, inputs: RuleInputs, base: BaseOutput | None, gate: Gate = OPEN
 ) -> tuple[FollowStep, tuple[Event, ...]]:
     """Judge a follow rule for one cycle; return what it does, and what happened."""
     if base is None:
-        return FollowStep(trace=trace_of(rule, RuleStatus.UNKNOWN, before.trace)), ()
+        trace = trace_of(rule, RuleStatus.UNKNOWN, before.trace)
+        return FollowStep(trace=trace, record=gate.record or before.record, is_open=gate.is_open), gate.events
     commanded = _commanded(inputs, base.name)
     now, own = _take_in(rule, before, inputs, base, commanded)
+    if gate is not OPEN or not before.is_open:
+        now = replace(now, record=gate.record or before.record, is_open=gate.is_open, held=gate.held)
+    if not gate.lets_move:
+        return _kept_still(rule, before, now, base, commanded, gate), gate.events
     twist: Twist | None = None
     tilt_radps, is_gentle, does = 0.0, False, ""
     search = None
@@ -97,13 +105,40 @@ def step_follow(
         twist = _on_tether(rule, now.origin, own.place, base, twist)
     after = replace(
         now,
-        trace=_trace(rule, before, twist, tilt_radps, is_known=does == KEEPS),
-        requests=_requests(rule, base, twist, tilt_radps, is_gentle=is_gentle),
+        trace=_trace(rule, before, twist, tilt_radps, gate, is_known=does == KEEPS),
+        requests=() if gate.inhibits else _requests(rule, base, twist, tilt_radps, is_gentle=is_gentle),
         search=search,
         is_tethered=_is_tethered(rule, before, now.origin, own.place),
         does=does,
+        brakes_until_s=None,
     )
-    return after, _events(rule, before, after, inputs.now_s)
+    return after, gate.events + _events(rule, before, after, inputs.now_s)
+
+
+def _kept_still(
+    rule: FollowRule, before: FollowStep, now: FollowStep, base: BaseOutput, commanded: Twist, gate: Gate
+) -> FollowStep:
+    """Return what a rule does that its gate keeps from driving: it slows down gently, or stands still.
+
+    Where its gate is not known, and for safety, it stands at once: nothing moves by guess.
+    """
+    at_s, until_s = now.own.newest.at_s if now.own else 0.0, before.brakes_until_s
+    if until_s is None and before.requests:
+        ramp_s = base.linear_accel_mps2 / base.linear_jerk_mps3 if base.linear_jerk_mps3 > 0 else 0.0
+        turn_s = abs(commanded[1]) / base.angular_accel_radps2
+        until_s = at_s + max(abs(commanded[0]) / base.linear_accel_mps2, turn_s) + 2 * ramp_s
+    is_over = commanded == AT_REST or until_s is None or at_s > until_s or not before.requests
+    is_at_once = gate.lets_move is None or rule.severity is Severity.SAFETY
+    requests = () if is_over or is_at_once else _requests(rule, base, AT_REST, 0.0, is_gentle=True)
+    status = RuleStatus.UNKNOWN if gate.lets_move is None else RuleStatus.IDLE
+    return replace(
+        now,
+        trace=trace_of(rule, status, before.trace, gate.inhibits),
+        requests=requests,
+        search=None,
+        does="",
+        brakes_until_s=until_s if requests else None,
+    )
 
 
 def _commanded(inputs: RuleInputs, output: str) -> Twist:
@@ -223,17 +258,18 @@ def _is_tethered(rule: FollowRule, before: FollowStep, origin: FloorPose | None,
 
 
 def _trace(
-    rule: FollowRule, before: FollowStep, twist: Twist | None, tilt_radps: float, *, is_known: bool
+    rule: FollowRule, before: FollowStep, twist: Twist | None, tilt_radps: float, gate: Gate, *, is_known: bool
 ) -> RuleTrace:
+    status = RuleStatus.ACTIVE if twist != AT_REST or tilt_radps else RuleStatus.IDLE
     if not is_known and twist is None:
-        return trace_of(rule, RuleStatus.UNKNOWN, before.trace)
-    return trace_of(rule, RuleStatus.ACTIVE if twist != AT_REST or tilt_radps else RuleStatus.IDLE, before.trace)
+        status = RuleStatus.UNKNOWN
+    return trace_of(rule, status, before.trace, gate.inhibits)
 
 
 def _requests(
     rule: FollowRule, base: BaseOutput, twist: Twist | None, tilt_radps: float, *, is_gentle: bool
 ) -> tuple[TwistRequest, ...]:
-    if twist is None or rule.observe:
+    if twist is None:
         return ()
     request = TwistRequest(
         rule=rule.name,

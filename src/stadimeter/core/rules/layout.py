@@ -8,9 +8,10 @@ from graphlib import TopologicalSorter
 
 from msgspec import Struct, field
 
-from stadimeter.core.conditions.compounds import depends_on, judged_by_cycle
+from stadimeter.core.conditions.compounds import depends_on, judged_by_cycle, leaves
+from stadimeter.core.conditions.sequence import SequenceCondition
 from stadimeter.core.plan import BaseOutput, Output, Plan
-from stadimeter.core.rule import AlarmRule, AnyRule
+from stadimeter.core.rule import AlarmRule, AnyRule, conditions_of
 from stadimeter.core.rules.quiescence import Watch, watch_of
 
 
@@ -25,6 +26,7 @@ class Layout(Struct, frozen=True, kw_only=True):
         grouped: The positions of the alarms that belong to a group.
         by_cycle: The positions of the alarms that are judged in every cycle, with or without a new frame.
         positions: The position of each rule, by its name.
+        sequences: For each rule that a sequence names, by its name, the sequences that it is the last of.
     """
 
     watch: Watch = field(default_factory=Watch)
@@ -35,6 +37,7 @@ class Layout(Struct, frozen=True, kw_only=True):
     grouped: tuple[int, ...] = ()
     by_cycle: frozenset[int] = frozenset()
     positions: Mapping[str, int] = field(default_factory=dict)
+    sequences: Mapping[str, tuple[SequenceCondition, ...]] = field(default_factory=dict)
 
 
 def layout_of(plan: Plan) -> Layout:
@@ -63,7 +66,15 @@ def layout_of(plan: Plan) -> Layout:
         grouped=tuple(index for index, rule in alarms if rule.group),
         by_cycle=frozenset(index for index, rule in alarms if judged_by_cycle(rule.condition)),
         positions=positions,
+        sequences=_sequences(plan.rules),
     )
+
+
+def _sequences(rules: Sequence[AnyRule]) -> dict[str, tuple[SequenceCondition, ...]]:
+    parts = (leaf for rule in rules for condition in conditions_of(rule) for leaf in leaves(condition))
+    found = list(dict.fromkeys(part for part in parts if isinstance(part, SequenceCondition)))
+    named = {name for each in found for name in each.rules}
+    return {name: tuple(each for each in found if each.rules[-1] == name) for name in named}
 
 
 def contested_outputs(rules: Sequence[AnyRule]) -> frozenset[str]:
@@ -78,8 +89,5 @@ def contested_outputs(rules: Sequence[AnyRule]) -> frozenset[str]:
 
 
 def asks_for(rule: AnyRule) -> frozenset[str]:
-    """Return the names of the rules that a rule asks for, by its condition or by what suppresses it."""
-    if not isinstance(rule, AlarmRule):
-        return frozenset()
-    suppressing = depends_on(rule.suppress_when) if rule.suppress_when is not None else frozenset()
-    return depends_on(rule.condition) | suppressing
+    """Return the names of the rules that a rule asks for, by any of its conditions."""
+    return frozenset().union(*map(depends_on, conditions_of(rule)))

@@ -24,7 +24,7 @@ from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.leaf import UNKNOWN, Figure, Rest, RuleInputs
 from stadimeter.core.conditions.quantities import quantity_figure
 from stadimeter.core.decision import Severity
-from stadimeter.core.rule import ROUNDING_S, AlarmRule, AnyRule, RampRule
+from stadimeter.core.rule import ROUNDING_S, AnyRule, RampRule, conditions_of
 from stadimeter.core.tracking.transverse import AskedMotion
 
 # In one cycle this many quiescent rules are evaluated: about 5 ms if each of them raises an alarm (x86, 3 GHz).
@@ -166,12 +166,8 @@ def all_active(watch: Watch) -> Quiescence:
 
 
 def _watched(rule: AnyRule) -> Iterator[Figure]:
-    match rule:
-        case AlarmRule():
-            for condition in (rule.condition, rule.suppress_when):
-                for leaf in leaves(condition) if condition is not None else ():
-                    yield from leaf.figures()
-        case RampRule():
-            yield quantity_figure(rule.target, rule.quantity)
-        case _:
-            pass  # a rule that follows its target is always active
+    if isinstance(rule, RampRule):
+        yield quantity_figure(rule.target, rule.quantity)
+    for condition in conditions_of(rule):
+        for leaf in leaves(condition):
+            yield from leaf.figures()

@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 
+from stadimeter.core.alarms.gate import OPEN, Gate, GatedStep
 from stadimeter.core.condition_words import describe_unread
 from stadimeter.core.conditions.leaf import UNKNOWN, Rest, RuleInputs
 from stadimeter.core.conditions.quantities import QUANTITIES, noun_of, quantity_figure, uncertain_of
 from stadimeter.core.decision import RuleStatus
 from stadimeter.core.rule import RampRule
-from stadimeter.core.rule_step import LevelRequest, Step, trace_of
+from stadimeter.core.rule_step import LevelRequest, trace_of
 from stadimeter.core.words import short_figure, uncertain_figure
 
 # An output that has begun goes on until the target is this far back, in standard deviations of the noise: noise at the
@@ -22,7 +23,7 @@ from stadimeter.core.words import short_figure, uncertain_figure
 HOLD_ON_SIGMAS = 2.0
 
 
-class RampStep(Step, frozen=True, kw_only=True):
+class RampStep(GatedStep, frozen=True, kw_only=True):
     """What a ramp does in one cycle."""
 
     level: float = 0.0
@@ -34,17 +35,28 @@ def new_ramp(rule: RampRule) -> RampStep:
     return RampStep(trace=trace_of(rule, RuleStatus.UNKNOWN))
 
 
-def step_ramp(rule: RampRule, before: RampStep, inputs: RuleInputs) -> RampStep:
+def step_ramp(rule: RampRule, before: RampStep, inputs: RuleInputs, gate: Gate = OPEN) -> RampStep:
     """Judge a ramp for one cycle; the step before is returned if nothing changed."""
     figures = uncertain_of(inputs, rule.target, rule.quantity)
-    if figures is None:
-        return _step(rule, before, RuleStatus.UNKNOWN, 0.0)
+    if gate.is_open is False:
+        return _step(rule, before, RuleStatus.IDLE, 0.0, gate)
+    if figures is None or gate.is_open is None:
+        return _step(rule, before, RuleStatus.UNKNOWN, 0.0, gate)
     level = ramp_level(rule, *figures, is_on=before.level > 0)
-    return _step(rule, before, RuleStatus.ACTIVE if level > 0 else RuleStatus.IDLE, level)
+    return _step(rule, before, RuleStatus.ACTIVE if level > 0 else RuleStatus.IDLE, level, gate)
 
 
-def rest_of_ramp(rule: RampRule, step: RampStep, inputs: RuleInputs) -> Rest | None:
+def rest_of_ramp(rule: RampRule, step: RampStep, inputs: RuleInputs, gate: Gate = OPEN) -> Rest | None:
     """Return for how long a ramp stays at its level; None if it must be judged in every cycle."""
+    if gate is OPEN:
+        return _rest_of_level(rule, step, inputs)
+    if gate.rest is None or not gate.is_open:
+        return gate.rest
+    rest = _rest_of_level(rule, step, inputs)
+    return None if rest is None else rest & gate.rest
+
+
+def _rest_of_level(rule: RampRule, step: RampStep, inputs: RuleInputs) -> Rest | None:
     figures, figure = uncertain_of(inputs, rule.target, rule.quantity), quantity_figure(rule.target, rule.quantity)
     if figures is None:
         return Rest(((figure, UNKNOWN, UNKNOWN),))
@@ -72,14 +84,17 @@ def _at(rule: RampRule, value: float) -> str:
     return short_figure(value, QUANTITIES[rule.quantity].unit)
 
 
-def _step(rule: RampRule, before: RampStep, status: RuleStatus, level: float) -> RampStep:
-    if status is before.trace.status and level == before.level:
+def _step(rule: RampRule, before: RampStep, status: RuleStatus, level: float, gate: Gate) -> RampStep:
+    is_same = status is before.trace.status and gate.inhibits == before.trace.inhibits
+    is_gate_same = gate.record is None and gate.is_open is before.is_open and gate.held == before.held
+    if is_same and level == before.level and is_gate_same:
         return before
+    record = before.record if gate.record is None else gate.record
     requests: tuple[LevelRequest, ...] = ()
-    if rule.output is not None and level > 0 and not rule.observe:
+    if rule.output is not None and level > 0 and not gate.inhibits:
         requests = (LevelRequest(rule=rule.name, output=rule.output, priority=rule.priority, level=level),)
-    trace = before.trace if status is before.trace.status else trace_of(rule, status, before.trace)
-    return RampStep(trace=trace, requests=requests, level=level)
+    trace = before.trace if is_same else trace_of(rule, status, before.trace, gate.inhibits)
+    return RampStep(trace=trace, requests=requests, level=level, record=record, is_open=gate.is_open, held=gate.held)
 
 
 # The level at a figure

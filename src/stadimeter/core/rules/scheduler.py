@@ -16,7 +16,8 @@ from typing import TypeVar
 from msgspec import Struct, field
 from msgspec.structs import replace
 
-from stadimeter.core.alarms.alarm import AlarmStep, Stepped, new_alarm, step_alarm, with_record
+from stadimeter.core.alarms.alarm import AlarmStep, OperatedStep, Stepped, new_alarm, step_alarm, with_record
+from stadimeter.core.alarms.gate import step_gate
 from stadimeter.core.alarms.operating import operate
 from stadimeter.core.alarms.settings import as_set
 from stadimeter.core.alarms.state import Sample
@@ -24,7 +25,7 @@ from stadimeter.core.conditions.leaf import Rest, RuleInputs
 from stadimeter.core.decision import Event, EventKind, Notice, RuleTrace
 from stadimeter.core.operator import OperatorAnswer, OperatorCommand
 from stadimeter.core.plan import Plan
-from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule
+from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule, gate_of
 from stadimeter.core.rule_step import Step
 from stadimeter.core.rules.arbitration import Wanted, arbitrate, rearrange
 from stadimeter.core.rules.follow import FollowStep, new_follow, step_follow
@@ -45,6 +46,7 @@ class EvaluatedRules(Struct, frozen=True, kw_only=True):
         wanted: What they want of each output, the winner first.
         active: Whether each rule that others ask for is active; None for unknown.
         first_out: For each group with an alarm that was raised, the name of the first one.
+        raised_at_s: As in `stadimeter.core.conditions.leaf.RuleInputs`.
     """
 
     rules: tuple[AnyRule, ...] = ()
@@ -53,6 +55,7 @@ class EvaluatedRules(Struct, frozen=True, kw_only=True):
     wanted: Wanted = field(default_factory=dict)
     active: Mapping[str, bool | None] = field(default_factory=dict)
     first_out: Mapping[str, str] = field(default_factory=dict)
+    raised_at_s: Mapping[str, float] = field(default_factory=dict)
     quiescence: Quiescence = field(default_factory=Quiescence)
     layout: Layout = field(default_factory=Layout)
 
@@ -77,13 +80,24 @@ def new_rules(plan: Plan) -> EvaluatedRules:
     return with_steps(plan, tuple(_new_step(rule) for rule in plan.rules))
 
 
-def with_steps(plan: Plan, steps: tuple[Step, ...], first_out: Mapping[str, str] | None = None) -> EvaluatedRules:
+def with_steps(
+    plan: Plan,
+    steps: tuple[Step, ...],
+    first_out: Mapping[str, str] | None = None,
+    raised_at_s: Mapping[str, float] | None = None,
+) -> EvaluatedRules:
     """Return the rules of a plan as they were remembered. All of them are judged in the next cycle.
 
     Raises:
         CycleError: Rules ask for each other in a circle.
     """
     layout = layout_of(plan)
+    sequences = [each for ending in layout.sequences.values() for each in ending]
+    known = {*layout.sequences, *(each.key for each in sequences)}
+    in_sequences = {name: at_s for name, at_s in (raised_at_s or {}).items() if name in known}
+    for sequence in sequences:
+        if sequence.is_complete(in_sequences):
+            in_sequences[sequence.key] = in_sequences[sequence.rules[-1]]
     return EvaluatedRules(
         rules=tuple(_as_judged(rule, step) for rule, step in zip(plan.rules, steps, strict=True)),
         steps=steps,
@@ -91,6 +105,7 @@ def with_steps(plan: Plan, steps: tuple[Step, ...], first_out: Mapping[str, str]
         wanted=arbitrate((request for step in steps for request in step.requests), layout.combined),
         active={plan.rules[index].name: steps[index].trace.active for index in layout.askers},
         first_out=first_out or {},
+        raised_at_s=in_sequences,
         quiescence=all_active(layout.watch),
         layout=layout,
     )
@@ -125,7 +140,8 @@ class _Evaluation:
     """Evaluates rules one after another, and collects what changes."""
 
     __slots__ = (
-        "active", "before", "changed", "cycle", "events", "first_out", "inputs", "notices", "rests", "rules", "sample",
+        "active", "before", "changed", "cycle", "events", "first_out", "inputs", "notices", "raised_at_s", "rests",
+        "rules", "sample",
     )  # fmt: skip
 
     def __init__(self, before: EvaluatedRules, inputs: RuleInputs, sample: Sample | None, cycle: Sample) -> None:
@@ -134,7 +150,9 @@ class _Evaluation:
         self.sample = sample
         self.cycle = cycle
         self.active = before.active
-        self.inputs = replace(inputs, active=before.active) if before.active else inputs
+        self.raised_at_s = before.raised_at_s
+        asked_for = {"active": before.active, "raised_at_s": before.raised_at_s}
+        self.inputs = replace(inputs, **asked_for) if before.active else inputs
         self.first_out = before.first_out
         self.changed: dict[int, Step] = {}
         self.rests: dict[int, Rest | None] = {}
@@ -144,16 +162,16 @@ class _Evaluation:
     def operate(self, command: OperatorCommand, active: set[int]) -> OperatorAnswer:
         """Do what an operator wants, before the rules are judged."""
         alarms = {
-            rule.name: (index, rule, step)
+            rule.name: (index, gate_of(rule), step)
             for index, rule in enumerate(self.rules)
-            if isinstance(rule, AlarmRule) and isinstance(step := self._step(index), AlarmStep)
+            if isinstance(step := self._step(index), OperatedStep)
         }
         answer, evaluations = operate(alarms, self.inputs, command)
         for index, evaluation in evaluations:
             _, rule, step = alarms[evaluation.rule.name]
             self.changed[index] = with_record(evaluation.rule, step, evaluation.record)
             if evaluation.rule is not rule:
-                self.rules = _with(self.rules, {index: evaluation.rule})
+                self.rules = _with(self.rules, {index: _with_gate(self.rules[index], evaluation.rule)})
             self.events += evaluation.events
             active.add(index)
         return answer
@@ -185,6 +203,7 @@ class _Evaluation:
             wanted=_merge_requests(before, changed, steps),
             active=self.active,
             first_out=self.first_out,
+            raised_at_s=self.raised_at_s,
             quiescence=before.quiescence.after(before.layout.watch, self.rests),
             layout=before.layout,
         )
@@ -210,10 +229,14 @@ class _Evaluation:
             if rule.group and stepped.events:
                 self._note_first_out(rule, stepped.events)
         elif isinstance(rule, RampRule) and isinstance(last, RampStep):
-            step = step_ramp(rule, last, self.inputs)
-            rest = rest_of_ramp(rule, step, self.inputs)
+            gate = step_gate(rule.gate, last, self.inputs)
+            step = step_ramp(rule, last, self.inputs, gate)
+            rest = rest_of_ramp(rule, step, self.inputs, gate)
+            if gate.events:
+                self.events += gate.events
         elif isinstance(rule, FollowRule) and isinstance(last, FollowStep):
-            step, events = step_follow(rule, last, self.inputs, self.before.layout.bases.get(rule.output or ""))
+            gate, base = step_gate(rule.gate, last, self.inputs), self.before.layout.bases.get(rule.output or "")
+            step, events = step_follow(rule, last, self.inputs, base, gate)
             self.events += events
         else:
             raise TypeError(f"rule {rule.name} remembers a {type(last).__name__}")
@@ -232,7 +255,12 @@ class _Evaluation:
         if self.active.get(name) is is_active:
             return False
         self.active = {**self.active, name: is_active}
-        self.inputs = replace(self.inputs, active=self.active)
+        ending = self.before.layout.sequences.get(name)
+        if ending is not None and is_active:
+            now_s = self.inputs.now_s
+            raised = {**self.raised_at_s, name: now_s}
+            self.raised_at_s = {**raised, **{each.key: now_s for each in ending if each.is_complete(raised)}}
+        self.inputs = replace(self.inputs, active=self.active, raised_at_s=self.raised_at_s)
         return True
 
     def _note_first_out(self, rule: AlarmRule, events: Iterable[Event]) -> None:
@@ -289,7 +317,14 @@ def _merge_requests(before: EvaluatedRules, changed: Mapping[int, Step], steps: 
 
 
 def _as_judged(rule: AnyRule, step: Step) -> AnyRule:
-    return as_set(rule, step.record) if isinstance(rule, AlarmRule) and isinstance(step, AlarmStep) else rule
+    return _with_gate(rule, as_set(gate_of(rule), step.record)) if isinstance(step, OperatedStep) else rule
+
+
+def _with_gate(rule: AnyRule, alarm: AlarmRule) -> AnyRule:
+    """Return a rule as operators have set it."""
+    if isinstance(rule, AlarmRule):
+        return alarm
+    return rule if alarm is rule.gate else replace(rule, gate=alarm, observe=alarm.observe)
 
 
 def _new_step(rule: AnyRule) -> Step:

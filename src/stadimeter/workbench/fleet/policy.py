@@ -20,7 +20,7 @@ from stadimeter.config.units import FilePath, validation_context
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES
 from stadimeter.core.conditions.compounds import depends_on
 from stadimeter.core.plan import BaseOutput, Plan
-from stadimeter.core.rule import AlarmRule, AnyRule
+from stadimeter.core.rule import AlarmRule, AnyRule, conditions_of
 from stadimeter.errors import ConfigError
 
 # Beside the configuration.
@@ -165,6 +165,5 @@ def _outputs_of(rule: AnyRule) -> Iterator[str | None]:
 
 
 def _names_in(rule: AnyRule) -> Iterator[str]:
-    if isinstance(rule, AlarmRule):
-        for condition in (rule.condition, rule.suppress_when):
-            yield from depends_on(condition) if condition is not None else ()
+    for condition in conditions_of(rule):
+        yield from depends_on(condition)

@@ -12,6 +12,7 @@ import random
 from bisect import bisect_right
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime, time, timedelta
 from pathlib import Path
 from statistics import NormalDist
 from typing import Any
@@ -19,10 +20,11 @@ from typing import Any
 from msgspec.structs import replace
 
 from stadimeter.app.clock import SteppedClock
+from stadimeter.app.local_time import wall_time
 from stadimeter.config.loader import Configuration
 from stadimeter.config.plugins import DriverChoice, DriverContext, Shared
 from stadimeter.config.rule_test_tables import InputTable, MotionTable, OperatorTable, PathPoint, SpanTable
-from stadimeter.config.rules.condition_tables import DAYS
+from stadimeter.config.rules.schedule_tables import DAYS
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.observation import FrameStamp, Observation, WallTime
@@ -62,7 +64,7 @@ def observations(given: InputTable, configuration: Configuration) -> Iterator[Ob
             frame=None if frame is None else FrameStamp(sequence=frame, captured_at_s=at_s),
             measurements=() if frame is None else tuple([track.measure(at_s) for track in tracks]),
             camera_fault="" if frame is not None else "no frame in time",
-            wall=_wall(given, at_s),
+            wall=_wall(given, at_s, configuration),
             operator_commands=tuple([_command(order, f"test-{number}-{index}") for index, order in enumerate(due)]),
         )
 
@@ -118,10 +120,13 @@ def wait_times(last_s: float, next_s: float) -> Iterator[float]:
         yield last_s + count * WAIT_S
 
 
-def _wall(given: InputTable, at_s: float) -> WallTime | None:
+def _wall(given: InputTable, at_s: float, configuration: Configuration) -> WallTime | None:
     if given.clock is None:
         return None
     days, second_of_day = divmod(given.clock + at_s, _DAY_S)
+    if given.date is not None:
+        midnight = datetime.combine(given.date, time())
+        return wall_time(midnight + timedelta(seconds=given.clock + at_s), configuration)
     return WallTime(second_of_day=second_of_day, weekday=(DAYS.index(given.day) + int(days)) % len(DAYS))
 
 

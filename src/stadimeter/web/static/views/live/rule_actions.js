@@ -21,7 +21,7 @@ const action = (op, more) => ({ op, ...ACTIONS[op], ...more });
 
 /** The actions that a rule has now, the urgent ones first; none for one who may only look. */
 export function actionsOf(rule, session) {
-  if (session.right !== "operate" || !rule.is_alarm) return [];
+  if (session.right !== "operate") return [];
   const isShelved = rule.inhibits.includes("shelved");
   const isObserved = rule.inhibits.includes("observed");
   const isOut = rule.inhibits.includes("out of service");

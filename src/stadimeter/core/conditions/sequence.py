@@ -1,0 +1,64 @@
+"""Whether rules were raised in a certain order, soon after each other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from itertools import pairwise
+
+from msgspec import Struct
+
+from stadimeter.core.conditions.leaf import Leaf, Rest, RuleInputs
+
+# What is in time is in time, however a difference of times was rounded.
+_ROUNDING_S = 1e-6
+
+
+class SequenceCondition(Leaf, Struct, frozen=True, kw_only=True):
+    """Rules were raised in this order, each after the one before, from the first to the last within a time.
+
+    What counts of each is when it was raised last. It is noted once, when the last is raised: what the others do later
+    changes nothing.
+
+    Attributes:
+        rules: Two or more.
+        for_s: It holds for this long since the last was raised; None for as long as that rule is active.
+    """
+
+    rules: tuple[str, ...]
+    within_s: float
+    for_s: float | None = None
+
+    noun = "order of rules"
+    is_by_cycle = is_always_known = True
+
+    @property
+    def rules_named(self) -> tuple[str, ...]:
+        """The rules, in their order."""
+        return self.rules
+
+    @property
+    def key(self) -> str:
+        """What its completion is remembered by."""
+        return f"{' then '.join(self.rules)} within {self.within_s!r} s"
+
+    def is_complete(self, raised_at_s: Mapping[str, float]) -> bool:
+        """Return whether the rules were raised in their order, in time."""
+        times = [raised_at_s.get(rule, math.nan) for rule in self.rules]
+        in_order = all(before < after for before, after in pairwise(times))
+        return in_order and times[-1] - times[0] <= self.within_s + _ROUNDING_S
+
+    def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:  # noqa: ARG002 - nothing is unsure of it
+        """Return whether it holds; None while its last rule, a ramp or one that follows, has nothing to judge by."""
+        at_s, last = inputs.raised_at_s.get(self.key), self.rules[-1]
+        if at_s is None:
+            return False
+        if self.for_s is not None:
+            return inputs.now_s < at_s + self.for_s
+        return at_s == inputs.raised_at_s.get(last) and inputs.active.get(last)
+
+    def rest(self, inputs: RuleInputs, is_on: bool) -> Rest:  # noqa: ARG002
+        """Return that it stays as it is until its time is over: a change of its rules wakes it."""
+        at_s = inputs.raised_at_s.get(self.key)
+        due_s = math.inf if at_s is None or self.for_s is None else at_s + self.for_s
+        return Rest(due_s=due_s if inputs.now_s < due_s else math.inf)

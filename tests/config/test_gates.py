@@ -1,0 +1,130 @@
+"""Gates as they are written: `when` beside `ramp` and `follow`, and in steps of an escalation."""
+
+import pytest
+
+from stadimeter.config.describe import describe
+from stadimeter.config.loader import load_configuration
+from stadimeter.core.conditions.discrete import PresenceCondition
+from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.rule import ALWAYS
+from stadimeter.errors import ConfigError
+from support.simulated_run import SIMULATED_BALL
+
+OUTPUTS = """
+[world]
+[targets.tag]
+detector = "ideal"
+[base]
+driver = "simulated"
+[messenger]
+driver = "simulated"
+[buttons.mute]
+driver = "simulated"
+press = "shelve"
+rule = "beep"
+shelve_for = "10 s"
+[rules.beep]
+target = "ball"
+actuator = "motor"
+ramp = { from = "2 m", to = "30 cm" }
+"""
+RAMP = "ramp = { from = '2 m', to = '1 m' }\n"
+NEAR = '[rules.near]\ntarget = "ball"\nwhen = { below = "1 m" }\n'
+FOLLOW = '[rules.follow]\ntarget = "ball"\nactuator = "base"\nfollow = { distance = "1 m" }\n'
+
+
+@pytest.fixture
+def load(tmp_path):
+    def load(rules):
+        path = tmp_path / "gates.toml"
+        path.write_text(SIMULATED_BALL + OUTPUTS + rules)
+        return load_configuration(path)
+
+    return load
+
+
+def test_when_beside_a_ramp_or_follow_is_its_gate(load):
+    beep, follow = load(
+        'when = { above = "1 m" }\nshelve_max = "1 h"\n'
+        f'{FOLLOW}when = {{ target = "tag", seen = true }}\nsuppress_when = {{ lost_for = "1 s" }}\n'
+    ).plan.rules
+    gate = beep.gate
+    assert isinstance(gate.condition, DistanceCondition)
+    assert (gate.name, gate.condition.target, gate.shelve_max_s) == ("beep", "ball", 3600.0)
+    assert follow.target == "ball"
+    assert follow.gate.condition == PresenceCondition(seen=True, target="tag")
+    assert follow.gate.suppress_when == PresenceCondition(seen=False, for_s=1.0, target="ball")
+
+
+def test_without_one_a_rule_always_acts_and_can_be_shelved(load):
+    (beep,) = load("").plan.rules
+    assert (beep.gate.condition, beep.gate.shelve_max_s) == (ALWAYS, 8 * 3600.0)
+
+
+def test_the_target_of_a_gate_is_not_taken_for_that_of_the_rule(load):
+    with pytest.raises(ConfigError, match="which of the targets ball, tag does the rule 'other' watch"):
+        load(f"[rules.other]\nactuator = 'motor'\n{RAMP}when = {{ target = 'tag', seen = true }}\n")
+
+
+@pytest.mark.parametrize(
+    ("rules", "said"),
+    [
+        (
+            'follow = { distance = "1 m" }\n',
+            "the rule 'beep' has ramp and follow; a rule has one of them, or when alone",
+        ),
+        ("when = { seen = true }\nlatch = true\n", "'latch' has no meaning beside ramp"),
+        ('severity = "safety"\nsuppress_when = { lost = true }\n', "a safety rule cannot be suppressed"),
+        ("when = { }\n", "the condition is empty"),
+        ('shelve_max = "5 s"\n', "'beep' may be shelved for 5 s at most (shelve_max)"),
+        ('when = { rule = "bep" }\n', "there is no rule 'bep'"),
+        ('when = { rule = "beep" }\n', "the rule 'beep' asks whether it is active itself"),
+        (
+            f"{NEAR}escalation = [{{ topic = 'a', text = 'x', when = {{ rule = 'naer' }} }}]\n",
+            "rules.near.escalation.0.when.rule: there is no rule 'naer'",
+        ),
+        (
+            f"{NEAR}escalation = [{{ topic = 'a', text = 'x', when = {{ above = '2 m', below = '1 m' }} }}]\n",
+            "rules.near.escalation.0.when",
+        ),
+    ],
+)
+def test_what_cannot_be_meant_is_refused_with_words(load, rules, said):
+    with pytest.raises(ConfigError) as caught:
+        load(rules)
+    assert said in str(caught.value)
+
+
+def test_a_button_can_only_keep_quiet_what_is_no_alarm(load, tmp_path):
+    load("")
+    path = tmp_path / "gates.toml"
+    path.write_text((SIMULATED_BALL + OUTPUTS).replace('press = "shelve"', 'press = "reset"\nhold = "shelve"'))
+    with pytest.raises(ConfigError, match="there is no alarm 'beep'"):
+        load_configuration(path)
+
+
+def test_a_description_says_when_a_rule_acts(load):
+    told = " ".join(
+        describe(
+            load(
+                'when = { target = "tag", lost = true }\nsuppress_when = { above = "1 m" }\n'
+                '[rules.near]\ntarget = "ball"\nwhen = { below = "1 m" }\n'
+                'escalation = [{ topic = "a", text = "x", when = { target = "tag", seen = true } }]\n'
+            )
+        )
+    )
+    assert "Acts only while `tag` is out of sight. Keeps quiet while `ball` is further than 1.00 m" in told
+    assert "When raised sends `a` if `tag` is in sight." in told
+
+
+def test_a_gate_that_names_a_rule_of_several_targets_means_any_of_them(load):
+    beep = load(
+        'when = { rule = "near" }\n[rules.near]\ntargets = ["ball", "tag"]\nwhen = { below = "1 m" }\n'
+    ).plan.rules[0]
+    assert [part.rule for part in beep.gate.condition.conditions] == ["near:ball", "near:tag"]
+
+
+def test_a_gate_that_asks_for_the_opposite_of_a_rule_which_may_be_unknown_is_warned_of(load):
+    configuration = load("when = { not = { rule = 'near' } }\n[rules.near]\ntarget = 'tag'\nwhen = { below = '1 m' }\n")
+    (warning,) = (each for each in configuration.warnings if each.code == "unknown-rule")
+    assert warning.message.endswith("this is unknown then, and 'beep' does not act")
