@@ -33,12 +33,12 @@ BROKEN = [
     ),
     (
         f'{NEAR}when = {{ below = "1 m" }}\nramp = {{ from = "1 m", to = "2 m" }}',
-        ("rules.near.ramp: the rule 'near' has when and ramp; a rule has exactly one of when, ramp and follow "
+        ("rules.near.ramp: the rule 'near' has when and ramp; a rule has exactly one of when, ramp, follow, every and at "
         "(make a rule of its own for each)"),
     ),
     (
         NEAR,
-        ("rules.near: the rule 'near' does nothing; a rule has exactly one of when, ramp and follow "
+        ("rules.near: the rule 'near' does nothing; a rule has exactly one of when, ramp, follow, every and at "
         '(add one, such as when = { below = "50 cm" })'),
     ),
     (
@@ -48,7 +48,7 @@ BROKEN = [
     (
         f"{NEAR}when = {{ }}",
         ("rules.near.when: the condition is empty (write one of above, below, between, seen, lost, seen_for, "
-        "lost_for, bearing, elevation, closing_speed, time_to_contact, separation, count, rule, time, bumped, "
+        "lost_for, bearing, elevation, closing_speed, time_to_contact, separation, count, active_for, figure, rule, time, bumped, "
         "at_cliff, battery_below, undelivered_for, all, any and not)"),
     ),
     (

@@ -10,6 +10,7 @@ from typing import Any
 
 from stadimeter.config.analysis import Subject, subject_of
 from stadimeter.config.analysis.bands import band_errors, holding_errors
+from stadimeter.config.analysis.memory import memory_errors
 from stadimeter.config.analysis.promises import promise_errors
 from stadimeter.config.analysis.references import reference_errors
 from stadimeter.config.analysis.writers import shadow_errors
@@ -47,9 +48,10 @@ _LIMITS = (("above", "below"), ("between",))
 _CONDITION_KINDS = (*_LIMITS, *((key,) for key in (*KEYS_OF_A_TARGET, *KEYS_OF_NO_TARGET, *KEYS_OF_OTHERS)))
 
 # Conditions that are a table of their own, in which their deadbands and probabilities stand.
-_BETWEEN_LIMITS = ("bearing", "elevation", "closing_speed", "separation")
-_INSIDE = ("bearing", "elevation", "closing_speed", "time_to_contact", "separation")
+_BETWEEN_LIMITS = ("bearing", "elevation", "closing_speed", "separation", "figure")
+_INSIDE = ("bearing", "elevation", "closing_speed", "time_to_contact", "separation", "figure")
 
+_KINDS = f"{', '.join(KINDS[:-1])} and {KINDS[-1]}"
 _LIMITS_FORM = "write above, below, both of these, or between"
 _NAMED = [key for group in _CONDITION_KINDS for key in group]
 _KNOWN = known_keys(WhenTable)
@@ -81,18 +83,19 @@ def _rules_by_themselves(draft: Draft) -> Iterator[Finding]:
 def _kind(name: str, table: Mapping[str, Any]) -> Iterator[Finding]:
     kinds = [kind for kind in KINDS if kind in table]
     if len(kinds) > 1:
-        message = f"the rule '{name}' has {' and '.join(kinds)}; a rule has exactly one of when, ramp and follow"
+        message = f"the rule '{name}' has {' and '.join(kinds)}; a rule has exactly one of {_KINDS}"
         yield Finding(("rules", name, kinds[-1]), message, "make a rule of its own for each", "rule-kind")
     misspelt = any(did_you_mean(key, KINDS) for key in table if key not in RuleTable.model_fields)
     if not kinds and not misspelt:
-        message = f"the rule '{name}' does nothing; a rule has exactly one of when, ramp and follow"
+        message = f"the rule '{name}' does nothing; a rule has exactly one of {_KINDS}"
         yield Finding(("rules", name), message, 'add one, such as when = { below = "50 cm" }', "rule-kind")
 
 
 def _keys_of_another_kind(name: str, table: Mapping[str, Any]) -> Iterator[Finding]:
     if "when" in table or not any(kind in table for kind in KINDS):
         return
-    for key in (key for key in _ONLY_FOR_WHEN if key in table):
+    sends = {"escalation", "notify"} if "every" in table or "at" in table else set[str]()
+    for key in (key for key in _ONLY_FOR_WHEN if key in table and key not in sends):
         hint = _BEEPS if key == "pattern" else "leave it out"
         yield Finding(("rules", name, key), f"'{key}' has a meaning only beside when", hint, "key-of-another-kind")
 
@@ -212,16 +215,11 @@ def _outputs_fit(draft: Draft) -> Iterator[Finding]:
             message = f"the base '{draft.base.driver}' turns and drives nowhere, and this rule shall drive it"
             yield Finding(("rules", name, "follow"), message, 'write max_speed = "0 m/s"', "output-unfit")
         if rule.ramp and rule.actuator == BASE_NAME:
-            yield Finding(
-                at,
-                "a ramp cannot drive the base",
-                "drive an actuator, or write follow in place of ramp",
-                "output-unfit",
-            )
+            hint = "drive an actuator, or write follow in place of ramp"
+            yield Finding(at, "a ramp cannot drive the base", hint, "output-unfit")
         if rule.ramp and "actuator" not in draft.tables("rules")[name]:
-            yield Finding(
-                at, "a ramp needs an actuator to drive", 'add one, such as actuator = "motor"', "output-missing"
-            )
+            hint = 'add one, such as actuator = "motor"'
+            yield Finding(at, "a ramp needs an actuator to drive", hint, "output-missing")
 
 
 def _pins_once(draft: Draft) -> Iterator[Finding]:
@@ -396,4 +394,5 @@ _ANALYSES: tuple[Callable[[Subject], Iterator[Finding]], ...] = (
     holding_errors,
     shadow_errors,
     promise_errors,
+    memory_errors,
 )

@@ -12,6 +12,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.condition_words import describe_begin, describe_end
 from stadimeter.core.conditions.compounds import Condition, leaves
 from stadimeter.core.plan import BaseOutput, LevelOutput, Output
+from stadimeter.core.remembered import RememberedFigure
 from stadimeter.core.rule import (
     RAISES_PER_MIN_MAX,
     AlarmRule,
@@ -23,8 +24,10 @@ from stadimeter.core.rule import (
     OnDelay,
     Pattern,
     RampRule,
+    ReportRule,
 )
 from stadimeter.core.rules.layout import contested_outputs
+from stadimeter.core.rules.report import when_in_words
 from stadimeter.core.words import duration, length
 
 _TOLERANCE = DelayTolerance()
@@ -41,7 +44,8 @@ def describe(configuration: Configuration) -> tuple[str, ...]:
         stand between backticks.
     """
     rules = [_rule(rule, configuration) for rule in configuration.plan.rules]
-    return (*_parts(configuration), *rules, *_combined(configuration))
+    figures = [_figure(figure) for figure in configuration.plan.figures]
+    return (*_parts(configuration), *figures, *rules, *_combined(configuration))
 
 
 def _parts(configuration: Configuration) -> Iterator[str]:
@@ -62,6 +66,12 @@ def _parts(configuration: Configuration) -> Iterator[str]:
         yield "Liveness by motion judges how the camera turns, and not how it tilts."
     for button, table in configuration.button_tables.items():
         yield f"The button `{button}`, pressed, {_pressed(table.press, table)}.{_held(table)}"
+
+
+def _figure(figure: RememberedFigure) -> str:
+    what = f"percentile {figure.percentile:g}" if figure.statistic == "percentile" else figure.statistic
+    of = f"{figure.quantity.replace('_', ' ')} of `{figure.target}` {figure.window}"
+    return f"Remembers `{figure.name}`: the {'median' if what == 'percentile 50' else what} of the {of}."
 
 
 def _tilts(output: Output) -> bool:
@@ -112,6 +122,8 @@ def _rule(rule: AnyRule, configuration: Configuration) -> str:
             does = _alarm(rule, configuration)
         case RampRule():
             does = _ramp(rule, configuration)
+        case ReportRule():
+            does = f"{' and '.join(_does(step, configuration) for step in rule.escalation)} {when_in_words(rule)}."
         case _:
             does = _follow(rule, configuration)
     return f"`{rule.name}` {does}{_wins(rule, configuration)}"

@@ -197,6 +197,7 @@ def _plan(draft: Draft) -> Plan:
         tracking=draft.tracking.to_plan(),
         safety=draft.safety.to_plan(),
         sensor_pairs=tuple(table.to_plan(name) for name, table in draft.sensor_tables.items() if table.confirms),
+        figures=tuple(table.to_plan(name, draft.names("targets")) for name, table in draft.figures.items()),
     )
 
 

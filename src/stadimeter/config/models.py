@@ -43,7 +43,7 @@ _SAFETY = plan.Safety()
 # Every section that a configuration may have.
 SECTIONS = (
     "camera", "targets", "actuators", "base", "sensors", "status_led", "buttons", "messenger", "notifiers", "world",
-    "tracking", "safety", "web", "recording", "rules", "tests",
+    "tracking", "safety", "web", "recording", "figures", "rules", "tests",
 )  # fmt: skip
 
 

@@ -17,6 +17,7 @@ from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs
 from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, LimitsCondition, SeparationCondition
 from stadimeter.core.conditions.of_base import ContactSensorCondition
+from stadimeter.core.conditions.remembered import FigureCondition
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.track import Track
 from stadimeter.core.words import day, duration, length, metres, time_of_day
@@ -131,7 +132,7 @@ def _evidence(part: JudgedLeaf, inputs: RuleInputs) -> Evidence:
     begin, end = (leaf.turning_points(inputs, is_on=side) for side in (part.is_inverted, not part.is_inverted))
     return Evidence(
         quantity=leaf.noun,
-        about=(leaf.rule,) if isinstance(leaf, RuleCondition) else leaf.targets_named,
+        about=leaf.rules_named or leaf.targets_named,
         words=words + _NOT_COUNTED.get(type(leaf), ""),
         holds=leaf.holds(inputs, is_on),
         unit=leaf.unit,
@@ -167,6 +168,8 @@ def _part_words(  # noqa: PLR0911 - one for each kind
                 if reading
                 else "no alarm is undelivered"
             )
+        case _ if own := leaf.own_words(inputs):
+            return own
         case _:
             is_named = names_target and leaf.targets_named and not isinstance(leaf, SeparationCondition)
             named = f"{leaf.targets_named[0]} " if is_named else ""
@@ -197,6 +200,8 @@ def _unread_words(leaf: Leaf, inputs: RuleInputs, named: str) -> str:
         if leaf.speed_knowledge(approach) is SpeedKnowledge.SLOW:
             return f"{named}{speed}, slower than {leaf.closing_min_mps:.2f} m/s"
         return f"{named}{metres(approach.distance_m, approach.sigma_m)}, {speed}: too unsure for a time"
+    if isinstance(leaf, FigureCondition):
+        return f"{leaf.noun} is not known"
     if not tracks:
         return f"the base does not report its {leaf.noun}"
     away = [track for track in tracks if not track.is_valid]
@@ -217,7 +222,7 @@ def _value_words(leaf: Leaf, reading: JudgedFigure) -> str:
         case DirectionCondition():
             return f"{leaf.quantity} {math.degrees(value):+.1f}°"
         case _:
-            return f"{leaf.noun} {value:.2f} {leaf.unit}"
+            return f"{leaf.noun} {figure_in_words(value, leaf.unit)}"
 
 
 def _threshold_words(reading: JudgedFigure, unit: str) -> str:
@@ -305,7 +310,7 @@ def _begin_words(leaf: Leaf) -> str:  # noqa: PLR0911 - one for each kind
             slower = f"(if faster than {leaf.closing_min_mps:g} m/s)"
             return f"`{leaf.target}` will be {where} within {leaf.below_s:g} s {slower}"
         case _:
-            return f"{_subject(leaf)} {_within_words(leaf)}"
+            return leaf.begin_words() or f"{_subject(leaf)} {_within_words(leaf)}"
 
 
 def _subject(leaf: Leaf) -> str:
@@ -313,6 +318,8 @@ def _subject(leaf: Leaf) -> str:
     named = " and ".join(f"`{target}`" for target in leaf.targets_named) or "the base"
     if isinstance(leaf, SeparationCondition):
         return f"{named} are"
+    if isinstance(leaf, FigureCondition):
+        return f"the figure `{leaf.figure_name}` is"
     return f"{named} is" if isinstance(leaf, DistanceCondition) else f"the {leaf.noun} of {named} is"
 
 

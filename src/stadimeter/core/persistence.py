@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from enum import Enum, IntEnum
 from operator import attrgetter
 from typing import Any, TypeVar, cast
@@ -23,8 +23,11 @@ from stadimeter.core.alarms.state import Resumed, Timers
 from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.conditions.tallies import resume_tallies
 from stadimeter.core.decide import State
+from stadimeter.core.remembered import RememberedFigure, Summary
 from stadimeter.core.rule import AlarmRule, AnyRule
+from stadimeter.core.rules.report import ReportStep
 from stadimeter.core.rules.scheduler import with_steps
 from stadimeter.core.tracking.life_cycle import TrackState
 
@@ -41,14 +44,23 @@ _SHORTLY = {
 }
 
 
+# How the rows of figures are called; no rule has a point in its name.
+_OF_FIGURES = "figures."
+
+# Of a figure over so long a window, each of its slots that is over is written; of others what is there at the end.
+_LONG_WINDOW_S = 3600.0
+
+
 class AlarmSnapshot(Struct, frozen=True, kw_only=True):
-    """What an alarm remembers."""
+    """What an alarm remembers; or a rule that sends at times, or a figure, called ``figures.NAME``."""
 
     rule: str
     meaning: str
     """Tells rules apart that do not mean the same."""
-    record: AlarmRecord = field(name="state")  # so it is called in state files
+    record: AlarmRecord = field(name="state", default_factory=AlarmRecord)  # so it is called in state files
     is_first_out: bool = False
+    report: ReportStep | None = None
+    summary: Summary | None = None
 
 
 class Absence(Struct, frozen=True, kw_only=True):
@@ -69,7 +81,7 @@ class SnapshotChange(IntEnum):
     """Something that people were notified of, or have commanded."""
 
 
-def meaning_of(rule: AnyRule) -> str:
+def meaning_of(rule: AnyRule | RememberedFigure) -> str:
     """Return what tells rules apart that do not mean the same, in 64 hexadecimal digits.
 
     What is as it is by default does not count, so a later version with more to configure finds the same meaning.
@@ -95,12 +107,22 @@ def _is_set(value: object, field: Any) -> bool:
 
 
 def snapshot_alarms(state: State) -> tuple[AlarmSnapshot, ...]:
-    """Return a snapshot of the alarms of a run, in the order of the configuration."""
-    return tuple(
-        AlarmSnapshot(rule=rule.name, meaning=meaning_of(rule), record=step.record, is_first_out=step.trace.first_out)
-        for rule, step in zip(state.plan.rules, state.rules.steps, strict=True)
-        if isinstance(step, AlarmStep)
-    )
+    """Return a snapshot of the alarms of a run, in the order of the configuration, and of what else is remembered."""
+    found: list[AlarmSnapshot] = []
+    for rule, step in zip(state.plan.rules, state.rules.steps, strict=True):
+        if isinstance(step, AlarmStep):
+            is_first = step.trace.first_out
+            found.append(
+                AlarmSnapshot(rule=rule.name, meaning=meaning_of(rule), record=step.record, is_first_out=is_first)
+            )
+        elif isinstance(step, ReportStep):
+            found.append(AlarmSnapshot(rule=rule.name, meaning=meaning_of(rule), report=step))
+    figures = zip(state.plan.figures, state.figures, strict=True)
+    rows = [
+        AlarmSnapshot(rule=f"{_OF_FIGURES}{each.name}", meaning=meaning_of(each), summary=kept)
+        for each, kept in figures
+    ]
+    return (*found, *rows)
 
 
 def find_absences(state: State) -> tuple[Absence, ...]:
@@ -118,12 +140,20 @@ def classify_change(before: State, after: State) -> SnapshotChange:
     if before.stopped != after.stopped:
         return SnapshotChange.LASTING
     found = SnapshotChange.PASSING if _begins_an_absence(before, after) else SnapshotChange.NOTHING
+    if any(_has_new_slot(*each) for each in zip(after.plan.figures, before.figures, after.figures, strict=True)):
+        found = SnapshotChange.PASSING
     if before.rules.steps is after.rules.steps:
         return found
     for last, step in zip(before.rules.steps, after.rules.steps, strict=True):
         if step is not last and isinstance(step, AlarmStep) and isinstance(last, AlarmStep):
             found = max(found, _change(last.record, step.record))
+        elif step is not last and isinstance(step, ReportStep):
+            found = max(found, SnapshotChange.PASSING)
     return found
+
+
+def _has_new_slot(figure: RememberedFigure, before: Summary, after: Summary) -> bool:
+    return figure.window.for_s >= _LONG_WINDOW_S and after.past is not before.past
 
 
 def _begins_an_absence(before: State, after: State) -> bool:
@@ -152,7 +182,7 @@ def _change(before: AlarmRecord, after: AlarmRecord) -> SnapshotChange:
 _lasting = attrgetter(
     "is_announced_only", "raises", "raised_at_s", "reported_at_s", "notified_at_s", "owes_notice", "is_chattering",
     "leg", "acknowledgement", "inhibits.shelved_until_s", "inhibits.is_one_shot", "inhibits.shelved_by",
-    "inhibits.is_out_of_service", "inhibits.is_observed", "thresholds",
+    "inhibits.is_out_of_service", "inhibits.is_observed", "thresholds", "tallies",
 )  # fmt: skip
 
 _passing = attrgetter("state", "is_given_up", "held_from_start", "inhibits.is_suppressed", "raises_at_s")
@@ -181,6 +211,8 @@ def restore_alarms(
     due = state.due
     for index, rule in enumerate(state.plan.rules):
         memory = by_rule.get(rule.name)
+        if memory is not None and memory.report is not None and memory.meaning == meaning_of(rule):
+            steps[index] = shift_times(memory.report, shift_s)
         if memory is None or not isinstance(rule, AlarmRule):
             continue
         if memory.meaning != meaning_of(rule):
@@ -194,7 +226,16 @@ def restore_alarms(
             first_out[rule.group] = rule.name
     since_s = {absence.target: absence.since_s + shift_s for absence in absences}
     tracks = tuple(_absent_since(tracked, since_s.get(tracked.track.target)) for tracked in state.tracks)
-    return replace(state, tracks=tracks, rules=with_steps(state.plan, tuple(steps), first_out), due=due)
+    figures = tuple(_resumed_figure(figure, by_rule, shift_s) for figure in state.plan.figures)
+    rules = with_steps(state.plan, tuple(steps), first_out)
+    return replace(state, tracks=tracks, rules=rules, due=due, figures=figures)
+
+
+def _resumed_figure(figure: RememberedFigure, by_name: Mapping[str, AlarmSnapshot], shift_s: float) -> Summary:
+    memory = by_name.get(f"{_OF_FIGURES}{figure.name}")
+    if memory is None or memory.summary is None or memory.meaning != meaning_of(figure):
+        return Summary()
+    return memory.summary.resume(shift_s)
 
 
 def _absent_since(tracked: TrackState, since_s: float | None) -> TrackState:
@@ -203,6 +244,7 @@ def _absent_since(tracked: TrackState, since_s: float | None) -> TrackState:
 
 def _resume(rule: AlarmRule, record: AlarmRecord, *, shift_s: float, from_s: float, now_s: float) -> AlarmRecord:
     """Return what an alarm remembers, as of the beginning of this run; see `restore_alarms`."""
+    tallies = resume_tallies(rule.tallying(), record.tallies, shift_s, from_s, now_s)
     before = shift_times(record, shift_s)
     if before.resumed is not None:
         from_s = before.resumed.from_s
@@ -211,7 +253,7 @@ def _resume(rule: AlarmRule, record: AlarmRecord, *, shift_s: float, from_s: flo
         from_s = math.inf  # time out of sight counts for no timer
         if now_s - before.unknown_since_s >= rule.lost.grace_s:
             timers = Timers(leaves=timers.leaves)
-    return replace(before, timers=timers, resumed=Resumed(from_s=from_s, at_s=now_s))
+    return replace(before, timers=timers, resumed=Resumed(from_s=from_s, at_s=now_s), tallies=tallies)
 
 
 def shift_times(value: _T, shift_s: float) -> _T:

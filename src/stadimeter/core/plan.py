@@ -8,7 +8,9 @@ from msgspec import Struct, field
 
 from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.discrete import ScheduleCondition
-from stadimeter.core.rule import AlarmRule, AnyRule
+from stadimeter.core.conditions.tallies import TallyCondition
+from stadimeter.core.remembered import RememberedFigure
+from stadimeter.core.rule import AlarmRule, AnyRule, ReportRule
 from stadimeter.core.sensor_fusion import SensorPair
 
 
@@ -111,10 +113,18 @@ class Plan(Struct, frozen=True, kw_only=True):
     tracking: Tracking = field(default_factory=Tracking)
     safety: Safety = field(default_factory=Safety)
     sensor_pairs: tuple[SensorPair, ...] = ()
+    figures: tuple[RememberedFigure, ...] = ()
 
     @property
     def needs_wall_time(self) -> bool:
         """Whether any rule asks for the time of day."""
+        if any(isinstance(rule, ReportRule) and rule.at_seconds for rule in self.rules):
+            return True
         alarms = (rule for rule in self.rules if isinstance(rule, AlarmRule))
         conditions = (condition for rule in alarms for condition in (rule.condition, rule.suppress_when) if condition)
-        return any(isinstance(leaf, ScheduleCondition) for condition in conditions for leaf in leaves(condition))
+        found = [leaf for condition in conditions for leaf in leaves(condition)]
+        windows = [
+            each.window for each in (*found, *self.figures) if isinstance(each, TallyCondition | RememberedFigure)
+        ]
+        begins_by_day = any(window.from_second is not None for window in windows)
+        return begins_by_day or any(isinstance(leaf, ScheduleCondition) for leaf in found)

@@ -14,6 +14,7 @@ from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Event
 from stadimeter.core.plan import Plan
+from stadimeter.core.remembered import Summary
 from stadimeter.core.rule import AlarmRule, AnyRule
 from stadimeter.core.rule_step import Step
 from stadimeter.core.rules.scheduler import new_rules, with_steps
@@ -62,6 +63,7 @@ def reload(state: State, plan: Plan) -> ReloadedState:
         state=replace(
             state,
             plan=plan,
+            figures=kept_figures(state.plan, state.figures, plan),
             rules=with_steps(plan, steps, first_out),
             due=state.due + _clear_dropped(now, old, gone) + tuple(event for _, events in renewed for event in events),
         ),
@@ -70,6 +72,12 @@ def reload(state: State, plan: Plan) -> ReloadedState:
         added=tuple(rule.name for rule in plan.rules if rule.name not in old),
         removed=removed,
     )
+
+
+def kept_figures(before: Plan, found: tuple[Summary, ...], plan: Plan) -> tuple[Summary, ...]:
+    """Return what is kept of the figures of a plan: of those that mean the same, what was; the others begin anew."""
+    known = dict(zip(before.figures, found, strict=True))
+    return tuple(known.get(figure, Summary()) for figure in plan.figures)
 
 
 def _renewed(

@@ -9,8 +9,9 @@ from typing import Literal
 from msgspec import Struct, field
 from msgspec.structs import force_setattr
 
-from stadimeter.core.conditions.compounds import Condition, about
+from stadimeter.core.conditions.compounds import Condition, about, leaves
 from stadimeter.core.conditions.figures import Quantity
+from stadimeter.core.conditions.tallies import TallyCondition
 from stadimeter.core.decision import Severity
 
 # What is due this soon is due, however a sum of times was rounded.
@@ -228,6 +229,11 @@ class AlarmRule(Rule, Struct, frozen=True, kw_only=True):
         if self.suppress_when is not None:
             force_setattr(self, "suppress_when", about(self.suppress_when, self.target))
 
+    def tallying(self) -> tuple[TallyCondition, ...]:
+        """Return the parts of its conditions that remember what other rules did, from left to right."""
+        conditions = (self.condition, *([self.suppress_when] if self.suppress_when is not None else []))
+        return tuple(leaf for each in conditions for leaf in leaves(each) if isinstance(leaf, TallyCondition))
+
 
 Bias = Literal["neutral", "cautious", "quiet"]
 
@@ -326,4 +332,18 @@ class FollowRule(Rule, Struct, frozen=True, kw_only=True):
     slow: SlowNear | None = None
 
 
-AnyRule = AlarmRule | RampRule | FollowRule
+class ReportRule(Rule, Struct, frozen=True, kw_only=True):
+    """Send messages at times. It drives nothing, and is never active.
+
+    Attributes:
+        every_s: Once within this time, from the first cycle on; None for one that goes by the time of day.
+        at_seconds: At these seconds of the day, local time.
+        escalation: What it sends.
+    """
+
+    every_s: float | None = None
+    at_seconds: tuple[float, ...] = ()
+    escalation: tuple[EscalationStep, ...] = ()
+
+
+AnyRule = AlarmRule | RampRule | FollowRule | ReportRule

@@ -25,10 +25,12 @@ from stadimeter.core.liveness import LivenessState
 from stadimeter.core.observation import OutputFault
 from stadimeter.core.outputs import OutputStep
 from stadimeter.core.persistence import Absence, AlarmSnapshot, meaning_of, restore_alarms
+from stadimeter.core.remembered import Summary
 from stadimeter.core.rule import AnyRule
 from stadimeter.core.rule_step import Step
 from stadimeter.core.rules.follow import FollowStep
 from stadimeter.core.rules.ramp import RampStep
+from stadimeter.core.rules.report import ReportStep
 from stadimeter.core.rules.scheduler import with_steps
 from stadimeter.core.safety import SafetyState
 from stadimeter.core.tracking.life_cycle import TrackState
@@ -125,6 +127,7 @@ class _RuleMemory(Struct, frozen=True, kw_only=True):
     alarm: AlarmStep | None = None
     ramp: RampStep | None = None
     follow: FollowStep | None = None
+    report: ReportStep | None = None
 
     @classmethod
     def of(cls, rule: AnyRule, step: Step) -> _RuleMemory:
@@ -137,12 +140,14 @@ class _RuleMemory(Struct, frozen=True, kw_only=True):
                 return replace(memory, ramp=step)
             case FollowStep():
                 return replace(memory, follow=step)
+            case ReportStep():
+                return replace(memory, report=step)
             case _:
                 return memory
 
     def step(self, rule: AnyRule) -> Step | None:
         """Return it for a rule that means the same; None for any other."""
-        return (self.alarm or self.ramp or self.follow) if self.meaning == meaning_of(rule) else None
+        return (self.alarm or self.ramp or self.follow or self.report) if self.meaning == meaning_of(rule) else None
 
 
 class _RunState(Struct, frozen=True, kw_only=True):
@@ -163,6 +168,7 @@ class _RunState(Struct, frozen=True, kw_only=True):
     disagreeing: frozenset[str] = frozenset()
     disarmed: str = ""
     liveness: LivenessState = field(default_factory=LivenessState)
+    figures: Mapping[str, Summary] = field(default_factory=dict)
 
 
 def state_text(state: State) -> str:
@@ -183,6 +189,7 @@ def state_text(state: State) -> str:
         disagreeing=state.disagreeing,
         disarmed=state.disarmed,
         liveness=state.liveness,
+        figures={meaning_of(each): kept for each, kept in zip(state.plan.figures, state.figures, strict=True)},
     )
     return encode(run).decode()
 
@@ -226,6 +233,7 @@ def read_state(text: str, state: State) -> State:
         disagreeing=was.disagreeing,
         disarmed=was.disarmed,
         liveness=was.liveness,
+        figures=tuple(was.figures.get(meaning_of(figure), Summary()) for figure in plan.figures),
     )
 
 

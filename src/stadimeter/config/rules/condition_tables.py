@@ -19,9 +19,10 @@ from stadimeter.config.rules.limit_tables import (
     LimitsTable,
     SeparationTable,
 )
+from stadimeter.config.rules.memory_tables import ActiveForTable, CountTable, FigureLimitsTable
 from stadimeter.config.units import Duration, Length, LengthOrZero, TimeOfDay, Voltage
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
-from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
+from stadimeter.core.conditions.discrete import PresenceCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.figures import Quantity
 from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
@@ -35,21 +36,6 @@ MAX_DEPTH = 20
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
 
 _DISTANCE = DistanceCondition()
-
-
-class CountTable(Section):
-    """A condition on how many targets are in sight."""
-
-    at_least: Annotated[int, Field(ge=1)] | None = None
-    """Holds with no fewer."""
-    at_most: Annotated[int, Field(ge=0)] | None = None
-    """Holds with no more."""
-    of: Annotated[list[str], Field(min_length=1)] | None = None
-    """Of these targets; all if left out."""
-
-    def to_plan(self) -> CountCondition:
-        """Return the condition as the core sees it."""
-        return CountCondition(targets=tuple(self.of or ()), at_least=self.at_least, at_most=self.at_most)
 
 
 class TimeTable(Section):
@@ -116,7 +102,11 @@ class WhenTable(LimitsTable, LikelihoodTable):
     separation: SeparationTable | None = None
     """Holds while two targets are this far apart."""
     count: CountTable | None = None
-    """Holds while this many targets are in sight."""
+    """Holds while this many targets are in sight, or once a rule was raised this often."""
+    active_for: ActiveForTable | None = None
+    """Holds once a rule was active for this long in all."""
+    figure: FigureLimitsTable | None = None
+    """Holds while a remembered figure is within limits."""
     rule: str | None = None
     """Holds while the rule of this name is active."""
     time: TimeTable | None = None
@@ -196,6 +186,8 @@ _OF_A_TARGET: dict[str, _Conversion] = {
 _OF_NO_TARGET: dict[str, _Conversion] = {
     "separation": lambda when, severity: when.separation.to_plan(severity),
     "count": lambda when, _: when.count.to_plan(),
+    "active_for": lambda when, _: when.active_for.to_plan(),
+    "figure": lambda when, _: when.figure.to_plan(),
     "rule": lambda when, _: RuleCondition(rule=when.rule),
     "time": lambda when, _: when.time.to_plan(),
     "bumped": lambda *_: ContactSensorCondition(sensor="is_bumped"),

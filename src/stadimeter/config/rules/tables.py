@@ -8,12 +8,15 @@ from pydantic import Discriminator, Field, Tag
 from stadimeter.config.models import DurationAboveZero, Section, Share
 from stadimeter.config.rules.action_tables import FollowTable, PatternTable, RampTable, RuleCommon, StepTable
 from stadimeter.config.rules.condition_tables import WhenTable
+from stadimeter.config.rules.memory_tables import Every, TimesOfDay
 from stadimeter.config.units import Duration
 from stadimeter.core import rule
 from stadimeter.core.conditions.compounds import Condition, leaves, targets_of
 from stadimeter.core.conditions.discrete import RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.of_base import ContactSensorCondition
+from stadimeter.core.conditions.remembered import FigureCondition
+from stadimeter.core.conditions.tallies import TallyCondition
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.decision import Severity
 
@@ -30,7 +33,7 @@ FRAMES_TO_RAISE = rule.OnDelay(frames=3, of_frames=5)
 UNTIL_ACKNOWLEDGED = "until-acknowledged"
 
 # The kinds of rules: exactly one of these keys is in the table of one.
-KINDS = ("when", "ramp", "follow")
+KINDS = ("when", "ramp", "follow", "every", "at")
 
 
 class LostTable(Section):
@@ -124,6 +127,10 @@ class RuleTable(Section):
     """An output that follows the distance."""
     follow: FollowTable | None = None
     """A distance that a base keeps."""
+    every: Every | None = None
+    """In seconds; sends a message once within this time."""
+    at: TimesOfDay | None = None
+    """In seconds since midnight; sends a message at this time of day, or at each of several."""
     on_delay: OnDelay | None = None
     """How long a condition must hold first; in seconds or in frames. None for the default."""
     off_delay: Duration = _ALARM.off_delay_s
@@ -212,6 +219,12 @@ class RuleTable(Section):
             return self.ramp.to_plan(common)
         if self.follow is not None:
             return self.follow.to_plan(common)
+        if self.every is not None or self.at is not None:
+            if "severity" not in self.model_fields_set:
+                common["severity"] = Severity.INFO
+            steps = tuple(step.to_plan() for step in self.steps)
+            times = tuple(sorted(set(self.at or ())))
+            return rule.ReportRule(**common, every_s=self.every, at_seconds=times, escalation=steps)
         raise ValueError(f"the rule '{name}' has none of: {', '.join(KINDS)}")
 
     def delay(self, judged: Condition) -> rule.OnDelay:
@@ -225,7 +238,10 @@ class RuleTable(Section):
             return rule.OnDelay(frames=self.on_delay.frames, of_frames=self.on_delay.of)
         if self.on_delay is not None:
             return rule.OnDelay(hold_s=self.on_delay)
-        without_noise = (RuleCondition, ScheduleCondition, ContactSensorCondition, UndeliveredCondition)
+        without_noise = (
+            RuleCondition, ScheduleCondition, ContactSensorCondition, UndeliveredCondition, TallyCondition,
+            FigureCondition,
+        )  # fmt: skip
         is_sure = all(leaf.probability_on is not None or isinstance(leaf, without_noise) for leaf in leaves(judged))
         return rule.OnDelay() if is_sure or self.severity is Severity.SAFETY else FRAMES_TO_RAISE
 

@@ -22,6 +22,7 @@ from stadimeter.core.condition_words import figure_in_words
 from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition
 from stadimeter.core.conditions.leaf import Rest, RuleInputs
+from stadimeter.core.conditions.window import Tally
 from stadimeter.core.decision import Event, EventKind, Notice, RuleStatus, RuleTrace, Severity
 from stadimeter.core.rule import ROUNDING_S, AlarmRule
 from stadimeter.core.rule_step import OBSERVED, Step, keep_if_same, trace_of
@@ -50,7 +51,11 @@ class Stepped(NamedTuple):
 
 def new_alarm(rule: AlarmRule) -> AlarmStep:
     """Return an alarm before the first cycle of a run."""
-    return AlarmStep(trace=trace_of(rule, RuleStatus.UNKNOWN))
+    return AlarmStep(trace=trace_of(rule, RuleStatus.UNKNOWN), record=AlarmRecord(tallies=_no_tallies(rule)))
+
+
+def _no_tallies(rule: AlarmRule) -> tuple[Tally, ...]:
+    return (Tally(),) * len(rule.tallying())
 
 
 def with_record(rule: AlarmRule, step: AlarmStep, record: AlarmRecord) -> AlarmStep:
@@ -67,7 +72,7 @@ def renew(
     The events tell which do not.
     """
     kept, gone = keep_thresholds(rule, were_set)
-    record = AlarmRecord(thresholds=kept)
+    record = AlarmRecord(thresholds=kept, tallies=_no_tallies(rule))
     evaluation = Evaluation(as_set(rule, record), record, inputs)
     for each in gone:
         was = f"{each.key} was {figure_in_words(each.value, each.unit)}, set by {each.by or 'an operator'}"

@@ -96,6 +96,17 @@ def _acknowledge(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
 
 def _reset(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
     record = evaluation.record
+    now_s = evaluation.inputs.now_s
+    if record.tallies:
+        record.tallies = tuple(
+            [
+                replace(each, times=b"", active_since_s=None if each.active_since_s is None else now_s)
+                for each in record.tallies
+            ]
+        )
+    if record.tallies and record.state not in LATCHED:
+        evaluation.add_event(EventKind.RESET, f"it counts anew: {command.said}", notify=False, by=command.by)
+        return ""
     if record.state not in LATCHED:
         return why_not_latched(evaluation.rule, record, evaluation.inputs)
     if Trigger.RESET not in TRANSITIONS[record.state]:

@@ -18,7 +18,6 @@ from typing import Any, NamedTuple, TypeVar, cast
 from msgspec import Struct
 from msgspec.structs import replace
 
-from stadimeter.core.conditions.discrete import RuleCondition
 from stadimeter.core.conditions.leaf import Leaf, Rest, RuleInputs
 
 
@@ -96,7 +95,7 @@ def with_leaves(condition: Condition, parts: Iterator[Leaf]) -> Condition:
 
 def depends_on(condition: Condition) -> frozenset[str]:
     """Return the names of the rules that a condition asks for."""
-    return frozenset(leaf.rule for leaf in leaves(condition) if isinstance(leaf, RuleCondition))
+    return frozenset(rule for leaf in leaves(condition) for rule in leaf.rules_named)
 
 
 def targets_of(condition: Condition) -> frozenset[str]:

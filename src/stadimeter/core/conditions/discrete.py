@@ -161,6 +161,11 @@ class RuleCondition(Leaf, Struct, frozen=True, kw_only=True):
     noun = "rule"
     is_by_cycle = True
 
+    @property
+    def rules_named(self) -> tuple[str, ...]:
+        """The one that it asks for."""
+        return (self.rule,)
+
     def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:  # noqa: ARG002
         """Return whether it holds; see `Leaf.holds`."""
         return inputs.active.get(self.rule)

@@ -11,6 +11,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from stadimeter.core.alarms import machine
+from stadimeter.core.alarms.actions import with_tallies
 from stadimeter.core.alarms.alarm import AlarmStep
 from stadimeter.core.alarms.alarm_words import describe_alarm, in_words, latched_until, policy_in_words
 from stadimeter.core.alarms.machine import LATCHED, AlarmRecord, AlarmState
@@ -19,10 +20,11 @@ from stadimeter.core.condition_words import Evidence, collect_evidence, describe
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decision import Decision, OutputTrace, RuleStatus, SafetyMode
 from stadimeter.core.plan import Plan
-from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule
+from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule, ReportRule
 from stadimeter.core.rule_step import Step
 from stadimeter.core.rules.follow import FollowStep, describe_follow
 from stadimeter.core.rules.ramp import describe_ramp
+from stadimeter.core.rules.report import ReportStep, describe_report
 from stadimeter.core.rules.scheduler import EvaluatedRules
 from stadimeter.core.words import rounded_duration
 
@@ -41,11 +43,13 @@ class Reasons(Mapping[str, str]):
         rule, step = self.step(name)
         match rule, step:
             case AlarmRule(), AlarmStep():
-                return describe_alarm(rule, step.record, self.inputs_of_rules())
+                return describe_alarm(rule, step.record, with_tallies(rule, step.record, self.inputs_of_rules()))
             case RampRule(), _:
                 return describe_ramp(rule, self.inputs.tracks[rule.target])
             case FollowRule(), FollowStep():
                 return describe_follow(rule, step, self.inputs.tracks[rule.target])
+            case ReportRule(), ReportStep():
+                return describe_report(rule, step, self.inputs)
             case _:
                 raise TypeError(f"rule {rule.name} remembers a {type(step).__name__}")
 
@@ -118,6 +122,7 @@ def explain(decision: Decision, name: str, *, with_probability: bool = True) -> 
     inputs = reasons.inputs_of_rules()
     output = next((trace for trace in decision.outputs if trace.output == rule.output), None)
     if isinstance(rule, AlarmRule) and isinstance(step, AlarmStep):
+        inputs = with_tallies(rule, step.record, inputs)
         alarm = _alarm(rule, step, inputs, with_probability=with_probability)
         are_set = describe_thresholds(step.record, inputs.now_s)
         clauses = [*alarm, *_consequence(rule, step, decision, inputs, output), *are_set]
