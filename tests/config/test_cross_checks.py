@@ -33,8 +33,8 @@ BROKEN = [
     ),
     (
         f'{NEAR}when = {{ below = "1 m" }}\nramp = {{ from = "1 m", to = "2 m" }}',
-        ("rules.near.ramp: the rule 'near' has when and ramp; a rule has exactly one of when, ramp, follow, every and at "
-        "(make a rule of its own for each)"),
+        ("rules.near.ramp: the rule 'near' has when and ramp; a rule has exactly one of when, ramp, follow, every "
+        "and at (make a rule of its own for each)"),
     ),
     (
         NEAR,
@@ -48,8 +48,8 @@ BROKEN = [
     (
         f"{NEAR}when = {{ }}",
         ("rules.near.when: the condition is empty (write one of above, below, between, seen, lost, seen_for, "
-        "lost_for, bearing, elevation, closing_speed, time_to_contact, separation, count, active_for, figure, rule, time, bumped, "
-        "at_cliff, battery_below, undelivered_for, all, any and not)"),
+        "lost_for, bearing, elevation, closing_speed, time_to_contact, separation, count, active_for, figure, rule, "
+        "time, bumped, at_cliff, battery_below, undelivered_for, all, any and not)"),
     ),
     (
         f'{NEAR}when = {{ above = "1 m", between = ["2 m", "3 m"] }}',

@@ -70,7 +70,7 @@ def test_what_people_say_is_lasting():
 def test_every_field_of_what_alarms_remember_is_judged_to_be_lasting_passing_or_nothing():
     looked_at = {"state", "timers", "unknown_since_s", "is_given_up", "held_from_start", "is_announced_only", "leg"}
     looked_at |= {"raised_at_s", "reported_at_s", "notified_at_s", "owes_notice", "inhibits", "resumed"}
-    looked_at |= {"raises", "raises_at_s", "is_chattering", "acknowledgement", "thresholds", "tallies"}
+    looked_at |= {"raises", "raises_at_s", "is_chattering", "acknowledgement", "thresholds"}
     assert {field.name for field in fields(AlarmRecord)} == looked_at
     inhibits = {"shelved_until_s", "is_one_shot", "shelved_by", "is_out_of_service", "is_suppressed", "leaves"}
     assert {field.name for field in fields(Inhibits)} == inhibits | {"is_observed"}

@@ -17,16 +17,14 @@ from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, SeparationCondition
 from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
 from stadimeter.core.conditions.remembered import FigureCondition
-from stadimeter.core.conditions.tallies import ActiveForCondition, RaisedCondition
+from stadimeter.core.conditions.summary import QUANTITIES, RememberedFigure, Window
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
-from stadimeter.core.conditions.window import Window
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Severity
 from stadimeter.core.measurement import Measurement
 from stadimeter.core.observation import FrameStamp, Observation, WallTime
 from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety
-from stadimeter.core.remembered import RememberedFigure
 from stadimeter.core.rule import (
     AlarmRule,
     AnyRule,
@@ -153,12 +151,12 @@ def _remembering(rng: random.Random, names: list[str], figures: tuple[Remembered
     rules, figure = tuple(rng.sample(names, 1 + (rng.random() < 0.2))), rng.choice(figures)
     return rng.choice(
         (
-            RaisedCondition(rules=rules, at_least=rng.randint(1, 4), window=_window(rng)),
-            ActiveForCondition(rules=rules, at_least_s=rng.uniform(0.1, 1.5), window=_window(rng)),
+            FigureCondition(rules=rules, unit="times", above=float(rng.randint(0, 3)), window=_window(rng)),
+            FigureCondition(rules=rules, unit="s", above=rng.uniform(0.1, 1.5), window=_window(rng)),
             FigureCondition(
-                figure_name=figure.name,
-                unit=figure.unit,
-                below=rng.uniform(0.5, 2.0) if figure.unit == "m" else rng.uniform(-0.2, 0.4),
+                name=figure.name,
+                unit=(unit := QUANTITIES[figure.quantity][0]),
+                below=rng.uniform(0.5, 2.0) if unit == "m" else rng.uniform(-0.2, 0.4),
                 deadband=rng.choice((0.0, 0.1)),
             ),
         )

@@ -11,10 +11,10 @@ from msgspec.structs import replace
 
 from stadimeter.app.reporting import is_state
 from stadimeter.core import templates
+from stadimeter.core.conditions.summary import RememberedFigure
 from stadimeter.core.decision import Decision, Notice, Severity
 from stadimeter.core.message import KEPT_S, Message, as_history
 from stadimeter.core.notification import Notification
-from stadimeter.core.remembered import RememberedFigure
 from stadimeter.core.rule import AlarmRule, AnyRule, ReportRule, Send, Template
 from stadimeter.errors import StadimeterError
 from stadimeter.messaging.protocol import Discoverable, Retaining, Subscribes, TakesRequests

@@ -6,8 +6,8 @@ import json
 import math
 from collections.abc import Callable, Iterable, Mapping
 
+from stadimeter.core.conditions.summary import RememberedFigure
 from stadimeter.core.message import Message
-from stadimeter.core.remembered import RememberedFigure
 
 INTERVAL_S = 2.0
 

@@ -34,10 +34,10 @@ import stadimeter
 from stadimeter.app.figure_reports import FigureReports, figure_topics
 from stadimeter.core.alarms.machine import AlarmRecord
 from stadimeter.core.alarms.settings import show_thresholds
+from stadimeter.core.conditions.summary import RememberedFigure
 from stadimeter.core.decision import SYSTEM_EVENTS, Decision, Event, EventKind, RuleStatus, RuleTrace, Severity
 from stadimeter.core.message import Message, clearing
 from stadimeter.core.notification import Notification
-from stadimeter.core.remembered import RememberedFigure
 from stadimeter.core.rule import AlarmRule, AnyRule, ReportRule
 from stadimeter.core.rules.explaining import Reasons
 from stadimeter.core.safety import OUTPUTS

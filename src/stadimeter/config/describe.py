@@ -11,8 +11,8 @@ from stadimeter.config.models import ButtonTable, WebTable
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.condition_words import describe_begin, describe_end
 from stadimeter.core.conditions.compounds import Condition, leaves
+from stadimeter.core.conditions.summary import RememberedFigure
 from stadimeter.core.plan import BaseOutput, LevelOutput, Output
-from stadimeter.core.remembered import RememberedFigure
 from stadimeter.core.rule import (
     RAISES_PER_MIN_MAX,
     AlarmRule,

@@ -168,8 +168,6 @@ def _part_words(  # noqa: PLR0911 - one for each kind
                 if reading
                 else "no alarm is undelivered"
             )
-        case _ if own := leaf.own_words(inputs):
-            return own
         case _:
             is_named = names_target and leaf.targets_named and not isinstance(leaf, SeparationCondition)
             named = f"{leaf.targets_named[0]} " if is_named else ""
@@ -226,7 +224,8 @@ def _value_words(leaf: Leaf, reading: JudgedFigure) -> str:
 
 
 def _threshold_words(reading: JudgedFigure, unit: str) -> str:
-    scale, digits, unit = (math.degrees(1.0), 1, "°") if unit == "rad" else (1.0, 2, f" {unit}")
+    digits = {"rad": 1, "times": 0}.get(unit, 2)
+    scale, unit = (math.degrees(1.0), "°") if unit == "rad" else (1.0, f" {unit}")
     low, high = reading.low * scale, reading.high * scale
     if math.isinf(low):
         return f"below {high:.{digits}f}{unit}"
@@ -283,6 +282,8 @@ def describe_end(condition: Condition) -> str:
             return f"it is {_back_words(condition, condition.deadband)}"
         case SeparationCondition():
             return f"they are {_back_words(condition, condition.deadband)}"
+        case FigureCondition():
+            return f"{_subject(condition)} {_back_words(condition, condition.deadband)}"
         case LimitsCondition():
             return f"its {condition.noun} is {_back_words(condition, condition.deadband)}"
         case _:
@@ -310,16 +311,16 @@ def _begin_words(leaf: Leaf) -> str:  # noqa: PLR0911 - one for each kind
             slower = f"(if faster than {leaf.closing_min_mps:g} m/s)"
             return f"`{leaf.target}` will be {where} within {leaf.below_s:g} s {slower}"
         case _:
-            return leaf.begin_words() or f"{_subject(leaf)} {_within_words(leaf)}"
+            return f"{_subject(leaf)} {_within_words(leaf)}"
 
 
 def _subject(leaf: Leaf) -> str:
     """Return what a clause about thresholds begins with, such as ``the bearing of `ball` is``."""
+    if isinstance(leaf, FigureCondition):
+        return f"`{leaf.noun}` is"
     named = " and ".join(f"`{target}`" for target in leaf.targets_named) or "the base"
     if isinstance(leaf, SeparationCondition):
         return f"{named} are"
-    if isinstance(leaf, FigureCondition):
-        return f"the figure `{leaf.figure_name}` is"
     return f"{named} is" if isinstance(leaf, DistanceCondition) else f"the {leaf.noun} of {named} is"
 
 
@@ -382,8 +383,8 @@ def figure_in_words(value: float, unit: str) -> str:
             return length(value)
         case "rad":
             return _degrees(value)
-        case "s":
-            return f"{value:g} s"
+        case "s" | "times":
+            return f"{value:g} {unit}"
         case _:
             return f"{value:.2f} {unit}"
 

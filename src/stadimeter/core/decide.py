@@ -15,6 +15,7 @@ from msgspec.structs import replace
 from stadimeter.core.alarms.state import Sample
 from stadimeter.core.command import TwistCommand
 from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.conditions.summary import Summary
 from stadimeter.core.decision import Decision, Event, EventKind, SafetyMode, Severity
 from stadimeter.core.holding import Hold, step_holds, with_holds
 from stadimeter.core.liveness import LivenessState, step_liveness, tell_plain_room
@@ -23,7 +24,7 @@ from stadimeter.core.observation import Observation, OutputFault
 from stadimeter.core.operator import HoldCommand, OperatorAnswer, OperatorCommand
 from stadimeter.core.outputs import OutputStep, command_all, forbidden_outputs, new_output
 from stadimeter.core.plan import BaseOutput, Plan
-from stadimeter.core.remembered import Summary, step_summaries, values_of
+from stadimeter.core.remembering import Added, step_figures
 from stadimeter.core.rules.explaining import Reasons
 from stadimeter.core.rules.scheduler import EvaluatedRules, judge, new_rules
 from stadimeter.core.safety import (
@@ -103,7 +104,7 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
     disagreeing, sensor_events = step_disagreements(state.disagreeing, compared, observation.now_s)
     track_states = _step_tracks(state, seen, observation.now_s, gap_s)
     before = while_stopped(while_disarmed(safety, state.disarmed), state.stopped)
-    inputs = _rule_inputs(state, track_states, observation, before, gap_s)
+    inputs = _rule_inputs(state, track_states, observation, before, is_after_gap=gap_s is not None)
     cycle = Sample(at_s=observation.now_s, since_s=step_s)
     rules, outcome = judge(state.rules, inputs, _sample(state, safety), cycle, _for_rules(observation))
     allowed = _step_permission(state, observation, safety, is_new=is_new)
@@ -123,9 +124,10 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
         rules=rules.traces,
         notices=outcome.notices,
         answers=outcome.answers + allowed.answers + answers,
-        figures=inputs.figures,
+        figures={each.name: inputs.figures[each.name] for each in plan.figures if not each.rules},
         reasons=Reasons(plan=plan, judged=rules, inputs=inputs),
     )
+    new = Added(decision.tracks, seen, state.rules.active, rules.active, 0.0 if gap_s else step_s, observation)
     remembered = State(
         plan=plan,
         now_s=observation.now_s,
@@ -141,7 +143,7 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
         disagreeing=disagreeing,
         disarmed=allowed.disarmed,
         liveness=allowed.liveness,
-        figures=_step_figures(state, track_states, seen, observation),
+        figures=step_figures(plan.figures, state.figures, new),
     )
     return remembered, decision
 
@@ -209,22 +211,21 @@ def _for_rules(observation: Observation) -> tuple[OperatorCommand, ...]:
 
 
 def _rule_inputs(
-    state: State, tracked: tuple[TrackState, ...], observation: Observation, safety: SafetyState, gap_s: float | None
+    state: State, tracked: tuple[TrackState, ...], observation: Observation, safety: SafetyState, *, is_after_gap: bool
 ) -> RuleInputs:
     return RuleInputs(
         tracks={each.track.target: each.track for each in tracked},
         now_s=observation.now_s,
         wall=observation.wall,
         before={each.track.target: each.track for each in state.tracks},
-        is_after_gap=gap_s is not None,
+        is_after_gap=is_after_gap,
         sightings={each.track.target: each.sighting for each in tracked},
         frame_at_s=safety.frame.captured_at_s if safety.frame is not None else None,
         base=observation.base,
         commands={step.command.output: step.command for step in state.outputs},
         safety=safety.mode,
         undelivered_since_s=observation.undelivered_since_s,
-        gap_s=gap_s or 0.0,
-        figures=values_of(state.plan.figures, state.figures) if state.figures else {},
+        figures={each.name: kept.value for each, kept in zip(state.plan.figures, state.figures, strict=True)},
     )
 
 
@@ -236,16 +237,6 @@ def _step_tracks(
         reason = in_words(gap_s, state.plan.safety)
         tracks = tuple([after_gap(tracked, now_s, reason) for tracked in tracks])
     return tuple([step_track(each, seen.get(each.track.target), now_s, state.plan.tracking) for each in tracks])
-
-
-def _step_figures(
-    state: State, tracked: tuple[TrackState, ...], seen: Mapping[str, Measurement], observation: Observation
-) -> tuple[Summary, ...]:
-    """Return what is kept of figures after a cycle: rules are judged by what was kept before it."""
-    if not state.figures:
-        return ()
-    tracks = {each.track.target: each.track for each in tracked if each.track.target in seen}
-    return step_summaries(state.plan.figures, state.figures, tracks, observation.now_s, observation.wall)
 
 
 def _sample(state: State, safety: SafetyState) -> Sample | None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from enum import Enum, IntEnum
 from operator import attrgetter
 from typing import Any, TypeVar, cast
@@ -23,9 +23,8 @@ from stadimeter.core.alarms.state import Resumed, Timers
 from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.leaf import RuleInputs
-from stadimeter.core.conditions.tallies import resume_tallies
+from stadimeter.core.conditions.summary import RememberedFigure, Summary
 from stadimeter.core.decide import State
-from stadimeter.core.remembered import RememberedFigure, Summary
 from stadimeter.core.rule import AlarmRule, AnyRule
 from stadimeter.core.rules.report import ReportStep
 from stadimeter.core.rules.scheduler import with_steps
@@ -108,21 +107,18 @@ def _is_set(value: object, field: Any) -> bool:
 
 def snapshot_alarms(state: State) -> tuple[AlarmSnapshot, ...]:
     """Return a snapshot of the alarms of a run, in the order of the configuration, and of what else is remembered."""
-    found: list[AlarmSnapshot] = []
-    for rule, step in zip(state.plan.rules, state.rules.steps, strict=True):
-        if isinstance(step, AlarmStep):
-            is_first = step.trace.first_out
-            found.append(
-                AlarmSnapshot(rule=rule.name, meaning=meaning_of(rule), record=step.record, is_first_out=is_first)
-            )
-        elif isinstance(step, ReportStep):
-            found.append(AlarmSnapshot(rule=rule.name, meaning=meaning_of(rule), report=step))
-    figures = zip(state.plan.figures, state.figures, strict=True)
-    rows = [
-        AlarmSnapshot(rule=f"{_OF_FIGURES}{each.name}", meaning=meaning_of(each), summary=kept)
-        for each, kept in figures
+    found = [
+        AlarmSnapshot(rule=rule.name, meaning=meaning_of(rule), record=step.record, is_first_out=step.trace.first_out)
+        if isinstance(step, AlarmStep)
+        else AlarmSnapshot(rule=rule.name, meaning=meaning_of(rule), report=step)
+        for rule, step in zip(state.plan.rules, state.rules.steps, strict=True)
+        if isinstance(step, AlarmStep | ReportStep)
     ]
-    return (*found, *rows)
+    figures = zip(state.plan.figures, state.figures, strict=True)
+    kept = [
+        AlarmSnapshot(rule=_OF_FIGURES + it.name, meaning=meaning_of(it), summary=summary) for it, summary in figures
+    ]
+    return (*found, *kept)
 
 
 def find_absences(state: State) -> tuple[Absence, ...]:
@@ -153,7 +149,7 @@ def classify_change(before: State, after: State) -> SnapshotChange:
 
 
 def _has_new_slot(figure: RememberedFigure, before: Summary, after: Summary) -> bool:
-    return figure.window.for_s >= _LONG_WINDOW_S and after.past is not before.past
+    return figure.window.for_s >= _LONG_WINDOW_S and after.newest_from != before.newest_from
 
 
 def _begins_an_absence(before: State, after: State) -> bool:
@@ -182,7 +178,7 @@ def _change(before: AlarmRecord, after: AlarmRecord) -> SnapshotChange:
 _lasting = attrgetter(
     "is_announced_only", "raises", "raised_at_s", "reported_at_s", "notified_at_s", "owes_notice", "is_chattering",
     "leg", "acknowledgement", "inhibits.shelved_until_s", "inhibits.is_one_shot", "inhibits.shelved_by",
-    "inhibits.is_out_of_service", "inhibits.is_observed", "thresholds", "tallies",
+    "inhibits.is_out_of_service", "inhibits.is_observed", "thresholds",
 )  # fmt: skip
 
 _passing = attrgetter("state", "is_given_up", "held_from_start", "inhibits.is_suppressed", "raises_at_s")
@@ -226,16 +222,14 @@ def restore_alarms(
             first_out[rule.group] = rule.name
     since_s = {absence.target: absence.since_s + shift_s for absence in absences}
     tracks = tuple(_absent_since(tracked, since_s.get(tracked.track.target)) for tracked in state.tracks)
-    figures = tuple(_resumed_figure(figure, by_rule, shift_s) for figure in state.plan.figures)
     rules = with_steps(state.plan, tuple(steps), first_out)
+    figures = tuple(
+        memory.summary.resume(shift_s)
+        if (memory := by_rule.get(_OF_FIGURES + it.name)) and memory.summary and memory.meaning == meaning_of(it)
+        else Summary()
+        for it in state.plan.figures
+    )
     return replace(state, tracks=tracks, rules=rules, due=due, figures=figures)
-
-
-def _resumed_figure(figure: RememberedFigure, by_name: Mapping[str, AlarmSnapshot], shift_s: float) -> Summary:
-    memory = by_name.get(f"{_OF_FIGURES}{figure.name}")
-    if memory is None or memory.summary is None or memory.meaning != meaning_of(figure):
-        return Summary()
-    return memory.summary.resume(shift_s)
 
 
 def _absent_since(tracked: TrackState, since_s: float | None) -> TrackState:
@@ -244,7 +238,6 @@ def _absent_since(tracked: TrackState, since_s: float | None) -> TrackState:
 
 def _resume(rule: AlarmRule, record: AlarmRecord, *, shift_s: float, from_s: float, now_s: float) -> AlarmRecord:
     """Return what an alarm remembers, as of the beginning of this run; see `restore_alarms`."""
-    tallies = resume_tallies(rule.tallying(), record.tallies, shift_s, from_s, now_s)
     before = shift_times(record, shift_s)
     if before.resumed is not None:
         from_s = before.resumed.from_s
@@ -253,7 +246,7 @@ def _resume(rule: AlarmRule, record: AlarmRecord, *, shift_s: float, from_s: flo
         from_s = math.inf  # time out of sight counts for no timer
         if now_s - before.unknown_since_s >= rule.lost.grace_s:
             timers = Timers(leaves=timers.leaves)
-    return replace(before, timers=timers, resumed=Resumed(from_s=from_s, at_s=now_s), tallies=tallies)
+    return replace(before, timers=timers, resumed=Resumed(from_s=from_s, at_s=now_s))
 
 
 def shift_times(value: _T, shift_s: float) -> _T:

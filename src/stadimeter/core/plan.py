@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import Literal
 
 from msgspec import Struct, field
+from msgspec.structs import force_setattr
 
 from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.discrete import ScheduleCondition
-from stadimeter.core.conditions.tallies import TallyCondition
-from stadimeter.core.remembered import RememberedFigure
+from stadimeter.core.conditions.leaf import Leaf
+from stadimeter.core.conditions.remembered import FigureCondition
+from stadimeter.core.conditions.summary import RememberedFigure
 from stadimeter.core.rule import AlarmRule, AnyRule, ReportRule
 from stadimeter.core.sensor_fusion import SensorPair
 
@@ -115,16 +117,21 @@ class Plan(Struct, frozen=True, kw_only=True):
     sensor_pairs: tuple[SensorPair, ...] = ()
     figures: tuple[RememberedFigure, ...] = ()
 
+    def __post_init__(self) -> None:
+        """Let figures hold, behind those with a name, what conditions sum up of other rules."""
+        named = [figure for figure in self.figures if not figure.rules]
+        sums = [leaf.remembered for leaf in self._leaves() if isinstance(leaf, FigureCondition) and leaf.rules]
+        force_setattr(self, "figures", tuple(dict.fromkeys([*named, *sums])))
+
     @property
     def needs_wall_time(self) -> bool:
-        """Whether any rule asks for the time of day."""
-        if any(isinstance(rule, ReportRule) and rule.at_seconds for rule in self.rules):
-            return True
+        """Whether any rule asks for the time of day, or any figure begins at one."""
+        asks = any(isinstance(leaf, ScheduleCondition) for leaf in self._leaves())
+        asks = asks or any(isinstance(rule, ReportRule) and rule.at_seconds for rule in self.rules)
+        return asks or any(figure.window.from_second is not None for figure in self.figures)
+
+    def _leaves(self) -> list[Leaf]:
+        """Return the simple conditions of all alarms."""
         alarms = (rule for rule in self.rules if isinstance(rule, AlarmRule))
         conditions = (condition for rule in alarms for condition in (rule.condition, rule.suppress_when) if condition)
-        found = [leaf for condition in conditions for leaf in leaves(condition)]
-        windows = [
-            each.window for each in (*found, *self.figures) if isinstance(each, TallyCondition | RememberedFigure)
-        ]
-        begins_by_day = any(window.from_second is not None for window in windows)
-        return begins_by_day or any(isinstance(leaf, ScheduleCondition) for leaf in found)
+        return [leaf for condition in conditions for leaf in leaves(condition)]

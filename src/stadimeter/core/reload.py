@@ -11,10 +11,10 @@ from stadimeter.core.alarms.actions import dismiss
 from stadimeter.core.alarms.alarm import AlarmStep, renew
 from stadimeter.core.alarms.settings import as_set
 from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.conditions.summary import Summary
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Event
 from stadimeter.core.plan import Plan
-from stadimeter.core.remembered import Summary
 from stadimeter.core.rule import AlarmRule, AnyRule
 from stadimeter.core.rule_step import Step
 from stadimeter.core.rules.scheduler import new_rules, with_steps

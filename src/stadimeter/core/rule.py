@@ -9,9 +9,8 @@ from typing import Literal
 from msgspec import Struct, field
 from msgspec.structs import force_setattr
 
-from stadimeter.core.conditions.compounds import Condition, about, leaves
+from stadimeter.core.conditions.compounds import Condition, about
 from stadimeter.core.conditions.figures import Quantity
-from stadimeter.core.conditions.tallies import TallyCondition
 from stadimeter.core.decision import Severity
 
 # What is due this soon is due, however a sum of times was rounded.
@@ -225,14 +224,9 @@ class AlarmRule(Rule, Struct, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         """Make every part of the conditions name its target."""
-        force_setattr(self, "condition", about(self.condition, self.target))
+        force_setattr(self, "condition", about(self.condition, self.target, self.name))
         if self.suppress_when is not None:
-            force_setattr(self, "suppress_when", about(self.suppress_when, self.target))
-
-    def tallying(self) -> tuple[TallyCondition, ...]:
-        """Return the parts of its conditions that remember what other rules did, from left to right."""
-        conditions = (self.condition, *([self.suppress_when] if self.suppress_when is not None else []))
-        return tuple(leaf for each in conditions for leaf in leaves(each) if isinstance(leaf, TallyCondition))
+            force_setattr(self, "suppress_when", about(self.suppress_when, self.target, self.name))
 
 
 Bias = Literal["neutral", "cautious", "quiet"]

@@ -18,6 +18,7 @@ from stadimeter.app.clock import is_synchronised
 from stadimeter.app.deliveries import Undelivered
 from stadimeter.app.exact_json import decode, encode
 from stadimeter.core.alarms.alarm import AlarmStep
+from stadimeter.core.conditions.summary import Summary
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Event
 from stadimeter.core.holding import Hold
@@ -25,7 +26,6 @@ from stadimeter.core.liveness import LivenessState
 from stadimeter.core.observation import OutputFault
 from stadimeter.core.outputs import OutputStep
 from stadimeter.core.persistence import Absence, AlarmSnapshot, meaning_of, restore_alarms
-from stadimeter.core.remembered import Summary
 from stadimeter.core.rule import AnyRule
 from stadimeter.core.rule_step import Step
 from stadimeter.core.rules.follow import FollowStep

@@ -139,7 +139,7 @@ def _measured(leaf: Leaf, truth: Truth) -> Iterator[Box]:
         yield from ({sight: GONE} for sight in sights)
         return
     inside, possible = interval(*leaf.limits), LENGTHS if leaf.unit == "m" else ALL
-    axis = (leaf.noun, *leaf.rules_named, *sorted(leaf.targets_named))
+    axis = (leaf.noun, *sorted(leaf.targets_named))
     yield {**dict.fromkeys(sights, SEEN), axis: possible & (inside if truth is Truth.TRUE else ~inside)}
 
 

@@ -3,6 +3,7 @@
 Annotations are no texts here, as in every file of tables.
 """
 
+from collections.abc import Callable
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
@@ -11,52 +12,37 @@ from stadimeter.config.models import DurationAboveZero, Section
 from stadimeter.config.units import DURATIONS_S, TimeOfDay, as_written, parse_any_quantity, parse_duration
 from stadimeter.core.conditions.discrete import CountCondition
 from stadimeter.core.conditions.remembered import FigureCondition
-from stadimeter.core.conditions.tallies import MAX_RAISES, ActiveForCondition, RaisedCondition
-from stadimeter.core.conditions.window import DAY_S, Window
-from stadimeter.core.remembered import FigureQuantity, RememberedFigure
+from stadimeter.core.conditions.summary import DAY_S, FigureQuantity, RememberedFigure, Window
+from stadimeter.core.words import duration
 
-# Nothing is remembered for longer.
 MAX_WINDOW_S = 366 * DAY_S
+MAX_RAISES = 1000
 
-_TODAY = "today"
-
-# Messages at times come no more often than this, and at no more times of a day.
-MIN_EVERY_S = 1.0
-MAX_TIMES = 100
-
-_TIME = {"type": "string", "pattern": r"^\s*[0-9]{1,2}:[0-9]{2}(:[0-9.]+)?\s*$", "examples": ["22:30"]}
+_WRITE_ONE = 'write one of within = "1 min", within = "today" and since = "06:00"'
 
 
-def _parse_within(text: object) -> float:
-    """Read a window; 0 for ``today``."""
-    if text == _TODAY:
-        return 0.0
-    for_s = parse_duration(text)
-    if not 0 < for_s <= MAX_WINDOW_S:
-        raise ValueError(f'{text!r} is no window: write a time above zero and up to 8784 h, a year, or "today"')
-    return for_s
+def _bounded(least_s: float) -> Callable[[object], float]:
+    def parse(text: object) -> float:
+        seconds = parse_duration(text)
+        if not least_s <= seconds <= MAX_WINDOW_S:
+            raise ValueError(f"{text!r} is not within {duration(least_s)} and {duration(MAX_WINDOW_S)}, a year")
+        return seconds
+
+    return parse
 
 
+_parse_window = _bounded(0.1)
 Within = Annotated[
-    float,
-    BeforeValidator(_parse_within),
-    WithJsonSchema({"anyOf": [as_written(DURATIONS_S, "1 min").json_schema, {"const": _TODAY}]}),
+    float | Literal["today"],
+    BeforeValidator(lambda text: text if text == "today" else _parse_window(text)),
+    WithJsonSchema({"type": "string", "examples": ["1 min", "today"]}),
 ]
-
-
-def _parse_every(text: object) -> float:
-    every_s = parse_duration(text)
-    if not MIN_EVERY_S <= every_s <= MAX_WINDOW_S:
-        raise ValueError(f"{text!r} is too often or too rare for messages: write 1 s to 8784 h, a year")
-    return every_s
-
-
-Every = Annotated[float, BeforeValidator(_parse_every), as_written(DURATIONS_S, "1 min")]
+Every = Annotated[float, BeforeValidator(_bounded(1.0)), as_written(DURATIONS_S, "1 min")]
 TimesOfDay = Annotated[
     list[TimeOfDay],
     BeforeValidator(lambda value: value if isinstance(value, list) else [value]),
-    Field(min_length=1, max_length=MAX_TIMES),
-    WithJsonSchema({"anyOf": [_TIME, {"type": "array", "items": _TIME, "minItems": 1}]}),
+    Field(min_length=1, max_length=100),
+    WithJsonSchema({"type": ["string", "array"], "items": {"type": "string"}, "examples": ["22:30"]}),
 ]
 
 
@@ -71,20 +57,19 @@ class WindowTable(Section):
     @property
     def window(self) -> Window:
         """The same as the core sees it."""
-        return Window(for_s=self.within) if self.within else Window(from_second=self.since or 0.0)
+        return Window(for_s=self.within) if isinstance(self.within, float) else Window(from_second=self.since or 0.0)
+
+    @property
+    def has_window(self) -> bool:
+        """Whether it is about the past."""
+        return True
 
     @model_validator(mode="after")
     def _one_window(self) -> Self:
-        if self.within is not None and self.since is not None:
-            raise ValueError('it has within and since; write one of them, such as within = "1 min"')
-        if self.is_windowed and self.within is None and self.since is None:
-            raise ValueError('it does not say within which time; add within = "1 min", within = "today" or since')
+        written = (self.within is not None) + (self.since is not None)
+        if written != self.has_window:
+            raise ValueError(_WRITE_ONE if self.has_window else "name a rule to count how often it was raised")
         return self
-
-    @property
-    def is_windowed(self) -> bool:
-        """Whether it must say what of the past counts."""
-        return True
 
 
 class CountTable(WindowTable):
@@ -100,25 +85,22 @@ class CountTable(WindowTable):
     """In place of targets: how often this rule was raised."""
 
     @property
-    def is_windowed(self) -> bool:
-        """Only raises are counted over a time."""
+    def has_window(self) -> bool:
+        """Targets are counted now."""
         return self.rule is not None
 
     @model_validator(mode="after")
-    def _of_one_kind(self) -> Self:
-        if self.rule is None:
-            if self.within is not None or self.since is not None:
-                raise ValueError("targets in sight are counted now; name a rule to count how often it was raised")
-        elif self.at_least is None or self.at_most is not None or self.of is not None:
-            raise ValueError("how often a rule was raised has at_least, and neither at_most nor of; write not = { … }")
-        elif self.at_least > MAX_RAISES:
-            raise ValueError(f"at_least is {MAX_RAISES} at most where a rule is counted: count in a shorter window")
+    def _raises_at_least(self) -> Self:
+        least, others = self.at_least or 0, (self.at_most, self.of)
+        if self.rule is not None and not (1 <= least <= MAX_RAISES and others == (None, None)):
+            raise ValueError(f"beside rule stands at_least, 1 to {MAX_RAISES}, and neither at_most nor of")
         return self
 
-    def to_plan(self) -> CountCondition | RaisedCondition:
+    def to_plan(self) -> CountCondition | FigureCondition:
         """Return the condition as the core sees it."""
         if self.rule is not None:
-            return RaisedCondition(rules=(self.rule,), at_least=self.at_least or 1, window=self.window)
+            above = (self.at_least or 1) - 1.0
+            return FigureCondition(rules=(self.rule,), window=self.window, unit="times", above=above)
         return CountCondition(targets=tuple(self.of or ()), at_least=self.at_least, at_most=self.at_most)
 
 
@@ -130,19 +112,17 @@ class ActiveForTable(WindowTable):
     at_least: DurationAboveZero
     """In seconds; holds from this time on."""
 
-    def to_plan(self) -> ActiveForCondition:
+    def to_plan(self) -> FigureCondition:
         """Return the condition as the core sees it."""
-        return ActiveForCondition(rules=(self.rule,), at_least_s=self.at_least, window=self.window)
-
-
-def _parse_figure(text: object) -> tuple[float, str]:
-    if not isinstance(text, str):
-        raise ValueError(f"{text!r} is not a quantity; write it as text, such as '50 cm'")
-    return parse_any_quantity(text)
+        return FigureCondition(rules=(self.rule,), window=self.window, unit="s", above=self.at_least)
 
 
 # A quantity in the SI unit, and that unit: it must be that of the figure.
-AnyQuantity = Annotated[tuple[float, str], BeforeValidator(_parse_figure), WithJsonSchema({"type": "string"})]
+AnyQuantity = Annotated[
+    tuple[float, str],
+    BeforeValidator(lambda value: parse_any_quantity(str(value))),
+    WithJsonSchema({"type": "string", "examples": ["50 cm"]}),
+]
 
 
 class FigureLimitsTable(Section):
@@ -160,21 +140,20 @@ class FigureLimitsTable(Section):
     """How far the figure must come back."""
 
     @property
-    def quantities(self) -> dict[str, tuple[float, str]]:
-        """The quantities that it names, by key."""
-        low, high = self.between if self.between is not None else (self.above, self.below)
+    def limits(self) -> dict[str, tuple[float, str]]:
+        """The limits and the deadband, as far as they are written."""
+        low, high = self.between or (self.above, self.below)
         found = {"above": low, "below": high, "deadband": self.deadband}
         return {key: value for key, value in found.items() if value is not None}
 
     def to_plan(self) -> FigureCondition:
         """Return the condition as the core sees it."""
-        values: dict[str, Any] = {key: value for key, (value, _) in self.quantities.items()}
-        unit = next((unit for _, unit in self.quantities.values()), "m")
-        return FigureCondition(figure_name=self.name, unit=unit, **values)
+        values: dict[str, Any] = {key: value for key, (value, _) in self.limits.items()}
+        return FigureCondition(name=self.name, unit=next((unit for _, unit in self.limits.values()), "m"), **values)
 
 
 class FigureTable(WindowTable):
-    """A figure that is remembered; see `stadimeter.core.remembered.RememberedFigure`."""
+    """A figure that is remembered; see `stadimeter.core.conditions.summary.RememberedFigure`."""
 
     target: str | None = None
     """The target; may be left out where there is only one."""

@@ -16,7 +16,6 @@ from stadimeter.core.conditions.discrete import RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.of_base import ContactSensorCondition
 from stadimeter.core.conditions.remembered import FigureCondition
-from stadimeter.core.conditions.tallies import TallyCondition
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.decision import Severity
 
@@ -239,9 +238,8 @@ class RuleTable(Section):
         if self.on_delay is not None:
             return rule.OnDelay(hold_s=self.on_delay)
         without_noise = (
-            RuleCondition, ScheduleCondition, ContactSensorCondition, UndeliveredCondition, TallyCondition,
-            FigureCondition,
-        )  # fmt: skip
+            RuleCondition | ScheduleCondition | ContactSensorCondition | UndeliveredCondition | FigureCondition
+        )
         is_sure = all(leaf.probability_on is not None or isinstance(leaf, without_noise) for leaf in leaves(judged))
         return rule.OnDelay() if is_sure or self.severity is Severity.SAFETY else FRAMES_TO_RAISE
 

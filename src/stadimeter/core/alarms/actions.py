@@ -13,7 +13,6 @@ from stadimeter.core.alarms.state import NO_INHIBITS, Leg
 from stadimeter.core.condition_words import describe_verdict
 from stadimeter.core.conditions.compounds import Condition, Verdict, judge
 from stadimeter.core.conditions.leaf import Rest, RuleInputs
-from stadimeter.core.conditions.tallies import step_tallies
 from stadimeter.core.decision import Event, EventKind, Notice, Severity
 from stadimeter.core.rule import ROUNDING_S, AlarmRule, EscalationStep, Pattern
 from stadimeter.core.rule_step import LevelRequest, Request, TwistRequest
@@ -56,12 +55,6 @@ class Evaluation:
         self.rest: Rest | None = _ALWAYS
         self._state = before.state
         self._was_chattering = before.is_chattering
-        if before.tallies:
-            remembering = rule.tallying()
-            self.record.tallies = step_tallies(remembering, before.tallies, inputs)
-            if any(leaf.window.from_second is not None for leaf in remembering):
-                self.rest = None  # the time of day goes by another clock, which may jump
-            self.inputs = with_tallies(rule, self.record, inputs)
 
     def judge(self, condition: Condition, leaves: tuple[bool, ...], *, is_active: bool) -> Verdict:
         """Judge a condition that the alarm goes by, given what it remembers of its parts."""
@@ -137,13 +130,6 @@ class Evaluation:
             self.add_event(EventKind.CHATTERING, reason, notify=not self.is_quiet)
         else:
             self.add_event(EventKind.CALMED, "it no longer comes too often", notify=False)
-
-
-def with_tallies(rule: AlarmRule, record: AlarmRecord, inputs: RuleInputs) -> RuleInputs:
-    """Return what an alarm is judged by, with what its conditions remember of other rules."""
-    if not record.tallies:
-        return inputs
-    return replace(inputs, tallies=dict(zip(rule.tallying(), record.tallies, strict=True)))
 
 
 def _begin(evaluation: Evaluation, reason: str) -> None:

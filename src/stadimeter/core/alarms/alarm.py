@@ -22,7 +22,6 @@ from stadimeter.core.condition_words import figure_in_words
 from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition
 from stadimeter.core.conditions.leaf import Rest, RuleInputs
-from stadimeter.core.conditions.window import Tally
 from stadimeter.core.decision import Event, EventKind, Notice, RuleStatus, RuleTrace, Severity
 from stadimeter.core.rule import ROUNDING_S, AlarmRule
 from stadimeter.core.rule_step import OBSERVED, Step, keep_if_same, trace_of
@@ -51,11 +50,7 @@ class Stepped(NamedTuple):
 
 def new_alarm(rule: AlarmRule) -> AlarmStep:
     """Return an alarm before the first cycle of a run."""
-    return AlarmStep(trace=trace_of(rule, RuleStatus.UNKNOWN), record=AlarmRecord(tallies=_no_tallies(rule)))
-
-
-def _no_tallies(rule: AlarmRule) -> tuple[Tally, ...]:
-    return (Tally(),) * len(rule.tallying())
+    return AlarmStep(trace=trace_of(rule, RuleStatus.UNKNOWN))
 
 
 def with_record(rule: AlarmRule, step: AlarmStep, record: AlarmRecord) -> AlarmStep:
@@ -72,7 +67,7 @@ def renew(
     The events tell which do not.
     """
     kept, gone = keep_thresholds(rule, were_set)
-    record = AlarmRecord(thresholds=kept, tallies=_no_tallies(rule))
+    record = AlarmRecord(thresholds=kept)
     evaluation = Evaluation(as_set(rule, record), record, inputs)
     for each in gone:
         was = f"{each.key} was {figure_in_words(each.value, each.unit)}, set by {each.by or 'an operator'}"

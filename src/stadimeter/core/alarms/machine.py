@@ -40,7 +40,6 @@ from stadimeter.core.alarms.state import (
     is_too_frequent,
     with_raise,
 )
-from stadimeter.core.conditions.window import Tally
 from stadimeter.core.rule import ROUNDING_S, AlarmRule, LostPolicy
 
 
@@ -121,8 +120,10 @@ TRANSITIONS: Mapping[AlarmState, Mapping[Trigger, AlarmState]] = {
     },
 }
 
+# The alarm is active: it drives its output.
 ACTIVE = frozenset(AlarmState) - {AlarmState.NORMAL, AlarmState.PENDING, AlarmState.RTN_UNACKNOWLEDGED}
 
+# The alarm waits for an acknowledgement.
 TO_ACKNOWLEDGE = frozenset(state for state in AlarmState if state.value.endswith("unacknowledged"))
 
 # Only a reset ends the alarm; or its condition holds again.
@@ -166,7 +167,6 @@ class AlarmRecord(Struct):
     resumed: Resumed | None = None
     thresholds: tuple[SetThreshold, ...] = ()
     """Those that an operator has set, in the order in which they were."""
-    tallies: tuple[Tally, ...] = ()  # what its conditions remember of other rules, from left to right
 
     @property
     def is_active(self) -> bool:

@@ -14,7 +14,9 @@ from stadimeter.core.alarms.machine import LATCHED, TRANSITIONS, Trigger
 from stadimeter.core.alarms.settings import RuleThreshold, move, thresholds_of
 from stadimeter.core.alarms.state import Acknowledgement, SetThreshold
 from stadimeter.core.condition_words import figure_in_words
+from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.conditions.remembered import FigureCondition
 from stadimeter.core.decision import EventKind, Severity
 from stadimeter.core.operator import OperatorAnswer, OperatorCommand
 from stadimeter.core.rule import AlarmRule
@@ -96,15 +98,9 @@ def _acknowledge(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
 
 def _reset(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
     record = evaluation.record
-    now_s = evaluation.inputs.now_s
-    if record.tallies:
-        record.tallies = tuple(
-            [
-                replace(each, times=b"", active_since_s=None if each.active_since_s is None else now_s)
-                for each in record.tallies
-            ]
-        )
-    if record.tallies and record.state not in LATCHED:
+    if record.state not in LATCHED and any(
+        isinstance(leaf, FigureCondition) and leaf.rules for leaf in leaves(evaluation.rule.condition)
+    ):  # what it counts is emptied in `stadimeter.core.remembering`
         evaluation.add_event(EventKind.RESET, f"it counts anew: {command.said}", notify=False, by=command.by)
         return ""
     if record.state not in LATCHED:

@@ -15,7 +15,6 @@ from msgspec import Struct, field
 
 from stadimeter.core.base_report import BaseReport
 from stadimeter.core.command import Command
-from stadimeter.core.conditions.window import Tally
 from stadimeter.core.decision import SafetyMode
 from stadimeter.core.measurement import Sighting
 from stadimeter.core.observation import WallTime
@@ -41,9 +40,7 @@ class RuleInputs(Struct, frozen=True, kw_only=True):
         commands: What each output was commanded in the cycle before, by its name.
         safety: Whether outputs may act, as far as it is known before the rules are judged.
         undelivered_since_s: As in `stadimeter.core.observation.Observation`.
-        gap_s: For how long the program stood still before this cycle; 0 for not at all.
-        figures: The remembered figures, by name; None for one that is not known.
-        tallies: What the conditions of the rule that is judged remember of other rules.
+        figures: What is remembered over windows of time, by name; None for what is not known.
     """
 
     tracks: Mapping[str, Track]
@@ -58,9 +55,7 @@ class RuleInputs(Struct, frozen=True, kw_only=True):
     commands: Mapping[str, Command] = field(default_factory=dict)
     safety: SafetyMode = SafetyMode.ACTIVE
     undelivered_since_s: float | None = None
-    gap_s: float = 0.0
     figures: Mapping[str, float | None] = field(default_factory=dict)
-    tallies: Mapping[Leaf, Tally] = field(default_factory=dict)
 
 
 class Figure(NamedTuple):
@@ -161,14 +156,6 @@ class Leaf:
     def rules_named(self) -> tuple[str, ...]:
         """The rules that it asks for."""
         return ()
-
-    def own_words(self, inputs: RuleInputs) -> str:  # noqa: ARG002
-        """Return the figure behind its verdict in words of its own; empty for a kind that is worded by its unit."""
-        return ""
-
-    def begin_words(self) -> str:
-        """Return when it holds, in words of its own; empty likewise."""
-        return ""
 
     def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:
         """Return whether it holds; None if that cannot be known.

@@ -11,7 +11,6 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from stadimeter.core.alarms import machine
-from stadimeter.core.alarms.actions import with_tallies
 from stadimeter.core.alarms.alarm import AlarmStep
 from stadimeter.core.alarms.alarm_words import describe_alarm, in_words, latched_until, policy_in_words
 from stadimeter.core.alarms.machine import LATCHED, AlarmRecord, AlarmState
@@ -43,13 +42,13 @@ class Reasons(Mapping[str, str]):
         rule, step = self.step(name)
         match rule, step:
             case AlarmRule(), AlarmStep():
-                return describe_alarm(rule, step.record, with_tallies(rule, step.record, self.inputs_of_rules()))
+                return describe_alarm(rule, step.record, self.inputs_of_rules())
             case RampRule(), _:
                 return describe_ramp(rule, self.inputs.tracks[rule.target])
             case FollowRule(), FollowStep():
                 return describe_follow(rule, step, self.inputs.tracks[rule.target])
             case ReportRule(), ReportStep():
-                return describe_report(rule, step, self.inputs)
+                return describe_report(rule, step)
             case _:
                 raise TypeError(f"rule {rule.name} remembers a {type(step).__name__}")
 
@@ -122,7 +121,6 @@ def explain(decision: Decision, name: str, *, with_probability: bool = True) -> 
     inputs = reasons.inputs_of_rules()
     output = next((trace for trace in decision.outputs if trace.output == rule.output), None)
     if isinstance(rule, AlarmRule) and isinstance(step, AlarmStep):
-        inputs = with_tallies(rule, step.record, inputs)
         alarm = _alarm(rule, step, inputs, with_probability=with_probability)
         are_set = describe_thresholds(step.record, inputs.now_s)
         clauses = [*alarm, *_consequence(rule, step, decision, inputs, output), *are_set]

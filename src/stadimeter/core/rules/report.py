@@ -11,11 +11,11 @@ import math
 from msgspec.structs import replace
 
 from stadimeter.core.conditions.leaf import Rest, RuleInputs
-from stadimeter.core.conditions.window import DAY_S
+from stadimeter.core.conditions.summary import DAY_S
 from stadimeter.core.decision import Event, EventKind, Notice, RuleStatus
 from stadimeter.core.rule import ROUNDING_S, ReportRule
 from stadimeter.core.rule_step import Step, trace_of
-from stadimeter.core.words import duration, rounded_duration, time_of_day
+from stadimeter.core.words import duration, time_of_day
 
 # So late a time of day still counts. Two messages are at least twice this apart: a clock that is put back a little, as
 # by time synchronisation, sends none again.
@@ -71,24 +71,11 @@ def _time_due(rule: ReportRule, before: ReportStep, inputs: RuleInputs) -> str |
 def _sent(
     rule: ReportRule, before: ReportStep, inputs: RuleInputs, sent_at_s: float, reason: str
 ) -> tuple[ReportStep, tuple[Notice, ...]]:
-    after = replace(before, sent_at_s=sent_at_s, count=before.count + 1)
-    track = inputs.tracks.get(rule.target)
-    is_seen = track is not None and track.is_valid
-    event = Event(
-        kind=EventKind.REPORT,
-        source=rule.name,
-        at_s=inputs.now_s,
-        severity=rule.severity,
-        reason=reason,
-        distance_m=track.distance_m if track is not None and is_seen else None,
-        sigma_m=track.sigma_m if track is not None and is_seen else None,
-    )
-    notices = [
-        Notice(rule=rule.name, step=position, event=event, count=after.count)
-        for position, step in enumerate(rule.escalation)
-        if step.send is not None and not rule.observe
-    ]
-    return after, tuple(notices)
+    count, severity = before.count + 1, rule.severity
+    event = Event(kind=EventKind.REPORT, source=rule.name, at_s=inputs.now_s, severity=severity, reason=reason)
+    steps = range(0 if rule.observe else len(rule.escalation))
+    notices = [Notice(rule=rule.name, step=step, event=event, count=count) for step in steps]
+    return replace(before, sent_at_s=sent_at_s, count=count), tuple(notices)
 
 
 def when_in_words(rule: ReportRule) -> str:
@@ -98,8 +85,6 @@ def when_in_words(rule: ReportRule) -> str:
     return f"at {' and '.join(map(time_of_day, rule.at_seconds))}"
 
 
-def describe_report(rule: ReportRule, step: ReportStep, inputs: RuleInputs) -> str:
-    """Return when it sends, and when it sent last, in words."""
-    if not step.count or step.sent_at_s is None:
-        return f"sends {when_in_words(rule)}; not yet"
-    return f"sends {when_in_words(rule)}; last {rounded_duration(inputs.now_s - step.sent_at_s)} ago"
+def describe_report(rule: ReportRule, step: ReportStep) -> str:
+    """Return when it sends, and how often it has, in words."""
+    return f"sends {when_in_words(rule)}; {step.count} times until now"
