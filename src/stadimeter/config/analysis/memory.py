@@ -70,7 +70,7 @@ def _raises_max(rule: AnyRule | None, for_s: float) -> float:
     if not isinstance(rule, AlarmRule):
         return math.inf
     period_s, most = rule.on_delay.hold_s + rule.off_delay_s, rule.raises_per_min_max
-    by_delays = for_s // period_s + 1 if period_s else math.inf
+    by_delays = math.ceil(for_s / period_s) if period_s else math.inf
     return min(by_delays, most * math.ceil(for_s / MINUTE_S) if most else math.inf)
 
 
