@@ -79,7 +79,7 @@ SYSTEM_EVENTS = {
     EventKind.ARMED,
     EventKind.LIVENESS_UNKNOWN,
 }
-ALARM_EVENTS = tuple(kind for kind in EventKind if kind not in {*SYSTEM_EVENTS, EventKind.REPORT})
+ALARM_EVENTS = tuple(kind for kind in EventKind if kind not in SYSTEM_EVENTS)
 
 
 class Severity(StrEnum):
