@@ -44,7 +44,7 @@ def describe(configuration: Configuration) -> tuple[str, ...]:
         stand between backticks.
     """
     rules = [_rule(rule, configuration) for rule in configuration.plan.rules]
-    figures = [_figure(figure) for figure in configuration.plan.figures]
+    figures = [_figure(figure) for figure in configuration.plan.named_figures]
     return (*_parts(configuration), *figures, *rules, *_combined(configuration))
 
 

@@ -119,9 +119,13 @@ class Plan(Struct, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         """Let figures hold, behind those with a name, what conditions sum up of other rules."""
-        named = [figure for figure in self.figures if not figure.rules]
         sums = [leaf.remembered for leaf in self._leaves() if isinstance(leaf, FigureCondition) and leaf.rules]
-        force_setattr(self, "figures", tuple(dict.fromkeys([*named, *sums])))
+        force_setattr(self, "figures", tuple(dict.fromkeys([*self.named_figures, *sums])))
+
+    @property
+    def named_figures(self) -> tuple[RememberedFigure, ...]:
+        """The figures of the configuration, without what conditions sum up of other rules."""
+        return tuple(figure for figure in self.figures if not figure.rules)
 
     @property
     def needs_wall_time(self) -> bool:

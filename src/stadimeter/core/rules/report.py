@@ -12,9 +12,9 @@ from msgspec.structs import replace
 
 from stadimeter.core.conditions.leaf import Rest, RuleInputs
 from stadimeter.core.conditions.summary import DAY_S
-from stadimeter.core.decision import Event, EventKind, Notice, RuleStatus
+from stadimeter.core.decision import Event, EventKind, Notice
 from stadimeter.core.rule import ROUNDING_S, ReportRule
-from stadimeter.core.rule_step import Step, trace_of
+from stadimeter.core.rule_step import Step
 from stadimeter.core.words import duration, time_of_day
 
 # So late a time of day still counts. Two messages are at least twice this apart: a clock that is put back a little, as
@@ -33,11 +33,6 @@ class ReportStep(Step, frozen=True, kw_only=True):
 
     sent_at_s: float | None = None
     count: int = 0
-
-
-def new_report(rule: ReportRule) -> ReportStep:
-    """Return such a rule before the first cycle of a run."""
-    return ReportStep(trace=trace_of(rule, RuleStatus.IDLE))
 
 
 def step_report(
