@@ -59,16 +59,11 @@ class WindowTable(Section):
         """The same as the core sees it."""
         return Window(for_s=self.within) if isinstance(self.within, float) else Window(from_second=self.since or 0.0)
 
-    @property
-    def has_window(self) -> bool:
-        """Whether it is about the past."""
-        return True
-
     @model_validator(mode="after")
     def _one_window(self) -> Self:
-        written = (self.within is not None) + (self.since is not None)
-        if written != self.has_window:
-            raise ValueError(_WRITE_ONE if self.has_window else "name a rule to count how often it was raised")
+        written, needs = (self.within is not None) + (self.since is not None), getattr(self, "rule", "") is not None
+        if written != needs:
+            raise ValueError(_WRITE_ONE if needs else "name a rule to count how often it was raised")
         return self
 
 
@@ -84,11 +79,6 @@ class CountTable(WindowTable):
     rule: str | None = None
     """In place of targets: how often this rule was raised."""
 
-    @property
-    def has_window(self) -> bool:
-        """Targets are counted now."""
-        return self.rule is not None
-
     @model_validator(mode="after")
     def _raises_at_least(self) -> Self:
         least, others = self.at_least or 0, (self.at_most, self.of)
@@ -98,10 +88,10 @@ class CountTable(WindowTable):
 
     def to_plan(self) -> CountCondition | FigureCondition:
         """Return the condition as the core sees it."""
-        if self.rule is not None:
-            above = (self.at_least or 1) - 1.0
-            return FigureCondition(rules=(self.rule,), window=self.window, unit="times", above=above)
-        return CountCondition(targets=tuple(self.of or ()), at_least=self.at_least, at_most=self.at_most)
+        if self.rule is None:
+            return CountCondition(targets=tuple(self.of or ()), at_least=self.at_least, at_most=self.at_most)
+        above = (self.at_least or 1) - 1.0
+        return FigureCondition(rules=(self.rule,), window=self.window, unit="times", above=above)
 
 
 class ActiveForTable(WindowTable):
@@ -119,9 +109,7 @@ class ActiveForTable(WindowTable):
 
 # A quantity in the SI unit, and that unit: it must be that of the figure.
 AnyQuantity = Annotated[
-    tuple[float, str],
-    BeforeValidator(lambda value: parse_any_quantity(str(value))),
-    WithJsonSchema({"type": "string", "examples": ["50 cm"]}),
+    tuple[float, str], BeforeValidator(lambda value: parse_any_quantity(str(value))), WithJsonSchema({"type": "string"})
 ]
 
 
@@ -139,17 +127,13 @@ class FigureLimitsTable(Section):
     deadband: AnyQuantity | None = None
     """How far the figure must come back."""
 
-    @property
-    def limits(self) -> dict[str, tuple[float, str]]:
-        """The limits and the deadband, as far as they are written."""
-        low, high = self.between or (self.above, self.below)
-        found = {"above": low, "below": high, "deadband": self.deadband}
-        return {key: value for key, value in found.items() if value is not None}
-
     def to_plan(self) -> FigureCondition:
         """Return the condition as the core sees it."""
-        values: dict[str, Any] = {key: value for key, (value, _) in self.limits.items()}
-        return FigureCondition(name=self.name, unit=next((unit for _, unit in self.limits.values()), "m"), **values)
+        low, high = self.between or (self.above, self.below)
+        found = {key: each for key, each in (("above", low), ("below", high), ("deadband", self.deadband)) if each}
+        values: dict[str, Any] = {key: value for key, (value, _) in found.items()}
+        units = {unit: None for _, unit in found.values()}  # of several units, the check names the figure's own
+        return FigureCondition(name=self.name, unit=" and ".join(units), **values)
 
 
 class FigureTable(WindowTable):

@@ -93,15 +93,14 @@ class RememberedFigure(Struct, frozen=True, kw_only=True):
     target: str = ""
     rules: tuple[str, ...] = ()
     owner: str = ""
-    quantity: FigureQuantity | Literal["raises", "active_time"] = "distance"
-    statistic: Literal["minimum", "maximum", "mean", "percentile", "sum"] = "minimum"
+    quantity: str = "distance"
+    statistic: str = "minimum"
     percentile: float = 50.0
     window: Window = Window()
 
     def for_people(self, value: float | None) -> float | None:
         """Return a value as messages tell it: in the SI unit, but an angle in degrees."""
-        is_angle = value is not None and QUANTITIES[self.quantity][0] == "rad"
-        return math.degrees(value) if is_angle and value is not None else value
+        return value if value is None or QUANTITIES[self.quantity][0] != "rad" else math.degrees(value)
 
 
 class Summary(Struct, frozen=True, kw_only=True):
@@ -161,15 +160,11 @@ def _statistic(figure: RememberedFigure, slots: list[tuple[float, ...]]) -> floa
     if not slots:
         return None
     number = math.fsum([slot[1] for slot in slots])
-    match figure.statistic:
-        case "minimum":
-            return min([slot[3] for slot in slots])
-        case "maximum":
-            return max([slot[4] for slot in slots])
-        case "mean":
-            return total / number
+    least, most = min([slot[3] for slot in slots]), max([slot[4] for slot in slots])
+    known = {"minimum": least, "maximum": most, "mean": total / number}
+    if figure.statistic in known:
+        return known[figure.statistic]
     means = sorted([(slot[2] / slot[1], slot[1]) for slot in slots])
+    left = figure.percentile / 100 * number
     below = accumulate([of_slot for _, of_slot in means])
-    return next(
-        mean for (mean, _), count in zip(means, below, strict=True) if count >= figure.percentile / 100 * number
-    )
+    return next(mean for (mean, _), count in zip(means, below, strict=True) if count >= left)
