@@ -33,12 +33,12 @@ BROKEN = [
     ),
     (
         f'{NEAR}when = {{ below = "1 m" }}\nramp = {{ from = "1 m", to = "2 m" }}',
-        ("rules.near.ramp: the rule 'near' has when and ramp; a rule has exactly one of when, ramp, follow, every "
-        "and at (make a rule of its own for each)"),
+        ("rules.near.ramp: the rule 'near' has when and ramp; a rule has exactly one of when, ramp and follow "
+        "(make a rule of its own for each)"),
     ),
     (
         NEAR,
-        ("rules.near: the rule 'near' does nothing; a rule has exactly one of when, ramp, follow, every and at "
+        ("rules.near: the rule 'near' does nothing; a rule has exactly one of when, ramp and follow "
         '(add one, such as when = { below = "50 cm" })'),
     ),
     (

@@ -35,7 +35,6 @@ from stadimeter.core.rule import (
     OnDelay,
     Pattern,
     RampRule,
-    ReportRule,
     Send,
     Template,
 )
@@ -101,7 +100,7 @@ def with_settings(run: RandomRun, seed: int) -> RandomRun:
 
 
 def with_memory(run: RandomRun, seed: int) -> RandomRun:
-    """Return the same run with rules that count and sum what the others did, remembered figures, messages at times.
+    """Return the same run with rules that count and sum what the others did, and remembered figures.
 
     Operators reset those that count. The time of day is that of `random_run`: 12:00 at its beginning.
     """
@@ -126,12 +125,7 @@ def with_memory(run: RandomRun, seed: int) -> RandomRun:
         whole = rng.choice((parts[0], AllOf(conditions=parts), AnyOf(conditions=(*parts, rule.condition))))
         made.append(replace(rule, condition=rng.choice((whole, whole, Not(condition=whole)))))
         known.names.append(rule.name)
-    send = EscalationStep(send=Send(template=Template(text="{figure-0}"), topic="report"))
-    reports = (
-        ReportRule(name="every", target="ball", every_s=rng.choice((0.3, 1.0)), escalation=(send,)),
-        ReportRule(name="at", target="tag", at_seconds=(43201.0,), escalation=(send, send)),
-    )
-    rules = [*run.plan.rules, *made, *reports]
+    rules = [*run.plan.rules, *made]
     rng.shuffle(rules)
     reset = OperatorAction("reset")
     observations = tuple(

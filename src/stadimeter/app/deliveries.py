@@ -15,7 +15,7 @@ from stadimeter.core.conditions.summary import RememberedFigure
 from stadimeter.core.decision import Decision, Notice, Severity
 from stadimeter.core.message import KEPT_S, Message, as_history
 from stadimeter.core.notification import Notification
-from stadimeter.core.rule import AlarmRule, AnyRule, ReportRule, Send, Template
+from stadimeter.core.rule import AlarmRule, AnyRule, Send, Template
 from stadimeter.errors import StadimeterError
 from stadimeter.messaging.protocol import Discoverable, Retaining, Subscribes, TakesRequests
 
@@ -211,7 +211,7 @@ def outgoing(
     """
     if not decision.notices:
         return
-    alarms = {rule.name: rule for rule in rules if isinstance(rule, AlarmRule | ReportRule)}
+    alarms = {rule.name: rule for rule in rules if isinstance(rule, AlarmRule)}
     known = {figure.name: figure.for_people(decision.figures.get(figure.name)) for figure in figures}
     time = local_time()
     for notice in decision.notices:
@@ -220,8 +220,7 @@ def outgoing(
         if send is None:
             continue
         track = next((track for track in decision.tracks if track.target == rule.target), None)
-        group = rule.group if isinstance(rule, AlarmRule) else ""
-        values = templates.fields(rule, notice, track, time, group, known)
+        values = templates.fields(rule, notice, track, time, rule.group) | known
         if send.topic:
             yield MESSENGER, _message(notice, send, values)
         else:
@@ -240,7 +239,7 @@ def _message(notice: Notice, send: Send, values: Mapping[str, templates.Value]) 
 
 
 def _notification(
-    rule: AlarmRule | ReportRule, notice: Notice, send: Send, values: Mapping[str, templates.Value], time: str
+    rule: AlarmRule, notice: Notice, send: Send, values: Mapping[str, templates.Value], time: str
 ) -> Notification:
     title = templates.render(Template(text=send.title), values) if send.title else rule.name
     title = " ".join(title.split())[:MAX_TITLE_CHARACTERS] or rule.name

@@ -38,6 +38,5 @@ class FigureReports:
             if rounded != told and now_s - told_s >= INTERVAL_S:
                 self._told[name] = now_s, rounded
                 payload = json.dumps({"v": 1, "ts": wall_clock(), "value": rounded}, separators=(",", ":"))
-                message = Message(topic=f"figure/{name}/state", payload=payload, qos=1, retain=True)
-                self.newest[name] = message
-                yield message
+                self.newest[name] = Message(topic=f"figure/{name}/state", payload=payload, qos=1, retain=True)
+                yield self.newest[name]

@@ -51,7 +51,6 @@ _CONDITION_KINDS = (*_LIMITS, *((key,) for key in (*KEYS_OF_A_TARGET, *KEYS_OF_N
 _BETWEEN_LIMITS = ("bearing", "elevation", "closing_speed", "separation", "figure")
 _INSIDE = ("bearing", "elevation", "closing_speed", "time_to_contact", "separation", "figure")
 
-_KINDS = f"{', '.join(KINDS[:-1])} and {KINDS[-1]}"
 _LIMITS_FORM = "write above, below, both of these, or between"
 _NAMED = [key for group in _CONDITION_KINDS for key in group]
 _KNOWN = known_keys(WhenTable)
@@ -83,19 +82,18 @@ def _rules_by_themselves(draft: Draft) -> Iterator[Finding]:
 def _kind(name: str, table: Mapping[str, Any]) -> Iterator[Finding]:
     kinds = [kind for kind in KINDS if kind in table]
     if len(kinds) > 1:
-        message = f"the rule '{name}' has {' and '.join(kinds)}; a rule has exactly one of {_KINDS}"
+        message = f"the rule '{name}' has {' and '.join(kinds)}; a rule has exactly one of when, ramp and follow"
         yield Finding(("rules", name, kinds[-1]), message, "make a rule of its own for each", "rule-kind")
     misspelt = any(did_you_mean(key, KINDS) for key in table if key not in RuleTable.model_fields)
     if not kinds and not misspelt:
-        message = f"the rule '{name}' does nothing; a rule has exactly one of {_KINDS}"
+        message = f"the rule '{name}' does nothing; a rule has exactly one of when, ramp and follow"
         yield Finding(("rules", name), message, 'add one, such as when = { below = "50 cm" }', "rule-kind")
 
 
 def _keys_of_another_kind(name: str, table: Mapping[str, Any]) -> Iterator[Finding]:
     if "when" in table or not any(kind in table for kind in KINDS):
         return
-    sends = {"escalation", "notify"} if "every" in table or "at" in table else set[str]()
-    for key in (key for key in _ONLY_FOR_WHEN if key in table and key not in sends):
+    for key in (key for key in _ONLY_FOR_WHEN if key in table):
         hint = _BEEPS if key == "pattern" else "leave it out"
         yield Finding(("rules", name, key), f"'{key}' has a meaning only beside when", hint, "key-of-another-kind")
 

@@ -24,10 +24,8 @@ from stadimeter.core.rule import (
     OnDelay,
     Pattern,
     RampRule,
-    ReportRule,
 )
 from stadimeter.core.rules.layout import contested_outputs
-from stadimeter.core.rules.report import when_in_words
 from stadimeter.core.words import duration, length
 
 _TOLERANCE = DelayTolerance()
@@ -122,8 +120,6 @@ def _rule(rule: AnyRule, configuration: Configuration) -> str:
             does = _alarm(rule, configuration)
         case RampRule():
             does = _ramp(rule, configuration)
-        case ReportRule():
-            does = f"{' and '.join(_does(step, configuration) for step in rule.escalation)} {when_in_words(rule)}."
         case _:
             does = _follow(rule, configuration)
     return f"`{rule.name}` {does}{_wins(rule, configuration)}"

@@ -26,7 +26,6 @@ from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.conditions.summary import RememberedFigure, Summary
 from stadimeter.core.decide import State
 from stadimeter.core.rule import AlarmRule, AnyRule
-from stadimeter.core.rules.report import ReportStep
 from stadimeter.core.rules.scheduler import with_steps
 from stadimeter.core.tracking.life_cycle import TrackState
 
@@ -51,14 +50,13 @@ _LONG_WINDOW_S = 3600.0
 
 
 class AlarmSnapshot(Struct, frozen=True, kw_only=True):
-    """What an alarm remembers; or a rule that sends at times, or a figure, called ``figures.NAME``."""
+    """What an alarm remembers; or a figure, called ``figures.NAME``."""
 
     rule: str
     meaning: str
     """Tells rules apart that do not mean the same."""
     record: AlarmRecord = field(name="state", default_factory=AlarmRecord)  # so it is called in state files
     is_first_out: bool = False
-    report: ReportStep | None = None
     summary: Summary | None = None
 
 
@@ -109,10 +107,8 @@ def snapshot_alarms(state: State) -> tuple[AlarmSnapshot, ...]:
     """Return a snapshot of the alarms of a run, in the order of the configuration, and of what else is remembered."""
     found = [
         AlarmSnapshot(rule=rule.name, meaning=meaning_of(rule), record=step.record, is_first_out=step.trace.first_out)
-        if isinstance(step, AlarmStep)
-        else AlarmSnapshot(rule=rule.name, meaning=meaning_of(rule), report=step)
         for rule, step in zip(state.plan.rules, state.rules.steps, strict=True)
-        if isinstance(step, AlarmStep | ReportStep)
+        if isinstance(step, AlarmStep)
     ]
     figures = zip(state.plan.figures, state.figures, strict=True)
     kept = [
@@ -143,13 +139,12 @@ def classify_change(before: State, after: State) -> SnapshotChange:
     for last, step in zip(before.rules.steps, after.rules.steps, strict=True):
         if step is not last and isinstance(step, AlarmStep) and isinstance(last, AlarmStep):
             found = max(found, _change(last.record, step.record))
-        elif step is not last and isinstance(step, ReportStep):
-            found = max(found, SnapshotChange.PASSING)
     return found
 
 
 def _has_new_slot(figure: RememberedFigure, before: Summary, after: Summary) -> bool:
-    return figure.window.for_s >= _LONG_WINDOW_S and after.newest_from != before.newest_from
+    # The first number of the last slot is when it begins.
+    return figure.window.for_s >= _LONG_WINDOW_S and after.slots[-40:-32] != before.slots[-40:-32]
 
 
 def _begins_an_absence(before: State, after: State) -> bool:
@@ -207,8 +202,6 @@ def restore_alarms(
     due = state.due
     for index, rule in enumerate(state.plan.rules):
         memory = by_rule.get(rule.name)
-        if memory is not None and memory.report is not None and memory.meaning == meaning_of(rule):
-            steps[index] = shift_times(memory.report, shift_s)
         if memory is None or not isinstance(rule, AlarmRule):
             continue
         if memory.meaning != meaning_of(rule):

@@ -12,7 +12,7 @@ from stadimeter.core.conditions.discrete import ScheduleCondition
 from stadimeter.core.conditions.leaf import Leaf
 from stadimeter.core.conditions.remembered import FigureCondition
 from stadimeter.core.conditions.summary import RememberedFigure
-from stadimeter.core.rule import AlarmRule, AnyRule, ReportRule
+from stadimeter.core.rule import AlarmRule, AnyRule
 from stadimeter.core.sensor_fusion import SensorPair
 
 
@@ -131,7 +131,6 @@ class Plan(Struct, frozen=True, kw_only=True):
     def needs_wall_time(self) -> bool:
         """Whether any rule asks for the time of day, or any figure begins at one."""
         asks = any(isinstance(leaf, ScheduleCondition) for leaf in self._leaves())
-        asks = asks or any(isinstance(rule, ReportRule) and rule.at_seconds for rule in self.rules)
         return asks or any(figure.window.from_second is not None for figure in self.figures)
 
     def _leaves(self) -> list[Leaf]:

@@ -45,6 +45,7 @@ def reload(state: State, plan: Plan) -> ReloadedState:
     Args:
         plan: The new rules, with the targets and outputs of the old.
     """
+    figures = dict(zip(state.plan.figures, state.figures, strict=True))
     old = {rule.name: (rule, step) for rule, step in zip(state.plan.rules, state.rules.steps, strict=True)}
     is_kept = {rule.name: rule == old[rule.name][0] for rule in plan.rules if rule.name in old}
     now = RuleInputs(
@@ -63,7 +64,7 @@ def reload(state: State, plan: Plan) -> ReloadedState:
         state=replace(
             state,
             plan=plan,
-            figures=kept_figures(state.plan, state.figures, plan),
+            figures=tuple(figures.get(figure, Summary()) for figure in plan.figures),
             rules=with_steps(plan, steps, first_out),
             due=state.due + _clear_dropped(now, old, gone) + tuple(event for _, events in renewed for event in events),
         ),
@@ -72,12 +73,6 @@ def reload(state: State, plan: Plan) -> ReloadedState:
         added=tuple(rule.name for rule in plan.rules if rule.name not in old),
         removed=removed,
     )
-
-
-def kept_figures(before: Plan, found: tuple[Summary, ...], plan: Plan) -> tuple[Summary, ...]:
-    """Return what is kept of the figures of a plan: of those that mean the same, what was; the others begin anew."""
-    known = dict(zip(before.figures, found, strict=True))
-    return tuple(known.get(figure, Summary()) for figure in plan.figures)
 
 
 def _renewed(

@@ -29,7 +29,7 @@ class Added(NamedTuple):
         """Return the new value of a figure; None for none."""
         if figure.rules:
             was, now = [any(each.get(it) is True for it in figure.rules) for each in (self.was_active, self.active)]
-            if figure.quantity == "raises":
+            if figure.quantity == "times":
                 return 1.0 if now and not was else None
             return self.step_s if was and self.step_s else None
         track = next((each for each in self.tracks if each.target == figure.target), None)

@@ -326,18 +326,4 @@ class FollowRule(Rule, Struct, frozen=True, kw_only=True):
     slow: SlowNear | None = None
 
 
-class ReportRule(Rule, Struct, frozen=True, kw_only=True):
-    """Send messages at times. It drives nothing, and is never active.
-
-    Attributes:
-        every_s: Once within this time, from the first cycle on; None for one that goes by the time of day.
-        at_seconds: At these seconds of the day, local time.
-        escalation: What it sends.
-    """
-
-    every_s: float | None = None
-    at_seconds: tuple[float, ...] = ()
-    escalation: tuple[EscalationStep, ...] = ()
-
-
-AnyRule = AlarmRule | RampRule | FollowRule | ReportRule
+AnyRule = AlarmRule | RampRule | FollowRule

@@ -102,28 +102,19 @@ def render(template: Template, values: Mapping[str, Value]) -> str:
     return _text(template.text, values)
 
 
-def fields(
-    rule: Rule,
-    notice: Notice,
-    track: Track | None,
-    time: str,
-    group: str = "",
-    figures: Mapping[str, float | None] | None = None,
-) -> dict[str, Value]:
+def fields(rule: Rule, notice: Notice, track: Track | None, time: str, group: str = "") -> dict[str, Value]:
     """Return what a template may tell of an event.
 
     Args:
         track: The rule's target now; only figures that may be acted on are filled in.
         time: The local time, as RFC 3339 has it.
-        figures: The remembered figures, by name.
 
     Returns:
-        A value for each of `FIELDS`, and for each figure.
+        A value for each of `FIELDS`.
     """
     event = notice.event
     inputs = track if track is not None and track.is_valid else Track(target=rule.target)
     return {
-        **(figures or {}),
         "rule": rule.name,
         "target": rule.target,
         "event": event.kind.value,

@@ -8,7 +8,6 @@ from pydantic import Discriminator, Field, Tag
 from stadimeter.config.models import DurationAboveZero, Section, Share
 from stadimeter.config.rules.action_tables import FollowTable, PatternTable, RampTable, RuleCommon, StepTable
 from stadimeter.config.rules.condition_tables import WhenTable
-from stadimeter.config.rules.memory_tables import Every, TimesOfDay
 from stadimeter.config.units import Duration
 from stadimeter.core import rule
 from stadimeter.core.conditions.compounds import Condition, leaves, targets_of
@@ -32,7 +31,7 @@ FRAMES_TO_RAISE = rule.OnDelay(frames=3, of_frames=5)
 UNTIL_ACKNOWLEDGED = "until-acknowledged"
 
 # The kinds of rules: exactly one of these keys is in the table of one.
-KINDS = ("when", "ramp", "follow", "every", "at")
+KINDS = ("when", "ramp", "follow")
 
 
 class LostTable(Section):
@@ -126,10 +125,6 @@ class RuleTable(Section):
     """An output that follows the distance."""
     follow: FollowTable | None = None
     """A distance that a base keeps."""
-    every: Every | None = None
-    """In seconds; sends a message once within this time."""
-    at: TimesOfDay | None = None
-    """In seconds since midnight; sends a message at this time of day, or at each of several."""
     on_delay: OnDelay | None = None
     """How long a condition must hold first; in seconds or in frames. None for the default."""
     off_delay: Duration = _ALARM.off_delay_s
@@ -218,12 +213,6 @@ class RuleTable(Section):
             return self.ramp.to_plan(common)
         if self.follow is not None:
             return self.follow.to_plan(common)
-        if self.every is not None or self.at is not None:
-            if "severity" not in self.model_fields_set:
-                common["severity"] = Severity.INFO
-            steps = tuple(step.to_plan() for step in self.steps)
-            times = tuple(sorted(set(self.at or ())))
-            return rule.ReportRule(**common, every_s=self.every, at_seconds=times, escalation=steps)
         raise ValueError(f"the rule '{name}' has none of: {', '.join(KINDS)}")
 
     def delay(self, judged: Condition) -> rule.OnDelay:

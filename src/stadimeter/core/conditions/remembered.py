@@ -76,9 +76,8 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     @property
     def remembered(self) -> RememberedFigure:
         """The sum of what other rules did."""
-        did, rules, owner = "raises" if self.unit == "times" else "active_time", self.rules, self.owner
         return RememberedFigure(
-            name=self.key, rules=rules, owner=owner, quantity=did, statistic="sum", window=self.window
+            name=self.key, rules=self.rules, owner=self.owner, quantity=self.unit, statistic="sum", window=self.window
         )
 
     @property

@@ -85,7 +85,7 @@ class RememberedFigure(Struct, frozen=True, kw_only=True):
         name: Its name in the configuration; of a sum, another one.
         rules: Of a sum: any of these rules.
         owner: Of a sum: the rule whose condition it is. A reset of that rule empties it.
-        quantity: Also how often the rules were raised, or how long they were active.
+        quantity: Of a sum: ``times`` that the rules were raised, or ``s`` that they were active.
         percentile: In percent, for a ``percentile``; 50 is the median.
     """
 
@@ -115,11 +115,6 @@ class Summary(Struct, frozen=True, kw_only=True):
     slots: bytes = b""
     value: float | None = None
     began_s: float | None = None
-
-    @property
-    def newest_from(self) -> bytes:
-        """When its newest slot begins, as bytes."""
-        return self.slots[-_SLOT.size :][:8]
 
     def resume(self, shift_s: float) -> Summary:
         """Return the same at the beginning of a run, with its times shifted to another clock."""

@@ -21,17 +21,16 @@ from stadimeter.core.alarms.operating import operate
 from stadimeter.core.alarms.settings import as_set
 from stadimeter.core.alarms.state import Sample
 from stadimeter.core.conditions.leaf import Rest, RuleInputs
-from stadimeter.core.decision import Event, EventKind, Notice, RuleStatus, RuleTrace
+from stadimeter.core.decision import Event, EventKind, Notice, RuleTrace
 from stadimeter.core.operator import OperatorAnswer, OperatorCommand
 from stadimeter.core.plan import Plan
-from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule, ReportRule
-from stadimeter.core.rule_step import Step, trace_of
+from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule
+from stadimeter.core.rule_step import Step
 from stadimeter.core.rules.arbitration import Wanted, arbitrate, rearrange
 from stadimeter.core.rules.follow import FollowStep, new_follow, step_follow
 from stadimeter.core.rules.layout import Layout, layout_of
 from stadimeter.core.rules.quiescence import Quiescence, all_active
 from stadimeter.core.rules.ramp import RampStep, new_ramp, rest_of_ramp, step_ramp
-from stadimeter.core.rules.report import ReportStep, step_report
 
 _T = TypeVar("_T")
 
@@ -216,9 +215,6 @@ class _Evaluation:
         elif isinstance(rule, FollowRule) and isinstance(last, FollowStep):
             step, events = step_follow(rule, last, self.inputs, self.before.layout.bases.get(rule.output or ""))
             self.events += events
-        elif isinstance(rule, ReportRule) and isinstance(last, ReportStep):
-            step, notices, rest = step_report(rule, last, self.inputs)
-            self.notices += notices
         else:
             raise TypeError(f"rule {rule.name} remembers a {type(last).__name__}")
         self.rests[index] = rest
@@ -299,6 +295,4 @@ def _as_judged(rule: AnyRule, step: Step) -> AnyRule:
 def _new_step(rule: AnyRule) -> Step:
     if isinstance(rule, AlarmRule):
         return new_alarm(rule)
-    if isinstance(rule, ReportRule):
-        return ReportStep(trace=trace_of(rule, RuleStatus.IDLE))
     return new_ramp(rule) if isinstance(rule, RampRule) else new_follow(rule)
