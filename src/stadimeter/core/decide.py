@@ -124,7 +124,7 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
         rules=rules.traces,
         notices=outcome.notices,
         answers=outcome.answers + allowed.answers + answers,
-        figures={each.name: inputs.figures[each.name] for each in plan.named_figures},
+        figures=inputs.figures and {each.name: inputs.figures[each.name] for each in plan.named_figures},
         reasons=Reasons(plan=plan, judged=rules, inputs=inputs),
     )
     new = Added(decision.tracks, seen, state.rules.active, rules.active, 0.0 if gap_s else step_s, observation)
