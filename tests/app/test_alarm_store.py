@@ -365,7 +365,7 @@ def test_a_file_of_a_later_version_is_put_aside_and_named_so(path):
     database.close()
     memory, warning = read(path)
     assert memory is None
-    assert "written by a later version of stadimeter (format 7, not 6); it is now" in warning
+    assert "written by a later version of stadimeter (format 7, not 5); it is now" in warning
     assert path.with_name("run.sqlite3.newer-1").exists()
 
 

@@ -122,7 +122,7 @@ def put_aside(path: Path, why: str) -> Path:
     return aside
 
 
-FORMAT = 6
+FORMAT = 5
 
 # Pages of 4 KiB after which SQLite moves the log into the file.
 LOG_PAGES_MAX = 64
