@@ -18,8 +18,9 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.config.models import ActuatorTable, BaseTable
 from stadimeter.config.rule_test_tables import ExpectTable, InputTable
 from stadimeter.config.rules.action_tables import FollowTable, PatternTable, RampTable, StepTable
-from stadimeter.config.rules.condition_tables import CountTable, TimeTable, WhenTable
+from stadimeter.config.rules.condition_tables import TimeTable, WhenTable
 from stadimeter.config.rules.limit_tables import ClosingTable, ContactTable, DirectionTable, SeparationTable
+from stadimeter.config.rules.memory_tables import ActiveForTable, CountTable, FigureLimitsTable, FigureTable
 from stadimeter.config.rules.tables import LostTable, RuleTable
 from stadimeter.core import templates
 from stadimeter.errors import ConfigError
@@ -65,6 +66,7 @@ KEYS = {
     for table in (
         RuleTable, WhenTable, RampTable, FollowTable, StepTable, PatternTable, LostTable, InputTable, ExpectTable,
         ClosingTable, ContactTable, CountTable, DirectionTable, SeparationTable, TimeTable, ActuatorTable, BaseTable,
+        ActiveForTable, FigureLimitsTable, FigureTable,
     )
 }  # fmt: skip
 """The keys that people may write, by the table that they stand in."""
