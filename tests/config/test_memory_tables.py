@@ -4,7 +4,7 @@ import pytest
 
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import load_configuration
-from stadimeter.core.conditions.remembered import FigureCondition
+from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.conditions.summary import RememberedFigure, Window
 from stadimeter.errors import ConfigError
 
@@ -45,13 +45,13 @@ def load(tmp_path):
     ("written", "expected"),
     [
         ('count = { rule = "near", at_least = 3, within = "1 min" }',
-         FigureCondition(rules=("near",), unit="times", above=2.0, window=Window(for_s=60.0), owner="often")),
+         RememberedCondition(rules=("near",), unit="times", above=2.0, window=Window(for_s=60.0), owner="often")),
         ('count = { rule = "near", at_least = 21, within = "today" }',
-         FigureCondition(rules=("near",), unit="times", above=20.0, window=Window(from_second=0.0), owner="often")),
+         RememberedCondition(rules=("near",), unit="times", above=20.0, window=Window(from_second=0.0), owner="often")),
         ('active_for = { rule = "near", at_least = "10 min", since = "06:00" }',
-         FigureCondition(rules=("near",), unit="s", above=600.0, window=Window(from_second=21600.0), owner="often")),
+         RememberedCondition(rules=("near",), unit="s", above=600.0, window=Window(from_second=21600.0), owner="often")),
         ('figure = { name = "nearest", between = ["50 cm", "3 ft"] }',
-         FigureCondition(name="nearest", unit="m", above=0.5, below=3 * 0.3048)),
+         RememberedCondition(name="nearest", unit="m", above=0.5, below=3 * 0.3048)),
     ],
 )  # fmt: skip
 def test_conditions_are_compiled(load, written, expected):

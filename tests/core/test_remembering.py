@@ -6,7 +6,7 @@ import pytest
 from msgspec.structs import replace
 
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.conditions.remembered import FigureCondition
+from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.conditions.summary import SLOTS, RememberedFigure, Summary, Window, step_summary
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.observation import FrameStamp, Observation, WallTime
@@ -31,7 +31,7 @@ FIGURE = RememberedFigure(name="nearest", target="ball", window=MINUTE)
 
 
 def counting(above, unit="times", window=MINUTE):
-    condition = FigureCondition(rules=("near",), unit=unit, above=above, window=window)
+    condition = RememberedCondition(rules=("near",), unit=unit, above=above, window=window)
     return AlarmRule(name="often", target="ball", condition=condition, off_delay_s=0.0)
 
 
@@ -237,7 +237,7 @@ def test_a_percentile_of_many_values_is_right_to_the_width_of_a_slot():
 
 
 def test_a_rule_goes_by_the_nearest_of_the_last_minute_though_its_target_is_out_of_sight():
-    rule = replace(counting(0.0), condition=FigureCondition(name="nearest", below=0.6))
+    rule = replace(counting(0.0), condition=RememberedCondition(name="nearest", below=0.6))
     run = Run(rule, figures=[FIGURE])
     run.stay(2.0, 1.0)
     assert run.is_often is False
@@ -250,7 +250,7 @@ def test_a_rule_goes_by_the_nearest_of_the_last_minute_though_its_target_is_out_
 
 
 def test_a_figure_is_unknown_without_a_value():
-    rule = replace(counting(0.0), condition=FigureCondition(name="nearest", below=0.6))
+    rule = replace(counting(0.0), condition=RememberedCondition(name="nearest", below=0.6))
     run = Run(rule, figures=[FIGURE])
     run.stay(None, 1.0)
     assert run.is_often is None

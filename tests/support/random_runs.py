@@ -16,7 +16,7 @@ from stadimeter.core.conditions.discrete import CountCondition, PresenceConditio
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, SeparationCondition
 from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
-from stadimeter.core.conditions.remembered import FigureCondition
+from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.conditions.summary import QUANTITIES, RememberedFigure, Window
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.decide import State
@@ -145,9 +145,9 @@ def _remembering(rng: random.Random, names: list[str], figures: tuple[Remembered
     rules, figure = tuple(rng.sample(names, 1 + (rng.random() < 0.2))), rng.choice(figures)
     return rng.choice(
         (
-            FigureCondition(rules=rules, unit="times", above=float(rng.randint(0, 3)), window=_window(rng)),
-            FigureCondition(rules=rules, unit="s", above=rng.uniform(0.1, 1.5), window=_window(rng)),
-            FigureCondition(
+            RememberedCondition(rules=rules, unit="times", above=float(rng.randint(0, 3)), window=_window(rng)),
+            RememberedCondition(rules=rules, unit="s", above=rng.uniform(0.1, 1.5), window=_window(rng)),
+            RememberedCondition(
                 name=figure.name,
                 unit=(unit := QUANTITIES[figure.quantity][0]),
                 below=rng.uniform(0.5, 2.0) if unit == "m" else rng.uniform(-0.2, 0.4),

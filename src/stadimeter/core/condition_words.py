@@ -17,7 +17,7 @@ from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs
 from stadimeter.core.conditions.limits import ClosingCondition, DirectionCondition, LimitsCondition, SeparationCondition
 from stadimeter.core.conditions.of_base import ContactSensorCondition
-from stadimeter.core.conditions.remembered import FigureCondition
+from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.track import Track
 from stadimeter.core.words import day, duration, length, metres, time_of_day
@@ -198,7 +198,7 @@ def _unread_words(leaf: Leaf, inputs: RuleInputs, named: str) -> str:
         if leaf.speed_knowledge(approach) is SpeedKnowledge.SLOW:
             return f"{named}{speed}, slower than {leaf.closing_min_mps:.2f} m/s"
         return f"{named}{metres(approach.distance_m, approach.sigma_m)}, {speed}: too unsure for a time"
-    if isinstance(leaf, FigureCondition):
+    if isinstance(leaf, RememberedCondition):
         return f"{leaf.noun} is not known"
     if not tracks:
         return f"the base does not report its {leaf.noun}"
@@ -282,7 +282,7 @@ def describe_end(condition: Condition) -> str:
             return f"it is {_back_words(condition, condition.deadband)}"
         case SeparationCondition():
             return f"they are {_back_words(condition, condition.deadband)}"
-        case FigureCondition():
+        case RememberedCondition():
             return f"{_subject(condition)} {_back_words(condition, condition.deadband)}"
         case LimitsCondition():
             return f"its {condition.noun} is {_back_words(condition, condition.deadband)}"
@@ -316,7 +316,7 @@ def _begin_words(leaf: Leaf) -> str:  # noqa: PLR0911 - one for each kind
 
 def _subject(leaf: Leaf) -> str:
     """Return what a clause about thresholds begins with, such as ``the bearing of `ball` is``."""
-    if isinstance(leaf, FigureCondition):
+    if isinstance(leaf, RememberedCondition):
         return f"`{leaf.noun}` is"
     named = " and ".join(f"`{target}`" for target in leaf.targets_named) or "the base"
     if isinstance(leaf, SeparationCondition):

@@ -10,7 +10,7 @@ from msgspec.structs import force_setattr
 from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.discrete import ScheduleCondition
 from stadimeter.core.conditions.leaf import Leaf
-from stadimeter.core.conditions.remembered import FigureCondition
+from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.conditions.summary import RememberedFigure
 from stadimeter.core.rule import AlarmRule, AnyRule
 from stadimeter.core.sensor_fusion import SensorPair
@@ -119,7 +119,7 @@ class Plan(Struct, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         """Let figures hold, behind those with a name, what conditions sum up of other rules."""
-        sums = [leaf.remembered for leaf in self._leaves() if isinstance(leaf, FigureCondition) and leaf.rules]
+        sums = [leaf.remembered for leaf in self._leaves() if isinstance(leaf, RememberedCondition) and leaf.rules]
         force_setattr(self, "figures", tuple(dict.fromkeys([*self.named_figures, *sums])))
 
     @property

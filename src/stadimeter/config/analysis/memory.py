@@ -10,7 +10,7 @@ from stadimeter.config.draft import Draft
 from stadimeter.config.findings import Finding, did_you_mean_or_list
 from stadimeter.config.rules.compiled import WrittenCondition
 from stadimeter.core.alarms.state import MINUTE_S
-from stadimeter.core.conditions.remembered import FigureCondition
+from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.conditions.summary import QUANTITIES, SLOTS
 from stadimeter.core.rule import AlarmRule, AnyRule
 
@@ -51,10 +51,10 @@ def memory_warnings(subject: Subject) -> Iterator[Finding]:
             yield Finding((*leaf.limits_path, "at_least"), message, hint, "never-true")
 
 
-def _sums(subject: Subject) -> Iterator[tuple[WrittenCondition, FigureCondition]]:
+def _sums(subject: Subject) -> Iterator[tuple[WrittenCondition, RememberedCondition]]:
     conditions = (written for declared, _ in subject.alarms for written in declared.conditions())
     for leaf in (leaf for written in conditions for leaf in written.leaves()):
-        if isinstance(leaf.leaf, FigureCondition):
+        if isinstance(leaf.leaf, RememberedCondition):
             yield leaf, leaf.leaf
 
 

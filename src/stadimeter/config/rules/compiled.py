@@ -19,7 +19,7 @@ from stadimeter.config.toml_source import as_toml
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not, targets_of
 from stadimeter.core.conditions.discrete import RuleCondition
 from stadimeter.core.conditions.leaf import Leaf
-from stadimeter.core.conditions.remembered import FigureCondition
+from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.rule import AlarmRule, AnyRule
 
 # Conditions that are a table of their own inside the table of the condition.
@@ -168,7 +168,7 @@ def _members_in(condition: Condition, several: Mapping[str, tuple[str, ...]]) ->
             return replace(condition, conditions=tuple(_members_in(part, several) for part in condition.conditions))
         case Not():
             return Not(condition=_members_in(condition.condition, several))
-        case FigureCondition():
+        case RememberedCondition():
             members = [one for rule in condition.rules for one in several.get(rule, (rule,))]
             return replace(condition, rules=tuple(members))
         case RuleCondition() if condition.rule in several:

@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 from stadimeter.config.models import DurationAboveZero, Section
 from stadimeter.config.units import TimeOfDay, parse_any_quantity, parse_duration
 from stadimeter.core.conditions.discrete import CountCondition
-from stadimeter.core.conditions.remembered import FigureCondition
+from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.conditions.summary import DAY_S, FigureQuantity, RememberedFigure, Window
 from stadimeter.core.words import duration
 
@@ -77,12 +77,12 @@ class CountTable(WindowTable):
             raise ValueError(f"beside rule stands at_least, 1 to {MAX_RAISES}, and neither at_most nor of")
         return self
 
-    def to_plan(self) -> CountCondition | FigureCondition:
+    def to_plan(self) -> CountCondition | RememberedCondition:
         """Return the condition as the core sees it."""
         if self.rule is None:
             return CountCondition(targets=tuple(self.of or ()), at_least=self.at_least, at_most=self.at_most)
         above = (self.at_least or 1) - 1.0
-        return FigureCondition(rules=(self.rule,), window=self.window, unit="times", above=above)
+        return RememberedCondition(rules=(self.rule,), window=self.window, unit="times", above=above)
 
 
 class ActiveForTable(WindowTable):
@@ -93,9 +93,9 @@ class ActiveForTable(WindowTable):
     at_least: DurationAboveZero
     """In seconds; holds from this time on."""
 
-    def to_plan(self) -> FigureCondition:
+    def to_plan(self) -> RememberedCondition:
         """Return the condition as the core sees it."""
-        return FigureCondition(rules=(self.rule,), window=self.window, unit="s", above=self.at_least)
+        return RememberedCondition(rules=(self.rule,), window=self.window, unit="s", above=self.at_least)
 
 
 # A quantity in the SI unit, and that unit: it must be that of the figure.
@@ -118,13 +118,13 @@ class FigureLimitsTable(Section):
     deadband: AnyQuantity | None = None
     """How far the figure must come back."""
 
-    def to_plan(self) -> FigureCondition:
+    def to_plan(self) -> RememberedCondition:
         """Return the condition as the core sees it."""
         low, high = self.between or (self.above, self.below)
         found = {key: each for key, each in (("above", low), ("below", high), ("deadband", self.deadband)) if each}
         values: dict[str, Any] = {key: value for key, (value, _) in found.items()}
         units = {unit: None for _, unit in found.values()}  # of several units, the check names the figure's own
-        return FigureCondition(name=self.name, unit=" and ".join(units), **values)
+        return RememberedCondition(name=self.name, unit=" and ".join(units), **values)
 
 
 class FigureTable(WindowTable):

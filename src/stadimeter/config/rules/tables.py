@@ -14,7 +14,7 @@ from stadimeter.core.conditions.compounds import Condition, leaves, targets_of
 from stadimeter.core.conditions.discrete import RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.of_base import ContactSensorCondition
-from stadimeter.core.conditions.remembered import FigureCondition
+from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.decision import Severity
 
@@ -227,7 +227,7 @@ class RuleTable(Section):
         if self.on_delay is not None:
             return rule.OnDelay(hold_s=self.on_delay)
         without_noise = (
-            RuleCondition | ScheduleCondition | ContactSensorCondition | UndeliveredCondition | FigureCondition
+            RuleCondition | ScheduleCondition | ContactSensorCondition | UndeliveredCondition | RememberedCondition
         )
         is_sure = all(leaf.probability_on is not None or isinstance(leaf, without_noise) for leaf in leaves(judged))
         return rule.OnDelay() if is_sure or self.severity is Severity.SAFETY else FRAMES_TO_RAISE

@@ -16,7 +16,7 @@ from stadimeter.core.alarms.state import Acknowledgement, SetThreshold
 from stadimeter.core.condition_words import figure_in_words
 from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.leaf import RuleInputs
-from stadimeter.core.conditions.remembered import FigureCondition
+from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.decision import EventKind, Severity
 from stadimeter.core.operator import OperatorAnswer, OperatorCommand
 from stadimeter.core.rule import AlarmRule
@@ -99,7 +99,7 @@ def _acknowledge(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
 def _reset(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
     record = evaluation.record
     if record.state not in LATCHED and any(
-        isinstance(leaf, FigureCondition) and leaf.rules for leaf in leaves(evaluation.rule.condition)
+        isinstance(leaf, RememberedCondition) and leaf.rules for leaf in leaves(evaluation.rule.condition)
     ):  # what it counts is emptied in `stadimeter.core.remembering`
         evaluation.add_event(EventKind.RESET, f"it counts anew: {command.said}", notify=False, by=command.by)
         return ""

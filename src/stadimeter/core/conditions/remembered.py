@@ -12,7 +12,7 @@ from stadimeter.core.conditions.limits import LimitsCondition, ends_of, value_of
 from stadimeter.core.conditions.summary import RememberedFigure, Window
 
 
-class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
+class RememberedCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     """A remembered figure is within thresholds, as it was after the cycle before.
 
     Attributes:
