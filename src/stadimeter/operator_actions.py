@@ -82,7 +82,7 @@ class OperatorAction(StrEnum):
         "reset",
         "End a latched alarm",
         _help(
-            "End a latched alarm of a running instance. Its condition must be over.",
+            "End a latched alarm of a running instance, whose condition must be over; or let a rule count anew.",
             example="reset too-close",
             refused="it is not latched, its condition still holds",
         ),

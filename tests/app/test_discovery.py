@@ -14,10 +14,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadimeter.app.discovery import announcement
-from stadimeter.app.reporting import ALARM_EVENTS, Reporter
+from stadimeter.app.reporting import Reporter
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.decision import Decision, EventKind, RuleStatus, RuleTrace, SafetyMode, Severity
+from stadimeter.core.decision import ALARM_EVENTS, Decision, EventKind, RuleStatus, RuleTrace, SafetyMode, Severity
 from stadimeter.core.home_assistant import DiscoveryPlace
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule

@@ -28,7 +28,7 @@ def gate(condition, suppress_when=None):
     return AlarmRule(name="", target="", condition=condition, suppress_when=suppress_when)
 
 
-RAMP = RampRule(name="beep", target="ball", output="buzzer", start_m=2.0, full_m=1.0, gate=gate(BY_NIGHT))
+RAMP = RampRule(name="beep", target="ball", output="buzzer", start=2.0, full=1.0, gate=gate(BY_NIGHT))
 FOLLOW = FollowRule(
     name="follow", target="ball", output="base", distance_m=1.0, linear_max_mps=0.5,
     gate=gate(PresenceCondition(seen=True, target="tag")),
@@ -172,7 +172,7 @@ def test_a_rule_is_shelved_and_acts_again_when_the_time_is_over(rule):
 
 
 def test_a_rule_without_a_gate_is_taken_out_observed_and_put_back_like_an_alarm():
-    run = Run(RampRule(name="beep", target="ball", output="buzzer", start_m=2.0, full_m=1.0))
+    run = Run(RampRule(name="beep", target="ball", output="buzzer", start=2.0, full=1.0))
     assert level(run.see(1.5, times=3)) > 0.4
     for action, word, back in (("take-out", "out of service", "put-back"), ("observe", "observed", "act")):
         decision = run.see(1.5, command=run.order(action, "beep"), times=2)
@@ -230,10 +230,10 @@ def test_shelving_outlasts_a_restart_a_reload_and_a_recording():
 
 
 def test_a_rule_without_a_gate_means_what_it_meant_before_there_were_gates():
-    plain = RampRule(name="beep", target="ball", output="buzzer", start_m=2.0, full_m=1.0)
+    plain = RampRule(name="beep", target="ball", output="buzzer", start=2.0, full=1.0)
     observed = replace(plain, observe=True)
     assert len({meaning_of(plain), meaning_of(observed), meaning_of(RAMP)}) == 3
-    assert meaning_of(plain) == "ecee00795e5eeb65a8597c384a3bf46f792bf5ce05ab447635ed86ffb3f27b5c"
+    assert meaning_of(plain) == "aaa0c565a98dc40ad375ea942e3a900df66b312be888fe99352cfccb3231f333"
 
 
 STEPS = (

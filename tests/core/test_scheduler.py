@@ -13,7 +13,7 @@ from stadimeter.core.rule import AlarmRule
 from stadimeter.core.rules.quiescence import MAX_WOKEN
 from support.gated_runs import with_gates
 from support.observing import measured
-from support.random_runs import random_run, with_all_active, with_settings
+from support.random_runs import random_run, with_all_active, with_memory, with_settings
 
 
 def first_difference(run):
@@ -48,6 +48,11 @@ def test_a_latched_alarm_that_counts_as_holding_forgets_what_its_parts_did(seed,
 @pytest.mark.parametrize("seeds", [range(20), pytest.param(range(20, 200), marks=pytest.mark.long)])
 def test_a_quiescent_rule_notices_at_once_that_an_operator_has_set_something_of_it(seeds):
     assert {seed: found for seed in seeds if (found := first_difference(with_settings(random_run(seed), seed)))} == {}
+
+
+@pytest.mark.parametrize("seeds", [range(20), pytest.param(range(20, 400), marks=pytest.mark.long)])
+def test_rules_that_go_by_what_is_remembered_are_never_quiescent_when_it_changes(seeds):
+    assert {seed: found for seed in seeds if (found := first_difference(with_memory(random_run(seed), seed)))} == {}
 
 
 @pytest.mark.parametrize("seeds", [range(9000, 9020), pytest.param(range(9020, 9300), marks=pytest.mark.long)])

@@ -18,7 +18,7 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.config.models import ActuatorTable, BaseTable
 from stadimeter.config.rule_test_tables import ExpectTable, InputTable
 from stadimeter.config.rules.action_tables import FollowTable, PatternTable, StepTable
-from stadimeter.config.rules.condition_tables import CountTable, TimeTable, WhenTable
+from stadimeter.config.rules.condition_tables import TimeTable, WhenTable
 from stadimeter.config.rules.figure_tables import (
     ComparisonTable,
     DirectionTable,
@@ -28,6 +28,7 @@ from stadimeter.config.rules.figure_tables import (
     SpeedTable,
 )
 from stadimeter.config.rules.limit_tables import ContactTable
+from stadimeter.config.rules.memory_tables import ActiveForTable, CountTable, FigureLimitsTable, FigureTable
 from stadimeter.config.rules.ramp_tables import RampTable
 from stadimeter.config.rules.tables import LostTable, RuleTable
 from stadimeter.core import templates
@@ -74,7 +75,7 @@ KEYS = {
     for table in (
         RuleTable, WhenTable, RampTable, FollowTable, StepTable, PatternTable, LostTable, InputTable, ExpectTable,
         SpeedTable, ContactTable, CountTable, DirectionTable, SeparationTable, TimeTable, ActuatorTable, BaseTable,
-        PlaceTable, SizeTable, ComparisonTable,
+        PlaceTable, SizeTable, ComparisonTable, ActiveForTable, FigureLimitsTable, FigureTable,
     )
 }  # fmt: skip
 """The keys that people may write, by the table that they stand in."""

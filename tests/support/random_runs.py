@@ -22,7 +22,9 @@ from stadimeter.core.conditions.discrete import (
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
+from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.conditions.sequence import SequenceCondition
+from stadimeter.core.conditions.summary import QUANTITIES, RememberedFigure, Window
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Severity
@@ -119,6 +121,64 @@ def with_settings(run: RandomRun, seed: int) -> RandomRun:
         for each in run.observations
     )
     return replace(run, observations=tuple(observations))
+
+
+def with_memory(run: RandomRun, seed: int) -> RandomRun:
+    """Return the same run with rules that count and sum what the others did, and remembered figures.
+
+    Operators reset those that count. The time of day is that of `random_run`: 12:00 at its beginning.
+    """
+    rng = random.Random(seed)  # noqa: S311 - the same run each time
+    figures = tuple(
+        RememberedFigure(
+            name=f"figure-{number}",
+            target=rng.choice(TARGETS),
+            quantity=rng.choice(("distance", "distance", "closing_speed", "bearing")),
+            statistic=rng.choice(("minimum", "maximum", "mean", "percentile")),
+            percentile=rng.choice((0.0, 50.0, 90.0, 100.0)),
+            window=_window(rng),
+        )
+        for number in range(2)
+    )
+    known = RandomRules(rng, is_aimed=False)
+    known.names = [rule.name for rule in run.plan.rules]
+    made = []
+    for number in range(rng.randint(1, 4)):
+        rule = known._alarm(f"memory-{number}")
+        parts = tuple(_remembering(rng, known.names, figures) for _ in range(rng.randint(1, 2)))
+        whole = rng.choice((parts[0], AllOf(conditions=parts), AnyOf(conditions=(*parts, rule.condition))))
+        made.append(replace(rule, condition=rng.choice((whole, whole, Not(condition=whole)))))
+        known.names.append(rule.name)
+    rules = [*run.plan.rules, *made]
+    rng.shuffle(rules)
+    reset = OperatorAction("reset")
+    observations = tuple(
+        replace(each, operator_commands=(OperatorCommand(id="3", action=reset, rule=rng.choice(made).name, by="Ida"),))
+        if not each.operator_commands and rng.random() < 0.05
+        else each
+        for each in run.observations
+    )
+    return RandomRun(plan=replace(run.plan, rules=tuple(rules), figures=figures), observations=observations)
+
+
+def _window(rng: random.Random) -> Window:
+    return rng.choice((Window(for_s=rng.uniform(0.2, 4.0)), Window(for_s=1.0), Window(from_second=43200.5), Window()))
+
+
+def _remembering(rng: random.Random, names: list[str], figures: tuple[RememberedFigure, ...]) -> Condition:
+    rules, figure = tuple(rng.sample(names, 1 + (rng.random() < 0.2))), rng.choice(figures)
+    return rng.choice(
+        (
+            RememberedCondition(rules=rules, unit="times", above=float(rng.randint(0, 3)), window=_window(rng)),
+            RememberedCondition(rules=rules, unit="s", above=rng.uniform(0.1, 1.5), window=_window(rng)),
+            RememberedCondition(
+                name=figure.name,
+                unit=(unit := QUANTITIES[figure.quantity][0]),
+                below=rng.uniform(0.5, 2.0) if unit == "m" else rng.uniform(-0.2, 0.4),
+                deadband=rng.choice((0.0, 0.1)),
+            ),
+        )
+    )
 
 
 def with_all_active(state: State) -> State:

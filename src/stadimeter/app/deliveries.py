@@ -11,6 +11,7 @@ from msgspec.structs import replace
 
 from stadimeter.app.reporting import is_state
 from stadimeter.core import templates
+from stadimeter.core.conditions.summary import RememberedFigure
 from stadimeter.core.decision import Decision, Notice, Severity
 from stadimeter.core.message import KEPT_S, Message, as_history
 from stadimeter.core.notification import Notification
@@ -198,7 +199,12 @@ LocalTime = Callable[[], str]
 MAX_TITLE_CHARACTERS = 120
 
 
-def outgoing(decision: Decision, rules: Iterable[AnyRule], local_time: LocalTime) -> Iterator[Undelivered]:
+def outgoing(
+    decision: Decision,
+    rules: Iterable[AnyRule],
+    local_time: LocalTime,
+    figures: Iterable[RememberedFigure] = (),
+) -> Iterator[Undelivered]:
     """Yield what rules send after a cycle, filled in, in the order of the rules. Does no I/O and reads no clock.
 
     The time (RFC 3339) is asked for if needed.
@@ -206,22 +212,19 @@ def outgoing(decision: Decision, rules: Iterable[AnyRule], local_time: LocalTime
     if not decision.notices:
         return
     alarms = {rule.name: rule for rule in rules if isinstance(rule, AlarmRule)}
+    known = {figure.name: figure.for_people(decision.figures.get(figure.name)) for figure in figures}
     time = local_time()
     for notice in decision.notices:
         rule = alarms[notice.rule]
         send = rule.escalation[notice.step].send
         if send is None:
             continue
-        values = _values(rule, notice, decision, time)
+        track = next((track for track in decision.tracks if track.target == rule.target), None)
+        values = templates.fields(rule, notice, track, time, rule.group) | known
         if send.topic:
             yield MESSENGER, _message(notice, send, values)
         else:
             yield send.notifier, _notification(rule, notice, send, values, time)
-
-
-def _values(rule: AlarmRule, notice: Notice, decision: Decision, time: str) -> dict[str, templates.Value]:
-    track = next((track for track in decision.tracks if track.target == rule.target), None)
-    return templates.fields(rule, notice, track, time, rule.group)
 
 
 def _message(notice: Notice, send: Send, values: Mapping[str, templates.Value]) -> Message:

@@ -15,9 +15,9 @@ from typing import Any
 import stadimeter
 from stadimeter.app.health_reports import CAMERA, HEALTH
 from stadimeter.app.health_reports import INTERVAL_S as HEALTH_INTERVAL_S
-from stadimeter.app.reporting import ALARM_EVENTS, HEARTBEAT_S, INFO
+from stadimeter.app.reporting import HEARTBEAT_S, INFO
 from stadimeter.core.alarms.settings import RuleThreshold, thresholds_of
-from stadimeter.core.decision import Severity
+from stadimeter.core.decision import ALARM_EVENTS, Severity
 from stadimeter.core.home_assistant import (
     AVAILABILITY,
     Announcement,

@@ -303,7 +303,7 @@ class Loop:
         now_s = parts.clock.now_s()
         for recording in self._recordings:
             recording.note_reload(now_s, change.recorded)
-        self._publish(now_s, (*self.reporter.reload(plan.rules), self._info()))
+        self._publish(now_s, (*self.reporter.reload(plan.rules, plan.named_figures), self._info()))
         self.deliveries.retain_only(self.reporter.retained)
         if services.watchdog is not None:
             services.watchdog.reloaded(change.configuration)
@@ -323,7 +323,8 @@ class Loop:
     def _report_opening(self) -> None:
         """Report that no rule is judged yet, and have the broker forget those of earlier runs that are no more."""
         now_s = self.parts.clock.now_s()
-        self._publish(now_s, (self._info(), *self.reporter.opening(self.parts.configuration.plan.rules)))
+        plan = self.parts.configuration.plan
+        self._publish(now_s, (self._info(), *self.reporter.opening(plan.rules, plan.named_figures)))
         self._publish(now_s, self._health.messages(now_s, _wall_clock))
         self.deliveries.retain_only(self.reporter.retained)
 
@@ -339,7 +340,8 @@ class Loop:
             self._health.repeat()
         if messenger is not None:
             self._publish(now_s, self._health.messages(now_s, _wall_clock))
-        for name, item in outgoing(record.decision, self.parts.configuration.plan.rules, _local_time):
+        plan = self.parts.configuration.plan
+        for name, item in outgoing(record.decision, plan.rules, _local_time, plan.named_figures):
             if isinstance(item, Message):
                 self._publish(now_s, (item,))
             else:

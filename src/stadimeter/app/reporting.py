@@ -10,6 +10,7 @@ topic, below the base         QoS  retain  when
 ``rule/<name>/availability``  1    yes     ``offline`` while it is unknown whether the rule is active, else ``online``
 ``rule/<name>/settings``      1    yes     of an alarm: its thresholds, whether it is in service and whether it is only
                                            observed; at the start, and when one of these changes
+``figure/<name>/state``       1    yes     a remembered figure has changed; every 2 s at most
 ``info``                      1    yes     what runs: the version, the configuration's SHA-256, and the id of the run
 ``event/alarm``               1    never   what happened to a rule: raised, cleared, acknowledged, shelved and so on
 ``event/system``              1    never   what happened to a target, camera or output: target_seen, target_lost,
@@ -30,9 +31,11 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import stadimeter
+from stadimeter.app.figure_reports import FigureReports, figure_topics
 from stadimeter.core.alarms.machine import AlarmRecord
 from stadimeter.core.alarms.settings import show_thresholds
-from stadimeter.core.decision import Decision, Event, EventKind, RuleStatus, RuleTrace, Severity
+from stadimeter.core.conditions.summary import RememberedFigure
+from stadimeter.core.decision import SYSTEM_EVENTS, Decision, Event, EventKind, RuleStatus, RuleTrace, Severity
 from stadimeter.core.message import Message, clearing
 from stadimeter.core.notification import Notification
 from stadimeter.core.rule import AlarmRule, AnyRule
@@ -51,18 +54,6 @@ DEADBAND_SIGMAS = 0.5
 WallClock = Callable[[], str]
 
 _JSON = json.JSONEncoder(separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-SYSTEM_EVENTS = {
-    EventKind.TARGET_SEEN,
-    EventKind.TARGET_LOST,
-    EventKind.FAULT,
-    EventKind.FAULT_CLEARED,
-    EventKind.STOPPED,
-    EventKind.RELEASED,
-    EventKind.DISARMED,
-    EventKind.ARMED,
-    EventKind.LIVENESS_UNKNOWN,
-}
-ALARM_EVENTS = tuple(kind for kind in EventKind if kind not in SYSTEM_EVENTS)
 
 
 class Reporter:
@@ -83,6 +74,7 @@ class Reporter:
         self._severities: Mapping[str, Severity] = {}
         self._targets: dict[str, _TargetReports] = {}
         self._rules: dict[str, _RuleReports] = {}
+        self._figures = FigureReports()
         self._rules_before: tuple[RuleTrace, ...] = ()
         self._held_back: set[str] = set()
         self.reported_losses: Mapping[str, int] = {}
@@ -94,6 +86,7 @@ class Reporter:
         """
         messages = [_event_message(event, self._boot_id, wall_clock()) for event in decision.events]
         messages += self._rule_messages(now_s, wall_clock, decision)
+        messages += self._figures.messages(now_s, wall_clock, decision.figures)
         for track in decision.tracks:
             messages += self._targets.setdefault(track.target, _TargetReports()).messages(now_s, wall_clock, track)
         return tuple(messages)
@@ -121,14 +114,15 @@ class Reporter:
         pairs = zip(decision.rules, before, strict=True)
         return [trace for trace, last in pairs if trace is not last or trace.rule in names]
 
-    def opening(self, rules: Iterable[AnyRule]) -> tuple[Message, ...]:
+    def opening(self, rules: Iterable[AnyRule], figures: Iterable[RememberedFigure] = ()) -> tuple[Message, ...]:
         """Report, before the first cycle, that no rule is judged yet: what the broker has kept is an earlier run's."""
-        self.retained, self._severities = _retained_topics(rules), _severities(rules)
+        self.retained, self._severities = _retained_topics(rules) | figure_topics(figures), _severities(rules)
         return tuple(_availability(rule.name, is_known=False) for rule in rules)
 
-    def reload(self, rules: Iterable[AnyRule]) -> tuple[Message, ...]:
+    def reload(self, rules: Iterable[AnyRule], figures: Iterable[RememberedFigure] = ()) -> tuple[Message, ...]:
         """Go by other rules from now on; return what has the broker forget those that are no more."""
-        before, self.retained, self._severities = self.retained, _retained_topics(rules), _severities(rules)
+        before, self.retained = self.retained, _retained_topics(rules) | figure_topics(figures)
+        self._severities, self._figures = _severities(rules), FigureReports()
         gone = self._rules.keys() - {rule.name for rule in rules}
         self._held_back = {rule.name for rule in rules}  # each is looked at once more: its severity may be another
         for name in gone:
@@ -157,6 +151,7 @@ class Reporter:
     def repeat(self, wall_clock: str) -> tuple[Message, ...]:
         """Return the states again, for those who may have lost them."""
         rules = [message for reports in self._rules.values() for message in (*reports.newest, *reports.newest_settings)]
+        rules += self._figures.newest.values()
         return (*rules, *(message for reports in self._targets.values() for message in reports.repeat(wall_clock)))
 
     def last_messages(self, wall_clock: str) -> tuple[Message, ...]:
@@ -379,7 +374,9 @@ def _event(topic: str, payload: Mapping[str, object], severity: Severity, at_s: 
 
 def is_state(item: Message | Notification) -> bool:
     """Whether it says how things are, and not what happened: each run says so anew, so no older one is sent again."""
-    return isinstance(item, Message) and (item.qos == 0 or item.topic.startswith(("camera/", "info", "rule/")))
+    return isinstance(item, Message) and (
+        item.qos == 0 or item.topic.startswith(("camera/", "figure/", "info", "rule/"))
+    )
 
 
 def _message(

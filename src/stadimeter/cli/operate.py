@@ -224,6 +224,8 @@ def _lines(data: Mapping[str, Any]) -> Iterator[str]:
     for target in data["targets"]:
         distance_m = target["distance_m"]
         yield f"{target['target']}: {target['status']}" + ("" if distance_m is None else f", {distance_m:.2f} m")
+    for name, value in data.get("figures", {}).items():
+        yield f"{name}: {'unknown' if value is None else f'{value:.3g}'}"
     if data["alarm_undelivered"]:
         yield "an alarm has not reached broker or service"
     for each in data["deliveries"]:

@@ -10,6 +10,7 @@ from typing import Any
 
 from stadimeter.config.analysis import Subject, subject_of
 from stadimeter.config.analysis.bands import band_errors, holding_errors, quantity_errors
+from stadimeter.config.analysis.memory import memory_errors
 from stadimeter.config.analysis.promises import promise_errors
 from stadimeter.config.analysis.references import condition_tables_of, reference_errors
 from stadimeter.config.analysis.schedules import schedule_errors
@@ -51,7 +52,7 @@ _LIMITS = (("above", "below"), ("between",))
 _CONDITION_KINDS = (*_LIMITS, *((key,) for key in (*KEYS_OF_A_TARGET, *KEYS_OF_NO_TARGET, *KEYS_OF_OTHERS)))
 
 # Conditions that are a table of their own, in which their deadbands and probabilities stand.
-_BETWEEN_LIMITS = ("bearing", "elevation", "closing_speed", "separation", *KEYS_OF_QUANTITIES)
+_BETWEEN_LIMITS = ("bearing", "elevation", "closing_speed", "separation", "figure", *KEYS_OF_QUANTITIES)
 _INSIDE = (*_BETWEEN_LIMITS, "time_to_contact", *KEYS_OF_COMPARISONS)
 
 _LIMITS_FORM = "write above, below, both of these, or between"
@@ -203,16 +204,11 @@ def _outputs_fit(draft: Draft) -> Iterator[Finding]:
             message = f"the base '{draft.base.driver}' turns and drives nowhere, and this rule shall drive it"
             yield Finding(("rules", name, "follow"), message, 'write max_speed = "0 m/s"', "output-unfit")
         if rule.ramp and rule.actuator == BASE_NAME:
-            yield Finding(
-                at,
-                "a ramp cannot drive the base",
-                "drive an actuator, or write follow in place of ramp",
-                "output-unfit",
-            )
+            hint = "drive an actuator, or write follow in place of ramp"
+            yield Finding(at, "a ramp cannot drive the base", hint, "output-unfit")
         if rule.ramp and "actuator" not in draft.tables("rules")[name]:
-            yield Finding(
-                at, "a ramp needs an actuator to drive", 'add one, such as actuator = "motor"', "output-missing"
-            )
+            hint = 'add one, such as actuator = "motor"'
+            yield Finding(at, "a ramp needs an actuator to drive", hint, "output-missing")
 
 
 def _pins_once(draft: Draft) -> Iterator[Finding]:
@@ -392,4 +388,5 @@ _ANALYSES: tuple[Callable[[Subject], Iterator[Finding]], ...] = (
     shadow_errors,
     promise_errors,
     schedule_errors,
+    memory_errors,
 )

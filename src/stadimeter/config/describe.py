@@ -12,6 +12,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.condition_words import describe_begin, describe_end
 from stadimeter.core.conditions.compounds import Condition, leaves
 from stadimeter.core.conditions.quantities import QUANTITIES, noun_of
+from stadimeter.core.conditions.summary import RememberedFigure
 from stadimeter.core.plan import BaseOutput, LevelOutput, Output
 from stadimeter.core.rule import (
     ALWAYS,
@@ -43,7 +44,8 @@ def describe(configuration: Configuration) -> tuple[str, ...]:
         stand between backticks.
     """
     rules = [_rule(rule, configuration) for rule in configuration.plan.rules]
-    return (*_parts(configuration), *rules, *_combined(configuration))
+    figures = [_figure(figure) for figure in configuration.plan.named_figures]
+    return (*_parts(configuration), *figures, *rules, *_combined(configuration))
 
 
 def _parts(configuration: Configuration) -> Iterator[str]:
@@ -64,6 +66,12 @@ def _parts(configuration: Configuration) -> Iterator[str]:
         yield "Liveness by motion judges how the camera turns, and not how it tilts."
     for button, table in configuration.button_tables.items():
         yield f"The button `{button}`, pressed, {_pressed(table.press, table)}.{_held(table)}"
+
+
+def _figure(figure: RememberedFigure) -> str:
+    what = f"percentile {figure.percentile:g}" if figure.statistic == "percentile" else figure.statistic
+    of = f"{figure.quantity.replace('_', ' ')} of `{figure.target}` {figure.window}"
+    return f"Remembers `{figure.name}`: the {'median' if what == 'percentile 50' else what} of the {of}."
 
 
 def _tilts(output: Output) -> bool:

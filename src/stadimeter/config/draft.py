@@ -14,12 +14,15 @@ from stadimeter.config.camera_file import camera_model_from_table, load_camera_m
 from stadimeter.config.driver_tables import DRIVER_KINDS, ModelT, read_driver_table, validate
 from stadimeter.config.findings import MAX_EXPLAINED, Finding, did_you_mean_or_list, format_value
 from stadimeter.config.plugins import DriverChoice
+from stadimeter.config.rules.action_tables import GAPS
 from stadimeter.config.rules.compiled import CompiledRule, compile_rules
+from stadimeter.config.rules.memory_tables import FigureTable
 from stadimeter.config.rules.tables import RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.toml_source import UNREADABLE, Texts
 from stadimeter.config.units import path_from, validation_context
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.templates import FIELDS
 from stadimeter.errors import ConfigError, Problem
 
 if TYPE_CHECKING:
@@ -37,6 +40,7 @@ _TAKEN: dict[str, set[str]] = {
     "buttons": set(),
     "notifiers": set(),
     "rules": {"safety", "safe", "operator"},
+    "figures": {*FIELDS},
 }
 
 
@@ -108,6 +112,7 @@ class Draft(ChosenDrivers, Struct, kw_only=True):
         file_problems: What is wrong in a camera file that it names.
         output_tables: What every actuator has, and the base, by name.
         rules: The rules that could be read, by name.
+        figures: The remembered figures likewise.
         tests: The tests that could be read, by their position in the file.
         compiled: The same rules as the core runs them, each beside its table.
     """
@@ -127,6 +132,7 @@ class Draft(ChosenDrivers, Struct, kw_only=True):
     recording: models.RecordingTable | None = None
     place: models.PlaceTable | None = None
     rules: dict[str, RuleTable] = field(default_factory=dict)
+    figures: dict[str, FigureTable] = field(default_factory=dict)
     tests: dict[int, RuleTest] = field(default_factory=dict)
     compiled: tuple[CompiledRule, ...] = ()
     renamed: tuple[Finding, ...] = ()
@@ -180,7 +186,7 @@ class _Reader:
     def __init__(self, table: Mapping[str, Any], file: Path, texts: Texts | None) -> None:
         self.texts = texts
         self.draft = Draft(table=table)
-        self.context = validation_context(file)
+        self.context = {**validation_context(file), GAPS: self.draft.names("figures")}
         self.folder = file.parent
 
     def read(self) -> Draft:
@@ -264,6 +270,10 @@ class _Reader:
             self.draft.recording = self._validated(models.RecordingTable, ("recording",), recording)
 
     def _rules(self) -> None:
+        for name, table in self._named("figures"):
+            figure = self._validated(FigureTable, ("figures", name), table)
+            if figure is not None:
+                self.draft.figures[name] = figure
         for name, table in self._named("rules"):
             rule = self._validated(RuleTable, ("rules", name), table)
             if rule is not None:

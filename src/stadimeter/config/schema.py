@@ -23,6 +23,7 @@ from pydantic_core import core_schema
 from stadimeter.config import camera_file, models, plugins
 from stadimeter.config.driver_tables import BASE, CAMERA, DRIVER_KINDS, DriverKind
 from stadimeter.config.rule_test_tables import RuleTestTable
+from stadimeter.config.rules.memory_tables import FigureTable
 from stadimeter.config.rules.tables import IN_PROPORTION, RuleTable
 from stadimeter.errors import DriverError
 
@@ -54,6 +55,7 @@ _SECTIONS = {
     "messenger": "The link to other programs, such as MQTT.",
     "notifiers": "The ways to notify people, by name.",
     "world": "The simulated world, for simulated drivers.",
+    "figures": "Figures that are remembered over a window of time, by name.",
     "rules": "The rules, by name: what to do at which distance.",
     "tests": "Tests of the rules, for the command stadimeter test.",
 }
@@ -65,7 +67,7 @@ def configuration_schema() -> JsonSchema:
     own = [options for each in drivers.values() for options in each.values() if options is not None]
     common = [kind.common for kind in DRIVER_KINDS.values()]
     by_model, definitions = schemas_of(
-        [camera_file.CameraModelTable, RuleTable, RuleTestTable, *_TABLES.values(), *common, *own]
+        [camera_file.CameraModelTable, FigureTable, RuleTable, RuleTestTable, *_TABLES.values(), *common, *own]
     )
     sections: dict[str, JsonSchema] = {}
     for section, kind in DRIVER_KINDS.items():
@@ -74,6 +76,7 @@ def configuration_schema() -> JsonSchema:
     sections |= {
         section: {**by_model[model], "description": describe_model(model)} for section, model in _TABLES.items()
     }
+    sections["figures"] = _named(by_model[FigureTable])
     sections["rules"] = _named(_rule(by_model, definitions))
     sections["tests"] = {"type": "array", "items": by_model[RuleTestTable]}
     return _without_unused(

@@ -11,6 +11,7 @@ from msgspec import Struct
 
 from stadimeter.config.analysis import Subject, delay_s, frame_rate_hz, subject_of
 from stadimeter.config.analysis.bands import holding_warnings
+from stadimeter.config.analysis.memory import memory_warnings
 from stadimeter.config.analysis.promises import promise_warnings, unknown_warnings
 from stadimeter.config.analysis.references import rules_asked_for
 from stadimeter.config.analysis.schedules import schedule_warnings
@@ -362,6 +363,7 @@ _ANALYSES: tuple[Callable[[Subject], Iterator[Finding]], ...] = (
     promise_warnings,
     schedule_warnings,
     unknown_warnings,
+    memory_warnings,
 )
 _ABOUT_DRIVERS: tuple[Callable[[Draft], Iterator[Finding]], ...] = (
     _no_motion,

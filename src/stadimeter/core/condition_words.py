@@ -23,6 +23,7 @@ from stadimeter.core.conditions.leaf import JudgedFigure, Leaf, RuleInputs
 from stadimeter.core.conditions.limits import LimitsCondition
 from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.conditions.of_base import ContactSensorCondition
+from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.conditions.sequence import SequenceCondition
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.schedule_words import clock_words, describe_sequence, hours, sequence_words
@@ -212,6 +213,8 @@ def _unread_words(leaf: Leaf, inputs: RuleInputs, named: str) -> str:
         if leaf.speed_knowledge(approach) is SpeedKnowledge.SLOW:
             return f"{named}{speed}, slower than {leaf.closing_min_mps:.2f} m/s"
         return f"{named}{metres(approach.distance_m, approach.sigma_m)}, {speed}: too unsure for a time"
+    if isinstance(leaf, RememberedCondition):
+        return f"{leaf.noun} is not known"
     if not tracks:
         return f"the base does not report its {leaf.noun}"
     return describe_unread(tracks, leaf.noun)
@@ -233,11 +236,12 @@ def _value_words(leaf: Leaf, reading: JudgedFigure) -> str:  # noqa: PLR0911 - o
         case FigureCondition(unit="rad"):
             return f"{leaf.noun} {math.degrees(value):+.1f}°"
         case _:
-            return f"{leaf.noun} {value:.2f} {leaf.unit}"
+            return f"{leaf.noun} {figure_in_words(value, leaf.unit)}"
 
 
 def _threshold_words(reading: JudgedFigure, unit: str) -> str:
-    scale, digits, unit = (math.degrees(1.0), 1, "°") if unit == "rad" else (1.0, 2, f" {unit}")
+    digits = {"rad": 1, "times": 0}.get(unit, 2)
+    scale, unit = (math.degrees(1.0), "°") if unit == "rad" else (1.0, f" {unit}")
     low, high = reading.low * scale, reading.high * scale
     if math.isinf(low):
         return f"below {high:.{digits}f}{unit}"
@@ -291,7 +295,8 @@ def describe_end(condition: Condition) -> str:
         case FigureCondition(quantity="still"):
             return "it has moved"
         case LimitsCondition():
-            return f"its {condition.noun} is {_back_words(condition, condition.deadband)}"
+            named = _subject(condition) if isinstance(condition, RememberedCondition) else f"its {condition.noun} is"
+            return f"{named} {_back_words(condition, condition.deadband)}"
         case _:
             return "that has ended"
 
@@ -334,6 +339,8 @@ def _words_of_own(leaf: TimeToContactCondition | FigureCondition) -> str:
 
 def _subject(leaf: Leaf) -> str:
     """Return what a clause about thresholds begins with, such as ``the bearing of `ball` is``."""
+    if isinstance(leaf, RememberedCondition):
+        return f"`{leaf.noun}` is"
     named = " and ".join(f"`{target}`" for target in leaf.targets_named) or "the base"
     if leaf.noun == "separation":
         return f"{named} are"

@@ -15,6 +15,7 @@ from msgspec.structs import replace
 from stadimeter.core.alarms.state import Sample
 from stadimeter.core.command import TwistCommand
 from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.conditions.summary import Summary
 from stadimeter.core.decision import Decision, Event, EventKind, SafetyMode, Severity
 from stadimeter.core.holding import Hold, step_holds, with_holds
 from stadimeter.core.liveness import LivenessState, step_liveness, tell_plain_room
@@ -23,8 +24,9 @@ from stadimeter.core.observation import Observation, OutputFault
 from stadimeter.core.operator import HoldCommand, OperatorAnswer, OperatorCommand
 from stadimeter.core.outputs import OutputStep, command_all, forbidden_outputs, new_output
 from stadimeter.core.plan import BaseOutput, Plan
+from stadimeter.core.remembering import Added, step_figures
 from stadimeter.core.rules.explaining import Reasons
-from stadimeter.core.rules.scheduler import EvaluatedRules, judge, new_rules
+from stadimeter.core.rules.scheduler import EvaluatedRules, Outcome, judge, new_rules
 from stadimeter.core.safety import (
     AT_START,
     SafetyState,
@@ -59,6 +61,7 @@ class State(Struct, frozen=True, kw_only=True):
         disarmed: Since when or by what the run is disarmed, in words; empty while it is armed.
         liveness: What the picture has shown of the robot's own motion.
         motions: How targets move across the line of sight, for those that some rule asks it of.
+        figures: What is kept of the remembered figures, in the order of the plan.
     """
 
     plan: Plan
@@ -77,6 +80,7 @@ class State(Struct, frozen=True, kw_only=True):
     disarmed: str = ""
     liveness: LivenessState = field(default_factory=LivenessState)
     motions: tuple[TransverseMotion, ...] = ()
+    figures: tuple[Summary, ...] = ()
 
 
 def initial_state(plan: Plan) -> State:
@@ -89,6 +93,7 @@ def initial_state(plan: Plan) -> State:
         motions=motions_for(rules.layout.watch.motions),
         outputs=tuple(new_output(output) for output in plan.outputs),
         disarmed="" if plan.safety.arm == "at-start" else AT_START,
+        figures=(Summary(),) * len(plan.figures),
     )
 
 
@@ -99,24 +104,16 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
     gap_s = step_s if is_gap(step_s, state.usual_step_s, plan.safety) else None
     safety = step_safety(state.safety, observation, plan.safety, gap_s=gap_s)
     is_new = safety.frame is not state.safety.frame
-    seen = {measured.target: measured for measured in observation.measurements} if is_new else {}
-    seen, compared = fuse(seen, plan.sensor_pairs)
-    disagreeing, sensor_events = step_disagreements(state.disagreeing, compared, observation.now_s)
+    seen, disagreeing, sensor_events = _see(state, observation, is_new=is_new)
     track_states = _step_tracks(state, seen, observation.now_s, gap_s)
-    before = while_stopped(while_disarmed(safety, state.disarmed), state.stopped)
-    inputs = _rule_inputs(state, track_states, observation, before, is_after_gap=gap_s is not None)
-    motions = _step_motions(state, inputs) if state.motions else ()
-    if motions:
-        inputs = replace(inputs, motions={each.target: each for each in motions})
-    cycle = Sample(at_s=observation.now_s, since_s=step_s)
-    rules, outcome = judge(state.rules, inputs, _sample(state, safety), cycle, _for_rules(observation))
+    inputs = _rule_inputs(state, track_states, observation, safety, is_after_gap=gap_s is not None)
+    rules, outcome = _judge_rules(state, observation, inputs, safety, step_s)
     allowed = _step_permission(state, observation, safety, is_new=is_new)
     holds, answers, outputs = _act(state, observation, allowed.safety, rules, is_after_gap=gap_s is not None)
     seen_events = _track_events(state, track_states, observation.now_s, in_words(gap_s, plan.safety) if gap_s else "")
-    own_events = allowed.events + _camera_events(state.safety, safety, observation.now_s)
-    happened = state.due + seen_events + outcome.events + own_events + sensor_events
-    happened += _fault_events(state.faults, observation)
-    events = _number(happened, state.events)
+    happened = state.due + seen_events + outcome.events + allowed.events
+    happened += _camera_events(state.safety, safety, observation.now_s) + sensor_events
+    events = _number(happened + _fault_events(state.faults, observation), state.events)
     decision = Decision(
         commands=tuple([step.command for step in outputs]),
         events=events,
@@ -127,8 +124,10 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
         rules=rules.traces,
         notices=outcome.notices,
         answers=outcome.answers + allowed.answers + answers,
+        figures=inputs.figures and {each.name: inputs.figures[each.name] for each in plan.named_figures},
         reasons=Reasons(plan=plan, judged=rules, inputs=inputs),
     )
+    new = Added(decision.tracks, seen, state.rules.active, rules.active, 0.0 if gap_s else step_s, observation)
     remembered = State(
         plan=plan,
         now_s=observation.now_s,
@@ -144,7 +143,8 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
         disagreeing=disagreeing,
         disarmed=allowed.disarmed,
         liveness=allowed.liveness,
-        motions=motions,
+        motions=tuple(inputs.motions.values()),
+        figures=step_figures(plan.figures, state.figures, new),
     )
     return remembered, decision
 
@@ -206,6 +206,13 @@ def _base_command(state: State) -> TwistCommand | None:
     return next((step.command for step in state.outputs if isinstance(step.command, TwistCommand)), None)
 
 
+def _judge_rules(
+    state: State, observation: Observation, inputs: RuleInputs, safety: SafetyState, step_s: float
+) -> tuple[EvaluatedRules, Outcome]:
+    cycle = Sample(at_s=observation.now_s, since_s=step_s)
+    return judge(state.rules, inputs, _sample(state, safety), cycle, _for_rules(observation))
+
+
 def _for_rules(observation: Observation) -> tuple[OperatorCommand, ...]:
     commands = [each for each in observation.operator_commands if isinstance(each, OperatorCommand)]
     return tuple([each for each in commands if not each.action.is_on_outputs])
@@ -214,7 +221,7 @@ def _for_rules(observation: Observation) -> tuple[OperatorCommand, ...]:
 def _rule_inputs(
     state: State, tracked: tuple[TrackState, ...], observation: Observation, safety: SafetyState, *, is_after_gap: bool
 ) -> RuleInputs:
-    return RuleInputs(
+    inputs = RuleInputs(
         tracks={each.track.target: each.track for each in tracked},
         now_s=observation.now_s,
         wall=observation.wall,
@@ -224,16 +231,31 @@ def _rule_inputs(
         frame_at_s=safety.frame.captured_at_s if safety.frame is not None else None,
         base=observation.base,
         commands={step.command.output: step.command for step in state.outputs},
-        safety=safety.mode,
+        safety=while_stopped(while_disarmed(safety, state.disarmed), state.stopped).mode,
         undelivered_since_s=observation.undelivered_since_s,
         viewpoint=state.plan.viewpoint,
+        figures={each.name: kept.value for each, kept in zip(state.plan.figures, state.figures, strict=True)},
     )
+    return _with_motions(inputs, state)
 
 
-def _step_motions(state: State, inputs: RuleInputs) -> tuple[TransverseMotion, ...]:
+def _with_motions(inputs: RuleInputs, state: State) -> RuleInputs:
+    """Add how targets move across the line of sight, for those that some rule asks it of."""
+    if not state.motions:
+        return inputs
     before = motions_for(state.rules.layout.watch.motions) if inputs.is_after_gap else state.motions
     tracks, sightings, settings = inputs.tracks, inputs.sightings, state.plan.tracking
-    return tuple([step_motion(m, tracks[m.target], sightings[m.target], inputs.viewpoint, settings) for m in before])
+    motions = [step_motion(m, tracks[m.target], sightings[m.target], inputs.viewpoint, settings) for m in before]
+    return replace(inputs, motions={each.target: each for each in motions})
+
+
+def _see(
+    state: State, observation: Observation, *, is_new: bool
+) -> tuple[dict[str, Measurement], frozenset[str], tuple[Event, ...]]:
+    """Return what was measured, fused with range sensors; those that disagree with the camera, and events of that."""
+    measured = {each.target: each for each in observation.measurements} if is_new else {}
+    seen, compared = fuse(measured, state.plan.sensor_pairs)
+    return seen, *step_disagreements(state.disagreeing, compared, observation.now_s)
 
 
 def _step_tracks(

@@ -65,6 +65,21 @@ class EventKind(StrEnum):
     """The room is too plain to tell a frozen picture from a live one while the robot drives."""
 
 
+# What does not happen to a rule.
+SYSTEM_EVENTS = {
+    EventKind.TARGET_SEEN,
+    EventKind.TARGET_LOST,
+    EventKind.FAULT,
+    EventKind.FAULT_CLEARED,
+    EventKind.STOPPED,
+    EventKind.RELEASED,
+    EventKind.DISARMED,
+    EventKind.ARMED,
+    EventKind.LIVENESS_UNKNOWN,
+}
+ALARM_EVENTS = tuple(kind for kind in EventKind if kind not in SYSTEM_EVENTS)
+
+
 class Severity(StrEnum):
     """How much an event matters, least first."""
 
@@ -202,6 +217,7 @@ class Decision(Struct, frozen=True, kw_only=True, eq=False):
         commands: Exactly one for each output, in the order of the configuration.
         safety_reason: Why they may not; empty if they may.
         rules: What each rule did, in the order of the configuration.
+        figures: The remembered figures that rules were judged by, by name; None for one that is not known.
         reasons: Why each rule did so, by its name, in words with figures. They follow from the plan and the other
             fields, so they are put into words only when they are read, are in no journal, and do not count when
             decisions are compared.
@@ -216,6 +232,7 @@ class Decision(Struct, frozen=True, kw_only=True, eq=False):
     rules: tuple[RuleTrace, ...]
     notices: tuple[Notice, ...] = ()
     answers: tuple[OperatorAnswer, ...] = ()
+    figures: Mapping[str, float | None] = field(default_factory=dict)
     reasons: Mapping[str, str] = field(default_factory=dict)
 
     def __eq__(self, other: object) -> bool:

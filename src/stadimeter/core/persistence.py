@@ -23,6 +23,7 @@ from stadimeter.core.alarms.state import Resumed, Timers
 from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.conditions.summary import RememberedFigure, Summary
 from stadimeter.core.decide import State
 from stadimeter.core.rule import AlarmRule, AnyRule, GatedRule, conditions_of, gate_of
 from stadimeter.core.rules.scheduler import with_steps
@@ -41,16 +42,24 @@ _SHORTLY = {
 }
 
 
+# How the rows of figures are called; no rule has a point in its name.
+_OF_FIGURES = "figures."
+
+# Of a figure over so long a window, each of its slots that is over is written; of others what is there at the end.
+_LONG_WINDOW_S = 3600.0
+
+
 class AlarmSnapshot(Struct, frozen=True, kw_only=True):
-    """What an alarm remembers."""
+    """What an alarm remembers; or a figure, called ``figures.NAME``."""
 
     rule: str
     meaning: str
     """Tells rules apart that do not mean the same."""
-    record: AlarmRecord = field(name="state")  # so it is called in state files
+    record: AlarmRecord = field(name="state", default_factory=AlarmRecord)  # so it is called in state files
     is_first_out: bool = False
     last_raised_at_s: float | None = None
     """When it was raised last, for one that a sequence names."""
+    summary: Summary | None = None
 
 
 class Absence(Struct, frozen=True, kw_only=True):
@@ -71,7 +80,7 @@ class SnapshotChange(IntEnum):
     """Something that people were notified of, or have commanded."""
 
 
-def meaning_of(rule: AnyRule) -> str:
+def meaning_of(rule: AnyRule | RememberedFigure) -> str:
     """Return what tells rules apart that do not mean the same, in 64 hexadecimal digits.
 
     What is as it is by default does not count, so a later version with more to configure finds the same meaning.
@@ -99,8 +108,8 @@ def _is_set(value: object, field: Any) -> bool:
 
 
 def snapshot_alarms(state: State) -> tuple[AlarmSnapshot, ...]:
-    """Return a snapshot of the alarms of a run, in the order of the configuration."""
-    return tuple(
+    """Return a snapshot of the alarms of a run, in the order of the configuration, and of what else is remembered."""
+    found = [
         AlarmSnapshot(
             rule=rule.name,
             meaning=meaning_of(rule),
@@ -110,7 +119,12 @@ def snapshot_alarms(state: State) -> tuple[AlarmSnapshot, ...]:
         )
         for rule, step in zip(state.plan.rules, state.rules.steps, strict=True)
         if isinstance(step, OperatedStep)
-    )
+    ]
+    figures = zip(state.plan.figures, state.figures, strict=True)
+    kept = [
+        AlarmSnapshot(rule=_OF_FIGURES + it.name, meaning=meaning_of(it), summary=summary) for it, summary in figures
+    ]
+    return (*found, *kept)
 
 
 def find_absences(state: State) -> tuple[Absence, ...]:
@@ -128,12 +142,19 @@ def classify_change(before: State, after: State) -> SnapshotChange:
     if before.stopped != after.stopped:
         return SnapshotChange.LASTING
     found = SnapshotChange.PASSING if _begins_an_absence(before, after) else SnapshotChange.NOTHING
+    if any(_has_new_slot(*each) for each in zip(after.plan.figures, before.figures, after.figures, strict=True)):
+        found = SnapshotChange.PASSING
     if before.rules.steps is after.rules.steps:
         return found
     for last, step in zip(before.rules.steps, after.rules.steps, strict=True):
         if step is not last and isinstance(step, OperatedStep) and isinstance(last, OperatedStep):
             found = max(found, _change(last.record, step.record))
     return found
+
+
+def _has_new_slot(figure: RememberedFigure, before: Summary, after: Summary) -> bool:
+    # The first number of the last slot is when it begins.
+    return figure.window.for_s >= _LONG_WINDOW_S and after.slots[-40:-32] != before.slots[-40:-32]
 
 
 def _begins_an_absence(before: State, after: State) -> bool:
@@ -209,7 +230,13 @@ def restore_alarms(
     since_s = {absence.target: absence.since_s + shift_s for absence in absences}
     tracks = tuple(_absent_since(tracked, since_s.get(tracked.track.target)) for tracked in state.tracks)
     rules = with_steps(state.plan, tuple(steps), first_out, raised_at_s)
-    return replace(state, tracks=tracks, rules=rules, due=due)
+    figures = tuple(
+        memory.summary.resume(shift_s)
+        if (memory := by_rule.get(_OF_FIGURES + it.name)) and memory.summary and memory.meaning == meaning_of(it)
+        else Summary()
+        for it in state.plan.figures
+    )
+    return replace(state, tracks=tracks, rules=rules, due=due, figures=figures)
 
 
 def _absent_since(tracked: TrackState, since_s: float | None) -> TrackState:

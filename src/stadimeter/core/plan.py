@@ -6,9 +6,13 @@ from collections.abc import Iterator
 from typing import Literal
 
 from msgspec import Struct, field
+from msgspec.structs import force_setattr
 
 from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.discrete import ScheduleCondition
+from stadimeter.core.conditions.leaf import Leaf
+from stadimeter.core.conditions.remembered import RememberedCondition
+from stadimeter.core.conditions.summary import RememberedFigure
 from stadimeter.core.rule import AnyRule, conditions_of
 from stadimeter.core.sensor_fusion import SensorPair
 from stadimeter.core.tracking.settings import Tracking
@@ -93,11 +97,23 @@ class Plan(Struct, frozen=True, kw_only=True):
     safety: Safety = field(default_factory=Safety)
     sensor_pairs: tuple[SensorPair, ...] = ()
     viewpoint: Viewpoint = Viewpoint()
+    figures: tuple[RememberedFigure, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Let figures hold, behind those with a name, what conditions sum up of other rules."""
+        sums = [leaf.remembered for leaf in self._leaves() if isinstance(leaf, RememberedCondition) and leaf.rules]
+        force_setattr(self, "figures", tuple(dict.fromkeys([*self.named_figures, *sums])))
+
+    @property
+    def named_figures(self) -> tuple[RememberedFigure, ...]:
+        """The figures of the configuration, without what conditions sum up of other rules."""
+        return tuple(figure for figure in self.figures if not figure.rules)
 
     @property
     def needs_wall_time(self) -> bool:
-        """Whether any rule asks for the time of day."""
-        return next(self._schedules(), None) is not None
+        """Whether any rule asks for the time of day, or any figure begins at one."""
+        asks = next(self._schedules(), None) is not None
+        return asks or any(figure.window.from_second is not None for figure in self.figures)
 
     @property
     def needs_sun(self) -> bool:
@@ -105,5 +121,8 @@ class Plan(Struct, frozen=True, kw_only=True):
         return any(schedule.is_by_sun for schedule in self._schedules())
 
     def _schedules(self) -> Iterator[ScheduleCondition]:
-        parts = (leaf for rule in self.rules for condition in conditions_of(rule) for leaf in leaves(condition))
-        return (leaf for leaf in parts if isinstance(leaf, ScheduleCondition))
+        return (leaf for leaf in self._leaves() if isinstance(leaf, ScheduleCondition))
+
+    def _leaves(self) -> Iterator[Leaf]:
+        """Go through the simple conditions of all rules."""
+        return (leaf for rule in self.rules for condition in conditions_of(rule) for leaf in leaves(condition))

@@ -11,6 +11,7 @@ from stadimeter.core.alarms.actions import dismiss
 from stadimeter.core.alarms.alarm import AlarmStep, OperatedStep, renew
 from stadimeter.core.alarms.settings import as_set
 from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.conditions.summary import Summary
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Event
 from stadimeter.core.plan import Plan
@@ -45,6 +46,7 @@ def reload(state: State, plan: Plan) -> ReloadedState:
     Args:
         plan: The new rules, with the targets and outputs of the old.
     """
+    figures = dict(zip(state.plan.figures, state.figures, strict=True))
     old = {rule.name: (rule, step) for rule, step in zip(state.plan.rules, state.rules.steps, strict=True)}
     is_kept = {rule.name: rule == old[rule.name][0] for rule in plan.rules if rule.name in old}
     now = RuleInputs(
@@ -65,6 +67,7 @@ def reload(state: State, plan: Plan) -> ReloadedState:
             plan=plan,
             rules=rules,
             motions=motions_for(rules.layout.watch.motions, state.motions),
+            figures=tuple(figures.get(figure, Summary()) for figure in plan.figures),
             due=state.due + _clear_dropped(now, old, gone) + tuple(event for _, events in renewed for event in events),
         ),
         kept=tuple(name for name, same in is_kept.items() if same),

@@ -228,12 +228,12 @@ class AlarmRule(Rule, Struct, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         """Make every part of the conditions name its target."""
-        force_setattr(self, "condition", about(self.condition, self.target))
+        force_setattr(self, "condition", about(self.condition, self.target, self.name))
         if self.suppress_when is not None:
-            force_setattr(self, "suppress_when", about(self.suppress_when, self.target))
+            force_setattr(self, "suppress_when", about(self.suppress_when, self.target, self.name))
         if any(step.when is not None for step in self.escalation):
             steps = [
-                step if step.when is None else replace(step, when=about(step.when, self.target))
+                step if step.when is None else replace(step, when=about(step.when, self.target, self.name))
                 for step in self.escalation
             ]
             force_setattr(self, "escalation", tuple(steps))

@@ -10,7 +10,7 @@ import json
 import math
 import re
 import string
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from functools import lru_cache
 
 from stadimeter.core.decision import Notice
@@ -45,6 +45,7 @@ NUMBER_FIELDS = {name: decimals for name, (decimals, _, _) in _FIGURES.items()} 
 
 # Every field that a template may name.
 FLAG_FIELDS = ("first_out",)
+_NOT_NUMBERS = frozenset((*TEXT_FIELDS, *FLAG_FIELDS))
 FIELDS = (*TEXT_FIELDS, *NUMBER_FIELDS, *FLAG_FIELDS)
 
 # A number that stands alone in JSON is rounded to this.
@@ -52,6 +53,7 @@ JSON_DECIMALS = 3
 
 # Widths and precisions of two digits: a template must not fill the memory.
 _NUMBER_FORM = re.compile(r"[<>^=]?[+\- ]?0?\d{0,2},?(\.\d{1,2})?[feg]?")
+_FIGURE = re.compile(r"[A-Za-z0-9_-]+")
 _TEXT_FORM = re.compile(r"[<>^]?\d{0,2}(\.\d{1,3})?s?")
 _JSON = json.JSONEncoder(separators=(",", ":"), ensure_ascii=False, allow_nan=False)
 
@@ -68,8 +70,11 @@ class TemplateError(ValueError):
         super().__init__(message)
 
 
-def check(template: Template) -> None:
+def check(template: Template, figures: Collection[str] = ()) -> None:
     """Make sure that a template can be filled, whatever happens.
+
+    Args:
+        figures: The names of remembered figures: each is a field, too.
 
     Raises:
         TemplateError: It cannot; the message says what is wrong.
@@ -77,7 +82,9 @@ def check(template: Template) -> None:
     if len(template.text) > MAX_TEXT_CHARACTERS:
         raise TemplateError(f"the template has {len(template.text)} characters, and may have {MAX_TEXT_CHARACTERS}")
     for text in _texts_in(json.loads(template.text)) if template.is_json else (template.text,):
-        _parts(text)
+        for _, name, _ in _parts(text):
+            if name and name not in FIELDS and name not in figures:
+                raise _no_field(name)
 
 
 def render(template: Template, values: Mapping[str, Value]) -> str:
@@ -145,11 +152,11 @@ def _part(literal: str, field: str | None, form: str | None, conversion: str | N
         return literal, "", ""
     if conversion is not None:
         raise TemplateError(f"{{{field}!{conversion}}}: a gap cannot convert; write {{{field}}}")
-    if field not in FIELDS:
+    if field not in FIELDS and not _FIGURE.fullmatch(field):
         raise _no_field(field)
-    pattern = _NUMBER_FORM if field in NUMBER_FIELDS else _TEXT_FORM
+    pattern = _TEXT_FORM if field in _NOT_NUMBERS else _NUMBER_FORM
     if not pattern.fullmatch(form or ""):
-        example = f"{{{field}:.1f}}" if field in NUMBER_FIELDS else f"{{{field}:>20}}"
+        example = f"{{{field}:.1f}}" if field not in _NOT_NUMBERS else f"{{{field}:>20}}"
         raise TemplateError(
             f"{{{_short(f'{field}:{form}')}}}: a field cannot be written so; write it such as {example}"
         )
@@ -171,15 +178,15 @@ def _short(text: str) -> str:
 
 def _text(text: str, values: Mapping[str, Value]) -> str:
     return "".join(
-        literal + (_written(values[field], field, form) if field else "") for literal, field, form in _parts(text)
+        literal + (_written(values.get(field), field, form) if field else "") for literal, field, form in _parts(text)
     )
 
 
 def _written(value: Value, field: str, form: str) -> str:
-    if field in NUMBER_FIELDS:
+    if field not in _NOT_NUMBERS:
         if not isinstance(value, int | float) or not math.isfinite(value):
             return UNKNOWN
-        return format(float(value), form or f"z.{NUMBER_FIELDS[field]}f")
+        return format(float(value), form or f"z.{NUMBER_FIELDS.get(field, 2)}f")
     if isinstance(value, bool):
         value = "yes" if value else "no"
     return format(UNKNOWN if value is None else str(value), form)
@@ -195,13 +202,13 @@ def _filled(value: object, values: Mapping[str, Value]) -> object:
         return value
     parts = _parts(value)
     if len(parts) == 1 and parts[0][1] and not parts[0][0]:
-        return _alone(values[parts[0][1]], *parts[0][1:])
+        return _alone(values.get(parts[0][1]), *parts[0][1:])
     return _text(value, values)
 
 
 def _alone(value: Value, field: str, form: str) -> Value:
     """Return a field that is all of a string: a number stays a number, as precise as the gap says."""
-    if field not in NUMBER_FIELDS:
+    if field in _NOT_NUMBERS:
         return _written(value, field, form) if isinstance(value, str) else value
     if not isinstance(value, int | float) or not math.isfinite(value):
         return None

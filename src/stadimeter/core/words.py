@@ -33,8 +33,8 @@ def length(value_m: float) -> str:
 
 def figure_in_words(value: float, unit: str) -> str:
     """Return a figure that is in its SI unit, such as ``0.60 m (2.0 ft)``; an angle is in degrees."""
-    if unit == "s":
-        return f"{value:g} s"
+    if unit in {"s", "times"}:
+        return f"{value:g} {unit}"
     return length(value) if unit == "m" else short_figure(value, unit)
 
 

@@ -230,6 +230,7 @@ def _status(decision: Decision) -> dict[str, Any]:
         "rules": rules,
         "targets": targets,
         "outputs": [plain(output) for output in decision.outputs],
+        "figures": dict(decision.figures),
     }
 
 

@@ -18,6 +18,7 @@ from stadimeter.app.clock import is_synchronised
 from stadimeter.app.deliveries import Undelivered
 from stadimeter.app.exact_json import decode, encode
 from stadimeter.core.alarms.alarm import AlarmStep
+from stadimeter.core.conditions.summary import Summary
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Event
 from stadimeter.core.holding import Hold
@@ -166,6 +167,7 @@ class _RunState(Struct, frozen=True, kw_only=True):
     liveness: LivenessState = field(default_factory=LivenessState)
     motions: tuple[TransverseMotion, ...] = ()
     raised_at_s: Mapping[str, float] = field(default_factory=dict)
+    figures: Mapping[str, Summary] = field(default_factory=dict)
 
 
 def state_text(state: State) -> str:
@@ -188,6 +190,7 @@ def state_text(state: State) -> str:
         disarmed=state.disarmed,
         liveness=state.liveness,
         motions=state.motions,
+        figures={meaning_of(each): kept for each, kept in zip(state.plan.figures, state.figures, strict=True)},
     )
     return encode(run).decode()
 
@@ -234,6 +237,7 @@ def read_state(text: str, state: State) -> State:
         disarmed=was.disarmed,
         liveness=was.liveness,
         motions=motions_for(rules.layout.watch.motions, was.motions),
+        figures=tuple(was.figures.get(meaning_of(figure), Summary()) for figure in plan.figures),
     )
 
 

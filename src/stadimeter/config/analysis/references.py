@@ -43,7 +43,7 @@ class _Name(Struct, frozen=True):
 def reference_errors(draft: Draft) -> Iterator[Finding]:
     """Find names that stand for nothing, and rules that wait for themselves."""
     rules, targets = set(_rule_names(draft)), draft.target_names
-    known = {"rule": rules, "target": set(targets)}
+    known = {"rule": rules, "target": set(targets), "figure": set(draft.names("figures"))}
     for section, table in draft.tables("rules").items():
         for name in _names(section, table):
             if name.name not in known[name.kind]:
@@ -98,6 +98,9 @@ def _named_in(path: KeyPath, table: Mapping[str, Any]) -> Iterator[_Name]:
     for key in KEYS_OF_COMPARISONS:
         if isinstance(table.get(key), str):
             yield _Name("target", table[key], (*path, key))
+    figure = table.get("figure")
+    if isinstance(figure, Mapping) and isinstance(figure.get("name"), str):
+        yield _Name("figure", figure["name"], (*path, "figure", "name"))
     for key in ("rule", "target"):
         if isinstance(table.get(key), str):
             yield _Name(key, table[key], (*path, key))

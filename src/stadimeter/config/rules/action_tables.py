@@ -6,7 +6,7 @@ import math
 import re
 from typing import Annotated, Any, Literal, Self, TypedDict
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 
 from stadimeter.config.findings import did_you_mean_or_list
 from stadimeter.config.models import DurationAboveZero, Section, Share
@@ -24,7 +24,7 @@ JSON_MAX_DEPTH = 20
 # First words of the topics that the program itself publishes below its base topic.
 OWN_TOPICS = (
     "availability", "camera", "configuration", "desired", "event", "health", "info", "request", "response", "retained",
-    "rule", "snapshot", "target",
+    "figure", "rule", "snapshot", "target",
 )  # fmt: skip
 
 DEFAULT_TITLE = "{rule}: {event}"
@@ -97,24 +97,29 @@ class PatternTable(Section):
         return rule.Pattern(steps=((level, self.on or 0.0), (0.0, self.off or 0.0)), times=self.times)
 
 
-def _checked(template: rule.Template) -> None:
+# The key of the validation context under which the names of remembered figures stand: each is a gap of a template.
+GAPS = "gaps"
+
+
+def _checked(template: rule.Template, info: ValidationInfo) -> None:
+    figures = (info.context or {}).get(GAPS, ())
     try:
-        templates.check(template)
+        templates.check(template, figures)
     except templates.TemplateError as error:
-        hint = did_you_mean_or_list(error.field, templates.FIELDS) if error.field else ""
+        hint = did_you_mean_or_list(error.field, (*templates.FIELDS, *figures)) if error.field else ""
         raise ValueError(f"{error}; {hint}" if hint else str(error)) from error
 
 
-def _check_text(text: str) -> str:
-    _checked(rule.Template(text=text))
+def _check_text(text: str, info: ValidationInfo) -> str:
+    _checked(rule.Template(text=text), info)
     return text
 
 
-def _check_json(value: Any) -> Any:
+def _check_json(value: Any, info: ValidationInfo) -> Any:
     if not isinstance(value, dict | list):
         raise ValueError('json is a table or a list, such as { distance = "{distance_m}" }; write a text as text')
     _only_json(value, JSON_MAX_DEPTH)
-    _checked(rule.Template(text=json.dumps(value), is_json=True))
+    _checked(rule.Template(text=json.dumps(value), is_json=True), info)
     return value
 
 

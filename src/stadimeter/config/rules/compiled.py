@@ -19,12 +19,13 @@ from stadimeter.config.toml_source import as_toml
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not, targets_of
 from stadimeter.core.conditions.discrete import RuleCondition
 from stadimeter.core.conditions.leaf import Leaf
+from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.rule import ALWAYS, AlarmRule, AnyRule, gate_of
 
 # Conditions that are a table of their own inside the table of the condition.
 _MAX_LENGTH = 70
 _OF_ONE_QUANTITY = (
-    "bearing", "elevation", "closing_speed", "time_to_contact", "separation", "count", "time",
+    "bearing", "elevation", "closing_speed", "time_to_contact", "separation", "count", "active_for", "figure", "time",
     *KEYS_OF_QUANTITIES, *KEYS_OF_COMPARISONS,
 )  # fmt: skip
 
@@ -180,6 +181,9 @@ def _members_in(condition: Condition, several: Mapping[str, tuple[str, ...]]) ->
             return replace(condition, conditions=tuple(_members_in(part, several) for part in condition.conditions))
         case Not():
             return Not(condition=_members_in(condition.condition, several))
+        case RememberedCondition():
+            members = [one for rule in condition.rules for one in several.get(rule, (rule,))]
+            return replace(condition, rules=tuple(members))
         case RuleCondition() if condition.rule in several:
             return AnyOf(conditions=tuple(RuleCondition(rule=name) for name in several[condition.rule]))
         case _:

@@ -10,13 +10,14 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import BeforeValidator, Field, WithJsonSchema
 
-from stadimeter.config.models import DurationAboveZero, Section
+from stadimeter.config.models import DurationAboveZero
 from stadimeter.config.rules import figure_tables as figures
 from stadimeter.config.rules.limit_tables import ContactTable, LikelihoodTable, LimitsTable
+from stadimeter.config.rules.memory_tables import ActiveForTable, CountTable, FigureLimitsTable
 from stadimeter.config.rules.schedule_tables import SequenceTable, TimeTable
 from stadimeter.config.units import Duration, Length, LengthOrZero, Voltage
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
-from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition
+from stadimeter.core.conditions.discrete import PresenceCondition, RuleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.figures import Quantity
 from stadimeter.core.conditions.measured import COMPARISONS, FigureCondition
@@ -29,21 +30,6 @@ from stadimeter.core.decision import Severity
 MAX_DEPTH = 20
 
 _DISTANCE = DistanceCondition()
-
-
-class CountTable(Section):
-    """A condition on how many targets are in sight."""
-
-    at_least: Annotated[int, Field(ge=1)] | None = None
-    """Holds with no fewer."""
-    at_most: Annotated[int, Field(ge=0)] | None = None
-    """Holds with no more."""
-    of: Annotated[list[str], Field(min_length=1)] | None = None
-    """Of these targets; all if left out."""
-
-    def to_plan(self) -> CountCondition:
-        """Return the condition as the core sees it."""
-        return CountCondition(targets=tuple(self.of or ()), at_least=self.at_least, at_most=self.at_most)
 
 
 def _only_true(value: object) -> bool:
@@ -128,7 +114,11 @@ class WhenTable(LimitsTable, LikelihoodTable):
     separation: figures.SeparationTable | None = None
     """Holds while two targets are this far apart."""
     count: CountTable | None = None
-    """Holds while this many targets are in sight."""
+    """Holds while this many targets are in sight, or once a rule was raised this often."""
+    active_for: ActiveForTable | None = None
+    """Holds once a rule was active for this long in all."""
+    figure: FigureLimitsTable | None = None
+    """Holds while a remembered figure is within limits."""
     rule: str | None = None
     """Holds while the rule of this name is active."""
     sequence_of: SequenceTable | None = None
@@ -228,6 +218,8 @@ _OF_A_TARGET: dict[str, _Conversion] = {
 _OF_NO_TARGET: dict[str, _Conversion] = {
     "separation": lambda when, severity: when.separation.to_plan("separation", severity, *when.separation.of),
     "count": lambda when, _: when.count.to_plan(),
+    "active_for": lambda when, _: when.active_for.to_plan(),
+    "figure": lambda when, _: when.figure.to_plan(),
     "rule": lambda when, _: RuleCondition(rule=when.rule),
     "sequence_of": lambda when, _: when.sequence_of.to_plan(),
     "time": lambda when, _: when.time.to_plan(),

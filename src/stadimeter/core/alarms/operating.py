@@ -13,7 +13,9 @@ from stadimeter.core.alarms.alarm_words import why_not_latched
 from stadimeter.core.alarms.machine import LATCHED, TRANSITIONS, Trigger
 from stadimeter.core.alarms.settings import RuleThreshold, move, thresholds_of
 from stadimeter.core.alarms.state import Acknowledgement, SetThreshold
+from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.decision import EventKind, Severity
 from stadimeter.core.operator import OperatorAnswer, OperatorCommand
 from stadimeter.core.rule import AlarmRule
@@ -95,6 +97,11 @@ def _acknowledge(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
 
 def _reset(evaluation: Evaluation, command: OperatorCommand) -> Refusal:
     record = evaluation.record
+    if record.state not in LATCHED and any(
+        isinstance(leaf, RememberedCondition) and leaf.rules for leaf in leaves(evaluation.rule.condition)
+    ):  # what it counts is emptied in `stadimeter.core.remembering`
+        evaluation.add_event(EventKind.RESET, f"it counts anew: {command.said}", notify=False, by=command.by)
+        return ""
     if record.state not in LATCHED:
         return why_not_latched(evaluation.rule, record, evaluation.inputs)
     if Trigger.RESET not in TRANSITIONS[record.state]:

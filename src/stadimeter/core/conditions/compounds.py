@@ -49,19 +49,25 @@ def leaves(condition: Condition) -> Iterator[Leaf]:
     return (leaf for leaf, _ in _list_leaves(condition, is_inverted=False))
 
 
-def about(condition: _C, target: str) -> _C:
-    """Return a condition in which every part that names no target is about this one; the same object if all do."""
+def about(condition: _C, target: str, owner: str = "") -> _C:
+    """Return a condition in which every part that names no target is about this one; the same object if all do.
+
+    Args:
+        owner: The rule whose condition it is: parts that sum up what others did note it.
+    """
     match condition:
         case AllOf() | AnyOf():
-            parts = tuple(about(part, target) for part in condition.conditions)
+            parts = tuple(about(part, target, owner) for part in condition.conditions)
             is_same = all(part is old for part, old in zip(parts, condition.conditions, strict=True))
             return condition if is_same else replace(condition, conditions=parts)
         case Not():
-            part = about(condition.condition, target)
+            part = about(condition.condition, target, owner)
             return condition if part is condition.condition else replace(condition, condition=part)
         case _:
             leaf: Any = condition
             lacks_target = "target" in leaf.__struct_fields__ and not leaf.target
+            if leaf.rules_named and "owner" in leaf.__struct_fields__ and leaf.owner != owner:
+                return cast(_C, replace(leaf, owner=owner))
             return cast(_C, replace(leaf, target=target)) if lacks_target else condition
 
 

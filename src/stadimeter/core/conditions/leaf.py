@@ -45,6 +45,7 @@ class RuleInputs(Struct, frozen=True, kw_only=True):
         viewpoint: From where the camera looks.
         raised_at_s: When each rule that a sequence names was raised last, by its name; and when each sequence was last
             complete, by its key.
+        figures: What is remembered over windows of time, by name; None for what is not known.
     """
 
     tracks: Mapping[str, Track]
@@ -62,6 +63,7 @@ class RuleInputs(Struct, frozen=True, kw_only=True):
     motions: Mapping[str, TransverseMotion] = field(default_factory=dict)
     viewpoint: Viewpoint = Viewpoint()
     raised_at_s: Mapping[str, float] = field(default_factory=dict)
+    figures: Mapping[str, float | None] = field(default_factory=dict)
 
 
 class Figure(NamedTuple):

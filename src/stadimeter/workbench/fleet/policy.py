@@ -126,6 +126,7 @@ def compose(own: str, desired: str) -> str:
 def changed_settings(old: Configuration, new: Configuration) -> tuple[str, ...]:
     """Return the sections that differ, such as ``[camera]``; rules and their tests are none of them."""
     plans = [(f"[{name}]", getattr(old.plan, name), getattr(new.plan, name)) for name in ("tracking", "safety")]
+    plans.append(("[figures]", old.plan.named_figures, new.plan.named_figures))
     live = [name for name, before, after in (*plans, ("[web]", old.web, new.web)) if before != after]
     return tuple(dict.fromkeys([*needs_restart(old, new), *live]))
 

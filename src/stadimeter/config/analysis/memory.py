@@ -1,0 +1,67 @@
+"""What is remembered over a window of time: counts and sums that cannot be, and figures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from stadimeter.config.analysis import Subject
+from stadimeter.config.draft import Draft
+from stadimeter.config.findings import Finding, did_you_mean_or_list
+from stadimeter.config.rules.compiled import WrittenCondition
+from stadimeter.core.alarms.state import MINUTE_S
+from stadimeter.core.conditions.remembered import RememberedCondition
+from stadimeter.core.conditions.summary import QUANTITIES, SLOTS
+from stadimeter.core.rule import AlarmRule, AnyRule
+
+
+def memory_errors(subject: Subject) -> Iterator[Finding]:
+    """Find sums longer than their window, and figures of no target or in another unit."""
+    for leaf, condition in _sums(subject):
+        longest_s = condition.window.for_s * (SLOTS - 1) / SLOTS
+        if condition.unit == "s" and (condition.above or 0.0) >= longest_s and condition.rules:
+            message = f"no rule is active for {condition.above:g} s {condition.window}: {longest_s:g} s at most"
+            yield Finding((*leaf.limits_path, "at_least"), message, "write a longer window", "never-true")
+        figure = subject.draft.figures.get(condition.name)
+        if figure is not None and condition.unit != (unit := QUANTITIES[figure.of][0]):
+            message = f"the figure '{condition.name}' is in {unit}, and not in {condition.unit}"
+            yield Finding(leaf.limits_path, message, f"write its limits in {unit}", "bad-value")
+    yield from _figures(subject.draft)
+
+
+def _figures(draft: Draft) -> Iterator[Finding]:
+    names = draft.names("targets")
+    for name, figure in draft.figures.items():
+        if figure.target is None and len(names) > 1:
+            message, hint = f"which of the targets {', '.join(names)} is '{name}' of?", f'add target = "{names[0]}"'
+            yield Finding(("figures", name, "target"), message, hint, "target-missing")
+        elif figure.target is not None and figure.target not in draft.target_names:
+            hint = did_you_mean_or_list(figure.target, draft.target_names)
+            yield Finding(("figures", name, "target"), f"there is no target '{figure.target}'", hint, "unknown-name")
+
+
+def memory_warnings(subject: Subject) -> Iterator[Finding]:
+    """Find counts that are never reached, however often the rule that is counted would be raised."""
+    rules = {each.rule.name: each.rule for each in subject.every_rule}
+    for leaf, condition in _sums(subject):
+        most = sum(_raises_max(rules.get(name), condition.window.for_s) for name in condition.rules)
+        if condition.unit == "times" and (condition.above or 0.0) >= most:
+            message = f"{' or '.join(condition.rules)} can be raised {most:g} times {condition.window} at most"
+            hint = "count fewer; on_delay, off_delay and raises_per_min_max of that rule limit it"
+            yield Finding((*leaf.limits_path, "at_least"), message, hint, "never-true")
+
+
+def _sums(subject: Subject) -> Iterator[tuple[WrittenCondition, RememberedCondition]]:
+    conditions = (written for declared, _ in subject.alarms for written in declared.conditions())
+    for leaf in (leaf for written in conditions for leaf in written.leaves()):
+        if isinstance(leaf.leaf, RememberedCondition):
+            yield leaf, leaf.leaf
+
+
+def _raises_max(rule: AnyRule | None, for_s: float) -> float:
+    """Return how often a rule can be raised within a window: by its delays, and by its limit on chattering."""
+    if not isinstance(rule, AlarmRule):
+        return math.inf
+    period_s, most = rule.on_delay.hold_s + rule.off_delay_s, rule.raises_per_min_max
+    by_delays = math.ceil(for_s / period_s) if period_s else math.inf
+    return min(by_delays, most * math.ceil(for_s / MINUTE_S) if most else math.inf)

@@ -1,0 +1,101 @@
+"""Conditions on what is remembered over a window of time: figures with a name, and what other rules did."""
+
+from __future__ import annotations
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+from stadimeter.core.bounds import MAX_SPEED_MPS
+from stadimeter.core.conditions.figures import Uncertain
+from stadimeter.core.conditions.leaf import Figure, JudgedFigure, RuleInputs, Threshold
+from stadimeter.core.conditions.limits import LimitsCondition, ends_of, value_of
+from stadimeter.core.conditions.summary import RememberedFigure, Window
+
+
+class RememberedCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
+    """A remembered figure is within thresholds, as it was after the cycle before.
+
+    Attributes:
+        name: Its name; empty for what other rules did.
+        rules: Those rules: any of them. In times, how often they were raised; in seconds, how long they were active.
+        window: Within which they did it.
+        owner: The rule whose condition it is.
+        unit: The SI unit of the thresholds, which is that of the figure.
+        above: Holds above this; None for no such threshold.
+        below: Holds below this.
+        deadband: How far it must come back before the condition ends.
+    """
+
+    name: str = ""
+    rules: tuple[str, ...] = ()
+    window: Window = Window()
+    owner: str = ""
+    unit: str = "m"
+    above: float | None = None
+    below: float | None = None
+    deadband: float = 0.0
+
+    is_by_cycle = True
+    has_figures = False
+    section = "figure"
+    probability_on = None  # how sure a remembered figure is, is not known
+    ends = ("above", "below")
+    bounds = (-MAX_SPEED_MPS, MAX_SPEED_MPS)
+
+    @property
+    def noun(self) -> str:
+        """Its name, or what other rules did, such as ``raises of near within 1 min``."""
+        did = "raises" if self.unit == "times" else "active time"
+        return f"{did} of {' or '.join(self.rules)} {self.window}" if self.rules else f"figure {self.name}"
+
+    @property
+    def thresholds(self) -> tuple[Threshold, ...]:
+        """Those of a figure with a name."""
+        return () if self.rules else LimitsCondition.thresholds.__get__(self)
+
+    @property
+    def targets_named(self) -> tuple[str, ...]:
+        """None: it is known though its target is out of sight."""
+        return ()
+
+    @property
+    def rules_named(self) -> tuple[str, ...]:
+        """Those whose deeds it sums up."""
+        return self.rules
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """In the unit; infinite where there is none."""
+        return ends_of(self.above, self.below)
+
+    @property
+    def key(self) -> str:
+        """What the figure is called."""
+        return self.name or f"{self.owner}: {self.noun}"
+
+    @property
+    def remembered(self) -> RememberedFigure:
+        """The sum of what other rules did."""
+        return RememberedFigure(
+            name=self.key, rules=self.rules, owner=self.owner, quantity=self.unit, statistic="sum", window=self.window
+        )
+
+    @property
+    def figure(self) -> Figure:
+        """The figure that it watches."""
+        return Figure(_remembered, (self.key,))
+
+    def uncertain(self, inputs: RuleInputs) -> Uncertain | None:
+        """Return the figure, its standard deviation, which is not known, as 0; see `LimitsCondition.uncertain`."""
+        value = inputs.figures.get(self.key)
+        return None if value is None else (value, 0.0, 0.0)
+
+    def reading(self, inputs: RuleInputs, is_on: bool) -> JudgedFigure | None:
+        """Return the figure, without a standard deviation: that is not known."""
+        reading = LimitsCondition.reading(self, inputs, is_on)
+        return None if reading is None else replace(reading, sigma=None)
+
+
+def _remembered(inputs: RuleInputs, key: str) -> float:
+    value = inputs.figures.get(key)
+    return value_of(None if value is None else (value, 0.0, 0.0))

@@ -1,0 +1,165 @@
+"""What is remembered over a window of time: figures of targets, and how often or how long other rules were active.
+
+What is kept is bounded, whatever comes: up to 256 slots of the window, each with the number of its values, their sum,
+the least and the largest. A slot begins with a value and takes those of 1/256 of the window; it leaves the window when
+its first value does. So a value leaves by up to 1/256 of the window too early, and a percentile is one of the means of
+the slots, each weighed by how many values it has: it is exact while no slot has more than one.
+
+Sums are exact or in the order of the cycles, so that the same run gives the same figures to the last bit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from itertools import accumulate
+from struct import Struct as Packing
+from typing import Literal
+
+from msgspec import Struct
+
+from stadimeter.core.conditions.figures import Uncertain, closing_of, direction_of, quantity_of
+from stadimeter.core.observation import WallTime
+from stadimeter.core.track import Track
+from stadimeter.core.words import duration, time_of_day
+
+DAY_S = 86400.0
+
+# A clock that is put forward or back by less, as for summer time, begins no other day.
+_CLOCK_CHANGE_S = 2 * 3600.0
+
+# What is as old as the window has left it, however a sum of times was rounded.
+_ROUNDING_S = 1e-6
+
+# Ten times less memory than Python's own numbers take: a slot's beginning, number, sum, least and largest.
+SLOTS = 256
+_SLOT = Packing("<5d")
+
+FigureQuantity = Literal["distance", "depth", "closing_speed", "bearing", "elevation"]
+
+# The SI unit of each quantity of a target, and how it is read.
+QUANTITIES: Mapping[str, tuple[str, Callable[[Track], Uncertain | None]]] = {
+    "distance": ("m", lambda track: quantity_of(track, "distance")),
+    "depth": ("m", lambda track: quantity_of(track, "depth")),
+    "closing_speed": ("m/s", closing_of),
+    "bearing": ("rad", lambda track: direction_of(track, "bearing")),
+    "elevation": ("rad", lambda track: direction_of(track, "elevation")),
+}
+
+
+class Window(Struct, frozen=True, kw_only=True):
+    """What of the past counts.
+
+    Attributes:
+        for_s: The newest part of the past, this long; one day where it begins at a time of day.
+        from_second: It begins at this second of the day, local time; None for one that slides.
+    """
+
+    for_s: float = DAY_S
+    from_second: float | None = None
+
+    def began_s(self, before_s: float | None, now_s: float, wall: WallTime | None) -> float | None:
+        """Return when it began, on the run's clock; None while the time of day that it begins at is not known.
+
+        Args:
+            before_s: The same in the cycle before. It stays, however two clocks are read one after the other.
+        """
+        if self.from_second is None:
+            return now_s - self.for_s + _ROUNDING_S
+        if wall is None:
+            return None
+        began_s = now_s - (wall.second_of_day - self.from_second) % DAY_S - _ROUNDING_S
+        return before_s if before_s is not None and abs(began_s - before_s) < _CLOCK_CHANGE_S else began_s
+
+    def __str__(self) -> str:
+        """Return it in words, such as ``within 1 min``."""
+        if self.from_second is None:
+            return f"within {duration(self.for_s)}"
+        return f"since {time_of_day(self.from_second)}" if self.from_second else "today"
+
+
+class RememberedFigure(Struct, frozen=True, kw_only=True):
+    """A statistic of a figure of a target within a window; or the sum of what rules did.
+
+    Attributes:
+        name: Its name in the configuration; of a sum, another one.
+        rules: Of a sum: any of these rules.
+        owner: Of a sum: the rule whose condition it is. A reset of that rule empties it.
+        quantity: Of a sum: ``times`` that the rules were raised, or ``s`` that they were active.
+        percentile: In percent, for a ``percentile``; 50 is the median.
+    """
+
+    name: str
+    target: str = ""
+    rules: tuple[str, ...] = ()
+    owner: str = ""
+    quantity: str = "distance"
+    statistic: str = "minimum"
+    percentile: float = 50.0
+    window: Window = Window()
+
+    def for_people(self, value: float | None) -> float | None:
+        """Return a value as messages tell it: in the SI unit, but an angle in degrees."""
+        return value if value is None or QUANTITIES[self.quantity][0] != "rad" else math.degrees(value)
+
+
+class Summary(Struct, frozen=True, kw_only=True):
+    """What is kept of one figure.
+
+    Attributes:
+        slots: The slots, oldest first, as bytes.
+        value: The statistic; None without a value, and while it is not known when the window began.
+        began_s: When the window began, on the run's clock; None for one that slides, and while that is not known.
+    """
+
+    slots: bytes = b""
+    value: float | None = None
+    began_s: float | None = None
+
+    def resume(self, shift_s: float) -> Summary:
+        """Return the same at the beginning of a run, with its times shifted to another clock."""
+        slots = [_SLOT.pack(from_s + shift_s, *others) for from_s, *others in _SLOT.iter_unpack(self.slots)]
+        return Summary(slots=b"".join(slots))
+
+
+def step_summary(
+    figure: RememberedFigure, before: Summary, new: float | None, now_s: float, wall: WallTime | None
+) -> Summary:
+    """Return what is kept after a cycle that brought a new value, or None; the same object if nothing has changed."""
+    window, slots = figure.window, before.slots
+    began_s = window.began_s(before.began_s, now_s, wall)
+    while slots and began_s is not None and _SLOT.unpack_from(slots)[0] <= began_s:
+        slots = slots[_SLOT.size :]
+    if new is not None:
+        slots = _with_value(slots, new, now_s, window.for_s / SLOTS)[-SLOTS * _SLOT.size :]
+    anchor_s = None if window.from_second is None else began_s
+    if slots is before.slots and anchor_s == before.began_s and before.value is not None:
+        return before
+    value = None if began_s is None else _statistic(figure, [*_SLOT.iter_unpack(slots)])
+    return Summary(slots=slots, value=value, began_s=anchor_s)
+
+
+def _with_value(slots: bytes, value: float, now_s: float, width_s: float) -> bytes:
+    if slots:
+        from_s, number, total, least, most = _SLOT.unpack_from(slots, len(slots) - _SLOT.size)
+        if now_s < from_s + width_s:
+            newest = _SLOT.pack(from_s, number + 1, total + value, min(least, value), max(most, value))
+            return slots[: -_SLOT.size] + newest
+    return slots + _SLOT.pack(now_s, 1, value, value, value)
+
+
+def _statistic(figure: RememberedFigure, slots: list[tuple[float, ...]]) -> float | None:
+    total = math.fsum([slot[2] for slot in slots])
+    if figure.statistic == "sum":
+        return total
+    if not slots:
+        return None
+    number = math.fsum([slot[1] for slot in slots])
+    least, most = min([slot[3] for slot in slots]), max([slot[4] for slot in slots])
+    known = {"minimum": least, "maximum": most, "mean": total / number}
+    if figure.statistic in known:
+        return known[figure.statistic]
+    means = sorted([(slot[2] / slot[1], slot[1]) for slot in slots])
+    left = figure.percentile / 100 * number
+    below = accumulate([of_slot for _, of_slot in means])
+    return next(mean for (mean, _), count in zip(means, below, strict=True) if count >= left)

@@ -1,0 +1,129 @@
+"""Counts, sums and remembered figures in a configuration: what is taken, refused and warned of."""
+
+import pytest
+
+from stadimeter.config.describe import describe
+from stadimeter.config.loader import load_configuration
+from stadimeter.core.conditions.remembered import RememberedCondition
+from stadimeter.core.conditions.summary import RememberedFigure, Window
+from stadimeter.errors import ConfigError
+
+AROUND = """
+[camera]
+driver = "simulated"
+[camera.model]
+width_px = 640
+height_px = 480
+fx_px = 600.0
+fy_px = 600.0
+cx_px = 319.5
+cy_px = 239.5
+[world]
+[messenger]
+driver = "simulated"
+[targets.ball]
+detector = "ideal"
+[rules.near]
+when = { below = "1 m" }
+"""
+OFTEN = '[rules.often]\nwhen = { count = { rule = "near", at_least = 3, within = "1 min" } }\n'
+NEAREST = '[figures.nearest]\nstatistic = "minimum"\nwithin = "today"\n'
+STEP = '[[rules.often.escalation]]\ntopic = "a"\ntext = "{nearest:.1f} m"\n'
+
+
+@pytest.fixture
+def load(tmp_path):
+    def loaded(text):
+        path = tmp_path / "rules.toml"
+        path.write_text(AROUND + text)
+        return load_configuration(path)
+
+    return loaded
+
+
+@pytest.mark.parametrize(
+    ("written", "expected"),
+    [
+        ('count = { rule = "near", at_least = 3, within = "1 min" }',
+         RememberedCondition(rules=("near",), unit="times", above=2.0, window=Window(for_s=60.0), owner="often")),
+        ('count = { rule = "near", at_least = 21, within = "today" }',
+         RememberedCondition(rules=("near",), unit="times", above=20.0, window=Window(from_second=0.0), owner="often")),
+        ('active_for = { rule = "near", at_least = "10 min", since = "06:00" }',
+         RememberedCondition(
+             rules=("near",), unit="s", above=600.0, window=Window(from_second=21600.0), owner="often"
+         )),
+        ('figure = { name = "nearest", between = ["50 cm", "3 ft"] }',
+         RememberedCondition(name="nearest", unit="m", above=0.5, below=3 * 0.3048)),
+    ],
+)  # fmt: skip
+def test_conditions_are_compiled(load, written, expected):
+    assert load(f"{NEAREST}[rules.often]\nwhen = {{ {written} }}\n").plan.rules[1].condition == expected
+
+
+def test_a_rule_of_several_targets_counts_as_one(load):
+    more = '[rules.any]\ntargets = ["ball"]\nwhen = { below = "50 cm" }\n'
+    condition = load(more + OFTEN.replace('"near"', '"any"')).plan.rules[2].condition
+    assert condition.rules == ("any:ball",)
+
+
+def test_figures_are_compiled_and_described_and_are_gaps_of_messages(load):
+    configuration = load(NEAREST + OFTEN + STEP)
+    named, summed = configuration.plan.figures
+    assert named == RememberedFigure(name="nearest", target="ball", window=Window(from_second=0.0))
+    assert summed.owner == "often"
+    assert configuration.plan.needs_wall_time
+    sentences = " ".join(describe(configuration))
+    assert "Remembers `nearest`: the minimum of the distance of `ball` today." in sentences
+    assert "when `raises of near within 1 min` is above 2 times" in sentences
+
+
+BROKEN = {
+    OFTEN + STEP: "there is no field 'nearest' that a template can tell",
+    OFTEN.replace("1 min", "0 s"): "rules.often.when.count.within: '0 s' is not within 0.1 s and 8784 h, a year",
+    OFTEN.replace("1 min", "9000 h"): "'9000 h' is not within 0.1 s and 8784 h, a year",
+    OFTEN.replace(', within = "1 min"', ""): 'write one of within = "1 min", within = "today" and since = "06:00"',
+    OFTEN.replace("1 min", 'today", since = "06:00'): "write one of within",
+    OFTEN.replace("at_least = 3", "at_least = 1001"): "beside rule stands at_least, 1 to 1000",
+    OFTEN.replace("at_least = 3", "at_most = 3"): "beside rule stands at_least, 1 to 1000",
+    '[rules.often]\nwhen = { count = { at_least = 1, within = "1 min" } }': "name a rule to count how often",
+    OFTEN.replace('"near"', '"naer"'): "rules.often.when.count.rule: there is no rule 'naer' (did you mean 'near'?)",
+    OFTEN.replace('"near"', '"often"'): "the rule 'often' asks whether it is active itself",
+    '[rules.often]\nwhen = { active_for = { rule = "near", at_least = "2 min", within = "1 min" } }':
+        "rules.often.when.active_for.at_least: no rule is active for 120 s within 1 min",
+    '[rules.a]\nwhen = { count = { rule = "b", at_least = 2, within = "1 min" } }\n'
+    '[rules.b]\nwhen = { active_for = { rule = "a", at_least = "2 s", within = "1 min" } }':
+        "these rules wait for each other: 'a' → 'b' → 'a'",
+    NEAREST + '[rules.low]\nwhen = { figure = { name = "nearst", below = "50 cm" } }':
+        "rules.low.when.figure.name: there is no figure 'nearst' (did you mean 'nearest'?)",
+    NEAREST + '[rules.low]\nwhen = { figure = { name = "nearest", below = "50 cm/s" } }':
+        "rules.low.when.figure: the figure 'nearest' is in m, and not in m/s",
+    NEAREST + '[rules.low]\nwhen = { figure = { name = "nearest" } }': "'figure' has no limit",
+    NEAREST.replace("minimum", "percentile"): 'goes with percentile, such as percentile = 90',
+    NEAREST.replace('"minimum"', '"percentile"\npercentile = 101'): "figures.nearest.percentile: 101",
+    NEAREST.replace("nearest", "count"): "figures.count: 'count' cannot be a name here",
+    NEAREST + 'target = "bal"': "figures.nearest.target: there is no target 'bal' (did you mean 'ball'?)",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("written", BROKEN)
+def test_what_cannot_be_is_refused_with_key_line_and_remedy(load, written):
+    with pytest.raises(ConfigError) as refused:
+        load(written)
+    (problem, *_) = refused.value.problems
+    assert BROKEN[written] in "\n".join(map(str, refused.value.problems))
+    assert problem.line > AROUND.count("\n")
+
+
+@pytest.mark.parametrize(
+    ("near", "often", "expected"),
+    [
+        ('off_delay = "30 s"', OFTEN, "2 times within 1 min at most"),  # at 0 s and 30 s; the next is at 60 s
+        ("", OFTEN.replace("3", "11"), "10 times within 1 min at most"),
+        ("", OFTEN, ""),
+    ],
+)
+def test_counts_that_are_never_reached_are_warned_of(tmp_path, near, often, expected):
+    path = tmp_path / "rules.toml"
+    path.write_text(f"{AROUND}{near}\n{often}")
+    found = [problem.message for problem in load_configuration(path).warnings if problem.code == "never-true"]
+    assert [expected in message for message in found] == ([True] if expected else [])
