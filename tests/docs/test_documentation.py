@@ -21,8 +21,8 @@ from stadimeter.config.rules.action_tables import FollowTable, PatternTable, Ste
 from stadimeter.config.rules.condition_tables import TimeTable, WhenTable
 from stadimeter.config.rules.figure_tables import (
     ComparisonTable,
+    CoordinateTable,
     DirectionTable,
-    PlaceTable,
     SeparationTable,
     SizeTable,
     SpeedTable,
@@ -75,7 +75,7 @@ KEYS = {
     for table in (
         RuleTable, WhenTable, RampTable, FollowTable, StepTable, PatternTable, LostTable, InputTable, ExpectTable,
         SpeedTable, ContactTable, CountTable, DirectionTable, SeparationTable, TimeTable, ActuatorTable, BaseTable,
-        PlaceTable, SizeTable, ComparisonTable, ActiveForTable, FigureLimitsTable, FigureTable,
+        CoordinateTable, SizeTable, ComparisonTable, ActiveForTable, FigureLimitsTable, FigureTable,
     )
 }  # fmt: skip
 """The keys that people may write, by the table that they stand in."""

@@ -79,15 +79,15 @@ class WhenTable(LimitsTable, LikelihoodTable):
     """Holds while the target comes nearer at this speed."""
     time_to_contact: ContactTable | None = None
     """Holds while the target will be here this soon."""
-    x: figures.PlaceTable | None = None
+    x: figures.CoordinateTable | None = None
     """Holds while the target is this far to the right of the camera."""
-    y: figures.PlaceTable | None = None
+    y: figures.CoordinateTable | None = None
     """Holds while the target is this far below the camera, in the picture's direction."""
-    z: figures.PlaceTable | None = None
+    z: figures.CoordinateTable | None = None
     """Holds while the target is this far ahead of the camera, along the optical axis."""
-    height: figures.PlaceTable | None = None
+    height: figures.CoordinateTable | None = None
     """Holds while the target is this high above the floor; needs `height` in the section of the camera."""
-    height_above_camera: figures.PlaceTable | None = None
+    height_above_camera: figures.CoordinateTable | None = None
     """Holds while the target is this high above the camera."""
     sideways_speed: figures.SpeedTable | None = None
     """Holds while the target moves to the right at this speed."""

@@ -67,7 +67,7 @@ FigureT = TypeVar("FigureT", bound=float)
 WidthT = TypeVar("WidthT", bound=float)
 
 
-class FigureTable(LimitsTable, Generic[FigureT, WidthT]):
+class QuantityTable(LimitsTable, Generic[FigureT, WidthT]):
     """Limits on a quantity, of one type, and a deadband, of another that has no sign."""
 
     above: FigureT | None = None
@@ -87,22 +87,22 @@ class FigureTable(LimitsTable, Generic[FigureT, WidthT]):
         return replace(condition, above=low, below=high, deadband=band)
 
 
-class DirectionTable(FigureTable[units.Angle, units.AngleOrZero]):
+class DirectionTable(QuantityTable[units.Angle, units.AngleOrZero]):
     """A condition on the bearing, positive to the right, or the elevation, positive upwards; compared as they are."""
 
     deadband: units.AngleOrZero = 0.02
     """How far the target must come back."""
 
 
-class PlaceTable(FigureTable[units.Coordinate, units.LengthOrZero], LikelihoodTable):
+class CoordinateTable(QuantityTable[units.Coordinate, units.LengthOrZero], LikelihoodTable):
     """A condition on where the target is, along one axis or above something."""
 
 
-class SizeTable(FigureTable[Size, Size], LikelihoodTable):
+class SizeTable(QuantityTable[Size, Size], LikelihoodTable):
     """A condition on how large the target appears in the picture."""
 
 
-class SpeedTable(FigureTable[units.Velocity, units.Speed], LikelihoodTable):
+class SpeedTable(QuantityTable[units.Velocity, units.Speed], LikelihoodTable):
     """A condition on a speed: towards the camera, sideways, or in all directions."""
 
     deadband_sigmas: Sigmas = 2.0
@@ -110,7 +110,7 @@ class SpeedTable(FigureTable[units.Velocity, units.Speed], LikelihoodTable):
     probability_for_safety: ClassVar[float] = PROBABILITY_OF_SPEED_FOR_SAFETY
 
 
-class SeparationTable(FigureTable[units.Length, units.LengthOrZero], LikelihoodTable):
+class SeparationTable(QuantityTable[units.Length, units.LengthOrZero], LikelihoodTable):
     """A condition on how far two targets are from each other."""
 
     of: Annotated[list[str], Field(min_length=2, max_length=2)]

@@ -71,7 +71,7 @@ class BestBall(Struct):
         return scene._replace(found=self.ball)
 
 
-class Search(NamedTuple):
+class RangeSearch(NamedTuple):
     """A search with one range of colours that can go on."""
 
     scene: BallScene
