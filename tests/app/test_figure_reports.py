@@ -8,12 +8,11 @@ from stadimeter.app.deliveries import outgoing
 from stadimeter.app.figure_reports import FigureReports
 from stadimeter.app.persistence.resumption import read_state, state_text
 from stadimeter.app.reporting import Reporter
-from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.summary import RememberedFigure, Summary, step_summary
 from stadimeter.core.decide import initial_state
 from stadimeter.core.decision import Decision, Event, EventKind, Notice, SafetyMode, Severity
 from stadimeter.core.plan import Plan
-from stadimeter.core.rule import AlarmRule, EscalationStep, Send, Template
+from stadimeter.core.rule import ALWAYS, AlarmRule, EscalationStep, ReportRule, Send, Template
 
 NEAREST = RememberedFigure(name="nearest", target="ball")
 SIDE = RememberedFigure(name="side", target="ball", quantity="bearing", statistic="mean")
@@ -52,8 +51,9 @@ def test_messages_tell_figures_in_their_gaps_an_angle_in_degrees():
     texts = ("{nearest} m, {side:.1f}°", '{"nearest": "{nearest}", "side": "{side}"}')
     templates = [Template(text=texts[0]), Template(text=texts[1], is_json=True)]
     steps = tuple(EscalationStep(send=Send(template=template, topic="a")) for template in templates)
-    rule = AlarmRule(name="report", target="ball", condition=DistanceCondition(below_m=1.0), escalation=steps)
-    event = Event(kind=EventKind.RAISED, source="report", at_s=1.0, severity=Severity.INFO, reason="near")
+    gate = AlarmRule(name="", target="", condition=ALWAYS, escalation=steps)
+    rule = ReportRule(name="report", target="ball", every_s=60.0, gate=gate)
+    event = Event(kind=EventKind.REPORT, source="report", at_s=1.0, severity=Severity.INFO, reason="every 1 min")
     notices = tuple(Notice(rule="report", step=step, event=event) for step in range(2))
     made = decided(notices=notices, figures={"nearest": 1.23456, "side": 0.1})
     first, second = payloads(made, rule)

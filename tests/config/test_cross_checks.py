@@ -32,8 +32,13 @@ BROKEN = [
         "rules.near.actuator: there is no actuator 'zzz' (known are: base, buzzer, motor)",
     ),
     (
+        f'{NEAR}every = "1 min"\nramp = {{ from = "1 m", to = "2 m" }}',
+        ("rules.near.every: the rule 'near' has ramp and every; a rule has one of ramp, follow, every and at, or when "
+        "alone (make a rule of its own for each)"),
+    ),
+    (
         NEAR,
-        ("rules.near: the rule 'near' does nothing; a rule has ramp or follow, or when alone "
+        ("rules.near: the rule 'near' does nothing; a rule has one of ramp, follow, every and at, or when alone "
         '(add one, such as when = { below = "50 cm" })'),
     ),
     (

@@ -71,7 +71,7 @@ def test_the_target_of_a_gate_is_not_taken_for_that_of_the_rule(load):
     [
         (
             'follow = { distance = "1 m" }\n',
-            "the rule 'beep' has ramp and follow; a rule has one of them, or when alone",
+            "the rule 'beep' has ramp and follow; a rule has one of ramp, follow, every and at, or when alone",
         ),
         ("when = { seen = true }\nlatch = true\n", "'latch' has no meaning beside ramp"),
         ('severity = "safety"\nsuppress_when = { lost = true }\n', "a safety rule cannot be suppressed"),

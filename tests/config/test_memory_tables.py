@@ -1,11 +1,13 @@
-"""Counts, sums and remembered figures in a configuration: what is taken, refused and warned of."""
+"""Counts, sums, remembered figures and messages at times in a configuration: what is taken, refused and warned of."""
 
 import pytest
 
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import load_configuration
+from stadimeter.core.conditions.discrete import PresenceCondition, RuleCondition
 from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.conditions.summary import RememberedFigure, Window
+from stadimeter.core.rule import ReportRule
 from stadimeter.errors import ConfigError
 
 AROUND = """
@@ -28,7 +30,7 @@ when = { below = "1 m" }
 """
 OFTEN = '[rules.often]\nwhen = { count = { rule = "near", at_least = 3, within = "1 min" } }\n'
 NEAREST = '[figures.nearest]\nstatistic = "minimum"\nwithin = "today"\n'
-STEP = '[[rules.often.escalation]]\ntopic = "a"\ntext = "{nearest:.1f} m"\n'
+REPORT = '[[rules.report.escalation]]\ntopic = "a"\ntext = "{nearest:.1f} m"\n'
 
 
 @pytest.fixture
@@ -66,19 +68,34 @@ def test_a_rule_of_several_targets_counts_as_one(load):
     assert condition.rules == ("any:ball",)
 
 
-def test_figures_are_compiled_and_described_and_are_gaps_of_messages(load):
-    configuration = load(NEAREST + OFTEN + STEP)
+def test_figures_and_messages_are_compiled_and_described(load):
+    text = f'{NEAREST}[rules.report]\nat = ["00:00", "12:00"]\n{REPORT}{OFTEN}'
+    configuration = load(text)
     named, summed = configuration.plan.figures
     assert named == RememberedFigure(name="nearest", target="ball", window=Window(from_second=0.0))
     assert summed.owner == "often"
+    rule = next(rule for rule in configuration.plan.rules if isinstance(rule, ReportRule))
+    assert rule.at_seconds == (0.0, 43200.0)
+    assert rule.severity == "info"
+    assert [step.when for step in rule.gate.escalation] == [None]
     assert configuration.plan.needs_wall_time
     sentences = " ".join(describe(configuration))
     assert "Remembers `nearest`: the minimum of the distance of `ball` today." in sentences
+    assert "`report` sends `a` at 00:00 and 12:00." in sentences
     assert "when `raises of near within 1 min` is above 2 times" in sentences
 
 
+def test_messages_have_a_gate_and_steps_with_conditions(load):
+    text = f'{NEAREST}[rules.report]\nevery = "1 min"\nwhen = {{ seen = true }}\n{REPORT}when = {{ rule = "near" }}\n'
+    configuration = load(text)
+    rule = next(rule for rule in configuration.plan.rules if isinstance(rule, ReportRule))
+    assert rule.gate.condition == PresenceCondition(seen=True, target="ball")
+    assert rule.gate.escalation[0].when == RuleCondition(rule="near")
+    sentences = " ".join(describe(configuration))
+    assert "`report` sends `a` if `near` is active every 1 min. Sends only while `ball` is in sight." in sentences
+
+
 BROKEN = {
-    OFTEN + STEP: "there is no field 'nearest' that a template can tell",
     OFTEN.replace("1 min", "0 s"): "rules.often.when.count.within: '0 s' is not within 0.1 s and 8784 h, a year",
     OFTEN.replace("1 min", "9000 h"): "'9000 h' is not within 0.1 s and 8784 h, a year",
     OFTEN.replace(', within = "1 min"', ""): 'write one of within = "1 min", within = "today" and since = "06:00"',
@@ -102,6 +119,12 @@ BROKEN = {
     NEAREST.replace('"minimum"', '"percentile"\npercentile = 101'): "figures.nearest.percentile: 101",
     NEAREST.replace("nearest", "count"): "figures.count: 'count' cannot be a name here",
     NEAREST + 'target = "bal"': "figures.nearest.target: there is no target 'bal' (did you mean 'ball'?)",
+    '[rules.report]\nevery = "1 min"\n' + REPORT: "there is no field 'nearest' that a template can tell",
+    '[rules.report]\nevery = "0.1 s"\nnotify = "phone"\n': "rules.report.every: '0.1 s' is not within 1 s and 8784 h",
+    '[rules.report]\nevery = "1 min"\n': "rules.report: the rule 'report' sends nothing",
+    NEAREST + '[rules.report]\nat = ["12:00", "12:01"]\n' + REPORT: "two of the times are less than 2 min apart",
+    NEAREST + '[rules.report]\nat = "00:00"\n' + REPORT + 'after = "5 s"': "escalation.0.after: 'after' has no meaning",
+    NEAREST + '[rules.report]\nat = "00:00"\nlatch = true\n' + REPORT: "'latch' has no meaning beside at",
 }  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.persistence import restore_alarms, snapshot_alarms
 from stadimeter.core.plan import Plan
 from stadimeter.core.reload import reload
-from stadimeter.core.rule import AlarmRule
+from stadimeter.core.rule import ALWAYS, AlarmRule, EscalationStep, ReportRule, Send, Template
 from stadimeter.operator_actions import OperatorAction
 from support.observing import measured
 
@@ -28,6 +28,7 @@ NEAR = AlarmRule(
 )
 MINUTE, TODAY = Window(for_s=60.0), Window(from_second=0.0)
 FIGURE = RememberedFigure(name="nearest", target="ball", window=MINUTE)
+SEND = EscalationStep(send=Send(template=Template(text="{nearest}"), topic="report"))
 
 
 def counting(above, unit="times", window=MINUTE):
@@ -277,3 +278,92 @@ def test_a_figure_is_the_same_to_the_last_bit_in_every_run():
     for number, value in enumerate(values):
         kept = [step_summary(figure, each, value, number / 30, None) for each in kept]
     assert kept[0] == kept[1]
+
+
+# Messages at times ---------------------------------------------------------------------------------------------------
+
+
+def report(*, condition=ALWAYS, steps=(SEND,), **when):
+    gate = AlarmRule(name="", target="", condition=condition, escalation=steps)
+    return ReportRule(name="report", target="ball", gate=gate, **when)
+
+
+def test_a_message_is_sent_every_so_often_and_a_missed_one_once():
+    run = Run(report(every_s=5.0))
+    run.stay(2.0, 16.0)
+    assert [round(notice.event.at_s, 1) for notice in run.notices] == [105.1, 110.1, 115.1]
+    run.cycle(2.0, step_s=22.0)
+    run.stay(2.0, 3.0)
+    assert [round(notice.event.at_s, 1) for notice in run.notices[3:]] == [138.0, 140.1]
+    assert run.decision.events == ()
+
+
+def test_a_message_at_a_time_of_day_is_sent_once_a_day_with_the_figures_of_the_day_before():
+    run = Run(report(at_seconds=(0.0,)), figures=[replace(FIGURE, window=TODAY)], clock=86400.0 - 2.05)
+    told = []
+    for _ in range(100):
+        run.cycle(0.5 if run.clock < 86400.0 - 0.1 else 2.0)
+        told += [run.decision.figures["nearest"] for _ in run.decision.notices]
+    assert [round(value, 2) for value in told] == [0.5]
+
+
+@pytest.mark.parametrize(("late_s", "expected"), [(30.0, 1), (90.0, 0)])
+def test_a_message_that_was_missed_is_sent_if_it_is_less_than_a_minute_late(late_s, expected):
+    run = Run(report(at_seconds=(3600.0,)), clock=3590.0)
+    run.cycle(2.0)
+    run.cycle(2.0, step_s=10.0 + late_s)
+    run.stay(2.0, 3.0)
+    assert len(run.notices) == expected
+
+
+def test_a_message_at_a_time_of_day_is_not_sent_again_after_a_restart_or_when_the_clock_is_put_back_a_little():
+    run = Run(report(at_seconds=(3600.0,)), clock=3599.0)
+    run.stay(2.0, 2.0)
+    assert len(run.notices) == 1
+    later = Run(report(at_seconds=(3600.0,)), clock=3610.0)
+    later.now_s = 200.0
+    later.state = restore_alarms(
+        later.state, snapshot_alarms(run.state), shift_s=190.0 - run.now_s, from_s=190.0, now_s=200.0
+    )
+    later.stay(2.0, 2.0)
+    later.clock = 3595.0
+    later.stay(2.0, 65.0)
+    assert later.notices == []
+
+
+def test_a_rule_that_is_only_observed_sends_nothing():
+    run = Run(replace(report(every_s=1.0), observe=True))
+    run.stay(2.0, 5.0)
+    assert run.notices == []
+    assert run.decision.reasons["report"] == "sends every 1 s; 4 times until now"
+
+
+def test_a_message_is_sent_only_while_its_gate_is_open_and_not_later_and_where_that_is_unknown_it_is_sent():
+    run = Run(report(every_s=1.0, condition=NEAR.condition))
+    run.stay(2.0, 3.5)
+    assert run.notices == []
+    assert "does not hold" in run.decision.reasons["report"]
+    run.stay(0.5, 1.0)
+    assert [round(notice.event.at_s, 1) for notice in run.notices] == [104.1]
+    assert run.notices[0].count == 1
+    run.stay(None, 20.0)
+    assert "cannot be known" in run.decision.reasons["report"]
+    assert len(run.notices) > 15
+
+
+def test_a_rule_that_is_shelved_sends_nothing():
+    run = Run(report(every_s=1.0))
+    run.cycle(2.0)
+    run.cycle(2.0, command=OperatorCommand(id="1", action=OperatorAction("shelve"), rule="report", by="Ada", for_s=2.5))
+    run.stay(2.0, 2.3)
+    assert run.notices == []
+    run.stay(2.0, 1.5)
+    assert [round(notice.event.at_s, 1) for notice in run.notices] == [103.1]
+
+
+def test_a_step_of_a_message_is_left_out_while_its_condition_does_not_hold():
+    run = Run(report(every_s=1.0, steps=(SEND, replace(SEND, when=NEAR.condition))))
+    run.stay(2.0, 1.5)
+    assert [notice.step for notice in run.notices] == [0]
+    run.stay(0.5, 1.0)
+    assert [notice.step for notice in run.notices] == [0, 0, 1]

@@ -33,6 +33,7 @@ from stadimeter.core.observation import FrameStamp, Observation, WallTime
 from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety
 from stadimeter.core.rule import (
+    ALWAYS,
     AlarmRule,
     AnyRule,
     EscalationStep,
@@ -42,6 +43,7 @@ from stadimeter.core.rule import (
     OnDelay,
     Pattern,
     RampRule,
+    ReportRule,
     Send,
     Template,
 )
@@ -124,7 +126,7 @@ def with_settings(run: RandomRun, seed: int) -> RandomRun:
 
 
 def with_memory(run: RandomRun, seed: int) -> RandomRun:
-    """Return the same run with rules that count and sum what the others did, and remembered figures.
+    """Return the same run with rules that count and sum what the others did, remembered figures, messages at times.
 
     Operators reset those that count. The time of day is that of `random_run`: 12:00 at its beginning.
     """
@@ -149,7 +151,14 @@ def with_memory(run: RandomRun, seed: int) -> RandomRun:
         whole = rng.choice((parts[0], AllOf(conditions=parts), AnyOf(conditions=(*parts, rule.condition))))
         made.append(replace(rule, condition=rng.choice((whole, whole, Not(condition=whole)))))
         known.names.append(rule.name)
-    rules = [*run.plan.rules, *made]
+    send = EscalationStep(send=Send(template=Template(text="{figure-0}"), topic="report"))
+    sends = AlarmRule(name="", target="", condition=ALWAYS, escalation=(send, replace(send, when=known.condition())))
+    gate = replace(sends, condition=known.condition(), suppress_when=rng.choice((None, known.condition())))
+    reports = (
+        ReportRule(name="every", target="ball", every_s=rng.choice((0.3, 1.0)), gate=rng.choice((gate, sends))),
+        ReportRule(name="at", target="tag", at_seconds=(43201.0,), gate=rng.choice((gate, sends))),
+    )
+    rules = [*run.plan.rules, *made, *reports]
     rng.shuffle(rules)
     reset = OperatorAction("reset")
     observations = tuple(

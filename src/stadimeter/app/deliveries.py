@@ -15,7 +15,7 @@ from stadimeter.core.conditions.summary import RememberedFigure
 from stadimeter.core.decision import Decision, Notice, Severity
 from stadimeter.core.message import KEPT_S, Message, as_history
 from stadimeter.core.notification import Notification
-from stadimeter.core.rule import AlarmRule, AnyRule, Send, Template
+from stadimeter.core.rule import AlarmRule, AnyRule, Send, Template, gate_of
 from stadimeter.errors import StadimeterError
 from stadimeter.messaging.protocol import Discoverable, Retaining, Subscribes, TakesRequests
 
@@ -211,7 +211,7 @@ def outgoing(
     """
     if not decision.notices:
         return
-    alarms = {rule.name: rule for rule in rules if isinstance(rule, AlarmRule)}
+    alarms = {rule.name: gate_of(rule) for rule in rules}
     known = {figure.name: figure.for_people(decision.figures.get(figure.name)) for figure in figures}
     time = local_time()
     for notice in decision.notices:

@@ -17,7 +17,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.figures import probability_between
 from stadimeter.core.conditions.measured import FigureCondition
-from stadimeter.core.rule import AlarmRule, FollowRule, RampRule
+from stadimeter.core.rule import AlarmRule, FollowRule, RampRule, ReportRule
 from stadimeter.core.target import TargetShape
 from stadimeter.core.words import length
 from stadimeter.errors import Problem, StadimeterError
@@ -121,6 +121,8 @@ def _rule_findings(compiled: CompiledRule, sizes: Mapping[str, TargetShape], cam
     if isinstance(rule, AlarmRule):
         when, *_ = compiled.conditions()
         yield from _condition_findings(when, sizes, camera)
+    elif isinstance(rule, ReportRule):
+        return
     elif rule.target in sizes and getattr(rule, "quantity", "distance") in {"distance", "depth"}:
         path = compiled.at("ramp" if isinstance(rule, RampRule) else "follow")
         yield from _too_small(path, _farthest_limit_m(rule), rule.target, sizes[rule.target], camera)

@@ -38,7 +38,7 @@ from stadimeter.core.conditions.summary import RememberedFigure
 from stadimeter.core.decision import SYSTEM_EVENTS, Decision, Event, EventKind, RuleStatus, RuleTrace, Severity
 from stadimeter.core.message import Message, clearing
 from stadimeter.core.notification import Notification
-from stadimeter.core.rule import AlarmRule, AnyRule
+from stadimeter.core.rule import AlarmRule, AnyRule, ReportRule, gate_of
 from stadimeter.core.rules.explaining import Reasons
 from stadimeter.core.safety import OUTPUTS
 from stadimeter.core.track import Track
@@ -329,7 +329,8 @@ def _severities(rules: Iterable[AnyRule]) -> dict[str, Severity]:
 
 def _retained_topics(rules: Iterable[AnyRule]) -> frozenset[str]:
     own = {f"rule/{rule.name}/{what}" for rule in rules for what in ("state", "availability", "settings")}
-    steps = [step for rule in rules if isinstance(rule, AlarmRule) for step in rule.escalation]
+    senders = [gate_of(rule) for rule in rules if isinstance(rule, AlarmRule | ReportRule)]
+    steps = [step for rule in senders for step in rule.escalation]
     return frozenset(own | {step.send.topic for step in steps if step.send is not None and step.send.retain})
 
 

@@ -30,7 +30,7 @@ from stadimeter.config.rules.condition_tables import (
     MAX_DEPTH,
     WhenTable,
 )
-from stadimeter.config.rules.tables import IN_PROPORTION, KINDS, FramesTable, RuleTable
+from stadimeter.config.rules.tables import AT_TIMES, GATED, KINDS, FramesTable, RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.units import PinMark, PortMark
 from stadimeter.core.rules.follow_law import MAX_GAIN_SHARE
@@ -47,6 +47,7 @@ _ONLY_FOR_ALARMS = (
     "targets", "on_delay", "off_delay", "delay_tolerance", "level", "pattern", "at_start", "latch", "ack", "realarm",
     "cooldown", "raises_per_min_max", "group", "escalation", "notify",
 )  # fmt: skip
+_SENDS = ("escalation", "notify")
 _LIMITS = (("above", "below"), ("between",))
 # What a condition can be; a table with keys of several of these groups is short for all of them.
 _CONDITION_KINDS = (*_LIMITS, *((key,) for key in (*KEYS_OF_A_TARGET, *KEYS_OF_NO_TARGET, *KEYS_OF_OTHERS)))
@@ -55,6 +56,7 @@ _CONDITION_KINDS = (*_LIMITS, *((key,) for key in (*KEYS_OF_A_TARGET, *KEYS_OF_N
 _BETWEEN_LIMITS = ("bearing", "elevation", "closing_speed", "separation", "figure", *KEYS_OF_QUANTITIES)
 _INSIDE = (*_BETWEEN_LIMITS, "time_to_contact", *KEYS_OF_COMPARISONS)
 
+_GATED = f"{', '.join(GATED[:-1])} and {GATED[-1]}"
 _LIMITS_FORM = "write above, below, both of these, or between"
 _NAMED = [key for group in _CONDITION_KINDS for key in group]
 _KNOWN = known_keys(WhenTable)
@@ -85,18 +87,20 @@ def _rules_by_themselves(draft: Draft) -> Iterator[Finding]:
 
 def _kind(name: str, table: Mapping[str, Any]) -> Iterator[Finding]:
     kinds = [kind for kind in KINDS if kind in table]
-    if all(kind in table for kind in IN_PROPORTION):
-        message = f"the rule '{name}' has {' and '.join(IN_PROPORTION)}; a rule has one of them, or when alone"
-        yield Finding(("rules", name, kinds[-1]), message, "make a rule of its own for each", "rule-kind")
+    gated = [kind for kind in kinds if kind in GATED]
+    if len(gated) > 1:
+        message = f"the rule '{name}' has {' and '.join(gated)}; a rule has one of {_GATED}, or when alone"
+        yield Finding(("rules", name, gated[-1]), message, "make a rule of its own for each", "rule-kind")
     misspelt = any(did_you_mean(key, KINDS) for key in table if key not in RuleTable.model_fields)
     if not kinds and not misspelt:
-        message = f"the rule '{name}' does nothing; a rule has ramp or follow, or when alone"
+        message = f"the rule '{name}' does nothing; a rule has one of {_GATED}, or when alone"
         yield Finding(("rules", name), message, 'add one, such as when = { below = "50 cm" }', "rule-kind")
 
 
 def _keys_of_another_kind(name: str, table: Mapping[str, Any]) -> Iterator[Finding]:
-    kind = next((kind for kind in IN_PROPORTION if kind in table), "")
-    for key in (key for key in _ONLY_FOR_ALARMS if key in table and kind):
+    kind = next((kind for kind in GATED if kind in table), "")
+    sends = _SENDS if kind in AT_TIMES else ()
+    for key in (key for key in _ONLY_FOR_ALARMS if key in table and kind and key not in sends):
         hint = _BEEPS if key == "pattern" else "leave it out"
         yield Finding(("rules", name, key), f"'{key}' has no meaning beside {kind}", hint, "key-of-another-kind")
 

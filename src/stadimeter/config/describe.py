@@ -26,8 +26,10 @@ from stadimeter.core.rule import (
     OnDelay,
     Pattern,
     RampRule,
+    ReportRule,
 )
 from stadimeter.core.rules.layout import contested_outputs
+from stadimeter.core.rules.report import when_in_words
 from stadimeter.core.words import duration, figure_in_words, length
 
 _TOLERANCE = DelayTolerance()
@@ -122,17 +124,25 @@ def _rule(rule: AnyRule, configuration: Configuration) -> str:
             does = _alarm(rule, configuration)
         case RampRule():
             does = _ramp(rule, configuration)
+        case ReportRule():
+            steps = rule.gate.escalation
+            does = f"{' and '.join(_report(step, configuration) for step in steps)} {when_in_words(rule)}."
         case _:
             does = _follow(rule, configuration)
     return f"`{rule.name}` {does}{_gate(rule)}{_wins(rule, configuration)}"
 
 
+def _report(step: EscalationStep, configuration: Configuration) -> str:
+    only_if = f" if {describe_begin(step.when)}" if step.when is not None else ""
+    return f"{_does(step, configuration)}{only_if}"
+
+
 def _gate(rule: AnyRule) -> str:
-    """Say when a rule that acts in proportion does not."""
+    """Say when a rule that has a gate does not act."""
     if isinstance(rule, AlarmRule):
         return ""
-    gate = rule.gate
-    only = f" Acts only while {describe_begin(gate.condition)}." if gate.condition is not ALWAYS else ""
+    gate, acts = rule.gate, "Sends" if isinstance(rule, ReportRule) else "Acts"
+    only = f" {acts} only while {describe_begin(gate.condition)}." if gate.condition is not ALWAYS else ""
     quiet = f" Keeps quiet while {describe_begin(gate.suppress_when)}." if gate.suppress_when is not None else ""
     return only + quiet
 

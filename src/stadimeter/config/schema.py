@@ -24,7 +24,7 @@ from stadimeter.config import camera_file, models, plugins
 from stadimeter.config.driver_tables import BASE, CAMERA, DRIVER_KINDS, DriverKind
 from stadimeter.config.rule_test_tables import RuleTestTable
 from stadimeter.config.rules.memory_tables import FigureTable
-from stadimeter.config.rules.tables import IN_PROPORTION, RuleTable
+from stadimeter.config.rules.tables import GATED, RuleTable
 from stadimeter.errors import DriverError
 
 JsonSchema = dict[str, Any]
@@ -196,7 +196,7 @@ def _camera_model(model: JsonSchema, by_model: dict[type[BaseModel], JsonSchema]
 
 def _rule(by_model: dict[type[BaseModel], JsonSchema], definitions: dict[str, JsonSchema]) -> JsonSchema:
     table = _resolved(by_model[RuleTable], definitions)
-    each = [{"required": [kind]} for kind in IN_PROPORTION]
+    each = [{"required": [kind]} for kind in GATED]
     return {**table, "oneOf": [*each, {"required": ["when"], "not": {"anyOf": each}}]}
 
 

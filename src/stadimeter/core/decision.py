@@ -47,6 +47,8 @@ class EventKind(StrEnum):
     """An alarm came too often within a minute; it stays active until it has calmed down."""
     CALMED = "calmed"
     """An alarm that was chattering is an ordinary one again."""
+    REPORT = "report"
+    """It is time for a message of a rule; this is in the message, and among no events."""
     REFUSED = "refused"
     """What an operator wanted could not be done."""
     STOPPED = "stopped"

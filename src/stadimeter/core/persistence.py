@@ -26,6 +26,7 @@ from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.conditions.summary import RememberedFigure, Summary
 from stadimeter.core.decide import State
 from stadimeter.core.rule import AlarmRule, AnyRule, GatedRule, conditions_of, gate_of
+from stadimeter.core.rules.report import ReportStep
 from stadimeter.core.rules.scheduler import with_steps
 from stadimeter.core.tracking.life_cycle import TrackState
 
@@ -50,7 +51,7 @@ _LONG_WINDOW_S = 3600.0
 
 
 class AlarmSnapshot(Struct, frozen=True, kw_only=True):
-    """What an alarm remembers; or a figure, called ``figures.NAME``."""
+    """What an alarm remembers, or the gate of another rule; or a figure, called ``figures.NAME``."""
 
     rule: str
     meaning: str
@@ -59,6 +60,9 @@ class AlarmSnapshot(Struct, frozen=True, kw_only=True):
     is_first_out: bool = False
     last_raised_at_s: float | None = None
     """When it was raised last, for one that a sequence names."""
+    sent_at_s: float | None = None
+    """As in `stadimeter.core.rules.report.ReportStep`, and so is `sent`, its count."""
+    sent: int = 0
     summary: Summary | None = None
 
 
@@ -116,6 +120,8 @@ def snapshot_alarms(state: State) -> tuple[AlarmSnapshot, ...]:
             record=step.record,
             is_first_out=step.trace.first_out,
             last_raised_at_s=state.rules.raised_at_s.get(rule.name),
+            sent_at_s=step.sent_at_s if isinstance(step, ReportStep) else None,
+            sent=step.count if isinstance(step, ReportStep) else 0,
         )
         for rule, step in zip(state.plan.rules, state.rules.steps, strict=True)
         if isinstance(step, OperatedStep)
@@ -149,6 +155,8 @@ def classify_change(before: State, after: State) -> SnapshotChange:
     for last, step in zip(before.rules.steps, after.rules.steps, strict=True):
         if step is not last and isinstance(step, OperatedStep) and isinstance(last, OperatedStep):
             found = max(found, _change(last.record, step.record))
+        if isinstance(step, ReportStep) and isinstance(last, ReportStep) and step.sent_at_s != last.sent_at_s:
+            found = max(found, SnapshotChange.PASSING)
     return found
 
 
@@ -222,6 +230,8 @@ def restore_alarms(
             continue
         alarm = gate_of(rule)
         resumed = _resume(alarm, memory.record, shift_s=shift_s, from_s=from_s, now_s=now_s)
+        if isinstance(step, ReportStep) and memory.sent_at_s is not None:
+            step = replace(step, sent_at_s=memory.sent_at_s + shift_s, count=memory.sent)
         steps[index] = with_record(as_set(alarm, resumed), step, resumed)
         if memory.last_raised_at_s is not None:
             raised_at_s[rule.name] = memory.last_raised_at_s + shift_s

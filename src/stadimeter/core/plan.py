@@ -13,7 +13,7 @@ from stadimeter.core.conditions.discrete import ScheduleCondition
 from stadimeter.core.conditions.leaf import Leaf
 from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.conditions.summary import RememberedFigure
-from stadimeter.core.rule import AnyRule, conditions_of
+from stadimeter.core.rule import AnyRule, ReportRule, conditions_of
 from stadimeter.core.sensor_fusion import SensorPair
 from stadimeter.core.tracking.settings import Tracking
 from stadimeter.core.tracking.transverse import Viewpoint
@@ -113,6 +113,7 @@ class Plan(Struct, frozen=True, kw_only=True):
     def needs_wall_time(self) -> bool:
         """Whether any rule asks for the time of day, or any figure begins at one."""
         asks = next(self._schedules(), None) is not None
+        asks = asks or any(isinstance(rule, ReportRule) and rule.at_seconds for rule in self.rules)
         return asks or any(figure.window.from_second is not None for figure in self.figures)
 
     @property

@@ -244,7 +244,7 @@ ALWAYS = AllOf(conditions=())
 
 
 class GatedRule(Rule, Struct, frozen=True, kw_only=True):
-    """A rule that acts all the time, in proportion to something, as far as its gate lets it.
+    """A rule that acts all the time, in proportion to something, or at times, as far as its gate lets it.
 
     Attributes:
         gate: An alarm without delays that drives nothing: the rule acts only while its condition holds. What keeps an
@@ -359,7 +359,19 @@ class FollowRule(GatedRule, Struct, frozen=True, kw_only=True):
     slow: SlowNear | None = None
 
 
-AnyRule = AlarmRule | RampRule | FollowRule
+class ReportRule(GatedRule, Struct, frozen=True, kw_only=True):
+    """Send messages at times, those of the steps of its gate. It drives nothing, and is never active.
+
+    Attributes:
+        every_s: Once within this time, from the first cycle on; None for one that goes by the time of day.
+        at_seconds: At these seconds of the day, local time.
+    """
+
+    every_s: float | None = None
+    at_seconds: tuple[float, ...] = ()
+
+
+AnyRule = AlarmRule | RampRule | FollowRule | ReportRule
 
 
 def gate_of(rule: AnyRule) -> AlarmRule:

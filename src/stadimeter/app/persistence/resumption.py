@@ -30,6 +30,7 @@ from stadimeter.core.rule import AnyRule
 from stadimeter.core.rule_step import Step
 from stadimeter.core.rules.follow import FollowStep
 from stadimeter.core.rules.ramp import RampStep
+from stadimeter.core.rules.report import ReportStep
 from stadimeter.core.rules.scheduler import with_steps
 from stadimeter.core.safety import SafetyState
 from stadimeter.core.tracking.life_cycle import TrackState
@@ -127,6 +128,7 @@ class _RuleMemory(Struct, frozen=True, kw_only=True):
     alarm: AlarmStep | None = None
     ramp: RampStep | None = None
     follow: FollowStep | None = None
+    report: ReportStep | None = None
 
     @classmethod
     def of(cls, rule: AnyRule, step: Step) -> _RuleMemory:
@@ -139,12 +141,14 @@ class _RuleMemory(Struct, frozen=True, kw_only=True):
                 return replace(memory, ramp=step)
             case FollowStep():
                 return replace(memory, follow=step)
+            case ReportStep():
+                return replace(memory, report=step)
             case _:
                 return memory
 
     def step(self, rule: AnyRule) -> Step | None:
         """Return it for a rule that means the same; None for any other."""
-        return (self.alarm or self.ramp or self.follow) if self.meaning == meaning_of(rule) else None
+        return (self.alarm or self.ramp or self.follow or self.report) if self.meaning == meaning_of(rule) else None
 
 
 class _RunState(Struct, frozen=True, kw_only=True):

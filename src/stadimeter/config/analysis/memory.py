@@ -1,4 +1,4 @@
-"""What is remembered over a window of time: counts and sums that cannot be, and figures."""
+"""What is remembered over a window of time: counts and sums that cannot be, figures, and messages at times."""
 
 from __future__ import annotations
 
@@ -9,14 +9,19 @@ from stadimeter.config.analysis import Subject
 from stadimeter.config.draft import Draft
 from stadimeter.config.findings import Finding, did_you_mean_or_list
 from stadimeter.config.rules.compiled import WrittenCondition
+from stadimeter.config.rules.tables import RuleTable
+from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.alarms.state import MINUTE_S
 from stadimeter.core.conditions.remembered import RememberedCondition
-from stadimeter.core.conditions.summary import QUANTITIES, SLOTS
-from stadimeter.core.rule import AlarmRule, AnyRule
+from stadimeter.core.conditions.summary import DAY_S, QUANTITIES, SLOTS
+from stadimeter.core.rule import AlarmRule, AnyRule, ReportRule
+from stadimeter.core.rules.report import LATE_S
+
+_STEP_KEYS = ("actuator", "after", "on", "only_unacknowledged")
 
 
 def memory_errors(subject: Subject) -> Iterator[Finding]:
-    """Find sums longer than their window, and figures of no target or in another unit."""
+    """Find sums longer than their window, figures of no target or in another unit, and messages that are none."""
     for leaf, condition in _sums(subject):
         longest_s = condition.window.for_s * (SLOTS - 1) / SLOTS
         if condition.unit == "s" and (condition.above or 0.0) >= longest_s and condition.rules:
@@ -27,6 +32,9 @@ def memory_errors(subject: Subject) -> Iterator[Finding]:
             message = f"the figure '{condition.name}' is in {unit}, and not in {condition.unit}"
             yield Finding(leaf.limits_path, message, f"write its limits in {unit}", "bad-value")
     yield from _figures(subject.draft)
+    for declared in subject.rules:
+        if isinstance(declared.rule, ReportRule):
+            yield from _report(declared.path, subject.draft.rules[declared.section])
 
 
 def _figures(draft: Draft) -> Iterator[Finding]:
@@ -65,3 +73,18 @@ def _raises_max(rule: AnyRule | None, for_s: float) -> float:
     period_s, most = rule.on_delay.hold_s + rule.off_delay_s, rule.raises_per_min_max
     by_delays = math.ceil(for_s / period_s) if period_s else math.inf
     return min(by_delays, most * math.ceil(for_s / MINUTE_S) if most else math.inf)
+
+
+def _report(at: KeyPath, rule: RuleTable) -> Iterator[Finding]:
+    """Find messages at times that would drive something, say nothing, or come twice in one moment."""
+    wrong: list[KeyPath] = [(*at, "actuator")] if rule.actuator is not None else []
+    for number, step in enumerate(rule.escalation):
+        wrong += [(*at, "escalation", number, key) for key in _STEP_KEYS if key in step.model_fields_set]
+    for path in wrong:
+        message = f"'{path[-1]}' has no meaning beside every or at: such a rule sends at its times, and no more"
+        yield Finding(path, message, "leave it out", "key-of-another-kind")
+    if not rule.steps:
+        yield Finding(at, f"the rule '{at[-1]}' sends nothing", "add notify, or a step with topic", "missing-key")
+    times = sorted(rule.at or [0.0])
+    if any(later - time < 2 * LATE_S for time, later in zip(times, [*times[1:], times[0] + DAY_S], strict=True)):
+        yield Finding((*at, "at"), "two of the times are less than 2 min apart", "leave one out", "bad-value")

@@ -13,7 +13,7 @@ from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.leaf import Leaf
 from stadimeter.core.conditions.measured import FigureCondition
-from stadimeter.core.rule import ALWAYS, AlarmRule, AnyRule, FollowRule, RampRule
+from stadimeter.core.rule import ALWAYS, AlarmRule, AnyRule, FollowRule, RampRule, ReportRule
 
 _L = TypeVar("_L", bound=Leaf)
 
@@ -25,8 +25,8 @@ def region_of(rule: AnyRule, *, is_winner: bool = False) -> Condition:
         is_winner: Whether it must surely hold, as a rule that takes the output from others. Else it must possibly hold.
 
     Returns:
-        Its condition; where a ramp is above zero; for a rule that follows, that its target is in sight; of these two
-        as far as their gate lets them.
+        Its condition; where a ramp is above zero; for a rule that follows, that its target is in sight; for
+        messages at times, always; of these as far as their gate lets them.
     """
     if isinstance(rule, AlarmRule):
         return rule.condition
@@ -34,11 +34,11 @@ def region_of(rule: AnyRule, *, is_winner: bool = False) -> Condition:
     return own if rule.gate.condition is ALWAYS else AllOf(conditions=(rule.gate.condition, own))
 
 
-def range_of(rule: RampRule | FollowRule, *, is_winner: bool = False) -> Condition:
+def range_of(rule: RampRule | FollowRule | ReportRule, *, is_winner: bool = False) -> Condition:
     """Return the condition under which a rule would act if its gate were open; see `region_of`."""
     if isinstance(rule, RampRule):
         return AnyOf(conditions=tuple(_points(rule, is_winner=is_winner) if rule.points else [_curve(rule)]))
-    return PresenceCondition(seen=True, target=rule.target)
+    return ALWAYS if isinstance(rule, ReportRule) else PresenceCondition(seen=True, target=rule.target)
 
 
 def widened_region_of(rule: AnyRule, *, is_winner: bool = False) -> Condition:

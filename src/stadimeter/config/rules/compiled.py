@@ -151,8 +151,7 @@ def _compiled(
     conditions = table.conditions()
     steps = (step.when.to_plan(table.severity) for step in table.steps if step.when is not None)
     all_of_it = (*(each for each in conditions if each is not None), *steps)
-    is_alarm = conditions.when is not None and table.in_proportion is None
-    needs_target = not is_alarm or any("" in targets_of(each) for each in all_of_it)
+    needs_target = table.is_gated or any("" in targets_of(each) for each in all_of_it)
     for rule in table.to_plans(section, targets, conditions):
         yield CompiledRule(section=section, table=written, rule=rule, needs_target=needs_target)
 

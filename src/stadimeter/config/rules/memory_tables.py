@@ -3,37 +3,46 @@
 Annotations are no texts here, as in every file of tables.
 """
 
+from collections.abc import Callable
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from stadimeter.config.models import DurationAboveZero, Section
-from stadimeter.config.units import TimeOfDay, parse_any_quantity, parse_duration
+from stadimeter.config.units import DURATIONS_S, TimeOfDay, as_written, parse_any_quantity, parse_duration
 from stadimeter.core.conditions.discrete import CountCondition
 from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.conditions.summary import DAY_S, FigureQuantity, RememberedFigure, Window
 from stadimeter.core.words import duration
 
-MIN_WINDOW_S = 0.1
 MAX_WINDOW_S = 366 * DAY_S
 MAX_RAISES = 1000
 
 _WRITE_ONE = 'write one of within = "1 min", within = "today" and since = "06:00"'
 
 
-def _parse_within(text: object) -> float | Literal["today"]:
-    if text == "today":
-        return "today"
-    seconds = parse_duration(text)
-    if not MIN_WINDOW_S <= seconds <= MAX_WINDOW_S:
-        raise ValueError(f"{text!r} is not within {duration(MIN_WINDOW_S)} and {duration(MAX_WINDOW_S)}, a year")
-    return seconds
+def _bounded(least_s: float) -> Callable[[object], float]:
+    def parse(text: object) -> float:
+        seconds = parse_duration(text)
+        if not least_s <= seconds <= MAX_WINDOW_S:
+            raise ValueError(f"{text!r} is not within {duration(least_s)} and {duration(MAX_WINDOW_S)}, a year")
+        return seconds
+
+    return parse
 
 
+_parse_window = _bounded(0.1)
 Within = Annotated[
     float | Literal["today"],
-    BeforeValidator(_parse_within),
+    BeforeValidator(lambda text: text if text == "today" else _parse_window(text)),
     WithJsonSchema({"type": "string", "examples": ["1 min", "today"]}),
+]
+Every = Annotated[float, BeforeValidator(_bounded(1.0)), as_written(DURATIONS_S, "1 min")]
+TimesOfDay = Annotated[
+    list[TimeOfDay],
+    BeforeValidator(lambda value: value if isinstance(value, list) else [value]),
+    Field(min_length=1, max_length=100),
+    WithJsonSchema({"type": ["string", "array"], "items": {"type": "string"}, "examples": ["22:30"]}),
 ]
 
 

@@ -9,6 +9,7 @@ from pydantic import Discriminator, Field, Tag
 from stadimeter.config.models import DurationAboveZero, Section, Share
 from stadimeter.config.rules.action_tables import FollowTable, PatternTable, RuleCommon, StepTable
 from stadimeter.config.rules.condition_tables import WhenTable
+from stadimeter.config.rules.memory_tables import Every, TimesOfDay
 from stadimeter.config.rules.ramp_tables import RampTable
 from stadimeter.config.units import Duration
 from stadimeter.core import rule
@@ -32,9 +33,10 @@ FRAMES_TO_RAISE = rule.OnDelay(frames=3, of_frames=5)
 
 UNTIL_ACKNOWLEDGED = "until-acknowledged"
 
-# What a rule does: exactly one of the first two, whose gate `when` then is, or `when` alone.
-IN_PROPORTION = ("ramp", "follow")
-KINDS = ("when", *IN_PROPORTION)
+# What a rule does: exactly one of these, whose gate `when` then is, or `when` alone.
+AT_TIMES = ("every", "at")
+GATED = ("ramp", "follow", *AT_TIMES)
+KINDS = ("when", *GATED)
 
 
 class LostTable(Section):
@@ -123,11 +125,15 @@ class RuleTable(Section):
     observe: bool = _RULE.observe
     """It is judged, recorded and explained like any other, but drives nothing and sends nothing."""
     when: WhenTable | None = None
-    """A condition to act on; beside a ramp or follow, it acts only while this holds."""
+    """A condition to act on; beside another kind, it acts only while this holds."""
     ramp: RampTable | None = None
     """An output that follows the distance."""
     follow: FollowTable | None = None
     """A distance that a base keeps."""
+    every: Every | None = None
+    """In seconds; sends a message once within this time."""
+    at: TimesOfDay | None = None
+    """In seconds since midnight; sends a message at this time of day, or at each of several."""
     on_delay: OnDelay | None = None
     """How long a condition must hold first; in seconds or in frames. None for the default."""
     off_delay: Duration = _ALARM.off_delay_s
@@ -164,9 +170,9 @@ class RuleTable(Section):
     """What else it does, and when."""
 
     @property
-    def in_proportion(self) -> RampTable | FollowTable | None:
-        """What it does all the time, as far as `when` lets it; None for an alarm."""
-        return self.ramp or self.follow
+    def is_gated(self) -> bool:
+        """Whether it does something of its own, as far as `when` lets it, and so is no alarm."""
+        return any(getattr(self, kind) is not None for kind in GATED)
 
     @property
     def steps(self) -> list[StepTable]:
@@ -198,7 +204,7 @@ class RuleTable(Section):
         Raises:
             ValueError: The table has none of `KINDS`.
         """
-        is_alarm = conditions.when is not None and self.in_proportion is None
+        is_alarm = conditions.when is not None and not self.is_gated
         about = targets_of(conditions.when) if conditions.when is not None and is_alarm else frozenset[str]()
         default = next((target for target in targets if target in about), next(iter(targets), ""))
         watched = self.targets or (self.target or default,)
@@ -216,18 +222,27 @@ class RuleTable(Section):
             lost=self.lost.to_plan(0.0 if self.latch else self.off_delay),
             observe=self.observe,
         )
-        if self.in_proportion is not None:
+        if self.is_gated:
             gate = rule.AlarmRule(
                 name=name,
                 target=target,
                 condition=rule.ALWAYS if conditions.when is None else conditions.when,
                 suppress_when=conditions.suppress_when,
                 shelve_max_s=self.shelve_max_s,
+                escalation=tuple(step.to_plan(self.severity) for step in self.steps),
             )
-            return replace(self.in_proportion.to_plan(common), gate=gate)
+            return replace(self._gated(common), gate=gate)
         if conditions.when is not None:
             return self._alarm(common, conditions.when, conditions.suppress_when)
         raise ValueError(f"the rule '{name}' has none of: {', '.join(KINDS)}")
+
+    def _gated(self, common: RuleCommon) -> rule.RampRule | rule.FollowRule | rule.ReportRule:
+        acts = self.ramp or self.follow
+        if acts is not None:
+            return acts.to_plan(common)
+        if "severity" not in self.model_fields_set:
+            common["severity"] = Severity.INFO
+        return rule.ReportRule(**common, every_s=self.every, at_seconds=tuple(sorted(set(self.at or ()))))
 
     def delay(self, judged: Condition) -> rule.OnDelay:
         """Return how long a condition must hold before the alarm is raised.

@@ -261,7 +261,7 @@ def _send(evaluation: Evaluation, leg: Leg) -> None:
     due = [position for position, step in _unsent(evaluation) if now_s + ROUNDING_S >= leg.began_s + step.after_s]
     if not due:
         return
-    judged = [position for position in due if not _is_to_be(evaluation, evaluation.rule.escalation[position])]
+    judged = [position for position in due if not is_to_be(evaluation.rule.escalation[position], evaluation.inputs)]
     evaluation.record.leg = replace(leg, sent=(*leg.sent, *due), left_out=(*leg.left_out, *judged))
     due = [position for position in due if position not in judged and evaluation.rule.escalation[position].send]
     if evaluation.is_quiet or not leg.event.notify:
@@ -274,11 +274,11 @@ def _send(evaluation: Evaluation, leg: Leg) -> None:
             evaluation.notices += (Notice(rule=evaluation.rule.name, step=position, event=event, count=count),)
 
 
-def _is_to_be(evaluation: Evaluation, step: EscalationStep) -> bool:
+def is_to_be(step: EscalationStep, inputs: RuleInputs) -> bool:
     """Return whether a step that is due is done. Where that is not known people are notified, and nothing moves."""
     if step.when is None:
         return True
-    value = judge(step.when, evaluation.inputs, (), is_active=False).value
+    value = judge(step.when, inputs, (), is_active=False).value
     return step.send is not None if value is None else value
 
 

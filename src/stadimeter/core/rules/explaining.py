@@ -20,10 +20,11 @@ from stadimeter.core.condition_words import Evidence, collect_evidence, describe
 from stadimeter.core.conditions.leaf import RuleInputs
 from stadimeter.core.decision import Decision, OutputTrace, RuleStatus, SafetyMode
 from stadimeter.core.plan import Plan
-from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule, gate_of
+from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule, ReportRule, gate_of
 from stadimeter.core.rule_step import Step
 from stadimeter.core.rules.follow import FollowStep, describe_follow
 from stadimeter.core.rules.ramp import describe_ramp
+from stadimeter.core.rules.report import ReportStep, describe_report
 from stadimeter.core.rules.scheduler import EvaluatedRules
 from stadimeter.core.words import rounded_duration
 
@@ -49,6 +50,9 @@ class Reasons(Mapping[str, str]):
                 return describe_ramp(rule, self.inputs)
             case FollowRule(), FollowStep():
                 return describe_follow(rule, step, self.inputs.tracks[rule.target])
+            case ReportRule(), ReportStep():
+                gate = describe_gate(rule.gate, step, self.inputs_of_rules())
+                return "; ".join(filter(None, (describe_report(rule, step), gate)))
             case _:
                 raise TypeError(f"rule {rule.name} remembers a {type(step).__name__}")
 

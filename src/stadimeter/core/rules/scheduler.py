@@ -25,13 +25,14 @@ from stadimeter.core.conditions.leaf import Rest, RuleInputs
 from stadimeter.core.decision import Event, EventKind, Notice, RuleTrace
 from stadimeter.core.operator import OperatorAnswer, OperatorCommand
 from stadimeter.core.plan import Plan
-from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule, gate_of
+from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule, ReportRule, gate_of
 from stadimeter.core.rule_step import Step
 from stadimeter.core.rules.arbitration import Wanted, arbitrate, rearrange
 from stadimeter.core.rules.follow import FollowStep, new_follow, step_follow
 from stadimeter.core.rules.layout import Layout, layout_of
 from stadimeter.core.rules.quiescence import Quiescence, all_active
 from stadimeter.core.rules.ramp import RampStep, new_ramp, rest_of_ramp, step_ramp
+from stadimeter.core.rules.report import ReportStep, new_report, step_report
 
 _T = TypeVar("_T")
 
@@ -238,6 +239,11 @@ class _Evaluation:
             gate, base = step_gate(rule.gate, last, self.inputs), self.before.layout.bases.get(rule.output or "")
             step, events = step_follow(rule, last, self.inputs, base, gate)
             self.events += events
+        elif isinstance(rule, ReportRule) and isinstance(last, ReportStep):
+            gate = step_gate(rule.gate, last, self.inputs)
+            step, notices, rest = step_report(rule, last, self.inputs, gate)
+            self.events += gate.events
+            self.notices += notices
         else:
             raise TypeError(f"rule {rule.name} remembers a {type(last).__name__}")
         self.rests[index] = rest
@@ -330,4 +336,6 @@ def _with_gate(rule: AnyRule, alarm: AlarmRule) -> AnyRule:
 def _new_step(rule: AnyRule) -> Step:
     if isinstance(rule, AlarmRule):
         return new_alarm(rule)
+    if isinstance(rule, ReportRule):
+        return new_report(rule)
     return new_ramp(rule) if isinstance(rule, RampRule) else new_follow(rule)
