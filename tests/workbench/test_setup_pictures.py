@@ -27,8 +27,8 @@ LARGE = 4
 
 
 def skewed_a4() -> Image:
-    """Return a picture of A4, 330 px long, whose upper side is shifted by 7 px, as that of paper that hangs badly."""
-    corners = np.array([(478.8, 363.5), (808.8, 363.5), (801.8, 596.8), (471.8, 596.8)])
+    """Return a picture of A4, 330 px long, whose upper side is shifted by 12 px, as that of paper that hangs badly."""
+    corners = np.array([(478.8, 363.5), (808.8, 363.5), (796.8, 596.8), (466.8, 596.8)])
     image = np.full((960 * LARGE, 1280 * LARGE, 3), (70, 100, 120), np.uint8)
     outline = np.round(((corners + 0.5) * LARGE - 0.5) * 256).astype(np.int32)
     cv2.fillConvexPoly(image, outline, (228, 232, 230), shift=8)
