@@ -277,6 +277,14 @@ class Terminal:
     def types(self, answer: str) -> None:
         os.write(self._ours, answer.encode())
 
+    def interrupt(self) -> None:
+        """Type Ctrl-C until there is an answer: Python misses one that comes just before it waits for a line."""
+        for _ in range(3):
+            self.types("\x03")
+            self.until("^C")
+            if self._unread or select.select([self._ours], [], [], 20)[0]:
+                return
+
     def ends(self) -> int:
         try:
             while data := os.read(self._ours, 65536):
@@ -297,7 +305,7 @@ def test_it_is_left_with_ctrl_c_and_taken_up_again_in_a_narrow_terminal(tmp_path
         first.types(answer)
     first.until("How far away")
     first.until("> ")
-    first.types("\x03")
+    first.interrupt()
     assert first.ends() == 1
     assert "Every answer is saved" in " ".join(first.said.split())
 
