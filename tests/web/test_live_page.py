@@ -114,7 +114,7 @@ def test_an_alarm_is_acknowledged_and_reset_with_a_name_and_a_reason(browser, mo
 def test_an_alarm_is_shelved_for_a_while_and_taken_up_again(browser, still):
     with tab(browser) as page:
         opened(page, still)
-        page.locator(".rule summary:visible").click()
+        page.locator(".rule", has_text="buzzer").locator("summary").click()
         page.get_by_role("button", name="Shelve: near").click()
         page.get_by_label("For how long").select_option("5 minutes")
         page.get_by_role("dialog").get_by_role("button", name="Shelve").click()
@@ -127,7 +127,7 @@ def test_an_alarm_is_shelved_for_a_while_and_taken_up_again(browser, still):
 def test_a_threshold_is_set_and_withdrawn_and_a_rule_is_observed_only(browser, still):
     with tab(browser) as page:
         opened(page, still)
-        page.locator(".rule summary:visible").click()
+        page.locator(".rule", has_text="buzzer").locator("summary").click()
         page.get_by_role("button", name="Set threshold: near").click()
         page.get_by_label("Value, with its unit").fill("40 cm")
         page.get_by_label("Your name").fill("zoe")
