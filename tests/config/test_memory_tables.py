@@ -115,6 +115,9 @@ BROKEN = {
     NEAREST + '[rules.low]\nwhen = { figure = { name = "nearest", below = "50 cm/s" } }':
         "rules.low.when.figure: the figure 'nearest' is in m, and not in m/s",
     NEAREST + '[rules.low]\nwhen = { figure = { name = "nearest" } }': "'figure' has no limit",
+    NEAREST + '[rules.louder]\nactuator = "buzzer"\nramp = { from = "2 m", to = "1 m" }\n'
+    'when = { figure = { name = "nearest", below = "3 s" } }':
+        "rules.louder.when.figure: the figure 'nearest' is in m, and not in s",
     NEAREST.replace("minimum", "percentile"): 'goes with percentile, such as percentile = 90',
     NEAREST.replace('"minimum"', '"percentile"\npercentile = 101'): "figures.nearest.percentile: 101",
     NEAREST.replace("nearest", "count"): "figures.count: 'count' cannot be a name here",

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
@@ -177,6 +177,7 @@ def run(configuration: Configuration) -> None:
 
 
 @given(st.integers(0, 1000), st.sampled_from(EXTREME))
+@example(0, "1e-12")  # the camera's rate
 def test_a_configuration_with_an_extreme_number_is_refused_by_key_or_runs(
     folder: Path, which: int, number: str
 ) -> None:

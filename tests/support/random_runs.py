@@ -22,9 +22,10 @@ from stadimeter.core.conditions.discrete import (
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
+from stadimeter.core.conditions.quantities import QUANTITIES
 from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.conditions.sequence import SequenceCondition
-from stadimeter.core.conditions.summary import QUANTITIES, RememberedFigure, Window
+from stadimeter.core.conditions.summary import RememberedFigure, Window
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.decide import State
 from stadimeter.core.decision import Severity
@@ -182,7 +183,7 @@ def _remembering(rng: random.Random, names: list[str], figures: tuple[Remembered
             RememberedCondition(rules=rules, unit="s", above=rng.uniform(0.1, 1.5), window=_window(rng)),
             RememberedCondition(
                 name=figure.name,
-                unit=(unit := QUANTITIES[figure.quantity][0]),
+                unit=(unit := QUANTITIES[figure.quantity].unit),
                 below=rng.uniform(0.5, 2.0) if unit == "m" else rng.uniform(-0.2, 0.4),
                 deadband=rng.choice((0.0, 0.1)),
             ),

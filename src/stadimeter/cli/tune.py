@@ -17,10 +17,11 @@ from stadimeter.cli.exits import NOT_FOUND, plain_errors
 from stadimeter.cli.progress import working
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.units import parse_duration, parse_speed
+from stadimeter.core.clock import DAY_S
 from stadimeter.core.rule import OnDelay
 from stadimeter.core.words import rounded_duration
 from stadimeter.workbench.replay.replay import read_recording
-from stadimeter.workbench.tuning.candidates import DAY_S, Settings, Tuned, rule_to_tune
+from stadimeter.workbench.tuning.candidates import Settings, Tuned, rule_to_tune
 from stadimeter.workbench.tuning.noise import Series, series_of
 from stadimeter.workbench.tuning.proposing import FLAPS_A_MINUTE, Beginning, Ending, Proposal, tune
 

@@ -26,6 +26,7 @@ from stadimeter.config.units import (
 )
 from stadimeter.core import plan
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.clock import DAY_S
 from stadimeter.core.sensor_fusion import SensorPair
 from stadimeter.core.tracking.transverse import Viewpoint
 from stadimeter.operator_actions import OperatorAction
@@ -34,7 +35,6 @@ from stadimeter.operator_actions import OperatorAction
 LEASE_S = 0.3
 
 # The longest that a run keeps by itself: some 1 GB at 30 Hz.
-DAY_S = 86_400.0
 
 # The longest that a long press may have to be: a button that is held for much longer is stuck.
 HOLD_MAX_S = 5.0

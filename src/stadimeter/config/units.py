@@ -27,6 +27,7 @@ from stadimeter.core.bounds import (
     MAX_VOLTAGE_V,
     MIN_QUANTITY,
 )
+from stadimeter.core.clock import DAY_S
 
 INCH_M = 0.0254
 FOOT_M = 0.3048
@@ -83,8 +84,6 @@ _OF_ANY_THRESHOLD = Units(MAX_LENGTH_M, {unit: size for units in _OF_THRESHOLDS 
 _OF_ALL = (
     *_OF_THRESHOLDS, JERKS_MPS3, ACCELERATIONS_MPS2, TURN_RATES_RADPS, TURN_ACCELERATIONS_RADPS2, FREQUENCIES_HZ,
 )  # fmt: skip
-
-DAY_S = 24 * 3600.0
 
 # A number whose comma some read as decimal, others as the one of thousands.
 _TIME_OF_DAY = re.compile(r"\s*(\d{1,2}):(\d{2})(?::(\d{2}(?:\.\d+)?))?\s*")

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
+DAY_S = 86400.0
+
 
 class TaskEndedError(BaseException):
     """A task that runs beside others is no longer wanted. No driver catches it: it is no `Exception`."""

@@ -127,7 +127,7 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
         figures=inputs.figures and {each.name: inputs.figures[each.name] for each in plan.named_figures},
         reasons=Reasons(plan=plan, judged=rules, inputs=inputs),
     )
-    new = Added(decision.tracks, seen, state.rules.active, rules.active, 0.0 if gap_s else step_s, observation)
+    new = Added(inputs, seen, state.rules.active, rules.active, 0.0 if gap_s else step_s, observation)
     remembered = State(
         plan=plan,
         now_s=observation.now_s,

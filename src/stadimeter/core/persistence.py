@@ -161,8 +161,7 @@ def classify_change(before: State, after: State) -> SnapshotChange:
 
 
 def _has_new_slot(figure: RememberedFigure, before: Summary, after: Summary) -> bool:
-    # The first number of the last slot is when it begins.
-    return figure.window.for_s >= _LONG_WINDOW_S and after.slots[-40:-32] != before.slots[-40:-32]
+    return figure.window.for_s >= _LONG_WINDOW_S and after.newest_from_s != before.newest_from_s
 
 
 def _begins_an_absence(before: State, after: State) -> bool:

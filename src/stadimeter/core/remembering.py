@@ -5,17 +5,20 @@ from __future__ import annotations
 from collections.abc import Container, Mapping
 from typing import NamedTuple
 
-from stadimeter.core.conditions.summary import QUANTITIES, RememberedFigure, Summary, step_summary
+from stadimeter.core.conditions.leaf import RuleInputs
+from stadimeter.core.conditions.quantities import QUANTITIES
+from stadimeter.core.conditions.summary import RememberedFigure, Summary, step_summary
 from stadimeter.core.observation import Observation
 from stadimeter.core.operator import OperatorCommand
-from stadimeter.core.track import Track, TrackStatus
+from stadimeter.core.track import TrackStatus
 from stadimeter.operator_actions import OperatorAction
 
 
 class Added(NamedTuple):
     """What is new in a cycle."""
 
-    tracks: tuple[Track, ...]
+    inputs: RuleInputs
+    """What the rules were judged by."""
     seen: Container[str]
     """The targets that were measured in the frame that is new."""
     was_active: Mapping[str, bool | None]
@@ -32,10 +35,10 @@ class Added(NamedTuple):
             if figure.quantity == "times":
                 return 1.0 if now and not was else None
             return self.step_s if was and self.step_s else None
-        track = next((each for each in self.tracks if each.target == figure.target), None)
+        track = self.inputs.tracks.get(figure.target)
         if track is None or track.target not in self.seen or track.status is not TrackStatus.TRACKING:
             return None
-        found = QUANTITIES[figure.quantity][1](track)
+        found = QUANTITIES[figure.quantity].read(self.inputs, figure.target)
         return None if found is None else found[0]
 
 

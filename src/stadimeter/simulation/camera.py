@@ -248,9 +248,13 @@ class _SensorNoise:
         cv2.subtract(image, self._darker[rows, columns], dst=image)
 
 
+# One frame in 100 s. Between two frames the stepped clock goes through every timer of the run: at 1e-12 Hz, for ever.
+MIN_RATE_HZ = 0.01
+
+
 def _check_rate(rate_hz: float) -> float:
-    if rate_hz == 0:
-        raise ValueError("a rate of 0 Hz gives no frames; write one such as '30 Hz'")
+    if rate_hz < MIN_RATE_HZ:
+        raise ValueError(f"a rate of {rate_hz:g} Hz gives no frames; write {MIN_RATE_HZ:g} Hz or more, such as '30 Hz'")
     return rate_hz
 
 

@@ -19,6 +19,7 @@ from typing import Any
 
 from msgspec import Struct, field
 
+from stadimeter.core.clock import DAY_S
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
 from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.discrete import CountCondition, PresenceCondition, RuleCondition, ScheduleCondition
@@ -28,8 +29,7 @@ from stadimeter.core.conditions.measured import DIFFERENCE, FigureCondition
 from stadimeter.core.conditions.sequence import SequenceCondition
 from stadimeter.core.observation import MonthDay
 
-_DAY_S = 86400.0
-_WEEK_S = 7 * _DAY_S
+_WEEK_S = 7 * DAY_S
 _YEAR_DAYS = 366
 
 
@@ -129,8 +129,8 @@ def situations(leaf: Leaf, truth: Truth, targets: tuple[str, ...]) -> Iterator[B
 
 def week_of(schedule: ScheduleCondition) -> Intervals:
     """Return at which seconds of the week a schedule holds, counted from midnight before Monday."""
-    length_s = schedule.to_s - schedule.from_s + (0.0 if schedule.to_s > schedule.from_s else _DAY_S)
-    starts = [number * _DAY_S + schedule.from_s for number in schedule.weekdays or range(7)]
+    length_s = schedule.to_s - schedule.from_s + (0.0 if schedule.to_s > schedule.from_s else DAY_S)
+    starts = [number * DAY_S + schedule.from_s for number in schedule.weekdays or range(7)]
     whole = [(start, start + length_s) for start in starts]
     return union_of([*whole, *((low - _WEEK_S, high - _WEEK_S) for low, high in whole)]) & interval(0.0, _WEEK_S)
 

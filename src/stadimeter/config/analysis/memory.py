@@ -12,8 +12,10 @@ from stadimeter.config.rules.compiled import WrittenCondition
 from stadimeter.config.rules.tables import RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.alarms.state import MINUTE_S
+from stadimeter.core.clock import DAY_S
+from stadimeter.core.conditions.quantities import QUANTITIES
 from stadimeter.core.conditions.remembered import RememberedCondition
-from stadimeter.core.conditions.summary import DAY_S, QUANTITIES, SLOTS
+from stadimeter.core.conditions.summary import SLOTS
 from stadimeter.core.rule import AlarmRule, AnyRule, ReportRule
 from stadimeter.core.rules.report import LATE_S
 
@@ -28,7 +30,7 @@ def memory_errors(subject: Subject) -> Iterator[Finding]:
             message = f"no rule is active for {condition.above:g} s {condition.window}: {longest_s:g} s at most"
             yield Finding((*leaf.limits_path, "at_least"), message, "write a longer window", "never-true")
         figure = subject.draft.figures.get(condition.name)
-        if figure is not None and condition.unit != (unit := QUANTITIES[figure.of][0]):
+        if figure is not None and condition.unit != (unit := QUANTITIES[figure.of].unit):
             message = f"the figure '{condition.name}' is in {unit}, and not in {condition.unit}"
             yield Finding(leaf.limits_path, message, f"write its limits in {unit}", "bad-value")
     yield from _figures(subject.draft)
@@ -60,7 +62,7 @@ def memory_warnings(subject: Subject) -> Iterator[Finding]:
 
 
 def _sums(subject: Subject) -> Iterator[tuple[WrittenCondition, RememberedCondition]]:
-    conditions = (written for declared, _ in subject.alarms for written in declared.conditions())
+    conditions = (written for declared in subject.rules for written in declared.conditions())
     for leaf in (leaf for written in conditions for leaf in written.leaves()):
         if isinstance(leaf.leaf, RememberedCondition):
             yield leaf, leaf.leaf

@@ -10,9 +10,10 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from stadimeter.config.models import DurationAboveZero, Section
 from stadimeter.config.units import DURATIONS_S, TimeOfDay, as_written, parse_any_quantity, parse_duration
+from stadimeter.core.clock import DAY_S
 from stadimeter.core.conditions.discrete import CountCondition
 from stadimeter.core.conditions.remembered import RememberedCondition
-from stadimeter.core.conditions.summary import DAY_S, FigureQuantity, RememberedFigure, Window
+from stadimeter.core.conditions.summary import FigureQuantity, RememberedFigure, Window
 from stadimeter.core.words import duration
 
 MAX_WINDOW_S = 366 * DAY_S

@@ -8,13 +8,12 @@ from typing import Literal
 from msgspec import Struct
 
 from stadimeter.core.bounds import MAX_DURATION_S, MIN_QUANTITY
+from stadimeter.core.clock import DAY_S
 from stadimeter.core.conditions.leaf import Figure, JudgedFigure, Leaf, Rest, RuleInputs, Threshold
 from stadimeter.core.conditions.limits import ends_of
 from stadimeter.core.observation import MonthDay, WallTime
 
 Sun = Literal["", "sunrise", "sunset"]
-
-_DAY_S = 86400.0
 
 
 class PresenceCondition(Leaf, Struct, frozen=True, kw_only=True):
@@ -175,11 +174,11 @@ class ScheduleCondition(Leaf, Struct, frozen=True, kw_only=True):
         if low_s is None or high_s is None or (self.dates and not wall.dates):
             return None
         if high_s <= low_s:
-            high_s += _DAY_S
+            high_s += DAY_S
         now_s = wall.second_of_day
         # It may have begun yesterday; and one of tomorrow that begins long before sunrise may begin today.
         for day in (0, -1, 1) if low_s < 0 else (0, -1):
-            if low_s <= now_s - day * _DAY_S < high_s and self._begins(wall, day):
+            if low_s <= now_s - day * DAY_S < high_s and self._begins(wall, day):
                 return True
         return False
 

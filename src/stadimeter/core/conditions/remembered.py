@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from msgspec import Struct
-from msgspec.structs import replace
 
 from stadimeter.core.bounds import MAX_SPEED_MPS
 from stadimeter.core.conditions.figures import Uncertain
-from stadimeter.core.conditions.leaf import Figure, JudgedFigure, RuleInputs, Threshold
-from stadimeter.core.conditions.limits import LimitsCondition, ends_of, value_of
+from stadimeter.core.conditions.leaf import UNKNOWN, Figure, RuleInputs, Threshold
+from stadimeter.core.conditions.limits import LimitsCondition, ends_of
 from stadimeter.core.conditions.summary import RememberedFigure, Window
 
 
@@ -90,12 +89,7 @@ class RememberedCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
         value = inputs.figures.get(self.key)
         return None if value is None else (value, 0.0, 0.0)
 
-    def reading(self, inputs: RuleInputs, is_on: bool) -> JudgedFigure | None:
-        """Return the figure, without a standard deviation: that is not known."""
-        reading = LimitsCondition.reading(self, inputs, is_on)
-        return None if reading is None else replace(reading, sigma=None)
-
 
 def _remembered(inputs: RuleInputs, key: str) -> float:
     value = inputs.figures.get(key)
-    return value_of(None if value is None else (value, 0.0, 0.0))
+    return UNKNOWN if value is None else value

@@ -11,19 +11,16 @@ Sums are exact or in the order of the cycles, so that the same run gives the sam
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
 from itertools import accumulate
 from struct import Struct as Packing
 from typing import Literal
 
 from msgspec import Struct
 
-from stadimeter.core.conditions.figures import Uncertain, closing_of, direction_of, quantity_of
+from stadimeter.core.clock import DAY_S
+from stadimeter.core.conditions.quantities import QUANTITIES
 from stadimeter.core.observation import WallTime
-from stadimeter.core.track import Track
 from stadimeter.core.words import duration, time_of_day
-
-DAY_S = 86400.0
 
 # A clock that is put forward or back by less, as for summer time, begins no other day.
 _CLOCK_CHANGE_S = 2 * 3600.0
@@ -36,15 +33,6 @@ SLOTS = 256
 _SLOT = Packing("<5d")
 
 FigureQuantity = Literal["distance", "depth", "closing_speed", "bearing", "elevation"]
-
-# The SI unit of each quantity of a target, and how it is read.
-QUANTITIES: Mapping[str, tuple[str, Callable[[Track], Uncertain | None]]] = {
-    "distance": ("m", lambda track: quantity_of(track, "distance")),
-    "depth": ("m", lambda track: quantity_of(track, "depth")),
-    "closing_speed": ("m/s", closing_of),
-    "bearing": ("rad", lambda track: direction_of(track, "bearing")),
-    "elevation": ("rad", lambda track: direction_of(track, "elevation")),
-}
 
 
 class Window(Struct, frozen=True, kw_only=True):
@@ -100,7 +88,7 @@ class RememberedFigure(Struct, frozen=True, kw_only=True):
 
     def for_people(self, value: float | None) -> float | None:
         """Return a value as messages tell it: in the SI unit, but an angle in degrees."""
-        return value if value is None or QUANTITIES[self.quantity][0] != "rad" else math.degrees(value)
+        return value if value is None or QUANTITIES[self.quantity].unit != "rad" else math.degrees(value)
 
 
 class Summary(Struct, frozen=True, kw_only=True):
@@ -115,6 +103,11 @@ class Summary(Struct, frozen=True, kw_only=True):
     slots: bytes = b""
     value: float | None = None
     began_s: float | None = None
+
+    @property
+    def newest_from_s(self) -> float | None:
+        """When the newest slot began; None without one."""
+        return _SLOT.unpack_from(self.slots, len(self.slots) - _SLOT.size)[0] if self.slots else None
 
     def resume(self, shift_s: float) -> Summary:
         """Return the same at the beginning of a run, with its times shifted to another clock."""

@@ -10,8 +10,8 @@ import math
 
 from stadimeter.core.alarms.actions import is_to_be
 from stadimeter.core.alarms.gate import OPEN, Gate, GatedStep
+from stadimeter.core.clock import DAY_S
 from stadimeter.core.conditions.leaf import Rest, RuleInputs
-from stadimeter.core.conditions.summary import DAY_S
 from stadimeter.core.decision import Event, EventKind, Notice, RuleStatus
 from stadimeter.core.rule import ROUNDING_S, ReportRule
 from stadimeter.core.rule_step import trace_of

@@ -24,7 +24,7 @@ from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame, Subsampling
-from stadimeter.detectors.ball.any_colour import is_worth_another_look, pick_circles
+from stadimeter.detectors.ball.any_colour import pick_circles
 from stadimeter.detectors.ball.blobs import Blob, find_blobs, join_patches, search_step, thin_out
 from stadimeter.detectors.ball.choice import BestBall, RangeSearch, best_and_rival, explains, is_found_again, look_again
 from stadimeter.detectors.ball.circles import ImageCircle, find_edge_circle
@@ -323,7 +323,7 @@ class BallDetector:
     def _search_at(self, scene: BallScene, start: ImageCircle, reach_px: float) -> FoundBall | None:
         """Return the ball near a circle; None, and a note of why, if there is none."""
         limb = find_limb(scene.image, start, reach_px, scene.lens)
-        if limb is not None and limb.is_doubtful and is_worth_another_look(scene, limb):
+        if limb is not None and limb.is_doubtful:
             limb = look_again(scene, limb, reach_px)
         return self._judge(scene, start, limb)
 

@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from stadimeter.detectors.ball.choice import RIVAL_SCORE, BestBall
 from stadimeter.detectors.ball.circle_votes import CircleProposal, list_octaves, propose_circles
 from stadimeter.detectors.ball.circles import ImageCircle
-from stadimeter.detectors.ball.gates import BallScene, needed_support
-from stadimeter.detectors.ball.limb import Limb
+from stadimeter.detectors.ball.gates import BallScene
 
 # A circle that is as much like an outline is measured at once, as half of the silver balls are; of the others so many
 # of all octaves, if no ball is sure by then. The third was a ball in one of 230 pictures.
@@ -28,11 +27,3 @@ def pick_circles(scene: BallScene, choice: BestBall) -> Iterator[ImageCircle]:
     for each in sorted(unclear, key=lambda proposal: -proposal.likeness)[:MAX_UNCLEAR]:
         if not choice.has_sure:
             yield each.circle
-
-
-def is_worth_another_look(scene: BallScene, limb: Limb) -> bool:
-    """Return whether a second look by colour, which takes several times as long, may find a ball at a doubtful limb."""
-    # Of 258 silver balls that it found 5 were seen less at first than is asked for, but of what is no ball six in seven
-    # things are.
-    is_free = scene.gates.colour is None and scene.expected is None
-    return not is_free or limb.support_inside >= needed_support(scene, limb)

@@ -26,6 +26,7 @@ from stadimeter.config.plugins import DriverChoice, DriverContext, Shared
 from stadimeter.config.rule_test_tables import InputTable, MotionTable, OperatorTable, PathPoint, SpanTable
 from stadimeter.config.rules.schedule_tables import DAYS
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.clock import DAY_S
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.observation import FrameStamp, Observation, WallTime
 from stadimeter.core.operator import OperatorCommand
@@ -39,7 +40,6 @@ RATE_HZ = 30.0
 
 # Without a frame there is a cycle this often, as in a run.
 WAIT_S = 0.1
-_DAY_S = 86400.0
 _ROUNDING_S = 1e-9
 
 
@@ -123,7 +123,7 @@ def wait_times(last_s: float, next_s: float) -> Iterator[float]:
 def _wall(given: InputTable, at_s: float, configuration: Configuration) -> WallTime | None:
     if given.clock is None:
         return None
-    days, second_of_day = divmod(given.clock + at_s, _DAY_S)
+    days, second_of_day = divmod(given.clock + at_s, DAY_S)
     if given.date is not None:
         midnight = datetime.combine(given.date, time())
         return wall_time(midnight + timedelta(seconds=given.clock + at_s), configuration)

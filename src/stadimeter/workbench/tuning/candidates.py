@@ -12,6 +12,7 @@ from msgspec.structs import replace
 
 from stadimeter.config.findings import did_you_mean_or_list
 from stadimeter.config.loader import Configuration
+from stadimeter.core.clock import DAY_S
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.decision import Severity
 from stadimeter.core.rule import AlarmRule, OnDelay
@@ -151,7 +152,6 @@ def _problem(configuration: Configuration, message: str, hint: str) -> Problem:
 
 
 # Bootstrap draws of the counts, for the confidence of the line.
-DAY_S = 86400.0
 SURE = 0.95
 DRAWS = 400
 

@@ -17,10 +17,10 @@ from functools import partial
 import numpy as np
 from msgspec import Struct
 
+from stadimeter.core.clock import DAY_S
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule
 from stadimeter.workbench.tuning.candidates import (
-    DAY_S,
     Count,
     Rate,
     Settings,
