@@ -183,22 +183,25 @@ def _taped(seed: int) -> Iterable[FlatSample]:
         ("squares", taped.cut_square(seed)),
         ("board", taped.cut_square(seed, board=True)),
     ):
-        yield _flat(TAPED, name, flat)
-        yield _flat(TAPED, f"{name}, colour", flat, colour=flat.hsv)
-        yield _flat(TAPED, f"{name}, known side", flat, known_side="height")
-        yield _flat(TAPED, f"{name}, known side, colour", flat, colour=flat.hsv, known_side="height")
+        made = render(flat.scene)
+        yield _flat(TAPED, name, flat, made=made)
+        yield _flat(TAPED, f"{name}, colour", flat, colour=flat.hsv, made=made)
+        yield _flat(TAPED, f"{name}, known side", flat, known_side="height", made=made)
+        yield _flat(TAPED, f"{name}, known side, colour", flat, colour=flat.hsv, known_side="height", made=made)
 
 
 def _rough(seed: int) -> Iterable[FlatSample]:
     for what in get_args(Rough):
         for size, small in (("", False), ("small ", True)):
             flat = rough_flat(seed, what, small=small)
-            exact = replace(flat, cut_m=0.0)
-            yield _flat(ROUGH, f"{size}{what}", exact)
-            yield _flat(ROUGH, f"{size}{what}, colour", exact, colour=flat.hsv)
-            yield _flat(ROUGH, f"{size}{what}, colour, tolerance", flat, colour=flat.hsv)
+            exact, made = replace(flat, cut_m=0.0), render(flat.scene)
+            kind = f"{size}{what}"
+            yield _flat(ROUGH, kind, exact, made=made)
+            yield _flat(ROUGH, f"{kind}, colour", exact, colour=flat.hsv, made=made)
+            yield _flat(ROUGH, f"{kind}, colour, tolerance", flat, colour=flat.hsv, made=made)
             if what == "strip":
-                yield _flat(ROUGH, f"{size}{what}, known side, colour", exact, colour=flat.hsv, known_side="height")
+                known_side = f"{kind}, known side, colour"
+                yield _flat(ROUGH, known_side, exact, colour=flat.hsv, known_side="height", made=made)
 
 
 def _lens(seed: int) -> Iterable[FlatSample]:
@@ -234,8 +237,15 @@ def _troubles(target: str) -> dict[str, Callable[[Scene], Scene]]:
     return CONDITIONS | HIDDEN if target == "disc" else CONDITIONS
 
 
-def _flat(name: str, kind: str, flat: HardFlat, colour: str | None = None, known_side: str = "auto") -> FlatSample:
-    """Measure a sheet or a strip with what a user would say of it."""
+def _flat(
+    name: str,
+    kind: str,
+    flat: HardFlat,
+    colour: str | None = None,
+    known_side: str = "auto",
+    made: RenderedScene | None = None,
+) -> FlatSample:
+    """Measure a sheet or a strip with what a user would say of it; `made` is its scene if that was rendered before."""
     options = {
         "width": f"{flat.width_m} m",
         "height": f"{flat.height_m} m",
@@ -247,11 +257,13 @@ def _flat(name: str, kind: str, flat: HardFlat, colour: str | None = None, known
     kinds = ("all", flat.surface, kind)
     if kind in OF_EACH_BACKDROP:
         kinds += (f"{kind} before {flat.backdrop}",)
-    return _measured(name, kinds, flat.scene, "sheet", **options)
+    return _measured(name, kinds, flat.scene, "sheet", made, **options)
 
 
-def _measured(name: str, kinds: tuple[str, ...], scene: Scene, target: str, **options: object) -> FlatSample:
-    made = render(scene)
+def _measured(
+    name: str, kinds: tuple[str, ...], scene: Scene, target: str, made: RenderedScene | None = None, **options: object
+) -> FlatSample:
+    made = made or render(scene)
     if target == "tag":
         options["id"] = scene.target.number
     camera = scene.camera if name in (TAPED, ROUGH) else draw.CAMERA
