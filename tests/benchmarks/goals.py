@@ -81,6 +81,43 @@ HARD = (
         {"hard ball dots gross": 0.01, "hard ball blurred gross": 0.02},
     ),
     at_least(
+        "hard world: silver ball, its colour not given: found", "≥ 87.5 %", percent, {"hard ball silver found": 0.875}
+    ),
+    at_most(
+        "hard world: silver ball, its colour not given: median / off by more than 10 %",
+        "≤ 3 % / 1 %",
+        percent,
+        {"hard ball silver median": 0.03, "hard ball silver gross": 0.01},
+    ),
+    at_most(
+        "clutter / rooms taken for a ball whose colour is not given",
+        "≤ 1 in 300 each",
+        percent,
+        {f"alarms stadimeter ball of any colour {where}": 1 / 300 for where in ("clutter", "room")},
+    ),
+    at_least(
+        "hard world: lit strips, plain or by one known side / small ones / squares cut by hand / their board: found",
+        "≥ 90 / 70 / 80 / 80 %",
+        percent,
+        {
+            "hard flat taped strips found": 0.9,
+            "hard flat taped strips, known side found": 0.9,
+            "hard flat taped small strips, known side found": 0.7,
+            "hard flat taped squares, colour found": 0.8,
+            "hard flat taped board found": 0.8,
+        },
+    ),
+    at_most(
+        "hard world: off by more than 10 %: lit strips / by one known side / sheets, squares and strips cut roughly",
+        "0",
+        percent,
+        {
+            "hard flat taped strips gross": 0.0,
+            "hard flat taped strips, known side gross": 0.0,
+            "hard flat rough all gross": 0.0,
+        },
+    ),
+    at_least(
         "hard world: card and tape cut by hand, ±1 mm, 15–60 px: found",
         "≥ 90 % each",
         percent,
@@ -166,6 +203,12 @@ def _faster(what: str, contender: str, state: str, limits: tuple[float, ...]) ->
 
 
 TIME = (
+    at_least(
+        "ball at 640, its colour not given, against the search by colour: with a ball / without",
+        "≥ 0.33 × each",
+        plain(2, "×"),
+        {f"ball of any colour stadimeter{name} 480 speed-up": 1 / 3 for name in ("", ", no ball there")},
+    ),
     _faster("ball, detected and measured", "ball stadimeter", "hot", (12, 13, 15)),
     _faster("ball, detected and measured", "ball stadimeter", "cold", (10, 12, 12)),
     _faster("ball, tracked and measured", "ball stadimeter, tracking", "hot", (22, 27, 40)),
@@ -208,6 +251,8 @@ TIME = (
 )
 
 GOALS = (*REAL, *HARD, *PLAIN, *TIME)
+WITH_COVERAGE = {f"{part} coverage" for part in ("ball", "sheet", "disc", "tag")}
+"""Of every part whose intervals the last two lines tell of, a figure that it has."""
 
 
 def goals_table(facts: Facts) -> str:
@@ -217,13 +262,19 @@ def goals_table(facts: Facts) -> str:
 
 
 def with_new_goals(table_before: str, facts: Facts) -> str:
-    """Return a table of goals with new lines for those whose every figure is measured.
+    """Return a table of goals with new lines for those whose every figure is measured; the others stay as they were.
 
-    The last two are of all parts, so they stay until all are measured together.
+    The last two are new if every part that they are of was measured.
     """
-    new = {goal.what: row(goal.line(facts)) for goal in GOALS if goal.limits.keys() <= facts.keys()}
-    lines = table_before.split("\n")
-    return "\n".join(new.get(line.removeprefix("| ").partition(" | ")[0], line) for line in lines)
+    kept = table_before.rstrip("\n")
+    before = {line.removeprefix("| ").partition(" | ")[0]: line for line in kept.split("\n")}
+    lines = kept.split("\n")[:4]  # the heading, and the head of the table
+    for goal in GOALS:
+        is_new = goal.limits.keys() <= facts.keys() or goal.what not in before
+        lines.append(row(goal.line(facts)) if is_new else before[goal.what])
+    for line in (_overall(facts), _by_trouble(facts)):
+        lines.append(row(line) if facts.keys() >= WITH_COVERAGE or line[0] not in before else before[line[0]])
+    return "\n".join(lines) + table_before[len(kept) :]
 
 
 def _coverages(facts: Facts) -> dict[str, float]:
