@@ -3,7 +3,6 @@
 import pytest
 
 from stadimeter.core.alarms.alarm import AlarmStep
-from stadimeter.core.alarms.gate import GatedStep
 from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.decision import EventKind, Severity
@@ -11,20 +10,8 @@ from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule
 from stadimeter.core.rules.quiescence import MAX_WOKEN
-from support.gated_runs import with_gates
 from support.observing import measured
-from support.random_runs import random_run, with_all_active, with_memory, with_settings
-
-
-def first_difference(run):
-    """Return the first cycle in which the scheduler and its oracle decide differently, and both decisions."""
-    scheduled = judged = initial_state(run.plan)
-    for cycle, observation in enumerate(run.observations):
-        scheduled, decision = decide(scheduled, observation)
-        judged, expected = decide(with_all_active(judged), observation)
-        if decision != expected or dict(decision.reasons) != dict(expected.reasons):
-            return cycle, decision, expected
-    return None
+from support.random_runs import first_difference, random_run, with_settings
 
 
 def differing(seeds, *, is_aimed):
@@ -48,36 +35,6 @@ def test_a_latched_alarm_that_counts_as_holding_forgets_what_its_parts_did(seed,
 @pytest.mark.parametrize("seeds", [range(20), pytest.param(range(20, 200), marks=pytest.mark.long)])
 def test_a_quiescent_rule_notices_at_once_that_an_operator_has_set_something_of_it(seeds):
     assert {seed: found for seed in seeds if (found := first_difference(with_settings(random_run(seed), seed)))} == {}
-
-
-@pytest.mark.parametrize("seeds", [range(20), pytest.param(range(20, 400), marks=pytest.mark.long)])
-def test_rules_that_go_by_what_is_remembered_are_never_quiescent_when_it_changes(seeds):
-    assert {seed: found for seed in seeds if (found := first_difference(with_memory(random_run(seed), seed)))} == {}
-
-
-@pytest.mark.parametrize("seeds", [range(9000, 9020), pytest.param(range(9020, 9300), marks=pytest.mark.long)])
-def test_gates_schedules_and_orders_are_decided_as_if_every_rule_was_judged_in_every_cycle(seeds):
-    assert {seed: found for seed in seeds if (found := first_difference(with_gates(random_run(seed), seed)))} == {}
-
-
-def test_the_gates_of_random_runs_open_and_close_and_their_orders_come_about():
-    opened, closed, unknown, in_order = 0, 0, 0, 0
-    for seed in range(9000, 9040):
-        run = with_gates(random_run(seed), seed)
-        state = initial_state(run.plan)
-        for observation in run.observations:
-            state, decision = decide(state, observation)
-            gates = [step.is_open for step in state.rules.steps if isinstance(step, GatedStep)]
-            opened, closed, unknown = (
-                opened + gates.count(True),
-                closed + gates.count(False),
-                unknown + gates.count(None),
-            )
-            in_order += sum(
-                event.kind is EventKind.RAISED and event.source.startswith("z-order") for event in decision.events
-            )
-    assert min(opened, closed, unknown) > 100
-    assert in_order >= 5
 
 
 def test_the_operators_of_random_runs_set_and_withdraw_thresholds_of_every_kind():

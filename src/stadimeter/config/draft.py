@@ -279,7 +279,7 @@ class _Reader:
             if rule is not None:
                 self.draft.rules[name] = rule
         draft = self.draft
-        draft.compiled = compile_rules(draft.rules, draft.tables("rules"), draft.names("targets"))
+        draft.compiled = compile_rules(draft.rules, draft.tables("rules"), draft.names("targets"), draft.figures)
 
     def _validated(self, model: type[ModelT], at: KeyPath, table: Mapping[str, Any]) -> ModelT | None:
         return validate(model, table, at, self.context, self.draft.findings)

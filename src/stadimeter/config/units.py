@@ -21,11 +21,13 @@ from stadimeter.core.bounds import (
     MAX_DURATION_S,
     MAX_FREQUENCY_HZ,
     MAX_LENGTH_M,
+    MAX_SIZE,
     MAX_SPEED_MPS,
     MAX_TURN_ACCELERATION_RADPS2,
     MAX_TURN_RATE_RADPS,
     MAX_VOLTAGE_V,
     MIN_QUANTITY,
+    SIZE_UNIT,
 )
 from stadimeter.core.clock import DAY_S
 
@@ -78,7 +80,8 @@ VOLTAGES_V = Units(MAX_VOLTAGE_V, {"V": 1.0, "mV": 1e-3})
 FREQUENCIES_HZ = Units(MAX_FREQUENCY_HZ, {"Hz": 1.0, "hz": 1.0, "kHz": 1e3})
 
 # The quantities of thresholds. No unit is of two of them.
-_OF_THRESHOLDS = (LENGTHS_M, DURATIONS_S, SPEEDS_MPS, ANGLES_RAD, VOLTAGES_V)
+SIZES = Units(MAX_SIZE, {SIZE_UNIT: 1.0, "%": 0.01})
+_OF_THRESHOLDS = (LENGTHS_M, DURATIONS_S, SPEEDS_MPS, ANGLES_RAD, VOLTAGES_V, SIZES)
 _OF_ANY_THRESHOLD = Units(MAX_LENGTH_M, {unit: size for units in _OF_THRESHOLDS for unit, size in units.items()})
 
 _OF_ALL = (

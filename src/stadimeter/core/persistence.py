@@ -46,6 +46,9 @@ _SHORTLY = {
 # How the rows of figures are called; no rule has a point in its name.
 _OF_FIGURES = "figures."
 
+# Likewise of sequences: when each was complete.
+_OF_SEQUENCES = "sequences."
+
 # Of a figure over so long a window, each of its slots that is over is written; of others what is there at the end.
 _LONG_WINDOW_S = 3600.0
 
@@ -130,7 +133,13 @@ def snapshot_alarms(state: State) -> tuple[AlarmSnapshot, ...]:
     kept = [
         AlarmSnapshot(rule=_OF_FIGURES + it.name, meaning=meaning_of(it), summary=summary) for it, summary in figures
     ]
-    return (*found, *kept)
+    ends = (each for ending in state.rules.layout.sequences.values() for each in ending)
+    complete = [
+        AlarmSnapshot(rule=_OF_SEQUENCES + each.key, meaning="", last_raised_at_s=at_s)
+        for each in dict.fromkeys(ends)
+        if (at_s := state.rules.raised_at_s.get(each.key)) is not None
+    ]
+    return (*found, *kept, *complete)
 
 
 def find_absences(state: State) -> tuple[Absence, ...]:
@@ -238,9 +247,11 @@ def restore_alarms(
             first_out[alarm.group] = rule.name
     since_s = {absence.target: absence.since_s + shift_s for absence in absences}
     tracks = tuple(_absent_since(tracked, since_s.get(tracked.track.target)) for tracked in state.tracks)
+    for row in (each for each in by_rule.values() if each.rule.startswith(_OF_SEQUENCES)):
+        raised_at_s[row.rule.removeprefix(_OF_SEQUENCES)] = (row.last_raised_at_s or 0.0) + shift_s
     rules = with_steps(state.plan, tuple(steps), first_out, raised_at_s)
     figures = tuple(
-        memory.summary.resume(shift_s)
+        memory.summary.resume(it, shift_s, now_s)
         if (memory := by_rule.get(_OF_FIGURES + it.name)) and memory.summary and memory.meaning == meaning_of(it)
         else Summary()
         for it in state.plan.figures

@@ -8,7 +8,7 @@ from msgspec import Struct
 
 from stadimeter.config.analysis.logic import Logic
 from stadimeter.config.draft import Draft
-from stadimeter.config.rules.compiled import CompiledRule
+from stadimeter.config.rules.compiled import CompiledRule, WrittenCondition
 from stadimeter.core.rule import AlarmRule
 
 # Frames in a second where the camera does not say: what a small computer manages.
@@ -32,6 +32,11 @@ class Subject(Struct, frozen=True, kw_only=True):
     def alarms(self) -> Iterator[tuple[CompiledRule, AlarmRule]]:
         """Every alarm; one of each table that names several targets."""
         return ((each, each.rule) for each in self.rules if isinstance(each.rule, AlarmRule))
+
+    @property
+    def leaves(self) -> Iterator[WrittenCondition]:
+        """Every simple condition of its rules, those of gates and steps included."""
+        return (leaf for each in self.rules for written in each.conditions() for leaf in written.leaves())
 
 
 def subject_of(draft: Draft) -> Subject:

@@ -8,7 +8,7 @@ from itertools import combinations, islice
 from typing import Any
 
 from stadimeter.config.analysis import Subject
-from stadimeter.config.analysis.logic import Logic, Wanted
+from stadimeter.config.analysis.logic import Goal, Logic, Wanted
 from stadimeter.config.analysis.regions import beginning_of, range_of, region_of
 from stadimeter.config.findings import Finding
 from stadimeter.config.rules.compiled import CompiledRule, WrittenCondition
@@ -18,7 +18,7 @@ from stadimeter.core.conditions.discrete import CountCondition, PresenceConditio
 from stadimeter.core.conditions.limits import LimitsCondition, ends_of
 from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.conditions.quantities import QUANTITIES, noun_of
-from stadimeter.core.rule import AlarmRule, RampRule, gate_of
+from stadimeter.core.rule import AlarmRule, LostPolicy, RampRule, gate_of
 from stadimeter.core.words import short_figure
 
 # Pairs of parts that are tried at most to name the two that clash: those of some sixty parts.
@@ -82,7 +82,7 @@ def _table_of(leaf: WrittenCondition) -> Any:
 
 def quantity_errors(subject: Subject) -> Iterator[Finding]:
     """Find ramps whose ends are not in order, targets compared with themselves, and heights above an unknown floor."""
-    heights: dict[KeyPath, str] = {}
+    heights: dict[KeyPath, str] = {("figures", name, "of"): each.of for name, each in subject.draft.figures.items()}
     for declared in subject.every_rule:
         leaves = [leaf for written in declared.conditions() for leaf in written.leaves()]
         for leaf in leaves:
@@ -145,6 +145,7 @@ def holding_warnings(subject: Subject) -> Iterator[Finding]:
     for declared in subject.rules:
         for written in declared.conditions():
             yield from _always(declared, written, subject.logic)
+        yield from _left_out(declared, subject.logic)
         suppress_when = gate_of(declared.rule).suppress_when
         if suppress_when is not None and _meets_always(region_of(declared.rule), suppress_when, subject.logic):
             message = (
@@ -152,6 +153,24 @@ def holding_warnings(subject: Subject) -> Iterator[Finding]:
             )
             hint = "suppress it in fewer situations, or write observe = true if that is meant"
             yield Finding(declared.at("suppress_when"), message, hint, "always-suppressed")
+
+
+def _left_out(declared: CompiledRule, logic: Logic) -> Iterator[Finding]:
+    """Find steps that are due when their alarm is raised, and whose condition cannot hold then."""
+    alarm = declared.rule
+    if not isinstance(alarm, AlarmRule) or alarm.lost.policy is LostPolicy.ASSERT:
+        return
+    for number, step in enumerate(alarm.escalation):
+        if step.when is None or step.on != "raised" or step.after_s > 0:
+            continue
+        goals: list[Goal] = [
+            (alarm.condition, Wanted.TRUE),
+            (step.when, Wanted.NOT_FALSE if step.send else Wanted.TRUE),
+        ]
+        if all(logic.can_be(goal) for goal in goals) and not logic.can_be(*goals):
+            message = f"when '{alarm.name}' is raised, this does not hold: the step is left out"
+            hint = 'write such as after = "10 s" if it may hold later, or leave the step out'
+            yield Finding(declared.at("escalation", number, "when"), message, hint, "never-true")
 
 
 def _meets_always(condition: Condition, suppression: Condition, logic: Logic) -> bool:

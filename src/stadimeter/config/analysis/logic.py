@@ -26,7 +26,9 @@ from stadimeter.core.conditions.discrete import CountCondition, PresenceConditio
 from stadimeter.core.conditions.leaf import Leaf
 from stadimeter.core.conditions.limits import ends_of
 from stadimeter.core.conditions.measured import DIFFERENCE, FigureCondition
+from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.conditions.sequence import SequenceCondition
+from stadimeter.core.conditions.summary import SLOTS
 from stadimeter.core.observation import MonthDay
 
 _WEEK_S = 7 * DAY_S
@@ -84,6 +86,15 @@ Axis = tuple[Any, ...]
 # A set of situations: for each axis a union of intervals. Axes that it does not name are free.
 Box = Mapping[Axis, Intervals]
 
+# The axis ``(_SUM, UNIT, RULES, SECONDS)`` is for what rules did within a window that slides.
+_SUM = "sum"
+
+# Quantities that are part of another one, on whichever side of zero.
+_PARTS = {
+    **dict.fromkeys(("depth", "x", "y", "z", "height above camera"), "distance"),
+    **dict.fromkeys(("closing speed", "sideways speed"), "speed"),
+}
+
 # Answers, as intervals on an axis of their own.
 YES, NO, NOT_KNOWN = interval(0.0, 1.0), interval(-1.0, 0.0), interval(1.0, 2.0)
 
@@ -117,8 +128,9 @@ def situations(leaf: Leaf, truth: Truth, targets: tuple[str, ...]) -> Iterator[B
         case ScheduleCondition():
             yield from _clock(leaf, truth)
         case SequenceCondition():
-            ended = {("rule", leaf.rules[-1]): NOT_KNOWN} if truth is Truth.UNKNOWN else {}
-            yield {("sequence", leaf): YES if truth is Truth.TRUE else NO, **ended}
+            # It ends with its last rule, unless it lasts for a time.
+            last = {Truth.UNKNOWN: NOT_KNOWN, Truth.FALSE: ALL, Truth.TRUE: YES if leaf.for_s is None else ALL}[truth]
+            yield {("sequence", leaf): YES if truth is Truth.TRUE else NO, ("rule", leaf.rules[-1]): last}
         case RuleCondition():
             yield {("rule", leaf.rule): {Truth.TRUE: YES, Truth.FALSE: NO, Truth.UNKNOWN: NOT_KNOWN}[truth]}
         case TimeToContactCondition():
@@ -152,7 +164,9 @@ def _measured(leaf: Leaf, truth: Truth) -> Iterator[Box]:
     ):  # one axis for both directions
         limits = -limits[1], -limits[0]
     inside, possible = interval(*limits), ALL if leaf.is_signed else LENGTHS
-    axis = (leaf.noun, *sorted(leaf.targets_named))
+    axis: Axis = (leaf.noun, *sorted(leaf.targets_named))
+    if isinstance(leaf, RememberedCondition) and leaf.rules and leaf.window.from_second is None:
+        axis = _SUM, leaf.unit, leaf.rules, leaf.window.for_s
     yield {**dict.fromkeys(sights, SEEN), axis: possible & (inside if truth is Truth.TRUE else ~inside)}
 
 
@@ -290,16 +304,21 @@ def _both(box: Box, other: Box) -> Box:
 def is_possible(box: Box) -> bool:
     """Return whether a situation can be in a box, given what is true of every situation.
 
-    A depth is no longer than the distance; as many targets are counted as are in sight; two targets are at most as far
-    apart as both distances together, and at least as far as these differ.
+    A part is no larger than its whole; as many targets are counted as are in sight; two targets are at most as far
+    apart as both distances together, and at least as far as these differ; a longer window has all of a shorter one.
     """
     return not any(part.is_empty for part in box.values()) and all(_fits(box, axis) for axis in box)
 
 
 def _fits(box: Box, axis: Axis) -> bool:
     name, *names = axis
-    if name == "depth":
-        return box[axis].parts[0][0] < _ends(box, ("distance", *names))[1]
+    if name in _PARTS:
+        low, high = _ends(box, axis)
+        return max(low, -high) < _ends(box, (_PARTS[name], *names))[1]
+    if name == _SUM:
+        # What is as old as a window leaves it up to one slot too early.
+        longer = (each for each in box if each[:3] == axis[:3] and each[3] * (SLOTS - 1) / SLOTS >= axis[3])
+        return all(_ends(box, axis)[0] < _ends(box, each)[1] for each in longer)
     if name == "count":
         sights = [box.get(("in sight", target)) for target in names]
         seen = sum(sight is not None and (sight & GONE).is_empty for sight in sights)

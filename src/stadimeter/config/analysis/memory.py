@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from stadimeter.config.analysis import Subject
 from stadimeter.config.draft import Draft
 from stadimeter.config.findings import Finding, did_you_mean_or_list
-from stadimeter.config.rules.compiled import WrittenCondition
 from stadimeter.config.rules.tables import RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.alarms.state import MINUTE_S
@@ -23,14 +22,24 @@ _STEP_KEYS = ("actuator", "after", "on", "only_unacknowledged")
 
 
 def memory_errors(subject: Subject) -> Iterator[Finding]:
-    """Find sums longer than their window, figures of no target or in another unit, and messages that are none."""
-    for leaf, condition in _sums(subject):
+    """Find sums longer than their window, figures of no target or in another unit, and messages that are none.
+
+    Messages at times are never active, so that nothing can wait for them or count them.
+    """
+    messages = {each.rule.name for each in subject.rules if isinstance(each.rule, ReportRule)}
+    for leaf in subject.leaves:
+        condition = leaf.leaf
+        for name in sorted(messages.intersection(condition.rules_named)):
+            message = f"'{name}' sends messages at its times, and is never active"
+            yield Finding(leaf.limits_path, message, "name a rule that has when, ramp or follow", "never-true")
+        if not isinstance(condition, RememberedCondition):
+            continue
         longest_s = condition.window.for_s * (SLOTS - 1) / SLOTS
         if condition.unit == "s" and (condition.above or 0.0) >= longest_s and condition.rules:
             message = f"no rule is active for {condition.above:g} s {condition.window}: {longest_s:g} s at most"
             yield Finding((*leaf.limits_path, "at_least"), message, "write a longer window", "never-true")
         figure = subject.draft.figures.get(condition.name)
-        if figure is not None and condition.unit != (unit := QUANTITIES[figure.of].unit):
+        if figure is not None and condition.unit and condition.unit != (unit := QUANTITIES[figure.of].unit):
             message = f"the figure '{condition.name}' is in {unit}, and not in {condition.unit}"
             yield Finding(leaf.limits_path, message, f"write its limits in {unit}", "bad-value")
     yield from _figures(subject.draft)
@@ -53,19 +62,15 @@ def _figures(draft: Draft) -> Iterator[Finding]:
 def memory_warnings(subject: Subject) -> Iterator[Finding]:
     """Find counts that are never reached, however often the rule that is counted would be raised."""
     rules = {each.rule.name: each.rule for each in subject.every_rule}
-    for leaf, condition in _sums(subject):
+    for leaf in subject.leaves:
+        condition = leaf.leaf
+        if not isinstance(condition, RememberedCondition):
+            continue
         most = sum(_raises_max(rules.get(name), condition.window.for_s) for name in condition.rules)
         if condition.unit == "times" and (condition.above or 0.0) >= most:
             message = f"{' or '.join(condition.rules)} can be raised {most:g} times {condition.window} at most"
             hint = "count fewer; on_delay, off_delay and raises_per_min_max of that rule limit it"
             yield Finding((*leaf.limits_path, "at_least"), message, hint, "never-true")
-
-
-def _sums(subject: Subject) -> Iterator[tuple[WrittenCondition, RememberedCondition]]:
-    conditions = (written for declared in subject.rules for written in declared.conditions())
-    for leaf in (leaf for written in conditions for leaf in written.leaves()):
-        if isinstance(leaf.leaf, RememberedCondition):
-            yield leaf, leaf.leaf
 
 
 def _raises_max(rule: AnyRule | None, for_s: float) -> float:

@@ -34,12 +34,12 @@ def promise_warnings(subject: Subject) -> Iterator[Finding]:
     latched = {each.rule.name: each.section for each in subject.every_rule if getattr(each.rule, "latch", False)}
     follows = [each.rule for each in subject.rules if isinstance(each.rule, FollowRule) and not each.rule.observe]
     yield from _groups_of_one(subject)
+    yield from _never_undelivered(subject)
     for declared, alarm in subject.alarms:
         yield from _clears_at_once(declared, alarm)
         yield from _waits_unheard(subject, declared, alarm)
         yield from _latch_suppresses(latched, declared, alarm)
         yield from _blind_stop(follows, declared, alarm)
-        yield from _never_undelivered(subject, declared)
 
 
 def _safety(declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding]:
@@ -120,10 +120,8 @@ def _blind_stop(follows: list[FollowRule], declared: CompiledRule, alarm: AlarmR
         yield Finding(declared.at("lost"), f"{message} all the same", hint, "motion-blind")
 
 
-def _never_undelivered(subject: Subject, declared: CompiledRule) -> Iterator[Finding]:
-    if not {"messenger", "notifiers"}.isdisjoint(subject.draft.table):
-        return
-    for leaf in (leaf for written in declared.conditions() for leaf in written.leaves()):
+def _never_undelivered(subject: Subject) -> Iterator[Finding]:
+    for leaf in subject.leaves if {"messenger", "notifiers"}.isdisjoint(subject.draft.table) else ():
         if isinstance(leaf.condition, UndeliveredCondition):
             message = "no alarm is ever undelivered: there is no section [messenger], and no [notifiers.NAME]"
             yield Finding(leaf.path, message, "add one, or remove the condition", "unheard")

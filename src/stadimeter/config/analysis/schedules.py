@@ -2,28 +2,44 @@
 
 from __future__ import annotations
 
-from collections import Counter
+import math
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from datetime import datetime, timedelta, tzinfo
 from itertools import pairwise
+
+from msgspec.structs import replace
 
 from stadimeter.config.analysis import Subject
 from stadimeter.config.extras import missing
 from stadimeter.config.findings import Finding
 from stadimeter.config.rules.compiled import WrittenCondition
+from stadimeter.config.toml_lines import KeyPath
+from stadimeter.core.clock import DAY_S
 from stadimeter.core.conditions.discrete import ScheduleCondition
 from stadimeter.core.conditions.sequence import SequenceCondition
-from stadimeter.core.observation import MonthDay
+from stadimeter.core.observation import MonthDay, WallTime
+from stadimeter.core.rule import ReportRule
 from stadimeter.core.words import time_of_day
 
 # Clocks are changed in every year on nearly the same days.
 _AHEAD_DAYS = 366
 
+# A message at a time of day, on every day; and a year that has every date.
+_EVERY_DAY = ScheduleCondition(from_s=0.0, to_s=0.0)
+_YEAR = datetime(2000, 1, 1)  # noqa: DTZ001 - its dates count
+
+# The largest declination of the sun; and the height of its middle when its upper edge is at the horizon.
+_TROPIC_DEG, _HORIZON_DEG = 23.44, -0.833
+
+# Nearer to a pole than a degree, the sun can rise or set on no more days of a year than this.
+_FEW_DAYS = 12
+
 
 def schedule_errors(subject: Subject) -> Iterator[Finding]:
     """Find schedules by the sun of no place, and rules in an order in which they cannot be raised."""
     place = subject.draft.place
-    for written in _leaves(subject):
+    for written in subject.leaves:
         leaf, at = written.leaf, (*written.limits_path, "between")
         if isinstance(leaf, SequenceCondition):
             yield from _order(subject, written, leaf)
@@ -32,26 +48,63 @@ def schedule_errors(subject: Subject) -> Iterator[Finding]:
         if place is None or place.latitude is None or place.longitude is None:
             hint = "add a section [place] with latitude and longitude, in degrees"
             yield Finding(at, "where the sun rises and sets is not said", hint, "place-missing")
+        elif not _comes(leaf, place.latitude):
+            message = (
+                f"at latitude {place.latitude:g}, the sun neither rises nor sets on any of its days: it never holds"
+            )
+            yield Finding(at, message, "write hours in place of sunrise and sunset, or other dates", "never-true")
+        elif sum(_polar_sun_s(place.latitude, number) is None for number in range(_AHEAD_DAYS)) < _FEW_DAYS:
+            message = f"at latitude {place.latitude:g}, the sun rises and sets once a year, not once a day"
+            yield Finding(at, message, "write hours in place of sunrise and sunset", "sun-at-pole")
         if trouble := missing("sun"):
             yield Finding(at, f"when the sun rises and sets cannot be computed: {trouble}", "", "library-missing")
 
 
 def schedule_warnings(subject: Subject) -> Iterator[Finding]:
-    """Find schedules that begin or end at a time that clocks skip, or show twice, when they are changed."""
-    schedules = [(written, leaf) for written in _leaves(subject) if isinstance(leaf := written.leaf, ScheduleCondition)]
-    if schedules:
+    """Find schedules and messages at a time that clocks skip, or show twice, when they are changed."""
+    ends: list[tuple[KeyPath, ScheduleCondition, str, str, float]] = []
+    for written in subject.leaves:
+        if isinstance(leaf := written.leaf, ScheduleCondition):
+            at = (*written.limits_path, "between")
+            both = (("begins", leaf.from_sun, leaf.from_s), ("ends", leaf.to_sun, leaf.to_s))
+            ends += [(at, leaf, does, f"{does} when they have been", at_s) for does, sun, at_s in both if not sun]
+    for each in subject.rules:
+        if isinstance(rule := each.rule, ReportRule):
+            ends += [(each.at("at"), _EVERY_DAY, "sends", "sends nothing", at_s) for at_s in rule.at_seconds]
+    if ends:
         zone = subject.draft.place.zone if subject.draft.place is not None else None
-        days = _days_of_change(zone)
-        for written, leaf in schedules:
-            ends = (("begins", leaf.from_sun, leaf.from_s), ("ends", leaf.to_sun, leaf.to_s))
-            said = [words for does, sun, at_s in ends if not sun for words in _at_change(leaf, does, at_s, zone, days)]
-            if said:
-                hint = "choose another time if that matters"
-                yield Finding((*written.limits_path, "between"), "; ".join(said), hint, "clocks-changed")
+        days, said = _days_of_change(zone), defaultdict[KeyPath, list[str]](list)
+        for at, leaf, does, if_skipped, at_s in ends:
+            said[at] += _at_change(leaf, does, if_skipped, at_s, zone, days)
+        hint = "choose another time if that matters"
+        yield from (Finding(at, "; ".join(words), hint, "clocks-changed") for at, words in said.items() if words)
 
 
-def _leaves(subject: Subject) -> Iterator[WrittenCondition]:
-    return (leaf for declared in subject.rules for condition in declared.conditions() for leaf in condition.leaves())
+def _comes(leaf: ScheduleCondition, latitude_deg: float) -> bool:
+    """Return whether a schedule by the sun ever holds: its days may all be without sunrise and sunset."""
+    for number in range(_AHEAD_DAYS):
+        dates = tuple(
+            MonthDay(day.month, day.day) for day in (_YEAR + timedelta(days=number + by) for by in (-1, 0, 1))
+        )
+        rises_s, sets_s = _polar_sun_s(latitude_deg, number) or (None, None)
+        # On a day without both it holds from its beginning, to its end, all day, or not at all.
+        for second in (0.0, DAY_S / 2, DAY_S - 1) if leaf.begins_on(dates[1]) else ():
+            wall = WallTime(second_of_day=second, weekday=0, dates=dates, sunrise_s=rises_s, sunset_s=sets_s)
+            if replace(leaf, weekdays=()).covers(wall) is not False:
+                return True
+    return False
+
+
+def _polar_sun_s(latitude_deg: float, number: int) -> tuple[float, float] | None:
+    """Return sunrise and sunset, as in `WallTime`, on a day of the year without either; None if there may be one.
+
+    The height of the sun's middle at noon and at midnight follows from its declination, which is right to a degree.
+    """
+    declination_deg = -_TROPIC_DEG * math.cos(2 * math.pi * (number + 10) / 365.25)
+    noon_deg, midnight_deg = 90 - abs(latitude_deg - declination_deg), abs(latitude_deg + declination_deg) - 90
+    if noon_deg < _HORIZON_DEG - 1:
+        return math.inf, -math.inf
+    return (-math.inf, math.inf) if midnight_deg > _HORIZON_DEG + 1 else None
 
 
 def _order(subject: Subject, written: WrittenCondition, leaf: SequenceCondition) -> Iterator[Finding]:
@@ -74,9 +127,9 @@ def _days_of_change(zone: tzinfo | None) -> list[datetime]:
 
 
 def _at_change(
-    leaf: ScheduleCondition, does: str, at_s: float, zone: tzinfo | None, days: list[datetime]
+    leaf: ScheduleCondition, does: str, if_skipped: str, at_s: float, zone: tzinfo | None, days: list[datetime]
 ) -> Iterator[str]:
-    """Say what becomes of one end of a schedule when clocks are changed."""
+    """Say what becomes of one end of a schedule, or of a message, when clocks are changed."""
     for day in days:
         first_s, second_s = _offsets_s(day + timedelta(seconds=at_s), zone)
         # Both a moment before and then: at the beginning of what is skipped, or comes twice, nothing is odd.
@@ -89,7 +142,7 @@ def _at_change(
             for each in begins
         ):
             what = f"on {day.date()}, when clocks are changed, {time_of_day(at_s)}"
-            once = f"does not come: it {does} when they have been"
+            once = f"does not come: it {if_skipped}"
             yield f"{what} {once if first_s < second_s else f'comes twice, and it {does} twice'}"
 
 

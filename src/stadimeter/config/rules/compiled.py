@@ -13,6 +13,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from stadimeter.config.rules.condition_tables import KEYS_OF_COMPARISONS, KEYS_OF_QUANTITIES, kinds_in
+from stadimeter.config.rules.memory_tables import FigureTable
 from stadimeter.config.rules.tables import KINDS, RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.toml_source import as_toml
@@ -129,16 +130,20 @@ class CompiledRule(Struct, frozen=True, kw_only=True):
 
 
 def compile_rules(
-    tables: Mapping[str, RuleTable], written: Mapping[str, Mapping[str, Any]], targets: Sequence[str]
+    tables: Mapping[str, RuleTable],
+    written: Mapping[str, Mapping[str, Any]],
+    targets: Sequence[str],
+    figures: Mapping[str, FigureTable],
 ) -> tuple[CompiledRule, ...]:
     """Compile rules, in the order of the file.
 
     Args:
         tables: The rules that could be read, by name. Those of no kind are left out: they have a finding of their own.
+        figures: The remembered figures, by name.
     """
     several = {name: table.names(name) for name, table in tables.items() if table.targets is not None}
     return tuple(
-        _naming_members(rule, several)
+        _naming_members(rule, several, figures)
         for section, table in tables.items()
         if any(getattr(table, kind) is not None for kind in KINDS)
         for rule in _compiled(section, table, written[section], targets)
@@ -156,14 +161,19 @@ def _compiled(
         yield CompiledRule(section=section, table=written, rule=rule, needs_target=needs_target)
 
 
-def _naming_members(compiled: CompiledRule, several: Mapping[str, tuple[str, ...]]) -> CompiledRule:
-    """Let conditions that ask for a table of several rules ask for its rules: it is active when one of them is."""
-    if not several:
+def _naming_members(
+    compiled: CompiledRule, several: Mapping[str, tuple[str, ...]], figures: Mapping[str, FigureTable]
+) -> CompiledRule:
+    """Let conditions that ask for a table of several rules ask for its rules: it is active when one of them is.
+
+    Those on a figure note its quantity.
+    """
+    if not (several or figures):
         return compiled
     rule, alarm = compiled.rule, gate_of(compiled.rule)
 
     def named(condition: Condition | None) -> Condition | None:
-        return None if condition is None else _members_in(condition, several)
+        return None if condition is None else _members_in(condition, several, figures)
 
     after = replace(
         alarm,
@@ -174,12 +184,17 @@ def _naming_members(compiled: CompiledRule, several: Mapping[str, tuple[str, ...
     return replace(compiled, rule=after if isinstance(rule, AlarmRule) else replace(rule, gate=after))
 
 
-def _members_in(condition: Condition, several: Mapping[str, tuple[str, ...]]) -> Condition:
+def _members_in(
+    condition: Condition, several: Mapping[str, tuple[str, ...]], figures: Mapping[str, FigureTable]
+) -> Condition:
     match condition:
         case AllOf() | AnyOf():
-            return replace(condition, conditions=tuple(_members_in(part, several) for part in condition.conditions))
+            parts = tuple(_members_in(part, several, figures) for part in condition.conditions)
+            return replace(condition, conditions=parts)
         case Not():
-            return Not(condition=_members_in(condition.condition, several))
+            return Not(condition=_members_in(condition.condition, several, figures))
+        case RememberedCondition() if condition.name in figures:
+            return replace(condition, quantity=figures[condition.name].of)
         case RememberedCondition():
             members = [one for rule in condition.rules for one in several.get(rule, (rule,))]
             return replace(condition, rules=tuple(members))

@@ -10,8 +10,9 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag
 
 from stadimeter.config import units
 from stadimeter.config.rules.limit_tables import Likelihood, LikelihoodTable, LimitsTable, Probability, Sigmas
+from stadimeter.core.bounds import SIZE_UNIT
 from stadimeter.core.conditions.measured import COMPARISONS, FigureCondition
-from stadimeter.core.conditions.quantities import MAX_BY_UNIT, QUANTITIES, SIZE_UNIT, noun_of
+from stadimeter.core.conditions.quantities import QUANTITIES, noun_of
 from stadimeter.core.decision import Severity
 
 # A speed is estimated from many frames, and overshoots for some tenths of a second after a target has set off. At even
@@ -23,15 +24,13 @@ PROBABILITY_OF_SPEED_FOR_SAFETY = 0.8
 # Of a figure that is compared as it is.
 AS_IT_IS = Likelihood(deadband_sigmas=0.0, probability_on=None, probability_off=0.5)
 
-SIZES = units.Units(MAX_BY_UNIT[SIZE_UNIT], {SIZE_UNIT: 1.0, "%": 0.01})
-
 # By the SI unit, how a quantity is written: its units, what that is, and an example.
 _WRITTEN = {
     "m": (units.LENGTHS_M, "a length", "2 m"),
     "rad": (units.ANGLES_RAD, "an angle", "20 deg"),
     "m/s": (units.SPEEDS_MPS, "a speed", "0.5 m/s"),
     "s": (units.DURATIONS_S, "a time", "10 min"),
-    SIZE_UNIT: (SIZES, "a share of the picture's width", "20 %"),
+    SIZE_UNIT: (units.SIZES, "a share of the picture's width", "20 %"),
 }
 _ANY = units.Units(
     units.LENGTHS_M.most, {unit: size for known, *_ in _WRITTEN.values() for unit, size in known.items()}
@@ -62,7 +61,7 @@ def parse_figure(text: object, quantity: str) -> float:
     return value
 
 
-Size = Annotated[float, BeforeValidator(lambda text: parse_figure(text, "size")), units.as_written(SIZES, "20 %")]
+Size = Annotated[float, BeforeValidator(lambda text: parse_figure(text, "size")), units.as_written(units.SIZES, "20 %")]
 FigureT = TypeVar("FigureT", bound=float)
 WidthT = TypeVar("WidthT", bound=float)
 

@@ -188,11 +188,6 @@ class LimitsCondition(Leaf):
         return tuple(points)
 
 
-def value_of(figures: Uncertain | None) -> float:
-    """Return a figure without how sure it is; `UNKNOWN` for none."""
-    return UNKNOWN if figures is None else figures[0]
-
-
 def ends_of(low: float | None, high: float | None) -> tuple[float, float]:
     """Return thresholds with infinities in place of None."""
     return -math.inf if low is None else low, math.inf if high is None else high

@@ -8,6 +8,7 @@ from stadimeter.core.bounds import MAX_SPEED_MPS
 from stadimeter.core.conditions.figures import Uncertain
 from stadimeter.core.conditions.leaf import UNKNOWN, Figure, RuleInputs, Threshold
 from stadimeter.core.conditions.limits import LimitsCondition, ends_of
+from stadimeter.core.conditions.quantities import QUANTITIES
 from stadimeter.core.conditions.summary import RememberedFigure, Window
 
 
@@ -20,6 +21,7 @@ class RememberedCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
         window: Within which they did it.
         owner: The rule whose condition it is.
         unit: The SI unit of the thresholds, which is that of the figure.
+        quantity: What the figure with a name is of.
         above: Holds above this; None for no such threshold.
         below: Holds below this.
         deadband: How far it must come back before the condition ends.
@@ -30,6 +32,7 @@ class RememberedCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     window: Window = Window()
     owner: str = ""
     unit: str = "m"
+    quantity: str = "distance"
     above: float | None = None
     below: float | None = None
     deadband: float = 0.0
@@ -46,6 +49,11 @@ class RememberedCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
         """Its name, or what other rules did, such as ``raises of near within 1 min``."""
         did = "raises" if self.unit == "times" else "active time"
         return f"{did} of {' or '.join(self.rules)} {self.window}" if self.rules else f"figure {self.name}"
+
+    @property
+    def is_signed(self) -> bool:
+        """Whether the figure may be below zero; what others did counts as such, so that it ends at zero."""
+        return bool(self.rules) or QUANTITIES[self.quantity].is_signed
 
     @property
     def thresholds(self) -> tuple[Threshold, ...]:

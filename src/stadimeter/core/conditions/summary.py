@@ -32,7 +32,10 @@ _ROUNDING_S = 1e-6
 SLOTS = 256
 _SLOT = Packing("<5d")
 
-FigureQuantity = Literal["distance", "depth", "closing_speed", "bearing", "elevation"]
+# Those of `QUANTITIES` that need no motion across the line of sight.
+FigureQuantity = Literal[
+    "distance", "depth", "bearing", "elevation", "closing_speed", "x", "y", "z", "height", "height_above_camera", "size"
+]
 
 
 class Window(Struct, frozen=True, kw_only=True):
@@ -109,10 +112,18 @@ class Summary(Struct, frozen=True, kw_only=True):
         """When the newest slot began; None without one."""
         return _SLOT.unpack_from(self.slots, len(self.slots) - _SLOT.size)[0] if self.slots else None
 
-    def resume(self, shift_s: float) -> Summary:
-        """Return the same at the beginning of a run, with its times shifted to another clock."""
-        slots = [_SLOT.pack(from_s + shift_s, *others) for from_s, *others in _SLOT.iter_unpack(self.slots)]
-        return Summary(slots=b"".join(slots))
+    def resume(self, figure: RememberedFigure, shift_s: float, now_s: float) -> Summary:
+        """Return the same at the beginning of a run, with its times shifted to another clock.
+
+        Its value is known at once, unless it goes by a time of day and another day may have begun.
+        """
+        packed = [_SLOT.pack(from_s + shift_s, *others) for from_s, *others in _SLOT.iter_unpack(self.slots)]
+        slots = b"".join(packed)
+        if figure.window.from_second is None:
+            return step_summary(figure, Summary(slots=slots), None, now_s, None)
+        if self.began_s is None or now_s >= (began_s := self.began_s + shift_s) + DAY_S:
+            return Summary(slots=slots)
+        return Summary(slots=slots, value=_statistic(figure, [*_SLOT.iter_unpack(slots)]), began_s=began_s)
 
 
 def step_summary(

@@ -50,8 +50,7 @@ def step_report(
     clock, which may jump.
     """
     due, sent_at_s, rest = _due(rule, before, inputs)
-    is_sent = bool(due) and gate.lets_move is not False
-    notices = _notices(rule, before.count + 1, inputs, due) if is_sent and not rule.observe else ()
+    notices = _notices(rule, before.count + 1, inputs, due) if due and gate.lets_move is not False else ()
     trace = trace_of(rule, RuleStatus.IDLE, before.trace, gate.inhibits)
     step = ReportStep(
         trace=trace,
@@ -59,10 +58,10 @@ def step_report(
         is_open=gate.is_open,
         held=gate.held,
         sent_at_s=sent_at_s,
-        count=before.count + is_sent,
+        count=before.count + bool(notices),
     )
     rest = rest & gate.rest if rest is not None and gate.rest is not None else None
-    return before if step == before else step, notices, rest
+    return before if step == before else step, () if rule.observe else notices, rest
 
 
 def _due(rule: ReportRule, before: ReportStep, inputs: RuleInputs) -> tuple[str, float | None, Rest | None]:

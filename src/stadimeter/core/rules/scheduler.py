@@ -94,8 +94,9 @@ def with_steps(
     """
     layout = layout_of(plan)
     sequences = [each for ending in layout.sequences.values() for each in ending]
-    known = {*layout.sequences, *(each.key for each in sequences)}
-    in_sequences = {name: at_s for name, at_s in (raised_at_s or {}).items() if name in known}
+    raised_at_s = raised_at_s or {}
+    known = {*layout.sequences, *(each.key for each in sequences if raised_at_s.keys() >= {*each.rules})}
+    in_sequences = {name: at_s for name, at_s in raised_at_s.items() if name in known}
     for sequence in sequences:
         if sequence.is_complete(in_sequences):
             in_sequences[sequence.key] = in_sequences[sequence.rules[-1]]
