@@ -16,16 +16,21 @@ from collections.abc import Callable, Sequence
 from time import perf_counter
 
 from msgspec import Struct
+from msgspec.structs import replace
 from part import Part, table
 
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
 from stadimeter.core.conditions.contact import TimeToContactCondition
-from stadimeter.core.conditions.discrete import PresenceCondition, RuleCondition
+from stadimeter.core.conditions.discrete import DateSpan, PresenceCondition, RuleCondition, ScheduleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.measured import FigureCondition
+from stadimeter.core.conditions.remembered import RememberedCondition
+from stadimeter.core.conditions.sequence import SequenceCondition
+from stadimeter.core.conditions.summary import RememberedFigure, Window
 from stadimeter.core.decide import State, decide, initial_state
-from stadimeter.core.observation import FrameStamp, Observation
+from stadimeter.core.observation import FrameStamp, MonthDay, Observation, WallTime
 from stadimeter.core.plan import LevelOutput, Plan
-from stadimeter.core.rule import AlarmRule, AnyRule, RampRule
+from stadimeter.core.rule import AlarmRule, AnyRule, EscalationStep, RampRule, ReportRule, Send, Template
 from support.conditions import closing, direction
 from support.observing import measured
 
@@ -34,6 +39,10 @@ FRAMES = 900
 WARM_UP = 150
 NEAREST_M, FARTHEST_M = 0.5, 9.5
 BEYOND_M = 12.0
+NEAREST = RememberedFigure(name="nearest", target="ball", window=Window(for_s=60.0))
+WINTER = DateSpan(MonthDay(11, 1), MonthDay(2, 28))
+DAYS = MonthDay(12, 24), MonthDay(12, 25), MonthDay(12, 26)
+TOLD = Send(template=Template(text="{nearest:.1f}"), topic="report")
 Way = Callable[[int], float]
 
 
@@ -55,6 +64,34 @@ def thresholds(count: int) -> tuple[AnyRule, ...]:
 def mixed(count: int) -> tuple[AnyRule, ...]:
     """Return one rule of each kind after the other: every simple condition, compounds, rules on rules, ramps."""
     return tuple(_mixed(number, count) for number in range(count))
+
+
+def of_every_kind(count: int) -> tuple[AnyRule, ...]:
+    """Return the same, three in ten of them on memory, order, quantities, the calendar, with gates, or messages."""
+    return tuple(
+        _newer(number, count) if number % 10 in {2, 5, 7} else _mixed(number, count) for number in range(count)
+    )
+
+
+def _newer(number: int, count: int) -> AnyRule:
+    near, minute, rules = DistanceCondition(below_m=_limit_m(number, count)), Window(for_s=60.0), ("rule-0", "rule-1")
+    conditions: Sequence[Condition] = (
+        RememberedCondition(rules=rules[:1], unit="times", above=2.0, window=minute),
+        RememberedCondition(rules=rules[1:], unit="s", above=10.0 + number, window=minute),
+        RememberedCondition(name="nearest", below=_limit_m(number, count), deadband=0.1),
+        SequenceCondition(rules=rules, within_s=2.0),
+        FigureCondition(quantity="x", above=0.1 + number / 50, target="ball"),
+        FigureCondition(quantity="height_above_camera", above=0.1 + number / 50, target="ball"),
+        FigureCondition(quantity="speed", above=0.5 + number / 20, target="ball", deadband_sigmas=2.0),
+        ScheduleCondition(from_s=0.0, to_s=0.0, from_sun="sunset", to_sun="sunrise", dates=(WINTER,)),
+    )
+    place = number // 3 % 10
+    if place < len(conditions):
+        return _alarm(number, conditions[place])
+    gate = AlarmRule(name="", target="", condition=near, escalation=(EscalationStep(send=TOLD, when=near),))
+    if place == len(conditions):
+        return ReportRule(name=f"rule-{number}", target="ball", every_s=1.0, gate=gate)
+    return replace(_ramp(number, count), gate=replace(gate, escalation=()))
 
 
 def _limit_m(number: int, count: int) -> float:
@@ -80,15 +117,7 @@ def _alarm(number: int, condition: Condition, suppress_when: Condition | None = 
 def _mixed(number: int, count: int) -> AnyRule:
     near, place = DistanceCondition(below_m=_limit_m(number, count)), number % 10
     if place == 9:
-        limit_m = _limit_m(number, count)
-        return RampRule(
-            name=f"rule-{number}",
-            target="ball",
-            output="output-0",
-            priority=number,
-            start=limit_m,
-            full=limit_m + 1,
-        )
+        return _ramp(number, count)
     conditions: Sequence[Condition] = (
         near,
         DistanceCondition(above_m=_limit_m(number, count)),
@@ -101,6 +130,12 @@ def _mixed(number: int, count: int) -> AnyRule:
         Not(condition=near),
     )
     return _alarm(number, conditions[place], RuleCondition(rule="rule-0") if place == 8 else None)
+
+
+def _ramp(number: int, count: int) -> RampRule:
+    limit_m = _limit_m(number, count)
+    name = f"rule-{number}"
+    return RampRule(name=name, target="ball", output="output-0", priority=number, start=limit_m, full=limit_m + 1)
 
 
 def standing(distance_m: float) -> Way:
@@ -124,13 +159,17 @@ def sweeping(frame: int) -> float:
 
 
 def _plan(rules: tuple[AnyRule, ...]) -> Plan:
-    return Plan(targets=("ball",), rules=rules, outputs=tuple(LevelOutput(name=f"output-{n}") for n in range(4)))
+    outputs = tuple(LevelOutput(name=f"output-{number}") for number in range(4))
+    figures = (NEAREST,) if any(isinstance(rule, ReportRule) for rule in rules) else ()
+    return Plan(targets=("ball",), rules=rules, outputs=outputs, figures=figures)
 
 
 def _seen(frame: int, distance_m: float) -> Observation:
     at_s = frame * FRAME_S
     stamp = FrameStamp(sequence=frame, captured_at_s=at_s)
-    return Observation(now_s=at_s + 0.01, frame=stamp, measurements=(measured("ball", at_s, distance_m, 0.005),))
+    noon = WallTime(second_of_day=43200 + at_s, weekday=3, dates=DAYS, sunrise_s=30000.0, sunset_s=57000.0)
+    seen = (measured("ball", at_s, distance_m, 0.005),)
+    return Observation(now_s=at_s + 0.01, frame=stamp, measurements=seen, wall=noon)
 
 
 def measure(what: str, rules: tuple[AnyRule, ...], way: Way, frames: int = FRAMES) -> Row:
@@ -169,6 +208,8 @@ def measure_all(frames: int = FRAMES) -> list[Row]:
         measure("mixed, amid them", mixed(100), rolling, frames),
         *(measure("mixed, calm amid them", mixed(count), calm, frames) for count in (10, 100, 1000)),
         *(measure("mixed, sweeping over them", mixed(count), sweeping, frames) for count in (10, 100, 1000)),
+        measure("of every kind, calm amid them", of_every_kind(100), calm, frames),
+        measure("of every kind, sweeping over them", of_every_kind(100), sweeping, frames),
     ]
 
 

@@ -244,6 +244,35 @@ def test_a_form_that_cannot_be_meant_is_found_at_its_line_with_a_remedy(tmp_path
     assert all(each.hint or each.code == "bad-value" for _, each in problems)
 
 
+WORDS = {
+    'count = { rule = "report", at_least = 2, within = "1 h" }':
+        "'report' sends messages at its times, and is never active (name a rule that has when, ramp or follow)",
+    'rule = "report"':
+        "'report' sends messages at its times, and is never active (name a rule that has when, ramp or follow)",
+    "a step at once that the alarm itself excludes":
+        "when 'x' is raised, this does not hold: the step is left out "
+        '(write such as after = "10 s" if it may hold later, or leave the step out)',
+    "an evening at the pole":
+        "at latitude -90, the sun rises and sets once a year, not once a day "
+        "(write hours in place of sunrise and sunset)",
+    "a night that never comes where the sun does not set":
+        "at latitude 69.6, the sun neither rises nor sets on any of its days: it never holds "
+        "(write hours in place of sunrise and sunset, or other dates)",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("form", WORDS)
+def test_a_finding_says_what_is_wrong_and_what_to_do(tmp_path, form):
+    ((_, problem),) = found(tmp_path, FORMS[form])
+    assert f"{problem.message} ({problem.hint})" == WORDS[form]
+
+
+def test_a_message_at_a_time_that_clocks_skip_is_said_to_be_missed_once(tmp_path):
+    ((_, problem),) = found(tmp_path, FORMS["messages at a time that clocks skip"])
+    assert "02:30 does not come: it sends nothing" in problem.message
+    assert "02:30 comes twice, and it sends twice" in problem.message
+
+
 def test_what_is_around_the_forms_is_sound(tmp_path):
     assert found(tmp_path, "") == []
     assert len(FORMS) >= 60

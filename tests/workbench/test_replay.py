@@ -11,6 +11,7 @@ from stadimeter.app.recordings.cycle_json import CycleEncoder, RecordedCycle
 from stadimeter.app.recordings.journal import JournalWriter, read_journal
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.persistence import snapshot_alarms
 from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.rule import AlarmRule
@@ -19,6 +20,7 @@ from stadimeter.workbench.replay.replay import decisions
 from support.observing import Rehearsal
 from support.recordings import records_of
 from support.replaying import replay
+from support.whole_runs import whole_run
 
 
 def plan(below_m=1.0):
@@ -167,6 +169,26 @@ def test_what_a_run_took_over_from_an_earlier_one_is_taken_over_by_its_replay(tm
     result = replay(read_journal(tmp_path / "run.jsonl"), plan())
     assert result.identical == result.cycles == 5
     assert "raised" not in {event.kind.value for event in result.events}
+
+
+@pytest.mark.parametrize("seeds", [range(10), pytest.param(range(10, 150), marks=pytest.mark.long)])
+def test_a_run_with_every_kind_of_rule_replays_to_the_same_decisions_also_from_its_middle(tmp_path, seeds):
+    for seed in seeds:
+        run, begins = whole_run(seed), 40
+        state = initial_state(run.plan)
+        writer = JournalWriter(tmp_path / f"{seed}.jsonl", RecordedConfiguration(text=""))
+        later = JournalWriter(tmp_path / f"{seed}-later.jsonl", RecordedConfiguration(text=""))
+        for cycle, observation in enumerate(run.observations):
+            if cycle == begins:
+                later.note_resumption(state_text(state))
+            state, decision = decide(state, observation)
+            record = CycleRecord(observation=observation, decision=decision, applied=(), timings_s={})
+            for each in (writer, later) if cycle >= begins else (writer,):
+                each.write(record)
+        writer.close()
+        later.close()
+        results = [replay(read_journal(tmp_path / f"{seed}{name}.jsonl"), run.plan) for name in ("", "-later")]
+        assert [(each.identical, each.cycles) for each in results] == [(100, 100), (60, 60)], seed
 
 
 def test_what_was_taken_over_and_is_damaged_is_one_clear_error(tmp_path):

@@ -83,6 +83,9 @@ class State(Struct, frozen=True, kw_only=True):
     figures: tuple[Summary, ...] = ()
 
 
+_NO_FIGURES: Mapping[str, float | None] = {}
+
+
 def initial_state(plan: Plan) -> State:
     """Return the state at the start of a run: nothing seen, every output at its safe value."""
     rules = new_rules(plan)
@@ -127,7 +130,10 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
         figures=inputs.figures and {each.name: inputs.figures[each.name] for each in plan.named_figures},
         reasons=Reasons(plan=plan, judged=rules, inputs=inputs),
     )
-    new = Added(inputs, seen, state.rules.active, rules.active, 0.0 if gap_s else step_s, observation)
+    figures = state.figures
+    if figures:
+        new = Added(inputs, seen, state.rules.active, rules.active, 0.0 if gap_s else step_s, observation)
+        figures = step_figures(plan.figures, figures, new)
     remembered = State(
         plan=plan,
         now_s=observation.now_s,
@@ -144,7 +150,7 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
         disarmed=allowed.disarmed,
         liveness=allowed.liveness,
         motions=tuple(inputs.motions.values()),
-        figures=step_figures(plan.figures, state.figures, new),
+        figures=figures,
     )
     return remembered, decision
 
@@ -234,15 +240,17 @@ def _rule_inputs(
         safety=while_stopped(while_disarmed(safety, state.disarmed), state.stopped).mode,
         undelivered_since_s=observation.undelivered_since_s,
         viewpoint=state.plan.viewpoint,
-        figures={each.name: kept.value for each, kept in zip(state.plan.figures, state.figures, strict=True)},
+        figures=_figures(state) if state.figures else _NO_FIGURES,
     )
-    return _with_motions(inputs, state)
+    return _with_motions(inputs, state) if state.motions else inputs
+
+
+def _figures(state: State) -> dict[str, float | None]:
+    return {each.name: kept.value for each, kept in zip(state.plan.figures, state.figures, strict=True)}
 
 
 def _with_motions(inputs: RuleInputs, state: State) -> RuleInputs:
     """Add how targets move across the line of sight, for those that some rule asks it of."""
-    if not state.motions:
-        return inputs
     before = motions_for(state.rules.layout.watch.motions) if inputs.is_after_gap else state.motions
     tracks, sightings, settings = inputs.tracks, inputs.sightings, state.plan.tracking
     motions = [step_motion(m, tracks[m.target], sightings[m.target], inputs.viewpoint, settings) for m in before]

@@ -31,10 +31,10 @@ class Added(NamedTuple):
     def to(self, figure: RememberedFigure) -> float | None:
         """Return the new value of a figure; None for none."""
         if figure.rules:
-            was, now = [any(each.get(it) is True for it in figure.rules) for each in (self.was_active, self.active)]
             if figure.quantity == "times":
-                return 1.0 if now and not was else None
-            return self.step_s if was and self.step_s else None
+                is_raised = self.active is not self.was_active and _is_any(self.active, figure.rules)
+                return 1.0 if is_raised and not _is_any(self.was_active, figure.rules) else None
+            return self.step_s if self.step_s and _is_any(self.was_active, figure.rules) else None
         track = self.inputs.tracks.get(figure.target)
         if track is None or track.target not in self.seen or track.status is not TrackStatus.TRACKING:
             return None
@@ -42,12 +42,14 @@ class Added(NamedTuple):
         return None if found is None else found[0]
 
 
+def _is_any(active: Mapping[str, bool | None], rules: tuple[str, ...]) -> bool:
+    return True in [active.get(rule) for rule in rules]
+
+
 def step_figures(
     figures: tuple[RememberedFigure, ...], before: tuple[Summary, ...], added: Added
 ) -> tuple[Summary, ...]:
     """Return what is kept of all figures after a cycle: a reset of a rule empties the sums that it goes by."""
-    if not figures:
-        return ()
     observation = added.observation
     commands = [each for each in observation.operator_commands if isinstance(each, OperatorCommand)]
     emptied = {each.rule for each in commands if each.action is OperatorAction.RESET and each.rule}

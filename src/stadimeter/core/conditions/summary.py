@@ -131,6 +131,8 @@ def step_summary(
 ) -> Summary:
     """Return what is kept after a cycle that brought a new value, or None; the same object if nothing has changed."""
     window, slots = figure.window, before.slots
+    if new is None and not slots and window.from_second is None and before.value is not None:
+        return before
     began_s = window.began_s(before.began_s, now_s, wall)
     while slots and began_s is not None and _SLOT.unpack_from(slots)[0] <= began_s:
         slots = slots[_SLOT.size :]
@@ -153,16 +155,18 @@ def _with_value(slots: bytes, value: float, now_s: float, width_s: float) -> byt
 
 
 def _statistic(figure: RememberedFigure, slots: list[tuple[float, ...]]) -> float | None:
-    total = math.fsum([slot[2] for slot in slots])
-    if figure.statistic == "sum":
-        return total
+    statistic = figure.statistic
+    if statistic == "sum":
+        return math.fsum([slot[2] for slot in slots])
     if not slots:
         return None
+    if statistic == "minimum":
+        return min([slot[3] for slot in slots])
+    if statistic == "maximum":
+        return max([slot[4] for slot in slots])
     number = math.fsum([slot[1] for slot in slots])
-    least, most = min([slot[3] for slot in slots]), max([slot[4] for slot in slots])
-    known = {"minimum": least, "maximum": most, "mean": total / number}
-    if figure.statistic in known:
-        return known[figure.statistic]
+    if statistic == "mean":
+        return math.fsum([slot[2] for slot in slots]) / number
     means = sorted([(slot[2] / slot[1], slot[1]) for slot in slots])
     left = figure.percentile / 100 * number
     below = accumulate([of_slot for _, of_slot in means])
