@@ -22,7 +22,7 @@ from stadimeter.core.rule import AlarmRule, conditions_of
 from support.random_runs import first_difference
 from support.whole_runs import whole_run
 
-LONG = [pytest.param(range(first, first + 500), marks=pytest.mark.long) for first in range(0, 2000, 500)]
+LONG = [pytest.param(range(first, first + 250), marks=pytest.mark.long) for first in range(0, 2000, 250)]
 
 
 @pytest.mark.parametrize("seeds", [range(30), *LONG])

@@ -28,6 +28,9 @@ MAX_DURATION_S = 3.2e9
 # On a clock that began when the computer was switched on, or in 1970: it is the year 2286 then.
 MAX_TIME_S = 1e10
 
+# By the unit of a quantity of a target, the largest value of a threshold on it.
+MAX_BY_UNIT = {"m": MAX_LENGTH_M, "m/s": MAX_SPEED_MPS, "rad": MAX_ANGLE_RAD, "s": MAX_DURATION_S, SIZE_UNIT: MAX_SIZE}
+
 # Of a measurement, in metres or radians; also of its standard deviation.
 MAX_FIGURE = 1e6
 

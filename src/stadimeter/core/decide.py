@@ -83,9 +83,6 @@ class State(Struct, frozen=True, kw_only=True):
     figures: tuple[Summary, ...] = ()
 
 
-_NO_FIGURES: Mapping[str, float | None] = {}
-
-
 def initial_state(plan: Plan) -> State:
     """Return the state at the start of a run: nothing seen, every output at its safe value."""
     rules = new_rules(plan)
@@ -240,13 +237,9 @@ def _rule_inputs(
         safety=while_stopped(while_disarmed(safety, state.disarmed), state.stopped).mode,
         undelivered_since_s=observation.undelivered_since_s,
         viewpoint=state.plan.viewpoint,
-        figures=_figures(state) if state.figures else _NO_FIGURES,
+        figures={each.name: kept.value for each, kept in zip(state.plan.figures, state.figures, strict=True)},
     )
     return _with_motions(inputs, state) if state.motions else inputs
-
-
-def _figures(state: State) -> dict[str, float | None]:
-    return {each.name: kept.value for each, kept in zip(state.plan.figures, state.figures, strict=True)}
 
 
 def _with_motions(inputs: RuleInputs, state: State) -> RuleInputs:

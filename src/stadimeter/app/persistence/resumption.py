@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from msgspec import Struct, field
 from msgspec.structs import replace
@@ -133,18 +134,9 @@ class _RuleMemory(Struct, frozen=True, kw_only=True):
     @classmethod
     def of(cls, rule: AnyRule, step: Step) -> _RuleMemory:
         """Return what a rule remembers."""
-        memory = cls(rule=rule.name, meaning=meaning_of(rule))
-        match step:
-            case AlarmStep():
-                return replace(memory, alarm=step)
-            case RampStep():
-                return replace(memory, ramp=step)
-            case FollowStep():
-                return replace(memory, follow=step)
-            case ReportStep():
-                return replace(memory, report=step)
-            case _:
-                return memory
+        kinds = {AlarmStep: "alarm", RampStep: "ramp", FollowStep: "follow", ReportStep: "report"}
+        remembered: Any = {kinds[type(step)]: step}
+        return cls(rule=rule.name, meaning=meaning_of(rule), **remembered)
 
     def step(self, rule: AnyRule) -> Step | None:
         """Return it for a rule that means the same; None for any other."""

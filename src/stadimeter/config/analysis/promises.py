@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping
 
-from msgspec.structs import replace
-
 from stadimeter.config.analysis import Subject
 from stadimeter.config.analysis.logic import Goal, Logic, Wanted
 from stadimeter.config.draft import BASE_NAME
 from stadimeter.config.findings import Finding, did_you_mean
 from stadimeter.config.rules.compiled import CompiledRule, WrittenCondition
-from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not, depends_on, leaves, targets_of
+from stadimeter.core.conditions.compounds import AnyOf, Condition, depends_on, leaves, targets_of, with_leaves
 from stadimeter.core.conditions.discrete import PresenceCondition, RuleCondition
 from stadimeter.core.conditions.undelivered import UndeliveredCondition
 from stadimeter.core.decision import Severity
@@ -173,15 +171,8 @@ def _may_be_unknown(logic: Logic, asked: AnyRule, unseen: list[Goal]) -> bool:
 
 def _without(condition: Condition, rule: str) -> Condition:
     """Return a condition for which a rule is never active."""
-    match condition:
-        case AllOf() | AnyOf():
-            return replace(condition, conditions=tuple(_without(part, rule) for part in condition.conditions))
-        case Not():
-            return Not(condition=_without(condition.condition, rule))
-        case RuleCondition() if condition.rule == rule:
-            return _NEVER
-        case _:
-            return condition
+    asks = RuleCondition(rule=rule)
+    return with_leaves(condition, (_NEVER if leaf == asks else leaf for leaf in leaves(condition)))
 
 
 def _unknown_rule(leaf: WrittenCondition, asked: AnyRule, effect: str) -> Finding:

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from msgspec.structs import replace
 
-from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
+from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, judged_leaves, with_leaves
 from stadimeter.core.conditions.discrete import PresenceCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.leaf import Leaf
@@ -50,7 +50,7 @@ def widened_region_of(rule: AnyRule, *, is_winner: bool = False) -> Condition:
     Returns:
         The same condition, each limit moved by its deadband. Standard deviations are left out: they are not known yet.
     """
-    return _widened(region_of(rule, is_winner=is_winner))
+    return _widened(region_of(rule, is_winner=is_winner), is_inverted=False)
 
 
 def beginning_of(condition: Condition) -> Condition:
@@ -59,33 +59,13 @@ def beginning_of(condition: Condition) -> Condition:
     Returns:
         The same condition, in which each part whose end makes the whole begin has its limits moved by its deadband.
     """
-    match condition:
-        case AllOf() | AnyOf():
-            return replace(condition, conditions=tuple(beginning_of(part) for part in condition.conditions))
-        case Not(condition=negated):
-            return Not(condition=_ending_of(negated))
-        case _:
-            return condition
+    return _widened(condition, is_inverted=True)
 
 
-def _ending_of(condition: Condition) -> Condition:
-    match condition:
-        case AllOf() | AnyOf():
-            return replace(condition, conditions=tuple(_ending_of(part) for part in condition.conditions))
-        case Not(condition=negated):
-            return Not(condition=beginning_of(negated))
-        case _:
-            return _widened(condition)
-
-
-def _widened(condition: Condition) -> Condition:
-    match condition:
-        case AllOf() | AnyOf():
-            return replace(condition, conditions=tuple(_widened(part) for part in condition.conditions))
-        case Leaf():
-            return widen(condition)
-        case _:
-            return condition
+def _widened(condition: Condition, *, is_inverted: bool) -> Condition:
+    """Return a condition with those parts widened that stand below an odd number of ``not``, or an even one."""
+    parts = judged_leaves(condition, (), is_active=False)
+    return with_leaves(condition, (widen(it.leaf) if it.is_inverted is is_inverted else it.leaf for it in parts))
 
 
 def widen(leaf: _L) -> _L:

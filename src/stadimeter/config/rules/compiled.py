@@ -12,23 +12,18 @@ from typing import Any
 from msgspec import Struct
 from msgspec.structs import replace
 
-from stadimeter.config.rules.condition_tables import KEYS_OF_COMPARISONS, KEYS_OF_QUANTITIES, kinds_in
+from stadimeter.config.rules.condition_tables import kinds_in
 from stadimeter.config.rules.memory_tables import FigureTable
 from stadimeter.config.rules.tables import KINDS, RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.toml_source import as_toml
-from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not, targets_of
+from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not, leaves, targets_of, with_leaves
 from stadimeter.core.conditions.discrete import RuleCondition
 from stadimeter.core.conditions.leaf import Leaf
 from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.rule import ALWAYS, AlarmRule, AnyRule, gate_of
 
-# Conditions that are a table of their own inside the table of the condition.
 _MAX_LENGTH = 70
-_OF_ONE_QUANTITY = (
-    "bearing", "elevation", "closing_speed", "time_to_contact", "separation", "count", "active_for", "figure", "time",
-    *KEYS_OF_QUANTITIES, *KEYS_OF_COMPARISONS,
-)  # fmt: skip
 
 
 class WrittenCondition(Struct, frozen=True, kw_only=True):
@@ -78,7 +73,7 @@ class WrittenCondition(Struct, frozen=True, kw_only=True):
     @property
     def limits_path(self) -> KeyPath:
         """Where its limits stand: its own table, or the one inside it that names the quantity."""
-        inner = next((key for key in _OF_ONE_QUANTITY if isinstance(self.table.get(key), Mapping)), None)
+        inner = next((key for key, value in self.table.items() if isinstance(value, Mapping) and key != "not"), None)
         return self.path if inner is None else (*self.path, inner)
 
     def __str__(self) -> str:
@@ -187,21 +182,18 @@ def _naming_members(
 def _members_in(
     condition: Condition, several: Mapping[str, tuple[str, ...]], figures: Mapping[str, FigureTable]
 ) -> Condition:
-    match condition:
-        case AllOf() | AnyOf():
-            parts = tuple(_members_in(part, several, figures) for part in condition.conditions)
-            return replace(condition, conditions=parts)
-        case Not():
-            return Not(condition=_members_in(condition.condition, several, figures))
-        case RememberedCondition() if condition.name in figures:
-            return replace(condition, quantity=figures[condition.name].of)
-        case RememberedCondition():
-            members = [one for rule in condition.rules for one in several.get(rule, (rule,))]
-            return replace(condition, rules=tuple(members))
-        case RuleCondition() if condition.rule in several:
-            return AnyOf(conditions=tuple(RuleCondition(rule=name) for name in several[condition.rule]))
-        case _:
-            return condition
+    def named(leaf: Leaf) -> Condition:
+        match leaf:
+            case RememberedCondition() if leaf.name in figures:
+                return replace(leaf, quantity=figures[leaf.name].of)
+            case RememberedCondition():
+                return replace(leaf, rules=tuple(one for rule in leaf.rules for one in several.get(rule, (rule,))))
+            case RuleCondition() if leaf.rule in several:
+                return AnyOf(conditions=tuple(RuleCondition(rule=name) for name in several[leaf.rule]))
+            case _:
+                return leaf
+
+    return with_leaves(condition, map(named, leaves(condition)))
 
 
 def _at(path: KeyPath, table: object, condition: Condition) -> WrittenCondition:

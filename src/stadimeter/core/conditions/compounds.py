@@ -55,20 +55,17 @@ def about(condition: _C, target: str, owner: str = "") -> _C:
     Args:
         owner: The rule whose condition it is: parts that sum up what others did note it.
     """
-    match condition:
-        case AllOf() | AnyOf():
-            parts = tuple(about(part, target, owner) for part in condition.conditions)
-            is_same = all(part is old for part, old in zip(parts, condition.conditions, strict=True))
-            return condition if is_same else replace(condition, conditions=parts)
-        case Not():
-            part = about(condition.condition, target, owner)
-            return condition if part is condition.condition else replace(condition, condition=part)
-        case _:
-            leaf: Any = condition
-            lacks_target = "target" in leaf.__struct_fields__ and not leaf.target
-            if leaf.rules_named and "owner" in leaf.__struct_fields__ and leaf.owner != owner:
-                return cast(_C, replace(leaf, owner=owner))
-            return cast(_C, replace(leaf, target=target)) if lacks_target else condition
+    before = [*leaves(condition)]
+    after = [_leaf_about(leaf, target, owner) for leaf in before]
+    is_same = all(new is old for new, old in zip(after, before, strict=True))
+    return condition if is_same else cast(_C, with_leaves(condition, iter(after)))
+
+
+def _leaf_about(leaf: Any, target: str, owner: str) -> Leaf:
+    if leaf.rules_named and "owner" in leaf.__struct_fields__ and leaf.owner != owner:
+        return cast(Leaf, replace(leaf, owner=owner))
+    lacks_target = "target" in leaf.__struct_fields__ and not leaf.target
+    return cast(Leaf, replace(leaf, target=target) if lacks_target else leaf)
 
 
 def named_leaves(condition: Condition, within: str = "") -> Iterator[tuple[str, Leaf]]:
@@ -88,8 +85,8 @@ def named_leaves(condition: Condition, within: str = "") -> Iterator[tuple[str, 
             yield within, condition
 
 
-def with_leaves(condition: Condition, parts: Iterator[Leaf]) -> Condition:
-    """Return the same condition made of other simple ones, from left to right; there must be as many of them."""
+def with_leaves(condition: Condition, parts: Iterator[Condition]) -> Condition:
+    """Return the same condition with others in place of its simple ones, from left to right, as many of them."""
     match condition:
         case AllOf() | AnyOf():
             return replace(condition, conditions=tuple([with_leaves(part, parts) for part in condition.conditions]))

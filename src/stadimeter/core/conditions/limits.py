@@ -32,12 +32,19 @@ class LimitsCondition(Leaf):
 
     has_figures = True
     target: str
+    above: float | None
+    below: float | None
     deadband_sigmas: float = 0.0
     """The deadband in standard deviations of the noise; that in the SI unit counts if it is larger."""
-    ends: ClassVar[tuple[str, str]]
+    ends: ClassVar[tuple[str, str]] = ("above", "below")
     """The fields of the lower threshold and of the upper one."""
     bounds: ClassVar[tuple[float, float]]
     """The least and the largest value that a threshold may have."""
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """In the unit; infinite where there is none."""
+        return ends_of(self.above, self.below)
 
     @property
     def section(self) -> str:

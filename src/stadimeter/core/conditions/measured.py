@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-from stadimeter.core.bounds import MIN_QUANTITY
+from stadimeter.core.bounds import MAX_BY_UNIT, MIN_QUANTITY
 from stadimeter.core.conditions import quantities
 from stadimeter.core.conditions.figures import Uncertain
 from stadimeter.core.conditions.leaf import Figure, RuleInputs, Threshold
-from stadimeter.core.conditions.limits import LimitsCondition, ends_of
+from stadimeter.core.conditions.limits import LimitsCondition
 
 # How the noun of a difference begins.
 DIFFERENCE = "difference in "
@@ -52,8 +52,6 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     other: str = ""
     within_m: float = quantities.STILL_WITHIN_M
 
-    ends = ("above", "below")
-
     @property
     def is_comparison(self) -> bool:
         """Whether it is on a difference."""
@@ -87,18 +85,13 @@ class FigureCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     @property
     def bounds(self) -> tuple[float, float]:  # type: ignore[override]  # of a distance it is a constant
         """Those of the quantity."""
-        return -quantities.MAX_BY_UNIT[self.unit] if self.is_signed else MIN_QUANTITY, quantities.MAX_BY_UNIT[self.unit]
+        return -MAX_BY_UNIT[self.unit] if self.is_signed else MIN_QUANTITY, MAX_BY_UNIT[self.unit]
 
     @property
     def thresholds(self) -> tuple[Threshold, ...]:
         """As of any limits; the time of standing still is written without a table of its own."""
         found = LimitsCondition.thresholds.fget(self)  # type: ignore[attr-defined]
         return tuple([each._replace(key="still_for") for each in found]) if self.quantity == "still" else found
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        """Infinite where there is none."""
-        return ends_of(self.above, self.below)
 
     @property
     def targets_named(self) -> tuple[str, ...]:

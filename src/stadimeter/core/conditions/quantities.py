@@ -13,15 +13,7 @@ from functools import cache, partial
 from operator import mul
 from typing import Literal, NamedTuple
 
-from stadimeter.core.bounds import (
-    MAX_ANGLE_RAD,
-    MAX_DURATION_S,
-    MAX_LENGTH_M,
-    MAX_SIZE,
-    MAX_SPEED_MPS,
-    MIN_QUANTITY,
-    SIZE_UNIT,
-)
+from stadimeter.core.bounds import MIN_QUANTITY, SIZE_UNIT
 from stadimeter.core.conditions.figures import Uncertain, closing_of, direction_of, quantity_of, separation_of
 from stadimeter.core.conditions.leaf import UNKNOWN, Figure, RuleInputs
 from stadimeter.core.tracking.transverse import direction_of as vector_of
@@ -33,9 +25,6 @@ QuantityName = Literal[
 
 # The quantity that two targets have together; of the others they have a difference.
 OF_TWO = "separation"
-
-# By the unit, the largest value of a threshold.
-MAX_BY_UNIT = {"m": MAX_LENGTH_M, "m/s": MAX_SPEED_MPS, "rad": MAX_ANGLE_RAD, "s": MAX_DURATION_S, SIZE_UNIT: MAX_SIZE}
 
 # A target that stands must be this far, at least, from where it began to stand to have moved.
 STILL_WITHIN_M = 0.1

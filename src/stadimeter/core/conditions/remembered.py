@@ -7,7 +7,7 @@ from msgspec import Struct
 from stadimeter.core.bounds import MAX_SPEED_MPS
 from stadimeter.core.conditions.figures import Uncertain
 from stadimeter.core.conditions.leaf import UNKNOWN, Figure, RuleInputs, Threshold
-from stadimeter.core.conditions.limits import LimitsCondition, ends_of
+from stadimeter.core.conditions.limits import LimitsCondition
 from stadimeter.core.conditions.quantities import QUANTITIES
 from stadimeter.core.conditions.summary import RememberedFigure, Window
 
@@ -41,7 +41,6 @@ class RememberedCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     has_figures = False
     section = "figure"
     probability_on = None  # how sure a remembered figure is, is not known
-    ends = ("above", "below")
     bounds = (-MAX_SPEED_MPS, MAX_SPEED_MPS)
 
     @property
@@ -69,11 +68,6 @@ class RememberedCondition(LimitsCondition, Struct, frozen=True, kw_only=True):
     def rules_named(self) -> tuple[str, ...]:
         """Those whose deeds it sums up."""
         return self.rules
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        """In the unit; infinite where there is none."""
-        return ends_of(self.above, self.below)
 
     @property
     def key(self) -> str:
