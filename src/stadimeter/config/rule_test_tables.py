@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal, Self
 
 from msgspec import Struct
+from msgspec.structs import replace
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from stadimeter.config.models import DurationAboveZero, Section, Share
@@ -266,9 +267,17 @@ class MotionTable(Section):
     """In radians, positive upwards."""
     lost: list[SpanTable] = Field(default_factory=list)
     """When the target is out of sight."""
+    repeat: Annotated[int, Field(ge=1, le=1000)] = 1
+    """How often in a row it moves like that; each time begins where the target was at first."""
 
     def path(self) -> tuple[PathPoint, ...]:
         """Return where the target is when, in the order of time; nothing if no motion is given."""
+        once = self._path_once()
+        return once + tuple(
+            replace(point, at_s=point.at_s + count * once[-1].at_s) for count in range(1, self.repeat) for point in once
+        )
+
+    def _path_once(self) -> tuple[PathPoint, ...]:
         if self.points is not None:
             return tuple(self._point(point) for point in self.points)
         motion = self.hover or self.approach or self.recede or self.skip
