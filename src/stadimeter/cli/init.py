@@ -337,9 +337,11 @@ def _next_commands(console: Console, known: Known) -> None:
     pictures = os.path.relpath(source) if source else known.answers["camera"]
     what = f"--live {known.file}" if known.is_live else shlex.quote(pictures)
     console.print("\nNext:", style="bold")
+    names = rule_names(known.answers)
+    asked = next((wish for wish in known.answers["wish"].split() if wish in names), names[0])
     for line in (
         f"stadimeter measure {what} --config {known.file}",
         f"stadimeter run {known.file} --watch",
-        f"stadimeter explain {rule_names(known.answers)[0]}",
+        f"stadimeter explain {asked}",
     ):
         console.print(f"  {line}", markup=False, soft_wrap=True)
