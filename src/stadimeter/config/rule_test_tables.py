@@ -272,19 +272,14 @@ class MotionTable(Section):
 
     def path(self) -> tuple[PathPoint, ...]:
         """Return where the target is when, in the order of time; nothing if no motion is given."""
-        once = self._path_once()
-        return once + tuple(
-            replace(point, at_s=point.at_s + count * once[-1].at_s) for count in range(1, self.repeat) for point in once
-        )
-
-    def _path_once(self) -> tuple[PathPoint, ...]:
-        if self.points is not None:
-            return tuple(self._point(point) for point in self.points)
         motion = self.hover or self.approach or self.recede or self.skip
         legs = motion.legs() if motion else []
-        return tuple(
+        once = [self._point(point) for point in self.points or ()] or [
             PathPoint(at_s=at_s, distance_m=distance_m, bearing_rad=self.bearing, elevation_rad=self.elevation)
             for at_s, distance_m in legs
+        ]
+        return tuple(
+            replace(each, at_s=each.at_s + turn * once[-1].at_s) for turn in range(self.repeat) for each in once
         )
 
     @property
