@@ -96,7 +96,7 @@ class Wish(Struct, frozen=True, kw_only=True):
 
     @property
     def needs_output(self) -> bool:
-        """Whether it is nothing without something that it drives: a level tells nobody anything."""
+        """Whether it is nothing without something that it drives: a level alone reports nothing."""
         return "}ramp" in self.rules
 
 
