@@ -22,6 +22,7 @@ from stadimeter.cli.main import app
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.workbench.saving import versions
+from stadimeter.workbench.setup.files import WISHES
 from stadimeter.workbench.setup.interview import answer_keys
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
@@ -133,6 +134,22 @@ def test_a_real_ball_before_a_live_camera_is_measured_and_a_rule_acts(
     assert "near raised" in ran.stdout
 
 
+def test_wishes_are_listed_in_groups_chosen_by_numbers_and_found_in_order(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _picture(tmp_path / "1m.png", "disc", 1.0)
+    keys = [wish.key for wish in WISHES]
+    numbers = f"{keys.index('often') + 1}, {keys.index('night') + 1}"
+    answers = (f"{tmp_path}/1m.png", "disc", "20 cm", "1m.png@1m", numbers, *[""] * 3, "screen", *[""] * 4, "screen")
+    told = _typed(tmp_path, monkeypatch, *answers)
+    assert told.exit_code == 0, told.output
+    assert re.search(r"How often, and for how long\n +7  often +act when it comes three times", told.output)
+    assert "4 tests: 4 passed" in told.output
+    assert "stadimeter explain often\n" in told.output
+    checked = _run("check", "--strict", tmp_path / "stadimeter.toml")
+    assert (checked.exit_code, "warning:" in checked.output) == (0, False)
+
+
 @pytest.mark.long
 def test_a_real_sheet_is_named_when_it_is_another_paper(tmp_path: Path, real_pictures: Path) -> None:
     camera = f"{real_pictures}/seed_sheet/*.png"
@@ -235,6 +252,7 @@ def test_the_guide_names_every_key_of_an_answer() -> None:
     text = GUIDE.read_text()
     fixed = [key for key in answer_keys() if not key.startswith("base_") and not key.endswith("_output")]
     assert [key for key in fixed if f"`{key}`" not in text] == []
+    assert [wish.title for wish in WISHES if f"`{wish.key}`: {wish.title}" not in text] == []
 
 
 def test_a_folder_that_is_a_file_is_one_line(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -94,6 +95,37 @@ def test_the_chart_is_read_by_the_keyboard(browser, still):
         assert "ago" in text_of(page, ".read")
         assert "ball 3." in text_of(page, ".read")
         assert chart.get_attribute("aria-valuetext") == text_of(page, ".read")
+
+
+REMEMBERING = """
+[figures.nearest]
+statistic = "minimum"
+within = "1 h"
+
+[rules.visit]
+when = { below = "10 m" }
+
+[rules.often]
+when = { count = { rule = "visit", at_least = 3, within = "1 min" } }
+
+[rules.beep]
+actuator = "buzzer"
+ramp = { from = "5 m", to = "1 m" }
+when = { below = "50 cm" }
+"""
+
+
+def test_counts_gates_and_remembered_figures_are_shown_and_a_count_is_reset(browser, tmp_path):
+    with served(tmp_path, STILL + REMEMBERING) as here, tab(browser, size=(390, 844)) as page:
+        opened(page, here)
+        page.get_by_text("visit raised 1 of 3 times within 1 min").wait_for()
+        page.get_by_text("its when does not hold").wait_for()
+        figure = text_of(page, ".remembered li")
+        assert re.fullmatch(r"nearest 3\.[12]\d* m the minimum of the distance of ball within 1 h", figure)
+        page.locator(".rule", has_text="1 of 3 times").get_by_text("More").click()
+        page.get_by_role("button", name="Reset: often").click()
+        page.get_by_role("dialog").get_by_role("button", name="Reset").click()
+        page.get_by_text("visit raised 0 of 3 times within 1 min").wait_for()
 
 
 def test_an_alarm_is_acknowledged_and_reset_with_a_name_and_a_reason(browser, moving):

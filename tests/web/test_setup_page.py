@@ -259,6 +259,28 @@ def test_a_wish_is_a_sentence_with_blanks_that_is_tried_while_it_is_filled_in(pa
     assert kept(here) == WISH | {"far_from": "2 m", "far_to": "5 m"}
 
 
+def test_a_wish_that_counts_is_found_by_its_title_in_its_group_and_tried(browser, here):
+    with tab(browser, size=(390, 844)) as page:
+        begin_at(page, here, LENS)
+        page.get_by_text("How often, and for how long").click()
+        page.get_by_label("beep when it is near").uncheck()
+        page.get_by_label("act when it comes three times within a minute").check()
+        page.get_by_text("1 chosen").wait_for()
+        assert page.get_by_text("1 chosen").count() == 1
+        assert not faults_of(page)
+        go_on(page)
+        page.get_by_role("textbox", name="How often?", exact=True).first.fill("1")
+        go_on(page)
+        page.get_by_text("'1' is no number from 2 to 999").wait_for()
+        page.get_by_role("textbox", name="How often?", exact=True).first.fill("2")
+        page.get_by_role("textbox", name="Within what time?", exact=True).first.fill("2 min")
+        page.get_by_text("is above 1 times").wait_for()
+        page.get_by_role("img", name="If it came, went, and was gone").wait_for()
+        go_on(page)
+        page.get_by_role("heading", name="drive?").wait_for()
+        assert kept(here) == LENS | {"wish": "often", "often_near": "1 m", "often_times": "2", "often_window": "2 min"}
+
+
 def test_a_sentence_that_is_turned_around_is_told_and_what_is_told_covers_no_button(page, here):
     begin_at(page, here, WISH)
     page.locator(".setup-blank").first.fill("10 ft")

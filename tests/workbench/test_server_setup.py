@@ -298,6 +298,25 @@ def test_the_table_of_distances_begins_where_the_target_fills_the_picture(
     assert [row["sigma_m"] for row in rows] == sorted(row["sigma_m"] for row in rows)
 
 
+def test_a_wish_that_counts_names_a_time_or_compares_is_shown_acting_on_what_is_made_up(calibrated: Setup) -> None:
+    for wish in ("often", "daily", "visits", "night", "dark", "mute", "side", "order", "closer", "permit"):
+        calibrated("answer", answer=wish)
+        tried = calibrated("try")
+        assert {lane["rule"] for lane in tried["made_up"]["rules"] if lane["active"]} >= {wish}
+        assert all(test["ok"] for test in tried["tests"]), wish
+        assert tried["problems"] == []
+        calibrated("back")
+
+
+def test_the_pin_of_a_button_is_taken_on_the_header(calibrated: Setup) -> None:
+    for answer in ("mute", "2 m", "30 cm", "22", "10 min"):
+        calibrated("answer", answer=answer)
+    pins = {pin["gpio"]: pin for pin in calibrated.reply("wiring", output="buzzer 23").data["pins"]}
+    assert pins[22]["taken_by"] == ["button"]
+    with pytest.raises(ConfigError, match="pin 22 is taken by 'button 22'"):
+        calibrated("answer", answer="buzzer 22")
+
+
 def test_what_the_camera_saw_is_tried_with_a_wish(calibrated: Setup) -> None:
     seen = setup_of(calibrated.desk)
     for number in range(300):  # from 2 m to 0.6 m and back, twice

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +14,12 @@ from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame
 from stadimeter.errors import ConfigError
+from stadimeter.workbench.doctor.computer import Computer
 from stadimeter.workbench.rule_tests.running import run_rule_test
 from stadimeter.workbench.setup.files import WISHES, Wish, configuration_files, ready_answers
 from stadimeter.workbench.setup.question import Known
-from stadimeter.workbench.setup.wish_steps import BlankStep, reliable_range_m
+from stadimeter.workbench.setup.wish_steps import BlankStep, WishOutputStep, WishStep, reliable_range_m
+from support.each_case import each_case
 
 LENS = CameraModel.with_focal_length(600.0, 640, 480)
 FRAME = Frame(image=np.zeros((480, 640, 3), np.uint8), captured_at_s=0.0, sequence=0)
@@ -45,7 +49,18 @@ def loaded(folder: Path, given: dict[str, str]) -> Configuration:
     return load_configuration(folder / "stadimeter.toml")
 
 
-@pytest.mark.parametrize("kind", TARGETS)
+def step_of(key: str, blank: str) -> BlankStep:
+    wish = next(each for each in WISHES if each.key == key)
+    return BlankStep(wish, next(each for each in wish.blanks if each.key == blank))
+
+
+def known_of(given: dict[str, str]) -> Known:
+    return Known(folder=Path(), answers=given, frames=(FRAME,), camera_model=LENS)
+
+
+@pytest.mark.parametrize(
+    "kind", ["ball", *(pytest.param(kind, marks=pytest.mark.long) for kind in TARGETS if kind != "ball")]
+)
 @pytest.mark.parametrize("wish", WISHES, ids=lambda wish: wish.key)
 def test_every_wish_is_a_configuration_with_two_tests_that_pass(tmp_path: Path, wish: Wish, kind: str) -> None:
     configuration = loaded(tmp_path, answers(kind, wish))
@@ -62,13 +77,69 @@ def test_a_distance_that_turns_the_sentence_around_is_refused() -> None:
         ("far", "to", {"far_from": "2 m"}, "200 cm", "200 cm is not farther than 2 m"),
         ("parking", "stop", {"parking_slow": "1 m"}, "1.5 m", "1.5 m is not nearer than 1 m"),
     ]:
-        wish = next(each for each in WISHES if each.key == key)
-        step = BlankStep(wish, next(each for each in wish.blanks if each.key == blank))
-        known = Known(
-            folder=Path(), answers={**CAMERA, **TARGETS["ball"], **before}, frames=(FRAME,), camera_model=LENS
-        )
         with pytest.raises(ConfigError, match=words):
-            step.accept(known, wrong)
+            step_of(key, blank).accept(known_of({**CAMERA, **TARGETS["ball"], **before}), wrong)
+
+
+@each_case(
+    "key, blank, before, wrong, words",
+    [
+        ("often", "times", {}, "1", "'1' is no number from 2 to 999"),
+        ("often", "times", {}, "three", "'three' is no number"),
+        ("often", "window", {"often_times": "20"}, "1 min", "1 min is too short for 20 visits"),
+        ("night", "begin", {}, "25:00", "is no time that a clock shows"),
+        ("night", "end", {"night_begin": "22:00"}, "22:00", "22:00 is when it begins"),
+        ("closer", "tag", {}, "36h11, 8 cm", "has no number"),
+        ("closer", "tag", {}, "36h11 7", "'' is not a number with a unit"),
+        ("closer", "tag", TARGETS["tag"], "36h11 3, 8 cm", "is the target itself"),
+        ("closer", "tag", {**TARGETS["tag"], "tag": "36h11"}, "36h11 7, 8 cm", "is the target itself"),
+        ("closer", "tag", {"slow_tag": "36h11 7, 8 cm"}, "36h11 7, 9 cm", "tag-7 is '36h11 7, 8 cm' already"),
+        ("mute", "button", {}, "99", "99 is not a pin"),
+        ("mute", "button", {"near_output": "buzzer 22"}, "22", "pin 22 is taken by 'buzzer 22'"),
+        ("dark", "place", {}, "91, 13", "is no latitude and longitude"),
+        ("dark", "place", {}, "Berlin", "is no latitude and longitude"),
+    ],
+)
+def test_what_is_no_answer_to_a_blank_is_refused_in_a_sentence(
+    key: str, blank: str, before: dict[str, str], wrong: str, words: str
+) -> None:
+    given = {**CAMERA, **TARGETS["ball"], "wish": f"{key} slow", **before}
+    with pytest.raises(ConfigError, match=re.escape(words)):
+        step_of(key, blank).accept(known_of(given), wrong)
+
+
+def test_two_wishes_would_not_drive_one_robot() -> None:
+    with pytest.raises(ConfigError, match="follow and permit would drive one robot"):
+        WishStep().accept(known_of({}), "follow near permit")
+
+
+def test_a_tag_that_is_the_target_is_not_proposed_as_the_second() -> None:
+    for tag, ready in (("36h11 3", "36h11 7, 8 cm"), ("36h11 7", "36h11 8, 8 cm"), ("36h11", "25h9 7, 8 cm")):
+        given = {**CAMERA, **TARGETS["tag"], "tag": tag, "wish": "closer"}
+        assert step_of("closer", "tag").question(known_of(given)).ready == ready
+
+
+def test_a_button_takes_its_pin_from_the_outputs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Computer, "is_pi", True)
+    assert step_of("mute", "button").question(known_of({**CAMERA, **TARGETS["ball"]})).ready == "22"
+    near = next(each for each in WISHES if each.key == "near")
+    with pytest.raises(ConfigError, match="pin 22 is taken by 'button 22'"):
+        WishOutputStep(near).accept(known_of({"wish": "mute near", "mute_button": "22"}), "buzzer 22")
+
+
+def test_all_wishes_but_those_for_further_robots_go_into_one_configuration(tmp_path: Path) -> None:
+    wishes = [wish for wish in WISHES if wish.key not in {"permit", "slow"}]
+    configuration = loaded(tmp_path, answers("ball", *wishes))
+    assert len(configuration.tests) == 2 * len(wishes)
+    assert {wish.group for wish in wishes} == {wish.group for wish in WISHES}
+
+
+@each_case("wish", WISHES)
+def test_the_wishes_of_a_group_stand_together_and_each_rule_is_explained(wish: Wish) -> None:
+    groups = [each for each, _ in groupby(WISHES, key=lambda other: other.group)]
+    assert groups.count(wish.group) == 1
+    assert wish.rules.lstrip().startswith("# ")
+    assert set(re.findall(r"{(\w+)}", wish.sentence)) == {blank.key for blank in wish.blanks}
 
 
 def test_several_wishes_share_an_output_on_one_pin(tmp_path: Path) -> None:

@@ -49,6 +49,14 @@ def distances(measurements: list[Measurement]) -> list[float]:
     return [each.distance_m for each in measurements if each.distance_m is not None]
 
 
+def test_a_motion_that_is_repeated_begins_anew_each_time() -> None:
+    once = path_of(skip={"from": "2 m", "to": "1 m", "wait": "3 s", "stay": "1 s"})
+    thrice = path_of(skip={"from": "2 m", "to": "1 m", "wait": "3 s", "stay": "1 s"}, repeat=3)
+    assert [(point.at_s, point.distance_m) for point in once] == [(0, 2), (3, 2), (3, 1), (4, 1)]
+    assert [position_at(thrice, at_s).distance_m for at_s in (2.9, 3.5, 4.5, 7.5, 8.5, 11.5)] == [2, 1, 2, 1, 2, 1]
+    assert thrice[-1].at_s == 12
+
+
 @st.composite
 def paths(draw: st.DrawFn) -> tuple[PathPoint, ...]:
     at_s, points = 0.0, []

@@ -196,9 +196,11 @@ def _question(console: Console, interview: Interview) -> Question | None:
 
 
 def _option(question: Question, text: str) -> str:
-    """Return the answer that a number stands for."""
-    is_number = text.isdecimal() and 1 <= int(text) <= len(question.options)
-    return question.options[int(text) - 1].answer if is_number else text
+    """Return the answer that a number stands for; of wishes several numbers do."""
+    numbers = text.replace(",", " ").split() if question.kind == "wish" else [text]
+    if not all(each.isdecimal() and 1 <= int(each) <= len(question.options) for each in numbers):
+        return text
+    return " ".join(question.options[int(each) - 1].answer for each in numbers)
 
 
 def _accept(console: Console, interview: Interview, text: str) -> Accepted | None:
@@ -219,16 +221,33 @@ def _tell_question(console: Console, question: Question, number: int) -> None:
         _print_indented(console, found, "green")
     form = f"{question.form[0].upper()}{question.form[1:]}." if question.form else ""
     if question.options:
-        table = Table.grid(padding=(0, 2))
-        table.add_column(justify="right")
-        table.add_column(overflow="fold")
-        table.add_column(overflow="fold")
+        table = _options_table(question)
+        group = ""
         for count, option in enumerate(question.options, start=1):
+            if option.group != group:
+                group = option.group
+                _print_options(console, table)
+                _print_indented(console, group, "bold")
+                table = _options_table(question)
             table.add_row(str(count), Text(option.answer, "cyan"), Text(option.meaning))
-        console.print(Padding(table, (0, 0, 0, 3)))
+        _print_options(console, table)
         form = f"Or {question.form}." if question.form else ""
     if form:
         _print_indented(console, form, "dim")
+
+
+def _options_table(question: Question) -> Table:
+    table = Table.grid(padding=(0, 2))
+    table.add_column(justify="right", min_width=len(str(len(question.options))))
+    # The columns of all groups stand below each other. Other answers, such as addresses, may be too long for that.
+    table.add_column(overflow="fold", min_width=max(len(each.answer) * bool(each.group) for each in question.options))
+    table.add_column(overflow="fold")
+    return table
+
+
+def _print_options(console: Console, table: Table) -> None:
+    if table.row_count:
+        console.print(Padding(table, (0, 0, 0, 3)))
 
 
 def _tell_notes(console: Console, accepted: Accepted) -> None:
@@ -318,9 +337,11 @@ def _next_commands(console: Console, known: Known) -> None:
     pictures = os.path.relpath(source) if source else known.answers["camera"]
     what = f"--live {known.file}" if known.is_live else shlex.quote(pictures)
     console.print("\nNext:", style="bold")
+    names = rule_names(known.answers)
+    asked = next((wish for wish in known.answers["wish"].split() if wish in names), names[0])
     for line in (
         f"stadimeter measure {what} --config {known.file}",
         f"stadimeter run {known.file} --watch",
-        f"stadimeter explain {rule_names(known.answers)[0]}",
+        f"stadimeter explain {asked}",
     ):
         console.print(f"  {line}", markup=False, soft_wrap=True)

@@ -31,7 +31,7 @@ from stadimeter.core.rule import AlarmRule
 
 # Keys of which a recording has its own.
 _MADE_UP = (*MOTIONS, "targets", "target", "bearing", "elevation", "lost", "noise", "dropouts", "outliers", "rate")
-_MADE_UP_TOO = ("seed", "frozen", "clock", "day", "date", "operator")
+_MADE_UP_TOO = ("repeat", "seed", "frozen", "clock", "day", "date", "operator")
 _MAX_RATE_HZ = 30.0
 _EXAMPLE = "expect.RULE = { raised = 1 }"
 
@@ -123,7 +123,7 @@ def _targets(draft: Draft, at: KeyPath, given: InputTable, written: Mapping[str,
 def _nothing_beside_targets(at: KeyPath, written: Mapping[str, Any]) -> Iterator[Finding]:
     if not written["targets"]:
         yield Finding((*at, "targets"), "no target moves", "add one, such as targets.NAME = { … }")
-    for key in ("target", *MOTIONS, "lost", "bearing", "elevation"):
+    for key in ("target", *MOTIONS, "lost", "bearing", "elevation", "repeat"):
         if key in written:
             yield Finding((*at, key), f"'{key}' does not go with 'targets'", "put it inside one of them, or out")
 

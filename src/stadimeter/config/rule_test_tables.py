@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal, Self
 
 from msgspec import Struct
+from msgspec.structs import replace
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from stadimeter.config.models import DurationAboveZero, Section, Share
@@ -266,16 +267,19 @@ class MotionTable(Section):
     """In radians, positive upwards."""
     lost: list[SpanTable] = Field(default_factory=list)
     """When the target is out of sight."""
+    repeat: Annotated[int, Field(ge=1, le=1000)] = 1
+    """How often in a row it moves like that; each time begins where the target was at first."""
 
     def path(self) -> tuple[PathPoint, ...]:
         """Return where the target is when, in the order of time; nothing if no motion is given."""
-        if self.points is not None:
-            return tuple(self._point(point) for point in self.points)
         motion = self.hover or self.approach or self.recede or self.skip
         legs = motion.legs() if motion else []
-        return tuple(
+        once = [self._point(point) for point in self.points or ()] or [
             PathPoint(at_s=at_s, distance_m=distance_m, bearing_rad=self.bearing, elevation_rad=self.elevation)
             for at_s, distance_m in legs
+        ]
+        return tuple(
+            replace(each, at_s=each.at_s + turn * once[-1].at_s) for turn in range(self.repeat) for each in once
         )
 
     @property

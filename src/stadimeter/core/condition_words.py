@@ -198,6 +198,8 @@ def _measured_words(part: JudgedLeaf, inputs: RuleInputs, named: str, *, with_pr
     if passed is not None:
         return f"{named}passed through between two frames: {passed[0]:.2f} m, then {passed[1]:.2f} m"
     words = f"{named}{_value_words(leaf, reading)}, {_threshold_words(reading, leaf.unit)}"
+    if isinstance(leaf, RememberedCondition) and leaf.unit == "times" and math.isfinite(reading.low):
+        return f"{' or '.join(leaf.rules)} raised {reading.value:g} of {reading.low + 1:g} times {leaf.window}"
     if not with_probability or reading.probability is None:
         return words
     turns = f"ends at {leaf.probability_off:.2f}" if part.is_on else f"begins at {leaf.probability_on:.2f}"

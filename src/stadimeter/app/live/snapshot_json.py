@@ -16,6 +16,9 @@ import numpy as np
 from stadimeter.app.live.history import DistanceSample, Seen
 from stadimeter.app.live.snapshot import RunSnapshot, why
 from stadimeter.core.command import LevelCommand
+from stadimeter.core.conditions.compounds import leaves
+from stadimeter.core.conditions.quantities import QUANTITIES, noun_of
+from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.decision import Decision, Event, OutputTrace, RuleTrace
 from stadimeter.core.detection import Detection, RejectedCandidate
 from stadimeter.core.message import Message
@@ -80,6 +83,7 @@ def shared_json(snapshot: RunSnapshot, number: int, now_s: float, unix_offset_s:
         "targets": [_target(snapshot, track) for track in decision.tracks] if decision is not None else [],
         "rules": list(_rules(snapshot.plan, decision, reasons)) if decision is not None else [],
         "outputs": list(_outputs(snapshot)),
+        "figures": list(_remembered(snapshot.plan, decision)) if decision is not None else [],
         "safety": _safety(decision),
         "health": _health(snapshot),
         "messenger": snapshot.messenger,
@@ -193,8 +197,24 @@ def _rules(plan: Plan | None, decision: Decision, reasons: ReasonsInTurn) -> Ite
             "is_alarm": alarm is not None,
             "needs_ack": alarm is not None and alarm.ack == "required",
             "latches": alarm is not None and alarm.latch,
+            "counts": alarm is not None and _counts(alarm),
             "set_thresholds": _set_thresholds(decision, trace.rule),
             "reason": words[trace.rule],
+        }
+
+
+def _counts(alarm: AlarmRule) -> bool:
+    """Return whether a reset lets a rule count anew."""
+    return any(isinstance(leaf, RememberedCondition) and leaf.rules for leaf in leaves(alarm.condition))
+
+
+def _remembered(plan: Plan | None, decision: Decision) -> Iterator[dict[str, Any]]:
+    for figure in plan.named_figures if plan is not None else ():
+        yield {
+            "name": figure.name,
+            "value": _rounded(decision.figures.get(figure.name), 4),
+            "unit": QUANTITIES[figure.quantity].unit,
+            "words": f"the {figure.statistic} of the {noun_of(figure.quantity)} of {figure.target} {figure.window}",
         }
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from stadimeter.config.driver_tables import ACTUATOR
+from stadimeter.config.driver_tables import ACTUATOR, DRIVER_KINDS
 from stadimeter.config.gpio_header import HEADER, TAKEN
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.errors import ConfigError
@@ -13,7 +13,14 @@ from stadimeter.workbench.drawing import svg_of
 from stadimeter.workbench.server import editing
 from stadimeter.workbench.server.operations import Desk, DeskReply, operation
 from stadimeter.workbench.server.setup_operations import setup_of
-from stadimeter.workbench.setup.files import NOTHING, SCREEN, actuator_table, configuration_files
+from stadimeter.workbench.setup.files import (
+    NOTHING,
+    SCREEN,
+    actuator_table,
+    blank_answers,
+    button_table,
+    configuration_files,
+)
 from stadimeter.workbench.setup.question import CONFIGURATION, Known
 from stadimeter.workbench.setup.trying import (
     complete_answers,
@@ -114,11 +121,14 @@ def _chosen_parts(desk: Desk, proposed: str) -> tuple[DriverChoice, ...]:
     known = setup_of(desk).known
     answers = [answer for key, answer in known.answers.items() if key.endswith("_output")]
     chosen = dict.fromkeys([*(each for each in answers if each != proposed), *([proposed] if proposed else [])])
-    return tuple(
+    outputs = [
         known.choose(ACTUATOR, ("actuators", _name(each)), actuator_table(each))
         for each in chosen
         if each not in {NOTHING, SCREEN}
-    )
+    ]
+    pressed = blank_answers(known.answers, "button").values()
+    buttons = [known.choose(DRIVER_KINDS["buttons"], ("buttons", "button"), button_table(each)) for each in pressed]
+    return (*buttons, *outputs)  # the one that is proposed is the last
 
 
 def _name(answer: str) -> str:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,18 @@ from msgspec import Struct
 
 from stadimeter.config.camera_file import camera_file_text
 from stadimeter.config.toml_source import as_toml, key_and_value
-from stadimeter.config.units import DURATIONS_S, LENGTHS_M, SPEEDS_MPS, parse_length, parse_quantity
+from stadimeter.config.units import (
+    ANGLES_RAD,
+    DURATIONS_S,
+    LENGTHS_M,
+    SPEEDS_MPS,
+    parse_length,
+    parse_quantity,
+    parse_time_of_day,
+)
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.clock import DAY_S
+from stadimeter.core.words import time_of_day
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.setup.camera_step import SIMULATED, table_of
 from stadimeter.workbench.setup.question import CAMERA_FILE, CONFIGURATION
@@ -28,29 +39,43 @@ NOTHING = "nothing"
 # Ready distances are within this share of how far away the target is found reliably: hysteresis needs the rest.
 WITHIN_REACH = 0.8
 
-_UNITS = {"m": LENGTHS_M, "s": DURATIONS_S, "m/s": SPEEDS_MPS}
+# The answer for a button that is not wired yet, and the family of tags that people have.
+NO_BUTTON = "none"
+USUAL_FAMILY = "36h11"
 
-_BLANK = re.compile(r"\{(\w+)(?::([\d.]+)(/s)?)?\}")
+_UNITS = {"m": LENGTHS_M, "s": DURATIONS_S, "m/s": SPEEDS_MPS, "rad": ANGLES_RAD}
+
+_BLANK = re.compile(r"\{(\w+)(?::([+-]?[\d.]+)(/s)?)?\}")
+
+# A count is of at least two, since one is what the rule that is counted does; a rule counts up to a thousand.
+MIN_COUNT, MAX_COUNT = 2, 999
+
+# How long a visit takes in the tests of the wishes that count them, with the time before it, and some more.
+VISIT_S = 3.1
 
 
 class Blank(Struct, frozen=True, kw_only=True):
-    """A figure that a wish leaves open; its units are those of the ready answer.
+    """What a wish leaves open; its units are those of the ready answer.
 
     Attributes:
+        kind: A ``quantity``, ``count``, ``time`` of day, ``tag``, ``button`` or ``place``.
         beyond: The blank before it that it must be above; empty if it may be anything.
         within: The blank before it that it must be below.
+        holds: The blank before it that says how many visits it must be long enough for.
     """
 
     key: str
     text: str
     ready: str
+    kind: str = "quantity"
     beyond: str = ""
     within: str = ""
+    holds: str = ""
 
     @property
     def unit(self) -> str:
-        """Its SI unit: m, s or m/s."""
-        return _si_unit(self.ready)
+        """Its SI unit: m, s, m/s or rad; empty of what is no quantity."""
+        return _si_unit(self.ready) if self.kind == "quantity" else ""
 
     @property
     def is_length(self) -> bool:
@@ -62,11 +87,17 @@ class Wish(Struct, frozen=True, kw_only=True):
     """Something that people want to happen; ``wishes.toml`` says what its parts mean."""
 
     key: str
+    group: str
     title: str
     sentence: str
     blanks: tuple[Blank, ...]
     output: str
     rules: str
+
+    @property
+    def needs_output(self) -> bool:
+        """Whether it is nothing without something that it drives: a level alone reports nothing."""
+        return "}ramp" in self.rules
 
 
 def _wish(key: str, table: dict[str, Any]) -> Wish:
@@ -86,13 +117,23 @@ def find_wishes(answers: Mapping[str, str]) -> tuple[Wish, ...]:
     return tuple(_BY_KEY[key] for key in answers.get("wish", "").split())
 
 
+def blank_answers(answers: Mapping[str, str], kind: str) -> dict[str, str]:
+    """Return the answers to the blanks of one kind that were given, by their keys."""
+    keys = (f"{wish.key}_{blank.key}" for wish in find_wishes(answers) for blank in wish.blanks if blank.kind == kind)
+    return {key: answers[key] for key in keys if key in answers}
+
+
 def fill_blanks(template: str, answers: Mapping[str, str]) -> str:
     """Return a template with an answer in place of each blank."""
 
     def answer(blank: re.Match[str]) -> str:
-        text = " ".join(answers[blank[1]].split())
+        text = answers[blank[1]]
         if not blank[2]:
             return text
+        if text.isdecimal():
+            return f"{int(text) + int(blank[2])}"
+        if ":" in text:
+            return time_of_day((parse_time_of_day(text) + float(blank[2])) % DAY_S)
         unit = _si_unit(text)
         return f"{float(blank[2]) * parse_quantity(text, _UNITS[unit], ''):.4g} {unit}{blank[3] or ''}"
 
@@ -101,7 +142,13 @@ def fill_blanks(template: str, answers: Mapping[str, str]) -> str:
 
 def figure_si(text: str, blank: Blank) -> float:
     """Return a figure in SI units; a ConfigError unless it is above zero, in units like those of the ready answer."""
+    if blank.kind == "count":
+        if text.isdecimal() and MIN_COUNT <= int(text) <= MAX_COUNT:
+            return int(text)
+        raise ConfigError(f"{text!r} is no number from {MIN_COUNT} to {MAX_COUNT}; write it such as {blank.ready!r}")
     try:
+        if blank.kind == "time":
+            return parse_time_of_day(text)
         value = parse_quantity(text, _UNITS[blank.unit], blank.ready)
     except ValueError as error:
         raise ConfigError(str(error)) from error
@@ -133,9 +180,40 @@ def actuator_table(text: str) -> dict[str, Any]:
     return {"driver": driver, **({"pin": int(pin[0]) if pin[0].isdecimal() else pin[0]} if pin else {})}
 
 
+def tag_table(text: str) -> dict[str, Any]:
+    """Return the table of a second target such as ``36h11 7, 8 cm``."""
+    tag, _, side = text.partition(",")
+    return target_table({"target": "tag", "tag": tag, "size": side.strip()})
+
+
+def tag_name(text: str) -> str:
+    """Return what a second target is called, such as ``tag-7``."""
+    family, _, number = text.partition(",")[0].strip().partition(" ")
+    return f"tag-{number.strip()}" if family == USUAL_FAMILY else f"tag-{family}-{number.strip()}"
+
+
+def button_table(text: str) -> dict[str, Any]:
+    """Return the table of a button on a pin such as ``22``; one that is simulated for ``none``."""
+    if text == NO_BUTTON:
+        return {"driver": "simulated"}
+    return {"driver": "gpio", "pin": int(text) if text.isdecimal() else text}
+
+
+def place_table(text: str) -> dict[str, float]:
+    """Return the table of a place such as ``52.52, 13.40``; a ConfigError unless it is one on the earth."""
+    try:
+        latitude, longitude = (float(part) for part in text.split(","))
+    except ValueError:
+        latitude, longitude = math.nan, math.nan
+    if not (abs(latitude) <= 90 and abs(longitude) <= 180):
+        raise ConfigError(f"{text!r} is no latitude and longitude in degrees; write them such as '52.52, 13.40'")
+    return {"latitude": latitude, "longitude": longitude}
+
+
 def base_table(answers: Mapping[str, str]) -> dict[str, Any]:
     """Return the table ``[base]``: its driver, the options of the answers ``base_…``, and the limits of every base."""
-    limits = {"max_speed": answers.get("follow_speed", "0.5 m/s"), "max_turn_rate": "60 deg/s"}
+    speed = next((answers[key] for key in answers if key.endswith("_speed") and not key.startswith("base_")), "0.5 m/s")
+    limits = {"max_speed": speed, "max_turn_rate": "60 deg/s"}
     if answers["base"] == SCREEN:
         return {"driver": "simulated", **limits}
     own = {key.removeprefix("base_"): _option(text) for key, text in answers.items() if key.startswith("base_")}
@@ -186,6 +264,7 @@ def _configuration(answers: Mapping[str, str], model_file: str) -> str:
     outputs = _outputs(answers)
     tables: list[tuple[str, Mapping[str, Any]]] = [("camera", {**table_of(answers["camera"]), "model": model_file})]
     tables.append((f"targets.{answers['target']}", target_table(answers)))
+    tables += [(f"targets.{tag_name(tag)}", tag_table(tag)) for tag in blank_answers(answers, "tag").values()]
     tables += [(f"actuators.{name}", actuator_table(answer)) for name, answer in outputs.values() if name]
     if "base" in answers:
         tables.append(("base", base_table(answers)))
@@ -194,7 +273,7 @@ def _configuration(answers: Mapping[str, str], model_file: str) -> str:
         tables.append(("messenger", messenger_table(answers["broker"])))
     written: dict[str, str] = {}
     for name, table in tables:
-        written[name] = f"[{name}]\n" + "".join(f"{key} = {as_toml(value)}\n" for key, value in table.items())
+        written[name] = f"[{name}]\n{_lines(table)}\n"
     rules = [_rules(wish, answers, outputs.get(wish.key, ("", ""))[0]) for wish in find_wishes(answers)]
     return _TITLE + "\n".join([*written.values(), *rules])
 
@@ -225,8 +304,21 @@ def _outputs(answers: Mapping[str, str]) -> dict[str, tuple[str, str]]:
     return outputs
 
 
+def _lines(table: Mapping[str, Any]) -> str:
+    return "\n".join(f"{key} = {as_toml(value)}" for key, value in table.items())
+
+
+# What stands in the rules for an answer, where that is not the answer itself.
+_WRITTEN: Mapping[str, Callable[[str], str]] = {
+    "tag": tag_name,
+    "button": lambda text: _lines(button_table(text)),
+    "place": lambda text: _lines(place_table(text)),
+}
+
+
 def _rules(wish: Wish, answers: Mapping[str, str], output: str) -> str:
-    figures = {blank.key: answers[f"{wish.key}_{blank.key}"] for blank in wish.blanks}
+    given = {blank: " ".join(answers[f"{wish.key}_{blank.key}"].split()) for blank in wish.blanks}
+    figures = {blank.key: _WRITTEN.get(blank.kind, str)(text) for blank, text in given.items()}
     if wish.key == "parking":
         nearest, farthest = (parse_length(answers[f"parking_{key}"]) for key in ("stop", "slow"))
         figures["middle"] = f"{(nearest + farthest) / 2:.4g} m"

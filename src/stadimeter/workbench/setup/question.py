@@ -112,10 +112,15 @@ def words_of(text: str) -> list[str]:
 
 
 class Option(NamedTuple):
-    """An answer that is suggested, and what it means. In place of the answer, its number may be given."""
+    """An answer that is suggested, and what it means. In place of the answer, its number may be given.
+
+    Attributes:
+        group: What it is listed below; empty for nothing.
+    """
 
     answer: str
     meaning: str
+    group: str = ""
 
 
 class Question(Struct, frozen=True, kw_only=True):

@@ -210,7 +210,7 @@ class TargetStep(SetupStep):
 
     def accept(self, known: Known, text: str) -> Accepted:  # noqa: ARG002
         """Take one of the kinds."""
-        kinds = [kind for kind, _ in KINDS]
+        kinds = [kind.answer for kind in KINDS]
         if text.lower() not in kinds:
             raise ConfigError(f"{text!r} is none of {', '.join(kinds)}")
         return Accepted(answer=text.lower())

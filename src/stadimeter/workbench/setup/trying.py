@@ -30,7 +30,7 @@ from stadimeter.workbench.picture_quality import picture_remarks
 from stadimeter.workbench.replay.lanes import Lane, Point, thin_points
 from stadimeter.workbench.rule_tests.inputs import observations, wait_times
 from stadimeter.workbench.rule_tests.running import command_figures
-from stadimeter.workbench.setup.files import SCREEN, figure_si, find_wishes
+from stadimeter.workbench.setup.files import SCREEN, blank_answers, figure_si, find_wishes, tag_name
 from stadimeter.workbench.setup.question import Known
 from stadimeter.workbench.setup.target import build_target, describe_detection, target_shape
 from stadimeter.workbench.setup.wish_steps import wish_steps
@@ -45,6 +45,11 @@ ENOUGH_S = 2.0
 WALK_S, STAND_S, GONE_S = 6.0, 2.0, 3.0
 
 MAX_DURATION_S = 700.0
+
+# It goes from this far at the left to as far at the right, which the view of most cameras holds. On this date the sun
+# rises and sets everywhere.
+SIDE_DEG = 20.0
+EQUINOX = "2026-03-21"
 
 # Where nothing was seen for longer, time went on without frames.
 GAP_S = 1.0
@@ -84,31 +89,53 @@ def recent_observations(history: Sequence[Measurement]) -> Iterator[Observation]
 
 
 def simulate_approach(configuration: Configuration, answers: Mapping[str, str]) -> Iterator[Observation]:
-    """Yield observations of a target that comes from beyond every distance of the wishes, goes back, and disappears."""
-    lengths_m, times_s = _figures(answers)
-    far_m, near_m = 1.5 * max(lengths_m, default=2.0), 0.6 * min(lengths_m, default=1.0)
-    gone_s = min(MAX_DURATION_S, max(GONE_S, *(1.2 * each for each in times_s), 0.0))
+    """Yield observations of a target that comes from beyond every distance of the wishes, goes back, and disappears.
+
+    It does so as often as the wishes count, goes from the left to the right where they ask for a direction, and passes
+    a second target. It begins at the first time of day that they name, or else at midnight.
+    """
+    figures = _figures(answers)
+    far_m, near_m = 1.5 * max(figures["m"], default=2.0), 0.6 * min(figures["m"], default=1.0)
+    gone_s = min(MAX_DURATION_S, max(GONE_S, *(1.2 * each for each in figures["s"]), 0.0))
+    visits = int(max(figures["times"], default=0.0)) + 1 if figures["times"] else 1
     points, at_s = [], 0.0
-    for distance_m, stays_s in ((far_m, STAND_S), (near_m, max(STAND_S, WALK_S / 2)), (far_m, STAND_S + gone_s)):
+    for distance_m, stays_s in ((far_m, STAND_S), (near_m, max(STAND_S, WALK_S / 2)), (far_m, STAND_S)):
         points += [(at_s, distance_m), (at_s + stays_s, distance_m)]
         at_s += stays_s + WALK_S
-    end_s = points[-1][0]
+    once_s = points[-1][0]
+    end_s = visits * once_s
+    walks = [
+        (number * once_s + moment_s, distance_m, SIDE_DEG * (2 * moment_s / once_s - 1))
+        for number in range(visits)
+        for moment_s, distance_m in points
+    ]
+    walks.append((end_s + gone_s, far_m, SIDE_DEG))
+    moving = {
+        "points": [
+            {"at": f"{moment_s} s", "distance": f"{distance_m} m", "bearing": f"{bearing_deg} deg"}
+            for moment_s, distance_m, bearing_deg in walks
+        ],
+        "lost": [{"from": f"{end_s} s", "for": f"{gone_s + 1} s"}],
+    }
+    hovering = {"hover": {"at": f"{(far_m + near_m) / 2} m", "for": f"{end_s + gone_s} s"}}
+    others = {tag_name(tag): hovering for tag in blank_answers(answers, "tag").values()}
     table = {
-        "points": [{"at": f"{moment_s} s", "distance": f"{distance_m} m"} for moment_s, distance_m in points],
-        "lost": [{"from": f"{end_s - gone_s} s", "for": f"{gone_s + 1} s"}],
+        "targets": {answers["target"]: moving, **others},
         "rate": "10 Hz",
+        "clock": next(iter(blank_answers(answers, "time").values()), "00:00"),
+        "date": EQUINOX,
     }
     yield from observations(InputTable.model_validate(table), configuration)
 
 
-def _figures(answers: Mapping[str, str]) -> tuple[list[float], list[float]]:
-    """Return the distances of the wishes in metres, and their times in seconds."""
-    figures: dict[str, list[float]] = {"m": [], "s": [], "m/s": []}
+def _figures(answers: Mapping[str, str]) -> Mapping[str, list[float]]:
+    """Return the quantities of the wishes by their SI unit, and what they count by ``times``."""
+    figures: defaultdict[str, list[float]] = defaultdict(list)
     for wish in find_wishes(answers):
-        for blank in wish.blanks:
+        for blank in (blank for blank in wish.blanks if blank.kind in {"quantity", "count"}):
             with suppress(ConfigError):  # what the question refuses
-                figures[blank.unit].append(figure_si(answers[f"{wish.key}_{blank.key}"], blank))
-    return figures["m"], figures["s"]
+                figures[blank.unit or "times"].append(figure_si(answers[f"{wish.key}_{blank.key}"], blank))
+    return figures
 
 
 # Nearer than where a target fills this share of the picture's shorter side, it is cut off sooner or later.

@@ -6,25 +6,33 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from stadimeter.config.driver_tables import ACTUATOR, MESSENGER
+from stadimeter.config.driver_tables import ACTUATOR, DRIVER_KINDS, MESSENGER, TARGET
+from stadimeter.config.extras import require
 from stadimeter.errors import ConfigError
 from stadimeter.ranging.similar_triangles import farthest_m
 from stadimeter.workbench.doctor.computer import Computer
 from stadimeter.workbench.setup.base_steps import BaseStep, option_steps
 from stadimeter.workbench.setup.files import (
+    NO_BUTTON,
     NOTHING,
     SCREEN,
+    VISIT_S,
     WISHES,
     Blank,
     Wish,
     actuator_table,
+    blank_answers,
+    button_table,
     figure_si,
     find_wishes,
     messenger_table,
+    place_table,
     ready_answers,
+    tag_name,
+    tag_table,
 )
 from stadimeter.workbench.setup.question import Accepted, Known, Option, Question, SetupStep, words_of
-from stadimeter.workbench.setup.target import build_target, target_shape
+from stadimeter.workbench.setup.target import build_target, target_shape, target_table
 
 
 class WishStep(SetupStep):
@@ -34,9 +42,9 @@ class WishStep(SetupStep):
 
     asked = Question(
         text="What shall happen?",
-        options=tuple(Option(wish.key, wish.title) for wish in WISHES),
+        options=tuple(Option(wish.key, wish.title, wish.group) for wish in WISHES),
         ready="near",
-        form="several of them, such as near far",
+        form="several of them, by name or number, such as near far",
     )
 
     def accept(self, known: Known, text: str) -> Accepted:  # noqa: ARG002
@@ -46,6 +54,9 @@ class WishStep(SetupStep):
         wrong = [name for name in names if name not in possible]
         if wrong or not names:
             raise ConfigError(f"{' '.join(wrong) or text!r} is none of {', '.join(possible)}")
+        robots = [wish.key for wish in find_wishes({"wish": " ".join(names)}) if wish.output == "base"]
+        if len(robots) > 1:
+            raise ConfigError(f"{' and '.join(robots)} would drive one robot; choose one of them")
         return Accepted(answer=" ".join(names))
 
 
@@ -65,6 +76,35 @@ def reliable_range_m(known: Known) -> float:
     return farthest_m(target_shape(build_target(known)), known.camera_model.for_frame(known.frame))
 
 
+# Second targets that are proposed where the usual one is the target itself.
+OTHER_TAGS = ("36h11 8, 8 cm", "25h9 7, 8 cm")
+
+# How an answer may look beside the example.
+_FORMS = {
+    "tag": "; `stadimeter print tag` makes one",
+    "button": f"; {NO_BUTTON} if there is no button yet",
+    "place": " for Berlin, with south and west below zero",
+}
+
+
+def taken_by(known: Known, pin: object, key: str, same: str = "") -> str:
+    """Return the output or button that is on a pin already, such as ``buzzer 23``; empty for none.
+
+    Args:
+        key: Of the answer that asks.
+        same: An output that may share its pin.
+    """
+    parts = [answer for other, answer in known.answers.items() if other.endswith("_output") and other != key]
+    parts += [f"button {answer}" for other, answer in blank_answers(known.answers, "button").items() if other != key]
+    return next((each for each in parts if each.split()[1:] == [str(pin)] and each != same), "")
+
+
+def _is_seen_as_target(known: Known, tag: str) -> bool:
+    """Return whether the target may be this tag: it is one of the same family, with the same number or any."""
+    own, other = target_table(known.answers), tag_table(tag)
+    return own.get("family") == other["family"] and own.get("id", other.get("id")) == other.get("id")
+
+
 @dataclass
 class BlankStep(SetupStep):
     """A figure that a wish leaves open."""
@@ -80,24 +120,65 @@ class BlankStep(SetupStep):
         """Ask for it, with an answer ready that this camera can serve."""
         seen_m = reliable_range_m(known)
         reach = f"With this camera, the {known.answers['target']} is found reliably up to {seen_m:.2g} m."
-        ready = ready_answers(self.wish, seen_m)
+        ready = {**ready_answers(self.wish, seen_m), self.blank.key: self._ready(known, seen_m)}
         return Question(
             text=f"{self.wish.title[0].upper()}{self.wish.title[1:]}. {self.blank.text}",
             found=(reach,) if self.blank.is_length else (),
             ready=ready[self.blank.key],
-            form=f"such as {self.blank.ready}",
+            form=f"such as {self.blank.ready}{_FORMS.get(self.blank.kind, '')}",
             sentence=self.wish.sentence,
             blanks=tuple({"key": each.key, "text": each.text, "ready": ready[each.key]} for each in self.wish.blanks),
         )
 
+    def _ready(self, known: Known, seen_m: float) -> str:
+        """Return the ready answer; of tags the first that is not the target itself."""
+        if self.blank.kind == "button":
+            return self.blank.ready if Computer().is_pi else NO_BUTTON
+        if self.blank.kind == "tag":
+            given = [answer for key, answer in blank_answers(known.answers, "tag").items() if key != self.key]
+            others = (*given, self.blank.ready, *OTHER_TAGS)
+            return next((each for each in others if not _is_seen_as_target(known, each)), "")
+        return ready_answers(self.wish, seen_m)[self.blank.key]
+
     def accept(self, known: Known, text: str) -> Accepted:
-        """Check its unit, and whether the camera can serve it."""
+        """Check its unit, and whether the camera can serve it; of a part, whether there can be such a one."""
+        match self.blank.kind:
+            case "tag":
+                self._check_tag(known, text)
+            case "button":
+                choice = known.choose(DRIVER_KINDS["buttons"], ("buttons", self.wish.key), button_table(text))
+                if other := taken_by(known, getattr(choice.options, "pin", None), self.key):
+                    raise ConfigError(f"pin {text} is taken by {other!r}")
+            case "place":
+                place_table(text)
+                require("sun", "the sun's times")
+            case _:
+                return self._accept_figure(known, text)
+        return Accepted(answer=text)
+
+    def _check_tag(self, known: Known, text: str) -> None:
+        table = tag_table(text)
+        known.choose(TARGET, ("targets", tag_name(text)), table)
+        if "id" not in table:
+            raise ConfigError(f"{text!r} has no number; write it such as {self.blank.ready!r}")
+        if _is_seen_as_target(known, text):
+            raise ConfigError(f"{text!r} is the target itself, or would be taken for it; choose another number")
+        others = {key: each for key, each in blank_answers(known.answers, "tag").items() if key != self.key}
+        if other := next((each for each in others.values() if tag_name(each) == tag_name(text) and each != text), ""):
+            raise ConfigError(f"{tag_name(text)} is {other!r} already")
+
+    def _accept_figure(self, known: Known, text: str) -> Accepted:
         value = figure_si(text, self.blank)
         if before := self.blank.beyond or self.blank.within:
             other = known.answers[f"{self.wish.key}_{before}"]
             way, sign = ("farther", 1) if self.blank.beyond else ("nearer", -1)
             if sign * value <= sign * figure_si(other, self.blank):
                 raise ConfigError(f"{text} is not {way} than {other}, as it must be")
+        if self.blank.holds and value < VISIT_S * int(visits := known.answers[f"{self.wish.key}_{self.blank.holds}"]):
+            raise ConfigError(f"{text} is too short for {visits} visits, each of about {VISIT_S:.0f} s")
+        times = [answer for key, answer in blank_answers(known.answers, "time").items() if key != self.key]
+        if self.blank.kind == "time" and self.wish.output != "mqtt" and text in times:
+            raise ConfigError(f"{text} is when it begins")
         seen_m = reliable_range_m(known)
         if not self.blank.is_length or value <= seen_m:
             return Accepted(answer=text)
@@ -118,10 +199,10 @@ class WishOutputStep(SetupStep):
     def question(self, known: Known) -> Question:
         """Propose the usual output on a Raspberry Pi, on pin 24 where its own is taken, and the screen elsewhere."""
         driver, pin = self.wish.output.split()
-        usual = f"{driver} 24" if self._other_on(known, pin, self.wish.output) else self.wish.output
+        usual = f"{driver} 24" if taken_by(known, pin, self.key, self.wish.output) else self.wish.output
         wired = Option(usual, "wired to a pin of the header, by its BCM number")
         screen = Option(SCREEN, "nothing is wired yet; the live view shows it")
-        report = [Option(NOTHING, "it only reports")] if self.wish.key != "far" else []
+        report = [] if self.wish.needs_output else [Option(NOTHING, "it only reports")]
         both = [wired, screen] if Computer().is_pi else [screen, wired]
         return Question(
             text=f"What shall “{self.wish.title}” drive?",
@@ -133,17 +214,12 @@ class WishOutputStep(SetupStep):
     def accept(self, known: Known, text: str) -> Accepted:
         """Check that there is such an output, and that the pin is free."""
         driver, *pin = text.split() or [""]
-        if text == NOTHING and self.wish.key != "far":
+        if text == NOTHING and not self.wish.needs_output:
             return Accepted(answer=text)
         known.choose(ACTUATOR, ("actuators", driver), actuator_table(text))
-        if pin and (other := self._other_on(known, pin[0], text)):
+        if pin and (other := taken_by(known, pin[0], self.key, text)):
             raise ConfigError(f"pin {pin[0]} is taken by {other!r}")
         return Accepted(answer=text)
-
-    def _other_on(self, known: Known, pin: str, output: str) -> str:
-        """Return another output that is on a pin already, such as ``buzzer 23``; empty for none."""
-        outputs = (answer for key, answer in known.answers.items() if key.endswith("_output") and key != self.key)
-        return next((each for each in outputs if each.split()[1:] == [pin] and each != output), "")
 
 
 class BrokerStep(SetupStep):

@@ -8,19 +8,19 @@ import { outputs } from "./outputs.js";
 import { picture } from "./picture.js";
 import { room } from "./room.js";
 import { rules } from "./rules.js";
-import { targets } from "./targets.js";
+import { remembered, targets } from "./targets.js";
 
 const SLOW_MS = 200; // words and lines need not change as often as the picture
 
 export function mount(root, context) {
   const quick = [picture(context), targets(context)];
-  const slow = [rules(context), outputs(context), chart(context), eventList(context, 5), health(context), room(context), messages(context)];
+  const slow = [rules(context), outputs(context), chart(context), eventList(context, 5), health(context), room(context), messages(context), remembered(context)];
   const [shown, figures] = quick;
-  const [ofRules, ofOutputs, ofChart, ofEvents, ofHealth, ofRoom, ofMessages] = slow;
+  const [ofRules, ofOutputs, ofChart, ofEvents, ofHealth, ofRoom, ofMessages, ofFigures] = slow;
   const column = (name, ...parts) => h("div", { class: `stack ${name}` }, parts.map((part) => part.element));
   replace(root, h("h1", { class: "sr" }, "Live"), h("div", { class: "live" },
     column("seen", shown, shown.tools, ofChart, ofEvents),
-    column("done", figures, ofRules, ofOutputs),
+    column("done", figures, ofRules, ofFigures, ofOutputs),
     column("told", ofRoom, ofHealth, ofMessages)));
   let last = 0;
   const leave = context.live.subscribe((snapshot, bitmap) => {

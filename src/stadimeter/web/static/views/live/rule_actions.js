@@ -28,6 +28,7 @@ export function actionsOf(rule, session) {
   return [
     !rule.acknowledged && action("ack", { isUrgent: true }),
     rule.status === "latched" && action("reset", { isUrgent: true }),
+    rule.counts && rule.status !== "latched" && action("reset", { words: "It counts anew, from nothing." }),
     rule.severity !== "safety" && action(isShelved ? "unshelve" : "shelve"),
     rule.severity !== "safety" && action(isOut ? "put-back" : "take-out"),
     rule.severity !== "safety" && action(isObserved ? "act" : "observe"),

@@ -1,6 +1,6 @@
 // Each rule with its state and the sentence that says why it acts, or why not; and what an operator may do about it.
 
-import { h, keyed, write } from "../../dom.js";
+import { h, inCode, keyed, replace, write } from "../../dom.js";
 import * as format from "../../format.js";
 import { actionsOf, act } from "./rule_actions.js";
 
@@ -39,7 +39,8 @@ function card(context) {
     state.className = `badge is-${lookOf(rule)}`;
     write(state, stateInWords(rule));
     write(drives, rule.output ? `→ ${rule.output}` : "alert only");
-    write(why, format.words(whyOnly(rule), context.unit));
+    const words = format.words(whyOnly(rule), context.unit);
+    if (why.dataset.words !== words) replace(why, inCode(words)).dataset.words = words;
     actions.update(rule);
   };
   return element;

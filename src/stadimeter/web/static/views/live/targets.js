@@ -11,6 +11,35 @@ export function targets({ unit }) {
   return { element, update: (snapshot) => keyed(element, snapshot.targets, (target) => target.name, () => card(unit)) };
 }
 
+/** What is remembered over a window of time, each figure with its value now. */
+export function remembered({ unit }) {
+  const list = h("ul", { class: "list small" });
+  const element = h("section", { class: "panel remembered" }, h("h2", null, "Remembered"), list);
+  return {
+    element,
+    update({ figures = [] }) {
+      element.hidden = !figures.length;
+      keyed(list, figures, (figure) => figure.name, () => line(unit));
+    },
+  };
+}
+
+const inUnit = ({ value, unit: si }, unit) => value === null ? "not known"
+  : si === "rad" ? format.bearing(value)
+  : si === "m/s" ? format.speed(value, unit)
+  : format.distance(value, null, unit).text;
+
+function line(unit) {
+  const [name, value, words] = [h("strong"), h("span", { class: "number" }), h("span", { class: "quiet" })];
+  const element = h("li", null, name, " ", value, " ", words);
+  element.update = (figure) => {
+    write(name, figure.name);
+    write(value, inUnit(figure, unit));
+    write(words, figure.words);
+  };
+  return element;
+}
+
 function card(unit) {
   const name = h("h2");
   const status = h("span");

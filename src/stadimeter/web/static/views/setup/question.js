@@ -101,20 +101,36 @@ class Step {
   }
 }
 
-/** The answers that are suggested, as cards; nothing where there are none. `draw(option)` returns what a card shows more. */
+/** The answers that are suggested, as cards; nothing where there are none. `draw(option)` returns what a card shows more.
+ *  Those of one group are folded away together, but for the first group and what is chosen. */
 export function choices(step, { draw = () => null, several = false } = {}) {
   const { options, key, text } = step.question;
   if (!options.length) return null;
   const inputs = options.map((option) => h("input", { type: several ? "checkbox" : "radio", name: key, value: option.answer, onchange: chosen }));
+  const groups = [...new Set(options.map(({ group }) => group))].map((name, index) => ({ name, isFirst: index === 0, members: inputs.filter((_, at) => options[at].group === name), count: h("span", { class: "badge is-good" }) }));
   function chosen() {
     const mine = inputs.filter((each) => each.checked).map((each) => each.value);
     step.set(mine.join(" "));
   }
+  const card = (input) => {
+    const option = options[inputs.indexOf(input)];
+    const [first, second] = option.group ? [option.meaning, option.answer] : [option.answer, option.meaning];
+    return h("label", { class: "setup-card" }, input, draw(option), h("span", { class: "setup-card-words" }, h("b", null, inCode(first)), " ", h("span", { class: "quiet" }, inCode(second))));
+  };
+  for (const each of groups) {
+    const cards = h("div", { class: "setup-cards" }, each.members.map(card));
+    each.element = each.name ? h("details", { class: "setup-group", open: each.isFirst }, h("summary", null, each.name, " ", each.count), cards) : cards;
+  }
   step.onAnswer((answer) => {
     const words = several ? answer.split(/[\s,]+/) : [answer];
     for (const each of inputs) each.checked = words.includes(each.value);
+    for (const { members, count, element } of groups) {
+      const mine = members.filter((each) => each.checked).length;
+      count.hidden = !mine;
+      replace(count, `${mine} chosen`);
+      if (mine) element.open = true;
+    }
   });
   (inputs.find((each) => each.checked) ?? inputs[0]).dataset.first = "";
-  return h("fieldset", { class: "setup-cards" }, h("legend", { class: "sr" }, text),
-    options.map((option, index) => h("label", { class: "setup-card" }, inputs[index], draw(option), h("span", { class: "setup-card-words" }, h("b", null, option.answer), " ", h("span", { class: "quiet" }, inCode(option.meaning))))));
+  return h("fieldset", { class: "setup-cards" }, h("legend", { class: "sr" }, text), groups.map(({ element }) => element));
 }
