@@ -1,12 +1,13 @@
 """The picture detector: a poster, a book cover or a label of known size, from a file that shows what is on it.
 
 It needs no rim, no colour and no code: its key points say where it is, and all of its area then says it to a few
-hundredths of a pixel, also where a part is hidden or out of the frame.
+hundredths of a pixel, also where a finger hides a part.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -20,16 +21,17 @@ from stadimeter.config.untrusted_file import PICTURE_MAX_BYTES, checked_picture,
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame, Image
-from stadimeter.detectors.picture.alignment import Alignment, Matrix, PictureLight, align
+from stadimeter.detectors.picture.alignment import Alignment, PictureLight, align
 from stadimeter.detectors.picture.features import MIN_AGREEING, PictureFeatures
 from stadimeter.detectors.protocol import check_image
-from stadimeter.detectors.sampling import grey_of, in_light, light_table
+from stadimeter.detectors.sampling import Light, Region, grey_of, in_light, light_table, touches_border
 from stadimeter.detectors.sides import diagonals_meet, side_lengths, width_and_height
 from stadimeter.errors import PictureError, UnreadableError
 from stadimeter.ranging.flat import PictureShape
 
-# The light of what is seen must follow that of the picture so closely, as a correlation.
-MIN_CORRELATION = 0.8
+# The light of what is seen must follow that of the picture so closely, as a correlation, on so much of its area: less
+# may be hidden.
+MIN_CORRELATION, MIN_AGREEING_SHARE = 0.85, 0.55
 
 # A file is worked with at this length of its longer side at most: it is compared in 112 samples, and described at 320
 # pixels.
@@ -40,6 +42,9 @@ MIN_FILE_FEATURES = 60
 
 # Least and greatest ratio of a file's sides to those that are stated.
 MAX_ASPECT_OFF = 0.1
+
+# Reach of the search around a prediction, to each side: in longer sides and standard deviations.
+REGION_SIDES, REGION_SIGMAS = 0.8, 4.0
 
 # Standard deviation of the apparent size at its best.
 SIGMA_FLOOR_PX = 0.015
@@ -113,54 +118,71 @@ class PictureDetector:
         light = in_light(grey, light_table("srgb" if lens is None else lens.tone_curve))
         if prediction is not None and prediction.outline_px is not None and prediction.outline_px.shape == (4, 2):
             followed = self._judged(light, prediction.outline_px, lens)
-            if isinstance(followed, Detection):
+            if isinstance(followed, Detection) and followed.status is DetectionStatus.FOUND:
                 return followed
-        rejected = []
-        for corners in self._features.places_in(grey):
-            found = self._judged(light, corners, lens)
-            if isinstance(found, Detection):
+        near = None if prediction is None else _around(prediction, frame.image)
+        if near is not None:
+            places = self._features.places_in(near.of(grey))
+            found, _ = self._best([corners + near.left_top_px for corners in places], light, lens)
+            if found is not None and found.status is DetectionStatus.FOUND:
                 return found
-            x, y = diagonals_meet(corners)
-            rejected.append(
-                RejectedCandidate(
-                    centre_px=(float(x), float(y)),
-                    size_px=max(side_lengths(corners)),
-                    reason=found,
-                    corners_px=tuple((float(each[0]), float(each[1])) for each in corners),
-                )
-            )
+        found, rejected = self._best(self._features.places_in(grey), light, lens)
+        if found is not None:
+            return found
         likeliest = f"the likeliest place is refused: {rejected[0].reason}" if rejected else ""
         reason = likeliest or f"fewer than {MIN_AGREEING} of its key points agree on a place"
         return Detection(target=self._name, status=DetectionStatus.NOT_FOUND, reason=reason, rejected=tuple(rejected))
 
-    def _judged(self, light: Matrix, corners_px: Points, lens: CameraModel | None) -> Detection | str:
+    def _best(
+        self, places: Sequence[Points], light: Light, lens: CameraModel | None
+    ) -> tuple[Detection | None, list[RejectedCandidate]]:
+        """Return the picture at the first place where it is, and the places before it with why it is not there."""
+        rejected: list[RejectedCandidate] = []
+        for corners in places:
+            found = self._judged(light, corners, lens)
+            if isinstance(found, Detection):
+                return found, rejected
+            outline = tuple((float(each[0]), float(each[1])) for each in corners)
+            size_px, (x, y) = max(side_lengths(corners)), diagonals_meet(corners)
+            rejected.append(RejectedCandidate(centre_px=(x, y), size_px=size_px, reason=found, corners_px=outline))
+        return None, rejected
+
+    def _judged(self, light: Light, corners_px: Points, lens: CameraModel | None) -> Detection | str:
         """Return the picture where it may be, or why it is not there."""
         if not np.isfinite(corners_px).all() or np.abs(corners_px).max() > 10 * max(light.shape):
             return "leads out of the frame"
         found = align(light, self._light, corners_px, lens)
         if found is None:
             return "what is there does not become like the picture"
-        if found.correlation < MIN_CORRELATION:
-            return f"what is there is like the picture by {found.correlation:.2f}, limit {MIN_CORRELATION:g}"
+        if found.correlation < MIN_CORRELATION or found.agreeing < MIN_AGREEING_SHARE:
+            like = f"{found.agreeing:.0%} of it is like the picture by {found.correlation:.2f}"
+            return f"{like}, limits {MIN_AGREEING_SHARE:.0%} and {MIN_CORRELATION:g}"
         if not min(side_lengths(found.corners_px)) >= self._min_side_px:
             return f"too small: {min(side_lengths(found.corners_px)):.0f} px, limit {self._min_side_px:g} px"
+        if touches_border(found.corners_px, light.shape, 0.0):
+            reason = "the picture is cut off by the border"
+            status = DetectionStatus.TRUNCATED
+            return Detection(target=self._name, status=status, reason=reason, outline_px=found.corners_px)
         return self._found(found)
 
     def _found(self, found: Alignment) -> Detection:
         width_px, height_px = width_and_height(found.corners_px)
-        x, y = diagonals_meet(found.corners_px)
-        part = f"{found.visible:.0%} of it are in the frame" if found.visible < 1 else ""
         return Detection(
             target=self._name,
             status=DetectionStatus.FOUND,
-            reason=part,
             outline_px=found.corners_px,
-            centre_px=(float(x), float(y)),
+            centre_px=diagonals_meet(found.corners_px),
             width_px=width_px,
             height_px=height_px,
             size_sigma_px=math.hypot(SIGMA_FLOOR_PX, _size_sigma_px(found)),
             quality=float(np.clip(found.correlation, 0, 1)),
         )
+
+
+def _around(prediction: Prediction, image: Image) -> Region | None:
+    """Return the part of the frame where the picture is expected; None if there is none."""
+    reach_px = REGION_SIDES * prediction.size_px + REGION_SIGMAS * prediction.sigma_px
+    return Region.around(prediction.centre_px, reach_px, image, outwards=True)
 
 
 def _size_sigma_px(found: Alignment) -> float:

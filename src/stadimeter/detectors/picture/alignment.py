@@ -46,8 +46,9 @@ MAX_STEPS = 10
 # A step may move a corner by this share of the size at most: beyond it the slopes say nothing.
 MAX_STEP_SHARE = 0.25
 
-# Residuals beyond this many standard deviations count less (P. J. Huber's weights): a glare, a finger on the picture.
-HUBER_SIGMAS = 1.5
+# What hides a part, a glare or a finger, must not count. Residuals beyond this many standard deviations count less (P.
+# J. Huber's weights) while corners are moved into place, and then nothing (J. W. Tukey's biweight).
+HUBER_SIGMAS, BIWEIGHT_SIGMAS = 1.5, 4.685
 
 # Least share of the samples that must lie in the frame.
 MIN_VISIBLE = 0.6
@@ -66,14 +67,14 @@ class Alignment(Struct, frozen=True, kw_only=True, eq=False):
     Attributes:
         corners_px: Its corners from its own top left one on, clockwise as it is printed, shape ``(4, 2)``.
         covariance_px2: Of these eight coordinates, shape ``(8, 8)``, from the noise that is left.
-        correlation: Of the frame's light with the picture's, from -1 to 1.
-        visible: The share of its samples that lie in the frame.
+        correlation: Of the frame's light with the picture's, from -1 to 1, where they agree.
+        agreeing: The share of its samples in the frame that agree with the picture at all.
     """
 
     corners_px: Points
     covariance_px2: Matrix
     correlation: float
-    visible: float
+    agreeing: float
 
 
 class PictureLight:
@@ -88,7 +89,7 @@ class PictureLight:
         blurred = cv2.GaussianBlur(
             cv2.resize(self._light, (across, down), interpolation=cv2.INTER_AREA), (0, 0), BLUR_SAMPLES
         )
-        down_slope, across_slope = np.gradient(blurred.astype(np.float64))
+        down_slope, across_slope = (np.gradient(blurred.astype(np.float64), axis=axis) for axis in (0, 1))
         x, y = np.meshgrid((np.arange(across) + 0.5) / across, (np.arange(down) + 0.5) / down)
         inner = np.zeros((down, across), bool)
         inner[RIM_SAMPLES:-RIM_SAMPLES, RIM_SAMPLES:-RIM_SAMPLES] = True
@@ -173,7 +174,7 @@ def _samples_of(corners_px: Points, share: float) -> tuple[int, int] | None:
     """Return in how many samples across and down a picture with such corners is compared."""
     top, right, bottom, left = side_lengths(corners_px)
     sides = ((top + bottom) / 2, (left + right) / 2)
-    if not (0 < min(sides) and max(sides) < math.inf):
+    if not (min(sides) > 0 and max(sides) < math.inf):
         return None
     factor = share * min(1.0, MAX_SAMPLES / max(sides))
     across, down = (int(np.clip(round(side * factor / 4) * 4, MIN_SAMPLES, MAX_SAMPLES)) for side in sides)
@@ -202,7 +203,7 @@ class _Reduced(Struct, frozen=True, eq=False):
         rows, columns = (length // step for length in part.shape)
         if step > 1 and rows and columns:
             whole = part[: rows * step, : columns * step]
-            part = cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)
+            part = np.asarray(cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA), np.float32)
         return cls(np.asarray(part, np.float32), 1 / step, np.array((left, top), np.float64), lens)
 
     def read(self, points_px: Points) -> tuple[Matrix, NDArray[np.bool_]]:
@@ -235,7 +236,9 @@ def _settle(frame: _Reduced, samples: _Samples, corners_px: Points, *, is_last: 
         unknowns, inverse = _fit(columns, seen, weights[inside])
         off = seen - columns @ unknowns
         sigma = max(MAD_TO_SIGMA * float(median(np.abs(off))[0]), 1e-6)
-        if is_last:  # before, what does not fit yet is not what hides the picture
+        if is_last:
+            weights[inside] = np.maximum(1 - (off / (BIWEIGHT_SIGMAS * sigma)) ** 2, 0.0) ** 2
+        else:  # what does not fit yet may fit later
             weights[inside] = np.minimum(1.0, HUBER_SIGMAS * sigma / np.maximum(np.abs(off), 1e-12))
         # The fit tells by how much the picture must be moved to look like the frame; so the frame's corners are where
         # the homography takes the corners moved back by it.
@@ -252,9 +255,16 @@ def _settle(frame: _Reduced, samples: _Samples, corners_px: Points, *, is_last: 
     return Alignment(
         corners_px=corners_px,
         covariance_px2=spread @ (COVARIANCE_FACTOR * variance / contrast**2 * inverse[:8, :8]) @ spread.T,
-        correlation=float(np.corrcoef(seen, samples.light[inside])[0, 1]),
-        visible=float(inside.mean()),
+        correlation=_correlation(seen, samples.light[inside], used),
+        agreeing=float((used > 0).mean()),
     )
+
+
+def _correlation(one: Matrix, other: Matrix, weights: Matrix) -> float:
+    """Return the correlation of weighted values; 0 where one of them does not vary."""
+    one, other = (each - np.average(each, weights=weights) for each in (one, other))
+    product = float((weights * one * one).sum() * (weights * other * other).sum())
+    return float((weights * one * other).sum()) / math.sqrt(product) if product > 0 else 0.0
 
 
 def _fit(columns: Matrix, light: Matrix, weights: Matrix) -> tuple[Matrix, Matrix]:
@@ -287,9 +297,9 @@ def _spread(homography: Matrix) -> Matrix:
     """Return how the frame's corners follow those of the picture, shape ``(8, 8)``."""
     spread = np.zeros((8, 8))
     for axis in range(2):
-        moved = np.zeros(2)
+        moved = np.zeros(2, np.float64)
         moved[axis] = PROBE
-        change = (mapped(homography, UNIT_CORNERS + moved) - mapped(homography, UNIT_CORNERS)) / PROBE
+        change = (mapped(homography, np.asarray(UNIT_CORNERS + moved, np.float64)) - mapped(homography, UNIT_CORNERS)) / PROBE
         for corner in range(4):
             spread[2 * corner : 2 * corner + 2, 2 * corner + axis] = change[corner]
     return spread

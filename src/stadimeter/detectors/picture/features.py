@@ -71,7 +71,7 @@ class PictureFeatures:
         """Return where the picture may be: its corners, the place that most key points agree on first."""
         seen = _described(self._frame_sift, grey)
         known, there = _matches(self._known, seen)
-        places = []
+        places: list[Points] = []
         while len(places) < PLACES and len(known) >= MIN_AGREEING:
             homography, agreeing = cv2.findHomography(
                 known, there, cv2.RANSAC, AGREE_PX, maxIters=MAX_TRIALS, confidence=0.999
