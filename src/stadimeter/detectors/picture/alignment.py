@@ -290,7 +290,7 @@ def mapped(homography: Matrix, points: Points) -> Points:
 def _moved_back(step: Points) -> Points:
     """Return where the inverse of the homography that moves the corners by a step takes them."""
     there = homography_to(UNIT_CORNERS + step)
-    return mapped(np.linalg.inv(there), UNIT_CORNERS)
+    return mapped(np.asarray(np.linalg.inv(there), np.float64), UNIT_CORNERS)
 
 
 def _spread(homography: Matrix) -> Matrix:
