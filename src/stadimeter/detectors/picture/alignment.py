@@ -299,7 +299,9 @@ def _spread(homography: Matrix) -> Matrix:
     for axis in range(2):
         moved = np.zeros(2, np.float64)
         moved[axis] = PROBE
-        change = (mapped(homography, np.asarray(UNIT_CORNERS + moved, np.float64)) - mapped(homography, UNIT_CORNERS)) / PROBE
+        change = (
+            mapped(homography, np.asarray(UNIT_CORNERS + moved, np.float64)) - mapped(homography, UNIT_CORNERS)
+        ) / PROBE
         for corner in range(4):
             spread[2 * corner : 2 * corner + 2, 2 * corner + axis] = change[corner]
     return spread
