@@ -66,6 +66,11 @@ _EDGE_BIAS_OF_CHROMA_PX = 0.05
 _ROUGH_PX, _ROUGH_SHARE, _TOLERANCE_FACTOR = 0.3, 0.003, 0.4
 
 
+# What aligning a picture's light is off by beyond its residuals, alike in frames that are alike: as a share of the size,
+# and in pixels. Chosen so that intervals hold on rendered posters of 60, 120, 300 px: without it 90, 69 and 64 %.
+_ALIGNMENT_SHARE, _ALIGNMENT_PX = 0.0008, 0.1
+
+
 class _Flat:
     """Base of flat shapes. Their outline is their rim, however they are turned."""
 
@@ -333,7 +338,10 @@ class PictureShape(_Flat, Struct, frozen=True, kw_only=True):
 
     def locate(self, detection: Detection, camera: CameraModel) -> Reading:
         """Return where the centre is: see `_locate_upright`."""
-        return _locate_upright(detection, camera, self.width_m, self.height_m)
+        reading = _locate_upright(detection, camera, self.width_m, self.height_m)
+        off_share = _ALIGNMENT_PX / ((detection.width_px + detection.height_px) / 2)
+        systematic_share = math.hypot(reading.systematic_share, _ALIGNMENT_SHARE, off_share)
+        return replace(reading, systematic_share=systematic_share)
 
 
 def _locate_upright(detection: Detection, camera: CameraModel, width_m: float, height_m: float) -> Reading:

@@ -54,7 +54,8 @@ HUBER_SIGMAS, BIWEIGHT_SIGMAS = 1.5, 4.685
 MIN_VISIBLE = 0.6
 
 # Residuals of neighbouring samples are alike, since blur, interpolation and JPEG spread them: the covariance of
-# independent ones is multiplied by this. Chosen so that intervals hold on rendered posters of 40 to 300 px.
+# independent ones is multiplied by this. Chosen on rendered posters of 60 to 300 px, as what it leaves out is, see
+# `stadimeter.ranging.flat.PictureShape`.
 COVARIANCE_FACTOR = 10.0
 
 # A finite step of a corner, as a share of the size, to find how the frame's corners follow.
