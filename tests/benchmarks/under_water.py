@@ -16,7 +16,7 @@ from support.scenes import draw
 from support.scenes.render import render
 
 GROSS = 0.05
-INDEX = REFRACTIONS["water"].index
+INDEX = REFRACTIONS["water"].n
 TAG_PX = (40.0, 150.0)
 MAX_TILT_RAD = 0.7
 

@@ -30,7 +30,7 @@ def traced(model, pixels, index):
 def test_pixels_look_where_snell_s_law_sends_them(distortion, medium):
     model = replace(AIR, distortion=distortion)
     wet = behind_flat_port(model, medium, 0.0)
-    off_px = (wet.directions(PIXELS) - traced(model, PIXELS, REFRACTIONS[medium].index)) * wet.fx_px
+    off_px = (wet.directions(PIXELS) - traced(model, PIXELS, REFRACTIONS[medium].n)) * wet.fx_px
     assert np.abs(off_px).max() < 0.3
     assert np.abs(off_px[np.hypot(*(PIXELS - 300).T) < 150]).max(initial=0) < 0.1
 
@@ -40,7 +40,7 @@ def test_air_changes_nothing():
 
 
 def test_a_window_ahead_of_the_lens_moves_the_point_that_rays_come_from():
-    index = REFRACTIONS["water"].index
+    index = REFRACTIONS["water"].n
     port_m, angle = 0.02, 1e-4
     # A ray near the axis, from the pupil to the window and on into the water, at a target 1 m from the pupil.
     at_window_m = port_m * math.tan(angle)

@@ -27,9 +27,9 @@ Medium = Literal["air", "water", "sea water"]
 
 
 class Refraction(NamedTuple):
-    """How light is refracted between a medium and air."""
+    """How light is refracted between a medium and air: the refractive index, and its standard deviation."""
 
-    index: float
+    n: float
     sigma: float
 
 
@@ -55,32 +55,33 @@ def behind_flat_port(model: CameraModel, medium: Medium, port_m: float) -> Camer
     """
     if medium == "air":
         return model
-    index, index_sigma = REFRACTIONS[medium]
+    n, n_sigma = REFRACTIONS[medium]
     right, bottom = model.width_px - 1.0, model.height_px - 1.0
     corners = model.directions(np.array([[0.0, 0.0], [right, 0.0], [right, bottom], [0.0, bottom]]))
     # The corner furthest from the middle, as r in water: the inverse of the formula above.
     air = float(np.hypot(*corners.T).max())
-    r = np.linspace(0.0, air / math.sqrt(index**2 + (index**2 - 1) * air**2), FITTED_PLACES + 1)[1:]
-    in_air = index * r / np.sqrt(1 - (index**2 - 1) * r**2)
+    r = np.linspace(0.0, air / math.sqrt(n**2 + (n**2 - 1) * air**2), FITTED_PLACES + 1)[1:]
+    in_air = n * r / np.sqrt(1 - (n**2 - 1) * r**2)
     k1, k2, p1, p2, k3 = (*model.distortion, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
-    appearing = distorted(np.column_stack((in_air, np.zeros_like(r))), (k1, k2, 0.0, 0.0, k3))[:, 0] / index
+    appearing = distorted(np.column_stack((in_air, np.zeros_like(r))), (k1, k2, 0.0, 0.0, k3))[:, 0] / n
     # Brown's radial polynomial of the longer lens: r' = r (1 + k1 r² + k2 r⁴ + k3 r⁶).
     powers = np.column_stack((r**2, r**4, r**6))
     radial = np.linalg.lstsq(powers, appearing / r - 1, rcond=None)[0]
     error = float(np.abs((1 + powers @ radial) * r - appearing).max() / appearing[-1])
     if not error < MAX_FIT_ERROR:
+        angle_deg = 2 * math.degrees(math.atan(air))
         raise CalibrationError(
-            f"a lens that sees {2 * math.degrees(math.atan(air)):.0f} degrees from corner to corner cannot be described "
+            f"a lens that sees {angle_deg:.0f} degrees from corner to corner cannot be described "
             f"behind a flat port: off by {error:.1%} at the corners; calibrate it under water, without medium",
             "medium",
         )
     return replace(
         model,
-        fx_px=model.fx_px * index,
-        fy_px=model.fy_px * index,
+        fx_px=model.fx_px * n,
+        fy_px=model.fy_px * n,
         # A decentring of the lens grows with the square of what it sees in air, and is now counted per n.
-        distortion=(float(radial[0]), float(radial[1]), index * p1, index * p2, float(radial[2])),
-        focal_relative_sigma=math.hypot(model.focal_relative_sigma, index_sigma / index),
+        distortion=(float(radial[0]), float(radial[1]), n * p1, n * p2, float(radial[2])),
+        focal_relative_sigma=math.hypot(model.focal_relative_sigma, n_sigma / n),
         uncertainty=None,  # it is of the coefficients in air
-        pupil_ahead_m=(index - 1) * port_m,
+        pupil_ahead_m=(n - 1) * port_m,
     )

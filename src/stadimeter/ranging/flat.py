@@ -66,8 +66,9 @@ _EDGE_BIAS_OF_CHROMA_PX = 0.05
 _ROUGH_PX, _ROUGH_SHARE, _TOLERANCE_FACTOR = 0.3, 0.003, 0.4
 
 
-# What aligning a picture's light is off by beyond its residuals, alike in frames that are alike: as a share of the size,
-# and in pixels. Chosen so that intervals hold on rendered posters of 60, 120, 300 px: without it 90, 69 and 64 %.
+# By how much aligning a picture's light errs beyond its residuals, the same in frames that are alike: as a share of
+# the size, and in pixels. Chosen so that intervals hold on rendered posters of 60, 120 and 300 px: without it 90, 69
+# and 64 %.
 _ALIGNMENT_SHARE, _ALIGNMENT_PX = 0.0008, 0.1
 
 
