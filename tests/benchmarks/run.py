@@ -20,10 +20,12 @@ import flat_accuracy
 import hard_balls
 import hard_flats
 import machinery
+import picture_accuracy
 import real_pictures
 import speed
 import start_up
 import tag_accuracy
+import under_water
 from goals import goals_table
 from part import Part
 from report import facts_of, replace_parts, write_report
@@ -45,6 +47,8 @@ JOBS: dict[str, Job] = {
     "sheet": _accuracy(flat_accuracy.run_sheet, 60),
     "disc": _accuracy(flat_accuracy.run_disc, 60),
     "tag": _accuracy(tag_accuracy.run, 48),
+    "picture": _accuracy(picture_accuracy.run, 210),
+    "under water": _accuracy(under_water.run, 210),
     "empty": _accuracy(false_alarms.run, 600),
     "real": lambda _asked, _seed: real_pictures.run(),
     "machinery": lambda _asked, _seed: machinery_part(),

@@ -17,7 +17,7 @@ from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.detectors.sides import diagonals_meet, width_and_height
 from stadimeter.detectors.tag import TagDetector, TagOptions
-from stadimeter.ranging.flat import TagShape, ambiguity, tag_poses
+from stadimeter.ranging.flat import TagShape, ambiguity, upright_poses
 from stadimeter.ranging.measure import measure
 from support.scenes.draw import CAMERA, tag_scene
 from support.scenes.nuisances import TAG_NUISANCES
@@ -90,7 +90,7 @@ def test_the_uncertainty_grows_with_the_share_that_the_edges_noise_is_of_the_sid
 
 def test_the_two_poses_are_told_apart_near_by_and_hardly_far_away() -> None:
     near, far = (
-        tag_poses(CAMERA.directions(_shaken(seen_from(Pose(position_m=(0, 0, z), tilt_rad=0.4)))), SIZE)
+        upright_poses(CAMERA.directions(_shaken(seen_from(Pose(position_m=(0, 0, z), tilt_rad=0.4)))), 0.1, 0.1)
         for z in (0.3, 4)
     )
     assert len(near) == len(far) == 2

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+import tempfile
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from stadimeter.config.plugins import DETECTORS, WORLDS, DriverContext, load_driver
@@ -19,6 +22,7 @@ from stadimeter.testing.rig import ManualClock
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
 from support.scenes.plane import DiscTarget, Pose, SheetTarget, TagTarget
+from support.scenes.poster import PosterTarget, poster
 from support.scenes.render import render
 from support.scenes.scene import Scene, Truth
 from support.scenes.target import Target
@@ -26,6 +30,7 @@ from support.scenes.target import Target
 CAMERA = CameraModel.with_focal_length(600.0, 640, 480)
 WALL = PlainBackdrop(bgr=(70, 75, 80))
 LEFT, RIGHT = (-0.25, 0.05, 1.0), (0.35, -0.1, 1.3)
+POSTER = 5
 Place = Callable[[Vector], Target]
 
 
@@ -50,11 +55,25 @@ def tag_at(position_m: Vector) -> Target:
     return TagTarget(pose=Pose(position_m=position_m, tilt_rad=0.3, tilt_towards_rad=2.0), side_m=0.10, number=7)
 
 
+def poster_at(position_m: Vector) -> Target:
+    """Return a poster of 40 x 30 cm."""
+    return PosterTarget(pose=Pose(position_m=position_m, tilt_rad=0.3, tilt_towards_rad=2.0), number=POSTER)
+
+
+@cache
+def poster_file(number: int) -> Path:
+    """Return a file that shows what is on a poster."""
+    path = Path(tempfile.mkdtemp(prefix="stadimeter-poster-")) / f"{number}.png"
+    cv2.imwrite(str(path), poster(number))
+    return path
+
+
 SCENES: dict[str, tuple[dict[str, Any], Place, Vector]] = {
     "ball": ({"diameter": "6.7 cm", "hsv": "29,86,6:64,255,255"}, ball_at, (-0.51, 0.05, 1.0)),
     "sheet": ({"width": "29.7 cm", "height": "21 cm"}, sheet_at, (-0.45, 0.05, 1.0)),
     "disc": ({"diameter": "12 cm"}, disc_at, (-0.50, 0.05, 1.0)),
     "tag": ({"side": "10 cm"}, tag_at, (-0.485, 0.05, 1.0)),
+    "picture": ({"width": "40 cm"}, poster_at, (-0.42, 0.05, 1.0)),
 }
 """For each driver its options, its target at a place, and a place at which the left border cuts the target off."""
 
@@ -77,6 +96,8 @@ def build(driver: str, options: dict[str, Any], context: DriverContext) -> Detec
 
 def _rendered_rig(driver: str) -> DetectorRig:
     options, place, cut_off = SCENES[driver]
+    if driver == "picture":
+        options = options | {"file": str(poster_file(POSTER))}
     whole, truth = _picture(place, LEFT)
     other, other_truth = _picture(place, RIGHT)
     known = known_target(truth)

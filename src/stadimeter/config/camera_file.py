@@ -20,6 +20,7 @@ from stadimeter.config.untrusted_file import CAMERA_FILE_MAX_BYTES
 from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX, CameraModel, Provenance, ToneCurve
 from stadimeter.core.frame import Optics, Subsampling
 from stadimeter.core.lens_uncertainty import PARAMETERS, LensUncertainty
+from stadimeter.core.refraction import Medium, behind_flat_port
 from stadimeter.errors import CalibrationError, ConfigError, Problem, reason_of
 
 # Ten times as many as any camera has.
@@ -27,6 +28,9 @@ MAX_PIXELS_ACROSS = 100_000
 
 # Cameras have some tenths of a pixel; with more than this, small targets would have no size left.
 MAX_EDGE_BIAS_PX = 5.0
+
+# A window further from the lens is no window of a housing.
+MAX_PORT_M = 0.5
 
 
 # How the camera was set that took a picture is kept in the picture: in a PNG, as a chunk of text behind its header.
@@ -114,20 +118,25 @@ class CameraModelTable(BaseModel):
     """When, as an ISO 8601 date."""
     notes: tuple[str, ...] = ()
     """The figures that it came from, one a line."""
+    medium: Medium = "air"
+    """What the camera looks into through a flat window: ``"water"`` or ``"sea water"``, if it was calibrated in air."""
+    port_m: Annotated[float, Field(ge=0, le=MAX_PORT_M, strict=True)] = 0.0
+    """In metres; how far that window is in front of the lens."""
     optics: OpticsTable | None = None
     """How the camera was set. A run on a camera that knows its settings, and has others, is refused."""
 
     def to_model(self) -> CameraModel:
         """Return the camera model; raises CalibrationError if there is none with these values."""
-        beside = {"lens_sigmas", "lens_correlations", "method", "date", "notes", "optics"}
+        beside = {"lens_sigmas", "lens_correlations", "method", "date", "notes", "optics", "medium", "port_m"}
         given = self.model_dump(exclude=beside, exclude_none=True)
         centre = {"cx_px": (self.width_px - 1) / 2, "cy_px": (self.height_px - 1) / 2}
-        return CameraModel(
+        in_air = CameraModel(
             **{"fy_px": self.fx_px, **centre, **given},
             optics=None if self.optics is None else self.optics.to_optics(),
             uncertainty=self._uncertainty(),
             provenance=Provenance(method=self.method, date=self.date, notes=self.notes),
         )
+        return behind_flat_port(in_air, self.medium, self.port_m)
 
     def _uncertainty(self) -> LensUncertainty | None:
         if not (self.lens_sigmas or self.lens_correlations):

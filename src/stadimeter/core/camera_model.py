@@ -84,6 +84,7 @@ class CameraModel(Struct, frozen=True, kw_only=True):
         subsampling: How coarsely the camera stores colour; None where that is left to the frame.
         optics: How the camera was set when it was calibrated; None where that is not known.
         uncertainty: How well all its parameters are known together; None where only that of the focal length is known.
+        pupil_ahead_m: How far in front of where rays seem to come from the lens's entrance pupil is; 0 in air.
     """
 
     width_px: int
@@ -100,6 +101,7 @@ class CameraModel(Struct, frozen=True, kw_only=True):
     subsampling: Subsampling | None = None
     optics: Optics | None = None
     uncertainty: LensUncertainty | None = None
+    pupil_ahead_m: float = 0.0
     provenance: Provenance = field(default_factory=Provenance)
 
     def __post_init__(self) -> None:

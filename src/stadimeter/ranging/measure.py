@@ -41,6 +41,9 @@ def measure(detection: Detection, shape: TargetShape, camera: CameraModel, captu
     # Edge bias of σ px an edge: 2 σ / P of the size, so of the distance; it is the same in every frame.
     bias_share = 2 * camera.edge_bias_sigma_px / max(detection.width_px, detection.height_px)
     lasting_share = math.hypot(_lens_share(camera, reading.position_m), shape.relative_sigma, bias_share)
+    if camera.pupil_ahead_m:
+        x_m, y_m, depth_m = reading.position_m
+        reading = replace(reading, position_m=(x_m, y_m, max(depth_m - camera.pupil_ahead_m, 0.0)))
     measurement = _with_figures(detection, captured_at_s, reading, lasting_share)
     return replace(measurement, size_share=max(detection.width_px, detection.height_px) / camera.width_px)
 

@@ -1,0 +1,308 @@
+"""Laying a picture over what a camera sees of it: its four corners, to a few hundredths of a pixel.
+
+All of the picture counts, not its edges alone: Gauss-Newton steps move the four corners until the light of the frame,
+read where the picture should be, equals the picture's own but for brightness, contrast and a gradient of the lighting.
+The picture is what is differentiated, so its slopes are worked out once (inverse compositional alignment: S. Baker and
+I. Matthews, "Lucas-Kanade 20 Years On", 2004, section 3.2).
+
+Coordinates of the picture run from 0 to 1 from its top left corner; pixels have (0, 0) at the centre of the first one.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Points
+from stadimeter.detectors.sampling import Light, median
+from stadimeter.detectors.sides import MAD_TO_SIGMA, side_lengths
+
+Matrix = NDArray[np.float64]
+
+UNIT_CORNERS = np.array(((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)))
+
+# The picture is compared in as many samples as it has pixels in the frame, along a side at least and at most. More
+# would gain little: of 112 across, an error of 0.02 samples is 0.016 % of the size.
+MIN_SAMPLES, MAX_SAMPLES = 20, 112
+
+# Samples at the rim are left out: what is behind the picture blurs into them.
+RIM_SAMPLES = 2
+
+# What a camera's optics blur, in samples: rendered pictures have a point spread of 0.7 pixels.
+BLUR_SAMPLES = 0.7
+
+# Each size is worked on until corners move by less than this many samples over the root of their number, a small part
+# of what noise moves them by; or so often.
+SETTLED_SAMPLES = 0.2
+MAX_STEPS = 10
+
+# A step may move a corner by this share of the size at most: beyond it the slopes say nothing.
+MAX_STEP_SHARE = 0.25
+
+# What hides a part, a glare or a finger, must not count. Residuals beyond this many standard deviations count less (P.
+# J. Huber's weights) while corners are moved into place, and then nothing (J. W. Tukey's biweight).
+HUBER_SIGMAS, BIWEIGHT_SIGMAS = 1.5, 4.685
+
+# Least share of the samples that must lie in the frame.
+MIN_VISIBLE = 0.6
+
+# Residuals of neighbouring samples are alike, since blur, interpolation and JPEG spread them: the covariance of
+# independent ones is multiplied by this. Chosen on rendered posters of 60 to 300 px, as what it leaves out is, see
+# `stadimeter.ranging.flat.PictureShape`.
+COVARIANCE_FACTOR = 10.0
+
+# A finite step of a corner, as a share of the size, to find how the frame's corners follow.
+PROBE = 1e-5
+
+
+class Alignment(Struct, frozen=True, kw_only=True, eq=False):
+    """Where a picture lies in a frame.
+
+    Attributes:
+        corners_px: Its corners from its own top left one on, clockwise as it is printed, shape ``(4, 2)``.
+        covariance_px2: Of these eight coordinates, shape ``(8, 8)``, from the noise that is left.
+        correlation: Of the frame's light with the picture's, from -1 to 1, where they agree.
+        agreeing: The share of its samples in the frame that agree with the picture at all.
+    """
+
+    corners_px: Points
+    covariance_px2: Matrix
+    correlation: float
+    agreeing: float
+
+
+class PictureLight:
+    """A picture's light, at the sizes at which it is compared."""
+
+    def __init__(self, light: Light) -> None:
+        self._light = light
+        self.at = lru_cache(maxsize=12)(self._at)
+
+    def _at(self, across: int, down: int) -> _Samples:
+        """Return the picture in so many samples, with what a step of each corner changes in them."""
+        blurred = cv2.GaussianBlur(
+            cv2.resize(self._light, (across, down), interpolation=cv2.INTER_AREA), (0, 0), BLUR_SAMPLES
+        )
+        down_slope, across_slope = (np.gradient(blurred.astype(np.float64), axis=axis) for axis in (0, 1))
+        x, y = np.meshgrid((np.arange(across) + 0.5) / across, (np.arange(down) + 0.5) / down)
+        inner = np.zeros((down, across), bool)
+        inner[RIM_SAMPLES:-RIM_SAMPLES, RIM_SAMPLES:-RIM_SAMPLES] = True
+        x, y, value = x[inner], y[inner], blurred[inner].astype(np.float64)
+        # Light per unit of the picture's own coordinates.
+        slopes = np.column_stack((across_slope[inner] * across, down_slope[inner] * down))
+        moved = np.einsum("na,nac->nc", slopes, _by_corners(x, y))
+        # Unknown beside the corners' steps: contrast, brightness, and a gradient of the lighting across and down.
+        columns = np.column_stack((moved, value, np.ones_like(x), x - 0.5, y - 0.5))
+        return _Samples(places=np.column_stack((x, y)), light=value, columns=columns)
+
+
+class _Samples(Struct, frozen=True, eq=False):
+    """A picture in samples."""
+
+    places: Points  # in the picture's coordinates, shape (n, 2)
+    light: Matrix  # shape (n,)
+    columns: Matrix  # what each unknown adds to the light, shape (n, 12): eight of corners, then contrast first
+
+
+def _by_corners(x: Matrix, y: Matrix) -> Matrix:
+    """Return how places move with the four corners, shape ``(n, 2, 8)``.
+
+    To first order a homography near the identity moves (x, y) by ``(a x + b y + c - g x² - h x y, d x + e y + f - g x y
+    - h y²)``; its eight parameters follow from the steps of the four corners by a linear system.
+    """
+
+    def basis(x: Matrix, y: Matrix) -> Matrix:
+        zero, one = np.zeros_like(x), np.ones_like(x)
+        across = np.stack((x, y, one, zero, zero, zero, -x * x, -x * y), axis=-1)
+        down = np.stack((zero, zero, zero, x, y, one, -x * y, -y * y), axis=-1)
+        return np.stack((across, down), axis=-2)
+
+    at_corners = basis(UNIT_CORNERS[:, 0], UNIT_CORNERS[:, 1]).reshape(8, 8)
+    return np.asarray(basis(x, y) @ np.linalg.inv(at_corners))
+
+
+def align(frame: Light, picture: PictureLight, corners_px: Points, lens: CameraModel | None = None) -> Alignment | None:
+    """Lay the picture over a frame from where it may be; None where that leads nowhere.
+
+    A quarter of the size first, then half, then all of it, so that a start that is off by a tenth of the picture is
+    good enough.
+
+    Args:
+        frame: Its light, shape ``(height, width)``.
+        corners_px: About where its corners are.
+        lens: The camera model, whose distortion bends what is straight on the picture.
+    """
+    found = None
+    lens = lens if lens is not None and lens.distortion else None
+    corners_px = straightened(lens, corners_px)
+    for share in (0.25, 0.5, 1.0):
+        samples = _samples_of(corners_px, share)
+        if samples is None:
+            return None
+        part = _Reduced.of(frame, lens, corners_px, max(samples))
+        found = _settle(part, picture.at(*samples), corners_px, is_last=share == 1.0)
+        if found is None:
+            return None
+        corners_px = found.corners_px
+    # How a lens stretches the place of a corner changes its covariance by some percent only.
+    return found and replace(found, corners_px=bent(lens, corners_px))
+
+
+def bent(lens: CameraModel | None, points_px: Points) -> Points:
+    """Return where a lens shows places of the straight picture."""
+    if lens is None:
+        return points_px
+    focal, centre = np.array((lens.fx_px, lens.fy_px)), np.array((lens.cx_px, lens.cy_px))
+    return lens.project((points_px - centre) / focal)
+
+
+def straightened(lens: CameraModel | None, points_px: Points) -> Points:
+    """Return the inverse of `bent`."""
+    if lens is None:
+        return points_px
+    focal, centre = np.array((lens.fx_px, lens.fy_px)), np.array((lens.cx_px, lens.cy_px))
+    return np.asarray(lens.directions(points_px) * focal + centre)
+
+
+def _samples_of(corners_px: Points, share: float) -> tuple[int, int] | None:
+    """Return in how many samples across and down a picture with such corners is compared."""
+    top, right, bottom, left = side_lengths(corners_px)
+    sides = ((top + bottom) / 2, (left + right) / 2)
+    if not (min(sides) > 0 and max(sides) < math.inf):
+        return None
+    factor = share * min(1.0, MAX_SAMPLES / max(sides))
+    across, down = (int(np.clip(round(side * factor / 4) * 4, MIN_SAMPLES, MAX_SAMPLES)) for side in sides)
+    return across, down
+
+
+class _Reduced(Struct, frozen=True, eq=False):
+    """The part of a frame around a picture, about as coarse as the samples that it is compared in."""
+
+    light: Light
+    scale: float  # reduced pixels per pixel of the frame
+    left_top_px: Points
+    lens: CameraModel | None  # with distortion; None where straight lines are straight
+
+    @classmethod
+    def of(cls, frame: Light, lens: CameraModel | None, corners_px: Points, samples: int) -> _Reduced:
+        """Return the part within a quarter of the picture's size around it."""
+        seen_px = bent(lens, corners_px)
+        low, high = seen_px.min(axis=0), seen_px.max(axis=0)
+        margin = 4 + 0.25 * (high - low)
+        left, top = np.maximum(np.floor(low - margin), 0).astype(int)
+        right, bottom = np.minimum(np.ceil(high + margin) + 1, frame.shape[::-1]).astype(int)
+        part = frame[top : max(bottom, top), left : max(right, left)]
+        # Whole steps only: each reduced pixel is then the mean of a square of whole ones.
+        step = max(1, int(max(side_lengths(corners_px)) / samples))
+        rows, columns = (length // step for length in part.shape)
+        if step > 1 and rows and columns:
+            whole = part[: rows * step, : columns * step]
+            part = np.asarray(cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA), np.float32)
+        return cls(np.asarray(part, np.float32), 1 / step, np.array((left, top), np.float64), lens)
+
+    def read(self, points_px: Points) -> tuple[Matrix, NDArray[np.bool_]]:
+        """Return the light at places of the frame, between pixels in proportion, and which of them are in the part."""
+        height, width = self.light.shape
+        points_px = bent(self.lens, points_px)
+        x, y = ((points_px - self.left_top_px + 0.5) * self.scale - 0.5).T
+        inside = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
+        if height < 2 or width < 2:
+            return np.zeros(len(x)), np.zeros(len(x), bool)
+        x, y = np.where(inside, x, 0.0), np.where(inside, y, 0.0)
+        column, row = np.minimum(x.astype(np.intp), width - 2), np.minimum(y.astype(np.intp), height - 2)
+        across, down = x - column, y - row
+        flat, at = self.light.ravel(), row * width + column
+        above = flat[at] * (1 - across) + flat[at + 1] * across
+        below = flat[at + width] * (1 - across) + flat[at + width + 1] * across
+        return np.asarray(above * (1 - down) + below * down, np.float64), inside
+
+
+def _settle(frame: _Reduced, samples: _Samples, corners_px: Points, *, is_last: bool) -> Alignment | None:
+    """Move corners until nothing changes; None where they run away."""
+    weights = np.ones_like(samples.light)
+    settled = SETTLED_SAMPLES / math.sqrt(len(samples.light))  # in the picture's own coordinates
+    for _ in range(MAX_STEPS):
+        homography = homography_to(corners_px)
+        light, inside = frame.read(mapped(homography, samples.places))
+        if float(inside.mean()) < MIN_VISIBLE:
+            return None
+        columns, seen = samples.columns[inside], light[inside]
+        unknowns, inverse = _fit(columns, seen, weights[inside])
+        off = seen - columns @ unknowns
+        sigma = max(MAD_TO_SIGMA * float(median(np.abs(off))[0]), 1e-6)
+        if is_last:
+            weights[inside] = np.maximum(1 - (off / (BIWEIGHT_SIGMAS * sigma)) ** 2, 0.0) ** 2
+        else:  # what does not fit yet may fit later
+            weights[inside] = np.minimum(1.0, HUBER_SIGMAS * sigma / np.maximum(np.abs(off), 1e-12))
+        # The fit tells by how much the picture must be moved to look like the frame; so the frame's corners are where
+        # the homography takes the corners moved back by it.
+        contrast = float(unknowns[8])
+        step = unknowns[:8].reshape(4, 2) / contrast if contrast > 0 else np.full((4, 2), np.inf)
+        if not np.abs(step).max() < MAX_STEP_SHARE:
+            return None
+        corners_px = mapped(homography, _moved_back(step))
+        if np.abs(step).max() < settled:
+            break
+    used = weights[inside]
+    variance = float((used * off**2).sum() / max(used.sum() - len(unknowns), 1.0))
+    spread = _spread(homography)
+    return Alignment(
+        corners_px=corners_px,
+        covariance_px2=spread @ (COVARIANCE_FACTOR * variance / contrast**2 * inverse[:8, :8]) @ spread.T,
+        correlation=_correlation(seen, samples.light[inside], used),
+        agreeing=float((used > 0).mean()),
+    )
+
+
+def _correlation(one: Matrix, other: Matrix, weights: Matrix) -> float:
+    """Return the correlation of weighted values; 0 where one of them does not vary."""
+    one, other = (each - np.average(each, weights=weights) for each in (one, other))
+    product = float((weights * one * one).sum() * (weights * other * other).sum())
+    return float((weights * one * other).sum()) / math.sqrt(product) if product > 0 else 0.0
+
+
+def _fit(columns: Matrix, light: Matrix, weights: Matrix) -> tuple[Matrix, Matrix]:
+    """Return the unknowns by least squares, and the inverse of the normal matrix."""
+    weighted = columns * weights[:, None]
+    normal = weighted.T @ columns
+    # A trace of a ridge: a plain picture has nothing to hold on to, and its steps are refused afterwards.
+    inverse = np.linalg.inv(normal + 1e-12 * np.trace(normal) * np.eye(len(normal)))
+    return inverse @ (weighted.T @ light), inverse
+
+
+def homography_to(corners_px: Points) -> Matrix:
+    """Return the homography that takes the picture's coordinates to the frame's pixels."""
+    return np.asarray(cv2.getPerspectiveTransform(UNIT_CORNERS.astype(np.float32), corners_px.astype(np.float32)))
+
+
+def mapped(homography: Matrix, points: Points) -> Points:
+    """Return where a homography takes points, shape ``(n, 2)``."""
+    taken = points @ homography[:, :2].T + homography[:, 2]
+    return np.asarray(taken[:, :2] / taken[:, 2:])
+
+
+def _moved_back(step: Points) -> Points:
+    """Return where the inverse of the homography that moves the corners by a step takes them."""
+    there = homography_to(UNIT_CORNERS + step)
+    return mapped(np.asarray(np.linalg.inv(there), np.float64), UNIT_CORNERS)
+
+
+def _spread(homography: Matrix) -> Matrix:
+    """Return how the frame's corners follow those of the picture, shape ``(8, 8)``."""
+    spread = np.zeros((8, 8))
+    for axis in range(2):
+        moved = np.zeros(2, np.float64)
+        moved[axis] = PROBE
+        change = (
+            mapped(homography, np.asarray(UNIT_CORNERS + moved, np.float64)) - mapped(homography, UNIT_CORNERS)
+        ) / PROBE
+        for corner in range(4):
+            spread[2 * corner : 2 * corner + 2, 2 * corner + axis] = change[corner]
+    return spread

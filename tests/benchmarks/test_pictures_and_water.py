@@ -1,0 +1,25 @@
+"""The tables of posters and of targets under water count what was measured."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from support.scenes import draw
+
+
+@pytest.mark.vision
+def test_posters_are_counted_by_size_and_another_one_is_not_found() -> None:
+    import picture_accuracy
+
+    rows = {each.row: each for each in picture_accuracy.samples_of(3)}
+    assert rows["300 px"].measured_m == pytest.approx(rows["300 px"].true_m, rel=0.005)
+    assert rows["another poster"].measured_m is None
+
+
+def test_rays_through_the_window_come_back_to_their_pixels() -> None:
+    import under_water
+
+    pixels = np.array([[10.0, 20.0], [319.5, 239.5], [600.0, 470.0]])
+    assert under_water.CAMERA.project(under_water.CAMERA.directions(pixels)) == pytest.approx(pixels)
+    assert under_water.TOLD.fx_px == pytest.approx(under_water.INDEX * draw.CAMERA.fx_px)
