@@ -70,11 +70,11 @@ def run(frames: int, workers: int, first_seed: int = draw.REPORT_SEEDS.start) ->
     rows = grouped(samples, lambda sample: sample.row)
     head = ["tags of 10 cm at 1–4 m", "pictures", "known %", "place, %", "turn, °", "6 d.o.f. %", "place %", "moved %"]
     text = (
-        "A camera of 1280 × 960 px with a focal length of 1000 px, one tag of AprilTag 36h11 in each quarter of the picture, "
-        "turned away by up to 50°, on clutter. Median / p95 of the error of the place in % of the mean distance of the tags, "
-        "and of the turn in degrees; how often the 95 % region holds the truth; and how often exactly the tags that have "
-        "moved were named, none where none has. In brackets the 95 % interval of a share.\n\n"
-        + table(head, [_cells(name, of_row) for name, of_row in rows.items()])
+        "A camera of 1280 × 960 px with a focal length of 1000 px, one tag of AprilTag 36h11 in each quarter of the "
+        "picture, turned away by up to 50°, on clutter. Median / p95 of the error of the place in % of the mean "
+        "distance of the tags, and of the turn in degrees; how often the 95 % region holds the truth; and how often "
+        "exactly the tags that have moved were named, none where none has. In brackets the 95 % interval of a share."
+        "\n\n" + table(head, [_cells(name, of_row) for name, of_row in rows.items()])
     )
     return Part(title="Where the camera is", text=text, facts=_facts(rows))
 
@@ -147,10 +147,14 @@ def _cells(name: str, samples: Sequence[PlaceSample]) -> list[str]:
         f"{100 * len(known) / len(samples):.1f}",
         _both([100 * sample.off_share for sample in known]),
         _both([math.degrees(sample.off_rad) for sample in known]),
-        rate(sum(sample.square < WITHIN_6 for sample in known), len(known)),
-        rate(sum(sample.place_square < WITHIN_3 for sample in known), len(known)),
-        rate(sum(sample.moved == sample.expected for sample in samples), len(samples)),
+        _share([sample.square < WITHIN_6 for sample in known]),
+        _share([sample.place_square < WITHIN_3 for sample in known]),
+        _share([sample.moved == sample.expected for sample in samples]),
     ]
+
+
+def _share(held: Sequence[bool]) -> str:
+    return rate(float(np.mean(held)) if held else math.nan, len(held))
 
 
 def _both(values: Sequence[float]) -> str:

@@ -19,6 +19,9 @@ EXPIRES_S = 10
 DEADBAND_M, DEADBAND_RAD, DEADBAND_SIGMAS = 0.01, math.radians(0.5), 0.5
 
 
+_JSON = json.JSONEncoder(separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+
+
 class PoseReports:
     """Decides when the camera's pose is published: metres and radians to three decimals; null if not known."""
 
@@ -31,10 +34,8 @@ class PoseReports:
         if pose is None or not self._is_due(pose, now_s - self._told_at_s):
             return
         self._told, self._told_at_s = pose, now_s
-        payload = json.dumps(
-            {"v": 1, "ts": wall_clock(), **pose_figures(pose)}, separators=(",", ":"), ensure_ascii=False, allow_nan=False
-        )
-        yield Message(topic=TOPIC, payload=payload, qos=0, retain=True, expires_s=EXPIRES_S)
+        payload = {"v": 1, "ts": wall_clock(), **pose_figures(pose)}
+        yield Message(topic=TOPIC, payload=_JSON.encode(payload), qos=0, retain=True, expires_s=EXPIRES_S)
 
     def _is_due(self, pose: CameraPose, silent_s: float) -> bool:
         told = self._told

@@ -14,7 +14,6 @@ from stadimeter.cli.exits import DONE, NOT_FOUND, WRONG, configuration_path, pla
 from stadimeter.config.camera_file import load_camera_model
 from stadimeter.config.loader import load_configuration
 from stadimeter.errors import ConfigError, Problem, StadimeterError
-from stadimeter.perception.locating import CameraLocator
 from stadimeter.workbench.measuring import open_picture
 
 
@@ -54,11 +53,14 @@ def locate(
     with plain_errors():
         path = configuration_path(config)
         configuration = load_configuration(path, with_tests=False)
-        locator, lens = locator_of(configuration), configuration.camera_model
-        lens = lens if camera is None else load_camera_model(camera)
-        if locator is None or lens is None:
-            what, hint = ("a section [landmarks]", "docs/places.md has one") if locator is None else ("a camera file", "")
-            raise ConfigError([Problem(f"{path} has no {what}", hint=hint or "name one with --camera")])
+        locator = locator_of(configuration)
+        lens = configuration.camera_model if camera is None else load_camera_model(camera)
+        if locator is None:
+            hint = "say there where tags are, such as in docs/places.md"
+            raise ConfigError([Problem("there is no section [landmarks]", file=str(path), hint=hint)])
+        if lens is None:
+            hint = 'name one with --camera, or with model = "camera.toml" in [camera]'
+            raise ConfigError([Problem("there is no camera file", file=str(path), hint=hint)])
         code = DONE
         for image in images:
             try:

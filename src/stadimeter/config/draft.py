@@ -271,7 +271,9 @@ class _Reader:
         if (landmarks := self._table("landmarks")) is not None:
             from stadimeter.config.landmark_tables import read_landmarks  # noqa: PLC0415 - most runs have none
 
-            read_landmarks(self.draft, landmarks, self.context)
+            found = read_landmarks(landmarks, self.draft.targets, self.context, self.draft.findings)
+            if found is not None:
+                self.draft.landmarks, self.draft.drivers["landmarks",] = found
         if (recording := self._table("recording")) is not None:
             self.draft.recording = self._validated(models.RecordingTable, ("recording",), recording)
 

@@ -1,19 +1,17 @@
 """The section ``[landmarks]``: tags whose places in the room are known. Loaded only where a configuration has one."""
 
 import math
-from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Annotated, Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Annotated, Any
 
 from pydantic import Field
 
 from stadimeter.config.driver_tables import TARGET, read_driver_table, validate
 from stadimeter.config.findings import Finding
 from stadimeter.config.models import Section
+from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.units import Angle, AngleOrZero, Coordinate, Length, LengthOrZero
 from stadimeter.core.camera_pose import Landmarks, PlacedTag
-
-if TYPE_CHECKING:
-    from stadimeter.config.draft import Draft
 
 _DEFAULTS = Landmarks(tags=())
 
@@ -73,21 +71,29 @@ class LandmarksTable(Section):
         )
 
 
-def read_landmarks(draft: Draft, table: Mapping[str, Any], context: Mapping[str, Any]) -> None:
-    """Read the section into a draft, with the detector of its tags, and add what is wrong in it."""
-    found = validate(LandmarksTable, table, (SECTION,), context, draft.findings)
+def read_landmarks(
+    table: Mapping[str, Any], targets: Sequence[DriverChoice], context: Mapping[str, Any], findings: list[Finding]
+) -> tuple[Landmarks, DriverChoice] | None:
+    """Read the section; return the tags and their detector, None if it cannot be used.
+
+    Args:
+        targets: What is measured: one of the tags may be a target too.
+        findings: What is wrong in the section is added here.
+    """
+    found = validate(LandmarksTable, table, (SECTION,), context, findings)
     if found is None:
-        return
+        return None
     # The family, and which numbers it has, are for the detector to know.
+    known = len(findings)
     driver = {TARGET.key: "tag", "side": table["tag_size"]} | {key: table[key] for key in ("family",) if key in table}
-    choice, _ = read_driver_table(TARGET, (SECTION,), driver, context, draft.findings)
-    if choice is None:
-        return
-    for number, tag in enumerate(found.tags):
-        read_driver_table(TARGET, (SECTION, "tags", number), driver | {"id": tag.id}, context, draft.findings)
-    draft.drivers[SECTION,] = choice
-    draft.landmarks = found.to_plan()
-    draft.findings += [*_once_each(draft.landmarks), *_apart(draft.landmarks), *_as_targets(draft, draft.landmarks)]
+    choice, _ = read_driver_table(TARGET, (SECTION,), driver, context, findings)
+    if choice is None or len(findings) > known:
+        return None
+    for place, tag in enumerate(found.tags):
+        read_driver_table(TARGET, (SECTION, "tags", place), driver | {"id": tag.id}, context, findings)
+    landmarks = found.to_plan()
+    findings += [*_once_each(landmarks), *_apart(landmarks), *_as_targets(landmarks, choice, targets)]
+    return landmarks, choice
 
 
 def _once_each(landmarks: Landmarks) -> Iterator[Finding]:
@@ -110,10 +116,10 @@ def _apart(landmarks: Landmarks) -> Iterator[Finding]:
                 break
 
 
-def _as_targets(draft: Draft, landmarks: Landmarks) -> Iterator[Finding]:
+def _as_targets(landmarks: Landmarks, choice: DriverChoice, targets: Sequence[DriverChoice]) -> Iterator[Finding]:
     """Find targets that are one of the tags, but of another size."""
-    family = getattr(draft.drivers[SECTION,].options, "family", "")
-    for target in draft.targets:
+    family = getattr(choice.options, "family", "")
+    for target in targets:
         options = target.options
         if target.driver != "tag" or getattr(options, "family", "") != family:
             continue

@@ -26,8 +26,9 @@ from stadimeter.core.detection import Detection, Values
 from stadimeter.core.tracking.transverse import Viewpoint
 from stadimeter.ranging.plane_pose import COORDINATES, plane_poses, rectangle
 
-# Steps of the fit, and halvings of a step that makes things worse. A step that takes less off chi-square is the last.
-MAX_STEPS, MAX_HALVINGS, SETTLED = 20, 6, 1e-4
+# Steps of the fit, and halvings of a step that makes things worse. The last step takes less than this off chi-square, or
+# off chi-square per coordinate, of a bad fit.
+MAX_STEPS, MAX_HALVINGS, SETTLED = 12, 4, 1e-4
 
 # The fit starts from the two poses of the largest tag, and of the next if these lead to no good fit.
 TAGS_TO_START_FROM = 2
@@ -48,6 +49,10 @@ SAME = 0.5
 # How far from its stated height and tilt a camera is, on wheels and grass; and how fast it may move and turn.
 HEIGHT_SIGMA_M, TILT_SIGMA_RAD = 0.05, math.radians(3)
 SPEED_MPS, TURN_RADPS, BEFORE_MAX_S = 1.0, 1.0, 0.5
+
+
+# Takes x, y and z to the matrix of the cross product, row by row.
+SKEW = np.array(((0, 0, 0, 0, 0, -1, 0, 1, 0), (0, 0, 1, 0, 0, 0, -1, 0, 0), (0, -1, 0, 1, 0, 0, 0, 0, 0)), np.float64)
 
 
 class SeenLandmark(NamedTuple):
@@ -262,19 +267,24 @@ def _starts(seen: SeenLandmark, camera: CameraModel) -> list[tuple[Values, Value
 def _linearise(views: _Views, position_m: Values, turn: Values) -> _Linear | None:
     """Return how far off corners are, and how they change; None where one is not in front of the camera."""
     rays_m = views.corners_m - position_m
-    x, y, depth = np.moveaxis(rays_m @ turn, -1, 0)
+    x, y, depth = (rays_m @ turn).transpose(2, 0, 1)
     if not (depth > 0).all():
         return None
     place = np.stack((x / depth, y / depth), axis=-1)
     # u = X / Z, so that du = (dX - u dZ) / Z for a shift of the corner in the room; shape (n, 4, 2, 3).
     shift = (turn.T[:2] - place[..., None] * turn.T[2]) / depth[..., None, None]
     # A turn v of the tag moves a corner by v × arm; a turn w of the camera moves it by -w × ray, as seen by the camera.
-    of_tag = np.concatenate((shift, np.cross(views.arms_m[:, :, None], shift)), axis=-1).reshape(-1, 8, 6)
-    of_camera = np.concatenate((-shift, np.cross(shift, rays_m[:, :, None])), axis=-1).reshape(-1, 8, 6)
+    of_tag = np.concatenate((shift, -shift @ _skew(views.arms_m)), axis=-1).reshape(-1, 8, 6)
+    of_camera = np.concatenate((-shift, shift @ _skew(rays_m)), axis=-1).reshape(-1, 8, 6)
     of_size = (shift @ views.arms_m[..., None]).reshape(-1, 8, 1) * views.size_sigma
     covariance = views.noise + (of_tag * views.place_variances) @ of_tag.transpose(0, 2, 1)
     slopes = np.concatenate((of_camera, views.common, of_size), axis=2)
     return _Linear(slopes, views.seen - place.reshape(-1, 8), np.linalg.inv(covariance))
+
+
+def _skew(vectors: Values) -> Values:
+    """Return the matrices that take other vectors to the cross product with vectors, shape (n, 4, 3, 3)."""
+    return np.asarray((vectors @ SKEW).reshape(-1, 4, 3, 3))
 
 
 def _fit(views: _Views, position_m: Values, turn: Values) -> _Fit | None:
@@ -296,7 +306,7 @@ def _fit(views: _Views, position_m: Values, turn: Values) -> _Fit | None:
         else:
             break
         position_m, turn, common, linear = moved_m, turned, common + step[6:], then
-        if gain < SETTLED:
+        if gain < SETTLED * max(1.0, before / linear.off.size):
             break
     if linear is None:
         return None

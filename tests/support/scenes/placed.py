@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 CAMERA = CameraModel.with_focal_length(1000.0, 1280, 960)
 TAG_M = 0.10
 CLEAR_PX = 110
-"""The centre of a tag keeps this far from the borders of its quarter of the picture: at 1 m its paper is 125 px large."""
+"""The centre of a tag keeps this far from the borders of its quarter of the picture; its paper has 125 px at 1 m."""
 
 MOST_FACING_AWAY_RAD = math.radians(50)
 
