@@ -26,8 +26,8 @@ from stadimeter.core.detection import Detection, Values
 from stadimeter.core.tracking.transverse import Viewpoint
 from stadimeter.ranging.plane_pose import COORDINATES, plane_poses, rectangle
 
-# Steps of the fit, and halvings of a step that makes things worse. The last step takes less than this off chi-square, or
-# off chi-square per coordinate, of a bad fit.
+# Steps of the fit, and halvings of a step that makes things worse. The last step takes less than this off chi-square;
+# of a bad fit, off chi-square per coordinate.
 MAX_STEPS, MAX_HALVINGS, SETTLED = 12, 4, 1e-4
 
 # The fit starts from the two poses of the largest tag, and of the next if these lead to no good fit.
