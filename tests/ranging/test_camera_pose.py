@@ -11,7 +11,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.camera_pose import CameraPose, Landmarks, PlacedTag
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.tracking.transverse import Viewpoint
-from stadimeter.ranging.camera_pose import Expectation, SeenLandmark, locate_camera
+from stadimeter.ranging.camera_pose import ExpectedPose, SeenLandmark, locate_camera
 
 pytestmark = pytest.mark.vision
 
@@ -73,7 +73,7 @@ def see(tag, place_m=PLACE_M, turn=None, rng=None, wrong=None):
 
 def located(seen, camera=CAMERA, expected=None, at_s=1.0, **how):
     landmarks = Landmarks(tags=tuple(each.tag for each in seen), **how)
-    return locate_camera(seen, landmarks, camera, expected or Expectation(Viewpoint()), at_s)
+    return locate_camera(seen, landmarks, camera, expected or ExpectedPose(Viewpoint()), at_s)
 
 
 def square_of(pose, place_m=PLACE_M, turn=None):
@@ -166,14 +166,14 @@ def test_one_tag_that_may_be_seen_from_two_places_tells_neither():
 @pytest.mark.parametrize("height_m", [0.5, 1.1])
 def test_height_and_tilt_of_the_camera_tell_which_of_two_places_it_is(height_m):
     tilt = 0.0 if height_m == 0.5 else -2 * math.atan2(0.3, 2.0)
-    pose = ambiguous(Expectation(Viewpoint(height_m=height_m, tilt_rad=tilt)))
+    pose = ambiguous(ExpectedPose(Viewpoint(height_m=height_m, tilt_rad=tilt)))
     assert pose.position_m[2] == pytest.approx(height_m, abs=0.05)
 
 
 @pytest.mark.parametrize(("later_s", "is_known"), [(0.05, True), (2.0, False), (0.0, False)])
 def test_the_pose_before_tells_which_of_two_places_it_is_for_a_moment(later_s, is_known):
     before = located([see(SMALL, BELOW_M, LEVEL), see(WALL[0], BELOW_M, LEVEL), see(WALL[1], BELOW_M, LEVEL)], at_s=1.0)
-    pose = ambiguous(Expectation(Viewpoint(), before), 1.0 + later_s)
+    pose = ambiguous(ExpectedPose(Viewpoint(), before), 1.0 + later_s)
     assert (pose.position_m is not None) is is_known
     assert not is_known or pose.position_m == pytest.approx(BELOW_M, abs=0.02)
 
@@ -187,7 +187,7 @@ def test_what_is_no_flat_square_tells_no_place():
 
 
 def test_without_a_tag_in_sight_the_place_is_not_known():
-    pose = locate_camera([], Landmarks(tags=WALL), CAMERA, Expectation(Viewpoint()), 1.0)
+    pose = locate_camera([], Landmarks(tags=WALL), CAMERA, ExpectedPose(Viewpoint()), 1.0)
     assert pose == CameraPose(captured_at_s=1.0, reason="no tag of a known place is in sight")
     assert pose.angles_rad is None
     assert pose.sigmas == ()

@@ -10,7 +10,7 @@ from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.core.tracking.transverse import Viewpoint
 from stadimeter.detectors.protocol import FindsSeveral
-from stadimeter.ranging.camera_pose import Expectation, SeenLandmark, locate_camera
+from stadimeter.ranging.camera_pose import ExpectedPose, SeenLandmark, locate_camera
 
 # A tag counts as moved once so many frames in a row say so: by chance one in 100,000 does.
 MOVED_FRAMES = 5
@@ -23,7 +23,7 @@ class CameraLocator:
         self._landmarks = landmarks
         self._tags = {tag.number: tag for tag in landmarks.tags}
         self._detector = detector
-        self._expected = Expectation(viewpoint)
+        self._expected = ExpectedPose(viewpoint)
         self._moved: dict[int, int] = {}  # in how many frames in a row each tag was not where it should be
 
     def locate(self, frame: Frame, lens: CameraModel) -> CameraPose:

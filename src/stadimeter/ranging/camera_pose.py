@@ -40,10 +40,11 @@ SUSPECT, MOVED = 2.0, 4.26
 # Chi-square per degree of freedom from which tags contradict each other: corners off by three times what is known.
 CONTRADICTION = 9.0
 
-# Another pose counts as possible from this probability on, and as another one from so many standard deviations apart.
+# Another pose counts as possible from this probability on, and as another one if it is further away, in standard
+# deviations.
 POSSIBLE, APART = 0.01, 3.0
 
-# Fits that end nearer to each other than so many standard deviations are one.
+# Fits that end nearer to each other, in standard deviations, are one.
 SAME = 0.5
 
 # How far from its stated height and tilt a camera is, on wheels and grass; and how fast it may move and turn.
@@ -62,7 +63,7 @@ class SeenLandmark(NamedTuple):
     found: Detection
 
 
-class Expectation(NamedTuple):
+class ExpectedPose(NamedTuple):
     """What is known of the camera's pose before a picture: it chooses between mirrored poses and does nothing else."""
 
     viewpoint: Viewpoint
@@ -123,7 +124,7 @@ class _Linear(NamedTuple):
 
 
 def locate_camera(
-    seen: Sequence[SeenLandmark], landmarks: Landmarks, camera: CameraModel, expected: Expectation, at_s: float
+    seen: Sequence[SeenLandmark], landmarks: Landmarks, camera: CameraModel, expected: ExpectedPose, at_s: float
 ) -> CameraPose:
     """Return where the camera is, or why that is not known.
 
@@ -385,7 +386,7 @@ def _is_good(fit: _Fit) -> bool:
     return fit.chi_square < _limit(fit.freedom, SUSPECT)
 
 
-def _likeliest(minima: Sequence[_Fit], expected: Expectation, at_s: float) -> _Fit | None:
+def _likeliest(minima: Sequence[_Fit], expected: ExpectedPose, at_s: float) -> _Fit | None:
     """Return the likeliest pose; None if another one, elsewhere, is hardly less likely.
 
     That another one may be true widens the covariance, by the second moment about the one that is taken.
@@ -413,7 +414,7 @@ def _contradicts(fit: _Fit) -> bool:
 
 
 def _limit(freedom: int, sigmas: float) -> float:
-    """Return what a chi-square is below, but for so many standard deviations (Wilson and Hilferty, 1931)."""
+    """Return what a chi-square is below, but for a number of standard deviations (Wilson and Hilferty, 1931)."""
     share = 2 / (9 * freedom)
     return freedom * (1 - share + sigmas * math.sqrt(share)) ** 3
 
