@@ -11,7 +11,8 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.camera_pose import CameraPose, Landmarks, PlacedTag
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.tracking.transverse import Viewpoint
-from stadimeter.ranging.camera_pose import ExpectedPose, SeenLandmark, locate_camera
+from stadimeter.ranging.camera_pose import ExpectedPose, locate_camera
+from stadimeter.ranging.landmark_views import SeenLandmark
 
 pytestmark = pytest.mark.vision
 

@@ -21,10 +21,11 @@ import cv2
 import numpy as np
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.camera_pose import CameraPose, Landmarks, PlacedTag
-from stadimeter.core.detection import Detection, Values
+from stadimeter.core.camera_pose import CameraPose, Landmarks
+from stadimeter.core.detection import Values
 from stadimeter.core.tracking.transverse import Viewpoint
-from stadimeter.ranging.plane_pose import COORDINATES, plane_poses, rectangle
+from stadimeter.ranging.landmark_views import LandmarkViews, SeenLandmark, starts_of, views_of
+from stadimeter.ranging.plane_pose import COORDINATES
 
 # Steps of the fit, and halvings of a step that makes things worse. The last step takes less than this off chi-square;
 # of a bad fit, off chi-square per coordinate.
@@ -56,13 +57,6 @@ SPEED_MPS, TURN_RADPS, BEFORE_MAX_S = 1.0, 1.0, 0.5
 SKEW = np.array(((0, 0, 0, 0, 0, -1, 0, 1, 0), (0, 0, 1, 0, 0, 0, -1, 0, 0), (0, -1, 0, 1, 0, 0, 0, 0, 0)), np.float64)
 
 
-class SeenLandmark(NamedTuple):
-    """A tag of known place, and where it is in the picture."""
-
-    tag: PlacedTag
-    found: Detection
-
-
 class ExpectedPose(NamedTuple):
     """What is known of the camera's pose before a picture: it chooses between mirrored poses and does nothing else."""
 
@@ -84,23 +78,6 @@ class ExpectedPose(NamedTuple):
         off = _apart(np.array(before.position_m), _matrix(before), fit)
         covariance = np.reshape(before.covariance, (6, 6)) + fit.covariance + moved
         return square + float(off @ np.linalg.solve(covariance, off))
-
-
-class _Views(NamedTuple):
-    """Tags in a picture, ``n`` of them, with ``k`` things that they have in common."""
-
-    corners_m: Values  # in the room, shape (n, 4, 3)
-    arms_m: Values  # from the tag's centre, likewise
-    seen: Values  # where the corners appear, x and y per unit of depth, shape (n, 8)
-    noise: Values  # the covariance of these, shape (n, 8, 8)
-    common: Values  # how these change with what is common to all tags, by a standard deviation each, shape (n, 8, k)
-    size_sigma: float
-    place_variances: Values  # of a tag's three coordinates and three turns
-
-    def of(self, chosen: Sequence[int]) -> _Views:
-        """Return some of the tags."""
-        which = list(chosen)
-        return self._replace(**{name: getattr(self, name)[which] for name in self._fields[:5]})
 
 
 class _Fit(NamedTuple):
@@ -136,8 +113,8 @@ def locate_camera(
         return CameraPose(captured_at_s=at_s, reason="no tag of a known place is in sight")
     largest_first = sorted(seen, key=lambda each: -each.found.width_px * each.found.height_px)
     numbers = [each.tag.number for each in largest_first]
-    views = _views(largest_first, landmarks, camera)
-    starts = [_starts(each, camera) for each in largest_first]
+    views = views_of(largest_first, landmarks, camera)
+    starts = [starts_of(each, camera) for each in largest_first]
     used, minima = _without_moved(views, starts)
     moved = tuple(sorted(numbers[each] for each in range(len(numbers)) if each not in used))
     tags = tuple(sorted(numbers[each] for each in used))
@@ -188,84 +165,10 @@ def _matrix(pose: CameraPose) -> Values:
     return np.column_stack((-body[:, 1], -body[:, 2], body[:, 0]))
 
 
-# What is in the picture ---------------------------------------------------------------------------
-
-
-def _axes(tag: PlacedTag) -> Values:
-    """Return a tag's axes in the room as columns: to its right, to its top, and its normal."""
-    normal = np.array(tag.normal)
-    sine = math.sin(tag.tilt_rad)
-    up = np.array((-sine * math.cos(tag.facing_rad), -sine * math.sin(tag.facing_rad), math.cos(tag.tilt_rad)))
-    right = np.cross(up, normal)
-    roll_sine, roll_cosine = math.sin(tag.roll_rad), math.cos(tag.roll_rad)
-    return np.column_stack((roll_cosine * right - roll_sine * up, roll_cosine * up + roll_sine * right, normal))
-
-
-def _views(seen: Sequence[SeenLandmark], landmarks: Landmarks, camera: CameraModel) -> _Views:
-    corners_px = np.array([each.found.outline_px for each in seen])
-    arms_m = np.array([rectangle(each.tag.side_m, each.tag.side_m) @ _axes(each.tag).T for each in seen])
-    per_px = np.tile((1 / camera.fx_px, 1 / camera.fy_px), 4)
-    moved, turned = _moved_by_sides(corners_px)
-    # The length of a tag's side is the difference of two lines, so each is off by its part of the square root of two.
-    # The ends of a line that is fitted to evenly spread steps are off by √3 times as much as its middle, besides.
-    sigmas_px = np.array([max(each.found.size_sigma_px, 1e-3) / math.sqrt(2) for each in seen])
-    spread = np.concatenate((moved, math.sqrt(3) * turned), axis=2) * sigmas_px[:, None, None] * per_px[:, None]
-    edge_bias = (moved.sum(axis=2) * per_px * camera.edge_bias_sigma_px)[:, :, None]
-    place = [landmarks.place_sigma_m**2] * 3 + [landmarks.facing_sigma_rad**2] * 3
-    return _Views(
-        corners_m=arms_m + np.array([each.tag.position_m for each in seen])[:, None],
-        arms_m=arms_m,
-        seen=camera.directions(corners_px.reshape(-1, 2)).reshape(-1, 8),
-        noise=spread @ spread.transpose(0, 2, 1),
-        common=np.concatenate((_of_lens(corners_px, camera), edge_bias), axis=2),
-        size_sigma=landmarks.size_relative_sigma,
-        place_variances=np.array(place),
-    )
-
-
-def _moved_by_sides(corners_px: Values) -> tuple[Values, Values]:
-    """Return how corners, shape (n, 4, 2), move when a side moves out by a pixel, and when it turns about its middle.
-
-    A corner is where two sides meet: when one moves, it slides along the other. Shapes (n, 8, 4).
-    """
-    sides = np.roll(corners_px, -1, axis=1) - corners_px
-    sides = sides / np.maximum(np.linalg.norm(sides, axis=2, keepdims=True), 1e-9)
-    outwards = np.stack((sides[:, :, 1], -sides[:, :, 0]), axis=2)
-    ends: Values = np.zeros((2, len(corners_px), 4, 2, 4))  # end of a side, tag, corner, x and y, side
-    side = np.arange(4)
-    for end, corner in ((0, side), (1, (side + 1) % 4)):
-        along = np.roll(sides, -1 if end else 1, axis=1)
-        sine = (outwards * along).sum(axis=2, keepdims=True)
-        ends[end][:, corner, :, side] = (along / sine).swapaxes(0, 1)
-    first, second = ends.reshape(2, -1, 8, 4)
-    return first + second, first - second
-
-
-def _of_lens(corners_px: Values, camera: CameraModel) -> Values:
-    """Return how directions change with each part of the lens that is unsure by itself, by a standard deviation."""
-    slopes = camera.sensitivities(corners_px.reshape(-1, 2))[:, 1:]
-    if camera.uncertainty is None:  # only the share by which both focal lengths may be wrong is known
-        both = slopes[:, :, 0] * camera.fx_px + slopes[:, :, 1] * camera.fy_px
-        return np.asarray((both * camera.focal_relative_sigma).reshape(-1, 8, 1))
-    values, vectors = np.linalg.eigh(camera.uncertainty.covariance())
-    return np.asarray((slopes @ (vectors * np.sqrt(values.clip(0.0)))).reshape(-1, 8, len(values)))
-
-
-def _starts(seen: SeenLandmark, camera: CameraModel) -> list[tuple[Values, Values]]:
-    """Return the positions and turns of the camera that the two poses of a tag give."""
-    tag, axes = seen.tag, _axes(seen.tag)
-    found = []
-    for pose in plane_poses(rectangle(tag.side_m, tag.side_m), camera.directions(seen.found.outline_px)):
-        # The tag's axes are known in the room and in the camera's frame; what takes one to the other is the turn.
-        turn = axes @ np.array((pose.right, pose.up, pose.normal))
-        found.append((np.array(tag.position_m) - turn @ np.array(pose.position_m), turn))
-    return found
-
-
 # The fit ------------------------------------------------------------------------------------------
 
 
-def _linearise(views: _Views, position_m: Values, turn: Values) -> _Linear | None:
+def _linearise(views: LandmarkViews, position_m: Values, turn: Values) -> _Linear | None:
     """Return how far off corners are, and how they change; None where one is not in front of the camera."""
     rays_m = views.corners_m - position_m
     x, y, depth = (rays_m @ turn).transpose(2, 0, 1)
@@ -288,7 +191,7 @@ def _skew(vectors: Values) -> Values:
     return np.asarray((vectors @ SKEW).reshape(-1, 4, 3, 3))
 
 
-def _fit(views: _Views, position_m: Values, turn: Values) -> _Fit | None:
+def _fit(views: LandmarkViews, position_m: Values, turn: Values) -> _Fit | None:
     """Return the pose nearby that explains the corners best; None where there is none."""
     linear = _linearise(views, position_m, turn)
     common = np.zeros(views.common.shape[2] + 1)
@@ -336,7 +239,7 @@ def _step(linear: _Linear, common: Values) -> tuple[Values, float]:
 _Starts = Sequence[Sequence[tuple[Values, Values]]]
 
 
-def _without_moved(views: _Views, starts: _Starts) -> tuple[list[int], list[_Fit]]:
+def _without_moved(views: LandmarkViews, starts: _Starts) -> tuple[list[int], list[_Fit]]:
     """Return which tags agree on where the camera is, and the minima of their fit.
 
     A tag that has moved is the one without which the others fit far better, by how they fit themselves: so blur, which
@@ -356,7 +259,7 @@ def _without_moved(views: _Views, starts: _Starts) -> tuple[list[int], list[_Fit
     return used, minima
 
 
-def _best_rest(views: _Views, starts: _Starts, used: Sequence[int]) -> tuple[list[int], list[_Fit]]:
+def _best_rest(views: LandmarkViews, starts: _Starts, used: Sequence[int]) -> tuple[list[int], list[_Fit]]:
     """Return all tags but one, which fit best, or well; and their minima, none if there is no fit."""
     best: tuple[list[int], list[_Fit]] = [], []
     for left in used:
@@ -369,7 +272,7 @@ def _best_rest(views: _Views, starts: _Starts, used: Sequence[int]) -> tuple[lis
     return best
 
 
-def _minima(views: _Views, starts: _Starts) -> list[_Fit]:
+def _minima(views: LandmarkViews, starts: _Starts) -> list[_Fit]:
     """Return the poses that explain the corners best, each better than all nearby, the best first."""
     fits: list[_Fit] = []
     for of_tag in starts[:TAGS_TO_START_FROM]:
