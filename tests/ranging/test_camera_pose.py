@@ -192,3 +192,23 @@ def test_without_a_tag_in_sight_the_place_is_not_known():
     assert pose == CameraPose(captured_at_s=1.0, reason="no tag of a known place is in sight")
     assert pose.angles_rad is None
     assert pose.sigmas == ()
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize("seed", range(40))
+def test_whatever_corners_are_seen_the_answer_is_a_finite_pose_or_a_reason(seed):
+    rng = np.random.default_rng((seed, 3))
+    seen = [see(tag) for tag in WALL[: 1 + seed % 4]]
+    for number in range(1 + seed % 2):
+        corners = rng.uniform(0, 900, (4, 2))
+        if seed % 5 == 0:
+            corners[:, 1] = corners[:, 0]  # on a line
+        if seed % 7 == 0:
+            corners[rng.integers(4)] = math.nan
+        if seed % 11 == 0:
+            corners[1] = corners[0]
+        tag, found = seen[number % len(seen)]
+        seen[number % len(seen)] = SeenLandmark(tag, replace(found, outline_px=corners))
+    pose = located(seen)
+    assert (pose.position_m is None) is bool(pose.reason)
+    assert np.isfinite((*(pose.position_m or ()), *(pose.orientation or ()), *pose.covariance)).all()

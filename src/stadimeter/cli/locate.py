@@ -11,7 +11,6 @@ import typer
 from stadimeter.app.bootstrap import locator_of
 from stadimeter.app.pose_reports import pose_figures
 from stadimeter.cli.exits import DONE, NOT_FOUND, WRONG, configuration_path, plain_errors
-from stadimeter.config.camera_file import load_camera_model
 from stadimeter.config.loader import load_configuration
 from stadimeter.errors import ConfigError, Problem, StadimeterError
 from stadimeter.workbench.measuring import open_picture
@@ -21,13 +20,7 @@ def locate(
     *,
     images: Annotated[list[Path], typer.Argument(metavar="IMAGE", help="Picture files.")],
     config: Annotated[
-        Path | None,
-        typer.Option(
-            "--config", metavar="FILE", help="The configuration with [landmarks]; without it, stadimeter.toml here."
-        ),
-    ] = None,
-    camera: Annotated[
-        Path | None, typer.Option("--camera", metavar="FILE", help="Another camera file than the configuration's.")
+        Path | None, typer.Option("--config", metavar="FILE", help="The configuration; without it, stadimeter.toml.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object a line.")] = False,
 ) -> None:
@@ -45,22 +38,18 @@ def locate(
 
     - `stadimeter locate lawn.jpg --config mower.toml`
 
-    - `stadimeter locate shots/*.jpg --config mower.toml --camera camera.toml --json`
+    - `stadimeter locate shots/*.jpg --config mower.toml --json`
 
     **Exit code**: 0 every place is known; 1 one is not; 2 an option, a file or a picture is wrong. A bad picture does
     not stop the others.
     """
     with plain_errors():
-        path = configuration_path(config)
-        configuration = load_configuration(path, with_tests=False)
-        locator = locator_of(configuration)
-        lens = configuration.camera_model if camera is None else load_camera_model(camera)
-        if locator is None:
-            hint = "say there where tags are, such as in docs/places.md"
-            raise ConfigError([Problem("there is no section [landmarks]", file=str(path), hint=hint)])
-        if lens is None:
-            hint = 'name one with --camera, or with model = "camera.toml" in [camera]'
-            raise ConfigError([Problem("there is no camera file", file=str(path), hint=hint)])
+        configuration = load_configuration(configuration_path(config), with_tests=False)
+        locator, lens = locator_of(configuration), configuration.camera_model
+        if locator is None or lens is None:
+            hint = "say in [landmarks] where tags are, and in [camera] model = which lens it has; see docs/places.md"
+            missing = "no section [landmarks]" if locator is None else "no camera file"
+            raise ConfigError([Problem(f"there is {missing}", file=str(configuration.path), hint=hint)])
         code = DONE
         for image in images:
             try:

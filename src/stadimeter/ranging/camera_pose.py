@@ -115,7 +115,10 @@ def locate_camera(
     numbers = [each.tag.number for each in largest_first]
     views = views_of(largest_first, landmarks, camera)
     starts = [starts_of(each, camera) for each in largest_first]
-    used, minima = _without_moved(views, starts)
+    try:
+        used, minima = _without_moved(views, starts)
+    except np.linalg.LinAlgError:  # corners on a line
+        used, minima = [], []
     moved = tuple(sorted(numbers[each] for each in range(len(numbers)) if each not in used))
     tags = tuple(sorted(numbers[each] for each in used))
     if not minima or len(moved) >= len(tags) or _contradicts(minima[0]):
@@ -212,7 +215,7 @@ def _fit(views: LandmarkViews, position_m: Values, turn: Values) -> _Fit | None:
         position_m, turn, common, linear = moved_m, turned, common + step[6:], then
         if gain < SETTLED * max(1.0, before / linear.off.size):
             break
-    if linear is None:
+    if linear is None or not math.isfinite(linear.chi_square(linear.off, common)):
         return None
     covariance = np.asarray(np.linalg.inv(_normal(linear))[:6, :6], np.float64)
     freedom = linear.off.size - 6
@@ -330,4 +333,4 @@ def _apart(position_m: Values, turn: Values, other: _Fit) -> Values:
 
 def _sigmas_apart(one: _Fit, other: _Fit) -> float:
     off = _apart(one.position_m, one.turn, other)
-    return math.sqrt(float(off @ np.linalg.solve(one.covariance + other.covariance, off)))
+    return math.sqrt(max(0.0, float(off @ np.linalg.solve(one.covariance + other.covariance, off))))
