@@ -2,6 +2,8 @@
 
 import json
 import math
+import re
+from pathlib import Path
 
 import cv2
 import pytest
@@ -112,6 +114,19 @@ def test_a_message_has_the_pose_as_ros_has_it_and_in_angles():
     assert payload["orientation"] == pytest.approx(POSE.orientation, abs=1e-6)
     assert payload["covariance"] == list(POSE.covariance)
     assert (payload["tags"], payload["moved"], payload["reason"]) == ([3, 5], [], "")
+
+
+def test_the_documentation_shows_the_real_form():
+    page = (Path(__file__).parents[2] / "docs" / "mqtt.md").read_text(encoding="utf-8")
+    (shown,) = (
+        json.loads(each) for each in re.findall(r"```json\n(.*?)\n```", page, re.DOTALL) if "orientation" in each
+    )
+    ((_, payload),) = told([POSE])
+    assert list(shown) == list(payload)
+    pose = CameraPose(captured_at_s=0.0, orientation=tuple(shown["orientation"]), covariance=tuple(shown["covariance"]))
+    angles = [shown[name] for name in ("yaw_rad", "tilt_rad", "roll_rad")]
+    assert pose.angles_rad == pytest.approx(angles, abs=1e-3)
+    assert len(pose.sigmas) == 6
 
 
 def test_a_pose_that_is_not_known_is_told_as_null_with_the_reason():
