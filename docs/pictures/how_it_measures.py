@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from gallery import CAMERA, JPEG_QUALITY, SHEET, scene_of
 from numpy.typing import NDArray
+from placed_camera import place_picture
 
 from stadimeter.core.detection import Detection, Points
 from stadimeter.core.frame import Frame, Image
@@ -41,6 +42,7 @@ def make_steps(folder: Path) -> None:
     """Write the picture of each target."""
     _write(folder / "how-sheet.jpg", _sheet_steps())
     _write(folder / "how-tag.jpg", _tag_steps())
+    place_picture(folder / "how-place.jpg")
 
 
 def _sheet_steps() -> list[Image]:

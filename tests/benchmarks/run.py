@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import ball_accuracy
+import camera_place
 import false_alarms
 import flat_accuracy
 import hard_balls
@@ -49,6 +50,7 @@ JOBS: dict[str, Job] = {
     "tag": _accuracy(tag_accuracy.run, 48),
     "picture": _accuracy(picture_accuracy.run, 210),
     "under water": _accuracy(under_water.run, 210),
+    "camera place": _accuracy(camera_place.run, 200),
     "empty": _accuracy(false_alarms.run, 600),
     "real": lambda _asked, _seed: real_pictures.run(),
     "machinery": lambda _asked, _seed: machinery_part(),

@@ -72,6 +72,15 @@ def test_flat_things_as_they_are_met_have_figures_for_each_of_their_goals() -> N
 
 
 @pytest.mark.long
+def test_the_camera_is_placed_in_every_row() -> None:
+    import camera_place
+
+    printed = run_benchmarks("--only", "camera place", "--frames", "2")
+    rows = (*camera_place.EXACT, camera_place.PLACED, camera_place.MOVED, camera_place.TWO, camera_place.ONE)
+    assert all(f"| {name} | 2 |" in printed for name in rows)
+
+
+@pytest.mark.long
 def test_every_part_runs_and_has_figures_for_the_goals_of_what_exists(tmp_path) -> None:
     parts = ("sheet", "disc", "tag", "empty", "speed")
     printed = run_benchmarks("--only", *parts, "--frames", "1", "--rounds", "1")

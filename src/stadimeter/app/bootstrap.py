@@ -6,7 +6,7 @@ What moves is stopped first, whatever goes wrong on the way.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from msgspec import Struct, field
 
@@ -27,6 +27,9 @@ from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import ConfigError, DriverError, DriverUnavailableError, Problem
 from stadimeter.messaging.protocol import Messenger, Notifier
 from stadimeter.perception.picture_flow import FlowMeter
+
+if TYPE_CHECKING:  # most runs have no tags of known places
+    from stadimeter.perception.locating import CameraLocator
 
 
 class StagedWorld(Protocol):
@@ -151,6 +154,7 @@ def build(configuration: Configuration, speed: float | None = 1.0, *, clock: Clo
         max_frame_age_s=configuration.plan.safety.max_frame_age_s,
         range_readers=range_readers,
         flow_meter=FlowMeter() if _is_liveness_judged(configuration, camera) else None,
+        locator=locator_of(configuration),
     )
     return Parts(
         configuration=configuration,
@@ -169,6 +173,17 @@ def build(configuration: Configuration, speed: float | None = 1.0, *, clock: Clo
         status_led=builder.status_led(),
         buttons=builder.buttons(),
     )
+
+
+def locator_of(configuration: Configuration) -> CameraLocator | None:
+    """Build what finds where the camera is; None for a configuration without tags of known places."""
+    if configuration.landmarks is None:
+        return None
+    from stadimeter.perception.locating import CameraLocator  # noqa: PLC0415 - most runs have no such tags
+
+    choice = configuration.drivers["landmarks",]
+    context = DriverContext(name=choice.name, clock=SteppedClock(), camera_model=configuration.camera_model)
+    return CameraLocator(configuration.landmarks, choice.options.build(context), configuration.plan.viewpoint)
 
 
 def _is_liveness_judged(configuration: Configuration, camera: Camera) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import msgspec
 from msgspec import Struct
@@ -29,6 +30,9 @@ from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import DriverError
 from stadimeter.perception.perceiver import Perceiver
 from stadimeter.perception.picture_flow import FlowMeter
+
+if TYPE_CHECKING:  # most runs have no tags of known places
+    from stadimeter.perception.locating import CameraLocator
 
 # A cycle waits this long for a frame; without one it runs all the same, so that rules and safety see time pass.
 FRAME_WAIT_S = 0.1
@@ -63,6 +67,7 @@ class Cycle:
         range_readers: The range sensors, each a target of its own.
         looking: Looks for the targets.
         flow_meter: Measures how the picture flows; None where liveness is not judged by motion.
+        locator: Finds where the camera is; None without tags of known places.
     """
 
     clock: Clock
@@ -73,6 +78,7 @@ class Cycle:
     max_frame_age_s: float
     range_readers: Sequence[RangeReader] = ()
     flow_meter: FlowMeter | None = None
+    locator: CameraLocator | None = None
     _newest: Frame | None = field(default=None)
     perceiver: Perceiver = field(init=False)
 
@@ -108,6 +114,7 @@ class Cycle:
         tracks = {tracked.track.target: tracked.track for tracked in state.tracks}
         detections, measurements = self.perceiver.look(frame, tracks) if frame else ((), ())
         flow = self.flow_meter.measure(frame, self.perceiver.lens_of(frame)) if frame and self.flow_meter else None
+        pose = self.locator.locate(frame, self.perceiver.lens_of(frame)) if frame and self.locator else None
         watch.lap("measure")
         reports = {output.name: report for output in self.outputs if (report := output.report()) is not None}
         observation = Observation(
@@ -122,6 +129,7 @@ class Cycle:
             wall=wall,
             operator_commands=operator_commands,
             undelivered_since_s=undelivered_since_s,
+            camera_pose=pose,
         )
         state, decision = decide(state, observation)
         watch.lap("decide")

@@ -32,6 +32,7 @@ from typing import Any
 
 import stadimeter
 from stadimeter.app.figure_reports import FigureReports, figure_topics
+from stadimeter.app.pose_reports import PoseReports
 from stadimeter.core.alarms.machine import AlarmRecord
 from stadimeter.core.alarms.settings import show_thresholds
 from stadimeter.core.conditions.summary import RememberedFigure
@@ -75,6 +76,7 @@ class Reporter:
         self._targets: dict[str, _TargetReports] = {}
         self._rules: dict[str, _RuleReports] = {}
         self._figures = FigureReports()
+        self.poses = PoseReports()
         self._rules_before: tuple[RuleTrace, ...] = ()
         self._held_back: set[str] = set()
         self.reported_losses: Mapping[str, int] = {}

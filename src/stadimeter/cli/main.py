@@ -32,6 +32,7 @@ PANELS: Mapping[str, Mapping[str, str]] = {
         "cameras": "List the cameras on this computer, each by the path that stays right.",
         "snapshot": "Take a picture with exactly the settings that `run` uses.",
         "measure": "Measure how far away a target is in pictures, in videos, or before a camera.",
+        "locate": "Print where the camera was when a picture was taken, by tags whose places the configuration knows.",
         "colour": "Find out the range of colours of a ball, from a picture and a place in it.",
         "calibrate": "Find out a camera's focal length, write its camera file, and check it.",
         "print": "Make tags, boards and discs to print, at true scale.",

@@ -22,6 +22,7 @@ from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.toml_source import UNREADABLE, Texts
 from stadimeter.config.units import path_from, validation_context
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.camera_pose import Landmarks
 from stadimeter.core.templates import FIELDS
 from stadimeter.errors import ConfigError, Problem
 
@@ -131,6 +132,7 @@ class Draft(ChosenDrivers, Struct, kw_only=True):
     web: models.WebTable | None = None
     recording: models.RecordingTable | None = None
     place: models.PlaceTable | None = None
+    landmarks: Landmarks | None = None
     rules: dict[str, RuleTable] = field(default_factory=dict)
     figures: dict[str, FigureTable] = field(default_factory=dict)
     tests: dict[int, RuleTest] = field(default_factory=dict)
@@ -266,6 +268,12 @@ class _Reader:
             self.draft.web = self._validated(models.WebTable, ("web",), web)
         if (place := self._table("place")) is not None:
             self.draft.place = self._validated(models.PlaceTable, ("place",), place)
+        if (landmarks := self._table("landmarks")) is not None:
+            from stadimeter.config.landmark_tables import read_landmarks  # noqa: PLC0415 - most runs have none
+
+            found = read_landmarks(landmarks, self.draft.targets, self.context, self.draft.findings)
+            if found is not None:
+                self.draft.landmarks, self.draft.drivers["landmarks",] = found
         if (recording := self._table("recording")) is not None:
             self.draft.recording = self._validated(models.RecordingTable, ("recording",), recording)
 

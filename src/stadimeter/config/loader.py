@@ -38,6 +38,7 @@ from stadimeter.config.toml_source import Texts, TomlSource, read_toml
 from stadimeter.config.units import validation_context
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.camera_pose import Landmarks
 from stadimeter.core.plan import Output, Plan
 from stadimeter.errors import ConfigError, Problem
 
@@ -75,6 +76,7 @@ class Configuration(ChosenDrivers, Struct, frozen=True, kw_only=True, eq=False):
         web: The page on which a browser sees the run; None for none.
         recording: What the run keeps by itself; None for nothing.
         place: Where it is, for schedules; None for anywhere, in the time zone of the computer.
+        landmarks: The tags of known places, which tell where the camera is; None for none.
         needs_sun: Whether a rule asks when the sun rises or sets.
         find_warnings: Finds what `warnings` gives.
         tests: The tests of its rules; none if they were not asked for.
@@ -96,6 +98,7 @@ class Configuration(ChosenDrivers, Struct, frozen=True, kw_only=True, eq=False):
     web: WebTable | None = None
     recording: RecordingTable | None = None
     place: PlaceTable | None = None
+    landmarks: Landmarks | None = None
     needs_sun: bool = False
 
     @property
@@ -153,6 +156,7 @@ def load_configuration(path: Path, *, with_tests: bool = True, texts: Texts | No
         web=draft.web,
         recording=draft.recording,
         place=draft.place,
+        landmarks=draft.landmarks,
         needs_sun=plan.needs_sun,
         leases_s={name: table.lease for name, table in draft.output_tables.items()},
         stays_off=frozenset(name for name, table in draft.output_tables.items() if table.after_fault == "stay_off"),

@@ -47,7 +47,7 @@ _SAFETY = plan.Safety()
 # Every section that a configuration may have.
 SECTIONS = (
     "camera", "targets", "actuators", "base", "sensors", "status_led", "buttons", "messenger", "notifiers", "world",
-    "tracking", "safety", "web", "recording", "place", "figures", "rules", "tests",
+    "tracking", "safety", "web", "recording", "place", "landmarks", "figures", "rules", "tests",
 )  # fmt: skip
 
 

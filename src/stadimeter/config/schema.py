@@ -22,6 +22,7 @@ from pydantic_core import core_schema
 
 from stadimeter.config import camera_file, models, plugins
 from stadimeter.config.driver_tables import BASE, CAMERA, DRIVER_KINDS, DriverKind
+from stadimeter.config.landmark_tables import LandmarksTable
 from stadimeter.config.rule_test_tables import RuleTestTable
 from stadimeter.config.rules.memory_tables import FigureTable
 from stadimeter.config.rules.tables import GATED, RuleTable
@@ -43,6 +44,7 @@ _TABLES: dict[str, type[BaseModel]] = {
     "web": models.WebTable,
     "recording": models.RecordingTable,
     "place": models.PlaceTable,
+    "landmarks": LandmarksTable,
 }
 _SECTIONS = {
     "camera": "The camera: its driver and its lens.",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from msgspec import Struct
 
 from stadimeter.core.base_report import BaseReport
+from stadimeter.core.camera_pose import CameraPose
 from stadimeter.core.measurement import Measurement
 from stadimeter.core.operator import AnyCommand
 from stadimeter.core.picture_flow import PictureFlow
@@ -75,6 +76,7 @@ class Observation(Struct, frozen=True, kw_only=True):
         wall: The time of day, if a rule asks for it; None also while the clock is not synchronised.
         operator_commands: Operator commands since the cycle before.
         undelivered_since_s: Since when this run has had an alarm that it could not deliver, the oldest; None for none.
+        camera_pose: Where the camera is; None without a frame, and where no tags of known places are configured.
     """
 
     now_s: float
@@ -89,3 +91,4 @@ class Observation(Struct, frozen=True, kw_only=True):
     wall: WallTime | None = None
     operator_commands: tuple[AnyCommand, ...] = ()
     undelivered_since_s: float | None = None
+    camera_pose: CameraPose | None = None

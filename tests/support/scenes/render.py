@@ -6,6 +6,7 @@ import math
 from functools import lru_cache
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from stadimeter.core.detection import Points
@@ -42,6 +43,15 @@ def _with_target(scene: Scene, target: Target, lens: Lens, truth: Truth) -> Plan
     """Return the light of a scene: the backdrop in pixels, and a patch of samples with the target in it."""
     behind = _backdrop(scene, _circle_around(truth.outline_px))
     picture = scene.blur.of_pixels(behind, scene.finer)
+    for other in scene.others:
+        alone = replace(scene, occluder=None)
+        picture = _with_patch(alone, other, lens, _truth(other, alone, lens), (behind, picture))
+    return _with_patch(scene, target, lens, truth, (behind, picture))
+
+
+def _with_patch(scene: Scene, target: Target, lens: Lens, truth: Truth, before: tuple[Plane, Plane]) -> Plane:
+    """Return a picture with a target added; `before` are the backdrop, and the picture without it."""
+    behind, picture = before
     patch = _patch(scene, target, lens, truth)
     if patch is None:
         return picture

@@ -30,6 +30,7 @@ class Scene(Struct, frozen=True, kw_only=True):
         rolling_shutter_px: By how much the picture moves, right and down, while its rows are read. The target's
             centre shows where it is at the time of the truth.
         finer: How many samples there are along a pixel, where the target is.
+        others: What else is there, none of it beside or behind another so near that their blur meets.
     """
 
     camera: CameraModel
@@ -41,6 +42,7 @@ class Scene(Struct, frozen=True, kw_only=True):
     sensor: Sensor = field(default_factory=Sensor)
     rolling_shutter_px: tuple[float, float] = (0.0, 0.0)
     finer: int = 4
+    others: tuple[Target, ...] = ()
 
     def __post_init__(self) -> None:
         if not 1 <= self.finer <= 16:
