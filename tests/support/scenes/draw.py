@@ -52,7 +52,7 @@ def ball_scene(seed: int, camera: CameraModel = CAMERA) -> Scene:
     lamp = (float(rng.uniform(-1, 1)), float(rng.uniform(-1, -0.2)), float(rng.uniform(-1, -0.2)))
     for _ in range(MOST_ATTEMPTS):
         target = BallTarget(position_m=_place(rng, camera, near, far), diameter_m=diameter, light=lamp)
-        if _is_whole(target, camera):
+        if is_whole(target, camera):
             return Scene(camera=camera, target=target, seed=seed)
     raise ValueError(f"seed {seed}: no ball of {diameter} m from {near} to {far} m fits the picture")
 
@@ -75,7 +75,7 @@ def sheet_scene(seed: int, tilt_rad: float, *, plain: bool = False, camera: Came
     for _ in range(MOST_ATTEMPTS):
         pose = _pose(rng, camera, SHEET_RANGE_M, tilt_rad)
         target = SheetTarget(pose=pose, width_m=SHEET_M[0], height_m=SHEET_M[1])
-        if _is_whole(target, camera):
+        if is_whole(target, camera):
             return Scene(camera=camera, target=target, seed=seed, backdrop=backdrop)
     raise ValueError(f"seed {seed}: no sheet tilted by {tilt_rad} rad fits the picture")
 
@@ -97,7 +97,7 @@ def disc_scene(seed: int, tilt_rad: float, *, plain: bool = False, camera: Camer
     backdrop: Backdrop = PlainBackdrop(bgr=(grey, grey + 5, grey + 10)) if plain else ClutterBackdrop()
     for _ in range(MOST_ATTEMPTS):
         target = DiscTarget(pose=_pose(rng, camera, DISC_RANGE_M, tilt_rad), diameter_m=DISC_M)
-        if _is_whole(target, camera):
+        if is_whole(target, camera):
             return Scene(camera=camera, target=target, seed=seed, backdrop=backdrop)
     raise ValueError(f"seed {seed}: no disc tilted by {tilt_rad} rad fits the picture")
 
@@ -119,7 +119,7 @@ def tag_scene(seed: int, side_px: float, tilt_rad: float, camera: CameraModel = 
     for _ in range(MOST_ATTEMPTS):
         pose = _pose(rng, camera, (depth, depth), tilt_rad)
         target = TagTarget(pose=pose, side_m=TAG_M, family=TAG_FAMILY, number=seed % TAGS)
-        if _is_whole(target, camera):
+        if is_whole(target, camera):
             return Scene(camera=camera, target=target, seed=seed)
     raise ValueError(f"seed {seed}: no tag of {side_px} px tilted by {tilt_rad} rad fits the picture")
 
@@ -154,7 +154,8 @@ def _pose(rng: np.random.Generator, camera: CameraModel, range_m: tuple[float, f
     )
 
 
-def _is_whole(target: Target, camera: CameraModel) -> bool:
+def is_whole(target: Target, camera: CameraModel) -> bool:
+    """Return whether a target is in the picture, and not near its border."""
     points = target.extent_m()
     if (points[:, 2] <= 0).any():
         return False
