@@ -23,6 +23,7 @@ import machinery
 import real_pictures
 import speed
 import start_up
+import stereo
 import tag_accuracy
 from goals import goals_table
 from part import Part
@@ -45,6 +46,7 @@ JOBS: dict[str, Job] = {
     "sheet": _accuracy(flat_accuracy.run_sheet, 60),
     "disc": _accuracy(flat_accuracy.run_disc, 60),
     "tag": _accuracy(tag_accuracy.run, 48),
+    "stereo": _accuracy(stereo.run, 220),
     "empty": _accuracy(false_alarms.run, 600),
     "real": lambda _asked, _seed: real_pictures.run(),
     "machinery": lambda _asked, _seed: machinery_part(),
