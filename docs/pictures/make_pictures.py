@@ -15,6 +15,7 @@ from how_it_measures import make_steps
 from live_view_svg import save_svg
 from measuring_round import make_round_pictures
 from picture_steps import picture_steps
+from stereo_picture import make_stereo_picture
 from web_pages import make_pages
 
 from stadimeter.app.bootstrap import build, demo_configuration
@@ -131,5 +132,6 @@ if __name__ == "__main__":
     make_steps(HERE)
     make_round_pictures(HERE)
     picture_steps(HERE / "measuring-picture.jpg")
+    make_stereo_picture(HERE)
     make_pages(HERE)
     camera_table.write()

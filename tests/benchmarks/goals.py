@@ -45,6 +45,7 @@ REAL = (
         percent,
         {"real left focal": 0.005, "real right focal": 0.005},
     ),
+    at_most("real: chessboards, both cameras together, RMS", "≤ 0.30 px", plain(3, "px"), {"real stereo rms": 0.30}),
     at_least("real: `tags/visp` found of 12", "12", plain(0), {"real visp found": 12}),
     at_most("real: `tags/visp` median error of the range", "≤ 0.5 %", percent, {"real visp median": 0.005}),
     at_most(
@@ -191,6 +192,22 @@ PLAIN = (
 )
 
 
+STEREO = (
+    at_most(
+        "two cameras 12 cm apart, 0.5–3 m, without the size, median: ball / sheet / tag",
+        "≤ 1 % each",
+        percent,
+        {f"stereo {target} together median": 0.01 for target in ("ball", "sheet", "tag")},
+    ),
+    Goal(
+        "two cameras, 95 % interval, ball, sheet and tag: without the size / joined with it",
+        "90–99 % each",
+        percent,
+        {f"stereo {target} {way} held": HELD for way in ("together", "joined") for target in ("ball", "sheet", "tag")},
+    ),
+)
+
+
 def _faster(what: str, contender: str, state: str, limits: tuple[float, ...]) -> Goal:
     """Return the goal of a speed against the tutorial at the three sizes."""
     end = "" if state == "hot" else f" {state}"
@@ -250,7 +267,7 @@ TIME = (
     ),
 )
 
-GOALS = (*REAL, *HARD, *PLAIN, *TIME)
+GOALS = (*REAL, *HARD, *PLAIN, *STEREO, *TIME)
 WITH_COVERAGE = {f"{part} coverage" for part in ("ball", "sheet", "disc", "tag")}
 """Of every part whose intervals the last two lines tell of, a figure that it has."""
 

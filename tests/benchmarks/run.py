@@ -25,6 +25,7 @@ import picture_accuracy
 import real_pictures
 import speed
 import start_up
+import stereo
 import tag_accuracy
 import under_water
 from goals import goals_table
@@ -51,6 +52,7 @@ JOBS: dict[str, Job] = {
     "picture": _accuracy(picture_accuracy.run, 210),
     "under water": _accuracy(under_water.run, 210),
     "camera place": _accuracy(camera_place.run, 200),
+    "stereo": _accuracy(stereo.run, 220),
     "empty": _accuracy(false_alarms.run, 600),
     "real": lambda _asked, _seed: real_pictures.run(),
     "machinery": lambda _asked, _seed: machinery_part(),

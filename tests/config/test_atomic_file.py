@@ -176,6 +176,7 @@ LOOKS = {
     "app/persistence/kept_thresholds.py": "what is newer than the file; it is only read",
     "cli/check.py": "whether SQLite is needed; reading fails by itself",
     "cli/calibrate_board.py": "the word 'replaced' or 'wrote'",
+    "cli/calibrate_stereo.py": "the word 'replaced' or 'wrote'",
     "cli/calibrate.py": "an early refusal; the word 'replaced' or 'wrote'",
     "cli/exits.py": "whether one is taken without a name; reading fails by itself",
     "cli/doctor.py": "why it cannot be read",

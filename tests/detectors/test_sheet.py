@@ -18,6 +18,7 @@ from stadimeter.core.detection import DetectionStatus, Prediction
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.sampling import light_table
 from stadimeter.detectors.sheet import SheetDetector, SheetOptions
+from stadimeter.detectors.sheet.lines import quad_frame
 from stadimeter.ranging.calibration import BIAS_STEP_PX, KnownDistance, calibrate
 from stadimeter.ranging.flat import SheetShape
 from support.each_case import each_case
@@ -442,3 +443,12 @@ def test_letter_in_place_of_a4_is_said_before_the_lens_is_known() -> None:
 def test_the_right_paper_has_no_remark() -> None:
     for camera in (CAMERA, None):
         assert with_camera(camera, size="letter").detect(Frame(LETTER_ON_A_WALL.image, 0.0, 0)).reason == ""
+
+
+def test_an_outline_from_beyond_what_the_lens_reaches_is_read_along_a_straight_side() -> None:
+    camera = replace(CAMERA, distortion=(-0.3, 0.0, 0.0, 0.0))
+    corners_px = np.array([[[-900.0, -700.0], [400.0, 60.0], [420.0, 300.0], [60.0, 320.0]]])
+    assert np.isnan(camera.directions(corners_px[0])).any()
+    frame = quad_frame(corners_px, 16, np.full((1, 4), 6.0), (480, 640), camera)
+    assert np.isfinite(frame.pixel).all()
+    assert ((frame.along >= 0) & (frame.along < 640)).all()

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 from msgspec import Struct, field
@@ -42,6 +42,11 @@ from stadimeter.workbench.measuring import (
     remedy_notes,
 )
 from stadimeter.workbench.picture_metadata import profile_notes
+
+if TYPE_CHECKING:
+    from stadimeter.core.stereo_rig import StereoRig
+
+_T = TypeVar("_T")
 
 # Of more pictures than this it is shown how many are done.
 MANY_PICTURES = 5
@@ -83,6 +88,14 @@ def measure(
     ] = None,
     live: LiveOption = None,
     between: BetweenOption = None,
+    stereo: Annotated[
+        Path | None,
+        typer.Option(
+            "--stereo",
+            metavar="FILE",
+            help="Measure with two cameras: their stereo file, made by `stadimeter calibrate stereo`.",
+        ),
+    ] = None,
     explain: Annotated[
         bool,
         typer.Option("--explain", help="Say how each result came about, and what was rejected and why."),
@@ -115,6 +128,10 @@ def measure(
     fields, among them rejected, a list of objects; with --annotate drawn into the copies under the same numbers,
     beside yellow dots where edges of the target were seen.
 
+    With --stereo, pictures are pairs that two cameras took at the same time: first those of the left camera, then as
+    many of the right one. The target is looked for in both, and its distance from the left camera is triangulated,
+    which does not need its size, and joined with the distances by its size. If these disagree, that is said.
+
     **Examples**
 
     - `stadimeter measure 3ft.png 4ft.png --camera camera.toml --sheet 11in,8.5in`
@@ -129,12 +146,17 @@ def measure(
 
     - `stadimeter measure --live opencv,device=0 --camera camera.toml --tag 8cm --family 36h11`
 
+    - `stadimeter measure --stereo stereo.toml left.jpg right.jpg --ball 6.4cm`
+
     **Exit code**: 0 everything was measured, in a video or by a camera in one frame at least; 1 a target was not
     found, or cut off; 2 an option, a file or a picture is wrong. A bad picture does not stop the others.
     """
     with plain_errors():
+        if stereo is not None:
+            _check_stereo(images or [], {"--camera": camera, "--live": live, "--between": between})
+        rig = None if stereo is None else _load_rig(stereo)
         names, wanted, camera_model = _check_options(
-            target, config, camera, between, is_one_source=bool(images) != bool(live)
+            target, config, rig.left if rig else camera, between, is_one_source=bool(images) != bool(live)
         )
         targets = build_detectors(wanted.choices, camera_model)
         name = (live or "").partition(",")[0]  # the configuration or the driver: its options would fill each line
@@ -152,12 +174,19 @@ def measure(
             ),
             between=names,
         )
+        if rig is not None:
+            raise typer.Exit(work.pairs(images or [], rig, copies, explain=explain))
         code = work.frames(camera_choice(live), name) if live else work.files(images or [], copies, explain=explain)
     raise typer.Exit(code)
 
 
 def _check_options(
-    given: GivenTarget, config: Path | None, camera: Path | None, between: str | None, *, is_one_source: bool
+    given: GivenTarget,
+    config: Path | None,
+    camera: Path | CameraModel | None,
+    between: str | None,
+    *,
+    is_one_source: bool,
 ) -> tuple[tuple[str, str] | None, WantedTargets, CameraModel]:
     """Return the two targets of ``--between``, what to look for, and the lens; all that is wrong or missing at once."""
     problems: list[Problem] = []
@@ -222,8 +251,28 @@ def _targets_from_options(given: GivenTarget, config: Path | None, names: tuple[
     return wanted
 
 
-def _camera_model(file: Path | None, wanted: WantedTargets | None, *, is_configured: bool) -> CameraModel | None:
+def _load_rig(file: Path) -> StereoRig:
+    from stadimeter.config.stereo_file import load_stereo_rig  # noqa: PLC0415 - one camera needs none
+
+    return load_stereo_rig(file)
+
+
+def _check_stereo(images: Sequence[Path], others: Mapping[str, object]) -> None:
+    """Raise a `ConfigError` for what does not go with ``--stereo``."""
+    if given := [option for option, value in others.items() if value is not None]:
+        raise ConfigError(f"--stereo measures pairs of pictures with the lenses of its file; leave out {given[0]}")
+    if videos := [each for each in images if is_video_file(each)]:
+        raise ConfigError(
+            f"--stereo measures pairs of pictures, and {videos[0]} is a video; take its frames as pictures"
+        )
+
+
+def _camera_model(
+    file: Path | CameraModel | None, wanted: WantedTargets | None, *, is_configured: bool
+) -> CameraModel | None:
     """Return the lens; None where a configuration that cannot be read may have one."""
+    if isinstance(file, CameraModel):
+        return file
     if file is not None:
         return load_camera_model(file)
     if wanted is not None and wanted.camera_model is not None:
@@ -261,7 +310,22 @@ class _Work(Struct, frozen=True, kw_only=True):
 
     def picture(self, image: Path, copy: Path | None, *, explain: bool) -> int:
         """Measure one picture, print what was found, write its copy, and return the exit code that it asks for."""
-        result = measure_picture(image, self.targets, self.camera_model)
+        return self._report(measure_picture(image, self.targets, self.camera_model), copy, explain=explain)
+
+    def pairs(self, files: Sequence[Path], rig: StereoRig, copies: Path | None, *, explain: bool) -> int:
+        """Measure pairs of pictures of two cameras, and return the worst of their exit codes."""
+        from stadimeter.workbench.stereo import PairMeasuring, pair_pictures  # noqa: PLC0415 - one camera needs none
+
+        pairs, measuring = pair_pictures(files), PairMeasuring(self.wanted.choices, rig)
+        for note in profile_notes(files):
+            say_note(note)
+        paths = copy_paths([left for left, _ in pairs], copies)
+        return max(
+            self._report(measuring.measure(*pair), paths.get(pair[0]), explain=explain)
+            for pair in _with_progress(pairs)
+        )
+
+    def _report(self, result: PictureResult, copy: Path | None, *, explain: bool) -> int:
         code = self._printed(result)
         for words in (
             *colour_notes(result, self.wanted.choices, self.proposed),
@@ -311,7 +375,7 @@ def _write_copy(result: PictureResult, path: Path, unit: LengthUnit, *, explain:
     return DONE
 
 
-def _with_progress(images: Sequence[Path]) -> Iterable[Path]:
+def _with_progress(images: Sequence[_T]) -> Iterable[_T]:
     """Return the pictures; it is shown how many are done, if there are many and the results go to a file.
 
     On a terminal the results show it themselves, and what shares the terminal with them, by a pipe too, would be glued

@@ -12,7 +12,7 @@ import typer
 from msgspec import Struct
 from msgspec.structs import replace
 
-from stadimeter.cli.exits import make_folder
+from stadimeter.cli.exits import make_folder, say_note
 from stadimeter.cli.formatting import (
     METRE,
     LengthUnit,
@@ -46,6 +46,8 @@ class Printer(Struct, frozen=True, kw_only=True):
         if _print_error(result) or self.as_json:
             return
         typer.echo(f"{self._head(result, result.label)}  {_in_words(result, self.unit)}")
+        if result.note:
+            say_note(f"{result.file}: {result.note}")
         for line in explanation(result) if self.explain else ():
             typer.echo(line)
 
@@ -109,7 +111,10 @@ def explanation(result: TargetResult) -> list[str]:
         return []
     is_there = found.status is not DetectionStatus.NOT_FOUND
     seen = _found_lines(found, result.measurement, result.parts) if is_there else []
-    return [f"{'':<{INDENT}}{label:<{LABEL_WIDTH}}{words}" for label, words in (*seen, *_rejected_lines(result, found))]
+    return [
+        f"{'':<{INDENT}}{label:<{LABEL_WIDTH}}{words}"
+        for label, words in (*seen, *result.more(), *_rejected_lines(result, found))
+    ]
 
 
 def explanation_record(result: TargetResult) -> dict[str, object]:

@@ -43,7 +43,8 @@ _OPTICS_CHUNK = re.compile(rb"(.{4})tEXt" + _OPTICS + rb"(\{[ -~]{1,1000}\})", r
 HOW_TO_MAKE_ONE = "make it with `stadimeter calibrate distance PICTURE@DISTANCE -o FILE`"
 
 
-def _date_text(value: object) -> object:
+def date_text(value: object) -> object:
+    """Return a date of TOML as text, and anything else as it is."""
     return value.isoformat() if isinstance(value, dt.date) else value
 
 
@@ -114,7 +115,7 @@ class CameraModelTable(BaseModel):
     across and down (``"4:2:0"``). None leaves it to the driver: a JPEG file says it, MJPEG and video count as 4:2:0."""
     method: str = ""
     """How it was made."""
-    date: Annotated[str, BeforeValidator(_date_text)] = ""
+    date: Annotated[str, BeforeValidator(date_text)] = ""
     """When, as an ISO 8601 date."""
     notes: tuple[str, ...] = ()
     """The figures that it came from, one a line."""

@@ -14,6 +14,7 @@ that their covariance follows from that of θ (R. Hartley and A. Zisserman, "Mul
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from msgspec import Struct
@@ -25,10 +26,10 @@ from stadimeter.errors import CalibrationError
 
 PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
-# Correlations that are written with few digits may miss being possible by this.
-_ABOVE_DIAGONAL = np.triu_indices(len(PARAMETERS), 1)
 _CELLS = (24, 18)
 _STEP = 1e-4
+
+# Correlations that are written with few digits may miss being possible by this.
 _NEGATIVE_MAX = 1e-4
 
 
@@ -39,40 +40,57 @@ class LensUncertainty(Struct, frozen=True, kw_only=True):
     correlations: tuple[float, ...]  # above the diagonal of their matrix, row by row
 
     def __post_init__(self) -> None:
-        count, pairs = len(PARAMETERS), len(_ABOVE_DIAGONAL[0])
+        count, pairs = len(PARAMETERS), len(PARAMETERS) * (len(PARAMETERS) - 1) // 2
         if len(self.sigmas) != count or not all(math.isfinite(each) and each >= 0 for each in self.sigmas):
             names = ", ".join(PARAMETERS)
             raise CalibrationError(f"lens_sigmas has to hold {count} numbers, zero or more: {names}", "lens_sigmas")
         if len(self.correlations) != pairs or not all(abs(each) <= 1 for each in self.correlations):
             message = f"lens_correlations has to hold {pairs} numbers from -1 to 1"
             raise CalibrationError(message, "lens_correlations")
-        if float(np.linalg.eigvalsh(self._correlation())[0]) < -_NEGATIVE_MAX:
+        if are_contradictory(self.correlations, count):
             raise CalibrationError("lens_correlations contradict each other; calibrate again", "lens_correlations")
 
     @classmethod
     def of(cls, covariance: NDArray[np.float64]) -> LensUncertainty:
         """Return the uncertainty with a covariance matrix, shape (9, 9)."""
-        sigmas = np.sqrt(np.diag(covariance).clip(0.0))
-        scale = np.where(sigmas > 0, sigmas, 1.0)
-        correlation = (covariance / np.outer(scale, scale)).clip(-1.0, 1.0)
+        sigmas, correlations = split_covariance(covariance)
         return cls(
             sigmas=tuple(float(f"{each:.6g}") for each in sigmas),
-            correlations=tuple(round(float(each), 7) for each in correlation[_ABOVE_DIAGONAL]),
+            correlations=tuple(round(each, 7) for each in correlations),
         )
 
     def covariance(self) -> NDArray[np.float64]:
         """Return the covariance matrix, shape (9, 9)."""
-        return self._correlation() * np.outer(self.sigmas, self.sigmas)
+        return join_covariance(self.sigmas, self.correlations)
 
     def scaled(self, scale_x: float, scale_y: float) -> LensUncertainty:
         """Return the uncertainty for another resolution of the same picture."""
         fx, fy, cx, cy, *bending = self.sigmas
         return replace(self, sigmas=(fx * scale_x, fy * scale_y, cx * scale_x, cy * scale_y, *bending))
 
-    def _correlation(self) -> NDArray[np.float64]:
-        matrix = np.eye(len(PARAMETERS))
-        matrix[_ABOVE_DIAGONAL] = self.correlations
-        return matrix + matrix.T - np.eye(len(PARAMETERS))
+
+def split_covariance(covariance: NDArray[np.float64]) -> tuple[list[float], list[float]]:
+    """Return standard deviations, and the correlations above the diagonal of their matrix, row by row."""
+    sigmas = np.sqrt(np.diag(covariance).clip(0.0))
+    scale = np.where(sigmas > 0, sigmas, 1.0)
+    correlation = (covariance / np.outer(scale, scale)).clip(-1.0, 1.0)
+    return sigmas.tolist(), correlation[np.triu_indices(len(sigmas), 1)].tolist()
+
+
+def join_covariance(sigmas: Sequence[float], correlations: Sequence[float]) -> NDArray[np.float64]:
+    """Return the covariance matrix that `split_covariance` has split."""
+    return _correlation(correlations, len(sigmas)) * np.outer(sigmas, sigmas)
+
+
+def are_contradictory(correlations: Sequence[float], count: int) -> bool:
+    """Return whether there are no quantities with these correlations."""
+    return bool(np.linalg.eigvalsh(_correlation(correlations, count))[0] < -_NEGATIVE_MAX)
+
+
+def _correlation(correlations: Sequence[float], count: int) -> NDArray[np.float64]:
+    matrix = np.eye(count)
+    matrix[np.triu_indices(count, 1)] = correlations
+    return matrix + matrix.T - np.eye(count)
 
 
 def sensitivities(

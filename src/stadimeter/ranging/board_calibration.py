@@ -31,6 +31,9 @@ from stadimeter.ranging.fit_covariance import PlacedBoard, lens_covariance
 # Fewer views do not fix focal length, centre and distortion.
 VIEWS_MIN = 3
 
+# So many views at least; fewer may fit by chance.
+VIEWS_ENOUGH = 10
+
 # A focal length less sure than this is no calibration.
 FOCAL_SIGMA_MAX = 0.2
 
@@ -186,7 +189,7 @@ def _drop_outliers(
     used, bad = list(views), {}
     # Greedy removal of the worst view and a new fit, since one bad view moves the reprojection error of all.
     fit = _fit(used, shape)
-    while len(used) > VIEWS_MIN and (limit_px := _outlier_limit_px(fit.view_rms_px)) < fit.view_rms_px.max():
+    while len(used) > VIEWS_MIN and (limit_px := outlier_limit_px(fit.view_rms_px)) < fit.view_rms_px.max():
         worst = int(fit.view_rms_px.argmax())
         view = used.pop(worst)
         bad[id(view)] = ViewError(
@@ -199,7 +202,7 @@ def _drop_outliers(
     return fit, used, bad
 
 
-def _outlier_limit_px(view_rms_px: Values) -> float:
+def outlier_limit_px(view_rms_px: Values) -> float:
     """Return how badly a view may fit: far from the median, both in standard deviations and in proportion."""
     median = float(np.median(view_rms_px))
     sigma = 1.4826 * float(np.median(np.abs(view_rms_px - median)))

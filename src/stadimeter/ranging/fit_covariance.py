@@ -42,15 +42,29 @@ def lens_covariance(boards: Sequence[PlacedBoard], lens: Values) -> Values:
     """Return the covariance of fx, fy, cx, cy, k1, k2, p1, p2 and k3; zero for k3 if that is zero."""
     jacobians, residuals_px = without_poses(boards, lens)
     root = inverse_root(np.sum([each.T @ each for each in jacobians], axis=0))
-    # Two residuals a corner, less six unknowns a board and those of the lens.
-    freedom = sum(map(len, residuals_px)) - _OF_POSE * len(boards) - len(root)
-    variance_px2 = float(sum(each @ each for each in residuals_px)) / max(freedom, 1)
-    observed = np.sum([_pull(one @ root, two) for one, two in zip(jacobians, residuals_px, strict=True)], axis=0)
+    variance_px2 = corner_variance_px2(jacobians, residuals_px, root, (0, 1))
     fitted = slice(0, _fitted(lens))
     covariance = np.zeros((9, 9))
     # Those of the bends are left out: what not knowing them does to the lens is in its own part of the inverse.
-    covariance[fitted, fitted] = (root @ root.T * max(variance_px2, _largest(root, observed)))[fitted, fitted]
+    covariance[fitted, fitted] = (root @ root.T * variance_px2)[fitted, fitted]
     return covariance
+
+
+def corner_variance_px2(
+    jacobians: Sequence[Values], residuals_px: Sequence[Values], root: Values, decisive: Sequence[int]
+) -> float:
+    """Return the variance of a corner's coordinates, the larger of that of the residuals and that of boards together.
+
+    Args:
+        jacobians: How the corners of each board move with the parameters, its own pose eliminated.
+        root: `inverse_root` of their normal matrix.
+        decisive: The parameters that every distance rests on.
+    """
+    # Two residuals a corner, less six unknowns a board and those of the lens.
+    freedom = sum(map(len, residuals_px)) - _OF_POSE * len(residuals_px) - len(root)
+    variance_px2 = float(sum(each @ each for each in residuals_px)) / max(freedom, 1)
+    observed = np.sum([_pull(one @ root, two) for one, two in zip(jacobians, residuals_px, strict=True)], axis=0)
+    return max(variance_px2, _largest(root, observed, decisive))
 
 
 def without_poses(boards: Sequence[PlacedBoard], lens: Values) -> tuple[list[Values], list[Values]]:
@@ -107,11 +121,11 @@ def _pull(jacobian: Values, residuals_px: Values) -> Values:
     return np.outer(pull, pull)
 
 
-def _largest(root: Values, observed: Values) -> float:
-    """Return the variance of a corner that explains the pulls of boards: on the mean, and on each focal length.
+def _largest(root: Values, observed: Values, decisive: Sequence[int]) -> float:
+    """Return the variance of a corner that explains the pulls of boards: on the mean, and on the decisive parameters.
 
     The mean over all parameters is far surer than a single one, of which few boards say little. But every distance
     rests on the focal length.
     """
-    of_focal = [float(row @ observed @ row / (row @ row)) for row in root[:2]]
-    return max(float(np.trace(observed)) / len(root), *of_focal)
+    of_each = [float(row @ observed @ row / (row @ row)) for row in root[list(decisive)]]
+    return max(float(np.trace(observed)) / len(root), *of_each)

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, Points
 from stadimeter.core.target import Reading
-from stadimeter.ranging.circle_pose import circle_poses, cone_through
+from stadimeter.ranging.circle_pose import CirclePoses, circle_poses, cone_through
 from stadimeter.ranging.plane_pose import (
     COORDINATES,
     RectanglePose,
@@ -127,9 +127,7 @@ class DiscShape(_Flat, Struct, frozen=True, kw_only=True):
         and much less from afar.
         """
         apparent = max(detection.width_px / camera.fx_px, detection.height_px / camera.fy_px)
-        # Directions: x and y per unit of depth, distortion undone.
-        cone = cone_through(camera.directions(detection.outline_px))
-        found = None if cone is None else circle_poses(cone, self.diameter_m)
+        found = self.poses(detection, camera)
         if found is None:
             return read_by_one_length(detection, camera, self.diameter_m, apparent)
         x_m, y_m, z_m = (float(each) * found.distance_m for each in found.axis)
@@ -139,6 +137,12 @@ class DiscShape(_Flat, Struct, frozen=True, kw_only=True):
             tilt_rad=found.tilt_rad,
             ambiguity=NO_IDEA,
         )
+
+    def poses(self, detection: Detection, camera: CameraModel) -> CirclePoses | None:
+        """Return both poses that its outline allows; None if that is no ellipse, or there are no points of it."""
+        # Directions: x and y per unit of depth, distortion undone.
+        cone = cone_through(camera.directions(detection.outline_px))
+        return None if cone is None else circle_poses(cone, self.diameter_m)
 
 
 class SheetShape(_Flat, Struct, frozen=True, kw_only=True):

@@ -79,6 +79,15 @@ class TargetResult(Struct, frozen=True, kw_only=True, eq=False):
         name, number = self.measurement.target, self.detection and self.detection.number
         return name if number is None or name.endswith(f" {number}") else f"{name} {number}"
 
+    @property
+    def note(self) -> str:
+        """What has to be said of it beside the distance; empty for nothing."""
+        return ""
+
+    def more(self) -> list[tuple[str, str]]:
+        """Return further lines that explain it, each with its label."""
+        return []
+
     def record(self) -> dict[str, str | float | None]:
         """Return the result as the object that ``--json`` prints: lengths in metres, angles in radians."""
         measured = self.measurement

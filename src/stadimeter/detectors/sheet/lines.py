@@ -61,7 +61,8 @@ def quad_frame(
     along = np.minimum(np.maximum(np.rint(start[..., None] + step_shares(steps) * forward[..., None]), 0), last_along)
     across = at_zero[..., None] + slope[..., None] * along
     if lens is not None and lens.distortion:
-        across = across + bend(corners_px, flat, along, lens)
+        # Far outside the picture the lens has no inverse; a side from there is taken to be straight.
+        across = across + np.nan_to_num(bend(corners_px, flat, along, lens), nan=0.0, posinf=0.0, neginf=0.0)
     # The area over the length of a side is how far the opposite one lies from it; the cosine turns that into pixels
     # across.
     most = REACH_SHARE * (areas(corners_px)[:, None] / length_px) / cosine

@@ -27,6 +27,7 @@ from stadimeter.core.frame import Frame, Image, Optics
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.board_calibration import (
     EDGES,
+    VIEWS_ENOUGH,
     VIEWS_MIN,
     BoardCalibration,
     BoardView,
@@ -197,9 +198,6 @@ def find_boards(
             missed.append((str(path), found))
     return BoardPictures(views=tuple(views), missed=tuple(missed), width_px=shape[0], height_px=shape[1], optics=optics)
 
-
-# So many views at least; fewer may fit by chance.
-VIEWS_ENOUGH = 10
 
 # Before this many views show a tilted board, nothing is calibrated.
 TILTED_MIN = 2
