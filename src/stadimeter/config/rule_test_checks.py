@@ -106,7 +106,7 @@ def _input(draft: Draft, at: KeyPath, given: InputTable, written: Mapping[str, A
 
 
 def _targets(draft: Draft, at: KeyPath, given: InputTable, written: Mapping[str, Any]) -> Iterator[Finding]:
-    known, of_camera = draft.target_names, draft.names("targets")
+    known, of_camera = draft.measured_names, draft.names("targets")
     named = {(*at, "targets", name): name for name in given.targets or ()}
     if given.target is not None:
         named[*at, "target"] = given.target
@@ -190,7 +190,9 @@ def _rules(draft: Draft) -> tuple[str, ...]:
     names: list[str] = []
     for name, table in draft.tables("rules").items():
         targets = table.get("targets")
-        names += [f"{name}:{target}" for target in targets] if isinstance(targets, list) else [name]
+        is_several = isinstance(targets, list)
+        each = draft.expanded(target for target in targets if isinstance(target, str)) if is_several else ()
+        names += [f"{name}:{target}" for target in each] if is_several else [name]
     return tuple(names)
 
 

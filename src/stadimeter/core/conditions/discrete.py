@@ -9,8 +9,9 @@ from msgspec import Struct
 
 from stadimeter.core.bounds import MAX_DURATION_S, MIN_QUANTITY
 from stadimeter.core.clock import DAY_S
-from stadimeter.core.conditions.leaf import Figure, JudgedFigure, Leaf, Rest, RuleInputs, Threshold
+from stadimeter.core.conditions.leaf import UNKNOWN, Figure, JudgedFigure, Leaf, Rest, RuleInputs, Threshold
 from stadimeter.core.conditions.limits import ends_of
+from stadimeter.core.decision import SafetyMode
 from stadimeter.core.observation import MonthDay, WallTime
 
 Sun = Literal["", "sunrise", "sunset"]
@@ -98,9 +99,11 @@ class CountCondition(Leaf, Struct, frozen=True, kw_only=True):
         """Those that it counts; empty for all."""
         return self.targets
 
-    def holds(self, inputs: RuleInputs, is_on: bool) -> bool:  # noqa: ARG002 - nothing is unsure of it
-        """Return whether it holds; see `Leaf.holds`."""
+    def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:  # noqa: ARG002
+        """Return whether it holds; see `Leaf.holds`. Unknown while no fresh frame says what is in sight."""
         count = self.count(inputs)
+        if count == UNKNOWN:
+            return None
         least, most = self.at_least, self.at_most
         return (least is None or count >= least) and (most is None or count <= most)
 
@@ -114,13 +117,14 @@ class CountCondition(Leaf, Struct, frozen=True, kw_only=True):
         return Rest(((self.figures()[0], count, count),))
 
     def count(self, inputs: RuleInputs) -> float:
-        """Return how many of its targets are in sight."""
+        """Return how many of its targets are in sight; `UNKNOWN` while the camera is stale."""
         return _in_sight(inputs, *self.targets)
 
-    def reading(self, inputs: RuleInputs, is_on: bool) -> JudgedFigure:  # noqa: ARG002
-        """Return the count."""
+    def reading(self, inputs: RuleInputs, is_on: bool) -> JudgedFigure | None:  # noqa: ARG002
+        """Return the count; None where it is not known."""
         low, high = ends_of(self.at_least, self.at_most)
-        return JudgedFigure(value=self.count(inputs), low=low, high=high)
+        count = self.count(inputs)
+        return None if count == UNKNOWN else JudgedFigure(value=count, low=low, high=high)
 
 
 class DateSpan(Struct, frozen=True):
@@ -232,4 +236,6 @@ def _is_seen(inputs: RuleInputs, target: str) -> float:
 def _in_sight(inputs: RuleInputs, *targets: str) -> float:
     """Return how many of some targets are in sight; of all, if none are named."""
     tracks = inputs.tracks
+    if inputs.safety is SafetyMode.STALE:
+        return UNKNOWN
     return float(sum([tracks[target].is_valid for target in targets or tracks]))
