@@ -47,6 +47,9 @@ SIZE_SHARE, SIZE_SHARE_FLAT = 0.06, 0.3
 # possible costs more than a member left without.
 UNASSIGNED = 50.0
 
+# Of a ball that overlaps with a nearer one, the place errs by as much as this share of its size; of any other, by less.
+PLACE_SHARE, PLACE_SHARE_COVERED = 0.06, 0.15
+
 # Two detections whose centres are nearer than this share of the larger size are one thing.
 SAME_SHARE = 0.25
 
@@ -93,6 +96,7 @@ class _Slot:
         self.is_fixed = number is not None
         self.number = number
         self.is_followed = False
+        self.is_covered = False  # whether it overlaps with a nearer one
         self._track: Track | None = None
         self._motion: AngularMotion | None = None
         self._seen: tuple[Detection, float] | None = None
@@ -100,6 +104,7 @@ class _Slot:
     def expect(self, track: Track | None, shape: TargetShape, lens: CameraModel, at_s: float) -> Prediction | None:
         """Return where the member will appear; None if nobody is in the slot, or nobody knows."""
         self.is_followed = track is not None and track.is_valid
+        self.is_covered = False
         motion = None if track is None else follow(self._motion, track)
         if motion is not None:
             self._track, self._motion = track, motion
@@ -142,7 +147,6 @@ class _Scan:
         self._found: list[Detection] = []
         self._of: list[int | None] = [None] * len(slots)  # for each slot, which of what was found is its member
         self._why: dict[int, Detection] = {}  # for slots whose member was not found, what was seen instead
-        self._covered: set[int] = set()  # members that overlap with a nearer one
         self._nothing: Detection | None = None
 
     def look_near(self) -> None:
@@ -153,8 +157,7 @@ class _Scan:
             slot, radius_px = self._slots[index], each.size_px / 2
             gaps_px = [(math.dist(each.centre_px, centre_px) - reach_px, name) for name, centre_px, reach_px in nearer]
             gap_px, before = min(gaps_px, default=(math.inf, ""))
-            if gap_px < radius_px:
-                self._covered.add(index)
+            slot.is_covered = gap_px < radius_px
             if gap_px < 0:  # its centre is covered: what is found there is the other one
                 reason = f"hidden behind {before}"
                 self._why[index] = Detection(target=slot.name, status=DetectionStatus.NOT_FOUND, reason=reason)
@@ -190,7 +193,7 @@ class _Scan:
             slot.is_followed
             and self._of[index] is None
             and self._expected[index] is not None
-            and index not in self._covered
+            and not slot.is_covered
             and not (index in self._why and self._why[index].status is DetectionStatus.TRUNCATED)
             for index, slot in enumerate(self._slots)
         )
@@ -238,7 +241,9 @@ class _Scan:
             return math.inf
         if number is not None:
             return -UNASSIGNED  # its number says so
-        place_px, size_px = expected.sigma_px, expected.size_px
+        size_px = expected.size_px
+        errs = PLACE_SHARE_COVERED if self._slots[index].is_covered else PLACE_SHARE
+        place_px = math.hypot(expected.sigma_px, errs * size_px)
         # Along the line of sight it may have moved as far as across: as a share of the distance that is the angle.
         moved = place_px / math.sqrt(self._lens.fx_px * self._lens.fy_px)
         share = SIZE_SHARE_FLAT if self._detector.target_shape.has_corners else SIZE_SHARE
