@@ -12,10 +12,8 @@ becomes another one.
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from collections.abc import Callable, Sequence
-from functools import lru_cache
 from pathlib import Path
 from time import thread_time_ns
 from typing import NamedTuple
@@ -41,23 +39,14 @@ from support.crossing_balls import (
     HIDDEN_SHARE,
     RATE_HZ,
     Follower,
-    Places,
     PretendBalls,
     appearances,
     courses,
+    picture_of,
 )
-from support.scenes.backdrop import ClutterBackdrop
-from support.scenes.ball import BallTarget
-from support.scenes.blur import Blur
 from support.scenes.draw import CAMERA, REPORT_SEEDS, TUNING_SEEDS
-from support.scenes.lens import Lens
-from support.scenes.patch import patch_around
-from support.scenes.sensor import Sensor
 
 HSV = "29,86,6:64,255,255"
-
-# Samples along a pixel of a rendered ball.
-FINER = 4
 
 
 class Identities(NamedTuple):
@@ -97,25 +86,6 @@ def several(count: int | None) -> BallDetector:
     options = BallOptions.model_validate({"diameter": f"{DIAMETER_M} m", "hsv": HSV, "count": count})
     detector: BallDetector = options.build(DriverContext(name="balls", clock=SteppedClock()))
     return detector
-
-
-def picture_of(places: Places, seed: int, number: int = 0) -> NDArray[np.uint8]:
-    """Return a rendered picture of balls before clutter, one laid over the other, the farthest first."""
-    lens, blur = Lens(camera=CAMERA), Blur()
-    size = (CAMERA.width_px, CAMERA.height_px)
-    light = _backdrop(seed).copy()
-    for place in sorted(places.tolist(), key=lambda place: -math.hypot(*place)):
-        ball = BallTarget(position_m=tuple(place), diameter_m=DIAMETER_M)
-        patch = patch_around(lens.project(ball.extent_m()), 2, size, FINER)
-        if patch is not None:
-            layer, behind = ball.layer(lens.rays(patch)), patch.samples_of(light)
-            light[patch.rows_and_columns] = patch.averaged(behind + layer.cover[:, :, None] * (layer.light - behind))
-    return Sensor().develop(blur.of_pixels(light, FINER), np.random.default_rng((seed, 92, number)))
-
-
-@lru_cache(maxsize=2)
-def _backdrop(seed: int) -> NDArray[np.float32]:
-    return ClutterBackdrop().light(CAMERA.width_px, CAMERA.height_px, seed, None)
 
 
 def cost_ratio(seed: int, repetitions: int, balls: int = 8) -> tuple[float, float, float]:

@@ -6,7 +6,7 @@ import pytest
 
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame
-from support.crossing_balls import appearances, courses
+from support.crossing_balls import appearances, courses, picture_of
 from support.scenes.draw import CAMERA, TUNING_SEEDS
 
 
@@ -40,7 +40,7 @@ def test_a_rendered_picture_shows_each_ball_where_it_is() -> None:
     places = courses(TUNING_SEEDS[0], 4, 0.1, is_crossing=False)[0]
     import several_balls
 
-    found = several_balls.several(4).detect_all(Frame(several_balls.picture_of(places, 1), 0.0, 0), lens=CAMERA)
+    found = several_balls.several(4).detect_all(Frame(picture_of(places, 1), 0.0, 0), lens=CAMERA)
     assert [each.status for each in found] == [DetectionStatus.FOUND] * 4
     truth = sorted(each.centre_px for each in appearances(places))
     for seen, true in zip(sorted(each.centre_px for each in found), truth, strict=True):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +19,13 @@ from stadimeter.detectors.protocol import Detector
 from stadimeter.perception.perceiver import Perceiver
 from stadimeter.ranging.ball import BallShape
 from stadimeter.simulation.silhouette import silhouette
+from support.scenes.backdrop import ClutterBackdrop
+from support.scenes.ball import BallTarget
+from support.scenes.blur import Blur
 from support.scenes.draw import CAMERA
+from support.scenes.lens import Lens
+from support.scenes.patch import patch_around
+from support.scenes.sensor import Sensor
 
 DIAMETER_M = 0.067
 RATE_HZ = 30.0
@@ -29,6 +36,9 @@ NOISE_PX, MISSED = 0.15, 0.01
 # A ball of which this share is covered is not found; with less, its place and size err by this share of the diameter
 # times the covered share.
 HIDDEN_SHARE, COVERED_ERROR = 0.5, 0.15
+
+# Samples along a pixel of a rendered ball.
+FINER = 4
 
 BLANK = np.zeros((CAMERA.height_px, CAMERA.width_px, 3), np.uint8)
 
@@ -154,18 +164,19 @@ class Follower:
         self.ball_of: dict[str, int] = {}
         self.swaps = 0
         self.tracked = 0
+        self.detections: tuple[Detection, ...] = ()
 
     def step(self, image: NDArray[np.uint8], number: int, truth: Sequence[Seen]) -> None:
         """Take in a frame."""
         at_s = number / RATE_HZ
         frame = Frame(image, at_s, number)
         tracks = {each.track.target: each.track for each in self.state.tracks}
-        detections, measurements = self._perceiver.look(frame, tracks)
+        self.detections, measurements = self._perceiver.look(frame, tracks)
         stamp = FrameStamp(sequence=number, captured_at_s=at_s)
         self.state, _ = decide(self.state, Observation(now_s=at_s, frame=stamp, measurements=measurements))
         valid = {each.track.target for each in self.state.tracks if each.track.is_valid}
         seen: set[int] = set()
-        for found in detections:
+        for found in self.detections:
             if found.status is not DetectionStatus.FOUND or found.target not in valid:
                 continue
             ball = self._ball_at(found, truth)
@@ -189,3 +200,22 @@ class Follower:
 
         best = min(range(len(truth)), key=off)
         return best if off(best) < 0.25 else None
+
+
+def picture_of(places: Places, seed: int, number: int = 0) -> NDArray[np.uint8]:
+    """Return a rendered picture of balls before clutter, one laid over the other, the farthest first."""
+    lens, blur = Lens(camera=CAMERA), Blur()
+    size = (CAMERA.width_px, CAMERA.height_px)
+    light = _backdrop(seed).copy()
+    for place in sorted(places.tolist(), key=lambda place: -math.hypot(*place)):
+        ball = BallTarget(position_m=tuple(place), diameter_m=DIAMETER_M)
+        patch = patch_around(lens.project(ball.extent_m()), 2, size, FINER)
+        if patch is not None:
+            layer, behind = ball.layer(lens.rays(patch)), patch.samples_of(light)
+            light[patch.rows_and_columns] = patch.averaged(behind + layer.cover[:, :, None] * (layer.light - behind))
+    return Sensor().develop(blur.of_pixels(light, FINER), np.random.default_rng((seed, 92, number)))
+
+
+@lru_cache(maxsize=2)
+def _backdrop(seed: int) -> NDArray[np.float32]:
+    return ClutterBackdrop().light(CAMERA.width_px, CAMERA.height_px, seed, None)

@@ -162,17 +162,6 @@ def _no_target(draft: Draft, at: KeyPath, name: str) -> Finding:
     return Finding(at, f"there is no target '{name}'", draft.target_hint(name), "unknown-name")
 
 
-def _groups(draft: Draft) -> Iterator[Finding]:
-    """Check that no target has a name that several of one kind take."""
-    taken = {member: group for group, members in draft.groups.items() for member in members}
-    taken |= {each.name: each.name.rpartition("-")[0] for each in draft.nearest}
-    for section in ("targets", "sensors"):
-        for name in draft.tables(section):
-            if name in taken:
-                message = f"'{name}' is one of the targets that [targets.{taken[name]}] stands for"
-                yield Finding((section, name), message, "give one another name", "name-twice")
-
-
 def _sensors(draft: Draft) -> Iterator[Finding]:
     targets = draft.names("targets")
     for name in draft.names("sensors"):
@@ -385,7 +374,6 @@ _CHECKS: tuple[Callable[[Draft], Iterator[Finding]], ...] = (
     _loops_stable,
     _slow_targets_exist,
     _targets_exist,
-    _groups,
     _sensors,
     _outputs_exist,
     _outputs_fit,

@@ -190,9 +190,11 @@ def _rules(draft: Draft) -> tuple[str, ...]:
     names: list[str] = []
     for name, table in draft.tables("rules").items():
         targets = table.get("targets")
-        is_several = isinstance(targets, list)
-        each = draft.expanded(target for target in targets if isinstance(target, str)) if is_several else ()
-        names += [f"{name}:{target}" for target in each] if is_several else [name]
+        if not isinstance(targets, list):
+            names.append(name)
+            continue
+        each = draft.expanded(target for target in targets if isinstance(target, str))
+        names += [f"{name}:{target}" for target in each]
     return tuple(names)
 
 

@@ -53,6 +53,7 @@ def reference_errors(draft: Draft) -> Iterator[Finding]:
                 hint = draft.target_hint(name.name) if is_target else did_you_mean_or_list(name.name, known[name.kind])
                 yield Finding(name.path, message, hint, "unknown-name")
         yield from _steps(draft, section, table)
+    yield from _groups(draft)
     yield from _buttons(draft)
     yield from _cycles(draft)
 
@@ -126,6 +127,17 @@ def _steps(draft: Draft, section: str, table: Mapping[str, Any]) -> Iterator[Fin
         if "topic" in step and "messenger" not in draft.table:
             message = f"nothing sends '{step['topic']}': there is no section [messenger]"
             yield Finding((*at, "topic"), message, "add one, or notify people with notify", "unknown-name")
+
+
+def _groups(draft: Draft) -> Iterator[Finding]:
+    """Check that no target has a name that several of one kind take."""
+    taken = {member: group for group, members in draft.groups.items() for member in members}
+    taken |= {each.name: each.name.rpartition("-")[0] for each in draft.nearest}
+    for section in ("targets", "sensors"):
+        for name in draft.tables(section):
+            if name in taken:
+                message = f"'{name}' is one of the targets that [targets.{taken[name]}] stands for"
+                yield Finding((section, name), message, "give one another name", "name-twice")
 
 
 def _buttons(draft: Draft) -> Iterator[Finding]:
