@@ -142,3 +142,21 @@ def test_nothing_in_sight_is_reported_for_each_with_a_reason() -> None:
     found, measured = perceiver.look(Frame(BLANK, 0.0, 0))
     assert [each.status for each in found] == [DetectionStatus.NOT_FOUND] * 2
     assert [each.reason for each in measured] == ["none", "none"]
+
+
+class Greedy(Counting):
+    """Finds the largest near a prediction, as the real detector may where it is unsure of the place."""
+
+    def detect_near(self, frame: Frame, prediction: Prediction, *, lens: object = None) -> Detection:
+        super().detect_near(frame, prediction)
+        near = [
+            each for each in self._seen if math.dist(each.centre_px, prediction.centre_px) < 5 * prediction.sigma_px
+        ]
+        return max(near, key=lambda each: each.width_px, default=self._missing)
+
+    _missing = Detection(target="balls", status=DetectionStatus.NOT_FOUND, reason="not there")
+
+
+def test_a_new_ball_beside_a_larger_one_is_confirmed_all_the_same() -> None:
+    places = still((-0.05, 0, 1), (0.05, 0, 1.2), frames=4)
+    assert statuses(follow(Greedy(places), places, 2)) == [True, True]

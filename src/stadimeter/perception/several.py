@@ -96,6 +96,7 @@ class _Slot:
         self.is_fixed = number is not None
         self.number = number
         self.is_followed = False
+        self.is_new = False  # whether it was seen, and is not tracked yet
         self.is_covered = False  # whether it overlaps with a nearer one
         self._track: Track | None = None
         self._motion: AngularMotion | None = None
@@ -104,7 +105,7 @@ class _Slot:
     def expect(self, track: Track | None, shape: TargetShape, lens: CameraModel, at_s: float) -> Prediction | None:
         """Return where the member will appear; None if nobody is in the slot, or nobody knows."""
         self.is_followed = track is not None and track.is_valid
-        self.is_covered = False
+        self.is_covered = self.is_new = False
         motion = None if track is None else follow(self._motion, track)
         if motion is not None:
             self._track, self._motion = track, motion
@@ -115,6 +116,7 @@ class _Slot:
             if expected is not None:
                 return expected
         if self._seen is not None and 0 <= at_s - self._seen[1] <= UNSEEN_MAX_S:
+            self.is_new = True
             return _near_last(*self._seen, shape, lens, at_s)
         return None
 
@@ -188,9 +190,9 @@ class _Scan:
             self._of[index] = which
 
     def has_lost_one(self) -> bool:
-        """Return whether a member that is followed is gone: not found, nor behind another one, nor cut off."""
+        """Return whether a member that is followed or new is gone: not found, nor behind another one, nor cut off."""
         return any(
-            slot.is_followed
+            (slot.is_followed or slot.is_new)
             and self._of[index] is None
             and self._expected[index] is not None
             and not slot.is_covered
