@@ -261,11 +261,10 @@ def _presence_words(leaf: PresenceCondition, inputs: RuleInputs) -> str:
 
 
 def _count_words(leaf: CountCondition, inputs: RuleInputs) -> str:
-    thresholds = [f"at least {leaf.at_least}"] if leaf.at_least is not None else []
-    thresholds += [f"at most {leaf.at_most}"] if leaf.at_most is not None else []
-    counted, number = leaf.count(inputs), len(leaf.targets or inputs.tracks)
-    words = f"{counted:.0f}" if counted >= 0 else "unknown how many"
-    return f"{words} of {number} {leaf.where}, {' and '.join(thresholds)}"
+    pairs = (("at least", leaf.at_least), ("at most", leaf.at_most))
+    thresholds = [f"{word} {limit}" for word, limit in pairs if limit is not None]
+    words = f"{counted:.0f}" if (counted := leaf.count(inputs)) >= 0 else "unknown how many"
+    return f"{words} of {len(leaf.targets or inputs.tracks)} {leaf.where}, {' and '.join(thresholds)}"
 
 
 # When a condition begins and ends -----------------------------------------------------------------------------------

@@ -103,7 +103,7 @@ class _Slot:
         self._seen: tuple[Detection, float] | None = None
 
     def expect(self, track: Track | None, shape: TargetShape, lens: CameraModel, at_s: float) -> Prediction | None:
-        """Return where the member will appear; None if nobody is in the slot, or nobody knows."""
+        """Return where the member will appear; None if the slot is empty, or that is not known."""
         self.is_followed = track is not None and track.is_valid
         self.is_covered = self.is_new = False
         motion = None if track is None else follow(self._motion, track)
@@ -201,7 +201,7 @@ class _Scan:
         )
 
     def let_newcomers_in(self) -> None:
-        """Give what is nobody's to free slots, the largest first; slots that nobody is remembered in go first."""
+        """Give what belongs to no member to free slots, the largest first; slots with no member to remember go first."""
         free = [index for index, slot in enumerate(self._slots) if self._of[index] is None and not slot.is_followed]
         free.sort(key=lambda index: self._expected[index] is not None)
         left = [index for index in range(len(self._found)) if index not in self._of]
@@ -223,7 +223,7 @@ class _Scan:
         if (why := self._why.get(index)) is not None:
             return replace(why, target=slot.name)
         if (nothing := self._nothing) is not None:
-            self._nothing = replace(nothing, rejected=())  # what was rejected is told once
+            self._nothing = replace(nothing, rejected=())  # what was rejected is reported once
             return replace(nothing, target=slot.name)
         return Detection(target=slot.name, status=DetectionStatus.NOT_FOUND, reason="no other one is in sight")
 
