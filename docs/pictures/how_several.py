@@ -20,7 +20,7 @@ CUT = slice(130, 350), slice(140, 500)
 
 
 class Noting(SeveralBalls):
-    """Notes where it is told to look."""
+    """Notes where it is asked to look."""
 
     def __init__(self, options: BallOptions) -> None:
         super().__init__("balls", options)

@@ -201,7 +201,7 @@ class _Scan:
         )
 
     def let_newcomers_in(self) -> None:
-        """Give what belongs to no member to free slots, the largest first; slots with no member to remember go first."""
+        """Give what belongs to no member to free slots, the largest first; slots with none to remember go first."""
         free = [index for index, slot in enumerate(self._slots) if self._of[index] is None and not slot.is_followed]
         free.sort(key=lambda index: self._expected[index] is not None)
         left = [index for index in range(len(self._found)) if index not in self._of]

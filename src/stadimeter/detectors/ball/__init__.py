@@ -97,7 +97,7 @@ class BallOptions(DriverOptions):
     @model_validator(mode="after")
     def _several_have_a_colour(self) -> Self:
         if self.count is not None and self.hsv is None:
-            raise ValueError("several balls are distinguished by their colour from other round things: add hsv beside count")
+            raise ValueError("several balls are known by their colour from other round things: add hsv beside count")
         return self
 
     @property
