@@ -12,6 +12,7 @@ import camera_table
 import fleet_picture
 from gallery import make_gallery
 from how_it_measures import make_steps
+from how_several import make_several
 from live_view_svg import save_svg
 from measuring_round import make_round_pictures
 from picture_steps import picture_steps
@@ -130,6 +131,7 @@ if __name__ == "__main__":
     printed_page(HERE / "print-tag.svg")
     make_gallery(HERE)
     make_steps(HERE)
+    make_several(HERE)
     make_round_pictures(HERE)
     picture_steps(HERE / "measuring-picture.jpg")
     make_stereo_picture(HERE)

@@ -8,7 +8,7 @@ import pytest
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.track import Track, TrackStatus
-from stadimeter.perception.perceiver import SEARCH_EVERY_S, Expectations
+from stadimeter.perception.prediction import SEARCH_EVERY_S, Expectations
 from stadimeter.ranging.ball import BallShape
 
 CAMERA = CameraModel.with_focal_length(600.0, 640, 480)

@@ -141,7 +141,9 @@ def build(configuration: Configuration, speed: float | None = 1.0, *, clock: Clo
         camera = builder.build(configuration.camera)
     outputs = builder.outputs()
     capture = capture_for(camera, clock)
-    detectors: dict[str, Detector] = {target.name: builder.build(target) for target in configuration.targets}
+    detectors: dict[str, Detector] = {}
+    for target in configuration.targets:  # several of one kind share a detector
+        detectors |= dict.fromkeys(target.members, builder.build(target))
     range_readers = builder.range_readers()
     messenger: Messenger | None = builder.build(configuration.messenger) if configuration.messenger else None
     notifiers: dict[str, Notifier] = {each.name: builder.build(each) for each in configuration.notifiers}

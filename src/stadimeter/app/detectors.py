@@ -13,10 +13,15 @@ from stadimeter.detectors.protocol import Detector
 
 
 class NamedDetector(Struct, frozen=True, kw_only=True):
-    """A target that is looked for."""
+    """A target that is looked for, or several of one kind.
+
+    Attributes:
+        members: The names of the targets: its own, or those of several.
+    """
 
     name: str
     detector: Detector
+    members: tuple[str, ...] = ()
 
 
 def build_detectors(choices: Sequence[DriverChoice], camera_model: CameraModel | None) -> tuple[NamedDetector, ...]:
@@ -25,6 +30,7 @@ def build_detectors(choices: Sequence[DriverChoice], camera_model: CameraModel |
     return tuple(
         NamedDetector(
             name=choice.name,
+            members=choice.members,
             detector=choice.options.build(DriverContext(name=choice.name, clock=clock, camera_model=camera_model)),
         )
         for choice in choices

@@ -112,7 +112,10 @@ def _target_sizes(configuration: Configuration) -> dict[str, TargetShape]:
             (target,) = build_detectors((choice,), configuration.camera_model)
         except StadimeterError:
             continue  # what cannot be built is said when it is run; its size is not known
-        sizes[choice.name] = target.detector.target_shape
+        shape = target.detector.target_shape
+        sizes |= dict.fromkeys(choice.members, shape)
+        of_several = (each for each in configuration.plan.nearest if each.members == choice.members)
+        sizes |= dict.fromkeys((each.name for each in of_several), shape)
     return sizes
 
 

@@ -250,7 +250,8 @@ def _never_seen(loop: Loop, tracks: Mapping[str, Mapping[str, int]]) -> Iterator
     """Yield what to try for each target that goes by its colour and was in no frame."""
     configuration = loop.parts.configuration
     for target in configuration.targets:
-        if isinstance(target.options, ProposesColour) and set(tracks.get(target.name, ())) == {TrackStatus.SEARCHING}:
+        seen = {status for member in target.members for status in tracks.get(member, ())}
+        if isinstance(target.options, ProposesColour) and seen == {TrackStatus.SEARCHING}:
             file = configuration.path
             yield f"{target.name} was never seen. `stadimeter colour --live {file}` proposes its range of colours."
 

@@ -147,15 +147,19 @@ def _targets_exist(draft: Draft) -> Iterator[Finding]:
     for rule_name, rule in draft.rules.items():
         for watched in rule.targets or ():
             if watched not in names:
-                hint = did_you_mean_or_list(watched, names)
-                yield Finding(("rules", rule_name, "targets"), f"there is no target '{watched}'", hint, "unknown-name")
+                yield _no_target(draft, ("rules", rule_name, "targets"), watched)
         if rule.target is None:
             if len(of_camera) > 1 and not rule.targets and rule_name not in need_none:
-                message = f"which of the targets {', '.join(of_camera)} does the rule '{rule_name}' watch?"
-                yield Finding(("rules", rule_name, "target"), message, f'add target = "{names[0]}"', "target-missing")
+                message = (
+                    f"which of the targets {', '.join(draft.tables('targets'))} does the rule '{rule_name}' watch?"
+                )
+                yield Finding(("rules", rule_name, "target"), message, draft.any_target_hint, "target-missing")
         elif rule.target not in names:
-            hint = did_you_mean_or_list(rule.target, names)
-            yield Finding(("rules", rule_name, "target"), f"there is no target '{rule.target}'", hint, "unknown-name")
+            yield _no_target(draft, ("rules", rule_name, "target"), rule.target)
+
+
+def _no_target(draft: Draft, at: KeyPath, name: str) -> Finding:
+    return Finding(at, f"there is no target '{name}'", draft.target_hint(name), "unknown-name")
 
 
 def _sensors(draft: Draft) -> Iterator[Finding]:
@@ -166,9 +170,7 @@ def _sensors(draft: Draft) -> Iterator[Finding]:
             yield Finding(("sensors", name), message, "give one another name", "name-twice")
     for name, table in draft.sensor_tables.items():
         if table.confirms and table.confirms not in targets:
-            hint = did_you_mean_or_list(table.confirms, targets)
-            message = f"there is no target '{table.confirms}'"
-            yield Finding(("sensors", name, "confirms"), message, hint, "unknown-name")
+            yield _no_target(draft, ("sensors", name, "confirms"), table.confirms)
         if table.stop_below is not None and BASE_NAME not in draft.table:
             message = f"'{name}' shall stop the base, but there is no section [base]"
             yield Finding(("sensors", name, "stop_below"), message, "add one, or leave it out", "unknown-name")
@@ -179,9 +181,7 @@ def _slow_targets_exist(draft: Draft) -> Iterator[Finding]:
     for name, rule in draft.rules.items():
         slow = rule.follow.slow if rule.follow is not None else None
         if slow is not None and slow.target not in names:
-            hint = did_you_mean_or_list(slow.target, names)
-            at = ("rules", name, "follow", "slow", "target")
-            yield Finding(at, f"there is no target '{slow.target}'", hint, "unknown-name")
+            yield _no_target(draft, ("rules", name, "follow", "slow", "target"), slow.target)
 
 
 def _outputs_exist(draft: Draft) -> Iterator[Finding]:

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from stadimeter.config.draft import BASE_NAME
 from stadimeter.config.loader import Configuration
 from stadimeter.config.models import ButtonTable, WebTable
+from stadimeter.config.plugins import DriverChoice
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.condition_words import describe_begin, describe_end
 from stadimeter.core.conditions.compounds import Condition, leaves
@@ -52,7 +53,7 @@ def describe(configuration: Configuration) -> tuple[str, ...]:
 
 def _parts(configuration: Configuration) -> Iterator[str]:
     lens = f" through a lens of {_lens(configuration.camera_model)}" if configuration.camera_model else ""
-    targets = " and ".join(f"`{target.name}` ({target.driver})" for target in configuration.targets)
+    targets = " and ".join(f"`{target.name}` ({_kind(target)})" for target in configuration.targets)
     yield f"Looks for {targets} with the camera driver {configuration.camera.driver}{lens}."
     if configuration.messenger:
         yield f"Sends messages with {configuration.messenger.driver}."
@@ -68,6 +69,10 @@ def _parts(configuration: Configuration) -> Iterator[str]:
         yield "Liveness by motion judges how the camera turns, and not how it tilts."
     for button, table in configuration.button_tables.items():
         yield f"The button `{button}`, pressed, {_pressed(table.press, table)}.{_held(table)}"
+
+
+def _kind(target: DriverChoice) -> str:
+    return f"{len(target.members)} × {target.driver}" if target.options.members else target.driver
 
 
 def _figure(figure: RememberedFigure) -> str:

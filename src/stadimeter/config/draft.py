@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,9 +13,9 @@ from stadimeter.config import models
 from stadimeter.config.camera_file import camera_model_from_table, load_camera_model
 from stadimeter.config.driver_tables import DRIVER_KINDS, ModelT, read_driver_table, validate
 from stadimeter.config.findings import MAX_EXPLAINED, Finding, did_you_mean_or_list, format_value
-from stadimeter.config.plugins import DriverChoice
+from stadimeter.config.plugins import MAX_SEVERAL, DriverChoice, numbered
 from stadimeter.config.rules.action_tables import GAPS
-from stadimeter.config.rules.compiled import CompiledRule, compile_rules
+from stadimeter.config.rules.compiled import CompiledRule, SeveralNames, compile_rules
 from stadimeter.config.rules.memory_tables import FigureTable
 from stadimeter.config.rules.tables import RuleTable
 from stadimeter.config.toml_lines import KeyPath
@@ -24,6 +24,7 @@ from stadimeter.config.units import path_from, validation_context
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.camera_pose import Landmarks
 from stadimeter.core.templates import FIELDS
+from stadimeter.core.tracking.nearest import NearestOf
 from stadimeter.errors import ConfigError, Problem
 
 if TYPE_CHECKING:
@@ -140,8 +141,46 @@ class Draft(ChosenDrivers, Struct, kw_only=True):
     renamed: tuple[Finding, ...] = ()
 
     def names(self, section: str) -> tuple[str, ...]:
-        """Return the names that a section such as ``actuators`` declares, in order, even of what could not be read."""
-        return tuple(self.tables(section))
+        """Return the names that a section such as ``actuators`` declares, in order, even of what could not be read.
+
+        Of a table of several targets these are the names of its members.
+        """
+        return tuple(self.tables(section)) if section != "targets" else self.expanded(self.tables(section))
+
+    @property
+    def groups(self) -> dict[str, tuple[str, ...]]:
+        """The tables that stand for several targets of one kind, by name, and the names of their members."""
+        read = {choice.name: choice for choice in self.targets}
+        found = {}
+        for name, table in self.tables("targets").items():
+            if name in read and read[name].options.members:
+                found[name] = read[name].members
+            elif {"count", "ids"} & table.keys():  # it is said where it stands that this cannot be read
+                found[name] = tuple(f"{name}-{number}" for number in numbered(MAX_SEVERAL))
+        return found
+
+    def expanded(self, names: Iterable[str]) -> tuple[str, ...]:
+        """Return names of targets, with its members in place of each group."""
+        groups = self.groups
+        return tuple(member for name in names for member in groups.get(name, (name,)))
+
+    @property
+    def nearest(self) -> tuple[NearestOf, ...]:
+        """The nearest and the farthest of each group, which rules may watch like any target."""
+        return tuple(
+            NearestOf(name=f"{name}-{word}", members=members, is_farthest=word == "farthest")
+            for name, members in self.groups.items()
+            for word in ("nearest", "farthest")
+        )
+
+    def target_hint(self, name: str) -> str:
+        """Return what to write in place of a target that there is none of."""
+        group = next((each for each in self.groups if name == each or name.startswith(f"{each}-")), None)
+        if group is None:
+            return did_you_mean_or_list(name, self.target_names)
+        members = " to ".join(dict.fromkeys((self.groups[group][0], self.groups[group][-1])))
+        several = f'; targets = ["{group}"] makes one alarm for each' if name == group else ""
+        return f"'{group}' stands for {members}: name one, or {group}-nearest or {group}-farthest{several}"
 
     def tables(self, section: str) -> dict[str, Mapping[str, Any]]:
         """Return the tables of a section such as ``rules`` by name, as they were written; only what is a table."""
@@ -151,8 +190,18 @@ class Draft(ChosenDrivers, Struct, kw_only=True):
         return {name: table for name, table in tables.items() if isinstance(table, Mapping)}
 
     @property
+    def any_target_hint(self) -> str:
+        """What to add where a target must be named."""
+        return f'add target = "{next((each.name for each in self.nearest), self.target_names[0])}"'
+
+    @property
     def target_names(self) -> tuple[str, ...]:
-        """What rules may watch: the targets, and the range sensors, each a target of its own."""
+        """What rules may watch: what is measured, and the nearest and farthest of several."""
+        return (*self.measured_names, *(each.name for each in self.nearest))
+
+    @property
+    def measured_names(self) -> tuple[str, ...]:
+        """The targets, and the range sensors, each a target of its own."""
         return (*self.names("targets"), *self.names("sensors"))
 
     @property
@@ -284,10 +333,13 @@ class _Reader:
                 self.draft.figures[name] = figure
         for name, table in self._named("rules"):
             rule = self._validated(RuleTable, ("rules", name), table)
+            if rule is not None and rule.targets is not None:
+                rule = rule.model_copy(update={"targets": [*self.draft.expanded(rule.targets)]})
             if rule is not None:
                 self.draft.rules[name] = rule
         draft = self.draft
-        draft.compiled = compile_rules(draft.rules, draft.tables("rules"), draft.names("targets"), draft.figures)
+        several = SeveralNames(draft.groups, draft.measured_names, draft.figures)
+        draft.compiled = compile_rules(draft.rules, draft.tables("rules"), draft.names("targets"), several)
 
     def _validated(self, model: type[ModelT], at: KeyPath, table: Mapping[str, Any]) -> ModelT | None:
         return validate(model, table, at, self.context, self.draft.findings)

@@ -211,6 +211,7 @@ def _load_choice(
 def _plan(draft: Draft) -> Plan:
     return Plan(
         targets=draft.target_names,
+        nearest=draft.nearest,
         rules=tuple(each.rule for each in draft.compiled),
         outputs=tuple(_output(draft, name, table) for name, table in draft.output_tables.items()),
         tracking=draft.tracking.to_plan(),

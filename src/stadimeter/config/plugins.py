@@ -11,10 +11,10 @@ import typing
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from importlib.metadata import EntryPoint, EntryPoints, PackageNotFoundError, distribution, entry_points
-from typing import Any, ClassVar, Protocol, TypeVar, runtime_checkable
+from typing import Annotated, Any, ClassVar, Protocol, TypeVar, runtime_checkable
 
 from msgspec import Struct, field
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.clock import Clock
@@ -33,6 +33,16 @@ NOTIFIERS = "stadimeter.notifiers"
 WORLDS = "stadimeter.worlds"
 PORTS = "stadimeter.ports"
 GROUPS = (CAMERAS, DETECTORS, ACTUATORS, BASES, SENSORS, BUTTONS, MESSENGERS, NOTIFIERS, WORLDS, PORTS)
+
+
+# Each member costs as much as a single target: 64 balls take 10 ms a frame on a desktop computer.
+MAX_SEVERAL = 64
+Count = Annotated[int, Field(ge=1, le=MAX_SEVERAL)]
+
+
+def numbered(count: int | None) -> tuple[str, ...]:
+    """Return the numbers from 1 on, as texts; none without a count."""
+    return tuple(str(number) for number in range(1, (count or 0) + 1))
 
 
 class OptionsTable(BaseModel):
@@ -73,6 +83,14 @@ class DriverOptions(OptionsTable):
     verb: ClassVar[str] = "drives"
     is_worn_by_switching: ClassVar[bool] = False
     circuit: ClassVar[str] = ""
+
+    @property
+    def members(self) -> tuple[str, ...]:
+        """Of a detector whose table stands for several targets, what tells them apart: they are ``NAME-1`` and so on.
+
+        Its detector is a `stadimeter.detectors.protocol.TracksSeveral`. Empty for one target.
+        """
+        return ()
 
     def build(self, context: DriverContext) -> Any:
         """Return the driver, without touching hardware."""
@@ -241,6 +259,11 @@ class DriverChoice(Struct, frozen=True, kw_only=True):
     name: str
     driver: str
     options: DriverOptions
+
+    @property
+    def members(self) -> tuple[str, ...]:
+        """The names of the targets that it stands for: its own, or of several of one kind ``balls-1`` and so on."""
+        return tuple(f"{self.name}-{member}" for member in self.options.members) or (self.name,)
 
     @property
     def is_simulated(self) -> bool:

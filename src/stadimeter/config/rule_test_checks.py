@@ -106,7 +106,7 @@ def _input(draft: Draft, at: KeyPath, given: InputTable, written: Mapping[str, A
 
 
 def _targets(draft: Draft, at: KeyPath, given: InputTable, written: Mapping[str, Any]) -> Iterator[Finding]:
-    known, of_camera = draft.target_names, draft.names("targets")
+    known, of_camera = draft.measured_names, draft.names("targets")
     named = {(*at, "targets", name): name for name in given.targets or ()}
     if given.target is not None:
         named[*at, "target"] = given.target
@@ -190,7 +190,11 @@ def _rules(draft: Draft) -> tuple[str, ...]:
     names: list[str] = []
     for name, table in draft.tables("rules").items():
         targets = table.get("targets")
-        names += [f"{name}:{target}" for target in targets] if isinstance(targets, list) else [name]
+        if not isinstance(targets, list):
+            names.append(name)
+            continue
+        each = draft.expanded(target for target in targets if isinstance(target, str))
+        names += [f"{name}:{target}" for target in each]
     return tuple(names)
 
 

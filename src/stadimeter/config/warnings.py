@@ -238,7 +238,10 @@ class _Approach(Struct, frozen=True, kw_only=True):
 def timing_warnings(subject: Subject) -> Iterator[Finding]:
     """Find rules that act too late, and times of one alarm that do not fit together."""
     limits_m = _limits_m(subject)
-    targets = subject.draft.tables("targets")
+    tables = subject.draft.tables("targets")
+    groups = {member: name for name, members in subject.draft.groups.items() for member in members}
+    groups |= {each.name: groups[each.members[0]] for each in subject.draft.nearest}
+    targets = tables | {member: tables[name] for member, name in groups.items()}
     frame_s = 1 / frame_rate_hz(subject.draft)
     for declared, alarm in subject.alarms:
         approach = _approach(targets.get(_watched(alarm), {}), frame_s)

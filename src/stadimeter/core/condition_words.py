@@ -261,10 +261,10 @@ def _presence_words(leaf: PresenceCondition, inputs: RuleInputs) -> str:
 
 
 def _count_words(leaf: CountCondition, inputs: RuleInputs) -> str:
-    thresholds = [f"at least {leaf.at_least}"] if leaf.at_least is not None else []
-    thresholds += [f"at most {leaf.at_most}"] if leaf.at_most is not None else []
-    number = len(leaf.targets or inputs.tracks)
-    return f"{leaf.count(inputs):.0f} of {number} in sight, {' and '.join(thresholds)}"
+    pairs = (("at least", leaf.at_least), ("at most", leaf.at_most))
+    thresholds = [f"{word} {limit}" for word, limit in pairs if limit is not None]
+    words = f"{counted:.0f}" if (counted := leaf.count(inputs)) >= 0 else "unknown how many"
+    return f"{words} of {len(leaf.targets or inputs.tracks)} {leaf.where}, {' and '.join(thresholds)}"
 
 
 # When a condition begins and ends -----------------------------------------------------------------------------------
@@ -309,8 +309,8 @@ def _begin_words(leaf: Leaf) -> str:  # noqa: PLR0911 - one for each kind
             since = f" for {duration(leaf.for_s)}" if leaf.for_s else ""
             return f"`{leaf.target}` is {'in' if leaf.seen else 'out of'} sight{since}"
         case CountCondition():
-            counted = f"of {', '.join(f'`{target}`' for target in leaf.targets)}" if leaf.targets else "targets"
-            return f"{_number_words(leaf.at_least, leaf.at_most)} {counted} are in sight"
+            counted = f"of {', '.join(f'`{each}`' for each in leaf.targets)}" if leaf.targets else "targets"
+            return f"{_number_words(leaf.at_least, leaf.at_most)} {counted} are {leaf.where}"
         case ScheduleCondition():
             return f"it is {hours(leaf)}"
         case ContactSensorCondition():

@@ -43,6 +43,7 @@ from stadimeter.core.sensor_fusion import fuse, step_disagreements
 from stadimeter.core.track import TrackStatus
 from stadimeter.core.tracking.life_cycle import TrackState, after_gap, new_track
 from stadimeter.core.tracking.life_cycle import step as step_track
+from stadimeter.core.tracking.nearest import step_nearest
 from stadimeter.core.tracking.transverse import TransverseMotion, motions_for, step_motion
 
 
@@ -239,12 +240,17 @@ def _rule_inputs(
         viewpoint=state.plan.viewpoint,
         figures={each.name: kept.value for each, kept in zip(state.plan.figures, state.figures, strict=True)},
     )
-    return _with_motions(inputs, state) if state.motions else inputs
+    return _with_motions(inputs, state, tracked) if state.motions else inputs
 
 
-def _with_motions(inputs: RuleInputs, state: State) -> RuleInputs:
+def _with_motions(inputs: RuleInputs, state: State, tracked: tuple[TrackState, ...]) -> RuleInputs:
     """Add how targets move across the line of sight, for those that some rule asks it of."""
     before = motions_for(state.rules.layout.watch.motions) if inputs.is_after_gap else state.motions
+    if state.plan.nearest:  # another member has another motion
+        members = {each.track.target: each.member for each in state.tracks}
+        others = {each.track.target for each in tracked if each.member != members[each.track.target]}
+        fresh = [TransverseMotion(target=m.target, withins_m=m.withins_m) if m.target in others else m for m in before]
+        before = tuple(fresh)
     tracks, sightings, settings = inputs.tracks, inputs.sightings, state.plan.tracking
     motions = [step_motion(m, tracks[m.target], sightings[m.target], inputs.viewpoint, settings) for m in before]
     return replace(inputs, motions={each.target: each for each in motions})
@@ -266,7 +272,13 @@ def _step_tracks(
     if gap_s is not None:
         reason = in_words(gap_s, state.plan.safety)
         tracks = tuple([after_gap(tracked, now_s, reason) for tracked in tracks])
-    return tuple([step_track(each, seen.get(each.track.target), now_s, state.plan.tracking) for each in tracks])
+    nearest = state.plan.nearest
+    measured = tracks[: len(tracks) - len(nearest)]
+    stepped = tuple([step_track(each, seen.get(each.track.target), now_s, state.plan.tracking) for each in measured])
+    if not nearest:
+        return stepped
+    before = tracks[len(measured) :]
+    return stepped + tuple([step_nearest(*each, stepped, now_s) for each in zip(nearest, before, strict=True)])
 
 
 def _sample(state: State, safety: SafetyState) -> Sample | None:
@@ -279,7 +291,8 @@ def _sample(state: State, safety: SafetyState) -> Sample | None:
 
 def _track_events(state: State, after: tuple[TrackState, ...], now_s: float, gap: str) -> tuple[Event, ...]:
     events: list[Event] = []
-    for before_state, after_state in zip(state.tracks, after, strict=True):
+    measured = len(after) - len(state.plan.nearest)  # what happens to the nearest has happened to a member
+    for before_state, after_state in zip(state.tracks[:measured], after, strict=False):
         before, track = before_state.track, after_state.track
         if before.status is track.status:
             continue

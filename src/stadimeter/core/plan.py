@@ -15,6 +15,7 @@ from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.conditions.summary import RememberedFigure
 from stadimeter.core.rule import AnyRule, ReportRule, conditions_of
 from stadimeter.core.sensor_fusion import SensorPair
+from stadimeter.core.tracking.nearest import NearestOf
 from stadimeter.core.tracking.settings import Tracking
 from stadimeter.core.tracking.transverse import Viewpoint
 
@@ -88,7 +89,12 @@ class Safety(Struct, frozen=True, kw_only=True):
 
 
 class Plan(Struct, frozen=True, kw_only=True):
-    """Everything that is fixed for a run."""
+    """Everything that is fixed for a run.
+
+    Attributes:
+        targets: What rules may watch: what is measured, and behind it those of `nearest`.
+        nearest: The targets that are the nearest or the farthest of several.
+    """
 
     targets: tuple[str, ...]
     rules: tuple[AnyRule, ...] = ()
@@ -98,11 +104,17 @@ class Plan(Struct, frozen=True, kw_only=True):
     sensor_pairs: tuple[SensorPair, ...] = ()
     viewpoint: Viewpoint = Viewpoint()
     figures: tuple[RememberedFigure, ...] = ()
+    nearest: tuple[NearestOf, ...] = ()
 
     def __post_init__(self) -> None:
         """Let figures hold, behind those with a name, what conditions sum up of other rules."""
         sums = [leaf.remembered for leaf in self._leaves() if isinstance(leaf, RememberedCondition) and leaf.rules]
         force_setattr(self, "figures", tuple(dict.fromkeys([*self.named_figures, *sums])))
+
+    @property
+    def measured_targets(self) -> tuple[str, ...]:
+        """The targets that are measured, without those that are the nearest or the farthest of several."""
+        return self.targets[: len(self.targets) - len(self.nearest)]
 
     @property
     def named_figures(self) -> tuple[RememberedFigure, ...]:

@@ -18,6 +18,10 @@ if TYPE_CHECKING:  # a run draws nothing
     from stadimeter.core.drawing import Drawing
 
 
+# What people try in the table of a detector that finds one target, and what to write in its place.
+ONE_OF_A_KIND = dict.fromkeys(("count", "ids"), "this detector finds one target; `ball` and `tag` find several")
+
+
 class Detector(Protocol):
     """Finds one target in a frame. It keeps no state: the same frame, prediction and lens give the same answer."""
 
@@ -48,14 +52,27 @@ class Detector(Protocol):
 
 @runtime_checkable
 class FindsSeveral(Protocol):
-    """A detector whose targets say which one they are, so that it can find several in one frame."""
+    """A detector that can find several of its targets in one frame."""
 
     def detect_all(self, frame: Frame, *, lens: CameraModel | None = None) -> tuple[Detection, ...]:
         """Look for all of its targets in the whole frame; see `Detector.detect`.
 
         Returns:
-            Each that was found, with its `Detection.number`; where there is none, what `Detector.detect` returns.
+            Each that was found, with its `Detection.number` if it says which one it is; where there is none, what
+                `Detector.detect` returns.
         """
+
+
+@runtime_checkable
+class TracksSeveral(Detector, FindsSeveral, Protocol):
+    """A detector whose targets can be followed one by one; with `DriverOptions.members` its table stands for them."""
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """The `Detection.number` of each member, if these are fixed; empty if any may be any."""
+
+    def detect_near(self, frame: Frame, prediction: Prediction, *, lens: CameraModel | None = None) -> Detection:
+        """Look for one target where it is expected and nowhere else; see `Detector.detect`."""
 
 
 @runtime_checkable

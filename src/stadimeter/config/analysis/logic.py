@@ -175,7 +175,8 @@ def _count(leaf: CountCondition, truth: Truth, counted: tuple[str, ...]) -> Box:
     holds = interval(low - 0.5, high + 0.5)
     # Whole numbers from none to all, each with the half before and after it.
     possible = interval(-0.5, len(counted) + 0.5)
-    return {("count", *counted): possible & (holds if truth is Truth.TRUE else ~holds)}
+    axis = ("count", *counted) if leaf.below_m is None else ("count near", leaf.below_m, *counted)
+    return {axis: possible & (holds if truth is Truth.TRUE else ~holds)}
 
 
 def _clock(leaf: ScheduleCondition, truth: Truth) -> Iterator[Box]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from stadimeter.config.analysis import Subject
 from stadimeter.config.draft import Draft
-from stadimeter.config.findings import Finding, did_you_mean_or_list
+from stadimeter.config.findings import Finding
 from stadimeter.config.rules.tables import RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.alarms.state import MINUTE_S
@@ -52,10 +52,10 @@ def _figures(draft: Draft) -> Iterator[Finding]:
     names = draft.names("targets")
     for name, figure in draft.figures.items():
         if figure.target is None and len(names) > 1:
-            message, hint = f"which of the targets {', '.join(names)} is '{name}' of?", f'add target = "{names[0]}"'
-            yield Finding(("figures", name, "target"), message, hint, "target-missing")
+            message = f"which of the targets {', '.join(draft.tables('targets'))} is '{name}' of?"
+            yield Finding(("figures", name, "target"), message, draft.any_target_hint, "target-missing")
         elif figure.target is not None and figure.target not in draft.target_names:
-            hint = did_you_mean_or_list(figure.target, draft.target_names)
+            hint = draft.target_hint(figure.target)
             yield Finding(("figures", name, "target"), f"there is no target '{figure.target}'", hint, "unknown-name")
 
 

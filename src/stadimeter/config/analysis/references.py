@@ -44,12 +44,16 @@ def reference_errors(draft: Draft) -> Iterator[Finding]:
     """Find names that stand for nothing, and rules that wait for themselves."""
     rules, targets = set(_rule_names(draft)), draft.target_names
     known = {"rule": rules, "target": set(targets), "figure": set(draft.names("figures"))}
+    known["counted"] = {*targets, *draft.groups}
     for section, table in draft.tables("rules").items():
         for name in _names(section, table):
             if name.name not in known[name.kind]:
-                message = f"there is no {name.kind} '{name.name}'"
-                yield Finding(name.path, message, did_you_mean_or_list(name.name, known[name.kind]), "unknown-name")
+                is_target = name.kind in {"target", "counted"}
+                message = f"there is no {'target' if is_target else name.kind} '{name.name}'"
+                hint = draft.target_hint(name.name) if is_target else did_you_mean_or_list(name.name, known[name.kind])
+                yield Finding(name.path, message, hint, "unknown-name")
         yield from _steps(draft, section, table)
+    yield from _groups(draft)
     yield from _buttons(draft)
     yield from _cycles(draft)
 
@@ -70,7 +74,8 @@ def _rule_names(draft: Draft) -> Iterator[str]:
         yield section
         targets = table.get("targets")
         if isinstance(targets, list):
-            yield from (f"{section}:{target}" for target in targets)
+            names = draft.expanded(target for target in targets if isinstance(target, str))
+            yield from (f"{section}:{target}" for target in names)
 
 
 def condition_tables_of(section: str, table: Mapping[str, Any]) -> Iterator[tuple[KeyPath, Any]]:
@@ -104,7 +109,7 @@ def _named_in(path: KeyPath, table: Mapping[str, Any]) -> Iterator[_Name]:
     for key in ("rule", "target"):
         if isinstance(table.get(key), str):
             yield _Name(key, table[key], (*path, key))
-    for key, kind in (("of", "target"), ("rules", "rule")):
+    for key, kind in (("of", "counted" if path[-1] == "count" else "target"), ("rules", "rule")):
         names = table.get(key) if isinstance(table.get(key), list) else ()
         each = ((number, name) for number, name in enumerate(names or ()) if isinstance(name, str))
         yield from (_Name(kind, name, (*path, key, number)) for number, name in each)
@@ -122,6 +127,17 @@ def _steps(draft: Draft, section: str, table: Mapping[str, Any]) -> Iterator[Fin
         if "topic" in step and "messenger" not in draft.table:
             message = f"nothing sends '{step['topic']}': there is no section [messenger]"
             yield Finding((*at, "topic"), message, "add one, or notify people with notify", "unknown-name")
+
+
+def _groups(draft: Draft) -> Iterator[Finding]:
+    """Check that no target has a name that several of one kind take."""
+    taken = {member: group for group, members in draft.groups.items() for member in members}
+    taken |= {each.name: each.name.rpartition("-")[0] for each in draft.nearest}
+    for section in ("targets", "sensors"):
+        for name in draft.tables(section):
+            if name in taken:
+                message = f"'{name}' is one of the targets that [targets.{taken[name]}] stands for"
+                yield Finding((section, name), message, "give one another name", "name-twice")
 
 
 def _buttons(draft: Draft) -> Iterator[Finding]:

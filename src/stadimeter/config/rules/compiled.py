@@ -7,7 +7,7 @@ the core runs names the line and the words that it came from.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -18,7 +18,7 @@ from stadimeter.config.rules.tables import KINDS, RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.toml_source import as_toml
 from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not, leaves, targets_of, with_leaves
-from stadimeter.core.conditions.discrete import RuleCondition
+from stadimeter.core.conditions.discrete import CountCondition, RuleCondition
 from stadimeter.core.conditions.leaf import Leaf
 from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.rule import ALWAYS, AlarmRule, AnyRule, gate_of
@@ -128,17 +128,17 @@ def compile_rules(
     tables: Mapping[str, RuleTable],
     written: Mapping[str, Mapping[str, Any]],
     targets: Sequence[str],
-    figures: Mapping[str, FigureTable],
+    names: SeveralNames,
 ) -> tuple[CompiledRule, ...]:
     """Compile rules, in the order of the file.
 
     Args:
         tables: The rules that could be read, by name. Those of no kind are left out: they have a finding of their own.
-        figures: The remembered figures, by name.
+        names: What names of groups and of figures stand for.
     """
-    several = {name: table.names(name) for name, table in tables.items() if table.targets is not None}
+    names = names._replace(rules={name: each.names(name) for name, each in tables.items() if each.targets is not None})
     return tuple(
-        _naming_members(rule, several, figures)
+        _naming_members(rule, names)
         for section, table in tables.items()
         if any(getattr(table, kind) is not None for kind in KINDS)
         for rule in _compiled(section, table, written[section], targets)
@@ -156,19 +156,30 @@ def _compiled(
         yield CompiledRule(section=section, table=written, rule=rule, needs_target=needs_target)
 
 
-def _naming_members(
-    compiled: CompiledRule, several: Mapping[str, tuple[str, ...]], figures: Mapping[str, FigureTable]
-) -> CompiledRule:
+class SeveralNames(NamedTuple):
+    """What names in conditions stand for."""
+
+    groups: Mapping[str, tuple[str, ...]]
+    """The members of each group of targets."""
+    measured: Sequence[str]
+    """What is counted where a count names no target."""
+    figures: Mapping[str, FigureTable]
+    """The remembered figures."""
+    rules: Mapping[str, tuple[str, ...]] = {}
+    """The rules of each table of several."""
+
+
+def _naming_members(compiled: CompiledRule, names: SeveralNames) -> CompiledRule:
     """Let conditions that ask for a table of several rules ask for its rules: it is active when one of them is.
 
-    Those on a figure note its quantity.
+    Those on a figure note its quantity, and counts of a group count its members.
     """
-    if not (several or figures):
+    if not (names.rules or names.groups or names.figures):
         return compiled
     rule, alarm = compiled.rule, gate_of(compiled.rule)
 
     def named(condition: Condition | None) -> Condition | None:
-        return None if condition is None else _members_in(condition, several, figures)
+        return None if condition is None else _members_in(condition, names)
 
     after = replace(
         alarm,
@@ -179,17 +190,18 @@ def _naming_members(
     return replace(compiled, rule=after if isinstance(rule, AlarmRule) else replace(rule, gate=after))
 
 
-def _members_in(
-    condition: Condition, several: Mapping[str, tuple[str, ...]], figures: Mapping[str, FigureTable]
-) -> Condition:
+def _members_in(condition: Condition, names: SeveralNames) -> Condition:
     def named(leaf: Leaf) -> Condition:
         match leaf:
-            case RememberedCondition() if leaf.name in figures:
-                return replace(leaf, quantity=figures[leaf.name].of)
+            case RememberedCondition() if leaf.name in names.figures:
+                return replace(leaf, quantity=names.figures[leaf.name].of)
             case RememberedCondition():
-                return replace(leaf, rules=tuple(one for rule in leaf.rules for one in several.get(rule, (rule,))))
-            case RuleCondition() if leaf.rule in several:
-                return AnyOf(conditions=tuple(RuleCondition(rule=name) for name in several[leaf.rule]))
+                return replace(leaf, rules=tuple(one for rule in leaf.rules for one in names.rules.get(rule, (rule,))))
+            case RuleCondition() if leaf.rule in names.rules:
+                return AnyOf(conditions=tuple(RuleCondition(rule=name) for name in names.rules[leaf.rule]))
+            case CountCondition() if names.groups:
+                targets = leaf.targets or names.measured
+                return replace(leaf, targets=tuple(one for each in targets for one in names.groups.get(each, (each,))))
             case _:
                 return leaf
 

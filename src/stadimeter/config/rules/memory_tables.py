@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from stadimeter.config.models import DurationAboveZero, Section
-from stadimeter.config.units import DURATIONS_S, TimeOfDay, as_written, parse_any_quantity, parse_duration
+from stadimeter.config.units import DURATIONS_S, Length, TimeOfDay, as_written, parse_any_quantity, parse_duration
 from stadimeter.core.clock import DAY_S
 from stadimeter.core.conditions.discrete import CountCondition
 from stadimeter.core.conditions.remembered import RememberedCondition
@@ -77,20 +77,23 @@ class CountTable(WindowTable):
     """Holds with no more."""
     of: Annotated[list[str], Field(min_length=1)] | None = None
     """Of these targets; all if left out."""
+    below: Length | None = None
+    """In metres; counts only those that are nearer."""
     rule: str | None = None
     """In place of targets: how often this rule was raised."""
 
     @model_validator(mode="after")
     def _raises_at_least(self) -> Self:
-        least, others = self.at_least or 0, (self.at_most, self.of)
-        if self.rule is not None and not (1 <= least <= MAX_RAISES and others == (None, None)):
-            raise ValueError(f"beside rule stands at_least, 1 to {MAX_RAISES}, and neither at_most nor of")
+        least, others = self.at_least or 0, (self.at_most, self.of, self.below)
+        if self.rule is not None and not (1 <= least <= MAX_RAISES and others == (None, None, None)):
+            raise ValueError(f"beside rule stands at_least, 1 to {MAX_RAISES}, and none of at_most, of and below")
         return self
 
     def to_plan(self) -> CountCondition | RememberedCondition:
         """Return the condition as the core sees it."""
         if self.rule is None:
-            return CountCondition(targets=tuple(self.of or ()), at_least=self.at_least, at_most=self.at_most)
+            targets = tuple(self.of or ())
+            return CountCondition(targets=targets, at_least=self.at_least, at_most=self.at_most, below_m=self.below)
         above = (self.at_least or 1) - 1.0
         return RememberedCondition(rules=(self.rule,), window=self.window, unit="times", above=above)
 

@@ -9,9 +9,11 @@ from msgspec import Struct
 
 from stadimeter.core.bounds import MAX_DURATION_S, MIN_QUANTITY
 from stadimeter.core.clock import DAY_S
-from stadimeter.core.conditions.leaf import Figure, JudgedFigure, Leaf, Rest, RuleInputs, Threshold
+from stadimeter.core.conditions.leaf import UNKNOWN, Figure, JudgedFigure, Leaf, Rest, RuleInputs, Threshold
 from stadimeter.core.conditions.limits import ends_of
+from stadimeter.core.decision import SafetyMode
 from stadimeter.core.observation import MonthDay, WallTime
+from stadimeter.core.words import length
 
 Sun = Literal["", "sunrise", "sunset"]
 
@@ -84,11 +86,13 @@ class CountCondition(Leaf, Struct, frozen=True, kw_only=True):
         targets: Of these; empty for all.
         at_least: Holds with no fewer than this; None for no such threshold.
         at_most: Holds with no more than this.
+        below_m: Only those that are nearer than this count; None for all that are in sight.
     """
 
     targets: tuple[str, ...] = ()
     at_least: int | None = None
     at_most: int | None = None
+    below_m: float | None = None
 
     noun = "count"
     is_by_cycle = True
@@ -98,15 +102,22 @@ class CountCondition(Leaf, Struct, frozen=True, kw_only=True):
         """Those that it counts; empty for all."""
         return self.targets
 
-    def holds(self, inputs: RuleInputs, is_on: bool) -> bool:  # noqa: ARG002 - nothing is unsure of it
-        """Return whether it holds; see `Leaf.holds`."""
+    @property
+    def where(self) -> str:
+        """Where those are that count, in words."""
+        return "in sight" if self.below_m is None else f"nearer than {length(self.below_m)}"
+
+    def holds(self, inputs: RuleInputs, is_on: bool) -> bool | None:  # noqa: ARG002
+        """Return whether it holds; see `Leaf.holds`. Unknown while no fresh frame says what is in sight."""
         count = self.count(inputs)
+        if count == UNKNOWN:
+            return None
         least, most = self.at_least, self.at_most
         return (least is None or count >= least) and (most is None or count <= most)
 
     def figures(self) -> tuple[Figure, ...]:
         """Return the count."""
-        return (Figure(_in_sight, self.targets),)
+        return (Figure(_in_sight, (self.below_m, *self.targets)),)
 
     def rest(self, inputs: RuleInputs, is_on: bool) -> Rest:  # noqa: ARG002
         """Return that it stays as it is until the count changes."""
@@ -114,13 +125,14 @@ class CountCondition(Leaf, Struct, frozen=True, kw_only=True):
         return Rest(((self.figures()[0], count, count),))
 
     def count(self, inputs: RuleInputs) -> float:
-        """Return how many of its targets are in sight."""
-        return _in_sight(inputs, *self.targets)
+        """Return how many of its targets are in sight; `UNKNOWN` while the camera is stale."""
+        return _in_sight(inputs, self.below_m, *self.targets)
 
-    def reading(self, inputs: RuleInputs, is_on: bool) -> JudgedFigure:  # noqa: ARG002
-        """Return the count."""
+    def reading(self, inputs: RuleInputs, is_on: bool) -> JudgedFigure | None:  # noqa: ARG002
+        """Return the count; None where it is not known."""
         low, high = ends_of(self.at_least, self.at_most)
-        return JudgedFigure(value=self.count(inputs), low=low, high=high)
+        count = self.count(inputs)
+        return None if count == UNKNOWN else JudgedFigure(value=count, low=low, high=high)
 
 
 class DateSpan(Struct, frozen=True):
@@ -229,7 +241,11 @@ def _is_seen(inputs: RuleInputs, target: str) -> float:
     return float(inputs.tracks[target].is_valid)
 
 
-def _in_sight(inputs: RuleInputs, *targets: str) -> float:
-    """Return how many of some targets are in sight; of all, if none are named."""
-    tracks = inputs.tracks
-    return float(sum([tracks[target].is_valid for target in targets or tracks]))
+def _in_sight(inputs: RuleInputs, below_m: float | None, *targets: str) -> float:
+    """Return how many of some targets are in sight, and nearer than a distance; of all, if none are named."""
+    if inputs.safety is SafetyMode.STALE:
+        return UNKNOWN
+    tracks = [inputs.tracks[target] for target in targets or inputs.tracks]
+    if below_m is None:
+        return float(sum([track.is_valid for track in tracks]))
+    return float(sum([track.is_valid and (track.distance_m or math.inf) < below_m for track in tracks]))

@@ -55,6 +55,7 @@ class TrackState(Struct, frozen=True, kw_only=True):
         is_doubted: Whether the candidate's newest sighting is where the target may be if it manoeuvres.
         leapt_at_s: When the target last really made a leap.
         noise: How noisy it is.
+        member: Of the nearest or the farthest of several, which one that is now; empty for any other target.
     """
 
     track: Track
@@ -66,6 +67,7 @@ class TrackState(Struct, frozen=True, kw_only=True):
     is_doubted: bool = False
     leapt_at_s: float = -math.inf
     noise: NoiseEstimate = _AS_STATED
+    member: str = ""
 
 
 def new_track(target: str) -> TrackState:

@@ -12,18 +12,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from functools import lru_cache
-from typing import Annotated
+from typing import Annotated, Self
 
 from msgspec.structs import replace
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from stadimeter.config.named_sizes import BallDiameter
-from stadimeter.config.plugins import DriverContext, DriverOptions
+from stadimeter.config.plugins import Count, DriverContext, DriverOptions, numbered
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
-from stadimeter.core.frame import Frame, Subsampling
+from stadimeter.core.frame import Frame
 from stadimeter.detectors.ball.any_colour import pick_circles
 from stadimeter.detectors.ball.blobs import Blob, find_blobs, join_patches, search_step, thin_out
 from stadimeter.detectors.ball.choice import BestBall, RangeSearch, best_and_rival, explains, is_found_again, look_again
@@ -38,10 +37,11 @@ from stadimeter.detectors.ball.gates import (
     list_most_alike,
     refuse_too_little_colour,
     refuse_without_limb,
+    scene_of,
 )
 from stadimeter.detectors.ball.limb import Limb, find_limb, within
 from stadimeter.detectors.hsv import HsvRange, HsvRangeText, loosen, other_ranges, parse_hsv_range
-from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView, Exercise, check_image
+from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView, Exercise
 from stadimeter.detectors.sampling import Region
 from stadimeter.ranging.ball import BallShape
 
@@ -77,9 +77,6 @@ MIN_FILL_AROUND = 0.2
 # Number of blobs around which the circle of edges is looked for, which is slow.
 MAX_SEARCHED_AROUND = 3
 
-# The focal length of most cameras, as a share of their pictures' long side.
-LIKELY_FOCAL_SHARE = 0.8
-
 
 class BallOptions(DriverOptions):
     """What a ``[targets.…]`` table with ``driver = "ball"`` may hold."""
@@ -94,10 +91,27 @@ class BallOptions(DriverOptions):
     """Balls that look smaller than this are not accepted."""
     max_radius_px: Annotated[float, Field(gt=3)] | None = None
     """Balls that look larger than this are not accepted; None for no limit."""
+    count: Count | None = None
+    """How many there are at most, each a target of its own; None for one."""
+
+    @model_validator(mode="after")
+    def _several_have_a_colour(self) -> Self:
+        if self.count is not None and self.hsv is None:
+            raise ValueError("several balls are known by their colour from other round things: add hsv beside count")
+        return self
+
+    @property
+    def members(self) -> tuple[str, ...]:
+        """The numbers from 1 to `count`."""
+        return numbered(self.count)
 
     def build(self, context: DriverContext) -> BallDetector:
         """Return the detector."""
-        return BallDetector(context.name, self)
+        if self.count is None:
+            return BallDetector(context.name, self)
+        from stadimeter.detectors.ball.several import SeveralBalls  # noqa: PLC0415 - most look for one ball
+
+        return SeveralBalls(context.name, self)
 
     @staticmethod
     def exercise() -> Exercise:
@@ -159,15 +173,7 @@ class BallDetector:
         Away from the optical axis a ball looks like an ellipse that points to the middle of the picture; width and
         height are both its smaller diameter, across that direction, which is the one that says how deep the ball lies.
         """
-        check_image(frame)
-        scene = BallScene(
-            image=frame.image,
-            lens=lens or _likely_lens(frame.width_px, frame.height_px, frame.subsampling),
-            is_lens_known=lens is not None,
-            gates=self._gates,
-            refusals=[],
-            looks={},
-        )
+        scene = scene_of(frame, lens, self._gates)
         if prediction is not None:
             # Tracking: only the ring around the predicted limb is read, so its cost does not grow with the picture: 21
             # to 38 times as fast as the tutorial, the whole search 11 to 14 times (docs/benchmarks/report.md).
@@ -383,15 +389,6 @@ class BallDetector:
 def _reaches(blob: Blob, place_px: tuple[float, float]) -> bool:
     """Return whether the circle around a blob reaches to a place."""
     return math.dist((blob.circle.x_px, blob.circle.y_px), place_px) <= blob.circle.radius_px + blob.step
-
-
-@lru_cache(maxsize=8)
-def _likely_lens(width_px: int, height_px: int, subsampling: Subsampling) -> CameraModel:
-    """Return a camera like those of most phones, webcams and boards: 60 to 70 degrees across the long side."""
-    # 0.8 of the long side is a field of view of 64 degrees. It only serves to know how oblong the outline is away from
-    # the middle; no distance is measured through it.
-    focal_px = LIKELY_FOCAL_SHARE * max(width_px, height_px)
-    return replace(CameraModel.with_focal_length(focal_px, width_px, height_px), subsampling=subsampling)
 
 
 def _detect_colour(frame: Frame, colour: HsvRange, around_px: tuple[float, float] | None = None) -> Detection:

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Points, Prediction, RejectedCandidate, Values
-from stadimeter.core.frame import Image
+from stadimeter.core.frame import Frame, Image, Subsampling
 from stadimeter.detectors.ball.circles import ImageCircle
 from stadimeter.detectors.ball.limb import SHARP_PX, Limb
 from stadimeter.detectors.hsv import HsvRange
+from stadimeter.detectors.protocol import check_image
 from stadimeter.ranging.ball import ConeFrame, with_ones
 
 # Least share of the limb that must be seen: the first if its steps lie on it exactly, more as they scatter, up to
@@ -76,6 +79,9 @@ BESIDE_PX, BESIDE_SHARE, BESIDE_OF_BLUR = 2.0, 0.05, 0.5
 
 # Points of the limb at which that is looked for.
 OUTLINE_POINTS = 48
+
+# The focal length of most cameras, as a share of their pictures' long side.
+LIKELY_FOCAL_SHARE = 0.8
 
 # Pixels each way from which the share of a circle with the ball's colour is estimated.
 GRID = 16
@@ -343,3 +349,25 @@ def is_as_expected(ball: FoundBall, prediction: Prediction) -> bool:
     max_px = AGREE_SIGMAS * max(prediction.sigma_px, 0.0) + AGREE_PX
     off_px = math.dist((circle.x_px, circle.y_px), prediction.centre_px)
     return off_px <= max_px and abs(2 * circle.radius_px - prediction.size_px) <= max_px
+
+
+def scene_of(frame: Frame, lens: CameraModel | None, gates: BallGates) -> BallScene:
+    """Return what is looked at in a frame; `PictureError` for an image that is none."""
+    check_image(frame)
+    return BallScene(
+        image=frame.image,
+        lens=lens or _likely_lens(frame.width_px, frame.height_px, frame.subsampling),
+        is_lens_known=lens is not None,
+        gates=gates,
+        refusals=[],
+        looks={},
+    )
+
+
+@lru_cache(maxsize=8)
+def _likely_lens(width_px: int, height_px: int, subsampling: Subsampling) -> CameraModel:
+    """Return a camera like those of most phones, webcams and boards: 60 to 70 degrees across the long side."""
+    # 0.8 of the long side is a field of view of 64 degrees. It only serves to know how oblong the outline is away from
+    # the middle; no distance is measured through it.
+    focal_px = LIKELY_FOCAL_SHARE * max(width_px, height_px)
+    return replace(CameraModel.with_focal_length(focal_px, width_px, height_px), subsampling=subsampling)

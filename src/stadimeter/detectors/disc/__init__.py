@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import cv2
 import numpy as np
@@ -56,7 +56,7 @@ from stadimeter.detectors.disc.search import (
     pick_largest,
 )
 from stadimeter.detectors.hsv import HsvRangeText
-from stadimeter.detectors.protocol import Exercise, check_image
+from stadimeter.detectors.protocol import ONE_OF_A_KIND, Exercise, check_image
 from stadimeter.detectors.sampling import Region, touches_border
 from stadimeter.ranging.flat import DiscShape
 
@@ -106,6 +106,8 @@ Shade = Literal["bright", "dark", "any"]
 
 class DiscOptions(DriverOptions):
     """What a ``[targets.…]`` table with ``driver = "disc"`` may hold."""
+
+    written_elsewhere: ClassVar[dict[str, str]] = ONE_OF_A_KIND
 
     diameter: Length
     """The disc's diameter, such as ``"12 cm"``."""

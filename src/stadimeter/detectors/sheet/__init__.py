@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
@@ -16,7 +16,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.hsv import HsvRange, HsvRangeText
-from stadimeter.detectors.protocol import Exercise, Remedy, check_image
+from stadimeter.detectors.protocol import ONE_OF_A_KIND, Exercise, Remedy, check_image
 from stadimeter.detectors.sampling import Region
 from stadimeter.detectors.sheet.candidates import Findings, SheetCandidate
 from stadimeter.detectors.sheet.edges import SheetPicture
@@ -60,6 +60,8 @@ def _or_by_name(schema: dict[str, Any]) -> None:
 
 class SheetOptions(DriverOptions):
     """What a ``[targets.…]`` table with ``driver = "sheet"`` may hold."""
+
+    written_elsewhere: ClassVar[dict[str, str]] = ONE_OF_A_KIND
 
     size: Paper | None = None
     """A paper or card by name, such as ``"A4"`` or ``"letter"``, in place of both sides."""

@@ -11,14 +11,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Self
 
 import cv2
 import numpy as np
 from msgspec.structs import replace
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from stadimeter.config.plugins import DriverContext, DriverOptions
+from stadimeter.config.plugins import MAX_SEVERAL, Count, DriverContext, DriverOptions, numbered
 from stadimeter.config.units import Length
 from stadimeter.core.camera_model import TONE_CURVES, CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction, RejectedCandidate
@@ -73,19 +73,40 @@ class TagOptions(DriverOptions):
     """Such as ``apriltag-36h11`` or ``aruco-4x4-50``."""
     id: Annotated[int | None, Field(ge=0)] = None
     """Which tag of the family; without it, the largest one in view."""
+    ids: Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=1, max_length=MAX_SEVERAL)] | None = None
+    """Several tags of the family, each a target of its own."""
+    count: Count | None = None
+    """How many tags there are at most, whatever their numbers, each a target of its own."""
     min_side_px: Annotated[float, Field(ge=12)] = 16.0
     """Tags whose longest side is smaller than this in the picture are not looked for. The larger, the sooner a picture
     without a tag is done with."""
     inverted: bool = False
     """Whether tags with a white border on black count as well."""
 
-    @field_validator("id")
+    @field_validator("id", "ids")
     @classmethod
-    def _in_family(cls, value: int | None, info: ValidationInfo) -> int | None:
+    def _in_family(cls, value: int | list[int] | None, info: ValidationInfo) -> int | list[int] | None:
         name = info.data.get("family")
-        if value is not None and name is not None and value >= tag_family(name).members:
-            raise ValueError(f"{value} is not in {name}, whose tags are numbered 0 to {tag_family(name).members - 1}")
+        numbers = value if isinstance(value, list) else [] if value is None else [value]
+        for number in numbers:
+            if name is not None and number >= tag_family(name).members:
+                last = tag_family(name).members - 1
+                raise ValueError(f"{number} is not in {name}, whose tags are numbered 0 to {last}")
+            if numbers.count(number) > 1:
+                raise ValueError(f"{number} is given twice; each number is one target, so write it once")
         return value
+
+    @model_validator(mode="after")
+    def _one_choice(self) -> Self:
+        given = [key for key in ("id", "ids", "count") if getattr(self, key) is not None]
+        if len(given) > 1:
+            raise ValueError(f"{' and '.join(given)} are given; write id for one tag, ids for these, or count for any")
+        return self
+
+    @property
+    def members(self) -> tuple[str, ...]:
+        """The numbers of the tags, or those from 1 to `count`."""
+        return tuple(map(str, self.ids)) if self.ids else numbered(self.count)
 
     def build(self, context: DriverContext) -> TagDetector:
         """Return the detector."""
@@ -104,17 +125,19 @@ class TagOptions(DriverOptions):
     def draw(self) -> Drawing:
         """Return the tag upright with a white rim of one cell."""
         family = tag_family(self.family)
-        black = np.pad(np.pad(family.cells_of(self.id or 0), 1, constant_values=True), 1)
+        black = np.pad(np.pad(family.cells_of(self.id or next(iter(self.ids or ()), 0)), 1, constant_values=True), 1)
         return black_cells(black.tolist(), self.side / family.cells)
 
 
 class TagDetector:
-    """Finds one tag."""
+    """Finds one tag, or several."""
 
     def __init__(self, name: str, options: TagOptions) -> None:
         self._name = name
         self._size = TagShape(side_m=options.side, relative_sigma=(options.tolerance or 0.0) / options.side)
         self._number = options.id
+        self._numbers = frozenset(options.ids or ([] if options.id is None else [options.id]))
+        self._ids = tuple(options.ids or ())
         self._family = tag_family(options.family)
         self._min_side_px = options.min_side_px
         self._searches = {
@@ -147,7 +170,7 @@ class TagDetector:
         found: dict[int, Detection] = {}
         looks = () if self._number is not None else self._search(lens).quickly(grey_of(frame.image))
         for seen in looks:
-            for tag in seen.tags:
+            for tag in self._tags_of_target(seen):
                 if tag.number not in found:
                     each = self._measured(frame, lens, seen, tag)
                     if each.status is DetectionStatus.FOUND:
@@ -155,6 +178,17 @@ class TagDetector:
         if len(found) < 2:
             return (self.detect(frame, lens=lens),)
         return tuple(found[number] for number in sorted(found))
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """Those of the tags that were named, if several were."""
+        return self._ids
+
+    def detect_near(self, frame: Frame, prediction: Prediction, *, lens: CameraModel | None = None) -> Detection:
+        """Look for a tag where it is expected, and nowhere else."""
+        check_image(frame)
+        missing = Detection(target=self._name, status=DetectionStatus.NOT_FOUND, reason="not where it was expected")
+        return self._near(frame, lens, prediction) or missing
 
     def edge_points(self, frame: Frame, found: Detection, *, lens: CameraModel | None = None) -> Points:
         """Return where steps are seen along the sides of a tag that was found."""
@@ -195,22 +229,26 @@ class TagDetector:
         if not (refused or seen.unread or len(seen.tags) > 1 or answer.status is DetectionStatus.NOT_FOUND):
             return answer
         others = [
-            candidate(tag.corners_px + seen.left_top_px, f"is tag {tag.number}, not {self._number}")
+            candidate(tag.corners_px + seen.left_top_px, f"is tag {tag.number}, not {self._named}")
             for tag in seen.tags
-            if self._number is not None and tag.number != self._number
+            if self._numbers and tag.number not in self._numbers
         ]
         rejected = [*refused, *others, *seen.rejected(MAX_REJECTED)]
         return replace(answer, rejected=tuple([each for each in rejected if not _is_at(each, answer)][:MAX_REJECTED]))
 
     def _tags_of_target(self, seen: LookResult | None) -> list[SeenTag]:
         tags = () if seen is None else seen.tags
-        return [tag for tag in tags if self._number is None or tag.number == self._number]
+        return [tag for tag in tags if not self._numbers or tag.number in self._numbers]
+
+    @property
+    def _named(self) -> str:
+        return " or ".join(map(str, sorted(self._numbers)))
 
     def _missing(self, seen: LookResult | None) -> str:
         """Return what was seen instead of the tag, in words."""
         if seen is not None and seen.tags:
             others = ", ".join(str(number) for number in sorted({tag.number for tag in seen.tags}))
-            return f"no tag {self._number} of {self._family.name}, only {others}"
+            return f"no tag {self._named} of {self._family.name}, only {others}"
         outlines = 0 if seen is None else seen.outlines
         of_which = f" among {outlines} four-cornered outlines" if outlines else ""
         min_px = max(self._min_side_px, 0.0 if seen is None else seen.left_out_px)
@@ -272,7 +310,7 @@ class TagDetector:
 
     def _choice(self, tag: SeenTag, tags: Sequence[SeenTag]) -> str:
         """Return a remark that there was a choice, if there was one."""
-        if self._number is not None or len(tags) < 2:
+        if self._numbers or len(tags) < 2:
             return ""
         return f"tag {tag.number}, one of {len(tags)} of {self._family.name} in view; name one with id"
 

@@ -95,7 +95,7 @@ def _tracks(given: InputTable, configuration: Configuration) -> tuple[SyntheticT
             outliers=given.outliers,
             lost=motions.get(target, nowhere).lost,
         )
-        for target in configuration.plan.targets
+        for target in configuration.plan.measured_targets
     )
 
 
@@ -214,7 +214,8 @@ def sensor_models(configuration: Configuration) -> Mapping[str, SensorModel]:
             _build(configuration.world, camera, shared)
         for choice in configuration.targets:
             try:
-                models[choice.name] = SensorModel(_build(choice, camera, shared).target_shape, camera)
+                shape = _build(choice, camera, shared).target_shape
+                models |= dict.fromkeys(choice.members, SensorModel(shape, camera))
             except StadimeterError as error:
                 message = f"how large the target is cannot be known: {error}"
                 raise ConfigError([Problem(message, str(configuration.path), key=f"targets.{choice.name}")]) from error

@@ -1,0 +1,136 @@
+"""A table that stands for several targets: their names, what rules may say of them, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from stadimeter.config.describe import describe
+from stadimeter.config.loader import load_configuration
+from stadimeter.core.conditions.compounds import leaves, targets_of
+from stadimeter.core.rule import gate_of
+from stadimeter.errors import ConfigError
+
+BASIS = """
+[camera]
+driver = "simulated"
+[camera.model]
+width_px = 640
+height_px = 480
+fx_px = 600.0
+fy_px = 600.0
+cx_px = 319.5
+cy_px = 239.5
+[world]
+[actuators.buzzer]
+driver = "simulated"
+[targets.cup]
+detector = "disc"
+diameter = "8 cm"
+[targets.balls]
+detector = "ball"
+diameter = "6.7 cm"
+hsv = "29,86,6:64,255,255"
+count = 3
+"""
+MEMBERS = ("balls-1", "balls-2", "balls-3")
+
+
+def load(tmp_path: Path, more: str, basis: str = BASIS):
+    path = tmp_path / "several.toml"
+    path.write_text(basis + more, encoding="utf-8")
+    return load_configuration(path)
+
+
+def problems(tmp_path: Path, more: str, basis: str = BASIS) -> list[tuple[int | None, str, str]]:
+    with pytest.raises(ConfigError) as caught:
+        load(tmp_path, more, basis)
+    return [(each.line, each.message, each.hint) for each in caught.value.problems]
+
+
+def test_each_member_is_a_target_and_so_are_the_nearest_and_the_farthest(tmp_path: Path) -> None:
+    plan = load(tmp_path, "").plan
+    assert plan.targets == ("cup", *MEMBERS, "balls-nearest", "balls-farthest")
+    assert plan.measured_targets == ("cup", *MEMBERS)
+
+
+def test_a_rule_of_the_group_is_an_alarm_for_each_member(tmp_path: Path) -> None:
+    rule = '[rules.near]\nactuator = "buzzer"\ntargets = ["balls", "cup"]\nwhen = { below = "1 m" }\n'
+    names = [each.name for each in load(tmp_path, rule).plan.rules]
+    assert names == [*(f"near:{member}" for member in MEMBERS), "near:cup"]
+
+
+def test_a_count_of_the_group_counts_its_members(tmp_path: Path) -> None:
+    rule = '[rules.many]\nactuator = "buzzer"\nwhen = { count = { of = ["balls"], at_least = 3 } }\n'
+    (many,) = load(tmp_path, rule).plan.rules
+    assert targets_of(gate_of(many).condition) == {*MEMBERS}
+
+
+def test_a_count_of_all_does_not_count_the_nearest_twice(tmp_path: Path) -> None:
+    rule = '[rules.many]\nactuator = "buzzer"\nwhen = { count = { at_least = 3 } }\n'
+    (many,) = load(tmp_path, rule).plan.rules
+    assert next(leaves(gate_of(many).condition)).targets_named == ("cup", *MEMBERS)
+
+
+def test_a_ramp_may_watch_the_nearest(tmp_path: Path) -> None:
+    rule = '[rules.ramp]\nactuator = "buzzer"\ntarget = "balls-nearest"\nramp = { from = "2 m", to = "30 cm" }\n'
+    assert load(tmp_path, rule).plan.rules[0].target == "balls-nearest"
+
+
+def test_the_description_says_how_many(tmp_path: Path) -> None:
+    assert "`balls` (3 × ball)" in describe(load(tmp_path, ""))[0]
+
+
+RULE = '[rules.near]\nactuator = "buzzer"\ntarget = "{}"\nwhen = {{ below = "1 m" }}\n'
+STANDS = "'balls' stands for balls-1 to balls-3: name one, or balls-nearest or balls-farthest"
+
+
+def test_a_member_beyond_the_count_is_refused_with_those_that_there_are(tmp_path: Path) -> None:
+    ((line, message, hint),) = problems(tmp_path, RULE.format("balls-9"))
+    assert (line, message, hint) == (BASIS.count("\n") + 3, "there is no target 'balls-9'", STANDS)
+
+
+def test_a_group_is_no_single_target_and_the_hint_says_what_to_name(tmp_path: Path) -> None:
+    ((_, message, hint),) = problems(tmp_path, RULE.format("balls"))
+    assert message == "there is no target 'balls'"
+    assert hint == f'{STANDS}; targets = ["balls"] makes one alarm for each'
+
+
+@pytest.mark.parametrize(("count", "says"), [("0", "0 is below 1"), ("65", "65 is above 64")])
+def test_a_count_out_of_range_is_one_error_with_its_line(tmp_path: Path, count: str, says: str) -> None:
+    found = problems(tmp_path, RULE.format("balls-2"), BASIS.replace("count = 3", f"count = {count}"))
+    assert found == [(BASIS.count("\n"), says, "")]
+
+
+def test_a_detector_that_finds_one_has_no_count(tmp_path: Path) -> None:
+    found = problems(tmp_path, "", BASIS.replace('diameter = "8 cm"', 'diameter = "8 cm"\ncount = 2'))
+    ((line, message, hint),) = found
+    assert (message, hint) == ("unknown key 'count'", "this detector finds one target; `ball` and `tag` find several")
+    assert line == 1 + BASIS[: BASIS.index('diameter = "8 cm"')].count("\n") + 1
+
+
+def test_numbers_given_twice_are_refused_with_their_line(tmp_path: Path) -> None:
+    tags = '[targets.tags]\ndetector = "tag"\nside = "8 cm"\nids = [3, 3]\n'
+    ((line, message, _),) = problems(tmp_path, tags + RULE.format("tags-3"))
+    assert line == BASIS.count("\n") + 4
+    assert message == "3 is given twice; each number is one target, so write it once"
+
+
+@pytest.mark.parametrize("name", ["balls-2", "balls-nearest"])
+def test_a_target_with_the_name_of_a_member_is_refused(tmp_path: Path, name: str) -> None:
+    ((_, message, hint),) = problems(tmp_path, f'[targets.{name}]\ndetector = "disc"\ndiameter = "8 cm"\n')
+    assert message == f"'{name}' is one of the targets that [targets.balls] stands for"
+    assert hint == "give one another name"
+
+
+def test_a_test_cannot_move_the_nearest(tmp_path: Path) -> None:
+    test = """[rules.near]
+actuator = "buzzer"
+target = "balls-nearest"
+when = { below = "1 m" }
+[[tests]]
+input = { target = "balls-nearest", hover = { at = "50 cm", for = "5 s" } }
+expect.near = { raised = 1 }
+"""
+    assert [message for _, message, _ in problems(tmp_path, test)] == ["there is no target 'balls-nearest'"]
