@@ -72,7 +72,9 @@ class Graph:
             [helper.make_tensor_value_info(name, TensorProto.FLOAT, shapes[name]) for name in outputs],
             self.weights,
         )
-        model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8, producer_name="ours")
+        model = helper.make_model(
+            graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8, producer_name="ours"
+        )
         for key, value in said.get("notes", {}).items():
             entry = model.metadata_props.add()
             entry.key, entry.value = key, value

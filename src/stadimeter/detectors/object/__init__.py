@@ -20,7 +20,7 @@ from stadimeter.detectors.object.detector import LoadedNetwork, ObjectDetector, 
 from stadimeter.detectors.object.engines import EngineChoice
 from stadimeter.detectors.object.families import FAMILIES, FamilyName, recognise
 from stadimeter.detectors.object.model_file import load_model
-from stadimeter.detectors.object.network import Network, examine
+from stadimeter.detectors.object.network import USUAL_EVERY_S, Network, examine
 from stadimeter.detectors.protocol import NetworkReport
 from stadimeter.errors import DriverError, UnreadableError
 from stadimeter.ranging.upright import KnownLength, UprightShape
@@ -53,7 +53,7 @@ class ObjectOptions(DriverOptions):
     """Of faces, how far apart the pupils are, such as ``"63 mm ± 3.5 mm"``."""
     min_score: Annotated[float, Field(gt=0, lt=1)] = 0.5
     """Boxes of which the network is less sure than this are not accepted."""
-    every: Duration = 0.5
+    every: Duration = USUAL_EVERY_S
     """The network looks once in this time of capture at most. In between its box is followed."""
     box_sigma: Annotated[float, Field(gt=0, le=0.3)] | None = None
     """Standard deviation of the length in the picture, as a share: 0.04 for boxes, 0.05 for eyes."""

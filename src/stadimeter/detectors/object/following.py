@@ -19,17 +19,20 @@ from stadimeter.core.detection import Flags, Plane, Points, Profiles, Values
 from stadimeter.core.frame import Image
 from stadimeter.detectors.sampling import Region, grey_of
 
-# The box's longer side in the reduced picture in which it is followed. At 96 px a growth of 1 % moves the corners at
-# its ends by half a pixel, and they are found to a tenth; at twice the size it takes three times as long.
-FOLLOWED_PX = 96
+# The box's longer side in the reduced picture in which it is followed. A growth of 1 % moves corners at its ends by a
+# third of a pixel then, and they are found to a tenth. At 96 px it took twice as long and was no better.
+FOLLOWED_PX = 64
 
 # The part of the box, from its middle on, in which corners are taken: beyond it is mostly background.
 INNER_SHARE = 0.8
 
 # How far around the box the later picture is looked at, in shares of its longer side.
-REACH_SHARE = 0.35
+REACH_SHARE = 0.3
 
-MAX_CORNERS = 32
+# The side of the square in which it is looked for then.
+VIEW_PX = math.ceil(FOLLOWED_PX * (1 + 2 * REACH_SHARE)) + 2
+
+MAX_CORNERS = 24
 MIN_CORNERS = 8
 
 # Corners that do not lead back, or do not move as the box does, by more than this many reduced pixels.
@@ -41,8 +44,8 @@ MIN_SHARE = 0.4
 # The box may grow or shrink by this factor since the network saw it: at 3 m, 1 m nearer.
 MAX_GROWTH = 1.5
 
-_WINDOW, _LEVELS = (13, 13), 2
-_STEPS = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 15, 0.03)
+_WINDOW, _LEVELS = (11, 11), 2
+_STEPS = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 0.03)
 
 
 class BoxPlace(NamedTuple):
@@ -52,22 +55,36 @@ class BoxPlace(NamedTuple):
     growth: float = 1.0
 
 
+class ReducedView(NamedTuple):
+    """A part of a picture, reduced, in the upper left of a square; the rest repeats its last pixels."""
+
+    grey: Plane
+    left_top_px: Points
+    scale: Points
+
+    def reduce(self, points_px: Points) -> Points:
+        """Return where points of the picture are in it."""
+        return np.asarray((points_px - self.left_top_px) * self.scale)
+
+    def enlarge(self, points: Points) -> Points:
+        """Return where points in it are in the picture."""
+        return np.asarray(points / self.scale + self.left_top_px)
+
+
 class BoxPattern(Struct, frozen=True, kw_only=True, eq=False):
     """What a box looked like when the network saw it.
 
     Attributes:
-        centre_px: Its centre.
         long_px: Its longer side.
-        grey: The picture around it, reduced.
+        view: The picture around it.
         corners: Corners in that, shape ``(n, 2)``.
-        middle: The centre of the box in that.
+        around_px: The same in pixels of the picture, from the centre of the box.
     """
 
-    centre_px: tuple[float, float]
     long_px: float
-    grey: Plane
+    view: ReducedView
     corners: Points
-    middle: Points
+    around_px: Points
 
 
 class FollowedBox(NamedTuple):
@@ -79,29 +96,20 @@ class FollowedBox(NamedTuple):
 
 def take_pattern(image: Image, corners_px: Values) -> BoxPattern | str:
     """Return what is to be followed of a box, given by left, top, right and bottom; or why nothing can be."""
-    centre = (corners_px[:2] + corners_px[2:]) / 2
-    long_px = float((corners_px[2:] - corners_px[:2]).max())
-    place = float(centre[0]), float(centre[1])
-    view = _view(image, BoxPlace(place), long_px)
+    centre, half = (corners_px[:2] + corners_px[2:]) / 2, (corners_px[2:] - corners_px[:2]) / 2
+    long_px = float(2 * half.max())
+    view = _view(image, BoxPlace((float(centre[0]), float(centre[1]))), long_px)
     if view is None:
         return "it is outside of the picture"
-    grey, left_top, scale = view
-    mask = np.zeros_like(grey)
-    half = INNER_SHARE / 2 * (corners_px[2:] - corners_px[:2])
-    low, high = ((edge - left_top) * scale for edge in (centre - half, centre + half))
-    (left, top), (right, bottom) = low.round().astype(int).clip(0), high.round().astype(int).clip(0)
+    ends = np.stack((centre - INNER_SHARE * half, centre + INNER_SHARE * half))
+    (left, top), (right, bottom) = view.reduce(ends).round().astype(int).clip(0)
+    mask = np.zeros_like(view.grey)
     mask[top:bottom, left:right] = 255
-    corners = cv2.goodFeaturesToTrack(grey, MAX_CORNERS, 0.01, 5, mask=mask)
-    count = 0 if corners is None else len(corners)
-    if count < MIN_CORNERS:
-        return f"it has {count} corners to be followed by, limit {MIN_CORNERS}"
-    return BoxPattern(
-        centre_px=place,
-        long_px=long_px,
-        grey=grey,
-        corners=np.asarray(corners, np.float64).reshape(-1, 2),
-        middle=np.asarray((centre - left_top) * scale, np.float64),
-    )
+    found = cv2.goodFeaturesToTrack(view.grey, MAX_CORNERS, 0.01, 4, mask=mask)
+    corners = np.empty((0, 2)) if found is None else np.asarray(found, np.float64).reshape(-1, 2)
+    if len(corners) < MIN_CORNERS:
+        return f"it has {len(corners)} corners to be followed by, limit {MIN_CORNERS}"
+    return BoxPattern(long_px=long_px, view=view, corners=corners, around_px=view.enlarge(corners) - centre)
 
 
 def follow_box(image: Image, pattern: BoxPattern, near: BoxPlace) -> FollowedBox | str:
@@ -109,38 +117,44 @@ def follow_box(image: Image, pattern: BoxPattern, near: BoxPlace) -> FollowedBox
     view = _view(image, near, pattern.long_px)
     if view is None:
         return "it would be outside of the picture"
-    grey, left_top, scale = view
-    # Reduced so that the box is as large as in its pattern, if it has grown as expected; its centre is expected here.
-    expected = (np.array(near.centre_px) - left_top) * scale
-    start = (pattern.corners - pattern.middle + expected).astype(np.float32)
     first = pattern.corners.astype(np.float32)
-    seen, is_seen = _flow(pattern.grey, grey, first, start)
-    back, is_back = _flow(grey, pattern.grey, seen, first)
+    start = view.reduce(near.growth * pattern.around_px + near.centre_px).astype(np.float32)
+    seen, is_seen = _flow(pattern.view.grey, view.grey, first, start)
+    back, is_back = _flow(view.grey, pattern.view.grey, seen, first)
     good = is_seen & is_back & (np.abs(back - first).max(axis=1) < MAX_ASTRAY_PX)
-    if good.sum() < max(MIN_CORNERS, MIN_SHARE * len(good)):
-        return f"{good.sum()} of {len(good)} corners in it are found again, limit {MIN_SHARE:.0%}"
-    before, now = (each[good].astype(np.float64) for each in (first, seen))
-    growth, growth_sigma, is_alike = _growth(before - pattern.middle, now)
-    if is_alike.sum() < max(MIN_CORNERS, MIN_SHARE * len(good)):
-        return f"{is_alike.sum()} of {len(good)} corners in it move alike, limit {MIN_SHARE:.0%}"
-    middle = np.median(now - growth * (before - pattern.middle), axis=0) / scale + left_top
-    growth *= near.growth
+    enough = max(MIN_CORNERS, MIN_SHARE * len(good))
+    if good.sum() < enough:
+        return f"{good.sum()} of {len(good)} corners in it are found again, limit {enough:.0f}"
+    before, now = pattern.around_px[good], view.enlarge(seen[good].astype(np.float64))
+    growth, sigma, is_alike = _growth(before, now, MAX_ASTRAY_PX / float(view.scale.min()))
+    if is_alike.sum() < enough:
+        return f"{is_alike.sum()} of {len(good)} corners in it move alike, limit {enough:.0f}"
     if not 1 / MAX_GROWTH < growth < MAX_GROWTH:
         return f"it is {growth:.2f} times as large as the network saw it, limit {MAX_GROWTH:g}"
-    return FollowedBox(BoxPlace((float(middle[0]), float(middle[1])), growth), growth_sigma)
+    x_px, y_px = np.median((now - growth * before)[is_alike], axis=0).tolist()
+    return FollowedBox(BoxPlace((x_px, y_px), growth), sigma)
 
 
-def _view(image: Image, near: BoxPlace, long_px: float) -> tuple[Plane, Points, float] | None:
-    """Return the picture around a box, reduced, with its first edge in the picture and its scale."""
+def _view(image: Image, near: BoxPlace, long_px: float) -> ReducedView | None:
+    """Return the picture around a box, reduced so that this has the size in which it is followed."""
     size_px = long_px * near.growth
     region = Region.around(near.centre_px, (0.5 + REACH_SHARE) * size_px, image)
     if region is None:
         return None
-    part = region.of(image)
-    scale = min(1.0, FOLLOWED_PX / size_px)
-    size = tuple(max(1, round(side * scale)) for side in (part.shape[1], part.shape[0]))
-    grey = grey_of(np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_AREA), np.uint8))
-    return grey, region.left_top_px, scale
+    part, scale = region.of(image), min(1.0, FOLLOWED_PX / size_px)
+    # Halved as often as possible, which is the mean of four pixels and quick, and the rest of the way linearly.
+    halvings = min(max(0, math.floor(-math.log2(scale))), min(part.shape[:2]).bit_length() - 1)
+    part = part[: part.shape[0] >> halvings << halvings, : part.shape[1] >> halvings << halvings]
+    columns, rows = (min(VIEW_PX, max(1, round(side * scale))) for side in (part.shape[1], part.shape[0]))
+    small = part
+    for _ in range(halvings):
+        half = small.shape[1] // 2, small.shape[0] // 2
+        small = np.asarray(cv2.resize(small, half, interpolation=cv2.INTER_AREA), np.uint8)
+    grey = cv2.resize(grey_of(small), (columns, rows), interpolation=cv2.INTER_LINEAR)
+    # The method takes two pictures of one size only.
+    grey = cv2.copyMakeBorder(grey, 0, VIEW_PX - rows, 0, VIEW_PX - columns, cv2.BORDER_REPLICATE)
+    exact = np.array((columns / part.shape[1], rows / part.shape[0]))
+    return ReducedView(np.asarray(grey, np.uint8), region.left_top_px, exact)
 
 
 def _flow(one: Plane, other: Plane, points: Profiles, start: Profiles) -> tuple[Profiles, Flags]:
@@ -152,10 +166,10 @@ def _flow(one: Plane, other: Plane, points: Profiles, start: Profiles) -> tuple[
     return np.asarray(found, np.float32), is_found.ravel() > 0
 
 
-def _growth(before: Points, now: Points) -> tuple[float, float, Flags]:
+def _growth(before: Points, now: Points, astray_px: float) -> tuple[float, float, Flags]:
     """Return by which factor points moved apart, its standard deviation, and which points moved alike.
 
-    The factor is the median over all pairs of points that are far enough apart to tell.
+    The factor is the median over the pairs of points that are farther apart than most.
     """
     one, other = np.triu_indices(len(before), 1)
     apart = np.hypot(*(before[one] - before[other]).T)
@@ -163,8 +177,10 @@ def _growth(before: Points, now: Points) -> tuple[float, float, Flags]:
     growth = float(np.median(np.hypot(*(now[one] - now[other]).T)[far] / apart[far]))
     off = now - growth * before
     off_px = np.hypot(*(off - np.median(off, axis=0)).T)
-    is_alike = off_px < MAX_ASTRAY_PX
-    # Least squares: each coordinate errs by σ, and the growth by σ / √(sum of the squared distances from the middle).
-    spread = before[is_alike] - before[is_alike].mean(axis=0) if is_alike.any() else before
-    sigma = math.sqrt(float((off_px[is_alike] ** 2).mean()) / 2) if is_alike.any() else math.inf
-    return growth, sigma / math.sqrt(max(float((spread**2).sum()), 1e-9)), is_alike
+    is_alike = off_px < astray_px
+    alike = before[is_alike]
+    if not len(alike):
+        return growth, math.inf, is_alike
+    # Least squares: each coordinate errs by σ, the growth by σ / √(sum of the squared distances from the middle).
+    spread = float(((alike - alike.mean(axis=0)) ** 2).sum())
+    return growth, math.sqrt(float((off_px[is_alike] ** 2).mean()) / 2 / max(spread, 1e-9)), is_alike
