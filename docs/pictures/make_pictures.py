@@ -13,6 +13,7 @@ import fleet_picture
 from gallery import make_gallery
 from how_it_measures import make_steps
 from live_view_svg import save_svg
+from measuring_object import make_object_picture
 from measuring_round import make_round_pictures
 from web_pages import make_pages
 
@@ -129,5 +130,6 @@ if __name__ == "__main__":
     make_gallery(HERE)
     make_steps(HERE)
     make_round_pictures(HERE)
+    make_object_picture(HERE)
     make_pages(HERE)
     camera_table.write()

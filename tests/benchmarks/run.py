@@ -20,6 +20,7 @@ import flat_accuracy
 import hard_balls
 import hard_flats
 import machinery
+import objects
 import real_pictures
 import speed
 import start_up
@@ -45,6 +46,7 @@ JOBS: dict[str, Job] = {
     "sheet": _accuracy(flat_accuracy.run_sheet, 60),
     "disc": _accuracy(flat_accuracy.run_disc, 60),
     "tag": _accuracy(tag_accuracy.run, 48),
+    "objects": _accuracy(objects.run, 400),
     "empty": _accuracy(false_alarms.run, 600),
     "real": lambda _asked, _seed: real_pictures.run(),
     "machinery": lambda _asked, _seed: machinery_part(),
