@@ -21,7 +21,7 @@ from stadimeter.detectors.object.boxes import fit_picture
 from stadimeter.detectors.object.engines import OpenCvEngine
 from stadimeter.detectors.object.families import recognise
 from stadimeter.detectors.object.following import BoxPattern, take_pattern
-from stadimeter.detectors.object.grids import Wanted
+from stadimeter.detectors.object.grids import WantedClass
 from stadimeter.detectors.object.model_file import load_model
 from stadimeter.detectors.object.network import to_blob
 from stadimeter.ranging.measure import measure
@@ -40,7 +40,7 @@ def make_object_picture(folder: Path) -> None:
         width, height = known.input_for(first.shape[1], first.shape[0], None)
         fitted = fit_picture(first, width, height, known.family.fill)
         outputs = OpenCvEngine(known.file).run(to_blob(fitted.image, known.family))
-        boxes = fitted.in_picture(known.family.decode(outputs, Wanted(0, 0.5, width, height)))
+        boxes = fitted.in_picture(known.family.decode(outputs, WantedClass(0, 0.5, width, height)))
         options = ObjectOptions.model_validate({"model": str(known.file.path), "height": "1.72 m ± 7 cm"})
         detector = options.build(DriverContext(name="person", clock=ManualClock()))
         lens = CAMERA.scaled_to(first.shape[1], first.shape[0])

@@ -91,6 +91,8 @@ class ObjectOptions(DriverOptions):
     @field_validator(*_LENGTHS)
     @classmethod
     def _is_plausible(cls, value: SpreadLength | None, info: ValidationInfo) -> SpreadLength | None:
+        if info.field_name != "eye_distance" and "class_name" not in info.data:  # it is wrong itself
+            return value
         what = "eye_distance" if info.field_name == "eye_distance" else info.data.get("class_name") or "person"
         if value is None or what not in PLAUSIBLE_M or info.field_name == "width":
             return value

@@ -1,6 +1,6 @@
 """Finding an object: the network looks from time to time, and its box is followed in between.
 
-**State.** A detector keeps no state, but this one remembers what the network saw last (`Memory`, and nothing else): a
+**State.** A detector keeps no state, but this one remembers what the network saw last (`LastLook`, and nothing else): a
 network takes 20 to 500 ms a picture, and what it saw, a pattern of corners, does not fit into a prediction. The rule is
 kept as far as a recording needs it: answers follow from the frames and their capture times alone, and what is
 remembered is used only for later frames of the same size. The same frame again, an earlier one, or one of another size
@@ -99,7 +99,7 @@ class Thing(Struct, frozen=True, kw_only=True, eq=False):
         return cls(boxes=boxes, place=BoxPlace((x, y)))
 
 
-class Memory(Struct, frozen=True, kw_only=True, eq=False):
+class LastLook(Struct, frozen=True, kw_only=True, eq=False):
     """What the network saw last.
 
     Attributes:
@@ -132,7 +132,7 @@ class ObjectDetector:
         self._search = search
         self._shape = search.shape
         self._loaded: LoadedNetwork | None = None
-        self._memory: Memory | None = None
+        self._memory: LastLook | None = None
 
     @property
     def _what(self) -> str:
@@ -185,12 +185,12 @@ class ObjectDetector:
             answer = self._missing(f"no {self._what}{best}", refused)
         is_whole = answer.status is DetectionStatus.FOUND
         size_px = frame.width_px, frame.height_px
-        self._memory = Memory(
+        self._memory = LastLook(
             at_s=frame.captured_at_s, size_px=size_px, answer=answer, thing=thing if is_whole else None, pattern=pattern
         )
         return answer
 
-    def _follow(self, frame: Frame, prediction: Prediction | None, memory: Memory, thing: Thing) -> Detection:
+    def _follow(self, frame: Frame, prediction: Prediction | None, memory: LastLook, thing: Thing) -> Detection:
         pattern = memory.pattern
         followed: FollowedBox | str = pattern if isinstance(pattern, str) else ""
         for near in _starts(thing, prediction):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from stadimeter.detectors.object.boxes import Boxes, centred
-from stadimeter.detectors.object.grids import MAX_LOG_SIZE, STRIDES, Outputs, Wanted, grid_cells
+from stadimeter.detectors.object.grids import MAX_LOG_SIZE, STRIDES, Outputs, WantedClass, grid_cells
 
 # A cell of CenterFace's maps is this many pixels of the input.
 CENTERFACE_STRIDE = 4
@@ -16,7 +16,7 @@ YUNET_OUTPUTS = {"cls": 1, "obj": 1, "bbox": 4, "kps": 10}
 EYES = 2
 
 
-def decode_yunet(outputs: Outputs, wanted: Wanted) -> Boxes:
+def decode_yunet(outputs: Outputs, wanted: WantedClass) -> Boxes:
     """Read twelve outputs ``(1, n, figures)``: those of each kind for the strides 8, 16 and 32.
 
     W. Wu et al., "YuNet: A Tiny Millisecond-level Face Detector", 2023: score = √(face · thing), centre = (cell +
@@ -36,7 +36,7 @@ def decode_yunet(outputs: Outputs, wanted: Wanted) -> Boxes:
     return Boxes(corners, scores[which], eyes)
 
 
-def decode_centerface(outputs: Outputs, wanted: Wanted) -> Boxes:
+def decode_centerface(outputs: Outputs, wanted: WantedClass) -> Boxes:
     """Read four maps ``(1, c, rows, columns)``: score, size, offset, and landmarks, each as y and x.
 
     Y. Xu et al., "CenterFace: Joint Face Detection and Alignment Using Face as Point", arXiv 1911.03599: size =

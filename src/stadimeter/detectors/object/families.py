@@ -15,7 +15,7 @@ from stadimeter.detectors.object.grids import (
     NANODET_STRIDES,
     STRIDES,
     Outputs,
-    Wanted,
+    WantedClass,
     count_cells,
     decode_nanodet,
     decode_yolov8,
@@ -42,7 +42,7 @@ FACE = ("face",)
 MULTIPLE = 32
 
 
-class Family(Struct, frozen=True, kw_only=True):
+class NetworkFamily(Struct, frozen=True, kw_only=True):
     """A kind of network.
 
     Attributes:
@@ -58,7 +58,7 @@ class Family(Struct, frozen=True, kw_only=True):
     """
 
     count_classes: Callable[[Sequence[Shape], tuple[int | None, int | None]], int]
-    decode: Callable[[Outputs, Wanted], Boxes]
+    decode: Callable[[Outputs, WantedClass], Boxes]
     is_rgb: bool = False
     mean: tuple[float, float, float] = (0.0, 0.0, 0.0)
     spread: tuple[float, float, float] = (1.0, 1.0, 1.0)
@@ -127,10 +127,10 @@ def _centerface(shapes: Sequence[Shape], _size: tuple[int | None, int | None]) -
 
 
 # Levels and order of the channels are those that the networks of each family were trained with.
-FAMILIES: Mapping[FamilyName, Family] = {
-    "yolox": Family(count_classes=_yolox, decode=decode_yolox, free_px=416),
-    "yolov8": Family(count_classes=_yolov8, decode=decode_yolov8, is_rgb=True, spread=(255.0, 255.0, 255.0)),
-    "nanodet": Family(
+FAMILIES: Mapping[FamilyName, NetworkFamily] = {
+    "yolox": NetworkFamily(count_classes=_yolox, decode=decode_yolox, free_px=416),
+    "yolov8": NetworkFamily(count_classes=_yolov8, decode=decode_yolov8, is_rgb=True, spread=(255.0, 255.0, 255.0)),
+    "nanodet": NetworkFamily(
         count_classes=_nanodet,
         decode=decode_nanodet,
         mean=(103.53, 116.28, 123.675),
@@ -138,8 +138,8 @@ FAMILIES: Mapping[FamilyName, Family] = {
         fill=0,
         free_px=416,
     ),
-    "yunet": Family(count_classes=_yunet, decode=decode_yunet, fill=0, free_px=320, has_eyes=True),
-    "centerface": Family(
+    "yunet": NetworkFamily(count_classes=_yunet, decode=decode_yunet, fill=0, free_px=320, has_eyes=True),
+    "centerface": NetworkFamily(
         count_classes=_centerface, decode=decode_centerface, is_rgb=True, fill=0, free_px=256, has_eyes=True
     ),
 }
@@ -153,7 +153,7 @@ class Recognised(Struct, frozen=True, kw_only=True):
     classes: tuple[str, ...]
 
     @property
-    def family(self) -> Family:
+    def family(self) -> NetworkFamily:
         """What its outputs mean."""
         return FAMILIES[self.name]
 

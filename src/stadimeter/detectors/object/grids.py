@@ -29,7 +29,7 @@ DISTANCE_BINS = 8
 MAX_LOG_SIZE = 7.0
 
 
-class Wanted(NamedTuple):
+class WantedClass(NamedTuple):
     """What is looked for in the outputs: a class by its number, from a score on, in an input of this size."""
 
     number: int
@@ -54,7 +54,7 @@ def grid_cells(width: int, height: int, strides: tuple[int, ...]) -> tuple[Point
     return np.concatenate(cells), np.concatenate(sizes)
 
 
-def decode_yolox(outputs: Outputs, wanted: Wanted) -> Boxes:
+def decode_yolox(outputs: Outputs, wanted: WantedClass) -> Boxes:
     """Read ``(1, n, 5 + classes)``: offset in the cell, logarithm of the size, probability of a thing, classes.
 
     Z. Ge et al., "YOLOX: Exceeding YOLO Series in 2021", arXiv 2107.08430: centre = (cell + offset) · stride,
@@ -68,7 +68,7 @@ def decode_yolox(outputs: Outputs, wanted: Wanted) -> Boxes:
     return Boxes(centred((cells[which] + figures[:, :2]) * stride, sizes), scores)
 
 
-def decode_yolov8(outputs: Outputs, wanted: Wanted) -> Boxes:
+def decode_yolov8(outputs: Outputs, wanted: WantedClass) -> Boxes:
     """Read ``(1, 4 + classes, n)``: centre and size in pixels of the input, and the score of each class."""
     rows = outputs[0][0].T
     which, scores = _likely(rows[:, 4:], wanted)
@@ -76,7 +76,7 @@ def decode_yolov8(outputs: Outputs, wanted: Wanted) -> Boxes:
     return Boxes(centred(figures[:, :2], figures[:, 2:]), scores)
 
 
-def decode_nanodet(outputs: Outputs, wanted: Wanted) -> Boxes:
+def decode_nanodet(outputs: Outputs, wanted: WantedClass) -> Boxes:
     """Read ``(1, n, classes + 4 · 8)``: the score of each class, and how far off each side of the box is.
 
     X. Li et al., "Generalized Focal Loss", arXiv 2006.04388: the distance to a side is the mean of 0 to 7 strides,
@@ -94,7 +94,7 @@ def decode_nanodet(outputs: Outputs, wanted: Wanted) -> Boxes:
 
 
 def _likely(
-    classes: NDArray[np.float32], wanted: Wanted, things: NDArray[np.float32] | None = None
+    classes: NDArray[np.float32], wanted: WantedClass, things: NDArray[np.float32] | None = None
 ) -> tuple[Indices, Values]:
     """Return the rows in which the class scores enough and best, and its score there."""
     scores = classes[:, wanted.number] if things is None else classes[:, wanted.number] * things

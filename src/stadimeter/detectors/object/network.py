@@ -14,8 +14,8 @@ from msgspec.structs import replace
 from stadimeter.core.frame import Image
 from stadimeter.detectors.object.boxes import Boxes, fit_picture, one_each
 from stadimeter.detectors.object.engines import Blob, EngineChoice, EngineName, installed_engines, open_engine
-from stadimeter.detectors.object.families import Family, Recognised, recognise
-from stadimeter.detectors.object.grids import Wanted
+from stadimeter.detectors.object.families import NetworkFamily, Recognised, recognise
+from stadimeter.detectors.object.grids import WantedClass
 from stadimeter.detectors.object.model_file import load_model
 from stadimeter.detectors.protocol import EngineTiming, NetworkReport
 from stadimeter.errors import DriverError
@@ -65,11 +65,11 @@ class Network:
             raise DriverError(
                 f"{self._known.file.path} gives {count} classes, not the {number + 1} that it should have"
             )
-        found = family.decode(outputs, Wanted(number, min_score, width, height))
+        found = family.decode(outputs, WantedClass(number, min_score, width, height))
         return one_each(fitted.in_picture(found))
 
 
-def to_blob(image: Image, family: Family) -> Blob:
+def to_blob(image: Image, family: NetworkFamily) -> Blob:
     """Return a picture as the network wants to see it, shape ``(1, 3, height, width)``."""
     scale = 1.0 / family.spread[0]
     blob = np.asarray(cv2.dnn.blobFromImage(image, scale, mean=family.mean, swapRB=family.is_rgb), np.float32)
