@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import objects
 import pytest
 
 from support.scenes import draw
@@ -11,6 +10,8 @@ pytestmark = pytest.mark.vision
 
 
 def test_people_are_measured_within_what_people_and_boxes_differ() -> None:
+    import objects
+
     samples = [each for seed in draw.TUNING_SEEDS[500:508] for each in objects.samples_of(seed)]
     assert {each.row for each in samples} == {row.name for row in objects.ROWS}
     assert all(each.measured_m is not None for each in samples)
@@ -19,6 +20,8 @@ def test_people_are_measured_within_what_people_and_boxes_differ() -> None:
 
 
 def test_the_part_has_a_line_and_figures_for_each_row() -> None:
+    import objects
+
     part = objects.run(2, 1, draw.TUNING_SEEDS.start)
     for row in objects.ROWS:
         assert f"| {row.name} | 2 |" in part.text
