@@ -14,6 +14,7 @@ from gallery import make_gallery
 from how_it_measures import make_steps
 from how_several import make_several
 from live_view_svg import save_svg
+from measuring_object import make_object_picture
 from measuring_round import make_round_pictures
 from picture_steps import picture_steps
 from stereo_picture import make_stereo_picture
@@ -135,5 +136,6 @@ if __name__ == "__main__":
     make_round_pictures(HERE)
     picture_steps(HERE / "measuring-picture.jpg")
     make_stereo_picture(HERE)
+    make_object_picture(HERE)
     make_pages(HERE)
     camera_table.write()

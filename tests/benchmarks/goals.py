@@ -125,6 +125,18 @@ HARD = (
         {"hard flat cut card ±1 mm found": 0.9, "hard flat cut tape ±1 mm found": 0.9},
     ),
     at_most(
+        "person of 1.72 ± 0.07 m by boxes ± 3 %, seen / followed: median",
+        "≤ 5 % each",
+        percent,
+        {f"object YOLOX, boxes ± 3 %{how} median": 0.05 for how in ("", ", followed for 0.4 s")},
+    ),
+    Goal(
+        "person of 1.72 ± 0.07 m by boxes ± 3 %, seen / followed: 95 % interval",
+        "90–99 % each",
+        percent,
+        {f"object YOLOX, boxes ± 3 %{how} held": HELD for how in ("", ", followed for 0.4 s")},
+    ),
+    at_most(
         "hard world: card and tape cut by hand, ±1 mm, 15–60 px: median",
         "≤ 1 % each",
         percent,

@@ -21,6 +21,7 @@ import flat_accuracy
 import hard_balls
 import hard_flats
 import machinery
+import objects
 import picture_accuracy
 import real_pictures
 import speed
@@ -53,6 +54,7 @@ JOBS: dict[str, Job] = {
     "under water": _accuracy(under_water.run, 210),
     "camera place": _accuracy(camera_place.run, 200),
     "stereo": _accuracy(stereo.run, 220),
+    "objects": _accuracy(objects.run, 400),
     "empty": _accuracy(false_alarms.run, 600),
     "real": lambda _asked, _seed: real_pictures.run(),
     "machinery": lambda _asked, _seed: machinery_part(),

@@ -120,3 +120,32 @@ def test_a_decimal_comma_reads_as_a_point_does_in_text_and_schema(whole: int, pa
     assert units.parse_length_or_zero(comma) == units.parse_length_or_zero(point)
     assert re.match(pattern, comma)
     assert re.match(pattern, point)
+
+
+@pytest.mark.parametrize(
+    ("text", "length_m", "sigma_m"),
+    [
+        ("1.72 m ± 7 cm", 1.72, 0.07),
+        ("1,72m +- 7cm", 1.72, 0.07),
+        ("63 mm +/- 3.5 mm", 0.063, 0.0035),
+        ("6 ft", 1.8288, 0.0),
+    ],
+)
+def test_a_length_is_read_with_its_spread(text: str, length_m: float, sigma_m: float) -> None:
+    assert units.parse_spread_length(text) == pytest.approx((length_m, sigma_m))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("1.72", "has no unit"),
+        ("1.72 m ± 7", "has no unit"),
+        ("0 m ± 1 cm", "is not a length above zero"),
+        ("1.72 m ± -1 cm", "is below zero"),
+        ("1.72 m ± 70 cm", "spreads by 41%, limit 30%"),
+        (1.72, "has no unit"),
+    ],
+)
+def test_a_spread_that_is_none_is_refused(text: object, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        units.parse_spread_length(text)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import atexit
 import math
+import shutil
 import tempfile
 from collections.abc import Callable
 from functools import cache
@@ -84,7 +86,8 @@ def detector_rig(driver: str) -> DetectorRig:
     Raises:
         KeyError: There are no scenes for a driver of that name; add them.
     """
-    return ideal_rig() if driver == "ideal" else _rendered_rig(driver)
+    rigs = {"ideal": ideal_rig, "object": object_rig}
+    return rigs[driver]() if driver in rigs else _rendered_rig(driver)
 
 
 def build(driver: str, options: dict[str, Any], context: DriverContext) -> Detector:
@@ -140,6 +143,46 @@ def known_target(truth: Truth) -> KnownTarget:
         distance_m=truth.distance_m,
         centre_px=(float(x), float(y)),
         size_px=longest_px if len(outline) == 4 else truth.apparent_px,
+    )
+
+
+@cache
+def _network() -> Path:
+    """Write a network that finds what is bright, once."""
+    from support.networks import write_network
+
+    folder = Path(tempfile.mkdtemp(prefix="networks-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return write_network(folder / "yolox.onnx", "yolox")
+
+
+def object_rig() -> DetectorRig:
+    """Return the rig of a network that finds people, with bright figures 1.7 m tall before a dark wall."""
+    from support.networks import bright_figure, put_figure
+
+    def drawn(*figures: tuple[int, int, int]) -> Frame:
+        image = np.full((480, 640, 3), 60, np.uint8)
+        for left, top, height in figures:
+            put_figure(image, bright_figure(height, height // 2), left, top)
+        return Frame(image, 0.0, 0)
+
+    def known(left: int, top: int, height: int) -> KnownTarget:
+        x_px, y_px, depth_m = left + height / 4 - 0.5, top + height / 2 - 0.5, 1.7 * 600 / height
+        x, y = CAMERA.direction(x_px, y_px)
+        distance_m = depth_m * math.sqrt(1 + x * x + y * y)
+        return KnownTarget(distance_m=distance_m, centre_px=(x_px, y_px), size_px=float(height))
+
+    near, far = (100, 120, 240), (420, 160, 160)
+    options = {"model": str(_network()), "height": "1.7 m ± 7 cm", "engine": "opencv"}
+    return DetectorRig(
+        detector=build("object", options, DriverContext(name="it", clock=ManualClock(), camera_model=CAMERA)),
+        camera=CAMERA,
+        whole=drawn(near),
+        target=known(*near),
+        empty=drawn(),
+        cut_off=drawn((100, 300, 240)),
+        two=drawn(near, far),
+        both=(known(*near), known(*far)),
     )
 
 

@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable
 from datetime import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from pydantic import BeforeValidator, ValidationInfo, WithJsonSchema
 
@@ -30,6 +30,9 @@ from stadimeter.core.bounds import (
     SIZE_UNIT,
 )
 from stadimeter.core.clock import DAY_S
+
+# A distance by a length that spreads by more says nothing.
+MAX_SPREAD_SHARE = 0.3
 
 INCH_M = 0.0254
 FOOT_M = 0.3048
@@ -92,6 +95,7 @@ _OF_ALL = (
 _TIME_OF_DAY = re.compile(r"\s*(\d{1,2}):(\d{2})(?::(\d{2}(?:\.\d+)?))?\s*")
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+(?:\.\d*|,\d+)?|[.,]\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
+_PLUS_OR_MINUS = re.compile(r"\+/?-")
 _BETWEEN_QUANTITIES = re.compile(r"(?<!\d),|,(?!\d)")
 
 
@@ -165,6 +169,35 @@ def parse_length(text: object) -> float:
     if value <= 0:
         raise ValueError(f"{text!r} is not a length above zero")
     return value
+
+
+def split_spread(text: str) -> tuple[str, str]:
+    """Return what stands before and behind the sign of ``A4 ± 3 mm``; ``+-`` and ``+/-`` are that sign as well."""
+    before, _, behind = _PLUS_OR_MINUS.sub("±", text).partition("±")
+    return before.strip(), behind.strip()
+
+
+class SpreadLength(NamedTuple):
+    """A length that things of a kind have on average, and its standard deviation among them."""
+
+    length_m: float
+    sigma_m: float
+
+
+def parse_spread_length(text: object) -> SpreadLength:
+    """Read a length with its spread, such as ``"1.72 m ± 7 cm"``; raises ValueError if it is none.
+
+    Without a spread it is the same for all.
+    """
+    length, spread = split_spread(text) if isinstance(text, str) else (text, "")
+    length_m = parse_length(length)
+    sigma_m = parse_length_or_zero(spread) if spread else 0.0
+    if sigma_m > MAX_SPREAD_SHARE * length_m:
+        raise ValueError(
+            f"{text!r} spreads by {sigma_m / length_m:.0%}, limit {MAX_SPREAD_SHARE:.0%}: it would tell no distance; "
+            "the part behind ± is one standard deviation, such as '1.72 m ± 7 cm'"
+        )
+    return SpreadLength(length_m, sigma_m)
 
 
 def parse_velocity(text: object) -> float:
@@ -248,8 +281,15 @@ def as_written(units: Units, example: str, *, is_signed: bool = False) -> WithJs
     return WithJsonSchema({"type": "string", "pattern": pattern, "examples": [example], "x-unit": units.si_unit})
 
 
+_WITH_SPREAD = {
+    "type": "string",
+    "pattern": r"^[^±]*[0-9][^±]*[a-z\"'](\s*(±|\+/?-)[^±]+)?$",
+    "examples": ["1.72 m ± 7 cm"],
+}
+
 Length = Annotated[float, BeforeValidator(parse_length), as_written(LENGTHS_M, "35 cm")]
 LengthOrZero = Annotated[float, BeforeValidator(parse_length_or_zero), as_written(LENGTHS_M, "5 cm")]
+LengthWithSpread = Annotated[SpreadLength, BeforeValidator(parse_spread_length), WithJsonSchema(_WITH_SPREAD)]
 Duration = Annotated[float, BeforeValidator(parse_duration), as_written(DURATIONS_S, "250 ms")]
 Speed = Annotated[float, BeforeValidator(parse_speed), as_written(SPEEDS_MPS, "0.4 m/s")]
 Velocity = Annotated[float, BeforeValidator(parse_velocity), as_written(SPEEDS_MPS, "-0.4 m/s", is_signed=True)]

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
-from msgspec import Struct
+from msgspec import Struct, field
 
 from stadimeter.config.plugins import DriverOptions
 from stadimeter.core.camera_model import CameraModel
@@ -185,6 +186,42 @@ class BringsExercise(Protocol):
     @staticmethod
     def exercise() -> Exercise:
         """Return what it has to find."""
+
+
+class EngineTiming(Struct, frozen=True, kw_only=True):
+    """How long an engine takes for a picture of 640x480 px; `trouble` says why it cannot run the network."""
+
+    engine: str
+    seconds: float | None = None
+    trouble: str = ""
+
+
+class NetworkReport(Struct, frozen=True, kw_only=True):
+    """What a model file is.
+
+    Attributes:
+        doubt: Why its family is not known; empty if it is.
+        table: What a table of a configuration says of it, by key.
+        timings: How fast each engine of this computer runs it.
+    """
+
+    producer: str
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    family: str = ""
+    doubt: str = ""
+    classes: tuple[str, ...] = ()
+    table: Mapping[str, str] = field(default_factory=dict)
+    timings: tuple[EngineTiming, ...] = ()
+
+
+@runtime_checkable
+class ExaminesNetwork(Protocol):
+    """A detector that runs a network from a file; a part of its `DriverOptions`."""
+
+    @staticmethod
+    def examine_network(path: Path) -> NetworkReport:
+        """Say what a model file is, and how fast it runs here; an UnreadableError or ValueError says why it is none."""
 
 
 @runtime_checkable

@@ -14,7 +14,7 @@ from msgspec.structs import replace
 from stadimeter.app.detectors import build_detectors
 from stadimeter.config.camera_file import load_camera_model
 from stadimeter.config.plugins import DriverChoice
-from stadimeter.config.units import parse_angle, parse_length
+from stadimeter.config.units import parse_angle, parse_length, split_spread
 from stadimeter.core.camera_model import CameraModel, Provenance
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame
@@ -38,7 +38,7 @@ from stadimeter.workbench.setup.question import (
     SetupStep,
     words_of,
 )
-from stadimeter.workbench.setup.target import PLUS_OR_MINUS, build_target, look, target_shape, why_not_measured
+from stadimeter.workbench.setup.target import build_target, look, target_shape, why_not_measured
 
 # The width of what a usual webcam sees.
 GUESS = "60 deg"
@@ -288,10 +288,10 @@ def parse_distance(text: str) -> tuple[float, float]:
     Raises:
         ConfigError: It is no distance, or is not known well enough to calibrate with.
     """
-    length, is_said, sigma = PLUS_OR_MINUS.sub("±", text).partition("±")
+    length, sigma = split_spread(text)
     try:
-        distance_m = parse_length(length.strip())
-        share = parse_length(sigma.strip()) / distance_m if is_said else DISTANCE_RELATIVE_SIGMA
+        distance_m = parse_length(length)
+        share = parse_length(sigma) / distance_m if sigma else DISTANCE_RELATIVE_SIGMA
     except ValueError as error:
         raise ConfigError(f"{error}; or give pictures, such as near.jpg@50cm") from error
     if not 0 < share <= WORST_KNOWN:

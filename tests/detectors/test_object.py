@@ -1,0 +1,332 @@
+"""The object detector, with small networks that find what is bright, in both engines."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from stadimeter.config.plugins import DETECTORS, DriverContext, load_driver
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Detection, DetectionStatus, Prediction
+from stadimeter.core.frame import Frame, Image
+from stadimeter.detectors.object import ObjectOptions
+from stadimeter.detectors.object.detector import ObjectDetector
+from stadimeter.detectors.object.model_file import MODEL_MAX_BYTES, load_model, parse_model
+from stadimeter.detectors.object.network import Network, examine
+from stadimeter.errors import DriverError, UnreadableError
+from stadimeter.testing.rig import ManualClock
+from support.networks import CLASSES, EYES, bright_figure, put_figure, write_network
+from support.through_lens import ThroughLens
+
+pytestmark = pytest.mark.vision
+
+FAMILIES = ("yolox", "yolov8", "nanodet", "yunet", "centerface")
+FACES = ("yunet", "centerface")
+ENGINES = ("opencv", "onnxruntime")
+CAMERA = CameraModel.with_focal_length(600.0, 640, 480)
+Find = Callable[..., ObjectDetector]
+
+
+@pytest.fixture(scope="module")
+def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("networks")
+    return {family: write_network(folder / f"{family}.onnx", family) for family in FAMILIES}
+
+
+def detector(model: Path, **options: Any) -> ObjectDetector:
+    size = {} if {"width", "eye_distance"} & set(options) else {"height": "1.72 m ± 7 cm"}
+    made = ObjectOptions.model_validate({"model": str(model), "engine": "opencv", **size, **options})
+    return made.build(DriverContext(name="it", clock=ManualClock()))
+
+
+def picture(*figures: tuple[int, int, int], seed: int = 0) -> Image:
+    """Return a dark room with bright figures, each by left, top and height; they are 0.4 times as wide."""
+    image = np.random.default_rng(seed).integers(20, 90, (480, 640, 3), np.uint8)
+    for left, top, height in figures:
+        put_figure(image, bright_figure(height, round(0.4 * height)), left, top)
+    return image
+
+
+def at(seconds: float, *figures: tuple[int, int, int]) -> Frame:
+    return Frame(picture(*figures), seconds, round(30 * seconds))
+
+
+class CountedLooks:
+    """Counts how often the network of a detector looks."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.count = 0
+        find = Network.find
+
+        def counted(network: Network, *arguments: Any) -> Any:
+            self.count += 1
+            return find(network, *arguments)
+
+        monkeypatch.setattr(Network, "find", counted)
+
+
+@pytest.fixture
+def looks(monkeypatch: pytest.MonkeyPatch) -> CountedLooks:
+    return CountedLooks(monkeypatch)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("family", FAMILIES)
+def test_a_network_of_each_family_finds_the_box_in_both_engines(
+    networks: dict[str, Path], family: str, engine: str
+) -> None:
+    if engine == "onnxruntime":
+        pytest.importorskip("onnxruntime")
+    found = detector(networks[family], engine=engine).detect(at(0, (100, 150, 200)))
+    assert found.status is DetectionStatus.FOUND, found.reason
+    assert found.outline_px[[0, 2]].ravel() == pytest.approx((99.5, 149.5, 179.5, 349.5), abs=1.5)
+    assert found.height_px == pytest.approx(200, abs=2.5)
+    assert found.quality == pytest.approx(0.9, abs=0.01)
+
+
+@pytest.mark.parametrize("family", FACES)
+def test_a_face_is_measured_by_its_eyes(networks: dict[str, Path], family: str) -> None:
+    through = ThroughLens(detector(networks[family], eye_distance="63.4 mm ± 3.8 mm"), CAMERA)
+    frame = at(0, (150, 150, 200))
+    found, measured = through.detect(frame), through.measure(frame)
+    # The eyes are 0.4 widths of 80 px apart, at 0.4 of the height.
+    assert found.width_px == pytest.approx((EYES[1][0] - EYES[0][0]) * 80, abs=1.5)
+    assert found.centre_px == pytest.approx((189.5, 229.5), abs=1.5)
+    assert measured.distance_m == pytest.approx(0.0634 * 600 / 32, rel=0.05)
+    assert measured.sigma_m == pytest.approx(measured.distance_m * np.hypot(3.8 / 63.4, 0.05), rel=0.02)
+
+
+def test_the_distance_of_a_person_follows_from_its_height_and_the_spread_is_in_its_sigma(
+    networks: dict[str, Path],
+) -> None:
+    measured = ThroughLens(detector(networks["yolox"]), CAMERA).measure(at(0, (100, 150, 200)))
+    assert measured.depth_m == pytest.approx(1.72 * 600 / 200, rel=0.01)
+    assert measured.sigma_m == pytest.approx(measured.distance_m * np.hypot(0.07 / 1.72, 0.04), rel=0.02)
+    assert measured.noise_m == pytest.approx(0.04 * measured.distance_m, rel=0.02)
+
+
+def test_the_network_looks_once_in_a_time_and_its_box_is_followed_in_between(
+    networks: dict[str, Path], looks: CountedLooks
+) -> None:
+    it = detector(networks["yolox"], every="0.5 s")
+    for number in range(31):  # 1 s at 30 pictures a second; it comes nearer and goes to the right
+        left, height = 100 + 3 * number, 200 + number
+        found = it.detect(at(number / 30, (left, 150, height)))
+        assert found.status is DetectionStatus.FOUND, found.reason
+        assert found.height_px == pytest.approx(height, rel=0.02), number
+        assert found.centre_px[0] == pytest.approx(left + 0.2 * height, abs=3), number
+    assert looks.count == 3
+
+
+def test_the_sigma_grows_with_the_age_of_what_the_network_saw(networks: dict[str, Path]) -> None:
+    it = detector(networks["yolox"], every="1 s")
+    shares = [
+        found.size_sigma_px / found.height_px for found in (it.detect(at(t, (200, 120, 220))) for t in (0, 0.1, 0.9))
+    ]
+    assert shares[0] == pytest.approx(0.04)
+    assert shares[0] < shares[1] < shares[2]
+
+
+def test_what_cannot_be_followed_is_not_found_with_the_reason_and_the_network_looks_again(
+    networks: dict[str, Path], looks: CountedLooks
+) -> None:
+    it = detector(networks["yolox"], every="5 s")
+    assert it.detect(at(0.0, (150, 150, 200))).status is DetectionStatus.FOUND
+    lost = it.detect(at(0.1))
+    assert lost.status is DetectionStatus.NOT_FOUND
+    assert lost.reason.startswith("the person is not followed until the network looks again: ")
+    assert looks.count == 1
+    assert it.detect(at(0.2, (400, 100, 300))).height_px == pytest.approx(300, abs=3)
+    assert looks.count == 2
+
+
+def test_a_picture_without_the_thing_is_not_looked_at_again_before_it_is_time(
+    networks: dict[str, Path], looks: CountedLooks
+) -> None:
+    it = detector(networks["yolox"], every="0.5 s")
+    assert it.detect(at(0.0)).reason == "no person"
+    assert it.detect(at(0.2, (150, 150, 200))).reason == "no person, when the network last looked, 0.20 s before"
+    assert it.detect(at(0.5, (150, 150, 200))).status is DetectionStatus.FOUND
+    assert looks.count == 2
+
+
+def test_the_same_frame_an_earlier_one_and_one_of_another_size_are_looked_at_anew(
+    networks: dict[str, Path], looks: CountedLooks
+) -> None:
+    it = detector(networks["yolox"])
+    whole = at(1.0, (150, 150, 200))
+    it.detect(whole)
+    it.detect(whole)
+    it.detect(at(0.9, (150, 150, 200)))
+    it.detect(Frame(np.ascontiguousarray(whole.image[:240]), 1.0, 31))
+    assert looks.count == 4
+
+
+def test_frames_in_the_same_order_give_the_same_answers_to_the_last_bit(networks: dict[str, Path]) -> None:
+    frames = [at(number / 20, (150 + 4 * number, 150, 200)) for number in range(15)]
+    first, again = ([it.detect(frame) for frame in frames] for it in (detector(networks["yolox"]) for _ in "12"))
+    for one, other in zip(first, again, strict=True):
+        assert all(np.array_equal(getattr(one, name), getattr(other, name)) for name in Detection.__struct_fields__)
+
+
+def test_of_several_the_largest_is_taken_and_the_others_are_listed(networks: dict[str, Path]) -> None:
+    found = detector(networks["yolox"]).detect(at(0, (60, 150, 120), (400, 100, 250)))
+    assert found.height_px == pytest.approx(250, abs=3)
+    assert found.reason == "the largest of 2 in view"
+    assert [each.reason for each in found.rejected] == ["is another person, score 0.90"]
+
+
+def test_with_a_prediction_the_nearest_is_taken_and_without_one_the_one_that_was_followed(
+    networks: dict[str, Path],
+) -> None:
+    both = (60, 150, 120), (400, 100, 250)
+    it = detector(networks["yolox"], every="0.2 s")
+    expected = Prediction(centre_px=(84, 210), size_px=120, sigma_px=3)
+    assert it.detect(at(0, *both), expected).height_px == pytest.approx(120, abs=2)
+    later = it.detect(at(0.3, *both))  # once a second the whole picture is searched without a prediction
+    assert (later.height_px, later.reason) == (pytest.approx(120, abs=2), "the one of 2 that the network saw last")
+
+
+@pytest.mark.parametrize(
+    ("options", "figure", "status", "border"),
+    [
+        ({}, (100, -60, 300), DetectionStatus.TRUNCATED, "top"),
+        ({}, (100, 250, 300), DetectionStatus.TRUNCATED, "bottom"),
+        ({}, (-40, 100, 250), DetectionStatus.FOUND, ""),
+        ({"width": "50 cm"}, (-40, 100, 250), DetectionStatus.TRUNCATED, "left"),
+        ({"width": "50 cm"}, (100, -60, 300), DetectionStatus.FOUND, ""),
+    ],
+)
+def test_it_is_truncated_where_the_known_side_is_cut_off(
+    networks: dict[str, Path], options: dict[str, str], figure: tuple[int, int, int], status: str, border: str
+) -> None:
+    it = detector(networks["yolox"], **options)
+    found = it.detect(at(0, figure))
+    assert found.status is status
+    assert found.reason.endswith(f"is cut off by the {border} border" if border else "")
+    if border:  # what is cut off is not followed: it would be taken for whole further inside
+        assert it.detect(at(0.1, figure)).status is DetectionStatus.TRUNCATED
+
+
+def test_a_box_of_which_the_network_is_less_sure_is_listed_with_its_score(networks: dict[str, Path]) -> None:
+    found = detector(networks["yolox"], min_score=0.95).detect(at(0, (100, 150, 200)))
+    assert found.reason == "no person: the likeliest box scores 0.90, limit 0.95"
+    assert [each.reason for each in found.rejected] == ["scores 0.90, limit 0.95"]
+
+
+@pytest.mark.parametrize("family", ["yolox", "yolov8", "nanodet"])
+def test_only_the_class_that_is_asked_for_is_found(networks: dict[str, Path], family: str) -> None:
+    frame = at(0, (100, 150, 200))
+    assert detector(networks[family], **{"class": "dog"}).detect(frame).reason == "no dog"
+    assert detector(networks[family], **{"class": "0"}).detect(frame).status is DetectionStatus.FOUND
+
+
+def problems(model: Path | str, **options: Any) -> dict[str, str]:
+    """Return what is wrong with options, by key."""
+    table = {"model": str(model), "height": "1.7 m", **options}
+    with pytest.raises(ValidationError) as raised:
+        ObjectOptions.model_validate({key: value for key, value in table.items() if value})
+    return {".".join(map(str, each["loc"])): each["msg"] for each in raised.value.errors()}
+
+
+def test_what_is_wrong_is_said_at_its_key(networks: dict[str, Path], tmp_path: Path) -> None:
+    text = tmp_path / "text.onnx"
+    text.write_text("no network")
+    yolox = networks["yolox"]
+    assert "it is no ONNX file" in problems(text)["model"]
+    assert "the family 5 and one for each class" not in str(problems(yolox, family="yolov8"))
+    assert "rows for an input of 256x256" in problems(yolox, family="yolov8")["family"]
+    assert (
+        "'cat' is no class of this network; it has: person, dog, ball" in problems(yolox, **{"class": "cat"})["class"]
+    )
+    assert "17.2 m is not the height of a person" in problems(yolox, height="17.2 m")["height"]
+    assert (
+        "is not the distance of two pupils"
+        in problems(networks["yunet"], height=None, eye_distance="63.4 cm ± 1 cm")["eye_distance"]
+    )
+    assert "spreads by 41%" in problems(yolox, height="1.72 m ± 70 cm")["height"]
+    assert "height and width are given" in problems(yolox, width="50 cm")[""]
+    assert "no size is given" in problems(yolox, height=None)[""]
+    assert "yolox finds no eyes, yunet and centerface do" in problems(yolox, height=None, eye_distance="63 mm")[""]
+    assert problems(yolox, box_sigma=0.9).keys() == {"box_sigma"}
+
+
+def test_a_file_that_is_not_there_is_a_lack_and_an_error_of_the_first_picture(tmp_path: Path) -> None:
+    options = ObjectOptions.model_validate({"model": str(tmp_path / "none.onnx"), "height": "1.7 m"})
+    assert options.lacks() == (f"the model file {tmp_path / 'none.onnx'} is not there; a run would stop",)
+    with pytest.raises(DriverError, match=r"the model of target 'it' cannot be used: .*there is no such file"):
+        options.build(DriverContext(name="it", clock=ManualClock())).detect(at(0))
+
+
+def test_every_cut_of_a_file_is_refused_or_read(networks: dict[str, Path]) -> None:
+    data = networks["nanodet"].read_bytes()
+    for length in (0, 1, 2, 10, 100, len(data) // 2, len(data) - 1):
+        with pytest.raises(ValueError, match="it is no ONNX file, or is cut short"):
+            parse_model(Path("x"), data[:length])
+
+
+def test_a_file_too_large_and_one_of_two_inputs_are_refused(tmp_path: Path, networks: dict[str, Path]) -> None:
+    large = tmp_path / "large.onnx"
+    with large.open("wb") as file:
+        file.truncate(MODEL_MAX_BYTES + 1)
+    with pytest.raises(UnreadableError, match="larger than 60 MB"):
+        load_model(large)
+    import onnx
+
+    model = onnx.load(networks["yolox"])
+    model.graph.input.add().CopyFrom(onnx.helper.make_tensor_value_info("more", 1, (1, 3, 8, 8)))
+    with pytest.raises(ValueError, match="its input is not one picture"):
+        parse_model(Path("x"), model.SerializeToString())
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_network_that_an_engine_cannot_run_is_an_error_of_ours(tmp_path: Path, engine: str) -> None:
+    if engine == "onnxruntime":
+        pytest.importorskip("onnxruntime")
+    import onnx
+
+    model = onnx.load(write_network(tmp_path / "x.onnx", "yolox"))
+    model.graph.node[0].op_type = "NoSuchThing"
+    path = tmp_path / "odd.onnx"
+    path.write_bytes(model.SerializeToString())
+    with pytest.raises(DriverError, match=rf"cannot run {path}"):
+        detector(path, engine=engine).detect(at(0))
+
+
+def test_a_file_whose_sizes_are_left_over_from_its_export_runs_at_any_size_in_both_engines(tmp_path: Path) -> None:
+    """As that of CenterFace, which says 10 pictures of 32 px."""
+    onnx = pytest.importorskip("onnx")
+    value, shape = onnx.helper.make_tensor_value_info, (10, 3, 32, 32)
+    maps = {"537": 1, "538": 2, "539": 2, "540": 10}
+    nodes = [
+        onnx.helper.make_node("Conv", ["images", f"w{name}"], [name], kernel_shape=[4, 4], strides=[4, 4])
+        for name in maps
+    ]
+    weights = [
+        onnx.numpy_helper.from_array(np.full((count, 3, 4, 4), 1e-6, np.float32), f"w{name}")
+        for name, count in maps.items()
+    ]
+    outputs = [value(name, 1, (10, count, 8, 8)) for name, count in maps.items()]
+    graph = onnx.helper.make_graph(nodes, "any", [value("images", 1, shape)], outputs, weights)
+    path = tmp_path / "any.onnx"
+    opset = [onnx.helper.make_opsetid("", 13)]
+    path.write_bytes(onnx.helper.make_model(graph, opset_imports=opset, ir_version=8).SerializeToString())
+    report = examine(path)
+    assert report.family == "centerface"
+    assert [each.trouble for each in report.timings] == [""] * len(report.timings)
+
+
+def test_names_of_classes_come_from_the_file_or_are_those_of_coco_or_numbers(tmp_path: Path) -> None:
+    assert examine(write_network(tmp_path / "a.onnx", "yolov8")).classes == CLASSES
+    assert examine(write_network(tmp_path / "b.onnx", "yolov8", is_named=False)).classes == ("0", "1", "2")
+    many = examine(write_network(tmp_path / "c.onnx", "yolov8", [f"{n}" for n in range(80)], is_named=False)).classes
+    assert (len(many), many[0], many[79]) == (80, "person", "toothbrush")
+
+
+def test_the_detector_is_found_by_its_entry_point() -> None:
+    assert load_driver(DETECTORS, "object") is ObjectOptions
