@@ -136,7 +136,7 @@ def measure(
         names, wanted, camera_model = _check_options(
             target, config, camera, between, is_one_source=bool(images) != bool(live)
         )
-        targets = build_detectors(wanted.choices, camera_model)
+        targets = build_detectors(wanted.choices, camera_model, wanted.footings)
         name = (live or "").partition(",")[0]  # the configuration or the driver: its options would fill each line
         work = _Work(
             measuring=Measuring(targets, camera_model),

@@ -23,6 +23,7 @@ from stadimeter.config.toml_source import camera_table, key_and_value
 from stadimeter.config.units import LENGTHS_M, parse_length, split_quantities
 from stadimeter.config.untrusted_file import is_file
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.floor import Footing
 from stadimeter.errors import ConfigError, DriverNotFoundError, Problem
 
 ConfigOption = Annotated[
@@ -129,10 +130,15 @@ GivenTarget = Mapping[str, Any]
 
 
 class WantedTargets(Struct, frozen=True, kw_only=True):
-    """Targets to look for, with their checked options, the configuration's lens if any, and the person's unit."""
+    """Targets to look for, with their checked options, the configuration's lens if any, and the person's unit.
+
+    Attributes:
+        footings: What is known of those that are on the floor, by name.
+    """
 
     choices: tuple[DriverChoice, ...]
     camera_model: CameraModel | None = None
+    footings: Mapping[str, Footing] = {}
     unit: LengthUnit = METRE
 
 
@@ -186,7 +192,7 @@ def targets_from_options(given: GivenTarget, config: Path | None = None) -> Want
                 "--tolerance says how well a size is known; with --config it stands in the target's table"
             )
         loaded = _loader().load_configuration(config)
-        return WantedTargets(choices=loaded.targets, camera_model=loaded.camera_model)
+        return WantedTargets(choices=loaded.targets, camera_model=loaded.camera_model, footings=loaded.footings)
     kind, table, flags = _named_target(said[name]) if name == "--target" else _short_target(name, said)
     units = [unit for value in table.values() if (unit := _unit_of(value)) is not None]
     if "--tolerance" in said:

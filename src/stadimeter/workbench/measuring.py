@@ -23,10 +23,10 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, RejectedCandidate, no_points
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement, MeasurementStatus
-from stadimeter.core.target import TargetShape
 from stadimeter.detectors.protocol import Detector, FindsSeveral, KnowsRemedies, Remedy, ShowsEdges
 from stadimeter.errors import PictureError, StadimeterError, UnreadableError
 from stadimeter.perception.perceiver import Perceiver
+from stadimeter.ranging.floor import OnFloor, stand
 from stadimeter.ranging.measure import SigmaParts, measure, sigma_parts
 from stadimeter.ranging.separation import SeenTarget, Separation, direction_sigmas_rad, separation
 
@@ -51,6 +51,7 @@ class TargetResult(Struct, frozen=True, kw_only=True, eq=False):
         direction_sigmas_rad: Standard deviations of bearing and elevation; None without a distance.
         find_edges: Returns its edge points, shape ``(n, 2)``; empty for a detector that does not show them.
         seen: It with its shape; None if the picture could not be read.
+        floor: It by its size and by the floor; None of a target that need not be on it.
         frame: The frame of a video or a camera, counted from 0; None of a picture.
         time_s: When it was captured, from the first one on; None of a picture.
     """
@@ -64,6 +65,7 @@ class TargetResult(Struct, frozen=True, kw_only=True, eq=False):
     direction_sigmas_rad: tuple[float, float] | None = None
     find_edges: Callable[[], Points] = no_points
     seen: SeenTarget | None = None
+    floor: OnFloor | None = None
     frame: int | None = None
     time_s: float | None = None
 
@@ -174,7 +176,7 @@ class Measuring:
         results, number = [], 1
         for target in self._targets:
             for detection in _detections(target.detector, frame, lens):
-                result = _result(file, detection, target.detector.target_shape, lens, number)
+                result = _result(file, detection, target, lens, number)
                 results.append(replace(result, find_edges=partial(_edges, target.detector, frame, detection, lens)))
                 number += len(detection.rejected)
         return PictureResult(file=file, frame=frame, targets=tuple(results))
@@ -216,18 +218,23 @@ def _edges(detector: Detector, frame: Frame, found: Detection, lens: CameraModel
     return no_points()
 
 
-def _result(file: str, detection: Detection, shape: TargetShape, lens: CameraModel, number: int) -> TargetResult:
-    measurement = measure(detection, shape, lens, 0.0)
+def _result(file: str, detection: Detection, target: NamedDetector, lens: CameraModel, number: int) -> TargetResult:
+    shape = target.detector.target_shape
+    by_size = measurement = measure(detection, shape, lens, 0.0)
+    floor = None if target.footing is None else stand(by_size, detection, shape, lens, target.footing)
+    if floor is not None:
+        measurement = floor.measurement
     seen = SeenTarget(detection=detection, measurement=measurement, shape=shape)
     return TargetResult(
         file=file,
         measurement=measurement,
         detection=detection,
         has_corners=shape.has_corners,
-        parts=sigma_parts(measurement, shape, lens),
+        parts=sigma_parts(by_size, shape, lens),
         rejected_from=number,
         direction_sigmas_rad=direction_sigmas_rad(seen, lens),
         seen=seen,
+        floor=floor,
     )
 
 

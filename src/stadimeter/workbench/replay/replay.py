@@ -111,7 +111,8 @@ class Redetection:
         if configuration.camera_model is None:
             raise ConfigError([Problem("there is no camera model to measure with", str(configuration.path))])
         named = _detectors(configuration)
-        self._perceiver = Perceiver({each.name: each.detector for each in named}, configuration.camera_model)
+        detectors = {each.name: each.detector for each in named}
+        self._perceiver = Perceiver(detectors, configuration.camera_model, configuration.footings)
 
     def observe(self, cycle: RecordedCycle, image: RecordedImage | None, state: State) -> Observation:
         """Return what was observed in a cycle, with what is measured in its picture now.

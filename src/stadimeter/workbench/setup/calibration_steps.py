@@ -14,7 +14,7 @@ from msgspec.structs import replace
 from stadimeter.app.detectors import build_detectors
 from stadimeter.config.camera_file import load_camera_model
 from stadimeter.config.plugins import DriverChoice
-from stadimeter.config.units import parse_angle, parse_length
+from stadimeter.config.units import PLUS_OR_MINUS, parse_angle, parse_length
 from stadimeter.core.camera_model import CameraModel, Provenance
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame
@@ -38,7 +38,7 @@ from stadimeter.workbench.setup.question import (
     SetupStep,
     words_of,
 )
-from stadimeter.workbench.setup.target import PLUS_OR_MINUS, build_target, look, target_shape, why_not_measured
+from stadimeter.workbench.setup.target import build_target, look, target_shape, why_not_measured
 
 # The width of what a usual webcam sees.
 GUESS = "60 deg"

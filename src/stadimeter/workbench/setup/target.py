@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -10,7 +9,7 @@ from stadimeter.app.detectors import build_detectors
 from stadimeter.config.driver_tables import TARGET
 from stadimeter.config.named_sizes import BALLS, PAPER
 from stadimeter.config.plugins import DriverChoice
-from stadimeter.config.units import split_quantities
+from stadimeter.config.units import PLUS_OR_MINUS, split_quantities
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
@@ -23,9 +22,6 @@ from stadimeter.workbench.setup.camera_step import SIMULATED
 from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Option, Question, SetupStep
 
 FOUND = f"{PICTURES}/found.png"
-
-# How ``±`` is typed.
-PLUS_OR_MINUS = re.compile(r"\+/?-")
 
 # The answer for a ball of which no range of colours is wanted.
 ANY_COLOUR = "any"
