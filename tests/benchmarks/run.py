@@ -17,6 +17,7 @@ from pathlib import Path
 import ball_accuracy
 import false_alarms
 import flat_accuracy
+import floor
 import hard_balls
 import hard_flats
 import machinery
@@ -45,6 +46,7 @@ JOBS: dict[str, Job] = {
     "sheet": _accuracy(flat_accuracy.run_sheet, 60),
     "disc": _accuracy(flat_accuracy.run_disc, 60),
     "tag": _accuracy(tag_accuracy.run, 48),
+    "floor": _accuracy(floor.run, 200),
     "empty": _accuracy(false_alarms.run, 600),
     "real": lambda _asked, _seed: real_pictures.run(),
     "machinery": lambda _asked, _seed: machinery_part(),

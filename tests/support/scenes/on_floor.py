@@ -12,14 +12,17 @@ from numpy.typing import NDArray
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.floor import Footing
 from support.scenes.backdrop import PlainBackdrop
-from support.scenes.ball import BallTarget
-from support.scenes.draw import CAMERA, SHEET_M, TAG_FAMILY, TAGS, TENNIS_M
-from support.scenes.floor import FloorBackdrop, Ground
+from support.scenes.draw import CAMERA, TAG_FAMILY, TAGS
+from support.scenes.floor import Ground
+from support.scenes.hard_balls import hard_ball
 from support.scenes.plane import Pose, SheetTarget, TagTarget
 from support.scenes.scene import Scene
 
 HEIGHT_M, HEIGHT_SIGMA_M = 0.30, 0.003
 TILT_RAD, TILT_SIGMA_RAD = math.radians(-12), math.radians(0.1)
+MET_PX = (10.0, 40.0)
+BALL_M, CARD_M = 0.12, (0.210, 0.148)
+GROUNDS = (Ground.WOOD, Ground.CONCRETE, Ground.MAT)
 LEAN_RAD = math.radians(3)
 FOCAL_SHARE = 0.005
 
@@ -34,25 +37,28 @@ class OnFloorScene(Struct, frozen=True, kw_only=True):
     camera: CameraModel
     tilt_rad: float
     height_m: float
+    hsv: str | None = None
 
 
 def ball_on_floor(seed: int, distance_m: float, size_sigma: float = 0.0) -> OnFloorScene:
-    """Draw a tennis ball on a floor, so far along it; its true size differs by a share from what it is taken for."""
+    """Draw a ball of 12 cm on a floor, so far along it; its true size differs by a share from what it is taken for."""
     rng = np.random.default_rng((seed, 90))
-    diameter_m = TENNIS_M * (1 + size_sigma * float(rng.standard_normal()))
+    diameter_m = BALL_M * (1 + size_sigma * float(rng.standard_normal()))
     height_m, level = _camera(rng)
     place = _place(rng, distance_m, height_m - diameter_m / 2)
-    target = BallTarget(position_m=tuple((level @ place).tolist()), diameter_m=diameter_m)
-    ground = FloorBackdrop(ground=Ground.CONCRETE, bgr=(90, 92, 96))
-    return _said(rng, Scene(camera=CAMERA, target=target, seed=seed, backdrop=ground), height_m, level)
+    # A ball as it is met on a floor, with its dirt, seams and felt, through a camera of random quality.
+    met = hard_ball(seed, MET_PX, backdrop=str(GROUNDS[seed % len(GROUNDS)]))
+    target = replace(met.scene.target, position_m=tuple((level @ place).tolist()), diameter_m=diameter_m)
+    said = _said(rng, replace(met.scene, target=target, occluder=None), height_m, level)
+    return replace(said, hsv=met.hsv)
 
 
 def sheet_on_floor(seed: int, distance_m: float, size_sigma: float = 0.0) -> OnFloorScene:
-    """Draw a sheet of A4 that stands on a floor on its long side, turned and leaning a little."""
+    """Draw a sheet of A5 that stands on a floor on its long side, turned and leaning a little."""
     rng = np.random.default_rng((seed, 91))
-    width_m, side_m = (side * (1 + size_sigma * float(rng.standard_normal())) for side in SHEET_M)
+    width_m, side_m = (side * (1 + size_sigma * float(rng.standard_normal())) for side in CARD_M)
     height_m, level = _camera(rng)
-    lean, turn = LEAN_RAD * float(rng.standard_normal()), math.radians(float(rng.uniform(-35, 35)))
+    lean, turn = LEAN_RAD * float(rng.standard_normal()), math.radians(float(rng.uniform(-20, 20)))
     standing = _about_up(turn) @ _about_right(lean)
     # Its foot, the middle of the lowest side, is on the floor; down of the sheet is its y axis.
     centre = _place(rng, distance_m, height_m) - standing @ np.array((0.0, side_m / 2, 0.0))
@@ -79,7 +85,7 @@ def _camera(rng: np.random.Generator) -> tuple[float, Matrix]:
 
 def _place(rng: np.random.Generator, distance_m: float, below_m: float) -> NDArray[np.float64]:
     """Return a place so far away along the floor, and so far below the camera, in level axes."""
-    aside = math.radians(float(rng.uniform(-15, 15)))
+    aside = math.radians(float(rng.uniform(-10, 10)))
     return np.array((distance_m * math.sin(aside), below_m, distance_m * math.cos(aside)))
 
 
