@@ -10,6 +10,7 @@ from pathlib import Path
 
 import camera_table
 import fleet_picture
+import floor_picture
 from gallery import make_gallery
 from how_it_measures import make_steps
 from live_view_svg import save_svg
@@ -129,5 +130,6 @@ if __name__ == "__main__":
     make_gallery(HERE)
     make_steps(HERE)
     make_round_pictures(HERE)
+    floor_picture.make_floor_picture(HERE / "how-floor.jpg")
     make_pages(HERE)
     camera_table.write()

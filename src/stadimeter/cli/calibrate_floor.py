@@ -12,7 +12,9 @@ from stadimeter.app.detectors import build_detectors
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors, say_note
 from stadimeter.cli.target_options import GivenTarget, takes_target, targets_from_options
 from stadimeter.config.camera_file import load_camera_model
+from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import DetectionStatus
+from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import CalibrationError, ConfigError
 from stadimeter.ranging.flat import SheetShape, TagShape
 from stadimeter.ranging.floor_pose import CameraAboveFloor, camera_above, mean_of
@@ -50,23 +52,30 @@ def floor(
         shape = detector.target_shape
         if not isinstance(shape, SheetShape | TagShape):
             raise ConfigError(f"a {shape.label} does not tell how the floor lies; lay a tag or a sheet on it")
-        views = []
-        for path in pictures:
-            frame = open_picture(path)
-            lens = model.for_frame(frame)
-            found = detector.detect(frame, lens=lens)
-            try:
-                if found.status is not DetectionStatus.FOUND:
-                    raise CalibrationError(found.reason)
-                views.append(camera_above(found, shape, lens))
-                typer.echo(f"{path}  {_words(views[-1])}")
-            except CalibrationError as error:
-                typer.echo(f"left out: {path}: {error}", err=True)
+        views = [view for path in pictures if (view := _look(path, detector, shape, model)) is not None]
         if not views:
             typer.echo("error: no picture can be used", err=True)
             raise typer.Exit(NOT_FOUND)
         _print_lines(mean_of(views))
     raise typer.Exit(DONE if len(views) == len(pictures) else NOT_FOUND)
+
+
+def _look(path: Path, detector: Detector, shape: SheetShape | TagShape, model: CameraModel) -> CameraAboveFloor | None:
+    """Return what one picture says, or say on standard error why it cannot be used."""
+    frame = open_picture(path)
+    lens = model.for_frame(frame)
+    found = detector.detect(frame, lens=lens)
+    reason = found.reason
+    if found.status is DetectionStatus.FOUND:
+        try:
+            view = camera_above(found, shape, lens)
+        except CalibrationError as error:
+            reason = str(error)
+        else:
+            typer.echo(f"{path}  {_words(view)}")
+            return view
+    typer.echo(f"left out: {path}: {reason}", err=True)
+    return None
 
 
 def _words(view: CameraAboveFloor) -> str:
