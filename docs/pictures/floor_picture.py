@@ -1,4 +1,4 @@
-"""The picture of docs/how-it-measures.md for targets on the floor: a ball, and lines of equal distance along the floor."""
+"""The picture of docs/how-it-measures.md for targets on the floor: a ball, and lines of equal distance along it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LINES_M = (0.5, 0.7, 1.0, 1.5, 2.0, 4.0)
 
 
 def make_floor_picture(path: Path) -> None:
-    """Write a ball on the floor, what its size and the floor tell of it, and lines of equal distance along the floor."""
+    """Write a ball on the floor, what its size and the floor tell of it, and lines of equal distance along it."""
     drawn = ball_on_floor(SEED, AHEAD_M)
     image = render(drawn.scene).image
     options = BallOptions.model_validate({"diameter": f"{BALL_M} m", "hsv": drawn.hsv})

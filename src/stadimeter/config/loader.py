@@ -39,6 +39,7 @@ from stadimeter.config.units import validation_context
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.floor import Footing
+from stadimeter.core.mount import Mount
 from stadimeter.core.plan import Output, Plan
 from stadimeter.errors import ConfigError, Problem
 
@@ -76,6 +77,7 @@ class Configuration(ChosenDrivers, Struct, frozen=True, kw_only=True, eq=False):
         web: The page on which a browser sees the run; None for none.
         recording: What the run keeps by itself; None for nothing.
         footings: What is known of each target that is on the floor, by its name.
+        mount: Where the camera sits on a robot; None for on none.
         place: Where it is, for schedules; None for anywhere, in the time zone of the computer.
         needs_sun: Whether a rule asks when the sun rises or sets.
         find_warnings: Finds what `warnings` gives.
@@ -98,6 +100,7 @@ class Configuration(ChosenDrivers, Struct, frozen=True, kw_only=True, eq=False):
     web: WebTable | None = None
     recording: RecordingTable | None = None
     footings: Mapping[str, Footing] = field(default_factory=dict)
+    mount: Mount | None = None
     place: PlaceTable | None = None
     needs_sun: bool = False
 
@@ -156,6 +159,7 @@ def load_configuration(path: Path, *, with_tests: bool = True, texts: Texts | No
         web=draft.web,
         recording=draft.recording,
         footings=_footings(draft),
+        mount=draft.camera_table.on_robot(),
         place=draft.place,
         needs_sun=plan.needs_sun,
         leases_s={name: table.lease for name, table in draft.output_tables.items()},

@@ -33,6 +33,7 @@ from stadimeter.core import plan
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.clock import DAY_S
 from stadimeter.core.floor import HEIGHT_SIGMA_M, TILT_SIGMA_RAD, Footing
+from stadimeter.core.mount import Mount
 from stadimeter.core.sensor_fusion import SensorPair
 from stadimeter.core.tracking.transverse import Viewpoint
 from stadimeter.operator_actions import OperatorAction
@@ -78,6 +79,23 @@ AfterFault = Literal["reopen", "stay_off"]
 Share = Annotated[float, Field(ge=0, le=1)]
 
 
+class MountTable(Section):
+    """Where the camera sits on the robot: x ahead and y left of its middle. Its height and tilt are in `[camera]`."""
+
+    written_elsewhere: ClassVar[dict[str, str]] = {
+        "z": 'height = "30 cm" in [camera]',
+        "height": 'height = "30 cm" in [camera]',
+        "tilt": 'tilt = "-12 deg" in [camera]',
+    }
+
+    x: Coordinate = 0.0
+    """In metres; how far the lens is ahead of the middle of the robot."""
+    y: Coordinate = 0.0
+    """In metres; how far it is to the left of it."""
+    yaw: Angle = 0.0
+    """In radians; how far it is turned to the left."""
+
+
 class CameraTable(Section):
     """The keys that every camera has, whatever its driver."""
 
@@ -88,10 +106,21 @@ class CameraTable(Section):
     tilt: StatedAngle = Stated(0.0)
     """In radians; how far it looks up from level, below zero for down, and how well that is known."""
 
+    mount: MountTable | None = None
+    """Where it sits on a robot; None for none."""
+
     def to_plan(self, lens: CameraModel | None) -> Viewpoint:
         """Return from where the camera looks as the core sees it."""
         height_m = None if self.height is None else self.height.value
-        return Viewpoint(height_m=height_m, tilt_rad=self.tilt.value, lens=lens)
+        return Viewpoint(height_m=height_m, tilt_rad=self.tilt.value, lens=lens, mount=self.on_robot() or Mount())
+
+    def on_robot(self) -> Mount | None:
+        """Return where the camera sits on a robot; None where it sits on none."""
+        if self.mount is None:
+            return None
+        z_m = 0.0 if self.height is None else self.height.value
+        at = self.mount
+        return Mount(x_m=at.x, y_m=at.y, z_m=z_m, yaw_rad=at.yaw, tilt_rad=self.tilt.value)
 
     def footing(self, target: "TargetTable") -> Footing | None:
         """Return the camera above the floor and what of a target is on it; None of one that need not be on it."""

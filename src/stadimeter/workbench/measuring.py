@@ -23,6 +23,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, RejectedCandidate, no_points
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement, MeasurementStatus
+from stadimeter.core.mount import Mount
 from stadimeter.detectors.protocol import Detector, FindsSeveral, KnowsRemedies, Remedy, ShowsEdges
 from stadimeter.errors import PictureError, StadimeterError, UnreadableError
 from stadimeter.perception.perceiver import Perceiver
@@ -51,6 +52,7 @@ class TargetResult(Struct, frozen=True, kw_only=True, eq=False):
         direction_sigmas_rad: Standard deviations of bearing and elevation; None without a distance.
         find_edges: Returns its edge points, shape ``(n, 2)``; empty for a detector that does not show them.
         seen: It with its shape; None if the picture could not be read.
+        mount: Where the camera sits on a robot; None for on none.
         floor: It by its size and by the floor; None of a target that need not be on it.
         frame: The frame of a video or a camera, counted from 0; None of a picture.
         time_s: When it was captured, from the first one on; None of a picture.
@@ -66,6 +68,7 @@ class TargetResult(Struct, frozen=True, kw_only=True, eq=False):
     find_edges: Callable[[], Points] = no_points
     seen: SeenTarget | None = None
     floor: OnFloor | None = None
+    mount: Mount | None = None
     frame: int | None = None
     time_s: float | None = None
 
@@ -85,6 +88,10 @@ class TargetResult(Struct, frozen=True, kw_only=True, eq=False):
         """Return the result as the object that ``--json`` prints: lengths in metres, angles in radians."""
         measured = self.measurement
         x_m, y_m, z_m = measured.position_m or (None, None, None)
+        in_robot = {}
+        if self.mount is not None:
+            place_m = None if measured.position_m is None else self.mount.in_robot(measured.position_m)
+            in_robot = dict(zip(("robot_x_m", "robot_y_m", "robot_z_m"), place_m or (None,) * 3, strict=True))
         bearing_sigma_rad, elevation_sigma_rad = self.direction_sigmas_rad or (None, None)
         return {
             "file": self.file,
@@ -106,6 +113,7 @@ class TargetResult(Struct, frozen=True, kw_only=True, eq=False):
             "id": self.detection.number if self.detection else None,
             "frame": self.frame,
             "time_s": self.time_s,
+            **in_robot,
         }
 
 
@@ -141,7 +149,9 @@ def open_picture(path: Path) -> Frame:
         camera.close()
 
 
-def measure_picture(path: Path, targets: Sequence[NamedDetector], camera_model: CameraModel) -> PictureResult:
+def measure_picture(
+    path: Path, targets: Sequence[NamedDetector], camera_model: CameraModel, mount: Mount | None = None
+) -> PictureResult:
     """Measure every target in a picture file.
 
     Args:
@@ -154,7 +164,7 @@ def measure_picture(path: Path, targets: Sequence[NamedDetector], camera_model: 
     frame = None
     try:
         frame = open_picture(path)
-        return Measuring(targets, camera_model).measure(frame, str(path))
+        return Measuring(targets, camera_model, mount).measure(frame, str(path))
     except StadimeterError as error:
         return PictureResult(file=str(path), frame=frame, targets=failed_results(str(path), targets, error))
 
@@ -162,8 +172,9 @@ def measure_picture(path: Path, targets: Sequence[NamedDetector], camera_model: 
 class Measuring:
     """Measures targets in one frame after the other, each as if there had been none before."""
 
-    def __init__(self, targets: Sequence[NamedDetector], camera_model: CameraModel) -> None:
+    def __init__(self, targets: Sequence[NamedDetector], camera_model: CameraModel, mount: Mount | None = None) -> None:
         self._targets = targets
+        self._mount = mount
         self._perceiver = Perceiver({}, camera_model)
 
     def measure(self, frame: Frame, file: str) -> PictureResult:
@@ -177,7 +188,8 @@ class Measuring:
         for target in self._targets:
             for detection in _detections(target.detector, frame, lens):
                 result = _result(file, detection, target, lens, number)
-                results.append(replace(result, find_edges=partial(_edges, target.detector, frame, detection, lens)))
+                edges = partial(_edges, target.detector, frame, detection, lens)
+                results.append(replace(result, find_edges=edges, mount=self._mount))
                 number += len(detection.rejected)
         return PictureResult(file=file, frame=frame, targets=tuple(results))
 
