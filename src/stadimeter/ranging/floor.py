@@ -35,7 +35,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection
+from stadimeter.core.detection import Detection, Points
 from stadimeter.core.floor import Footing
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.target import TargetShape
@@ -197,21 +197,24 @@ def _causes(
 
 def _lenses(sight: _Sight, camera: CameraModel) -> Iterator[tuple[_Sight, float]]:
     """Yield it through lenses that are off by one standard deviation, with what that does to the nearness by size."""
+    for moved, share in through_other_lenses(np.array((sight.centre, sight.foot or sight.centre)), camera):
+        (x, y), (foot_x, foot_y) = moved.tolist()
+        yield sight._replace(centre=(x, y), foot=sight.foot and (foot_x, foot_y), sine=sight.sine * (1 + share)), share
+
+
+def through_other_lenses(rays: Points, camera: CameraModel) -> Iterator[tuple[Points, float]]:
+    """Yield rays, ``(n, 2)``, through each lens that is off by one standard deviation, independent of the others.
+
+    With each comes how much nearer, as a share, the first of them seems by its size.
+    """
     if camera.uncertainty is None:
         # A focal length that is longer by a share makes all directions smaller, and the distance by size larger.
-        share = camera.focal_relative_sigma
-        smaller, (x, y), foot = 1 - share, sight.centre, sight.foot
-        foot = foot and (foot[0] * smaller, foot[1] * smaller)
-        yield sight._replace(centre=(x * smaller, y * smaller), foot=foot, sine=sight.sine * smaller), -share
+        yield rays * (1 - camera.focal_relative_sigma), -camera.focal_relative_sigma
         return
-    rays = [sight.centre, sight.foot or sight.centre]
-    changes = camera.sensitivities(np.array([camera.pixel(*ray) for ray in rays]))
+    changes = camera.sensitivities(camera.project(rays))
     variances, directions = np.linalg.eigh(camera.uncertainty.covariance())
-    for variance, direction in zip(variances.tolist(), directions.T, strict=True):
-        (further, x, y), (_, foot_x, foot_y) = (changes @ direction * math.sqrt(max(variance, 0.0))).tolist()
-        foot = sight.foot and (sight.foot[0] + foot_x, sight.foot[1] + foot_y)
-        centre = (sight.centre[0] + x, sight.centre[1] + y)
-        yield sight._replace(centre=centre, foot=foot, sine=sight.sine * (1 - further)), -further
+    for change in (changes @ (directions * np.sqrt(variances.clip(0.0)))).transpose(2, 0, 1):
+        yield rays + change[:, 1:], -float(change[0, 0])
 
 
 def _joined(

@@ -9,9 +9,10 @@ import numpy as np
 from msgspec import Struct
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Detection, Points, Values
+from stadimeter.core.detection import Detection, Points
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.flat import SheetShape, TagShape
+from stadimeter.ranging.floor import through_other_lenses
 from stadimeter.ranging.plane_pose import COORDINATES, PlanePose, RectanglePose, plane_poses, rectangle, refine
 
 # The other pose that explains the corners must be this much worse, as a chi-square: once in 10,000 it is the true one.
@@ -55,12 +56,9 @@ def camera_above(found: Detection, shape: SheetShape | TagShape, camera: CameraM
     pose, corners_m = _pose(seen, shape, sigma)
     height_m, tilt_rad, roll_rad = _above(pose)
     moved = [seen + step.reshape(4, 2) for step in np.eye(COORDINATES) * sigma]
-    moved += _through_other_lenses(seen, corners, camera)
-    changes = np.array([_above(refine(pose, corners_m, each.tolist())) for each in moved]) - (
-        height_m,
-        tilt_rad,
-        roll_rad,
-    )
+    moved += [rays for rays, _ in through_other_lenses(seen, camera)]
+    poses = [refine(pose, corners_m, each.tolist()) for each in moved]
+    changes = np.array([_above(each) for each in poses]) - (height_m, tilt_rad, roll_rad)
     off_m, off_rad, _ = np.sqrt((changes**2).sum(axis=0)).tolist()
     return CameraAboveFloor(
         height_m=height_m,
@@ -111,15 +109,3 @@ def _above(pose: PlanePose) -> tuple[float, float, float]:
     x, y, z = RectanglePose(*pose, 0.0).normal
     height_m = -(x * pose.position_m[0] + y * pose.position_m[1] + z * pose.position_m[2])
     return height_m, math.asin(min(max(z, -1.0), 1.0)), math.atan2(-x, -y)
-
-
-def _through_other_lenses(seen: Values, corners_px: Points, camera: CameraModel) -> list[Points]:
-    """Return where the corners appear through lenses that are off by one standard deviation."""
-    if camera.uncertainty is None:
-        return [seen * (1 - camera.focal_relative_sigma)]
-    changes = camera.sensitivities(corners_px)[:, 1:]
-    variances, directions = np.linalg.eigh(camera.uncertainty.covariance())
-    return [
-        seen + changes @ direction * math.sqrt(max(variance, 0.0))
-        for variance, direction in zip(variances.tolist(), directions.T, strict=True)
-    ]
