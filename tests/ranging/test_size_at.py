@@ -12,7 +12,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection
 from stadimeter.ranging.ball import BallShape
 from stadimeter.ranging.measure import measure, sigma_parts
-from stadimeter.ranging.size_at import DRAWN_SIGMA_PX, Box, box_size_at, size_at
+from stadimeter.ranging.size_at import DRAWN_SIGMA_PX, DrawnBox, box_size_at, size_at
 
 
 @pytest.mark.parametrize("taken_for_m", [0.05, 0.2])
@@ -33,7 +33,7 @@ def test_a_ball_has_its_true_size_whatever_it_is_taken_for(
 
 
 def test_a_box_is_as_large_as_similar_triangles_say(camera: CameraModel) -> None:
-    box = Box(camera.cx_px - 60, camera.cy_px - 30, 120, 60)
+    box = DrawnBox(camera.cx_px - 60, camera.cy_px - 30, 120, 60)
     size = box_size_at(box, camera, (2.0, 0.0))
     assert (size.width_m, size.height_m) == pytest.approx((0.4, 0.2))
     assert size.width_sigma_m == pytest.approx(math.sqrt(2) * DRAWN_SIGMA_PX / 600 * 2)
@@ -43,8 +43,8 @@ def test_a_box_is_as_large_as_similar_triangles_say(camera: CameraModel) -> None
 
 def test_aside_the_straight_line_is_longer_than_the_depth(camera: CameraModel) -> None:
     middle, aside = (
-        Box(camera.cx_px - 30, camera.cy_px - 30, 60, 60),
-        Box(camera.cx_px + 220, camera.cy_px - 30, 60, 60),
+        DrawnBox(camera.cx_px - 30, camera.cy_px - 30, 60, 60),
+        DrawnBox(camera.cx_px + 220, camera.cy_px - 30, 60, 60),
     )
     ahead, beside = (box_size_at(box, camera, (2.0, 0.02)).width_m for box in (middle, aside))
     assert beside == pytest.approx(ahead / math.hypot(1, 250 / 600), rel=1e-3)

@@ -41,8 +41,8 @@ def floor(
 
     - `stadimeter calibrate floor tag.jpg --camera camera.toml --tag 8cm --family 36h11`
 
-    **Exit code**: 0 the lines were printed, from all pictures; 1 it was not found in some, or how it lies cannot be
-    told there; 2 an option, a file or a picture is wrong.
+    **Exit code**: 0 the lines were printed, from all pictures; 1 it was not found in some, or is too small there to
+    know how it lies; 2 an option, a file or a picture is wrong.
     """
     with plain_errors():
         wanted = targets_from_options(target)
@@ -51,7 +51,7 @@ def floor(
         detector = named.detector
         shape = detector.target_shape
         if not isinstance(shape, SheetShape | TagShape):
-            raise ConfigError(f"a {shape.label} does not tell how the floor lies; lay a tag or a sheet on it")
+            raise ConfigError(f"a {shape.label} does not show how the floor lies; lay a tag or a sheet on it")
         views = [view for path in pictures if (view := _look(path, detector, shape, model)) is not None]
         if not views:
             typer.echo("error: no picture can be used", err=True)

@@ -15,7 +15,7 @@ from stadimeter.config.units import parse_known, parse_length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import ConfigError, Problem
 from stadimeter.ranging.calibration import DISTANCE_RELATIVE_SIGMA
-from stadimeter.ranging.size_at import Box, SizeAt, box_size_at, size_at
+from stadimeter.ranging.size_at import DrawnBox, SizeAt, box_size_at, size_at
 from stadimeter.workbench.measuring import TargetResult, open_picture
 
 AtOption = Annotated[
@@ -49,7 +49,7 @@ def parse_at(text: str) -> tuple[float, float]:
     return at.value, DISTANCE_RELATIVE_SIGMA * at.value if at.sigma is None else at.sigma
 
 
-def parse_box(text: str) -> Box:
+def parse_box(text: str) -> DrawnBox:
     """Read ``--box``; `ConfigError` if it is no box."""
     hint = "write it such as 120,80,200,150: left top corner, width and height"
     try:
@@ -58,10 +58,12 @@ def parse_box(text: str) -> Box:
         raise ConfigError([Problem(f"{text!r} is not four numbers", key="--box", hint=hint)]) from error
     if not (0 <= x_px < 1e6 and 0 <= y_px < 1e6 and 0 < width_px < 1e6 and 0 < height_px < 1e6):
         raise ConfigError([Problem(f"{text!r} is no box with a width and a height", key="--box", hint=hint)])
-    return Box(x_px, y_px, width_px, height_px)
+    return DrawnBox(x_px, y_px, width_px, height_px)
 
 
-def measure_boxes(images: Sequence[Path], camera: CameraModel, box: Box, at: tuple[float, float], as_json: bool) -> int:
+def measure_boxes(
+    images: Sequence[Path], camera: CameraModel, box: DrawnBox, at: tuple[float, float], as_json: bool
+) -> int:
     """Print how large what fills a box is in each picture; return the exit code.
 
     Raises:

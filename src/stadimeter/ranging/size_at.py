@@ -21,7 +21,7 @@ from stadimeter.ranging.measure import SigmaParts
 DRAWN_SIGMA_PX = 1.0
 
 
-class Box(NamedTuple):
+class DrawnBox(NamedTuple):
     """A rectangle in a picture, in pixels; its left top corner, and its size."""
 
     x_px: float
@@ -63,7 +63,7 @@ def size_at(
     return SizeAt(width_m=sides[0], height_m=sides[1], width_sigma_m=share * sides[0], height_sigma_m=share * sides[1])
 
 
-def box_size_at(box: Box, camera: CameraModel, at: tuple[float, float]) -> SizeAt:
+def box_size_at(box: DrawnBox, camera: CameraModel, at: tuple[float, float]) -> SizeAt:
     """Return how large what fills a box is, if it faces the camera, square to the optical axis.
 
     Args:
