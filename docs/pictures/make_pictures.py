@@ -10,6 +10,7 @@ from pathlib import Path
 
 import camera_table
 import fleet_picture
+import floor_picture
 from gallery import make_gallery
 from how_it_measures import make_steps
 from how_several import make_several
@@ -137,5 +138,6 @@ if __name__ == "__main__":
     picture_steps(HERE / "measuring-picture.jpg")
     make_stereo_picture(HERE)
     make_object_picture(HERE)
+    floor_picture.make_floor_picture(HERE / "how-floor.jpg")
     make_pages(HERE)
     camera_table.write()

@@ -279,7 +279,23 @@ TIME = (
     ),
 )
 
-GOALS = (*REAL, *HARD, *PLAIN, *STEREO, *TIME)
+FLOOR = (
+    at_most("on the floor, 0.5–4 m, by the floor alone: median, worst cell", "≤ 2 %", percent, {"floor median": 0.02}),
+    at_most(
+        "on the floor, size and floor together: median against that of the better one, worst cell",
+        "≤ 1.1",
+        plain(2),
+        {"floor both against better": 1.1},
+    ),
+    Goal(
+        "on the floor: 95 % interval, least and most of all cells",
+        "90–99 %",
+        percent,
+        {f"floor held {end}": HELD for end in ENDS},
+    ),
+)
+
+GOALS = (*REAL, *HARD, *FLOOR, *PLAIN, *STEREO, *TIME)
 WITH_COVERAGE = {f"{part} coverage" for part in ("ball", "sheet", "disc", "tag")}
 """Of every part whose intervals the last two lines tell of, a figure that it has."""
 

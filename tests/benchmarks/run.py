@@ -18,6 +18,7 @@ import ball_accuracy
 import camera_place
 import false_alarms
 import flat_accuracy
+import floor
 import hard_balls
 import hard_flats
 import machinery
@@ -55,6 +56,7 @@ JOBS: dict[str, Job] = {
     "camera place": _accuracy(camera_place.run, 200),
     "stereo": _accuracy(stereo.run, 220),
     "objects": _accuracy(objects.run, 400),
+    "floor": _accuracy(floor.run, 200),
     "empty": _accuracy(false_alarms.run, 600),
     "real": lambda _asked, _seed: real_pictures.run(),
     "machinery": lambda _asked, _seed: machinery_part(),

@@ -130,6 +130,9 @@ def test_the_fields_for_programs_say_the_same() -> None:
         "sigma_focal_length_m": 0.024,
         "sigma_size_m": 0.0,
         "sigma_pose_m": 0.007,
+        "floor_distance_m": None,
+        "floor_sigma_m": None,
+        "floor_apart_sigmas": None,
         "rejected": [{"number": 4, "centre_px": [120.4, 340.0], "size_px": 88.2, "reason": DOOR.reason}],
     }
 

@@ -22,7 +22,8 @@ SAID = re.compile(r"# (error|warning) ([a-z-]+): (.+)$")
 
 CLASSES = {
     "always-suppressed", "always-true", "bad-value", "band-inverted", "band-skipped", "condition-keys",
-    "driver", "empty-interval", "equal-priority", "frames-reversed", "group-of-one", "height-unknown", "late",
+    "driver", "empty-interval", "equal-priority", "floor-unseen", "frames-reversed", "group-of-one", "height-unknown",
+    "late",
     "latch-suppresses", "latch-unheard", "lost-cuts-off-delay", "lost-reversed", "motion-blind",
     "never-true", "no-effect",
     "output-unused", "pin-taken", "ramp-reversed", "reference-cycle",

@@ -48,7 +48,8 @@ BROKEN = [
     (
         f"{NEAR}when = {{ }}",
         ("rules.near.when: the condition is empty (write one of above, below, between, seen, lost, seen_for, "
-        "lost_for, bearing, elevation, closing_speed, time_to_contact, x, y, z, height, height_above_camera, "
+        "lost_for, bearing, elevation, closing_speed, time_to_contact, x, y, z, ahead, left, height, "
+        "height_above_camera, "
         "sideways_speed, speed, size, still_for, nearer_than, further_than, left_of, right_of, lower_than, "
         "higher_than, separation, count, active_for, figure, rule, sequence_of, time, bumped, "
         "at_cliff, battery_below, undelivered_for, all, any and not)"),

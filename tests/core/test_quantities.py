@@ -13,6 +13,7 @@ from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.conditions.quantities import uncertain_of
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.measurement import Sighting
+from stadimeter.core.mount import Mount
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import LevelOutput, Plan
 from stadimeter.core.reload import reload
@@ -308,3 +309,13 @@ def test_a_ramp_may_go_by_any_quantity():
     assert levels[4.5] == 1.0
     assert decisions[30][1].reasons["r"].startswith("bearing -5.7° ± ")
     assert decisions[30][1].reasons["r"].endswith(" between 0.0° (off) and -22.9° (full)")
+
+
+def test_ahead_and_left_are_from_the_middle_of_the_robot_along_the_floor():
+    mounted = replace(VIEW, tilt_rad=0.0, mount=Mount(x_m=0.1, y_m=0.02))
+    seen = inputs(track(2.0, 30.0), viewpoint=mounted)
+    assert uncertain_of(seen, "ball", "ahead")[0] == pytest.approx(0.1 + 2 * math.cos(math.radians(30)))
+    assert uncertain_of(seen, "ball", "left")[0] == pytest.approx(0.02 - 2 * math.sin(math.radians(30)))
+    # A camera that looks down by 30° has what is on its axis nearer along the floor.
+    down = inputs(track(2.0), viewpoint=replace(mounted, tilt_rad=math.radians(-30)))
+    assert uncertain_of(down, "ball", "ahead")[0] == pytest.approx(0.1 + 2 * math.cos(math.radians(30)))

@@ -9,12 +9,15 @@ from msgspec.structs import replace
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, Prediction
 from stadimeter.core.frame import SUBSAMPLINGS, Frame, Optics
+from stadimeter.core.tracking.life_cycle import new_track, step
+from stadimeter.core.tracking.settings import Tracking
 from stadimeter.detectors.ball import BallDetector, BallOptions
 from stadimeter.detectors.protocol import Detector
 from stadimeter.errors import CalibrationError
 from stadimeter.perception.perceiver import Perceiver
 from support.scenes.draw import CAMERA, TENNIS_M, ball_scene
 from support.scenes.nuisances import BALL_NUISANCES
+from support.scenes.on_floor import ball_on_floor
 from support.scenes.render import render
 
 pytestmark = pytest.mark.vision
@@ -144,3 +147,23 @@ def test_what_is_not_known_or_only_rounded_otherwise_is_no_difference(
 ) -> None:
     perceiver = Perceiver({"ball": ball()}, replace(SMALL, optics=calibrated))
     assert perceiver.lens_of(replace(partly_hidden(3), optics=now)).optics == calibrated
+
+
+def test_a_target_on_the_floor_is_measured_by_it_too_and_a_track_says_where_it_contradicts_the_size() -> None:
+    drawn = ball_on_floor(5, 1.0)
+    frame = Frame(render(drawn.scene).image, 0.0, 0)
+    detectors = {
+        name: BallDetector(name, BallOptions.model_validate({"diameter": size, "hsv": drawn.hsv}))
+        for name, size in (("right", "12 cm"), ("wrong", "6 cm"))
+    }
+    footings = dict.fromkeys(detectors, drawn.footing)
+    right, wrong = Perceiver(detectors, drawn.camera, footings).look(frame)[1]
+    by_size, _ = Perceiver(detectors, drawn.camera).look(frame)[1]
+    assert right.sigma_m is not None
+    assert by_size.sigma_m is not None
+    assert right.sigma_m < by_size.sigma_m
+    state = new_track("wrong")
+    for number in range(4):
+        seen = replace(wrong, target="wrong", captured_at_s=number / 30)
+        state = step(state, seen, number / 30, Tracking())
+    assert "σ apart: it is not on the floor" in state.track.reason

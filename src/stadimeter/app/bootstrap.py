@@ -155,6 +155,7 @@ def build(configuration: Configuration, speed: float | None = 1.0, *, clock: Clo
         outputs=outputs,
         max_frame_age_s=configuration.plan.safety.max_frame_age_s,
         range_readers=range_readers,
+        footings=configuration.footings,
         flow_meter=FlowMeter() if _is_liveness_judged(configuration, camera) else None,
         locator=locator_of(configuration),
     )

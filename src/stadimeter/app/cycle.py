@@ -20,6 +20,7 @@ from stadimeter.core.command import Command, TwistCommand
 from stadimeter.core.decide import State, decide
 from stadimeter.core.decision import Decision
 from stadimeter.core.detection import Detection, RejectedCandidate
+from stadimeter.core.floor import Footing
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement
 from stadimeter.core.observation import FrameStamp, Observation, OutputFault, WallTime
@@ -66,6 +67,7 @@ class Cycle:
         max_frame_age_s: A frame older than this moves nothing.
         range_readers: The range sensors, each a target of its own.
         looking: Looks for the targets.
+        footings: What is known of each target that is on the floor, by its name.
         flow_meter: Measures how the picture flows; None where liveness is not judged by motion.
         locator: Finds where the camera is; None without tags of known places.
     """
@@ -77,6 +79,7 @@ class Cycle:
     outputs: Sequence[LeasedOutput]
     max_frame_age_s: float
     range_readers: Sequence[RangeReader] = ()
+    footings: Mapping[str, Footing] = field(default_factory=dict)
     flow_meter: FlowMeter | None = None
     locator: CameraLocator | None = None
     _newest: Frame | None = field(default=None)
@@ -84,7 +87,7 @@ class Cycle:
 
     def __post_init__(self) -> None:
         """Look for the targets through the lens."""
-        self.perceiver = Perceiver(self.detectors, self.camera_model)
+        self.perceiver = Perceiver(self.detectors, self.camera_model, self.footings)
 
     def run(
         self,

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from msgspec import Struct
 
 from stadimeter.app.clock import SteppedClock
 from stadimeter.config.plugins import DriverChoice, DriverContext
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.floor import Footing
 from stadimeter.detectors.protocol import Detector
 
 
@@ -17,14 +18,18 @@ class NamedDetector(Struct, frozen=True, kw_only=True):
 
     Attributes:
         members: The names of the targets: its own, or those of several.
+        footing: What is known of it if it is on the floor.
     """
 
     name: str
     detector: Detector
     members: tuple[str, ...] = ()
+    footing: Footing | None = None
 
 
-def build_detectors(choices: Sequence[DriverChoice], camera_model: CameraModel | None) -> tuple[NamedDetector, ...]:
+def build_detectors(
+    choices: Sequence[DriverChoice], camera_model: CameraModel | None, footings: Mapping[str, Footing] | None = None
+) -> tuple[NamedDetector, ...]:
     """Build the detectors of targets, in the same order. Without a lens, only what needs none can be measured."""
     clock = SteppedClock()
     return tuple(
@@ -32,6 +37,7 @@ def build_detectors(choices: Sequence[DriverChoice], camera_model: CameraModel |
             name=choice.name,
             members=choice.members,
             detector=choice.options.build(DriverContext(name=choice.name, clock=clock, camera_model=camera_model)),
+            footing=(footings or {}).get(choice.name),
         )
         for choice in choices
     )

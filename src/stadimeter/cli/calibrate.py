@@ -1,6 +1,6 @@
 """The group of commands ``calibrate``: a camera file from known distances, and how wrong one is.
 
-``calibrate board`` and ``calibrate stereo`` have files of their own.
+``calibrate board``, ``calibrate floor`` and ``calibrate stereo`` have files of their own.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from stadimeter.cli.calibrate_board import board
+from stadimeter.cli.calibrate_floor import floor
 from stadimeter.cli.calibrate_stereo import stereo
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors, say_note
 from stadimeter.cli.formatting import LengthUnit, format_distance
@@ -204,6 +205,7 @@ def _why_no_bias(made: Calibration, unit: LengthUnit) -> str:
 
 calibrate.command("board")(board)
 calibrate.command("stereo")(stereo)
+calibrate.command("floor")(floor)
 
 
 @calibrate.command("check")

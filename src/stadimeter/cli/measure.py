@@ -16,6 +16,7 @@ from stadimeter.app.detectors import NamedDetector, build_detectors
 from stadimeter.cli.exits import DONE, NOT_FOUND, WRONG, plain_errors, say_note
 from stadimeter.cli.formatting import LengthUnit
 from stadimeter.cli.measure_output import Printer, copy_paths, marks_of
+from stadimeter.cli.measure_size import AtOption, BoxOption, measure_boxes, parse_at, parse_box, print_size, target_size
 from stadimeter.cli.progress import count_items, goes_to_file
 from stadimeter.cli.target_options import (
     ConfigOption,
@@ -96,6 +97,8 @@ def measure(
             help="Measure with two cameras: their stereo file, made by `stadimeter calibrate stereo`.",
         ),
     ] = None,
+    at: AtOption = None,
+    box: BoxOption = None,
     explain: Annotated[
         bool,
         typer.Option("--explain", help="Say how each result came about, and what was rejected and why."),
@@ -114,14 +117,19 @@ def measure(
     With --json, each line is an object with file, target, status (measured, not_found, truncated or error),
     distance_m, depth_m, sigma_m, bearing_rad (positive to the right), elevation_rad (positive upwards), tilt_rad (of
     something flat, 0 for face on), ambiguity (0 if the tilt is certain, 1 if it may as well be the other way), reason,
-    x_m, y_m, z_m, bearing_sigma_rad, elevation_sigma_rad, id (of a tag), frame and time_s (of a video or a camera).
+    x_m, y_m, z_m, bearing_sigma_rad, elevation_sigma_rad, id (of a tag), frame and time_s (of a video or a camera);
+    with a configuration whose camera has a mount, robot_x_m (ahead), robot_y_m (to the left) and robot_z_m (up).
 
     A video, or a camera with --live, gives one line for each frame, with its number and its time in seconds from the
     first one on. A camera goes on until Ctrl-C.
 
     With --between, a further line for each picture says how far apart the centres of two targets are that it shows: two
-    tags by their numbers, or two targets of a configuration. With --json, an object with file, between, distance_m,
-    sigma_m, frame and time_s.
+    tags by their numbers, or two targets of a configuration; so it does with --target given twice.
+    With --json, an object with file, between, distance_m, sigma_m, frame and time_s.
+
+    With --at, a further line says how wide and high the target is if it is that far away, whatever size it was given.
+    With --box, no target is looked for: what fills the box is measured as if it faced the camera, its edges drawn to
+    within a pixel. With --json, an object with file, target, at_m, width_m, height_m, width_sigma_m, height_sigma_m.
 
     With --explain, each line is followed by what was seen and how sharply, what the standard deviation is made up of,
     and what was looked at but rejected: where it is, how large, and the test that it failed. With --json as further
@@ -144,6 +152,8 @@ def measure(
 
     - `stadimeter measure drive.mp4 --camera camera.toml --tag 8cm --family 36h11 --between 3,7 --json`
 
+    - `stadimeter measure door.jpg --camera camera.toml --at 2m --box 120,80,200,150`
+
     - `stadimeter measure --live opencv,device=0 --camera camera.toml --tag 8cm --family 36h11`
 
     - `stadimeter measure --stereo stereo.toml left.jpg right.jpg --ball 6.4cm`
@@ -152,16 +162,19 @@ def measure(
     found, or cut off; 2 an option, a file or a picture is wrong. A bad picture does not stop the others.
     """
     with plain_errors():
+        known_at = None if at is None else parse_at(at)
+        if box is not None:
+            raise typer.Exit(_boxes(target, images or [], config, camera, known_at, box, as_json=as_json))
         if stereo is not None:
             _check_stereo(images or [], {"--camera": camera, "--live": live, "--between": between})
         rig = None if stereo is None else _load_rig(stereo)
         names, wanted, camera_model = _check_options(
             target, config, rig.left if rig else camera, between, is_one_source=bool(images) != bool(live)
         )
-        targets = build_detectors(wanted.choices, camera_model)
+        targets = build_detectors(wanted.choices, camera_model, wanted.footings)
         name = (live or "").partition(",")[0]  # the configuration or the driver: its options would fill each line
         work = _Work(
-            measuring=Measuring(targets, camera_model),
+            measuring=Measuring(targets, camera_model, wanted.mount),
             wanted=wanted,
             targets=targets,
             camera_model=camera_model,
@@ -173,11 +186,32 @@ def measure(
                 target_width=max(len(choice.name) for choice in wanted.choices),
             ),
             between=names,
+            at=known_at,
         )
         if rig is not None:
             raise typer.Exit(work.pairs(images or [], rig, copies, explain=explain))
         code = work.frames(camera_choice(live), name) if live else work.files(images or [], copies, explain=explain)
     raise typer.Exit(code)
+
+
+def _boxes(
+    given: GivenTarget,
+    images: Sequence[Path],
+    config: Path | None,
+    camera: Path | None,
+    at: tuple[float, float] | None,
+    box: str,
+    *,
+    as_json: bool,
+) -> int:
+    """Measure a box in pictures, in place of a target; return the exit code."""
+    if any(value is not None and value != "auto" for value in given.values()) or config is not None:
+        raise ConfigError("--box is measured in place of a target; give one of them")
+    if at is None:
+        raise ConfigError("--box has a size only at a known distance; add such as --at 2m")
+    if not images or camera is None:
+        raise ConfigError("--box needs pictures, and the camera file with --camera")
+    return measure_boxes(images, load_camera_model(camera), parse_box(box), at, as_json)
 
 
 def _check_options(
@@ -197,6 +231,8 @@ def _check_options(
     with _collect(problems):
         names = _pair_from_option(between, given)
         wanted = _targets_from_options(given, config, names)
+        if names is None and config is None and len(wanted.choices) == 2:  # of two --target
+            names = wanted.choices[0].name, wanted.choices[1].name
     with _collect(problems):
         camera_model = _camera_model(camera, wanted, is_configured=config is not None)
     if wanted is None or camera_model is None or problems:
@@ -236,7 +272,7 @@ def _pair_from_option(between: str | None, given: GivenTarget) -> tuple[str, str
 def _targets_from_options(given: GivenTarget, config: Path | None, names: tuple[str, str] | None) -> WantedTargets:
     """Return the targets; of two tags, one for each of them."""
     if names is None or given.get("--tag") is None:
-        wanted = targets_from_options(given, config)
+        wanted = targets_from_options(given, config, several=True)
     else:
         both = [(name, targets_from_options({**given, "--id": int(name.split()[1])}, config)) for name in names]
         choices = tuple(replace(each.choices[0], name=name) for name, each in both)
@@ -294,6 +330,7 @@ class _Work(Struct, frozen=True, kw_only=True):
     camera_model: CameraModel
     printer: Printer
     between: tuple[str, str] | None
+    at: tuple[float, float] | None = None
     proposed: set[str] = field(default_factory=set)  # targets for which other options have been proposed
 
     def files(self, files: Sequence[Path], copies: Path | None, *, explain: bool) -> int:
@@ -310,7 +347,9 @@ class _Work(Struct, frozen=True, kw_only=True):
 
     def picture(self, image: Path, copy: Path | None, *, explain: bool) -> int:
         """Measure one picture, print what was found, write its copy, and return the exit code that it asks for."""
-        return self._report(measure_picture(image, self.targets, self.camera_model), copy, explain=explain)
+        return self._report(
+            measure_picture(image, self.targets, self.camera_model, self.wanted.mount), copy, explain=explain
+        )
 
     def pairs(self, files: Sequence[Path], rig: StereoRig, copies: Path | None, *, explain: bool) -> int:
         """Measure pairs of pictures of two cameras, and return the worst of their exit codes."""
@@ -359,6 +398,9 @@ class _Work(Struct, frozen=True, kw_only=True):
     def _printed(self, result: PictureResult) -> int:
         for each in result.targets:
             self.printer.result(each)
+            if self.at is not None:
+                size, unit = target_size(each, self.at), self.wanted.unit
+                print_size(each.file, each.label, size, self.at[0], unit, as_json=self.printer.as_json)
         if self.between is not None and result.frame is not None:
             self.printer.separation(result, self.between, self.measuring.between(result, self.between))
         return max(EXIT_CODES[each.measurement.status] for each in result.targets)

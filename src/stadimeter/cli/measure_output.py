@@ -110,11 +110,27 @@ def explanation(result: TargetResult) -> list[str]:
     if found is None:
         return []
     is_there = found.status is not DetectionStatus.NOT_FOUND
-    seen = _found_lines(found, result.measurement, result.parts) if is_there else []
+    seen = [*_found_lines(found, _by_size(result), result.parts), *_floor_lines(result)] if is_there else []
     return [
         f"{'':<{INDENT}}{label:<{LABEL_WIDTH}}{words}"
         for label, words in (*seen, *result.more(), *_rejected_lines(result, found))
     ]
+
+
+def _by_size(result: TargetResult) -> Measurement:
+    return result.measurement if result.floor is None else result.floor.by_size
+
+
+def _floor_lines(result: TargetResult) -> list[tuple[str, str]]:
+    """Say what the floor tells of a target that is on it, and what became of size and floor together."""
+    floor = result.floor
+    if floor is None or result.parts is None:
+        return []
+    by_floor = "above the horizon" if floor.distance_m is None else format_distance(floor.distance_m, floor.sigma_m)
+    both = format_distance(result.measurement.distance_m, result.measurement.sigma_m)
+    size = format_distance(floor.by_size.distance_m, floor.by_size.sigma_m)
+    lines = [("floor", f"{by_floor} by the floor, {size} by its size, {floor.apart_sigmas:.1f} σ apart; taken: {both}")]
+    return [*lines, *([("remark", floor.measurement.reason)] if floor.measurement.reason else [])]
 
 
 def explanation_record(result: TargetResult) -> dict[str, object]:
@@ -132,6 +148,9 @@ def explanation_record(result: TargetResult) -> dict[str, object]:
         "sigma_focal_length_m": _number(parts.focal_length_m) if parts else None,
         "sigma_size_m": _number(parts.size_m) if parts else None,
         "sigma_pose_m": _number(parts.pose_m) if parts else None,
+        "floor_distance_m": result.floor.distance_m if result.floor else None,
+        "floor_sigma_m": _number(result.floor.sigma_m) if result.floor else None,
+        "floor_apart_sigmas": _number(result.floor.apart_sigmas) if result.floor else None,
         "rejected": [_rejected_record(number, each) for number, each in result.rejected],
     }
 

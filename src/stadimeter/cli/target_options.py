@@ -12,6 +12,7 @@ from typing import Annotated, Any
 
 import typer
 from msgspec import Struct
+from msgspec.structs import replace
 from pydantic import ValidationError
 
 from stadimeter.cli.exits import read_option
@@ -23,6 +24,8 @@ from stadimeter.config.toml_source import camera_table, key_and_value
 from stadimeter.config.units import LENGTHS_M, parse_length, split_quantities
 from stadimeter.config.untrusted_file import is_file
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.floor import Footing
+from stadimeter.core.mount import Mount
 from stadimeter.errors import ConfigError, DriverNotFoundError, Problem
 
 ConfigOption = Annotated[
@@ -101,7 +104,8 @@ _OPTIONS = {
     "--target": _Option(
         "'KIND KEY=VALUE …'",
         "Look for a target of any installed kind, with the keys that its table in a configuration has, such as "
-        "'disc diameter=12cm shade=dark'. In quotes.",
+        "'disc diameter=12cm shade=dark'. In quotes. `measure` takes two, and prints how far they are apart.",
+        kind=list[str] | None,
     ),
     "--tolerance": _Option(
         "LENGTH",
@@ -129,10 +133,17 @@ GivenTarget = Mapping[str, Any]
 
 
 class WantedTargets(Struct, frozen=True, kw_only=True):
-    """Targets to look for, with their checked options, the configuration's lens if any, and the person's unit."""
+    """Targets to look for, with their checked options, the configuration's lens if any, and the person's unit.
+
+    Attributes:
+        footings: What is known of those that are on the floor, by name.
+        mount: Where the configuration's camera sits on a robot; None for on none.
+    """
 
     choices: tuple[DriverChoice, ...]
     camera_model: CameraModel | None = None
+    footings: Mapping[str, Footing] = {}
+    mount: Mount | None = None
     unit: LengthUnit = METRE
 
 
@@ -167,9 +178,13 @@ def _parameter(flag: str) -> str:
     return f"target_{flag.removeprefix('--').replace('-', '_')}"
 
 
-def targets_from_options(given: GivenTarget, config: Path | None = None) -> WantedTargets:
-    """Return what the options describe, or the targets of ``--config``; `ConfigError` if they contradict each other."""
-    said = {flag: value for flag, value in given.items() if value is not None and value != _OPTIONS[flag].default}
+def targets_from_options(given: GivenTarget, config: Path | None = None, *, several: bool = False) -> WantedTargets:
+    """Return what the options describe, or the targets of ``--config``; `ConfigError` if they contradict each other.
+
+    Args:
+        several: Whether ``--target`` may be given more than once.
+    """
+    said = {flag: value for flag, value in given.items() if value not in (None, [], _OPTIONS[flag].default)}
     describing = [flag for flag in (*_SHORTHANDS, "--target") if flag in said]
     names = [*describing, *(["--config"] if config is not None else [])]
     if len(names) != 1:
@@ -186,12 +201,36 @@ def targets_from_options(given: GivenTarget, config: Path | None = None) -> Want
                 "--tolerance says how well a size is known; with --config it stands in the target's table"
             )
         loaded = _loader().load_configuration(config)
-        return WantedTargets(choices=loaded.targets, camera_model=loaded.camera_model)
-    kind, table, flags = _named_target(said[name]) if name == "--target" else _short_target(name, said)
+        return WantedTargets(
+            choices=loaded.targets, camera_model=loaded.camera_model, footings=loaded.footings, mount=loaded.mount
+        )
+    if name == "--target" and len(texts := _texts(said[name])) > 1:
+        return _several_targets(texts, said, is_allowed=several)
+    kind, table, flags = _named_target(*texts) if name == "--target" else _short_target(name, said)
     units = [unit for value in table.values() if (unit := _unit_of(value)) is not None]
     if "--tolerance" in said:
         table["tolerance"], flags["tolerance"] = said["--tolerance"], "--tolerance"
     return WantedTargets(choices=(_choice(kind, table, flags),), unit=units[0] if units else METRE)
+
+
+def _texts(value: str | list[str]) -> list[str]:
+    return [value] if isinstance(value, str) else value
+
+
+def _several_targets(texts: list[str], said: GivenTarget, *, is_allowed: bool) -> WantedTargets:
+    """Return the targets of several ``--target``, numbered where their kinds are the same."""
+    if not is_allowed:
+        raise ConfigError("--target is given more than once; this command takes one target")
+    if "--tolerance" in said:
+        raise ConfigError("--tolerance is that of one target; write tolerance=1mm into each --target")
+    each = [targets_from_options({"--target": text}) for text in texts]
+    kinds = [wanted.choices[0].name for wanted in each]
+    numbers = [kinds[: place + 1].count(kind) for place, kind in enumerate(kinds)]
+    names = [
+        kind if kinds.count(kind) == 1 else f"{kind} {number}" for kind, number in zip(kinds, numbers, strict=True)
+    ]
+    choices = (replace(wanted.choices[0], name=name) for wanted, name in zip(each, names, strict=True))
+    return WantedTargets(choices=tuple(choices), unit=each[0].unit)
 
 
 def _loader() -> Any:

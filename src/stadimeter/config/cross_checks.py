@@ -10,6 +10,7 @@ from typing import Any
 
 from stadimeter.config.analysis import Subject, subject_of
 from stadimeter.config.analysis.bands import band_errors, holding_errors, quantity_errors
+from stadimeter.config.analysis.floors import floor_errors
 from stadimeter.config.analysis.memory import memory_errors
 from stadimeter.config.analysis.promises import promise_errors
 from stadimeter.config.analysis.references import condition_tables_of, reference_errors
@@ -388,6 +389,7 @@ _CHECKS: tuple[Callable[[Draft], Iterator[Finding]], ...] = (
 _ANALYSES: tuple[Callable[[Subject], Iterator[Finding]], ...] = (
     band_errors,
     quantity_errors,
+    floor_errors,
     holding_errors,
     shadow_errors,
     promise_errors,

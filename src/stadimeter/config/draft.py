@@ -125,6 +125,7 @@ class Draft(ChosenDrivers, Struct, kw_only=True):
     drivers: dict[KeyPath, DriverChoice] = field(default_factory=dict)
     camera_model: CameraModel | None = None
     camera_table: models.CameraTable = field(default_factory=models.CameraTable)
+    target_tables: dict[str, models.TargetTable] = field(default_factory=dict)
     button_tables: dict[str, models.ButtonTable] = field(default_factory=dict)
     sensor_tables: dict[str, models.SensorTable] = field(default_factory=dict)
     output_tables: dict[str, models.ActuatorTable | models.BaseTable] = field(default_factory=dict)
@@ -266,16 +267,21 @@ class _Reader:
                 choice, common = read_driver_table(kind, at, table, self.context, self.draft.findings)
                 if choice is not None:
                     self.draft.drivers[at] = choice
-                match common:
-                    case models.CameraTable():
-                        self._camera_model(common.model)
-                        self.draft.camera_table = common
-                    case models.ActuatorTable() | models.BaseTable():
-                        self.draft.output_tables[at[-1]] = common
-                    case models.SensorTable():
-                        self.draft.sensor_tables[at[-1]] = common
-                    case models.ButtonTable():
-                        self.draft.button_tables[at[-1]] = common
+                self._common(at[-1], common)
+
+    def _common(self, name: str, common: models.Section | None) -> None:
+        match common:
+            case models.CameraTable():
+                self._camera_model(common.model)
+                self.draft.camera_table = common
+            case models.TargetTable():
+                self.draft.target_tables[name] = common
+            case models.ActuatorTable() | models.BaseTable():
+                self.draft.output_tables[name] = common
+            case models.SensorTable():
+                self.draft.sensor_tables[name] = common
+            case models.ButtonTable():
+                self.draft.button_tables[name] = common
 
     def _tables_of(self, section: str, *, is_named: bool) -> Iterator[tuple[tuple[str, ...], Mapping[str, Any]]]:
         if is_named:

@@ -39,6 +39,8 @@ from stadimeter.config.units import validation_context
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.camera_pose import Landmarks
+from stadimeter.core.floor import Footing
+from stadimeter.core.mount import Mount
 from stadimeter.core.plan import Output, Plan
 from stadimeter.errors import ConfigError, Problem
 
@@ -75,6 +77,8 @@ class Configuration(ChosenDrivers, Struct, frozen=True, kw_only=True, eq=False):
         sensor_tables: Where each range sensor looks, and what it keeps the base from, by its name.
         web: The page on which a browser sees the run; None for none.
         recording: What the run keeps by itself; None for nothing.
+        footings: What is known of each target that is on the floor, by its name.
+        mount: Where the camera sits on a robot; None for on none.
         place: Where it is, for schedules; None for anywhere, in the time zone of the computer.
         landmarks: The tags of known places, which tell where the camera is; None for none.
         needs_sun: Whether a rule asks when the sun rises or sets.
@@ -97,6 +101,8 @@ class Configuration(ChosenDrivers, Struct, frozen=True, kw_only=True, eq=False):
     sensor_tables: Mapping[str, SensorTable] = field(default_factory=dict)
     web: WebTable | None = None
     recording: RecordingTable | None = None
+    footings: Mapping[str, Footing] = field(default_factory=dict)
+    mount: Mount | None = None
     place: PlaceTable | None = None
     landmarks: Landmarks | None = None
     needs_sun: bool = False
@@ -155,6 +161,8 @@ def load_configuration(path: Path, *, with_tests: bool = True, texts: Texts | No
         sensor_tables=draft.sensor_tables,
         web=draft.web,
         recording=draft.recording,
+        footings=_footings(draft),
+        mount=draft.camera_table.on_robot(),
         place=draft.place,
         landmarks=draft.landmarks,
         needs_sun=plan.needs_sun,
@@ -220,6 +228,11 @@ def _plan(draft: Draft) -> Plan:
         viewpoint=draft.camera_table.to_plan(draft.camera_model),
         figures=tuple(table.to_plan(name, draft.names("targets")) for name, table in draft.figures.items()),
     )
+
+
+def _footings(draft: Draft) -> dict[str, Footing]:
+    every = {name: draft.camera_table.footing(table) for name, table in draft.target_tables.items()}
+    return {name: footing for name, footing in every.items() if footing is not None}
 
 
 def _output(draft: Draft, name: str, table: ActuatorTable | BaseTable) -> Output:

@@ -4,7 +4,7 @@ import math
 from datetime import tzinfo
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainValidator, WithJsonSchema, model_validator
 
 from stadimeter.config.findings import did_you_mean
 from stadimeter.config.units import (
@@ -19,14 +19,21 @@ from stadimeter.config.units import (
     Length,
     LengthOrZero,
     Speed,
+    Stated,
+    StatedAngle,
+    StatedLengthOrZero,
     TurnAcceleration,
     TurnRate,
     as_written,
     parse_duration,
+    parse_known,
+    parse_length_or_zero,
 )
 from stadimeter.core import plan
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.clock import DAY_S
+from stadimeter.core.floor import HEIGHT_SIGMA_M, TILT_SIGMA_RAD, Footing
+from stadimeter.core.mount import Mount
 from stadimeter.core.sensor_fusion import SensorPair
 from stadimeter.core.tracking.transverse import Viewpoint
 from stadimeter.operator_actions import OperatorAction
@@ -72,19 +79,81 @@ AfterFault = Literal["reopen", "stay_off"]
 Share = Annotated[float, Field(ge=0, le=1)]
 
 
+class MountTable(Section):
+    """Where the camera sits on the robot: x ahead and y left of its middle. Its height and tilt are in `[camera]`."""
+
+    written_elsewhere: ClassVar[dict[str, str]] = {
+        "z": 'height = "30 cm" in [camera]',
+        "height": 'height = "30 cm" in [camera]',
+        "tilt": 'tilt = "-12 deg" in [camera]',
+    }
+
+    x: Coordinate = 0.0
+    """In metres; how far the lens is ahead of the middle of the robot."""
+    y: Coordinate = 0.0
+    """In metres; how far it is to the left of it."""
+    yaw: Angle = 0.0
+    """In radians; how far it is turned to the left."""
+
+
 class CameraTable(Section):
     """The keys that every camera has, whatever its driver."""
 
     model: Any = None
     """The camera file, relative to the configuration, or the same keys as a table."""
-    height: LengthOrZero | None = None
-    """In metres; how high it is above the floor. None if that is not known."""
-    tilt: Angle = 0.0
-    """In radians; how far it looks up from level, below zero for down."""
+    height: StatedLengthOrZero | None = None
+    """In metres; how high it is above the floor, and how well that is known. None if it is not."""
+    tilt: StatedAngle = Stated(0.0)
+    """In radians; how far it looks up from level, below zero for down, and how well that is known."""
+
+    mount: MountTable | None = None
+    """Where it sits on a robot; None for none."""
 
     def to_plan(self, lens: CameraModel | None) -> Viewpoint:
         """Return from where the camera looks as the core sees it."""
-        return Viewpoint(height_m=self.height, tilt_rad=self.tilt, lens=lens)
+        height_m = None if self.height is None else self.height.value
+        return Viewpoint(height_m=height_m, tilt_rad=self.tilt.value, lens=lens, mount=self.on_robot() or Mount())
+
+    def on_robot(self) -> Mount | None:
+        """Return where the camera sits on a robot; None where it sits on none."""
+        if self.mount is None:
+            return None
+        z_m = 0.0 if self.height is None else self.height.value
+        at = self.mount
+        return Mount(x_m=at.x, y_m=at.y, z_m=z_m, yaw_rad=at.yaw, tilt_rad=self.tilt.value)
+
+    def footing(self, target: "TargetTable") -> Footing | None:
+        """Return the camera above the floor and what of a target is on it; None of one that need not be on it."""
+        if target.on_floor is False or self.height is None:
+            return None
+        centre = target.on_floor if isinstance(target.on_floor, Stated) else None
+        return Footing(
+            height_m=self.height.value,
+            height_sigma_m=HEIGHT_SIGMA_M if self.height.sigma is None else self.height.sigma,
+            tilt_rad=self.tilt.value,
+            tilt_sigma_rad=TILT_SIGMA_RAD if self.tilt.sigma is None else self.tilt.sigma,
+            centre_m=None if centre is None else centre.value,
+            centre_sigma_m=0.0 if centre is None else centre.sigma or 0.0,
+        )
+
+
+def _on_floor(value: object) -> bool | Stated:
+    """Read whether a target is on the floor, or how high its centre is above it."""
+    if isinstance(value, bool):
+        return value
+    if value == "lying":
+        return Stated(0.0)
+    try:
+        return parse_known(value, parse_length_or_zero, parse_length_or_zero)
+    except ValueError as error:
+        raise ValueError(f"{error}; or write true for what stands on the floor, 'lying' for what lies flat") from error
+
+
+OnFloorText = Annotated[
+    bool | Stated,
+    PlainValidator(_on_floor),
+    WithJsonSchema({"anyOf": [{"type": "boolean"}, {"type": "string"}], "examples": ["lying"]}),
+]
 
 
 class TargetTable(Section):
@@ -93,6 +162,8 @@ class TargetTable(Section):
     max_closing_speed: Speed | None = None
     """In m/s; how fast it comes at most. `check` says which rules would be too late for that. None if it is not
     known."""
+    on_floor: OnFloorText = False
+    """Whether it stands on the floor; `"lying"` for what lies flat on it, or how high its centre is above it."""
 
 
 class ActuatorTable(Section):

@@ -13,7 +13,7 @@ from datetime import time
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
-from pydantic import BeforeValidator, ValidationInfo, WithJsonSchema
+from pydantic import BeforeValidator, PlainValidator, ValidationInfo, WithJsonSchema
 
 from stadimeter.core.bounds import (
     MAX_ACCELERATION_MPS2,
@@ -95,6 +95,7 @@ _OF_ALL = (
 _TIME_OF_DAY = re.compile(r"\s*(\d{1,2}):(\d{2})(?::(\d{2}(?:\.\d+)?))?\s*")
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+(?:\.\d*|,\d+)?|[.,]\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
+# How ``±`` is typed.
 _PLUS_OR_MINUS = re.compile(r"\+/?-")
 _BETWEEN_QUANTITIES = re.compile(r"(?<!\d),|,(?!\d)")
 
@@ -129,6 +130,25 @@ def parse_quantity(text: object, units: Units, example: str) -> float:
     if 0 < abs(value) < MIN_QUANTITY or (number and not value):
         raise ValueError(f"{text!r} is too small a number; write 0, or at least {MIN_QUANTITY:g} {units.si_unit}")
     return value
+
+
+class Stated(NamedTuple):
+    """A quantity in its SI unit, and its standard deviation; None where that is not stated."""
+
+    value: float
+    sigma: float | None = None
+
+
+def parse_known(text: object, parse: Callable[[object], float], parse_sigma: Callable[[object], float]) -> Stated:
+    """Read a quantity that may say how well it is known, such as ``"30 cm ± 5 mm"``; ``+-`` and ``+/-`` are ``±``.
+
+    Raises:
+        ValueError: As both parsers do.
+    """
+    if not isinstance(text, str):
+        return Stated(parse(text))
+    value, sigma = split_spread(text)
+    return Stated(parse(value), parse_sigma(sigma) if sigma else None)
 
 
 def parse_any_quantity(text: str) -> tuple[float, str]:
@@ -269,15 +289,19 @@ def _parse_pin(value: object) -> int:
     return value
 
 
-def as_written(units: Units, example: str, *, is_signed: bool = False) -> WithJsonSchema:
+def as_written(units: Units, example: str, *, is_signed: bool = False, is_known: bool = False) -> WithJsonSchema:
     """Say to editors how a quantity is written.
+
+    Args:
+        is_known: Whether it may have its standard deviation behind it.
 
     Returns:
         What to annotate its type with. ``x-unit`` is the SI unit, in which its default is known.
     """
     sign = "[+-]?" if is_signed else "[+]?"
     names = "|".join(re.escape(name) for name in units)
-    pattern = rf"^\s*{sign}([0-9]+(\.[0-9]*|,[0-9]+)?|[.,][0-9]+)([eE][+-]?[0-9]+)?\s*({names})\s*$"
+    number = rf"([0-9]+(\.[0-9]*|,[0-9]+)?|[.,][0-9]+)([eE][+-]?[0-9]+)?\s*({names})\s*"
+    pattern = rf"^\s*{sign}{number}" + (rf"((±|\+/?-)\s*{number})?$" if is_known else "$")
     return WithJsonSchema({"type": "string", "pattern": pattern, "examples": [example], "x-unit": units.si_unit})
 
 
@@ -298,6 +322,16 @@ Coordinate = Annotated[float, BeforeValidator(parse_coordinate), as_written(LENG
 Jerk = Annotated[float, BeforeValidator(parse_jerk), as_written(JERKS_MPS3, "5 m/s3")]
 Angle = Annotated[float, BeforeValidator(parse_angle), as_written(ANGLES_RAD, "30 deg", is_signed=True)]
 AngleOrZero = Annotated[float, BeforeValidator(parse_angle_or_zero), as_written(ANGLES_RAD, "1 deg")]
+StatedLengthOrZero = Annotated[
+    Stated,
+    PlainValidator(lambda text: parse_known(text, parse_length_or_zero, parse_length_or_zero)),
+    as_written(LENGTHS_M, "30 cm ± 5 mm", is_known=True),
+]
+StatedAngle = Annotated[
+    Stated,
+    PlainValidator(lambda text: parse_known(text, parse_angle, parse_angle_or_zero)),
+    as_written(ANGLES_RAD, "-12 deg ± 0.1 deg", is_signed=True, is_known=True),
+]
 TimeOfDay = Annotated[
     float,
     BeforeValidator(parse_time_of_day),

@@ -34,7 +34,8 @@ class Measurement(Struct, frozen=True, kw_only=True):
         tilt_rad: Of something flat, the angle between its normal and the line of sight, 0 for face on; None for a ball.
         ambiguity: Of something flat, how far it is from certain which of two mirrored poses it has: 0 for certain, 1
             for no idea; None for a ball.
-        reason: Why there is no distance; empty if there is one.
+        reason: Why there is no distance. With one it is mostly empty; there it is a remark, such as that size and
+            floor contradict each other.
         size_share: Its larger extent in the picture, as a share of the picture's width; None for what was not seen in
             one.
     """
@@ -75,6 +76,7 @@ class Sighting(Struct, frozen=True, kw_only=True):
         bearing_rad: The bearing.
         elevation_rad: The elevation.
         size_share: As in `Measurement`.
+        remark: The reason of that.
     """
 
     at_s: float
@@ -85,3 +87,4 @@ class Sighting(Struct, frozen=True, kw_only=True):
     bearing_rad: float
     elevation_rad: float
     size_share: float | None = None
+    remark: str = ""

@@ -36,7 +36,7 @@ class Track(Struct, frozen=True, kw_only=True):
         as_of_s: The capture time that the figures are for.
         measured_at_s: The capture time of the last measurement that was accepted.
         rejected: How many measurements in a row were refused as outliers.
-        reason: Why it is not tracked, or why the newest measurement was refused.
+        reason: Why it is not tracked, why the newest measurement was refused, or a remark on it.
         since_s: Since when it has been in sight, or out of sight, without a break; None before the first cycle.
         closing_cov_m2ps: Covariance of the distance and the speed of approach; None until the target was seen.
         noise_factor: How many times larger than stated its noise was found to be; see `core.tracking.noise_level`.

@@ -16,6 +16,7 @@ from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, Points, Prediction
+from stadimeter.core.floor import Footing
 from stadimeter.core.frame import Frame, Optics
 from stadimeter.core.measurement import Measurement
 from stadimeter.core.target import TargetShape
@@ -24,6 +25,7 @@ from stadimeter.detectors.protocol import Detector, TracksSeveral
 from stadimeter.perception.motion_blur import MotionBlur
 from stadimeter.perception.prediction import Expectations
 from stadimeter.perception.several import Several
+from stadimeter.ranging.floor import stand
 from stadimeter.ranging.measure import measure
 
 
@@ -34,8 +36,14 @@ class Perceiver:
     detectors and ranging must see the very same one.
     """
 
-    def __init__(self, detectors: Mapping[str, Detector], camera_model: CameraModel) -> None:
+    def __init__(
+        self,
+        detectors: Mapping[str, Detector],
+        camera_model: CameraModel,
+        footings: Mapping[str, Footing] | None = None,
+    ) -> None:
         self.detectors = detectors
+        self._footings = footings or {}
         self._camera_model = camera_model
         self._lens = camera_model
         self._optics: Optics | None = None
@@ -66,6 +74,8 @@ class Perceiver:
                     expected = add_outline(expected, self._sightings.get(name), shape, lens)
                 found = detector.detect(frame, expected, lens=lens)
             measured = measure(found, shape, lens, at_s)
+            if name in self._footings:
+                measured = stand(measured, found, shape, lens, self._footings[name]).measurement
             if shape.has_corners and measured.depth_m is not None:
                 self._sightings[name] = LastOutline(found.outline_px, found.centre_px, measured.depth_m)
             self.motion_blur.add(frame, found, measured, lens.fx_px)

@@ -23,10 +23,11 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, RejectedCandidate, no_points
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement, MeasurementStatus
-from stadimeter.core.target import TargetShape
+from stadimeter.core.mount import Mount
 from stadimeter.detectors.protocol import Detector, FindsSeveral, KnowsRemedies, Remedy, ShowsEdges
 from stadimeter.errors import PictureError, StadimeterError, UnreadableError
 from stadimeter.perception.perceiver import Perceiver
+from stadimeter.ranging.floor import OnFloor, stand
 from stadimeter.ranging.measure import SigmaParts, measure, sigma_parts
 from stadimeter.ranging.separation import SeenTarget, Separation, direction_sigmas_rad, separation
 
@@ -51,6 +52,8 @@ class TargetResult(Struct, frozen=True, kw_only=True, eq=False):
         direction_sigmas_rad: Standard deviations of bearing and elevation; None without a distance.
         find_edges: Returns its edge points, shape ``(n, 2)``; empty for a detector that does not show them.
         seen: It with its shape; None if the picture could not be read.
+        mount: Where the camera sits on a robot; None for on none.
+        floor: It by its size and by the floor; None of a target that need not be on it.
         frame: The frame of a video or a camera, counted from 0; None of a picture.
         time_s: When it was captured, from the first one on; None of a picture.
     """
@@ -64,6 +67,8 @@ class TargetResult(Struct, frozen=True, kw_only=True, eq=False):
     direction_sigmas_rad: tuple[float, float] | None = None
     find_edges: Callable[[], Points] = no_points
     seen: SeenTarget | None = None
+    floor: OnFloor | None = None
+    mount: Mount | None = None
     frame: int | None = None
     time_s: float | None = None
 
@@ -92,6 +97,10 @@ class TargetResult(Struct, frozen=True, kw_only=True, eq=False):
         """Return the result as the object that ``--json`` prints: lengths in metres, angles in radians."""
         measured = self.measurement
         x_m, y_m, z_m = measured.position_m or (None, None, None)
+        in_robot = {}
+        if self.mount is not None:
+            place_m = None if measured.position_m is None else self.mount.in_robot(measured.position_m)
+            in_robot = dict(zip(("robot_x_m", "robot_y_m", "robot_z_m"), place_m or (None,) * 3, strict=True))
         bearing_sigma_rad, elevation_sigma_rad = self.direction_sigmas_rad or (None, None)
         return {
             "file": self.file,
@@ -113,6 +122,7 @@ class TargetResult(Struct, frozen=True, kw_only=True, eq=False):
             "id": self.detection.number if self.detection else None,
             "frame": self.frame,
             "time_s": self.time_s,
+            **in_robot,
         }
 
 
@@ -148,7 +158,9 @@ def open_picture(path: Path) -> Frame:
         camera.close()
 
 
-def measure_picture(path: Path, targets: Sequence[NamedDetector], camera_model: CameraModel) -> PictureResult:
+def measure_picture(
+    path: Path, targets: Sequence[NamedDetector], camera_model: CameraModel, mount: Mount | None = None
+) -> PictureResult:
     """Measure every target in a picture file.
 
     Args:
@@ -161,7 +173,7 @@ def measure_picture(path: Path, targets: Sequence[NamedDetector], camera_model: 
     frame = None
     try:
         frame = open_picture(path)
-        return Measuring(targets, camera_model).measure(frame, str(path))
+        return Measuring(targets, camera_model, mount).measure(frame, str(path))
     except StadimeterError as error:
         return PictureResult(file=str(path), frame=frame, targets=failed_results(str(path), targets, error))
 
@@ -169,8 +181,9 @@ def measure_picture(path: Path, targets: Sequence[NamedDetector], camera_model: 
 class Measuring:
     """Measures targets in one frame after the other, each as if there had been none before."""
 
-    def __init__(self, targets: Sequence[NamedDetector], camera_model: CameraModel) -> None:
+    def __init__(self, targets: Sequence[NamedDetector], camera_model: CameraModel, mount: Mount | None = None) -> None:
         self._targets = targets
+        self._mount = mount
         self._perceiver = Perceiver({}, camera_model)
 
     def measure(self, frame: Frame, file: str) -> PictureResult:
@@ -183,8 +196,9 @@ class Measuring:
         results, number = [], 1
         for target in self._targets:
             for detection in _detections(target.detector, frame, lens):
-                result = _result(file, detection, target.detector.target_shape, lens, number)
-                results.append(replace(result, find_edges=partial(_edges, target.detector, frame, detection, lens)))
+                result = _result(file, detection, target, lens, number)
+                edges = partial(_edges, target.detector, frame, detection, lens)
+                results.append(replace(result, find_edges=edges, mount=self._mount))
                 number += len(detection.rejected)
         return PictureResult(file=file, frame=frame, targets=tuple(results))
 
@@ -225,18 +239,23 @@ def _edges(detector: Detector, frame: Frame, found: Detection, lens: CameraModel
     return no_points()
 
 
-def _result(file: str, detection: Detection, shape: TargetShape, lens: CameraModel, number: int) -> TargetResult:
-    measurement = measure(detection, shape, lens, 0.0)
+def _result(file: str, detection: Detection, target: NamedDetector, lens: CameraModel, number: int) -> TargetResult:
+    shape = target.detector.target_shape
+    by_size = measurement = measure(detection, shape, lens, 0.0)
+    floor = None if target.footing is None else stand(by_size, detection, shape, lens, target.footing)
+    if floor is not None:
+        measurement = floor.measurement
     seen = SeenTarget(detection=detection, measurement=measurement, shape=shape)
     return TargetResult(
         file=file,
         measurement=measurement,
         detection=detection,
         has_corners=shape.has_corners,
-        parts=sigma_parts(measurement, shape, lens),
+        parts=sigma_parts(by_size, shape, lens),
         rejected_from=number,
         direction_sigmas_rad=direction_sigmas_rad(seen, lens),
         seen=seen,
+        floor=floor,
     )
 
 

@@ -89,6 +89,10 @@ class WhenTable(LimitsTable, LikelihoodTable):
     """Holds while the target is this high above the floor; needs `height` in the section of the camera."""
     height_above_camera: figures.CoordinateTable | None = None
     """Holds while the target is this high above the camera."""
+    ahead: figures.CoordinateTable | None = None
+    """Holds while the target is this far ahead of the middle of the robot, along the floor."""
+    left: figures.CoordinateTable | None = None
+    """Holds while the target is this far to the left of the middle of the robot."""
     sideways_speed: figures.SpeedTable | None = None
     """Holds while the target moves to the right at this speed."""
     speed: figures.SpeedTable | None = None
@@ -189,7 +193,9 @@ def _parts(tables: list[WhenTable] | None, severity: Severity) -> tuple[Conditio
 _Conversion = Callable[[Any, Severity], Condition]
 
 # The quantities that have a table of their own shape, and are converted alike.
-KEYS_OF_QUANTITIES = ("x", "y", "z", "height", "height_above_camera", "sideways_speed", "speed", "size")
+KEYS_OF_QUANTITIES = (
+    "x", "y", "z", "ahead", "left", "height", "height_above_camera", "sideways_speed", "speed", "size",
+)  # fmt: skip
 KEYS_OF_COMPARISONS = tuple(COMPARISONS)
 
 

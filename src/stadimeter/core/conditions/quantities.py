@@ -1,6 +1,7 @@
 """Every quantity of a target that conditions and ramps may be on, by the name that people write.
 
-Places are in the camera frame: x to the right, y down, z forward along the optical axis, in metres. Their standard
+Places are in the camera frame: x to the right, y down, z forward along the optical axis, in metres; `ahead` and `left`
+are in the robot's frame. Their standard
 deviations follow from that of the distance along the line of sight, and from the noise of the angles across it.
 What the configuration says of the camera's mounting counts as exact, and so does the middle of the picture.
 """
@@ -19,8 +20,8 @@ from stadimeter.core.conditions.leaf import UNKNOWN, Figure, RuleInputs
 from stadimeter.core.tracking.transverse import direction_of as vector_of
 
 QuantityName = Literal[
-    "distance", "depth", "bearing", "elevation", "closing_speed", "x", "y", "z", "height", "height_above_camera",
-    "sideways_speed", "speed", "size", "still",
+    "distance", "depth", "bearing", "elevation", "closing_speed", "x", "y", "z", "ahead", "left", "height",
+    "height_above_camera", "sideways_speed", "speed", "size", "still",
 ]  # fmt: skip
 
 # The quantity that two targets have together; of the others they have a difference.
@@ -122,8 +123,19 @@ def _along(axis: tuple[float, float, float], inputs: RuleInputs, target: str) ->
     return distance_m * share, math.hypot(share * sigma_m, across_m), math.hypot(share * noise_m, across_m)
 
 
+def _tilt_rad(inputs: RuleInputs) -> float:
+    return inputs.viewpoint.tilt_rad + ((inputs.base.camera_tilt_rad or 0.0) if inputs.base is not None else 0.0)
+
+
+def _in_robot(axis: Literal[0, 1], inputs: RuleInputs, target: str) -> Uncertain | None:
+    """Return how far a target is ahead of the middle of the robot, or to the left of it."""
+    mount = inputs.viewpoint.mount
+    figures = _along(mount.axes(_tilt_rad(inputs))[axis], inputs, target)
+    return None if figures is None else (figures[0] + (mount.x_m, mount.y_m)[axis], *figures[1:])
+
+
 def _above_camera(inputs: RuleInputs, target: str) -> Uncertain | None:
-    tilt_rad = inputs.viewpoint.tilt_rad + ((inputs.base.camera_tilt_rad or 0.0) if inputs.base is not None else 0.0)
+    tilt_rad = _tilt_rad(inputs)
     return _along((0.0, -math.cos(tilt_rad), math.sin(tilt_rad)), inputs, target)
 
 
@@ -186,6 +198,8 @@ QUANTITIES: dict[str, Quantity] = {
     "x": Quantity("m", partial(_along, (1.0, 0.0, 0.0)), is_signed=True),
     "y": Quantity("m", partial(_along, (0.0, 1.0, 0.0)), is_signed=True),
     "z": Quantity("m", partial(_along, (0.0, 0.0, 1.0)), is_signed=True),
+    "ahead": Quantity("m", partial(_in_robot, 0), is_signed=True),
+    "left": Quantity("m", partial(_in_robot, 1), is_signed=True),
     "height": Quantity("m", _height, is_signed=True),
     "height_above_camera": Quantity("m", _above_camera, is_signed=True),
     "sideways_speed": Quantity("m/s", _sideways_speed, is_signed=True, takes_motion=True),

@@ -287,6 +287,7 @@ def _track(
         elevation_rad=sighting.elevation_rad,
         as_of_s=sighting.at_s,
         measured_at_s=sighting.at_s,
+        reason=sighting.remark,
         since_s=before.since_s,
         closing_cov_m2ps=-together.cov_m2ps,
         noise_factor=settings.noise_factor * noise.factor,

@@ -49,6 +49,7 @@ def sighting_of(measurement: Measurement) -> Sighting | None:
         bearing_rad=bearing_rad,
         elevation_rad=elevation_rad,
         size_share=measurement.size_share,
+        remark=measurement.reason,
     )
 
 

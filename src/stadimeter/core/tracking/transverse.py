@@ -16,6 +16,7 @@ from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.measurement import Sighting
+from stadimeter.core.mount import Mount
 from stadimeter.core.track import Track
 from stadimeter.core.tracking import motion
 from stadimeter.core.tracking.motion import MotionState
@@ -41,11 +42,13 @@ class Viewpoint(Struct, frozen=True, kw_only=True):
     Attributes:
         height_m: How high the camera is above the floor; None if that is not known.
         tilt_rad: How far it looks up from level where its mounting does not move.
+        mount: Where it sits on the robot.
     """
 
     height_m: float | None = None
     tilt_rad: float = 0.0
     lens: CameraModel | None = None
+    mount: Mount = Mount()
 
     def angle_noise_rad(self, track: Track, sighting: Sighting | None) -> float:
         """Return the standard deviation of the noise of a sighting's angles; 0 where that is not known.

@@ -112,7 +112,7 @@ class Redetection:
             raise ConfigError([Problem("there is no camera model to measure with", str(configuration.path))])
         named = _detectors(configuration)
         detectors = {member: each.detector for each in named for member in each.members}
-        self._perceiver = Perceiver(detectors, configuration.camera_model)
+        self._perceiver = Perceiver(detectors, configuration.camera_model, configuration.footings)
 
     def observe(self, cycle: RecordedCycle, image: RecordedImage | None, state: State) -> Observation:
         """Return what was observed in a cycle, with what is measured in its picture now.

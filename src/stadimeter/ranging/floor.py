@@ -1,0 +1,267 @@
+"""How far away a target is that stands on the floor, from where its foot appears: no size is needed for that.
+
+With the camera at the height h, looking up by the angle t, the vertical points down along ``(0, cos t, -sin t)`` in the
+camera frame. A ray ``(x, y, 1)`` falls by ``q = y cos t - sin t`` and goes ``l = hypot(x, cos t + y sin t)`` along the
+floor for each unit of depth. The ray through the foot meets the floor ``h l / q`` from below the camera, and the centre
+is straight above the foot. So with the ray through the centre, n long and l' along the floor,
+
+    ``1 / D = (q / l) (l' / n) / h``
+
+for anything that stands upright. A ball of radius r touches the floor straight below its centre, and ``sin α = r / D``
+is seen, as the half angle of its outline: ``1 / D = (q' / n + sin α) / h`` for a ball of any size. What has its centre
+at a known height c has ``1 / D = (q' / n) / (h - c)``; of what lies flat, c is 0.
+
+The *inverse* of the distance is worked with: it is linear in what errs, even at the horizon, where the distance has no
+end (J. Civera, A. Davison and J. Montiel, "Inverse Depth Parametrization for Monocular SLAM", 2008). Its variance is
+
+    ``(∂(1/D)/∂y σ_y)² + (∂(1/D)/∂t σ_t)² + (σ_h / h D)² + …``
+
+Of the distance, a tilt that is off by σ_t makes a share of about ``σ_t D / h``, a height that is off σ_h / h. The
+derivatives are differences: each cause moves by one standard deviation.
+
+The distance by size errs by the same edges and the same focal length, so both errors are correlated. Of two estimates
+with the variances s² and f² and the covariance c, the best that is linear in both takes the second one by
+``(s² - c) / (s² + f² - 2 c)`` (Y. Bar-Shalom, "On the track-to-track correlation problem", 1981).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.detection import Detection, Points
+from stadimeter.core.floor import Footing
+from stadimeter.core.measurement import Measurement, MeasurementStatus
+from stadimeter.core.target import TargetShape
+from stadimeter.core.words import metres
+
+Ray = tuple[float, float]  # x and y per unit of depth, the lens's distortion undone
+
+# Size and floor that are further apart than this many standard deviations of their difference contradict each other.
+# By chance that is one frame in 370.
+DISAGREEMENT_SIGMAS = 3.0
+
+# Standard deviation of how far what stands leans forwards or back.
+LEAN_RAD = math.radians(3)
+
+
+class OnFloor(Struct, frozen=True, kw_only=True):
+    """A target by its size and by the floor.
+
+    Attributes:
+        measurement: What to go by.
+        by_size: As it was without the floor.
+        distance_m: By the floor alone; None where its ray does not meet the floor.
+        sigma_m: The standard deviation of that.
+        apart_sigmas: How far the two are apart, in standard deviations of their difference.
+    """
+
+    measurement: Measurement
+    by_size: Measurement
+    distance_m: float | None
+    sigma_m: float
+    apart_sigmas: float
+
+
+class _Sight(NamedTuple):
+    """All that the floor's distance follows from."""
+
+    centre: Ray
+    foot: Ray | None  # where it touches the floor; None of a ball, and where the height of the centre is known
+    sine: float  # of the half angle of a ball, else 0
+    tilt_rad: float
+    height_m: float  # of the camera above the foot, or above the centre where its height is known
+
+    def nearness(self) -> float:
+        """Return the inverse of the distance, per metre; 0 at the horizon and less above it."""
+        falls, level, length = _fall(self.centre, self.tilt_rad)
+        if self.foot is None:
+            return (falls / length + self.sine) / self.height_m
+        foot_falls, foot_level, _ = _fall(self.foot, self.tilt_rad)
+        return foot_falls / foot_level * level / length / self.height_m
+
+    def moved(self, across: float, down: float, foot_down: float, sine: float = 0.0) -> _Sight:
+        """Return it with its rays moved, and its sine changed by a share."""
+        (x, y), foot = self.centre, self.foot
+        foot = foot and (foot[0] + across, foot[1] + foot_down)
+        return self._replace(centre=(x + across, y + down), foot=foot, sine=self.sine * (1 + sine))
+
+
+class _Cause(NamedTuple):
+    """How one cause moves both inverse distances, by one standard deviation, as shares of that by the size."""
+
+    of_floor: float
+    of_size: float
+    is_noise: bool = False  # whether it differs from frame to frame
+
+
+def _fall(ray: Ray, tilt_rad: float) -> tuple[float, float, float]:
+    """Return how far a ray falls and goes along the floor, and how long it is, per unit of depth."""
+    (x, y), cosine, sine = ray, math.cos(tilt_rad), math.sin(tilt_rad)
+    return y * cosine - sine, math.hypot(x, cosine + y * sine), math.sqrt(1 + x * x + y * y)
+
+
+def stand(by_size: Measurement, found: Detection, shape: TargetShape, camera: CameraModel, footing: Footing) -> OnFloor:
+    """Join what a target's size tells with what the floor tells; see the head of this file.
+
+    Where they contradict each other, the distance by the size stays, since the floor is what changes from frame to
+    frame (a target that is lifted, a robot that nods), with a standard deviation that reaches the other one.
+
+    Args:
+        camera: The camera model at the picture's resolution.
+    """
+    distance_m, sigma_m = by_size.distance_m, by_size.sigma_m
+    if by_size.position_m is None or not distance_m or not sigma_m:
+        return OnFloor(measurement=by_size, by_size=by_size, distance_m=None, sigma_m=0.0, apart_sigmas=0.0)
+    sight = _sight(by_size, found, shape, camera, footing)
+    nearer = sight.nearness() * distance_m  # how many times nearer it is by the floor
+    causes = [*_causes(sight, by_size, found, camera, footing)]
+    of_floor = sum(each.of_floor**2 for each in causes)
+    of_size, common = (sigma_m / distance_m) ** 2, sum(each.of_floor * each.of_size for each in causes)
+    apart = abs(nearer - 1) / math.sqrt(max(of_floor + of_size - 2 * common, 1e-18))
+    floor_m = distance_m / nearer if nearer > 0 else None
+    floor_sigma_m = math.sqrt(of_floor) * floor_m * floor_m / distance_m if floor_m else math.inf
+    joined = (
+        _contradicted(by_size, distance_m, sigma_m, nearer)
+        if apart > DISAGREEMENT_SIGMAS
+        else _joined(by_size, distance_m, nearer, causes, (of_size, of_floor, common))
+    )
+    said = OnFloor(measurement=joined, by_size=by_size, distance_m=floor_m, sigma_m=floor_sigma_m, apart_sigmas=apart)
+    return said if joined is not by_size and apart <= DISAGREEMENT_SIGMAS else _with_reason(said)
+
+
+def _sight(by_size: Measurement, found: Detection, shape: TargetShape, camera: CameraModel, footing: Footing) -> _Sight:
+    x_m, y_m, z_m = by_size.position_m or (0.0, 0.0, 1.0)
+    centre, tilt_rad = (x_m / z_m, y_m / z_m), footing.tilt_rad
+    if footing.centre_m is not None:
+        return _Sight(centre, None, 0.0, tilt_rad, footing.height_m - footing.centre_m)
+    if shape.limb_radius_m > 0:
+        sine = shape.limb_radius_m / (by_size.distance_m or math.inf)
+        return _Sight(centre, None, sine, tilt_rad, footing.height_m)
+    return _Sight(
+        centre, _foot(found, camera, tilt_rad, has_corners=shape.has_corners), 0.0, tilt_rad, footing.height_m
+    )
+
+
+def _foot(found: Detection, camera: CameraModel, tilt_rad: float, *, has_corners: bool) -> Ray:
+    """Return the ray through the middle of the lowest edge, or through the lowest point of what is round."""
+    if not len(found.outline_px):
+        x_px, y_px = found.centre_px
+        return camera.direction(x_px, y_px + found.height_px / 2)
+    rays = camera.directions(found.outline_px).tolist()
+    rays.sort(key=lambda ray: -_fall(ray, tilt_rad)[0] / _fall(ray, tilt_rad)[1])
+    if not has_corners:
+        return rays[0][0], rays[0][1]
+    # The middle of the edge from r to s, in perspective: r / q_r and s / q_s are where these rays meet the floor, and
+    # the ray to half way between is (q_s r + q_r s) / (q_r + q_s). At the horizon that is half way in the picture.
+    (first_x, first_y), (other_x, other_y) = rays[:2]
+    falls = [max(_fall(ray, tilt_rad)[0], 0.0) for ray in rays[:2]]
+    weight = falls[1] / sum(falls) if min(falls) > 0 else 0.5
+    return weight * first_x + (1 - weight) * other_x, weight * first_y + (1 - weight) * other_y
+
+
+def _causes(
+    sight: _Sight, by_size: Measurement, found: Detection, camera: CameraModel, footing: Footing
+) -> Iterator[_Cause]:
+    distance_m, nearness = by_size.distance_m or math.inf, sight.nearness()
+
+    def cause(moved: _Sight, of_size: float = 0.0, *, is_noise: bool = False) -> _Cause:
+        return _Cause((moved.nearness() - nearness) * distance_m, of_size, is_noise)
+
+    # Opposite edges make up the extent and the centre: σ of the extent moves each by half, apart or together.
+    half = found.size_sigma_px / 2 / camera.fy_px
+    noise_share = (by_size.noise_m or 0.0) / distance_m
+    yield cause(sight.moved(0.0, half, half), is_noise=True)
+    yield cause(sight.moved(0.0, 0.0, half, noise_share), noise_share, is_noise=True)
+    bias_share = 2 * camera.edge_bias_sigma_px / max(found.width_px, found.height_px)
+    bias = camera.edge_bias_sigma_px / camera.fy_px
+    yield cause(sight.moved(0.0, 0.0, bias, bias_share), bias_share)
+    for moved, of_size in _lenses(sight, camera):
+        yield cause(moved, of_size)
+    sigma_rad = footing.tilt_sigma_rad
+    yield cause(sight._replace(tilt_rad=sight.tilt_rad + sigma_rad))
+    foot_x = sight.foot[0] if sight.foot else 0.0
+    yield cause(sight.moved(0.0, sigma_rad * sight.centre[0], sigma_rad * foot_x))  # a roll, to first order
+    off_m = math.hypot(footing.height_sigma_m, footing.centre_sigma_m)
+    yield cause(sight._replace(height_m=sight.height_m + off_m))
+    if sight.foot is not None:
+        # What leans moves its centre by its height above the foot, which is seen as the angle between both rays.
+        yield _Cause(math.sin(LEAN_RAD) * math.dist(sight.centre, sight.foot), 0.0)
+
+
+def _lenses(sight: _Sight, camera: CameraModel) -> Iterator[tuple[_Sight, float]]:
+    """Yield it through lenses that are off by one standard deviation, with what that does to the nearness by size."""
+    for moved, share in through_other_lenses(np.array((sight.centre, sight.foot or sight.centre)), camera):
+        (x, y), (foot_x, foot_y) = moved.tolist()
+        yield sight._replace(centre=(x, y), foot=sight.foot and (foot_x, foot_y), sine=sight.sine * (1 + share)), share
+
+
+def through_other_lenses(rays: Points, camera: CameraModel) -> Iterator[tuple[Points, float]]:
+    """Yield rays, ``(n, 2)``, through each lens that is off by one standard deviation, independent of the others.
+
+    With each comes how much nearer, as a share, the first of them seems by its size.
+    """
+    if camera.uncertainty is None:
+        # A focal length that is longer by a share makes all directions smaller, and the distance by size larger.
+        yield rays * (1 - camera.focal_relative_sigma), -camera.focal_relative_sigma
+        return
+    changes = camera.sensitivities(camera.project(rays))
+    variances, directions = np.linalg.eigh(camera.uncertainty.covariance())
+    for change in (changes @ (directions * np.sqrt(variances.clip(0.0)))).transpose(2, 0, 1):
+        yield rays + change[:, 1:], -float(change[0, 0])
+
+
+def _joined(
+    by_size: Measurement,
+    distance_m: float,
+    nearer: float,
+    causes: list[_Cause],
+    variances: tuple[float, float, float],
+) -> Measurement:
+    """Return the best of both; of a size that is not known, with an infinite σ, that by the floor."""
+    of_size, of_floor, common = variances
+    is_known = math.isfinite(of_size)
+    weight = (of_size - common) / max(of_size + of_floor - 2 * common, 1e-18) if is_known else 1.0
+    weight = min(max(weight, 0.0), 1.0)
+    share = 1 + weight * (nearer - 1)
+    if share <= 0:
+        return by_size
+    rest = 1 - weight
+    variance = weight**2 * of_floor + (rest**2 * of_size + 2 * weight * rest * common if is_known else 0.0)
+    noise = math.hypot(*[weight * each.of_floor + rest * each.of_size for each in causes if each.is_noise])
+    joined_m = distance_m / share
+    return replace(
+        by_size,
+        distance_m=joined_m,
+        depth_m=None if by_size.depth_m is None else by_size.depth_m / share,
+        sigma_m=joined_m * math.sqrt(variance) / share,
+        noise_m=joined_m * min(noise, math.sqrt(variance)) / share,
+    )
+
+
+def _contradicted(by_size: Measurement, distance_m: float, sigma_m: float, nearer: float) -> Measurement:
+    """Return the distance by size with a σ of half the difference, so that both are within two of them."""
+    apart_share = min(abs(1 / nearer - 1), 1.0) if nearer > 0 else 1.0
+    return replace(by_size, sigma_m=math.hypot(sigma_m, distance_m * apart_share / 2))
+
+
+def _with_reason(said: OnFloor) -> OnFloor:
+    """Return it with what is wrong in words; a target of unknown size that is not on the floor has no distance."""
+    by_size, measured = said.by_size, said.measurement
+    if not math.isfinite(by_size.sigma_m or 0.0):
+        reason = "its size is not known, and it does not appear on the floor: it is above the horizon"
+        bare = Measurement(target=by_size.target, status=MeasurementStatus.ERROR, captured_at_s=by_size.captured_at_s)
+        return replace(said, measurement=replace(bare, reason=reason))
+    size = metres(by_size.distance_m or 0.0, by_size.sigma_m or 0.0)
+    floor = "not there" if said.distance_m is None else f"at {metres(said.distance_m, said.sigma_m)}"
+    reason = (
+        f"at {size} by its size, {floor} by the floor, {said.apart_sigmas:.0f} σ apart: it is not on the floor, or its "
+        "size, or the camera's height or tilt, is wrong; the size counts, with a wider ±"
+    )
+    return replace(said, measurement=replace(measured, reason=reason))
