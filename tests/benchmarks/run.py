@@ -21,6 +21,7 @@ import hard_balls
 import hard_flats
 import machinery
 import real_pictures
+import size_from_motion
 import speed
 import start_up
 import tag_accuracy
@@ -45,6 +46,7 @@ JOBS: dict[str, Job] = {
     "sheet": _accuracy(flat_accuracy.run_sheet, 60),
     "disc": _accuracy(flat_accuracy.run_disc, 60),
     "tag": _accuracy(tag_accuracy.run, 48),
+    "unknown size": _accuracy(size_from_motion.run, 200),
     "empty": _accuracy(false_alarms.run, 600),
     "real": lambda _asked, _seed: real_pictures.run(),
     "machinery": lambda _asked, _seed: machinery_part(),

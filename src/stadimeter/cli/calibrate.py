@@ -1,6 +1,6 @@
 """The group of commands ``calibrate``: a camera file from known distances, and how wrong one is.
 
-``calibrate board`` has a file of its own.
+``calibrate board`` and ``calibrate size`` have files of their own.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from stadimeter.cli.calibrate_board import board
+from stadimeter.cli.calibrate_size import size
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors, say_note
 from stadimeter.cli.formatting import LengthUnit, format_distance
 from stadimeter.cli.known_pictures import (
@@ -39,7 +40,7 @@ calibrate = typer.Typer(no_args_is_help=True)
 
 @calibrate.callback()
 def _calibrate() -> None:
-    """Find out a camera's focal length, write its camera file, and check it."""
+    """Find out a camera's focal length, write its camera file, and check it; or how large a thing is."""
 
 
 # Further from the middle of the picture than this, depth and straight line differ by more than 1.5 %.
@@ -202,6 +203,7 @@ def _why_no_bias(made: Calibration, unit: LengthUnit) -> str:
 
 
 calibrate.command("board")(board)
+calibrate.command("size")(takes_target(size))
 
 
 @calibrate.command("check")
