@@ -14,6 +14,7 @@ from gallery import make_gallery
 from how_it_measures import make_steps
 from live_view_svg import save_svg
 from measuring_round import make_round_pictures
+from unknown_size import unknown_size_picture
 from web_pages import make_pages
 
 from stadimeter.app.bootstrap import build, demo_configuration
@@ -129,5 +130,6 @@ if __name__ == "__main__":
     make_gallery(HERE)
     make_steps(HERE)
     make_round_pictures(HERE)
+    unknown_size_picture(HERE / "how-unknown-size.jpg")
     make_pages(HERE)
     camera_table.write()

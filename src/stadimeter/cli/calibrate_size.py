@@ -20,6 +20,7 @@ from stadimeter.cli.target_options import (
     targets_from_options,
 )
 from stadimeter.config.camera_file import load_camera_model
+from stadimeter.config.named_sizes import UNKNOWN_SIZE
 from stadimeter.config.units import LENGTHS_M, parse_quantity, split_quantities
 from stadimeter.errors import CalibrationError, ConfigError
 from stadimeter.ranging.size_from_motion import LearntSize, StepErrors, StepView, Vector, learn_size
@@ -27,8 +28,7 @@ from stadimeter.workbench.calibration.size_by_steps import SizeByOneTarget
 from stadimeter.workbench.frame_source import open_camera
 from stadimeter.workbench.picture_metadata import check_lens_settings, profile_notes
 
-# What a person writes for a size that is not known, and what is assumed instead: any size gives the same answer.
-UNKNOWN_WORDS = {"unknown", "?"}
+# What is assumed of a size that is not known: any other gives the same answer.
 ASSUMED = "10cm"
 
 # The directions of steps, in the camera frame: x right, y down, z ahead.
@@ -144,11 +144,11 @@ def _with_assumed_size(given: GivenTarget) -> GivenTarget:
     if given.get("--tolerance") is not None:
         raise ConfigError("--tolerance says how well a size is known, and this command finds that out; leave it out")
     words = {flag: str(given[flag]).strip().lower() for flag in (*_ONE_SIZE, "--sheet") if given.get(flag) is not None}
-    if words.get("--sheet") in UNKNOWN_WORDS:
+    if words.get("--sheet") in UNKNOWN_SIZE:
         raise ConfigError(
             "--sheet: the proportion of its sides must be known; write it as two lengths, such as 3cm,2cm for 3 : 2"
         )
-    return {**given, **{flag: ASSUMED for flag, word in words.items() if word in UNKNOWN_WORDS}}
+    return {**given, **{flag: ASSUMED for flag, word in words.items() if word in UNKNOWN_SIZE}}
 
 
 def _from_files(pictures: Sequence[str], looking: SizeByOneTarget) -> tuple[list[StepView], bool]:
