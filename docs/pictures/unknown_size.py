@@ -11,7 +11,7 @@ from measuring_round import ENLARGED, PANEL_PX, QUALITY, RED, YELLOW, Panel
 from stadimeter.config.plugins import DETECTORS, DriverChoice, load_driver
 from stadimeter.core.frame import Frame, Image
 from stadimeter.ranging.size_from_motion import LearntSize, StepErrors, StepView, learn_size
-from stadimeter.workbench.calibration.size_by_steps import SizeByOneTarget
+from stadimeter.workbench.calibration.size_by_steps import SizeSession
 from support.scenes import draw
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
@@ -31,13 +31,13 @@ MARGIN_PX, AXIS_M, AXIS_ASSUMED_M = 44, 0.75, 1.25
 def unknown_size_picture(path: Path) -> LearntSize:
     """Draw the ball from each place with its outline, and its distances as if it were 10 cm wide over the way."""
     options = load_driver(DETECTORS, "ball").model_validate({"diameter": "10 cm", "hsv": "29,86,6:64,255,255"})
-    looking = SizeByOneTarget(DriverChoice(name="ball", driver="ball", options=options), draw.CAMERA)
+    session = SizeSession(DriverChoice(name="ball", driver="ball", options=options), draw.CAMERA)
     views, panels = [], []
     for number, way_m in enumerate(WAYS_M):
         ball = BallTarget(position_m=(0.05, 0.02, START_M - way_m), diameter_m=DIAMETER_M)
         scene = Scene(camera=draw.CAMERA, target=ball, seed=number, backdrop=PlainBackdrop(bgr=(90, 84, 80)))
         image = render(scene).image
-        looked = looking.look(f"{100 * way_m:.0f} cm", Frame(image, 0.0, number), (0.0, 0.0, way_m))
+        looked = session.look(f"{100 * way_m:.0f} cm", Frame(image, 0.0, number), (0.0, 0.0, way_m))
         if looked.view is None:
             raise RuntimeError(f"the ball was not found: {looked.detection.reason}")
         panel = Panel(image, looked.detection.centre_px)

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import ours
+from goals import UNKNOWN
 from msgspec.structs import replace
 from part import Part, table
 from samples import OURS, Sample, grouped, rate, summarise
@@ -33,7 +34,7 @@ from support.scenes.target import Target
 
 STARTS_M, WAYS_M = (1.0, 2.0, 4.0), (0.2, 0.5, 1.0)
 GOAL_START_M, GOAL_WAY_M = 2.0, 0.5
-KINDS = ("ball", "disc", "sheet", "tag")
+KINDS = UNKNOWN
 TABLED = "ball"
 """The kind that is measured over all starts and ways; the others at the goal's."""
 
@@ -85,7 +86,7 @@ def _facts(samples: list[Sample]) -> dict[str, float]:
     facts = {}
     for kind in KINDS:
         of_goal = summarise([each for each in samples if each.row == row_of(kind, GOAL_START_M, GOAL_WAY_M)], GROSS)
-        facts |= {f"unknown size {kind}": of_goal.median, f"unknown size {kind} coverage": of_goal.coverage}
+        facts |= {f"unknown size {kind}": of_goal.median, f"unknown size {kind} held": of_goal.coverage}
     return facts
 
 

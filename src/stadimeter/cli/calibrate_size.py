@@ -24,7 +24,7 @@ from stadimeter.config.named_sizes import UNKNOWN_SIZE
 from stadimeter.config.units import LENGTHS_M, parse_quantity, split_quantities
 from stadimeter.errors import CalibrationError, ConfigError
 from stadimeter.ranging.size_from_motion import LearntSize, StepErrors, StepView, Vector, learn_size
-from stadimeter.workbench.calibration.size_by_steps import SizeByOneTarget
+from stadimeter.workbench.calibration.size_by_steps import SizeSession
 from stadimeter.workbench.frame_source import open_camera
 from stadimeter.workbench.picture_metadata import check_lens_settings, profile_notes
 
@@ -129,13 +129,13 @@ def size(
             turn_rad=math.radians(turn_error),
         )
         camera_model = load_camera_model(camera)
-        looking = SizeByOneTarget(wanted.choices[0], camera_model)
+        session = SizeSession(wanted.choices[0], camera_model)
         views, all_found = (
-            (_from_camera(live, moves or USUAL_MOVES, looking), True) if live else _from_files(pictures or [], looking)
+            (_from_camera(live, moves or USUAL_MOVES, session), True) if live else _from_files(pictures or [], session)
         )
         learnt = learn_size(views, camera_model, errors)
-        texts = " ".join(moves or pictures or ())
-        _tell(learnt, looking, target, INCH if re.search(r"\d\s*(in|ft|\"|')", texts) else CENTIMETRE)
+        written = " ".join(text.rpartition("@")[2] for text in moves or (pictures or [])[1:])
+        _tell(learnt, session, target, INCH if re.search(r"\d\s*(in|ft|\"|')", written) else CENTIMETRE)
     raise typer.Exit(DONE if all_found else NOT_FOUND)
 
 
@@ -151,7 +151,7 @@ def _with_assumed_size(given: GivenTarget) -> GivenTarget:
     return {**given, **{flag: ASSUMED for flag, word in words.items() if word in UNKNOWN_SIZE}}
 
 
-def _from_files(pictures: Sequence[str], looking: SizeByOneTarget) -> tuple[list[StepView], bool]:
+def _from_files(pictures: Sequence[str], session: SizeSession) -> tuple[list[StepView], bool]:
     """Return how the target is seen in picture files, and whether it was found in all of them."""
     taken = [_split(each, is_first=index == 0) for index, each in enumerate(pictures)]
     paths = [path for path, _ in taken]
@@ -160,7 +160,7 @@ def _from_files(pictures: Sequence[str], looking: SizeByOneTarget) -> tuple[list
         say_note(note)
     views = []
     for path, moved_m in taken:
-        looked = looking.look_in_file(path, moved_m)
+        looked = session.look_in_file(path, moved_m)
         if looked.view is None:
             typer.echo(f"left out: {path}: {looked.detection.reason}", err=True)
         else:
@@ -208,7 +208,7 @@ def _parse_not_negative(text: str) -> float:
     return value
 
 
-def _from_camera(live: str, moves: Sequence[str], looking: SizeByOneTarget) -> list[StepView]:
+def _from_camera(live: str, moves: Sequence[str], session: SizeSession) -> list[StepView]:
     """Ask for the camera at each place, and return how the target is seen from there."""
     for text in moves:
         parse_move(text, "--move")
@@ -220,7 +220,7 @@ def _from_camera(live: str, moves: Sequence[str], looking: SizeByOneTarget) -> l
             typer.echo("Keep the thing where it is, in the middle of the picture, and the camera looking the same way.")
             views: list[StepView] = []
             for asked in ("0 cm", *moves):
-                views.append(_take(asked, is_first=not views, take=lambda name, m: looking.take(source, name, m)))
+                views.append(_take(asked, is_first=not views, take=lambda name, m: session.take(source, name, m)))
             return views
     except KeyboardInterrupt:
         _nothing_learnt("stopped")
@@ -254,8 +254,8 @@ def _nothing_learnt(why: str) -> NoReturn:
     raise typer.Exit(NOT_FOUND)
 
 
-def _tell(learnt: LearntSize, looking: SizeByOneTarget, given: GivenTarget, unit: LengthUnit) -> None:
-    sizes_m = looking.sizes_m(learnt)
+def _tell(learnt: LearntSize, session: SizeSession, given: GivenTarget, unit: LengthUnit) -> None:
+    sizes_m = session.sizes_m(learnt)
     tolerance_m = sizes_m.pop("tolerance")
     for key, size_m in sizes_m.items():
         typer.echo(

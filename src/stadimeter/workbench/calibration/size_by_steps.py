@@ -39,7 +39,7 @@ class Looked(Struct, frozen=True, kw_only=True):
     view: StepView | None
 
 
-class SizeByOneTarget:
+class SizeSession:
     """Looks for one target of an assumed size in pictures after steps of the camera."""
 
     def __init__(self, choice: DriverChoice, camera_model: CameraModel) -> None:
