@@ -33,7 +33,7 @@ PANELS: Mapping[str, Mapping[str, str]] = {
         "snapshot": "Take a picture with exactly the settings that `run` uses.",
         "measure": "Measure how far away a target is in pictures, in videos, or before a camera.",
         "colour": "Find out the range of colours of a ball, from a picture and a place in it.",
-        "calibrate": "Find out a camera's focal length, write its camera file, and check it.",
+        "calibrate": "Find out a camera's focal length, write its camera file, and check it; or how large a thing is.",
         "print": "Make tags, boards and discs to print, at true scale.",
     },
     "Rules": {
