@@ -19,6 +19,7 @@ from measuring_object import make_object_picture
 from measuring_round import make_round_pictures
 from picture_steps import picture_steps
 from stereo_picture import make_stereo_picture
+from unknown_size import unknown_size_picture
 from web_pages import make_pages
 
 from stadimeter.app.bootstrap import build, demo_configuration
@@ -139,5 +140,6 @@ if __name__ == "__main__":
     make_stereo_picture(HERE)
     make_object_picture(HERE)
     floor_picture.make_floor_picture(HERE / "how-floor.jpg")
+    unknown_size_picture(HERE / "how-unknown-size.jpg")
     make_pages(HERE)
     camera_table.write()

@@ -11,6 +11,8 @@ HEIGHTS = (480, 720, 1080)
 HELD = (0.90, 0.99)
 """Of the true distances of each row, the 95 % interval is to hold at least and at most this share."""
 ENDS = ("least", "most")
+UNKNOWN = ("ball", "disc", "sheet", "tag")
+"""The kinds of things whose size is learnt."""
 
 REAL = (
     at_most(
@@ -201,6 +203,18 @@ PLAIN = (
     at_most("sheet, tilt 0–60°, clutter: gross (> 5 %)", "≤ 1 %", percent, {"sheet clutter gross": 0.01}),
     at_most("empty clutter taken for a sheet", "≤ 1 % of frames", percent, {"alarms stadimeter sheet clutter": 0.01}),
     at_most("tag of 48 / 100 px, median", "≤ 0.3 / 0.15 %", percent, {"tag 48 px": 0.003, "tag 100 px": 0.0015}),
+    at_most(
+        "unknown size, learnt over 0.5 m from 2 m away: ball / disc / sheet / tag, median",
+        "≤ 3 % each",
+        percent,
+        {f"unknown size {kind}": 0.03 for kind in UNKNOWN},
+    ),
+    Goal(
+        "unknown size, learnt over 0.5 m from 2 m away: ball / disc / sheet / tag, 95 % interval",
+        "90–99 % each",
+        percent,
+        {f"unknown size {kind} held": HELD for kind in UNKNOWN},
+    ),
 )
 
 

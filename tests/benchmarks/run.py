@@ -25,6 +25,7 @@ import machinery
 import objects
 import picture_accuracy
 import real_pictures
+import size_from_motion
 import speed
 import start_up
 import stereo
@@ -57,6 +58,7 @@ JOBS: dict[str, Job] = {
     "stereo": _accuracy(stereo.run, 220),
     "objects": _accuracy(objects.run, 400),
     "floor": _accuracy(floor.run, 200),
+    "unknown size": _accuracy(size_from_motion.run, 200),
     "empty": _accuracy(false_alarms.run, 600),
     "real": lambda _asked, _seed: real_pictures.run(),
     "machinery": lambda _asked, _seed: machinery_part(),

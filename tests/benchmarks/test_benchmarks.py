@@ -90,6 +90,16 @@ def test_every_part_runs_and_has_figures_for_the_goals_of_what_exists(tmp_path) 
         assert any(what in line for line in measured), what
 
 
+@pytest.mark.long
+def test_things_of_unknown_size_have_a_row_for_every_start_and_way_and_figures_for_their_goals() -> None:
+    printed = run_benchmarks("--only", "unknown size", "--frames", "1")
+    rows = [line for line in printed.splitlines() if " m | 1 |" in line]
+    assert len(rows) == 12
+    goals = [line for line in printed.splitlines() if line.startswith("| unknown size, learnt")]
+    assert len(goals) == 2
+    assert not any("not measured" in line for line in goals)
+
+
 def test_a_chart_is_drawn_the_same_byte_for_byte(tmp_path) -> None:
     pytest.importorskip("matplotlib")
     from part import Chart

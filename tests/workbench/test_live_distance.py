@@ -15,7 +15,8 @@ from stadimeter.config.plugins import CAMERAS, DETECTORS, DriverChoice, load_dri
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
 from stadimeter.errors import CalibrationError, DeviceOpenError
-from stadimeter.workbench.calibration.live_distance import LiveDistance
+from stadimeter.workbench.calibration import live_distance
+from stadimeter.workbench.calibration.live_distance import LiveDistance, fresh_frames
 from stadimeter.workbench.frame_source import open_camera
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
@@ -173,8 +174,8 @@ def test_a_target_that_moves_meanwhile_is_refused(device: V4l2Double, monkeypatc
         frames = []
         for distance_m in (1.0, 1.2, 1.4):
             device.show(ball_at(distance_m))
-            frames.append(session._frames(1)[0])
-        monkeypatch.setattr(session, "_frames", lambda _number: frames)
+            frames.append(fresh_frames(session._source, 1)[0])
+        monkeypatch.setattr(live_distance, "fresh_frames", lambda _source, _number: frames)
         with pytest.raises(CalibrationError, match=r"size changed by .*keep the target and the camera still"):
             session.take(1.0)
 

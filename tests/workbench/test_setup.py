@@ -95,6 +95,16 @@ def test_a_second_distance_that_contradicts_the_first_is_refused(interview: Inte
     assert interview.next_key == "wish"
 
 
+def test_who_does_not_know_the_size_is_told_how_to_find_it_out(tmp_path: Path, device: V4l2Double) -> None:
+    begun = Interview(tmp_path)
+    for answer in (_camera(device), "ball"):
+        begun.answer(answer)
+    assert begun.question().form.endswith("; unknown if you do not know it")
+    with pytest.raises(ConfigError, match="then `stadimeter calibrate size` learns the size of this one"):
+        begun.answer("I don't know")
+    assert "How large is the ball?" in begun.question().text
+
+
 def test_a_width_of_the_view_that_is_no_number_is_refused_in_a_sentence(interview: Interview) -> None:
     with pytest.raises(ConfigError, match=r"'6\.0\.5 deg' has more than one number"):
         interview.answer("6.0.5 deg")

@@ -1,6 +1,6 @@
 """The group of commands ``calibrate``: a camera file from known distances, and how wrong one is.
 
-``calibrate board``, ``calibrate floor`` and ``calibrate stereo`` have files of their own.
+``calibrate board``, ``calibrate floor``, ``calibrate size`` and ``calibrate stereo`` have files of their own.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import typer
 
 from stadimeter.cli.calibrate_board import board
 from stadimeter.cli.calibrate_floor import floor
+from stadimeter.cli.calibrate_size import size
 from stadimeter.cli.calibrate_stereo import stereo
 from stadimeter.cli.exits import DONE, NOT_FOUND, plain_errors, say_note
 from stadimeter.cli.formatting import LengthUnit, format_distance
@@ -41,7 +42,7 @@ calibrate = typer.Typer(no_args_is_help=True)
 
 @calibrate.callback()
 def _calibrate() -> None:
-    """Find out a camera's focal length, write its camera file, and check it."""
+    """Find out a camera's focal length, write its camera file, and check it; or how large a thing is."""
 
 
 # Further from the middle of the picture than this, depth and straight line differ by more than 1.5 %.
@@ -206,6 +207,7 @@ def _why_no_bias(made: Calibration, unit: LengthUnit) -> str:
 calibrate.command("board")(board)
 calibrate.command("stereo")(stereo)
 calibrate.command("floor")(floor)
+calibrate.command("size")(takes_target(size))
 
 
 @calibrate.command("check")

@@ -62,7 +62,7 @@ def look_at(pictures: Sequence[str], wanted: WantedTargets, camera_model: Camera
     Raises `StadimeterError` if a distance or a picture is wrong, or the zoom differs.
     """
     taken = [_split(each) for each in pictures]
-    _refuse_twice([path for path, _ in taken])
+    refuse_twice([path for path, _ in taken])
     paths = [path for path, _ in taken]
     for note in (*check_lens_settings(paths), *profile_notes(paths)):
         say_note(note)
@@ -78,7 +78,8 @@ def look_at(pictures: Sequence[str], wanted: WantedTargets, camera_model: Camera
     return KnownPictures(usable=usable, all_usable=len(usable) == len(known))
 
 
-def _refuse_twice(paths: Sequence[Path]) -> None:
+def refuse_twice(paths: Sequence[Path]) -> None:
+    """Raise a `ConfigError` if a picture is given twice."""
     for number, path in enumerate(paths):
         if path in paths[:number]:
             raise ConfigError(f"{path} is given twice; a picture says the same each time, so give each of them once")

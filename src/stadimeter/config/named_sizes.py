@@ -44,6 +44,9 @@ BALLS = {
     "basketball": "24.3 cm",
 }
 
+# What a person writes for a size that is not known, in lower case.
+UNKNOWN_SIZE = frozenset({"unknown", "?", "i don't know", "don't know"})
+
 # Other names of the same things.
 _PAPER_ALIASES = {"us letter": "letter", "us legal": "legal", "bank card": "credit card"}
 _BALL_ALIASES = {"ping pong ball": "table tennis ball", "soccer ball": "football", "billiard ball": "pool ball"}

@@ -81,7 +81,7 @@ def _of_sizes_m2(one: SeenTarget, other: SeenTarget, along: Values) -> float:
 
 
 def _of_lens_m2(first_m: Values, second_m: Values, along: Values, camera: CameraModel) -> float:
-    change = along @ (_moved_by_lens(second_m, camera) - _moved_by_lens(first_m, camera))
+    change = along @ (moved_by_lens(second_m, camera) - moved_by_lens(first_m, camera))
     if camera.uncertainty is not None:
         return float(change @ camera.uncertainty.covariance() @ change)
     # Only the share by which the focal length may be wrong is known: fx and fy move together.
@@ -89,7 +89,7 @@ def _of_lens_m2(first_m: Values, second_m: Values, along: Values, camera: Camera
     return (of_focal * camera.focal_relative_sigma) ** 2
 
 
-def _moved_by_lens(position_m: Values, camera: CameraModel) -> Values:
+def moved_by_lens(position_m: Values, camera: CameraModel) -> Values:
     """Return how a position changes with each parameter of the lens, shape (3, 9)."""
     x, y = position_m[:2] / position_m[2]
     of_distance, of_x, of_y = camera.sensitivities(np.array([camera.pixel(x, y)]))[0]

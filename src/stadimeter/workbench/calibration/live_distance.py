@@ -11,7 +11,7 @@ from msgspec import Struct
 from stadimeter.app.detectors import build_detectors
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.core.camera_model import ToneCurve
-from stadimeter.core.detection import DetectionStatus
+from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CalibrationError
 from stadimeter.ranging.calibration import (
@@ -149,14 +149,17 @@ class LiveDistance:
         """
         name = name or f"at {distance_m:g} m"
         depth_m = distance_m + self.to_centre_m
-        seen = [(look_at_distance(name, frame, depth_m, self._target), frame) for frame in self._frames(frames)]
+        seen = [
+            (look_at_distance(name, frame, depth_m, self._target), frame)
+            for frame in fresh_frames(self._source, frames)
+        ]
         found = [pair for pair in seen if pair[0].detection.status is DetectionStatus.FOUND]
         if len(found) < max(1.0, FOUND_SHARE_MIN * len(seen)):
             missed = [pair for pair in seen if pair[0].detection.status is not DetectionStatus.FOUND]
             raise CalibrationError(_why_not_found(name, missed, len(seen), self._choices[0]))
-        found.sort(key=lambda pair: _size_px(pair[0]))
+        found.sort(key=lambda pair: apparent_px(pair[0].detection))
         known, frame = found[len(found) // 2]
-        size_px, spread_share = _steady_size(name, known, [_size_px(each) for each, _ in found])
+        size_px, spread_share = steady_size(name, known.detection, [apparent_px(each.detection) for each, _ in found])
         self._takes[name] = Take(
             name=name,
             known=known,
@@ -195,20 +198,21 @@ class LiveDistance:
             raise CalibrationError("there is no distance yet; take one")
         return fit.calibration
 
-    def _frames(self, number: int) -> Sequence[Frame]:
-        """Return fresh frames: the one that waited may show the hand that put the target there."""
-        if self._source.is_live:
-            self._source.capture.latest(SETTLING_WAIT_S)
-        first = self._source.capture.latest(SETTLING_WAIT_S)
-        number = max(1, min(number, FRAMES_MAX_BYTES // first.image.nbytes))
-        return [first, *(self._source.capture.latest(SETTLING_WAIT_S) for _ in range(number - 1))]
-
     def _reads_m(self, known: KnownDistance) -> float | None:
         others = [take.known for name, take in self._takes.items() if name != known.picture]
         if not others:
             return None
         model = calibrate(others, date=self._date, distance_relative_sigma=self._relative_sigma).camera_model
         return measured_depth_m(known, model) - self.to_centre_m
+
+
+def fresh_frames(source: Source, number: int = FRAMES) -> Sequence[Frame]:
+    """Return fresh frames of an open camera: the one that waited may show the hand that put the target there."""
+    if source.is_live:
+        source.capture.latest(SETTLING_WAIT_S)
+    first = source.capture.latest(SETTLING_WAIT_S)
+    number = max(1, min(number, FRAMES_MAX_BYTES // first.image.nbytes))
+    return [first, *(source.capture.latest(SETTLING_WAIT_S) for _ in range(number - 1))]
 
 
 def _why_not_found(name: str, missed: Sequence[tuple[KnownDistance, Frame]], frames: int, choice: DriverChoice) -> str:
@@ -218,12 +222,12 @@ def _why_not_found(name: str, missed: Sequence[tuple[KnownDistance, Frame]], fra
     return f"{name} the target was found in {frames - len(missed)} of {frames} frames: {reasons}"
 
 
-def _steady_size(name: str, known: KnownDistance, sizes_px: Sequence[float]) -> tuple[float, float]:
+def steady_size(name: str, detection: Detection, sizes_px: Sequence[float]) -> tuple[float, float]:
     """Return the median size and its spread as a share; raises `CalibrationError` if something moved meanwhile."""
     size_px = statistics.median(sizes_px)
     # 1.4826 times the median of the absolute deviations is the standard deviation, whatever single frames show.
     spread_share = 1.4826 * statistics.median(abs(each - size_px) for each in sizes_px) / size_px
-    expected_share = known.detection.size_sigma_px / size_px
+    expected_share = detection.size_sigma_px / size_px
     if spread_share > max(SPREAD_SHARE_MAX, SPREAD_SIGMAS_MAX * expected_share):
         raise CalibrationError(
             f"{name} the target's size changed by {spread_share:.1%} from frame to frame: keep the target and the"
@@ -232,8 +236,9 @@ def _steady_size(name: str, known: KnownDistance, sizes_px: Sequence[float]) -> 
     return size_px, spread_share
 
 
-def _size_px(known: KnownDistance) -> float:
-    return math.sqrt(known.detection.width_px * known.detection.height_px)
+def apparent_px(detection: Detection) -> float:
+    """Return the apparent size of a target that was found, one figure for both axes."""
+    return math.sqrt(detection.width_px * detection.height_px)
 
 
 def _in_words(found: Disagreement) -> str:

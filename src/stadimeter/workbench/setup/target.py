@@ -7,7 +7,7 @@ from typing import Any
 
 from stadimeter.app.detectors import build_detectors
 from stadimeter.config.driver_tables import TARGET
-from stadimeter.config.named_sizes import BALLS, PAPER
+from stadimeter.config.named_sizes import BALLS, PAPER, UNKNOWN_SIZE
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.units import split_quantities, split_spread
 from stadimeter.core.camera_model import CameraModel
@@ -224,12 +224,17 @@ class SizeStep(SetupStep):
         return Question(
             text=f"How large is the {kind}? The distances are as right as this is: measure it.",
             ready=ready,
-            form=form,
+            form=f"{form}; unknown if you do not know it",
             names=_NAMES.get(kind, ()),
         )
 
     def accept(self, known: Known, text: str) -> Accepted:
         """Check the size, and look for what needs no more to be found."""
+        if text.lower() in UNKNOWN_SIZE:
+            raise ConfigError(
+                "it can be found out by moving the camera: answer with something of known size, such as a sheet of A4, "
+                "which calibrates the camera; then `stadimeter calibrate size` learns the size of this one"
+            )
         choice = build_target(known, size=text)
         named = (_describe_size(choice.options),) if text[:1].isalpha() else ()
         if known.answers["target"] not in {"sheet", "disc"}:
