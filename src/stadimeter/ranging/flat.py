@@ -320,7 +320,7 @@ class TagShape(_Flat, Struct, frozen=True, kw_only=True):
 
 
 class PictureShape(_Flat, Struct, frozen=True, kw_only=True):
-    """A flat picture, such as a poster or a book cover, whose corners are told apart by what is on it."""
+    """A flat picture, such as a poster or a book cover, whose corners are known by what is on it."""
 
     width_m: float
     height_m: float

@@ -185,7 +185,7 @@ def _check_moved(views: Sequence[StepView]) -> None:
         )
 
 
-class _Fit(Struct, frozen=True, eq=False):
+class _SizeFit(Struct, frozen=True, eq=False):
     """A fit.
 
     Attributes:
@@ -220,7 +220,7 @@ class _Steps:
         # Of 1 - cos of turns about two axes, each with σ: both the mean and the standard deviation are σ².
         self._scale = math.hypot(errors.scale_share, math.sqrt(2) * errors.aim_rad**2)
 
-    def fit(self) -> _Fit:
+    def fit(self) -> _SizeFit:
         """Fit slope and place."""
         off_m, off = self.moves - self.moves.mean(axis=0), self.positions - self.positions.mean(axis=0)
         fit = self._fit_with(-float((off_m * off).sum() / (off_m * off_m).sum()))
@@ -228,7 +228,7 @@ class _Steps:
             fit = self._fit_with(fit.slope)
         return fit
 
-    def _fit_with(self, slope: float) -> _Fit:
+    def _fit_with(self, slope: float) -> _SizeFit:
         """Fit with the weights of steps that are so large with the assumed size."""
         covariance = self._edges + self._turn + self._lens + slope**2 * self._steps
         weighted = np.linalg.solve(covariance, self._design)
@@ -237,9 +237,9 @@ class _Steps:
         unknowns = gain @ seen
         residuals = seen - self._design @ unknowns
         square = float(residuals @ np.linalg.solve(covariance, residuals))
-        return _Fit(float(unknowns[0]), gain[0], residuals.reshape(-1, 3), _deviate(square, len(seen) - 4))
+        return _SizeFit(float(unknowns[0]), gain[0], residuals.reshape(-1, 3), _deviate(square, len(seen) - 4))
 
-    def learnt(self, fit: _Fit) -> LearntSize | None:
+    def learnt(self, fit: _SizeFit) -> LearntSize | None:
         """Return the size; None where the target has not grown at all."""
         if not fit.slope > 0:
             return None
@@ -345,7 +345,7 @@ def _other_way(steps: _Steps, errors: StepErrors) -> str:
     )
 
 
-def _misfit_words(views: Sequence[StepView], fit: _Fit, camera: CameraModel, errors: StepErrors) -> str:
+def _misfit_words(views: Sequence[StepView], fit: _SizeFit, camera: CameraModel, errors: StepErrors) -> str:
     apart_m = np.linalg.norm(fit.residuals, axis=1) / max(fit.slope, 1e-9)
     worst = int(np.argmax(apart_m))
     culprit = ""

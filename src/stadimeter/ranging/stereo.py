@@ -130,20 +130,20 @@ def triangulate(left: Points, right: Points, pose: Values) -> tuple[Values, Valu
     return points, (normal @ place_m) / lengths
 
 
-class _Sight(Struct, frozen=True, eq=False):
+class _LineOfSight(Struct, frozen=True, eq=False):
     """Rays to points of a target, x and y per unit of depth, and the standard deviation of each in pixels."""
 
     directions: Points
     sigma_px: float
 
 
-def _sight(seen: SeenTarget, camera: CameraModel, *, by_corners: bool) -> _Sight:
+def _sight(seen: SeenTarget, camera: CameraModel, *, by_corners: bool) -> _LineOfSight:
     detection = seen.detection
     if by_corners:
         # A side is the difference of two corners, so each of these errs by its share of the square root of two.
-        return _Sight(camera.directions(detection.outline_px), detection.size_sigma_px / math.sqrt(2))
+        return _LineOfSight(camera.directions(detection.outline_px), detection.size_sigma_px / math.sqrt(2))
     x_m, y_m, z_m = seen.measurement.position_m or (math.nan, math.nan, math.nan)
-    return _Sight(np.array([[x_m / z_m, y_m / z_m]]), direction_sigma_px(detection))
+    return _LineOfSight(np.array([[x_m / z_m, y_m / z_m]]), direction_sigma_px(detection))
 
 
 class _Triangulated(Struct, frozen=True, eq=False):
@@ -193,7 +193,7 @@ def _disc_centres(left: SeenTarget, right: SeenTarget, rig: StereoRig) -> tuple[
     return seen_left, seen_right
 
 
-def _triangulate_sights(one: _Sight, other: _Sight, rig: StereoRig) -> _Triangulated:
+def _triangulate_sights(one: _LineOfSight, other: _LineOfSight, rig: StereoRig) -> _Triangulated:
     """Return the middle of the points that two cameras see, by propagation of all errors to first order."""
     count = len(one.directions)
 
@@ -226,7 +226,7 @@ def straight_ahead_share(rig: StereoRig, distance_m: float) -> float:
     rotation = np.asarray(cv2.Rodrigues(np.array(rig.turn_rad))[0])
     there_m = np.array(rig.place_m) / 2 + (0.0, 0.0, distance_m)
     seen = there_m, (there_m - rig.place_m) @ rotation
-    one, other = (_Sight((each[:2] / each[2])[None], 0.0) for each in seen)
+    one, other = (_LineOfSight((each[:2] / each[2])[None], 0.0) for each in seen)
     return float(_triangulate_sights(one, other, rig).sigmas(rig)[0])
 
 

@@ -83,7 +83,7 @@ class StereoCalibration(Struct, frozen=True, kw_only=True):
     epipolar_px: float
 
 
-class _Fit(Struct, frozen=True, eq=False):
+class _StereoFit(Struct, frozen=True, eq=False):
     lenses: Values  # of the left and the right camera, in the order of `PARAMETERS`, shape (2, 9)
     pose: Values  # turn and shift from the left camera's frame to the right one's, as OpenCV has them, shape (6,)
     boards: Values  # turn and shift of each board in the left camera's frame, shape (n, 6)
@@ -159,7 +159,9 @@ def check_pair_count(count: int, what: str) -> None:
         )
 
 
-def _fit_agreeing(pairs: Sequence[PairView], alone: tuple[BoardCalibration, BoardCalibration]) -> tuple[_Fit, Flags]:
+def _fit_agreeing(
+    pairs: Sequence[PairView], alone: tuple[BoardCalibration, BoardCalibration]
+) -> tuple[_StereoFit, Flags]:
     """Return the fit of the pairs that agree with each other, with the boards of all; and which ones agree."""
     fit, errors_px = _start(pairs, alone)
     used = errors_px <= outlier_limit_px(errors_px)
@@ -175,7 +177,7 @@ def _fit_agreeing(pairs: Sequence[PairView], alone: tuple[BoardCalibration, Boar
     return fit, used
 
 
-def _start(pairs: Sequence[PairView], alone: tuple[BoardCalibration, BoardCalibration]) -> tuple[_Fit, Values]:
+def _start(pairs: Sequence[PairView], alone: tuple[BoardCalibration, BoardCalibration]) -> tuple[_StereoFit, Values]:
     """Return where the fit begins, and how far off each pair is there, in pixels."""
     lenses = np.array([_parameters(each.camera_model) for each in alone])
     left = [_board_pose(each.left, lenses[0]) for each in pairs]
@@ -197,7 +199,7 @@ def _start(pairs: Sequence[PairView], alone: tuple[BoardCalibration, BoardCalibr
             f"the pairs do not belong together: no place of the right camera explains half of them to within "
             f"{least_px:.0f} px; were both pictures of each pair taken at the same time, and given in the same order?"
         )
-    return _Fit(lenses, poses[best], np.array(left), np.zeros(pairs[0].ways[0].shape[1])), off_px[best]
+    return _StereoFit(lenses, poses[best], np.array(left), np.zeros(pairs[0].ways[0].shape[1])), off_px[best]
 
 
 def _with_ways(pairs: Sequence[PairView], alone: tuple[BoardCalibration, BoardCalibration]) -> list[PairView]:
@@ -211,7 +213,7 @@ def _with_ways(pairs: Sequence[PairView], alone: tuple[BoardCalibration, BoardCa
     ]
 
 
-def _adjust(pairs: Sequence[PairView], fit: _Fit, movable: Flags) -> _Fit:
+def _adjust(pairs: Sequence[PairView], fit: _StereoFit, movable: Flags) -> _StereoFit:
     """Return the fit with the least squares; it ends where a step makes nothing better."""
     squares = math.inf
     for _ in range(_STEPS_MAX):
@@ -225,7 +227,7 @@ def _adjust(pairs: Sequence[PairView], fit: _Fit, movable: Flags) -> _Fit:
         step = np.zeros(len(movable))
         step[movable] = root @ (root.T @ np.sum([one[:, movable].T @ off_px for one, off_px in reduced], axis=0))
         moves = [np.linalg.lstsq(each.board, each.off_px - each.shared @ step)[0] for each in systems]
-        fit = _Fit(
+        fit = _StereoFit(
             fit.lenses + step[: 2 * OF_LENS].reshape(2, -1),
             fit.pose + step[OF_POSE],
             fit.boards + np.array(moves),
@@ -234,7 +236,7 @@ def _adjust(pairs: Sequence[PairView], fit: _Fit, movable: Flags) -> _Fit:
     return best
 
 
-def _settle(pair: PairView, board: Values, fit: _Fit) -> Values:
+def _settle(pair: PairView, board: Values, fit: _StereoFit) -> Values:
     """Return the pose of a board that explains both pictures best."""
     for _ in range(_SETTLE_STEPS):
         system = _linearise(pair, board, fit)
@@ -242,7 +244,7 @@ def _settle(pair: PairView, board: Values, fit: _Fit) -> Values:
     return board
 
 
-def _movable(fit: _Fit) -> Flags:
+def _movable(fit: _StereoFit) -> Flags:
     """Return which of the shared unknowns are fitted: k3 stays where it is zero, since it would fold the picture."""
     k3 = fit.lenses[:, -1] != 0
     return np.concatenate(
@@ -250,7 +252,7 @@ def _movable(fit: _Fit) -> Flags:
     )
 
 
-def _linearise(pair: PairView, board: Values, fit: _Fit) -> _System:
+def _linearise(pair: PairView, board: Values, fit: _StereoFit) -> _System:
     composed = cv2.composeRT(board[:3], board[3:], fit.pose[:3], fit.pose[3:])
     there = np.concatenate((composed[0].ravel(), composed[1].ravel()))
     by_board, by_pose = np.block([[*composed[2:4]], [*composed[6:8]]]), np.block([[*composed[4:6]], [*composed[8:]]])
@@ -281,7 +283,7 @@ def _rms_px(*systems: _System) -> float:
 
 
 def _rig(
-    fit: _Fit, systems: Sequence[_System], alone: tuple[BoardCalibration, BoardCalibration], square_share: float
+    fit: _StereoFit, systems: Sequence[_System], alone: tuple[BoardCalibration, BoardCalibration], square_share: float
 ) -> StereoRig:
     """Return both cameras with the covariance of all that is shared."""
     movable = _movable(fit)

@@ -29,8 +29,8 @@ from stadimeter.detectors.sides import diagonals_meet, side_lengths, width_and_h
 from stadimeter.errors import PictureError, UnreadableError
 from stadimeter.ranging.flat import PictureShape
 
-# The light of what is seen must follow that of the picture so closely, as a correlation, on so much of its area: less
-# may be hidden.
+# The light of what is seen must follow that of the picture this closely, as a correlation, on this share of its area:
+# the rest may be hidden.
 MIN_CORRELATION, MIN_AGREEING_SHARE = 0.85, 0.55
 
 # A file is worked with at this length of its longer side at most: it is compared in 112 samples, and described at 320
@@ -117,7 +117,7 @@ class PictureDetector:
         grey = grey_of(frame.image)
         light = in_light(grey, light_table("srgb" if lens is None else lens.tone_curve))
         if prediction is not None and prediction.outline_px is not None and prediction.outline_px.shape == (4, 2):
-            followed = self._judged(light, prediction.outline_px, lens)
+            followed = self._align_at(light, prediction.outline_px, lens)
             if isinstance(followed, Detection) and followed.status is DetectionStatus.FOUND:
                 return followed
         near = None if prediction is None else _around(prediction, frame.image)
@@ -139,7 +139,7 @@ class PictureDetector:
         """Return the picture at the first place where it is, and the places before it with why it is not there."""
         rejected: list[RejectedCandidate] = []
         for corners in places:
-            found = self._judged(light, corners, lens)
+            found = self._align_at(light, corners, lens)
             if isinstance(found, Detection):
                 return found, rejected
             outline = tuple((float(each[0]), float(each[1])) for each in corners)
@@ -147,7 +147,7 @@ class PictureDetector:
             rejected.append(RejectedCandidate(centre_px=(x, y), size_px=size_px, reason=found, corners_px=outline))
         return None, rejected
 
-    def _judged(self, light: Light, corners_px: Points, lens: CameraModel | None) -> Detection | str:
+    def _align_at(self, light: Light, corners_px: Points, lens: CameraModel | None) -> Detection | str:
         """Return the picture where it may be, or why it is not there."""
         if not np.isfinite(corners_px).all() or np.abs(corners_px).max() > 10 * max(light.shape):
             return "leads out of the frame"

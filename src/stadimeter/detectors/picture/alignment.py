@@ -38,8 +38,8 @@ RIM_SAMPLES = 2
 # What a camera's optics blur, in samples: rendered pictures have a point spread of 0.7 pixels.
 BLUR_SAMPLES = 0.7
 
-# Each size is worked on until corners move by less than this many samples over the root of their number, a small part
-# of what noise moves them by; or so often.
+# Each size is worked on until corners move by less than this number of samples over the root of their number, a small
+# part of what noise moves them by; or this often.
 SETTLED_SAMPLES = 0.2
 MAX_STEPS = 10
 
@@ -86,7 +86,7 @@ class PictureLight:
         self.at = lru_cache(maxsize=12)(self._at)
 
     def _at(self, across: int, down: int) -> _Samples:
-        """Return the picture in so many samples, with what a step of each corner changes in them."""
+        """Return the picture in a number of samples, with what a step of each corner changes in them."""
         blurred = cv2.GaussianBlur(
             cv2.resize(self._light, (across, down), interpolation=cv2.INTER_AREA), (0, 0), BLUR_SAMPLES
         )
@@ -146,7 +146,7 @@ def align(frame: Light, picture: PictureLight, corners_px: Points, lens: CameraM
         samples = _samples_of(corners_px, share)
         if samples is None:
             return None
-        part = _Reduced.of(frame, lens, corners_px, max(samples))
+        part = _ReducedPart.of(frame, lens, corners_px, max(samples))
         found = _settle(part, picture.at(*samples), corners_px, is_last=share == 1.0)
         if found is None:
             return None
@@ -182,7 +182,7 @@ def _samples_of(corners_px: Points, share: float) -> tuple[int, int] | None:
     return across, down
 
 
-class _Reduced(Struct, frozen=True, eq=False):
+class _ReducedPart(Struct, frozen=True, eq=False):
     """The part of a frame around a picture, about as coarse as the samples that it is compared in."""
 
     light: Light
@@ -191,7 +191,7 @@ class _Reduced(Struct, frozen=True, eq=False):
     lens: CameraModel | None  # with distortion; None where straight lines are straight
 
     @classmethod
-    def of(cls, frame: Light, lens: CameraModel | None, corners_px: Points, samples: int) -> _Reduced:
+    def of(cls, frame: Light, lens: CameraModel | None, corners_px: Points, samples: int) -> _ReducedPart:
         """Return the part within a quarter of the picture's size around it."""
         seen_px = bent(lens, corners_px)
         low, high = seen_px.min(axis=0), seen_px.max(axis=0)
@@ -224,7 +224,7 @@ class _Reduced(Struct, frozen=True, eq=False):
         return np.asarray(above * (1 - down) + below * down, np.float64), inside
 
 
-def _settle(frame: _Reduced, samples: _Samples, corners_px: Points, *, is_last: bool) -> Alignment | None:
+def _settle(frame: _ReducedPart, samples: _Samples, corners_px: Points, *, is_last: bool) -> Alignment | None:
     """Move corners until nothing changes; None where they run away."""
     weights = np.ones_like(samples.light)
     settled = SETTLED_SAMPLES / math.sqrt(len(samples.light))  # in the picture's own coordinates

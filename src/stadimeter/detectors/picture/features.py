@@ -37,7 +37,7 @@ AGREE_PX = 4.0
 MIN_AGREEING = 5
 MAX_TRIALS = 5000
 
-# So many places are tried, each without the matches of those before.
+# This number of places is tried, each without the matches of those before.
 PLACES = 3
 
 # A side may not be this many times as long as the opposite one: beyond it, the picture is seen from its edge.
