@@ -19,7 +19,7 @@ from stadimeter.detectors.sheet import SheetDetector, SheetOptions
 from stadimeter.detectors.sheet.quadrilaterals import bright_masks, find_quadrilaterals, quick_masks
 from stadimeter.detectors.tag import TagDetector, TagOptions
 from stadimeter.detectors.tag.search import find_outlines
-from stadimeter.ranging.flat import sheet_poses, tag_poses
+from stadimeter.ranging.flat import sheet_poses, upright_poses
 from stadimeter.ranging.measure import measure
 from stadimeter.ranging.plane_pose import RectanglePose
 from support.scenes.plane import Pose, TagTarget
@@ -66,7 +66,7 @@ def _tag_steps() -> list[Image]:
     outlines = find_outlines(grey_of(image), 40.0, 480, thorough=False).corners_px
     found = detector.detect(frame, lens=CAMERA)
     points = detector.edge_points(frame, found, lens=CAMERA)
-    pose = tag_poses(CAMERA.directions(found.outline_px), detector.target_shape)[0]
+    pose = upright_poses(CAMERA.directions(found.outline_px), TAG.side_m, TAG.side_m)[0]
     shown = _with_pose(image, pose, TAG.side_m)
     return _panels(image, outlines, found, points, _labelled(shown, detector, found))
 

@@ -187,6 +187,7 @@ LOOKS = {
     "web/page.py": "a download that is gone by then fails",
     "web/passwords.py": "a folder of the installation",
     "web/run_process.py": "why there is no run",
+    "detectors/object/model_file.py": "what kind of path it is; reading fails by itself",
     "workbench/colour_aids.py": "how a name is split; reading fails by itself",
     "workbench/doctor/computer.py": "a finding",
     "workbench/doctor/examined.py": "a finding",

@@ -22,6 +22,8 @@ OTHER_QUANTITIES = (
     "x",
     "y",
     "z",
+    "ahead",
+    "left",
     "height",
     "height_above_camera",
     "sideways_speed",

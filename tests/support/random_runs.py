@@ -11,6 +11,7 @@ from stadimeter.core.alarms.settings import thresholds_of
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.decide import State, decide, initial_state
 from stadimeter.core.decision import Decision
+from stadimeter.core.mount import Mount
 from stadimeter.core.observation import Observation
 from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.plan import BaseOutput, LevelOutput, Plan, Safety
@@ -49,7 +50,8 @@ def random_run(seed: int, *, is_aimed: bool = False) -> RandomRun:
     safety = Safety(max_frame_age_s=max(0.2, 2.5 / fps), good_frames=2)
     names = tuple(rule.name for rule in rules if isinstance(rule, AlarmRule))
     seen = RandomScene(rng, fps, names, is_aimed=is_aimed).observations(60 if is_aimed else 100)
-    viewpoint = Viewpoint(height_m=rng.choice((None, 0.5)), tilt_rad=0.1, lens=LENS)
+    mount = rng.choice((Mount(), Mount(x_m=0.1, y_m=-0.05, yaw_rad=0.2)))
+    viewpoint = Viewpoint(height_m=rng.choice((None, 0.5)), tilt_rad=0.1, lens=LENS, mount=mount)
     plan = Plan(targets=TARGETS, rules=rules, outputs=OUTPUTS, safety=safety, viewpoint=viewpoint)
     return RandomRun(plan=plan, observations=tuple(seen))
 

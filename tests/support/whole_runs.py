@@ -116,7 +116,7 @@ class WholeRules(RandomRules):
     def _figure(self) -> FigureCondition:
         """Limits on a quantity, where targets are."""
         found = super()._figure()
-        ahead = {"z": 1.3, "height": 0.3}.get(found.quantity, 0.0)
+        ahead = {"z": 1.3, "ahead": 1.3, "height": 0.7}.get(found.quantity, 0.0)
         return replace(found, above=(found.above or 0.0) + ahead)
 
     def _schedule(self) -> ScheduleCondition:
@@ -160,7 +160,9 @@ class WholeRules(RandomRules):
         figure = self.rng.choice(self.figures)
         unit = QUANTITIES[figure.quantity].unit
         limit = (
-            self.rng.uniform(0.5, 2.0) if figure.quantity in {"distance", "depth", "z"} else self.rng.uniform(-0.2, 0.3)
+            self.rng.uniform(0.5, 2.0)
+            if figure.quantity in {"distance", "depth", "z", "ahead"}
+            else self.rng.uniform(-0.2, 0.3)
         )
         side = self.rng.choice(("above", "below"))
         return RememberedCondition(name=figure.name, unit=unit, deadband=self.rng.choice((0.0, 0.1)), **{side: limit})

@@ -91,7 +91,7 @@ def recent_observations(history: Sequence[Measurement]) -> Iterator[Observation]
 def simulate_approach(configuration: Configuration, answers: Mapping[str, str]) -> Iterator[Observation]:
     """Yield observations of a target that comes from beyond every distance of the wishes, goes back, and disappears.
 
-    It does so as often as the wishes count, goes from the left to the right where they ask for a direction, and passes
+    It does so as often as the wishes count, goes to the left and to the right where it is near, and passes
     a second target. It begins at the first time of day that they name, or else at midnight.
     """
     figures = _figures(answers)
@@ -100,16 +100,15 @@ def simulate_approach(configuration: Configuration, answers: Mapping[str, str]) 
     visits = int(max(figures["times"], default=0.0)) + 1 if figures["times"] else 1
     points, at_s = [], 0.0
     for distance_m, stays_s in ((far_m, STAND_S), (near_m, max(STAND_S, WALK_S / 2)), (far_m, STAND_S)):
-        points += [(at_s, distance_m), (at_s + stays_s, distance_m)]
+        # Where it is near, it goes to the left and then to the right.
+        sides_deg = (0.0, -SIDE_DEG, SIDE_DEG, 0.0) if distance_m == near_m else (0.0, 0.0)
+        steps = len(sides_deg) - 1
+        points += [(at_s + stays_s * step / steps, distance_m, side_deg) for step, side_deg in enumerate(sides_deg)]
         at_s += stays_s + WALK_S
     once_s = points[-1][0]
     end_s = visits * once_s
-    walks = [
-        (number * once_s + moment_s, distance_m, SIDE_DEG * (2 * moment_s / once_s - 1))
-        for number in range(visits)
-        for moment_s, distance_m in points
-    ]
-    walks.append((end_s + gone_s, far_m, SIDE_DEG))
+    walks = [(number * once_s + moment_s, *place) for number in range(visits) for moment_s, *place in points]
+    walks.append((end_s + gone_s, far_m, 0.0))
     moving = {
         "points": [
             {"at": f"{moment_s} s", "distance": f"{distance_m} m", "bearing": f"{bearing_deg} deg"}
@@ -117,7 +116,9 @@ def simulate_approach(configuration: Configuration, answers: Mapping[str, str]) 
         ],
         "lost": [{"from": f"{end_s} s", "for": f"{gone_s + 1} s"}],
     }
-    hovering = {"hover": {"at": f"{(far_m + near_m) / 2} m", "for": f"{end_s + gone_s} s"}}
+    # Where the target is near, it is nearer than the second one by what the wishes ask for.
+    second_m = max((far_m + near_m) / 2, near_m + 1.3 * min(figures["m"], default=0.0))
+    hovering = {"hover": {"at": f"{second_m} m", "for": f"{end_s + gone_s} s"}}
     others = {tag_name(tag): hovering for tag in blank_answers(answers, "tag").values()}
     table = {
         "targets": {answers["target"]: moving, **others},
