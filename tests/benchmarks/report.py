@@ -79,7 +79,7 @@ def _real_pictures(facts: dict[str, float]) -> str:
         f"only {told['real ball held']} of them; a sheet of letter paper on a door within {told['real sheet worst']}, "
         f"as well as its tape is known; twelve AprilTags within {told['real visp median']} of computed poses. "
         "Not so good: a striped ball that a hand waves about, on video: "
-        f"{facts['real video tracked']:.0f} of 1004 frames are tracked (the ball is in sight in about 856), "
+        f"{facts['real video tracked']:.0f} of 1004 frames are tracked (the ball is whole in 837), "
         f"{told['real video wrong']} of its measurements are wrong by more than 8 %, and errors are "
         f"{facts['real video quantile']:.1f} times the stated noise. Balls on carpets and tape cut by hand are "
         "measured on rendered pictures only, below: there are no real ones here.\n\n"
