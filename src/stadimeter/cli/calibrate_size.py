@@ -47,51 +47,57 @@ USUAL_MOVES = ("20cm", "40cm")
 
 _ONE_SIZE = {"--ball", "--tag", "--disc"}
 
+_Pictures = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="PATH[@MOVE]",
+        help="Pictures, and how far the camera has moved since the first one: start.jpg near.jpg@20cm.",
+    ),
+]
+_Moves = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--move",
+        metavar="MOVE",
+        help="With --live: where to move the camera, such as --move 30cm --move 60cm; else 20 cm, then 40 cm.",
+    ),
+]
+_StepError = Annotated[
+    float,
+    typer.Option(
+        "--step-error",
+        metavar="PERCENT",
+        min=0.0,
+        max=50.0,
+        help="How far all moves may be wrong together, one standard deviation: 2 for the wheels of a robot.",
+    ),
+]
+_PlaceError = Annotated[
+    str,
+    typer.Option("--place-error", metavar="LENGTH", help="How far the camera may be beside each place."),
+]
+_TurnError = Annotated[
+    float,
+    typer.Option(
+        "--turn-error",
+        metavar="DEGREES",
+        min=0.0,
+        max=30.0,
+        help="How far the camera may have turned between pictures: 2 in the hand, 0.1 on a slider.",
+    ),
+]
+
 
 def size(
     *,
     target: GivenTarget,
-    pictures: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="PATH[@MOVE]",
-            help="Pictures, and how far the camera has moved since the first one: start.jpg near.jpg@20cm.",
-        ),
-    ] = None,
+    pictures: _Pictures = None,
     camera: Annotated[Path, typer.Option("--camera", metavar="FILE", help="The camera file.")],
     live: LiveOption = None,
-    moves: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--move",
-            metavar="MOVE",
-            help="With --live: where to move the camera, such as --move 30cm --move 60cm; else 20 cm, then 40 cm.",
-        ),
-    ] = None,
-    step_error: Annotated[
-        float,
-        typer.Option(
-            "--step-error",
-            metavar="PERCENT",
-            min=0.0,
-            max=50.0,
-            help="How far all moves may be wrong together, one standard deviation: 2 for the wheels of a robot.",
-        ),
-    ] = 2.0,
-    place_error: Annotated[
-        str,
-        typer.Option("--place-error", metavar="LENGTH", help="How far the camera may be beside each place."),
-    ] = "5mm",
-    turn_error: Annotated[
-        float,
-        typer.Option(
-            "--turn-error",
-            metavar="DEGREES",
-            min=0.0,
-            max=30.0,
-            help="How far the camera may have turned between pictures: 2 in the hand, 0.1 on a slider.",
-        ),
-    ] = 2.0,
+    moves: _Moves = None,
+    step_error: _StepError = 2.0,
+    place_error: _PlaceError = "5mm",
+    turn_error: _TurnError = 2.0,
 ) -> None:
     """Find out how large a thing is, from how it grows in the picture as the camera comes nearer.
 

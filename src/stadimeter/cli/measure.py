@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
@@ -16,7 +16,16 @@ from stadimeter.app.detectors import NamedDetector, build_detectors
 from stadimeter.cli.exits import DONE, NOT_FOUND, WRONG, plain_errors, say_note
 from stadimeter.cli.formatting import LengthUnit
 from stadimeter.cli.measure_output import Printer, copy_paths, marks_of
-from stadimeter.cli.measure_size import AtOption, BoxOption, measure_boxes, parse_at, parse_box, print_size, target_size
+from stadimeter.cli.measure_pairs import StereoOption, load_rig
+from stadimeter.cli.measure_size import (
+    AtOption,
+    BoxOption,
+    check_box_alone,
+    measure_boxes,
+    parse_at,
+    print_size,
+    target_size,
+)
 from stadimeter.cli.progress import count_items, goes_to_file
 from stadimeter.cli.target_options import (
     ConfigOption,
@@ -89,14 +98,7 @@ def measure(
     ] = None,
     live: LiveOption = None,
     between: BetweenOption = None,
-    stereo: Annotated[
-        Path | None,
-        typer.Option(
-            "--stereo",
-            metavar="FILE",
-            help="Measure with two cameras: their stereo file, made by `stadimeter calibrate stereo`.",
-        ),
-    ] = None,
+    stereo: StereoOption = None,
     at: AtOption = None,
     box: BoxOption = None,
     explain: Annotated[
@@ -164,10 +166,10 @@ def measure(
     with plain_errors():
         known_at = None if at is None else parse_at(at)
         if box is not None:
-            raise typer.Exit(_boxes(target, images or [], config, camera, known_at, box, as_json=as_json))
-        if stereo is not None:
-            _check_stereo(images or [], {"--camera": camera, "--live": live, "--between": between})
-        rig = None if stereo is None else _load_rig(stereo)
+            check_box_alone(target, config)
+            raise typer.Exit(measure_boxes(images or [], camera, box, known_at, as_json=as_json))
+        others = {"--camera": camera, "--live": live, "--between": between}
+        rig = None if stereo is None else load_rig(stereo, images or [], others)
         names, wanted, camera_model = _check_options(
             target, config, rig.left if rig else camera, between, is_one_source=bool(images) != bool(live)
         )
@@ -192,26 +194,6 @@ def measure(
             raise typer.Exit(work.pairs(images or [], rig, copies, explain=explain))
         code = work.frames(camera_choice(live), name) if live else work.files(images or [], copies, explain=explain)
     raise typer.Exit(code)
-
-
-def _boxes(
-    given: GivenTarget,
-    images: Sequence[Path],
-    config: Path | None,
-    camera: Path | None,
-    at: tuple[float, float] | None,
-    box: str,
-    *,
-    as_json: bool,
-) -> int:
-    """Measure a box in pictures, in place of a target; return the exit code."""
-    if any(value is not None and value != "auto" for value in given.values()) or config is not None:
-        raise ConfigError("--box is measured in place of a target; give one of them")
-    if at is None:
-        raise ConfigError("--box has a size only at a known distance; add such as --at 2m")
-    if not images or camera is None:
-        raise ConfigError("--box needs pictures, and the camera file with --camera")
-    return measure_boxes(images, load_camera_model(camera), parse_box(box), at, as_json)
 
 
 def _check_options(
@@ -285,22 +267,6 @@ def _targets_from_options(given: GivenTarget, config: Path | None, names: tuple[
             "with --tag, or two targets of --config by name"
         )
     return wanted
-
-
-def _load_rig(file: Path) -> StereoRig:
-    from stadimeter.config.stereo_file import load_stereo_rig  # noqa: PLC0415 - one camera needs none
-
-    return load_stereo_rig(file)
-
-
-def _check_stereo(images: Sequence[Path], others: Mapping[str, object]) -> None:
-    """Raise a `ConfigError` for what does not go with ``--stereo``."""
-    if given := [option for option, value in others.items() if value is not None]:
-        raise ConfigError(f"--stereo measures pairs of pictures with the lenses of its file; leave out {given[0]}")
-    if videos := [each for each in images if is_video_file(each)]:
-        raise ConfigError(
-            f"--stereo measures pairs of pictures, and {videos[0]} is a video; take its frames as pictures"
-        )
 
 
 def _camera_model(

@@ -11,8 +11,9 @@ import typer
 
 from stadimeter.cli.exits import DONE
 from stadimeter.cli.formatting import METRE, LengthUnit, format_distance
+from stadimeter.cli.target_options import GivenTarget
+from stadimeter.config.camera_file import load_camera_model
 from stadimeter.config.units import parse_known, parse_length
-from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import ConfigError, Problem
 from stadimeter.ranging.calibration import DISTANCE_RELATIVE_SIGMA
 from stadimeter.ranging.size_at import DrawnBox, SizeAt, box_size_at, size_at
@@ -61,15 +62,26 @@ def parse_box(text: str) -> DrawnBox:
     return DrawnBox(x_px, y_px, width_px, height_px)
 
 
+def check_box_alone(given: GivenTarget, config: Path | None) -> None:
+    """Raise a `ConfigError` where there is a target beside ``--box``."""
+    if any(value is not None and value != "auto" for value in given.values()) or config is not None:
+        raise ConfigError("--box is measured in place of a target; give one of them")
+
+
 def measure_boxes(
-    images: Sequence[Path], camera: CameraModel, box: DrawnBox, at: tuple[float, float], as_json: bool
+    images: Sequence[Path], camera_file: Path | None, text: str, at: tuple[float, float] | None, *, as_json: bool
 ) -> int:
     """Print how large what fills a box is in each picture; return the exit code.
 
     Raises:
-        ConfigError: The box reaches out of a picture.
+        ConfigError: Something that it needs is missing or wrong, or the box reaches out of a picture.
         PictureError: A picture cannot be read.
     """
+    if at is None:
+        raise ConfigError("--box has a size only at a known distance; add such as --at 2m")
+    if not images or camera_file is None:
+        raise ConfigError("--box needs pictures, and the camera file with --camera")
+    box, camera = parse_box(text), load_camera_model(camera_file)
     for image in images:
         frame = open_picture(image)
         if box.x_px + box.width_px > frame.width_px or box.y_px + box.height_px > frame.height_px:

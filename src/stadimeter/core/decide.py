@@ -128,10 +128,7 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
         figures=inputs.figures and {each.name: inputs.figures[each.name] for each in plan.named_figures},
         reasons=Reasons(plan=plan, judged=rules, inputs=inputs),
     )
-    figures = state.figures
-    if figures:
-        new = Added(inputs, seen, state.rules.active, rules.active, 0.0 if gap_s else step_s, observation)
-        figures = step_figures(plan.figures, figures, new)
+    new = Added(inputs, seen, state.rules.active, rules.active, 0.0 if gap_s else step_s, observation)
     remembered = State(
         plan=plan,
         now_s=observation.now_s,
@@ -148,7 +145,7 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
         disarmed=allowed.disarmed,
         liveness=allowed.liveness,
         motions=tuple(inputs.motions.values()),
-        figures=figures,
+        figures=step_figures(plan.figures, state.figures, new) if state.figures else (),
     )
     return remembered, decision
 

@@ -72,7 +72,7 @@ _ROUGH_PX, _ROUGH_SHARE, _TOLERANCE_FACTOR = 0.3, 0.003, 0.4
 _ALIGNMENT_SHARE, _ALIGNMENT_PX = 0.0008, 0.1
 
 
-class _Flat:
+class FlatShape:
     """Base of flat shapes. Their outline is their rim, however they are turned."""
 
     __slots__ = ()
@@ -92,7 +92,26 @@ class _Flat:
         return _SIGMA_FLOOR_PX
 
 
-class DiscShape(_Flat, Struct, frozen=True, kw_only=True):
+class RectangleShape(FlatShape):
+    """Base of rectangles with two sides, in metres."""
+
+    __slots__ = ()
+
+    width_m: float
+    height_m: float
+
+    @property
+    def longest_m(self) -> float:
+        """The longer side."""
+        return max(self.width_m, self.height_m)
+
+    @property
+    def shortest_m(self) -> float:
+        """The shorter side."""
+        return min(self.width_m, self.height_m)
+
+
+class DiscShape(FlatShape, Struct, frozen=True, kw_only=True):
     """A flat circle, such as a sticker, a lid or a printed dot."""
 
     diameter_m: float
@@ -145,7 +164,7 @@ class DiscShape(_Flat, Struct, frozen=True, kw_only=True):
         return None if cone is None else circle_poses(cone, self.diameter_m)
 
 
-class SheetShape(_Flat, Struct, frozen=True, kw_only=True):
+class SheetShape(RectangleShape, Struct, frozen=True, kw_only=True):
     """A flat rectangle, such as a sheet of paper."""
 
     width_m: float  # its horizontal side as it hangs
@@ -159,16 +178,6 @@ class SheetShape(_Flat, Struct, frozen=True, kw_only=True):
     def label(self) -> str:
         """Kind and sides."""
         return f"sheet of {self.width_m:g} x {self.height_m:g} m"
-
-    @property
-    def longest_m(self) -> float:
-        """The longer side."""
-        return max(self.width_m, self.height_m)
-
-    @property
-    def shortest_m(self) -> float:
-        """The shorter side."""
-        return min(self.width_m, self.height_m)
 
     def locate(self, detection: Detection, camera: CameraModel) -> Reading:
         """Return where the centre is. Four corners tell how a sheet is turned, so its distance is right at any tilt.
@@ -289,7 +298,7 @@ def _doubt_share(hung: Sequence[HungSheet]) -> float:
     return share
 
 
-class TagShape(_Flat, Struct, frozen=True, kw_only=True):
+class TagShape(FlatShape, Struct, frozen=True, kw_only=True):
     """A square fiducial, such as an ArUco marker or an AprilTag."""
 
     side_m: float  # the side of its black square, without the white around it
@@ -319,7 +328,7 @@ class TagShape(_Flat, Struct, frozen=True, kw_only=True):
         return _locate_upright(detection, camera, self.side_m, self.side_m)
 
 
-class PictureShape(_Flat, Struct, frozen=True, kw_only=True):
+class PictureShape(RectangleShape, Struct, frozen=True, kw_only=True):
     """A flat picture, such as a poster or a book cover, whose corners are known by what is on it."""
 
     width_m: float
@@ -330,16 +339,6 @@ class PictureShape(_Flat, Struct, frozen=True, kw_only=True):
     def label(self) -> str:
         """Kind and sides."""
         return f"picture of {self.width_m:g} x {self.height_m:g} m"
-
-    @property
-    def longest_m(self) -> float:
-        """The longer side."""
-        return max(self.width_m, self.height_m)
-
-    @property
-    def shortest_m(self) -> float:
-        """The shorter side."""
-        return min(self.width_m, self.height_m)
 
     def locate(self, detection: Detection, camera: CameraModel) -> Reading:
         """Return where the centre is: see `_locate_upright`."""

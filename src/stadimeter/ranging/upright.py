@@ -15,13 +15,14 @@ from msgspec import Struct
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection
 from stadimeter.core.target import Reading
+from stadimeter.ranging.flat import FlatShape
 from stadimeter.ranging.similar_triangles import read_by_one_length
 
 KnownLength = Literal["height", "width", "eye_distance"]
 
 
-class UprightShape(Struct, frozen=True, kw_only=True):
-    """Something upright.
+class UprightShape(FlatShape, Struct, frozen=True, kw_only=True):
+    """Something upright, whose outline is a box around it in one plane.
 
     Attributes:
         known: Which of its lengths is known.
@@ -50,16 +51,6 @@ class UprightShape(Struct, frozen=True, kw_only=True):
     def shortest_m(self) -> float:
         """The known length."""
         return self.length_m
-
-    @property
-    def limb_radius_m(self) -> float:
-        """None: its outline is taken to be in one plane."""
-        return 0.0
-
-    @property
-    def has_corners(self) -> bool:
-        """Yes, those of its box."""
-        return True
 
     def size_sigma_px(self, size_px: float) -> float:
         """Return the standard deviation of the known length in the picture."""
