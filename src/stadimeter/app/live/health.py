@@ -17,6 +17,7 @@ from msgspec import Struct, field
 
 if TYPE_CHECKING:  # it loads numpy, and `doctor` looks at the board before it knows whether that loads
     from stadimeter.app.live.history import RunHistory
+    from stadimeter.core.camera_pose import CameraPose
 
 # From here on a Raspberry Pi slows its processor; a 3B+ from 60 °C.
 THERMAL = "sys/class/thermal/thermal_zone0/temp"
@@ -102,7 +103,7 @@ class LiveHealth(Struct, frozen=True, kw_only=True):
         dropped_frames: How many frames the camera delivered that no cycle took.
         broker: How the link to the broker is; empty if there is none.
         trouble: A fault outside the loop; empty if there is none.
-        place: Where the camera is, or why that is not known; empty where no tags of known places tell.
+        place: Where the camera is, or why that is not known; None where no tags of known places tell.
     """
 
     frame_rate_hz: float = 0.0
@@ -115,7 +116,7 @@ class LiveHealth(Struct, frozen=True, kw_only=True):
     board: BoardState = field(default_factory=BoardState)
     broker: str = ""
     trouble: str = ""
-    place: str = ""
+    place: CameraPose | None = None
 
     @property
     def notes(self) -> tuple[Note, ...]:
@@ -143,8 +144,8 @@ class LiveHealth(Struct, frozen=True, kw_only=True):
         if median_s is not None and p95_s is not None:
             words = f"median {median_s * 1e3:.1f} ms, p95 {p95_s * 1e3:.1f} ms"
             yield Note(what="cycle time", words=words)
-        if self.place:
-            yield Note(what="place", words=self.place, is_good=self.place.startswith("x "))
+        if self.place is not None:
+            yield Note(what="place", words=self.place.in_words(), is_good=self.place.position_m is not None)
         words = "none" if not self.dropped_frames else f"{self.dropped_frames} since the start"
         yield Note(what="dropped frames", words=words)
 
@@ -186,13 +187,8 @@ def live_health(history: RunHistory, board: Board, broker: str, trouble: str, pa
         board=board.state(),
         broker=broker,
         trouble=trouble,
-        place=_place_of(history),
+        place=None if history.seen is None else history.seen.record.observation.camera_pose,
     )
-
-
-def _place_of(history: RunHistory) -> str:
-    pose = history.seen.record.observation.camera_pose if history.seen is not None else None
-    return "" if pose is None else pose.in_words()
 
 
 def _latest(values: Iterable[float]) -> list[float]:
