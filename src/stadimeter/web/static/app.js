@@ -25,7 +25,11 @@ let opened = 0;
 
 /** Say something about what was done: good news goes by itself, the rest when it was read. */
 function say(words, kind = "good") {
-  const close = h("button", { type: "button", class: "button bare", "aria-label": "Close", onclick: () => said.remove() }, icon("close"));
+  const close = h(
+    "button",
+    { type: "button", class: "button bare", "aria-label": "Close", onclick: () => said.remove() },
+    icon("close"),
+  );
   const said = h("p", { class: `said is-${kind}` }, h("span", null, words), close);
   part("words").replaceChildren(...[...part("words").children].slice(-2), said);
   if (kind === "good") setTimeout(() => said.remove(), GOOD_MS);
@@ -53,7 +57,8 @@ async function open() {
   const root = h("div", { class: view.isOfRun ? "view of-run" : "view" });
   replace(part("main"), root);
   try {
-    if (view.right === "operate" && session.right !== "operate") throw new Error("You are logged in to look. This page is for those who may operate.");
+    if (view.right === "operate" && session.right !== "operate")
+      throw new Error("You are logged in to look. This page is for those who may operate.");
     const { mount } = await view.load();
     if (mine === opened) takeDown = mount(root, { session, api, live, unit: chosenUnit(), say }) ?? takeDown;
   } catch (error) {
@@ -63,14 +68,26 @@ async function open() {
 
 function drawTabs() {
   const shown = Object.entries(VIEWS).filter(([, { right }]) => !right || right === session.right);
-  replace(part("tabs"), shown.map(([key, view]) => Object.assign(h("a", { href: `#${key}`, class: "tab" }, icon(key), h("span", null, view.name)), { view })));
+  replace(
+    part("tabs"),
+    shown.map(([key, view]) =>
+      Object.assign(h("a", { href: `#${key}`, class: "tab" }, icon(key), h("span", null, view.name)), { view }),
+    ),
+  );
 }
 
 function drawMenu() {
-  const unit = h("select", { onchange: () => (localStorage.setItem("unit", unit.value), open()) },
-    Object.keys(UNITS).map((symbol) => h("option", { value: symbol, selected: symbol === chosenUnit().symbol }, symbol)));
-  const leave = session.needs_password && h("button", { type: "button", class: "button bare", onclick: logOut }, "Log out");
-  const toLook = session.right !== "operate" && h("span", { class: "small quiet" }, "You are logged in to look, not to operate.");
+  const unit = h(
+    "select",
+    { onchange: () => (localStorage.setItem("unit", unit.value), open()) },
+    Object.keys(UNITS).map((symbol) =>
+      h("option", { value: symbol, selected: symbol === chosenUnit().symbol }, symbol),
+    ),
+  );
+  const leave =
+    session.needs_password && h("button", { type: "button", class: "button bare", onclick: logOut }, "Log out");
+  const toLook =
+    session.right !== "operate" && h("span", { class: "small quiet" }, "You are logged in to look, not to operate.");
   replace(part("menu"), toLook, h("label", { class: "small quiet" }, "Lengths in", unit), leave);
 }
 
@@ -83,13 +100,34 @@ async function logOut() {
 function drawState() {
   const { snapshot, state } = live;
   const isLive = state.status === "live" && snapshot && live.staleMs() === null;
-  const active = isLive ? snapshot.rules.filter((rule) => !rule.acknowledged || (rule.is_alarm && rule.active && !rule.inhibits.length)) : [];
+  const active = isLive
+    ? snapshot.rules.filter((rule) => !rule.acknowledged || (rule.is_alarm && rule.active && !rule.inhibits.length))
+    : [];
   const badges = [
     isLive && snapshot.recording && { key: "rec", kind: "alarm", words: "recording" },
-    active.length && { key: "alarms", kind: "alarm", words: `${active.length} ${active.length === 1 ? "alarm" : "alarms"}` },
-    { key: "state", kind: isLive ? "good" : "quiet", words: isLive ? "live" : state.status === "live" ? "standing still" : state.status === "lost" ? "not connected" : "connecting" },
+    active.length && {
+      key: "alarms",
+      kind: "alarm",
+      words: `${active.length} ${active.length === 1 ? "alarm" : "alarms"}`,
+    },
+    {
+      key: "state",
+      kind: isLive ? "good" : "quiet",
+      words: isLive
+        ? "live"
+        : state.status === "live"
+          ? "standing still"
+          : state.status === "lost"
+            ? "not connected"
+            : "connecting",
+    },
   ];
-  keyed(part("state"), badges.filter(Boolean), (each) => each.key, () => badge());
+  keyed(
+    part("state"),
+    badges.filter(Boolean),
+    (each) => each.key,
+    () => badge(),
+  );
   keyed(part("banners"), banners(isLive), (each) => each.key, banner);
   if (snapshot?.run) write(part("title"), snapshot.run.title ?? "");
 }
@@ -106,17 +144,49 @@ function badge() {
 function banners(isLive) {
   const { snapshot, state } = live;
   if (state.status === "lost" && route() === VIEWS.setup) return []; // it needs no run, and starts one at its end
-  if (state.code === "no-configuration") return [{ key: "new", kind: "warning", words: state.words, offersSetUp: session.right === "operate" }];
-  if (state.status === "lost") return [{ key: `lost ${state.code}`, kind: "error", words: state.words, offersStart: session.right === "operate" && state.code === "no-run" }];
-  if (live.staleMs() >= SILENT_MS) return [{ key: "silent", kind: "error", words: `Nothing has come from the run for ${span(live.staleMs() / 1000)}. What is shown is old.` }];
+  if (state.code === "no-configuration")
+    return [{ key: "new", kind: "warning", words: state.words, offersSetUp: session.right === "operate" }];
+  if (state.status === "lost")
+    return [
+      {
+        key: `lost ${state.code}`,
+        kind: "error",
+        words: state.words,
+        offersStart: session.right === "operate" && state.code === "no-run",
+      },
+    ];
+  if (live.staleMs() >= SILENT_MS)
+    return [
+      {
+        key: "silent",
+        kind: "error",
+        words: `Nothing has come from the run for ${span(live.staleMs() / 1000)}. What is shown is old.`,
+      },
+    ];
   if (!isLive) return [];
   const { safety, health } = snapshot;
   const isStopped = safety.mode === "stopped";
   const isDisarmed = safety.mode === "disarmed";
   return [
-    isStopped && { key: "stopped", kind: "error", words: `Every output is at its safe value: ${safety.reason}`, offersRelease: session.right === "operate" },
-    isDisarmed && { key: "disarmed", kind: "warning", words: `Every output is at its safe value: ${safety.reason}`, offersArm: session.right === "operate" },
-    safety.mode !== "active" && !isStopped && !isDisarmed && { key: "safety", kind: safety.mode === "stale" ? "error" : "warning", words: `Outputs are at their safe values: ${safety.reason || safety.mode}` },
+    isStopped && {
+      key: "stopped",
+      kind: "error",
+      words: `Every output is at its safe value: ${safety.reason}`,
+      offersRelease: session.right === "operate",
+    },
+    isDisarmed && {
+      key: "disarmed",
+      kind: "warning",
+      words: `Every output is at its safe value: ${safety.reason}`,
+      offersArm: session.right === "operate",
+    },
+    safety.mode !== "active" &&
+      !isStopped &&
+      !isDisarmed && {
+        key: "safety",
+        kind: safety.mode === "stale" ? "error" : "warning",
+        words: `Outputs are at their safe values: ${safety.reason || safety.mode}`,
+      },
     health.trouble && { key: "trouble", kind: "warning", words: health.trouble },
   ].filter(Boolean);
 }
@@ -133,7 +203,8 @@ function markAge() {
 function banner({ offersStart, offersSetUp, offersRelease, offersArm }) {
   const words = h("span");
   const start = offersStart && h("button", { type: "button", class: "button", onclick: startRun }, "Start the run");
-  const release = offersRelease && h("button", { type: "button", class: "button", onclick: () => letAct(RELEASE) }, "Release");
+  const release =
+    offersRelease && h("button", { type: "button", class: "button", onclick: () => letAct(RELEASE) }, "Release");
   const arm = offersArm && h("button", { type: "button", class: "button", onclick: () => letAct(ARM) }, "Arm");
   const setUp = offersSetUp && h("a", { href: "#setup", class: "button" }, "Set it up");
   const element = h("p", { class: "banner" }, words, start, setUp, release, arm);
@@ -146,7 +217,12 @@ function banner({ offersStart, offersSetUp, offersRelease, offersArm }) {
 
 /** Stop everything, without a question. It never becomes the button that releases: two presses are one stop. */
 function drawStop() {
-  const stop = h("button", { type: "button", class: "button danger", "aria-label": "Stop every output", onclick: stopOutputs }, icon("stop"), "Stop");
+  const stop = h(
+    "button",
+    { type: "button", class: "button danger", "aria-label": "Stop every output", onclick: stopOutputs },
+    icon("stop"),
+    "Stop",
+  );
   replace(part("stop"), session.right === "operate" && stop);
 }
 
@@ -165,9 +241,20 @@ const ARM = { path: "outputs/arm", title: "Arm the run", action: "Arm" };
 async function letAct({ path, title, action }) {
   const fields = [
     { name: "why", label: "Why", placeholder: "may be left empty", maxLength: 200 },
-    { name: "by", label: "Your name", value: localStorage.getItem("name") ?? "", placeholder: "may be left empty", maxLength: 60 },
+    {
+      name: "by",
+      label: "Your name",
+      value: localStorage.getItem("name") ?? "",
+      placeholder: "may be left empty",
+      maxLength: 60,
+    },
   ];
-  const given = await ask({ title, words: "Outputs act at once, as the rules want them to: what moves may move off.", fields, action });
+  const given = await ask({
+    title,
+    words: "Outputs act at once, as the rules want them to: what moves may move off.",
+    fields,
+    action,
+  });
   if (!given) return;
   try {
     say((await api.post(path, { by: given.by || undefined, why: given.why })).words);

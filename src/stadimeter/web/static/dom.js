@@ -2,7 +2,7 @@
 
 const SVG = "http://www.w3.org/2000/svg";
 
-/** An HTML element. Props: `class`, `style` (an object), `onclick` and the like, `dataset`, properties, else attributes. */
+/** An HTML element. Props: `class`, `style` (an object), `onclick` etc., `dataset`, properties, else attributes. */
 export const h = (tag, props, ...children) => filled(document.createElement(tag), props, children);
 
 /** The same for SVG; every prop that is no listener is an attribute. */
@@ -64,8 +64,10 @@ function set(element, name, value) {
   else if (name === "style") for (const [key, text] of Object.entries(value)) element.style.setProperty(key, text);
   else if (name === "dataset") Object.assign(element.dataset, value);
   else if (name === "class") element.setAttribute("class", value);
-  else if (name in element && element.namespaceURI !== SVG && !name.includes("-") && name !== "list") element[name] = value;
+  else if (name in element && element.namespaceURI !== SVG && !name.includes("-") && name !== "list")
+    element[name] = value;
   else element.setAttribute(name, value === true ? "" : value);
 }
 
-const nodes = (children) => children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false && child !== "");
+const nodes = (children) =>
+  children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false && child !== "");

@@ -12,29 +12,68 @@ export function mount(root, context) {
   const { api, live, unit, session } = context;
   const list = h("ul", { class: "list alarms" });
   const none = h("p", { class: "quiet" }, "No rule of this configuration raises an alarm.");
-  const all = h("button", { type: "button", class: "button primary", hidden: true, onclick: () => act(actionsOf({ is_alarm: true, acknowledged: false, inhibits: [], severity: "safety" }, session)[0], "", context).then(refresh) }, "Acknowledge all");
-  const least = h("select", { onchange: () => drawHistory() }, SEVERITIES.map((each) => h("option", { value: each }, each === "info" ? "everything" : `${each} and above`)));
+  const all = h(
+    "button",
+    {
+      type: "button",
+      class: "button primary",
+      hidden: true,
+      onclick: () =>
+        act(
+          actionsOf({ is_alarm: true, acknowledged: false, inhibits: [], severity: "safety" }, session)[0],
+          "",
+          context,
+        ).then(refresh),
+    },
+    "Acknowledge all",
+  );
+  const least = h(
+    "select",
+    { onchange: () => drawHistory() },
+    SEVERITIES.map((each) => h("option", { value: each }, each === "info" ? "everything" : `${each} and above`)),
+  );
   const history = h("ol", { class: "list events" });
   const nothing = h("p", { class: "quiet" }, "Nothing.");
-  replace(root, h("div", { class: "stack" },
-    h("section", { class: "panel" }, h("div", { class: "row head" }, h("h1", null, "Alarms"), all), none, list),
-    h("section", { class: "panel" }, h("div", { class: "row head" }, h("h2", null, "History"), h("label", { class: "row" }, "Show", least)), nothing, history)));
+  replace(
+    root,
+    h(
+      "div",
+      { class: "stack" },
+      h("section", { class: "panel" }, h("div", { class: "row head" }, h("h1", null, "Alarms"), all), none, list),
+      h(
+        "section",
+        { class: "panel" },
+        h("div", { class: "row head" }, h("h2", null, "History"), h("label", { class: "row" }, "Show", least)),
+        nothing,
+        history,
+      ),
+    ),
+  );
 
   let told = { alarms: [], events: [] };
   const drawHistory = () => {
     const from = SEVERITIES.indexOf(least.value);
     const known = new Map([...told.events, ...live.history.events].map((event) => [event.number, event]));
-    const events = [...known.values()].filter((event) => SEVERITIES.indexOf(event.severity) >= from).sort((a, b) => b.number - a.number);
+    const events = [...known.values()]
+      .filter((event) => SEVERITIES.indexOf(event.severity) >= from)
+      .sort((a, b) => b.number - a.number);
     nothing.hidden = events.length > 0;
     write(nothing, events.length ? "" : "Nothing of this kind has happened yet.");
     drawEvents(history, events, unit);
   };
   const draw = () => {
     const past = new Map(told.alarms.map((alarm) => [alarm.rule, alarm]));
-    const rules = (live.snapshot?.rules ?? []).filter((rule) => rule.is_alarm).map((rule) => ({ ...past.get(rule.rule), ...rule }));
+    const rules = (live.snapshot?.rules ?? [])
+      .filter((rule) => rule.is_alarm)
+      .map((rule) => ({ ...past.get(rule.rule), ...rule }));
     none.hidden = rules.length > 0;
     all.hidden = session.right !== "operate" || rules.every((rule) => rule.acknowledged);
-    keyed(list, rules.sort((a, b) => weight(b) - weight(a)), (rule) => rule.rule, () => card(context));
+    keyed(
+      list,
+      rules.sort((a, b) => weight(b) - weight(a)),
+      (rule) => rule.rule,
+      () => card(context),
+    );
     drawHistory();
   };
   const refresh = async () => {
@@ -47,13 +86,16 @@ export function mount(root, context) {
   };
   let last = 0;
   let known = live.history.events[0];
-  const leave = live.subscribe(() => {
-    if (live.history.events[0] !== known) refresh();
-    known = live.history.events[0];
-    if (performance.now() - last < SLOW_MS) return;
-    last = performance.now();
-    draw();
-  }, { image: false });
+  const leave = live.subscribe(
+    () => {
+      if (live.history.events[0] !== known) refresh();
+      known = live.history.events[0];
+      if (performance.now() - last < SLOW_MS) return;
+      last = performance.now();
+      draw();
+    },
+    { image: false },
+  );
   refresh();
   return leave;
 }
@@ -66,7 +108,12 @@ function card(context) {
   const state = h("span");
   const facts = h("dl", { class: "facts small" });
   const actions = actionButtons(context);
-  const element = h("li", { class: "rule" }, h("div", { class: "row head" }, name, state), h("div", { class: "body" }, facts, actions));
+  const element = h(
+    "li",
+    { class: "rule" },
+    h("div", { class: "row head" }, name, state),
+    h("div", { class: "body" }, facts, actions),
+  );
   element.update = (alarm) => {
     write(name, alarm.rule);
     state.className = `badge is-${lookOf(alarm)}`;
@@ -83,10 +130,18 @@ function fact([label]) {
 }
 
 function factsOf(alarm, unit) {
-  const who = alarm.acknowledged_unix_s && `${alarm.acknowledged_by || "somebody"}, ${format.moment(alarm.acknowledged_unix_s)}${alarm.why ? `: ${alarm.why}` : ""}`;
+  const who =
+    alarm.acknowledged_unix_s &&
+    [`${alarm.acknowledged_by || "somebody"}, ${format.moment(alarm.acknowledged_unix_s)}`, alarm.why]
+      .filter(Boolean)
+      .join(": ");
   return [
     ["why", format.words(alarm.reason ?? "", unit)],
-    ["raised", alarm.raised_unix_s && `${format.moment(alarm.raised_unix_s)}${alarm.count > 1 ? `, ${alarm.count} times in this run` : ""}`],
+    [
+      "raised",
+      alarm.raised_unix_s &&
+        `${format.moment(alarm.raised_unix_s)}${alarm.count > 1 ? `, ${alarm.count} times in this run` : ""}`,
+    ],
     ["cleared", alarm.cleared_unix_s && format.moment(alarm.cleared_unix_s)],
     ["acknowledged", who],
     ["severity", alarm.severity],

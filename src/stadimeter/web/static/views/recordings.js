@@ -22,21 +22,43 @@ export function mount(root, context) {
 class Recordings {
   constructor(context) {
     Object.assign(this, { context, canOperate: context.session.right === "operate", isRecording: false, replay: null });
-    this.record = h("button", { type: "button", class: "button primary", onclick: () => this.#record(), hidden: !this.canOperate }, "Record");
+    this.record = h(
+      "button",
+      { type: "button", class: "button primary", onclick: () => this.#record(), hidden: !this.canOperate },
+      "Record",
+    );
     this.now = h("p", { class: "grow", role: "status" });
     this.folder = h("p", { class: "quiet small" });
     this.list = h("ul", { class: "list recordings" });
     this.player = h("div");
-    this.element = h("div", { class: "stack" },
-      h("section", { class: "panel stack of-run", "aria-label": "Record" }, h("h1", {}, "Recordings"), h("div", { class: "row" }, this.record, this.now)),
+    this.element = h(
+      "div",
+      { class: "stack" },
+      h(
+        "section",
+        { class: "panel stack of-run", "aria-label": "Record" },
+        h("h1", {}, "Recordings"),
+        h("div", { class: "row" }, this.record, this.now),
+      ),
       this.player,
-      h("section", { class: "panel", "aria-label": "List" }, this.list, this.folder));
+      h("section", { class: "panel", "aria-label": "List" }, this.list, this.folder),
+    );
   }
 
   async load() {
     try {
       const { recordings, folder, left_out } = await this.context.api.get("recordings");
-      replace(this.list, recordings.length ? recordings.map((each) => this.#row(each)) : h("li", {}, "There are none yet. A recording holds the pictures, what was measured in them, and what the rules decided."));
+      replace(
+        this.list,
+        recordings.length
+          ? recordings.map((each) => this.#row(each))
+          : h(
+              "li",
+              {},
+              "There are none yet. A recording holds the pictures, what was measured in them, " +
+                "and what the rules decided.",
+            ),
+      );
       write(this.folder, `In ${folder}.${left_out ? ` ${left_out} older ones are not listed.` : ""}`);
     } catch (error) {
       replace(this.list, h("li", {}, error.message));
@@ -47,7 +69,12 @@ class Recordings {
     const was = this.isRecording;
     this.isRecording = Boolean(recording);
     write(this.record, this.isRecording ? "Stop recording" : "Record");
-    write(this.now, recording ? `Recording: ${format.span(recording.seconds)}, ${format.size(recording.bytes)}.` : "A recording can be replayed here, and changed rules be tried on it.");
+    write(
+      this.now,
+      recording
+        ? `Recording: ${format.span(recording.seconds)}, ${format.size(recording.bytes)}.`
+        : "A recording can be replayed here, and changed rules be tried on it.",
+    );
     if (was !== this.isRecording) this.load();
   }
 
@@ -69,18 +96,43 @@ class Recordings {
 
   #row(recording) {
     const { name, kind, seconds, bytes, unix_s, configuration, damage, is_growing } = recording;
-    const facts = [format.moment(unix_s), seconds === null ? "" : format.span(seconds), format.size(bytes), configuration, kind === "journal" ? "no pictures" : ""];
-    const button = (words, onclick) => h("button", { type: "button", class: "button", "aria-label": `${words} ${name}`, onclick }, words);
+    const facts = [
+      format.moment(unix_s),
+      seconds === null ? "" : format.span(seconds),
+      format.size(bytes),
+      configuration,
+      kind === "journal" ? "no pictures" : "",
+    ];
+    const button = (words, onclick) =>
+      h("button", { type: "button", class: "button", "aria-label": `${words} ${name}`, onclick }, words);
     const path = `recordings/${encodeURIComponent(name)}`;
     const actions = [
       seconds > 0 && kind === "recording" && button("Replay", () => this.#open(recording)),
-      !is_growing && h("a", { class: "button", href: `/api/v1/${path}`, download: name, "aria-label": `Download ${name}` }, "Download"),
+      !is_growing &&
+        h(
+          "a",
+          { class: "button", href: `/api/v1/${path}`, download: name, "aria-label": `Download ${name}` },
+          "Download",
+        ),
       !is_growing && button("Delete", () => this.#delete(name, path)),
     ];
-    return h("li", {},
-      h("div", { class: "row" }, h("div", { class: "grow" }, h("strong", {}, name), is_growing && h("span", { class: "badge is-alarm" }, "recording"), h("p", { class: "quiet" }, facts.filter(Boolean).join(" · "))),
-        this.canOperate && h("div", { class: "row" }, actions)),
-      damage && h("p", { class: "damaged" }, `▲ Damaged: ${damage}`));
+    return h(
+      "li",
+      {},
+      h(
+        "div",
+        { class: "row" },
+        h(
+          "div",
+          { class: "grow" },
+          h("strong", {}, name),
+          is_growing && h("span", { class: "badge is-alarm" }, "recording"),
+          h("p", { class: "quiet" }, facts.filter(Boolean).join(" · ")),
+        ),
+        this.canOperate && h("div", { class: "row" }, actions),
+      ),
+      damage && h("p", { class: "damaged" }, `▲ Damaged: ${damage}`),
+    );
   }
 
   #open(recording) {
@@ -95,7 +147,15 @@ class Recordings {
   }
 
   async #delete(name, path) {
-    if (!(await ask({ title: `Delete ${name}?`, words: "It is gone for good. Download it first if you may need it.", action: "Delete", isDangerous: true }))) return;
+    if (
+      !(await ask({
+        title: `Delete ${name}?`,
+        words: "It is gone for good. Download it first if you may need it.",
+        action: "Delete",
+        isDangerous: true,
+      }))
+    )
+      return;
     try {
       await this.context.api.del(path);
       if (this.replay?.name === name) this.replay.end();

@@ -1,24 +1,45 @@
-// The distances of the last minutes: a line with its band of ±, thresholds, events, and gaps where nothing was measured.
+// The distances of the last minutes: a line with its band of ±, thresholds, events, and gaps where none was measured.
 
 import { h, write } from "../../dom.js";
 import * as format from "../../format.js";
 
-const WINDOWS = [[30, "30 s"], [60, "1 min"], [300, "5 min"]];
+const WINDOWS = [
+  [30, "30 s"],
+  [60, "1 min"],
+  [300, "5 min"],
+];
 const GAP_S = 1; // samples further apart are not joined
 const EDGE = { left: 46, right: 10, top: 18, bottom: 24 };
 const STEPS = [1, 2, 2.5, 5, 10];
 const SHOWN_EVENTS = new Set(["raised", "cleared", "acknowledged", "reset", "fault", "target_lost"]);
 
 export function chart({ live, unit }) {
-  const canvas = h("canvas", { tabIndex: 0, role: "slider", "aria-label": "Distances of the last minutes: arrow keys read them", "aria-valuemin": "0" });
+  const canvas = h("canvas", {
+    tabIndex: 0,
+    role: "slider",
+    "aria-label": "Distances of the last minutes: arrow keys read them",
+    "aria-valuemin": "0",
+  });
   const read = h("p", { class: "small number read", role: "status" });
-  const wanted = h("select", { "aria-label": "How much of the past", onchange: () => (localStorage.setItem("window", wanted.value), draw()) },
-    WINDOWS.map(([value, text]) => h("option", { value, selected: localStorage.getItem("window") === String(value) }, text)));
-  const element = h("section", { class: "panel chart" }, h("div", { class: "row head" }, h("h2", null, "Distance"), wanted), canvas, read);
+  const wanted = h(
+    "select",
+    { "aria-label": "How much of the past", onchange: () => (localStorage.setItem("window", wanted.value), draw()) },
+    WINDOWS.map(([value, text]) =>
+      h("option", { value, selected: localStorage.getItem("window") === String(value) }, text),
+    ),
+  );
+  const element = h(
+    "section",
+    { class: "panel chart" },
+    h("div", { class: "row head" }, h("h2", null, "Distance"), wanted),
+    canvas,
+    read,
+  );
   let now = null;
   let cursor = null; // seconds ago
 
-  const draw = () => now && drawChart(canvas, { now, history: live.history, unit, window_s: Number(wanted.value), cursor, read });
+  const draw = () =>
+    now && drawChart(canvas, { now, history: live.history, unit, window_s: Number(wanted.value), cursor, read });
   const point = (event) => {
     const { left, width } = canvas.getBoundingClientRect();
     const part = (event.clientX - left - EDGE.left) / (width - EDGE.left - EDGE.right);
@@ -54,7 +75,11 @@ function drawChart(canvas, { now, history, unit, window_s, cursor, read }) {
   const style = getComputedStyle(canvas);
   const colour = (name) => style.getPropertyValue(`--${name}`);
   const since_s = now.now_s - window_s;
-  const series = now.targets.map(({ name }, index) => ({ name, colour: colour(`series-${(index % 4) + 1}`), samples: within(history.samples[name] ?? [], since_s) }));
+  const series = now.targets.map(({ name }, index) => ({
+    name,
+    colour: colour(`series-${(index % 4) + 1}`),
+    samples: within(history.samples[name] ?? [], since_s),
+  }));
   const thresholds = [...new Set(now.targets.flatMap((target) => target.thresholds_m))];
   const [low, high] = extent(series, thresholds);
   const area = { left: EDGE.left, right: width - EDGE.right, top: EDGE.top, bottom: height - EDGE.bottom };
@@ -66,7 +91,14 @@ function drawChart(canvas, { now, history, unit, window_s, cursor, read }) {
   ink.beginPath();
   ink.rect(area.left, 0, area.right - area.left, height);
   ink.clip();
-  for (const threshold of thresholds) drawThreshold(ink, area, y(threshold), colour("alarm"), `${+(threshold / unit.size_m).toFixed(unit.decimals)} ${unit.symbol}`);
+  for (const threshold of thresholds)
+    drawThreshold(
+      ink,
+      area,
+      y(threshold),
+      colour("alarm"),
+      `${+(threshold / unit.size_m).toFixed(unit.decimals)} ${unit.symbol}`,
+    );
   for (const each of series) drawSeries(ink, each, x, y, area);
   const events = history.events.filter((event) => event.at_s >= since_s && SHOWN_EVENTS.has(event.kind));
   for (const event of events) drawEvent(ink, x(event.at_s), event, colour);
@@ -91,9 +123,11 @@ function extent(series, thresholds) {
       high = Math.max(high, metres + sigma);
     }
   }
-  if (low > high) [low, high] = thresholds.length ? [Math.min(...thresholds) * 0.8, Math.max(...thresholds) * 1.2] : [0, 3];
+  if (low > high)
+    [low, high] = thresholds.length ? [Math.min(...thresholds) * 0.8, Math.max(...thresholds) * 1.2] : [0, 3];
   const reach = Math.max(high - low, 0.25);
-  for (const each of thresholds) if (each > low - 2 * reach && each < high + 2 * reach) [low, high] = [Math.min(low, each), Math.max(high, each)];
+  for (const each of thresholds)
+    if (each > low - 2 * reach && each < high + 2 * reach) [low, high] = [Math.min(low, each), Math.max(high, each)];
   const room = Math.max((high - low) * 0.1, 0.05);
   return [Math.max(0, low - room), high + room];
 }
@@ -185,7 +219,9 @@ function drawSeries(ink, { samples, colour }, x, y) {
 /** A mark above: pointing up where something was raised or went wrong, down where it was over. */
 function drawEvent(ink, at, { kind, severity }, colour) {
   const isBad = kind === "raised" || kind === "fault" || kind === "target_lost";
-  ink.fillStyle = isBad ? colour(severity === "info" ? "quiet" : severity === "warning" ? "warn" : "alarm") : colour("good");
+  ink.fillStyle = isBad
+    ? colour(severity === "info" ? "quiet" : severity === "warning" ? "warn" : "alarm")
+    : colour("good");
   const [tip, base] = isBad ? [3, 13] : [13, 3];
   ink.beginPath();
   ink.moveTo(at, tip);
@@ -205,7 +241,9 @@ function tell(canvas, read, { series, events, unit, cursor, at_s, window_s }) {
     const [, metres, sigma] = nearest(samples, at_s) ?? [0, null];
     return `${name} ${metres === null ? "not measured" : format.distance(metres, sigma, unit).text}`;
   });
-  const near = events.filter((event) => Math.abs(event.at_s - at_s) < window_s / 60).map((event) => `${event.source} ${event.kind.replaceAll("_", " ")}`);
+  const near = events
+    .filter((event) => Math.abs(event.at_s - at_s) < window_s / 60)
+    .map((event) => `${event.source} ${event.kind.replaceAll("_", " ")}`);
   const words = [cursor === null ? "" : format.since(cursor), ...figures, ...near].filter(Boolean).join(" · ");
   canvas.setAttribute("aria-valuemax", window_s);
   canvas.setAttribute("aria-valuenow", Math.round(cursor ?? 0));
@@ -213,7 +251,9 @@ function tell(canvas, read, { series, events, unit, cursor, at_s, window_s }) {
   write(read, cursor === null ? legend(series) : words);
 }
 
-const legend = (series) => (series.length > 1 ? `${series.map(({ name }) => name).join(", ")}. ` : "") + "Point at the chart, or use its arrow keys, to read it.";
+const legend = (series) =>
+  (series.length > 1 ? `${series.map(({ name }) => name).join(", ")}. ` : "") +
+  "Point at the chart, or use its arrow keys, to read it.";
 
 function nearest(samples, at_s) {
   let best = null;
