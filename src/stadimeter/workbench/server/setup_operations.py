@@ -108,6 +108,7 @@ def picture(desk: Desk, draw: str = "target", file: str = "", width_px: int = 0)
     if draw == "mask" and setup.trial.colour:
         seen = colour_step.view_range(frame, setup.trial.colour)
         values = {**describe_picture(frame, seen.detection, None), "words": colour_step.describe_view(seen)}
+        values["range"] = setup.trial.figures(frame, seen)
         image = colour_picture(frame.image, seen, setup.trial.colour)
         return DeskReply(data=values, attached=encode_jpeg(image, width_px))
     target = None if draw == "plain" else target_so_far(setup.known, setup.trial.colour)

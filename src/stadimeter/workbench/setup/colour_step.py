@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from msgspec import Struct, field
 
@@ -21,6 +21,7 @@ from stadimeter.workbench.colour_aids import (
     colour_picture,
     colour_sample,
     is_where_pointed,
+    range_figures,
     split_places,
 )
 from stadimeter.workbench.measuring import open_picture
@@ -48,12 +49,14 @@ class ColourTrial(Struct):
         fitted: The range that follows from the clicks, or that was given; empty for none yet.
         steps: By how much it is widened, or narrowed if below zero.
         seen_in: The picture of the last click; None before the first.
+        finds: The range with which a ball was found last; it says where the ball is while another one finds none.
     """
 
     samples: list[ColourSample] = field(default_factory=list)
     fitted: str = ""
     steps: int = 0
     seen_in: Frame | None = None
+    finds: str = ""
     _missed: list[ColourSample] = field(default_factory=list)
 
     @property
@@ -109,6 +112,15 @@ class ColourTrial(Struct):
         """Widen the range by a number of steps, or narrow it by negative ones, counted from how it was fitted."""
         self.steps = max(-MAX_STEPS, min(MAX_STEPS, steps))
 
+    def figures(self, frame: Frame, seen: ColourView) -> dict[str, Any]:
+        """Return what the range as it is tried gives on the ball and on the rest of a picture."""
+        ball = seen.detection
+        if ball.status is not DetectionStatus.NOT_FOUND:
+            self.finds = self.colour
+        elif self.finds:
+            ball = view_range(frame, self.finds).detection
+        return range_figures(seen, ball)
+
     @property
     def places(self) -> list[Place]:
         """The clicks that count, oldest first."""
@@ -137,7 +149,7 @@ class ColourTrial(Struct):
 
     def forget(self) -> None:
         """Begin again."""
-        self.samples, self.fitted, self.steps, self.seen_in, self._missed = [], "", 0, None, []
+        self.samples, self.fitted, self.steps, self.seen_in, self.finds, self._missed = [], "", 0, None, "", []
 
 
 def ball_colours() -> type[ProposesColour]:

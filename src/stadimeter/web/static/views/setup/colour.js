@@ -1,5 +1,6 @@
 // The colour of a ball: click on it, look at the mask, widen or narrow the range, and click again in another light.
 
+import { colourSliders } from "../../colour_sliders.js";
 import { h, replace } from "../../dom.js";
 
 const VIEWS = [
@@ -34,6 +35,7 @@ class Colour {
       "aria-label": "Range of colours: narrower to wider",
       oninput: () => this.#ask({ widen: Number(this.slider.value) }),
     });
+    this.sliders = colourSliders((range) => this.#ask({ range }));
     this.again = h("button", { type: "button", class: "button", onclick: () => this.#forget() }, "Forget the clicks");
     const look = h(
       "button",
@@ -71,6 +73,7 @@ class Colour {
       this.kept,
       h("label", { class: "field" }, h("span", null, "Narrower or wider"), this.slider),
       h("div", { class: "row" }, look, this.again),
+      this.sliders.element,
     );
   }
 
@@ -87,6 +90,7 @@ class Colour {
     replace(picture.below, this.views, this.refused);
     picture.onValues((values) => {
       this.#draw();
+      if (this.#state.view === "mask") this.sliders.tell(values.range);
       const list = this.#state.view === "candidates" ? (values.rejected ?? []) : [];
       replace(
         this.refused,
@@ -135,6 +139,7 @@ class Colour {
     const { step, slider, words } = this;
     Object.assign(this.#state, { others: answer.others, pictures: answer.pictures, counted: answer.clicks });
     if (answer.range || args.forget !== undefined) step.set(answer.range);
+    if (!this.#waiting) this.sliders.show(answer.range);
     step.say("");
     slider.disabled = !answer.range;
     if (answer.widen !== undefined)
