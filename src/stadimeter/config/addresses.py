@@ -52,12 +52,11 @@ def address_in(file: Path, example: str) -> str:
     return lines[0].strip()
 
 
-def check_page_address(text: str) -> str:
+def check_page_address(text: object) -> str:
     """Return the address of a page, without a slash at its end; a ValueError if it is none."""
-    if not _PAGE.fullmatch(text):
-        raise ValueError(
-            f"{address_for_people(text)!r} is not the address of a page, such as 'http://garage.local:8080'"
-        )
+    if not isinstance(text, str) or not _PAGE.fullmatch(text):
+        told = address_for_people(str(text))
+        raise ValueError(f"{told!r} is not the address of a page, such as 'http://garage.local:8080'")
     return text.rstrip("/")
 
 

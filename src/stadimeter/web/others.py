@@ -24,8 +24,8 @@ from msgspec import Struct, field
 from stadimeter.errors import PageError
 from stadimeter.web.routes import ALARMS_PATH
 
-# One that answers is asked this often, any other less often. What takes longer than the wait is no answer. What is older
-# is not of now: no browser has looked for a while, or an answer comes byte by byte.
+# One that answers is asked this often, any other less often. What takes longer than the wait is no answer. What is
+# older than the last is not of now: no browser has looked for a while, or an answer comes byte by byte.
 ASK_EVERY_S, ASK_AGAIN_S, WAIT_S, OLD_S = 2.0, 10.0, 4.0, 10.0
 ANSWER_MAX_BYTES = 1024 * 1024
 
@@ -37,7 +37,7 @@ BROWSE = ("avahi-browse", "--resolve", "--parsable", "--terminate", "--no-db-loo
 _ANNOUNCED = re.compile(r'=;(?:[^;]*;){5}([\w.-]+);[^;]*;(\d+);.*"product=stadimeter"')
 
 
-class StandingAlarm(Struct, frozen=True):
+class OtherAlarm(Struct, frozen=True):
     """What is read of an alarm of another page."""
 
     rule: str
@@ -48,14 +48,9 @@ class StandingAlarm(Struct, frozen=True):
     reason: str = ""
     raised_unix_s: float | None = None
 
-    @property
-    def stands(self) -> bool:
-        """Whether a person has something to do or to know."""
-        return not self.acknowledged or (self.status in {"active", "latched"} and not self.inhibits)
-
 
 class _Answer(Struct):
-    alarms: list[StandingAlarm]
+    alarms: list[OtherAlarm]
 
 
 class OtherPage(Struct):
@@ -64,7 +59,7 @@ class OtherPage(Struct):
     Attributes:
         token: What opens its alarms if it has a password.
         state: ``asked`` before an answer, ``live``, ``no-run``, ``refused`` or ``silent``.
-        alarms: Those that stood when it was last live.
+        alarms: As they were when it was last live.
         live_s: When that was, on the monotonic clock; None for never.
         next_s: When it is asked next.
     """
@@ -73,7 +68,7 @@ class OtherPage(Struct):
     token: str = ""
     state: str = "asked"
     words: str = ""
-    alarms: list[StandingAlarm] = field(default_factory=list)
+    alarms: list[OtherAlarm] = field(default_factory=list)
     live_s: float | None = None
     next_s: float = -math.inf
 
@@ -93,8 +88,7 @@ class OtherPage(Struct):
         try:
             status, body = self._get()
             if status == 200:
-                answer = msgspec.json.decode(body, type=_Answer)
-                self.alarms, self.live_s = [each for each in answer.alarms if each.stands], time.monotonic()
+                self.alarms, self.live_s = msgspec.json.decode(body, type=_Answer).alarms, time.monotonic()
                 self.state, self.words = "live", ""
             else:
                 self.state = "no-run" if status == 503 else "refused"

@@ -5,7 +5,7 @@ import { ask } from "./dialog.js";
 import { h, icon, inCode, keyed, replace, write } from "./dom.js";
 import { old, span, UNITS } from "./format.js";
 import { Live } from "./live_stream.js";
-import { drawOthers, Others } from "./others.js";
+import { drawOthers, Others, stands } from "./others.js";
 
 const VIEWS = {
   live: { name: "Live", isOfRun: true, load: () => import("./views/live/index.js") },
@@ -102,9 +102,7 @@ async function logOut() {
 function drawState() {
   const { snapshot, state } = live;
   const isLive = state.status === "live" && snapshot && live.staleMs() === null;
-  const active = isLive
-    ? snapshot.rules.filter((rule) => !rule.acknowledged || (rule.is_alarm && rule.active && !rule.inhibits.length))
-    : [];
+  const active = isLive ? snapshot.rules.filter((rule) => rule.is_alarm && stands(rule)) : [];
   const badges = [
     isLive && snapshot.recording && { key: "rec", kind: "alarm", words: "recording" },
     active.length && {

@@ -1,6 +1,6 @@
 // A range of colours by six sliders, with undo and redo, and what it gives on the ball and on the rest of the picture.
 
-import { h, replace, write } from "./dom.js";
+import { button, h, replace, write } from "./dom.js";
 
 const CHANNELS = [
   ["Hue", 179],
@@ -108,7 +108,6 @@ function slider(name, max, oninput) {
   return h("input", { type: "range", min: 0, max, step: 1, "aria-label": name, disabled: true, oninput });
 }
 
-const button = (words, onclick) => h("button", { type: "button", class: "button", onclick, disabled: true }, words);
 const percent = (share) => `${share > 0 && share < 0.001 ? "less than 0.1" : (100 * share).toFixed(1)} %`;
 
 function inWords({ ball_share, elsewhere_px, elsewhere_share, is_found, sigma_share }) {

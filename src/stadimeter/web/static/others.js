@@ -34,6 +34,10 @@ export class Others {
   }
 }
 
+/** Whether an alarm waits for a person, or is active. */
+export const stands = ({ acknowledged, status, inhibits }) =>
+  !acknowledged || (["active", "clearing", "latched"].includes(status) && !inhibits.length);
+
 /** A link to each page, with how it is, how many alarms stand there, and how old that is where it is not of now. */
 export const drawOthers = (root, others) => keyed(root, others, ({ url }) => url, tag);
 
@@ -42,7 +46,7 @@ function tag({ url, name }) {
   const words = h("span", { class: "small quiet" });
   const element = h("a", { class: "other", href: `${url}/#live`, rel: "noreferrer" }, h("b", null, name), badge, words);
   element.update = (other) => {
-    const count = other.alarms.length;
+    const count = other.alarms.filter(stands).length;
     badge.className = `badge is-${count && other.state === "live" ? "alarm" : (KINDS[other.state] ?? "quiet")}`;
     write(badge, STATES[other.state]);
     write(words, [count && `${count} ${count === 1 ? "alarm" : "alarms"}`, ageOf(other)].filter(Boolean).join(", "));
@@ -55,14 +59,11 @@ const ageOf = ({ state, age_s }) => (state === "live" || age_s === null ? "" : o
 
 /** The alarms that stand, of this camera and of all others, the newest first; each names its camera and leads there. */
 export function drawAllAlarms(root, others, rules) {
-  const ours = { url: "", name: "this camera", state: "live", age_s: 0, alarms: rules.filter(stands) };
-  const all = [ours, ...others].flatMap((camera) => camera.alarms.map((alarm) => ({ ...alarm, camera })));
+  const ours = { url: "", name: "this camera", state: "live", age_s: 0, alarms: rules };
+  const all = [ours, ...others].flatMap((camera) => camera.alarms.filter(stands).map((each) => ({ ...each, camera })));
   all.sort((a, b) => (b.raised_unix_s ?? 0) - (a.raised_unix_s ?? 0));
   keyed(root, all, ({ camera, rule }) => `${camera.url} ${rule}`, line);
 }
-
-const stands = ({ acknowledged, status, inhibits }) =>
-  !acknowledged || (["active", "latched"].includes(status) && !inhibits.length);
 
 function line({ camera, rule }) {
   const badge = h("span");

@@ -8,6 +8,7 @@ import { act, actionsOf } from "./live/rule_actions.js";
 import { actionButtons, lookOf, stateInWords } from "./live/rules.js";
 
 const SLOW_MS = 500;
+const ALL = "On all cameras";
 
 export function mount(root, context) {
   const { api, live, unit, session, others } = context;
@@ -41,7 +42,7 @@ export function mount(root, context) {
     h(
       "div",
       { class: "stack" },
-      session.has_others && h("section", { class: "panel" }, h("h2", null, "On all cameras"), everywhere),
+      session.has_others && h("section", { class: "panel", "aria-label": ALL }, h("h2", null, ALL), everywhere),
       h("section", { class: "panel" }, h("div", { class: "row head" }, h("h1", null, "Alarms"), all), none, list),
       h(
         "section",

@@ -1,7 +1,7 @@
 // The colour of a ball of the run, by sliders beside what has that colour in the run's picture now.
 
 import { colourSliders } from "../../colour_sliders.js";
-import { h, write } from "../../dom.js";
+import { button, h, write } from "../../dom.js";
 import { distance } from "../../format.js";
 import { Saving } from "../edit/saving.js";
 
@@ -18,15 +18,19 @@ export function openColour(target, { api, say, unit }) {
   const sliders = colourSliders(() => (save.disabled = false));
   const image = h("img", { alt: "What has this colour" });
   const words = h("p", { class: "small", role: "status" });
-  const save = h("button", { type: "button", class: "button primary", disabled: true, onclick: keep }, "Save");
-  const close = h("button", { type: "button", class: "button", onclick: () => dialog.close() }, "Close");
+  const save = button("Save", keep, "primary", { disabled: true });
   const dialog = h(
     "dialog",
     { class: "colour", "aria-label": `Colour of ${target}` },
     h("h2", null, `Colour of ${target}`),
     h("div", { class: "colour-beside" }, h("div", { class: "stack" }, image, words), sliders.element),
     saving.element,
-    h("div", { class: "row end" }, close, save),
+    h(
+      "div",
+      { class: "row end" },
+      button("Close", () => dialog.close()),
+      save,
+    ),
   );
   let version = null;
   dialog.addEventListener("close", () => {

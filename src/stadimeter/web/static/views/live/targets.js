@@ -1,6 +1,6 @@
 // Each target's distance as a large number, with its ±, and how it moves.
 
-import { h, keyed, write } from "../../dom.js";
+import { button, h, keyed, write } from "../../dom.js";
 import * as format from "../../format.js";
 
 const KINDS = { tracking: "good", coasting: "warning", searching: "unknown", lost: "warning" };
@@ -67,15 +67,7 @@ function card(context) {
   const moves = h("p", { class: "moves" });
   const reason = h("p", { class: "quiet small" });
   let table = "";
-  const colour = h(
-    "button",
-    {
-      type: "button",
-      class: "button small",
-      onclick: async () => (await import("./colour.js")).openColour(table, context),
-    },
-    "Colour …",
-  );
+  const colour = button("Colour …", async () => (await import("./colour.js")).openColour(table, context), "small");
   const element = h(
     "section",
     { class: "panel target" },
