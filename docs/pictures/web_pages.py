@@ -31,10 +31,13 @@ def make_pages(folder: Path) -> None:
     with tempfile.TemporaryDirectory() as room, chromium() as browser:
         with _at(browser, Path(room), STILL, WIDE) as page:
             _live(page, folder / "web-live.png")
+            _coloured(page, folder / "web-sliders.png")
             _edited(page, folder / "web-edit.png")
             _recorded(page, folder / "web-recordings.png")
         with _at(browser, Path(room), STILL, PHONE, "dark") as page:
             _live(page, folder / "web-phone.png")
+    with tempfile.TemporaryDirectory() as room, chromium() as browser:
+        _two_cameras(browser, Path(room), folder / "web-others.png")
     with tempfile.TemporaryDirectory() as empty, chromium() as browser, _at(browser, Path(empty), None, WIDE) as page:
         _set_up(page, folder)
 
@@ -51,6 +54,32 @@ def _live(page: Any, path: Path) -> None:
     page.locator("canvas[data-drawn]").wait_for()
     page.wait_for_timeout(20_000)  # until the chart has a line
     _save(page, path)
+
+
+def _coloured(page: Any, path: Path) -> None:
+    page.goto(f"{page.home}/#live")
+    page.get_by_role("button", name="Colour …").click()
+    page.get_by_text("On the ball").wait_for()
+    page.get_by_label("Hue to", exact=True).fill("35")
+    page.get_by_text(re.compile("On the ball: [1-6]?[0-9][.]")).wait_for()
+    page.wait_for_timeout(1000)
+    _save(page, path)
+    page.keyboard.press("Escape")
+
+
+def _two_cameras(browser: Any, folder: Path, path: Path) -> None:
+    """Show the alarms of this camera and of another one, and a third one that is off."""
+    (folder / "there").mkdir()
+    gate = STILL.replace('when = { below = "1 m" }', 'when = { below = "5 m" }').replace("rules.near", "rules.gate")
+    with served(folder / "there", gate) as there:
+        others = f'[web]\nothers = ["{there.url}", "http://127.0.0.1:9"]\n'
+        text = STILL.replace('when = { below = "1 m" }', 'when = { below = "2 m" }') + others
+        with _at(browser, folder, text, WIDE) as page:
+            page.goto(f"{page.home}/#alarms")
+            page.get_by_role("link", name=re.compile("silent")).wait_for()
+            page.get_by_role("region", name="On all cameras").get_by_text("gate").wait_for()
+            page.wait_for_timeout(1000)
+            _save(page, path)
 
 
 def _edited(page: Any, path: Path) -> None:

@@ -139,19 +139,6 @@ def test_the_cross_on_the_picture_moves_by_arrow_keys_and_enter_takes_its_place(
     page.get_by_text("1 picture counts.").wait_for()
 
 
-def test_a_wider_range_of_colours_is_another_range_and_can_be_taken_back(page, here):
-    begin_at(page, here, TARGET)
-    page.get_by_role("button", name="Look for it").click()
-    page.locator(".setup-found.is-good").wait_for()
-    text, slider = page.locator(".setup-text input"), page.get_by_label("Range of colours")
-    fitted = text.input_value()
-    slider.focus()
-    page.keyboard.press("ArrowRight")
-    until(page, f"document.querySelector('.setup-text input').value !== '{fitted}'")
-    page.keyboard.press("ArrowLeft")
-    until(page, f"document.querySelector('.setup-text input').value === '{fitted}'")
-
-
 @pytest.mark.parametrize(
     ("answers", "wrong", "words"),
     [

@@ -264,6 +264,12 @@ def _surroundings(loop: Loop) -> Surroundings:
     fixed = told | {
         "title": parts.configuration.path.name,
         "started_unix_s": round(time.time(), 3),
+        "colours": {
+            target: choice.name
+            for choice in parts.configuration.targets
+            if getattr(choice.options, "hsv", None) is not None
+            for target in choice.members or (choice.name,)
+        },
     }
     detectors = parts.cycle.perceiver.detectors
 

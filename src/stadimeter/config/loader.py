@@ -135,6 +135,9 @@ def load_configuration(path: Path, *, with_tests: bool = True, texts: Texts | No
         ConfigError: It lists every problem, in the order of the file.
     """
     source, renamed = with_current_keys(read_toml(path, CONFIGURATION_MAX_BYTES, texts=texts))
+    if "fx_px" in source.table and "targets" not in source.table:
+        hint = f'name it in a configuration, as model = "{path.name}" in its [camera]'
+        raise ConfigError([Problem("this is a camera file, not a configuration", str(path), hint=hint)])
     source, wrong_in_others = with_chosen_base(source, validation_context(path))
     draft = read_draft(source.table, path, texts)
     draft.findings += wrong_in_others

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainValidator, WithJsonSchema, model_validator
 
+from stadimeter.config.addresses import check_page_address
 from stadimeter.config.findings import did_you_mean
 from stadimeter.config.units import (
     DURATIONS_S,
@@ -292,6 +293,12 @@ class WebTable(Section):
     """Where the hashes of passwords are. By default beside the configuration, or with the state of the service."""
     allowed_hosts: list[Annotated[str, Field(min_length=1)]] = []
     """Other names under which browsers may find this computer, such as that of a proxy."""
+    others: list[Annotated[str, BeforeValidator(check_page_address)]] = []
+    """The pages of other cameras, such as ``"http://garage.local:8080"``; their alarms are shown with this one's."""
+    others_tokens: FilePath | None = None
+    """A file with the tokens of those that have passwords: on each line an address and its token."""
+    find_others: bool = False
+    """Whether to look for pages that announce themselves in the network, too."""
 
     @model_validator(mode="after")
     def _check_certificate(self) -> Self:

@@ -161,10 +161,6 @@ class ProposesColour(Protocol):
     def view_colour(frame: Frame, colour: str) -> ColourView:
         """Return what a range, as the configuration has it, shows in a frame; a ValueError says why it is none."""
 
-    @staticmethod
-    def widen_colour(colour: str, steps: int) -> str:
-        """Return a range that covers more by a number of steps, or less by a negative one."""
-
 
 class Exercise(Struct, frozen=True, kw_only=True, eq=False):
     """A target that `bench` lets a detector find.

@@ -109,8 +109,9 @@ def _action(action: OperatorAction) -> PageOperation:
     return _run(path, action.command, action.summary, body=body, names_operator=True)
 
 
-# A program without a session may read this path, by a token.
-METRICS_PATH = "/metrics"
+# A program without a session may read these paths, each by a token of its own.
+METRICS_PATH, ALARMS_PATH = "/metrics", "/api/v1/alarms"
+TOKENS: Mapping[str, str] = {METRICS_PATH: "metrics", ALARMS_PATH: "alarms"}
 
 _JPEG, _SVG = "image/jpeg", "image/svg+xml"
 _DRAWN = {"drawn": "0|1"}
@@ -140,6 +141,10 @@ PAGE_OPERATIONS: tuple[PageOperation, ...] = (
         "Snapshots with their pictures, until the reader hangs up. Repeated: length of the JSON and length of the JPEG "
         "(each 4 bytes, the highest first), a Snapshot or Gone as JSON, a JPEG",
         query={"image": "none|plain|drawn"}, media="application/octet-stream",
+    ),
+    _own(
+        "GET", "/api/v1/others", Right.READ, "others",
+        "The pages of other cameras: whether each answers, and its alarms", answer="Others",
     ),
     _read("status", "status", "The state of every rule, target and output", "Status"),
     _read("alarms", "alarms", "The alarms, newest first, and the newest 500 events", "Alarms"),
@@ -199,6 +204,16 @@ PAGE_OPERATIONS: tuple[PageOperation, ...] = (
     _desk(
         "POST", "configuration/versions/{id}/restore", "editing.restore", "Bring a former version back",
         body={"base_version": "text"},
+    ),
+    _desk(
+        "GET", "targets/{target}/colour.jpg", "colours.picture",
+        "What has a range of colours in the run's picture, with what it would give in X-Values",
+        query={"range": "text", "width_px": "integer"}, media=_JPEG,
+    ),
+    _desk(
+        "POST", "targets/{target}/colour", "colours.keep",
+        "Save a range of colours; 409 if another has changed the file",
+        body={"range": "text", "base_version": "text"}, body_max=4 * KIB,
     ),
     _desk("GET", "setup", "setup_operations.state", "Where the set-up stands", answer="Setup"),
     _set_up("answer", "setup_operations.answer", "Answer the question"),

@@ -45,8 +45,9 @@ def pair_pictures(paths: Sequence[Path]) -> list[PicturePair]:
     right = [path for path, is_first in zip(paths, is_left, strict=True) if not is_first]
     if len(left) != len(right) or not left:
         shown = f": {left[0]} … and {right[0]} …" if left and right else ""
+        many = f"{len(left)} picture{'s' if len(left) != 1 else ''} of the left camera"
         raise ConfigError(
-            f"{len(left)} pictures of the left camera and {len(right)} of the right one{shown}; give as many of both, "
+            f"{many} and {len(right)} of the right one{shown}; give as many of both, "
             "first those of the left camera, in the same order"
         )
     return list(zip(left, right, strict=True))

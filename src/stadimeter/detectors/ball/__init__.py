@@ -40,7 +40,7 @@ from stadimeter.detectors.ball.gates import (
     scene_of,
 )
 from stadimeter.detectors.ball.limb import Limb, find_limb, within
-from stadimeter.detectors.hsv import HsvRange, HsvRangeText, loosen, other_ranges, parse_hsv_range
+from stadimeter.detectors.hsv import HsvRange, HsvRangeText, other_ranges, parse_hsv_range
 from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView, Exercise
 from stadimeter.detectors.sampling import Region
 from stadimeter.ranging.ball import BallShape
@@ -127,11 +127,6 @@ class BallOptions(DriverOptions):
     def view_colour(frame: Frame, colour: str) -> ColourView:
         """Return what a range shows in a frame; raises ValueError if it is none."""
         return view(frame, parse_hsv_range(colour), _detect_colour)
-
-    @staticmethod
-    def widen_colour(colour: str, steps: int) -> str:
-        """Return a range that covers more by a number of steps."""
-        return str(loosen(parse_hsv_range(colour), steps))
 
 
 class BallDetector:

@@ -5,6 +5,7 @@ import { ask } from "./dialog.js";
 import { h, icon, inCode, keyed, replace, write } from "./dom.js";
 import { old, span, UNITS } from "./format.js";
 import { Live } from "./live_stream.js";
+import { drawOthers, Others, stands } from "./others.js";
 
 const VIEWS = {
   live: { name: "Live", isOfRun: true, load: () => import("./views/live/index.js") },
@@ -20,6 +21,7 @@ const AGE_EVERY_MS = 100;
 const part = (id) => document.getElementById(id);
 const live = new Live();
 let session = null;
+let others = null;
 let takeDown = () => {};
 let opened = 0;
 
@@ -60,7 +62,7 @@ async function open() {
     if (view.right === "operate" && session.right !== "operate")
       throw new Error("You are logged in to look. This page is for those who may operate.");
     const { mount } = await view.load();
-    if (mine === opened) takeDown = mount(root, { session, api, live, unit: chosenUnit(), say }) ?? takeDown;
+    if (mine === opened) takeDown = mount(root, { session, api, live, others, unit: chosenUnit(), say }) ?? takeDown;
   } catch (error) {
     replace(root, h("p", { class: "banner is-error" }, error.message));
   }
@@ -100,9 +102,7 @@ async function logOut() {
 function drawState() {
   const { snapshot, state } = live;
   const isLive = state.status === "live" && snapshot && live.staleMs() === null;
-  const active = isLive
-    ? snapshot.rules.filter((rule) => !rule.acknowledged || (rule.is_alarm && rule.active && !rule.inhibits.length))
-    : [];
+  const active = isLive ? snapshot.rules.filter((rule) => rule.is_alarm && stands(rule)) : [];
   const badges = [
     isLive && snapshot.recording && { key: "rec", kind: "alarm", words: "recording" },
     active.length && {
@@ -284,6 +284,8 @@ async function begin() {
   drawTabs();
   drawMenu();
   drawStop();
+  others = new Others(api, session);
+  others.watch((list) => drawOthers(part("others"), list));
   window.addEventListener("hashchange", open);
   await open(); // first: what it subscribes to decides whether the stream has pictures
   live.watch(drawState);

@@ -8,6 +8,10 @@ export const h = (tag, props, ...children) => filled(document.createElement(tag)
 /** The same for SVG; every prop that is no listener is an attribute. */
 export const svg = (tag, props, ...children) => filled(document.createElementNS(SVG, tag), props, children);
 
+/** A button of words. */
+export const button = (words, onclick, kind = "", props = {}) =>
+  h("button", { type: "button", class: `button ${kind}`.trim(), onclick, ...props }, words);
+
 /** Put other children into an element. Texts, elements, arrays of them; null and false are left out. */
 export function replace(root, ...children) {
   root.replaceChildren(...nodes(children));

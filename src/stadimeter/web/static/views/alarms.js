@@ -2,14 +2,17 @@
 
 import { h, keyed, replace, write } from "../dom.js";
 import * as format from "../format.js";
+import { drawAllAlarms } from "../others.js";
 import { drawEvents, SEVERITIES } from "./live/events.js";
 import { act, actionsOf } from "./live/rule_actions.js";
 import { actionButtons, lookOf, stateInWords } from "./live/rules.js";
 
 const SLOW_MS = 500;
+const ALL = "On all cameras";
 
 export function mount(root, context) {
-  const { api, live, unit, session } = context;
+  const { api, live, unit, session, others } = context;
+  const everywhere = h("ul", { class: "list small" });
   const list = h("ul", { class: "list alarms" });
   const none = h("p", { class: "quiet" }, "No rule of this configuration raises an alarm.");
   const all = h(
@@ -39,6 +42,7 @@ export function mount(root, context) {
     h(
       "div",
       { class: "stack" },
+      session.has_others && h("section", { class: "panel", "aria-label": ALL }, h("h2", null, ALL), everywhere),
       h("section", { class: "panel" }, h("div", { class: "row head" }, h("h1", null, "Alarms"), all), none, list),
       h(
         "section",
@@ -74,6 +78,7 @@ export function mount(root, context) {
       (rule) => rule.rule,
       () => card(context),
     );
+    drawAllAlarms(everywhere, others.list, rules);
     drawHistory();
   };
   const refresh = async () => {
@@ -97,7 +102,8 @@ export function mount(root, context) {
     { image: false },
   );
   refresh();
-  return leave;
+  const leaveOthers = others.watch(draw);
+  return () => (leave(), leaveOthers());
 }
 
 /** What needs somebody comes first. */

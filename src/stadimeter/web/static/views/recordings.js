@@ -1,7 +1,7 @@
 // Recordings: make one, list, replay with a slider, download, delete.
 
 import { ask } from "../dialog.js";
-import { h, replace, write } from "../dom.js";
+import { button, h, replace, write } from "../dom.js";
 import * as format from "../format.js";
 import { Replay } from "./replay.js";
 
@@ -22,11 +22,7 @@ export function mount(root, context) {
 class Recordings {
   constructor(context) {
     Object.assign(this, { context, canOperate: context.session.right === "operate", isRecording: false, replay: null });
-    this.record = h(
-      "button",
-      { type: "button", class: "button primary", onclick: () => this.#record(), hidden: !this.canOperate },
-      "Record",
-    );
+    this.record = button("Record", () => this.#record(), "primary", { hidden: !this.canOperate });
     this.now = h("p", { class: "grow", role: "status" });
     this.folder = h("p", { class: "quiet small" });
     this.list = h("ul", { class: "list recordings" });

@@ -2,9 +2,8 @@
 
 import { ask } from "../../dialog.js";
 import { differenceView } from "../../difference.js";
-import { h, replace } from "../../dom.js";
+import { button, h, replace } from "../../dom.js";
 
-const button = (words, onclick, kind = "") => h("button", { type: "button", class: `button ${kind}`, onclick }, words);
 const APPLY = {
   reload: { path: "run/reload", words: "Reload the run", why: "The run can take the new rules without a stop." },
   restart: {

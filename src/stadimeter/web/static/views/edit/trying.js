@@ -1,6 +1,6 @@
 // What the text in the field would have done on a recording: both runs, one above the other.
 
-import { h, replace } from "../../dom.js";
+import { button, h, replace } from "../../dom.js";
 import { words as inUnit, span } from "../../format.js";
 import { lanes } from "../../lanes.js";
 
@@ -11,11 +11,7 @@ export class Trying {
   constructor(desk) {
     this.desk = desk;
     this.recording = h("select", { "aria-label": "Recording" });
-    this.button = h(
-      "button",
-      { type: "button", class: "button", onclick: () => this.#try() },
-      "What would this have done?",
-    );
+    this.button = button("What would this have done?", () => this.#try());
     this.result = h("div", { class: "stack", role: "status" });
     this.choice = h("div", { class: "row" });
     this.element = h(

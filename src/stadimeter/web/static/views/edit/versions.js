@@ -2,7 +2,7 @@
 
 import { ask } from "../../dialog.js";
 import { differenceView } from "../../difference.js";
-import { h, replace } from "../../dom.js";
+import { button, h, replace } from "../../dom.js";
 import { moment } from "../../format.js";
 
 /** `desk` is the view: its `api`, `say`, `base`, `editor` and `restored(answer)`. */
@@ -30,27 +30,12 @@ export class Versions {
   #row({ id, unix_s, words }) {
     const difference = h("div");
     const title = moment(unix_s);
-    const look = h(
-      "button",
-      {
-        type: "button",
-        class: "button",
-        "aria-expanded": "false",
-        "aria-label": `Compare the version of ${title}`,
-        onclick: () => this.#look(id, look, difference),
-      },
-      "Compare",
-    );
-    const bring = h(
-      "button",
-      {
-        type: "button",
-        class: "button",
-        "aria-label": `Bring back the version of ${title}`,
-        onclick: () => this.#bring(id, title),
-      },
-      "Bring back",
-    );
+    const look = button("Compare", () => this.#look(id, look, difference), "", {
+      "aria-expanded": "false",
+      "aria-label": `Compare the version of ${title}`,
+    });
+    const named = { "aria-label": `Bring back the version of ${title}` };
+    const bring = button("Bring back", () => this.#bring(id, title), "", named);
     return h(
       "li",
       { class: "stack" },

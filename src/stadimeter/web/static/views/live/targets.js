@@ -1,21 +1,21 @@
 // Each target's distance as a large number, with its ±, and how it moves.
 
-import { h, keyed, write } from "../../dom.js";
+import { button, h, keyed, write } from "../../dom.js";
 import * as format from "../../format.js";
 
 const KINDS = { tracking: "good", coasting: "warning", searching: "unknown", lost: "warning" };
 const WORDS = { tracking: "tracking", coasting: "coasting: not seen just now", searching: "searching", lost: "lost" };
 
-export function targets({ unit }) {
+export function targets(context) {
   const element = h("div", { class: "figures" });
   return {
     element,
     update: (snapshot) =>
       keyed(
         element,
-        snapshot.targets,
+        snapshot.targets.map((target) => ({ ...target, colour: snapshot.run?.colours?.[target.name] })),
         (target) => target.name,
-        () => card(unit),
+        () => card(context),
       ),
   };
 }
@@ -58,13 +58,16 @@ function line(unit) {
   return element;
 }
 
-function card(unit) {
+function card(context) {
+  const { unit } = context;
   const name = h("h2");
   const status = h("span");
   const value = h("span", { class: "value" });
   const about = h("span", { class: "about" });
   const moves = h("p", { class: "moves" });
   const reason = h("p", { class: "quiet small" });
+  let table = "";
+  const colour = button("Colour …", async () => (await import("./colour.js")).openColour(table, context), "small");
   const element = h(
     "section",
     { class: "panel target" },
@@ -72,10 +75,13 @@ function card(unit) {
     h("p", { class: "figure number" }, value, h("span", { class: "unit" }, unit.symbol), about),
     moves,
     reason,
+    colour,
   );
   element.update = (target) => {
     const figure = target.is_valid ? format.distance(target.distance_m, target.sigma_m, unit) : format.distance(null);
     write(name, target.name);
+    table = target.colour;
+    colour.hidden = !table || context.session.right !== "operate";
     status.className = `badge is-${KINDS[target.status] ?? "quiet"}`;
     write(status, WORDS[target.status] ?? target.status);
     write(value, figure.value);

@@ -1,6 +1,6 @@
 // The lens by a printed board: views are taken while a person moves it about, and what is still missing is told.
 
-import { h, replace, write } from "../../dom.js";
+import { button, h, replace, write } from "../../dom.js";
 
 const PAUSE_MS = 100;
 const AGAIN_MS = 1500;
@@ -25,11 +25,7 @@ export function boardWay(step) {
     named("Dictionary of the markers", dictionary),
   );
   const begin = h("button", { type: "button", class: "button", onclick: start }, "Begin");
-  const take = h(
-    "button",
-    { type: "button", class: "button primary", disabled: true, onclick: finish },
-    "Take this lens",
-  );
+  const take = button("Take this lens", finish, "primary", { disabled: true });
   const share = h("progress", { max: 1, value: 0, "aria-label": "Share of the picture that is covered" });
   const [words, sum, lens] = [
     h("p", { class: "setup-found", role: "status" }),

@@ -1,6 +1,6 @@
 // The camera: those that are there, with a picture of each; the one that is chosen is shown live, with its exposure.
 
-import { h, replace } from "../../dom.js";
+import { button, h, replace } from "../../dom.js";
 import { thumbnails } from "./pictures.js";
 import { choices } from "./question.js";
 
@@ -153,11 +153,7 @@ class Camera {
       autocomplete: "off",
       "aria-label": "Resolution",
     });
-    const ask = h(
-      "button",
-      { type: "button", class: "button", onclick: () => this.#chosen(this.step.answer, { resolution: size.value }) },
-      "Ask for it",
-    );
+    const ask = button("Ask for it", () => this.#chosen(this.step.answer, { resolution: size.value }));
     return field("Resolution in pixels: it is measured at this one", size, ask);
   }
 
@@ -168,10 +164,8 @@ class Camera {
       value: `${Number((1000 * now_s).toPrecision(2))} ms`,
       "aria-label": "Exposure",
     });
-    const lock = h(
-      "button",
-      { type: "button", class: "button", onclick: () => this.#chosen(this.step.answer, { exposure: time.value }) },
-      is_locked ? "Change it" : "Lock it",
+    const lock = button(is_locked ? "Change it" : "Lock it", () =>
+      this.#chosen(this.step.answer, { exposure: time.value }),
     );
     return field(
       is_locked ? "Exposure: locked" : "Exposure: automatic. Locked, the colours stay as they are",
