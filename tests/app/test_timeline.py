@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from stadimeter.app.loop import RecordingSink
 from stadimeter.app.timeline import keeper
-from stadimeter.app.timeline.keeper import WAITING_MAX, TimelineKeeper
+from stadimeter.app.timeline.keeper import CYCLES_MAX, TimelineKeeper
 from stadimeter.app.timeline.rows import HIGH, LEVELS_S, LOW, MEAN, SEEN, STATES, Names, merge_rows, read_rows
 from stadimeter.core.decision import RuleStatus, RuleTrace
 from stadimeter.core.track import Track, TrackStatus
@@ -89,23 +89,35 @@ def test_what_is_not_seen_has_no_figures(rig: Rig) -> None:
     assert row["figures"][0][SEEN] == 0
 
 
-def test_the_loop_writes_nothing_and_the_thread_only_whole_seconds(rig: Rig) -> None:
-    for number in range(21):
-        rig.see(1.0 + number)
+def test_the_loop_writes_nothing_and_the_thread_once_a_minute(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    writes: list[str] = []
+    append = keeper.append_whole
+
+    def note(path: Path, data: bytes, *, is_lasting: bool) -> None:
+        writes.append(path.suffix)
+        append(path, data, is_lasting=is_lasting)
+
+    monkeypatch.setattr(keeper, "append_whole", note)
+    rig.see(1.0)
     assert not rig.folder.exists()
-    rig.keeper.write()
-    assert len(rig.rows()) == 10, "the eleventh has only begun"
-    assert sorted(path.suffix for path in rig.folder.iterdir()) == [".1"], "coarser rows come every ten minutes"
+    for number in range(1199):
+        rig.see(1.0 + number)
+        rig.keeper.step()
+    assert [writes.count(suffix) for suffix in (".1", ".10", ".60", ".600")] == [10, 0, 0, 0]
+    for number in range(120):
+        rig.see(1.0 + number)
+        rig.keeper.step()
+    assert [writes.count(suffix) for suffix in (".1", ".10", ".60", ".600")] == [11, 1, 1, 1]
 
 
 def test_a_night_is_read_by_each_level_and_a_glimpse_of_a_second_is_in_all(rig: Rig) -> None:
-    for second in range(3 * 3600):
-        rig.see(0.3 if second == 5000 else 2.0, RuleStatus.ACTIVE if second == 5000 else RuleStatus.IDLE, for_s=1.0)
-        if second % 60 == 0:
-            rig.keeper.write()
+    for second in range(4000):
+        rig.see(0.3 if second == 2000 else 2.0, RuleStatus.ACTIVE if second == 2000 else RuleStatus.IDLE, for_s=1.0)
+        rig.keeper.step()
+    rig.keeper.step(is_end=True)
     for step_s in (*LEVELS_S, 30, 3600):
         rows = rig.rows(step_s)
-        assert len(rows) == math.ceil((3 * 3600 - 60) / step_s)
+        assert len(rows) == math.ceil(4000 / step_s)
         assert rows["figures"][:, 0, LOW].min() == pytest.approx(0.3), step_s
         assert (rows["states"] == STATES.index(RuleStatus.ACTIVE)).sum() == 1, step_s
         assert (np.diff(rows["unix_s"].astype(int)) == step_s).all()
@@ -116,10 +128,9 @@ def test_a_run_that_was_killed_lacks_a_minute_and_nothing_before_it(rig: Rig) ->
     """Nothing is closed: the coarser files end before the seconds do, and are continued by these when they are read."""
     for _ in range(1000):
         rig.see(2.0, for_s=1.0)
-    rig.keeper.write()
-    rig.see(0.5)
-    assert len(rig.rows(1)) == 999
-    assert rig.rows(60)["unix_s"][-1] == (NOON_S + 999) // 60 * 60
+        rig.keeper.step()
+    assert 1000 - 60 <= len(rig.rows(1)) < 1000
+    assert rig.rows(60)["unix_s"][-1] == rig.rows(1)["unix_s"][-1] // 60 * 60
 
 
 @given(cut=st.integers(0, 400))
@@ -177,7 +188,7 @@ def test_a_full_disk_is_said_and_what_it_did_not_take_is_written_later(
     monkeypatch.setattr(keeper, "append_whole", refuse)
     for _ in range(100):
         rig.see(1.0, for_s=1.0)
-        rig.keeper.write()
+        rig.keeper.step()
     assert "No space left" in rig.keeper.trouble()
     monkeypatch.setattr(keeper, "append_whole", append)
     rig.keeper.close()
@@ -196,8 +207,7 @@ def test_a_disk_that_is_full_between_two_levels_costs_no_peak(rig: Rig, monkeypa
     monkeypatch.setattr(keeper, "append_whole", refuse_some)
     for second in range(3000):
         rig.see(0.3 if second % 700 == 50 else 2.0, for_s=1.0)
-        if second % 60 == 0:
-            rig.keeper.write()
+        rig.keeper.step()
     rig.keeper.close()
     for step_s in LEVELS_S[:3]:
         rows = np.concatenate([rows for _, rows in rig.read(step_s)])
@@ -205,12 +215,23 @@ def test_a_disk_that_is_full_between_two_levels_costs_no_peak(rig: Rig, monkeypa
     assert sum(len(rows) for _, rows in rig.read()) == 3000
 
 
-def test_a_disk_that_takes_nothing_for_long_costs_the_oldest_and_not_the_memory(rig: Rig) -> None:
-    for _ in range(WAITING_MAX + 100):
+def test_a_disk_that_stays_full_costs_the_oldest_seconds(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    append = keeper.append_whole
+    monkeypatch.setattr(keeper, "SECONDS_MAX", 50)
+    monkeypatch.setattr(keeper, "append_whole", lambda *_args, **_: (_ for _ in ()).throw(OSError(errno.EIO, "broken")))
+    for _ in range(200):
         rig.see(1.0, for_s=1.0)
-    assert "does not keep up" in rig.keeper.trouble()
+        rig.keeper.step()
+    monkeypatch.setattr(keeper, "append_whole", append)
     rig.keeper.close()
-    assert rig.rows()["unix_s"][0] >= NOON_S + 99
+    assert list(rig.rows()["unix_s"]) == list(range(NOON_S + 150, NOON_S + 200))
+
+
+def test_a_disk_that_hangs_costs_the_oldest_and_not_the_memory(rig: Rig) -> None:
+    for _ in range(CYCLES_MAX + 100):
+        rig.see(1.0, for_s=1.0)
+    rig.keeper.close()
+    assert list(rig.rows()["unix_s"]) == list(range(NOON_S + 100, NOON_S + 100 + CYCLES_MAX))
 
 
 def test_what_is_too_old_goes_when_a_segment_begins(rig: Rig) -> None:

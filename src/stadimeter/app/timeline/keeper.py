@@ -1,6 +1,7 @@
 """Keeps the timeline of a run, as a listener of the loop: a row a second in memory, on the disk once a minute.
 
-A memory card is written to as seldom as for the event log: what one kill or power cut costs is a minute.
+The loop hands cycles over; all else is done in a thread. A memory card is written to as seldom as for the event log:
+what a kill or a power cut costs is a minute.
 """
 
 from __future__ import annotations
@@ -9,13 +10,13 @@ import math
 import threading
 import time
 import uuid
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-from msgspec import Struct
 
 from stadimeter.app.control.recording import delete_old, recordings_folder
 from stadimeter.app.cycle import CycleRecord
@@ -28,10 +29,12 @@ from stadimeter.core.decision import RuleTrace
 from stadimeter.core.frame import Frame
 from stadimeter.core.track import Track
 
+LOOK_EVERY_S = 1.0
 WRITE_EVERY_S = 60.0
 
-# The seconds that wait for a disk that takes nothing, the newest.
-WAITING_MAX = 3600
+# The cycles that wait for the thread while a disk hangs, the newest; and the seconds that wait for one that is full.
+CYCLES_MAX = 4096
+SECONDS_MAX = 3600
 
 # A week of three targets and six rules takes 0.05 GB. This bound is for many targets, and for a clock that was wrong.
 FOLDER_BYTES = 500_000_000
@@ -40,35 +43,8 @@ CLOSE_WAIT_S = 0.5
 
 _RANKS = {state: rank for rank, state in enumerate(STATES)}
 
-
-class _Second(Struct):
-    """What is gathered of a second: of each target sums of distance and σ, extremes, and how often it was seen."""
-
-    unix_s: int
-    names: Names
-    figures: list[list[float]]
-    states: list[int]
-    cycles: int = 0
-
-    def add(self, tracks: Sequence[Track], rules: Sequence[RuleTrace]) -> None:
-        self.cycles += 1
-        self.states = [max(rank, _RANKS[trace.status]) for rank, trace in zip(self.states, rules, strict=False)]
-        for figures, track in zip(self.figures, tracks, strict=False):
-            if track.is_valid and track.distance_m is not None:
-                figures[0] += track.distance_m
-                figures[1] += track.sigma_m or 0.0
-                figures[2] = min(figures[2], track.distance_m)
-                figures[3] = max(figures[3], track.distance_m)
-                figures[4] += 1
-
-    def row(self) -> tuple[int, list[tuple[float, ...]], list[int]]:
-        """Return it as a row has it; what was never seen has no figures."""
-        return self.unix_s, [self._shown(*figures) for figures in self.figures], self.states
-
-    def _shown(self, sum_m: float, sigmas_m: float, low_m: float, high_m: float, seen: float) -> tuple[float, ...]:
-        if not seen:
-            return math.nan, math.nan, math.nan, math.nan, 0.0
-        return sum_m / seen, sigmas_m / seen, low_m, high_m, seen / self.cycles
+# When it was, what was tracked, and what the rules did.
+_Cycle = tuple[int, Sequence[Track], Sequence[RuleTrace]]
 
 
 class TimelineKeeper:
@@ -83,139 +59,123 @@ class TimelineKeeper:
         self._folder = folder
         self._keep_s = keep_s
         self._unix_s = unix_s
-        self._second: _Second | None = None
-        self._waiting: list[_Second] = []
-        self._gathering = threading.Lock()  # never held while the disk is waited for
+        self._cycles: deque[_Cycle] = deque(maxlen=CYCLES_MAX)
         self._disk = threading.Lock()
         self._ended = threading.Event()
-        self._names: Names | None = None
+        self._names = Names((), ())
         self._segment: Path | None = None
         self._begun: set[int] = set()
-        self._fine: Rows = np.zeros(0)
-        self._newest_s = 0
+        self._rows: Rows = np.zeros(0, self._names.row)  # of the segment: what is not in its coarser files yet
+        self._written = 0  # of these
+        self._last_s = 0
+        self._due_s = 0.0
         self._trouble = ""
 
     def __call__(self, record: CycleRecord, _frame: Frame | None = None) -> None:
         """Take in a cycle."""
-        decision, unix_s = record.decision, int(self._unix_s())
-        if self._second is None or self._second.unix_s != unix_s:
-            self._end_second()
-            names = Names(
-                tuple([track.target for track in decision.tracks]), tuple([trace.rule for trace in decision.rules])
-            )
-            figures = [[0.0, 0.0, math.inf, -math.inf, 0.0] for _ in decision.tracks]
-            self._second = _Second(unix_s, names, figures, [0] * len(decision.rules))
-        self._second.add(decision.tracks, decision.rules)
+        self._cycles.append((int(self._unix_s()), record.decision.tracks, record.decision.rules))
 
     def note_state(self, state: State) -> None:
         """Take in that the run goes on from an earlier one, which is no matter here."""
 
-    def note_reload(self, now_s: float, configuration: RecordedConfiguration) -> None:  # noqa: ARG002
-        """Take in that from now on there may be other targets and rules."""
-        self._end_second()
+    def note_reload(self, now_s: float, configuration: RecordedConfiguration) -> None:
+        """Take in a reload: its targets and rules are seen in the cycles."""
 
     def trouble(self) -> str:
         """Return why nothing is written at present; empty if all is well."""
         return self._trouble
 
     def start(self) -> None:
-        """Begin to write, in a thread of its own."""
-        threading.Thread(target=self._write_all, name="timeline", daemon=True).start()
-
-    def write(self, *, is_end: bool = False) -> None:
-        """Write the seconds that are over. What the disk does not take waits."""
-        with self._gathering:
-            seconds, self._waiting = self._waiting, []
-        try:
-            while seconds:
-                count = self._fit(seconds)
-                self._append(seconds[:count])
-                del seconds[:count]
-                self._append_coarse()
-            self._append_coarse(is_end=is_end)
-        except OSError as error:
-            self._trouble = f"the timeline {self._folder} is not written: {error.strerror or error}"
-            with self._gathering:
-                self._waiting = (seconds + self._waiting)[-WAITING_MAX:]
-        else:
-            self._trouble = ""
+        """Begin to gather and write, in a thread of its own."""
+        threading.Thread(target=self._keep, name="timeline", daemon=True).start()
 
     def close(self) -> None:
         """Write what waits, and end. Does not wait long for a disk that hangs."""
         self._ended.set()
-        self._end_second()
         if self._disk.acquire(timeout=CLOSE_WAIT_S):
             try:
-                self.write(is_end=True)
+                self.step(is_end=True)
             finally:
                 self._disk.release()
 
-    def _end_second(self) -> None:
-        if self._second is None:
-            return
-        with self._gathering:
-            self._waiting.append(self._second)
-            if len(self._waiting) > WAITING_MAX:
-                del self._waiting[0]
-                self._trouble = self._trouble or f"the timeline {self._folder}: the disk does not keep up"
-        self._second = None
-
-    def _write_all(self) -> None:
-        while not self._ended.wait(WRITE_EVERY_S):
+    def _keep(self) -> None:
+        while not self._ended.wait(LOOK_EVERY_S):
             with self._disk:
-                self.write()
+                self.step()
 
-    def _fit(self, seconds: Sequence[_Second]) -> int:
-        """Return how many of them go into one segment: the present one if it takes the first, else a new one."""
-        names, day = seconds[0].names, seconds[0].unix_s // DAY_S
-        is_same_day = self._newest_s == 0 or self._newest_s // DAY_S == day
-        if self._segment is None or names != self._names or not is_same_day or seconds[0].unix_s <= self._newest_s:
-            self._append_coarse(is_end=True)
-            self._begin(names, seconds[0].unix_s)
-        last_s = self._newest_s
-        for count, each in enumerate(seconds):
-            if each.names != names or each.unix_s // DAY_S != day or each.unix_s <= last_s:
-                return count
-            last_s = each.unix_s
-        return len(seconds)
+    def step(self, *, is_end: bool = False) -> None:
+        """Make rows of the seconds that are over, and write what is due."""
+        while self._cycles and (is_end or self._cycles[0][0] != self._cycles[-1][0]):
+            second = [self._cycles.popleft()]
+            unix_s, names = second[0][0], _names_of(second[0])
+            while self._cycles and self._cycles[0][0] == unix_s and _names_of(self._cycles[0]) == names:
+                second.append(self._cycles.popleft())
+            self._add(names, unix_s, np.array([_row_of(cycle) for cycle in second], names.row))
+            if not self._due_s - WRITE_EVERY_S <= unix_s < self._due_s:
+                self._write()
+                self._due_s = unix_s + WRITE_EVERY_S
+        if is_end:
+            self._write(is_whole=True)
 
-    def _begin(self, names: Names, unix_s: int) -> None:
-        """Begin a segment of a name that no other has, and delete what is too old."""
-        self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        delete_old(self._folder, self._keep_s, FOLDER_BYTES, "*.*")
-        name = f"{datetime.fromtimestamp(unix_s, UTC):%Y%m%dT%H%M%SZ}-{uuid.uuid4().hex[:8]}"
-        self._segment, self._names, self._newest_s = self._folder / name, names, 0
-        self._fine, self._begun = np.zeros(0, names.row), set()
+    def _add(self, names: Names, unix_s: int, cycles: Rows) -> None:
+        is_next = self._last_s < unix_s and self._last_s // DAY_S == unix_s // DAY_S
+        if self._segment is None or names != self._names or not is_next:
+            self._write(is_whole=True)
+            name = f"{datetime.fromtimestamp(unix_s, UTC):%Y%m%dT%H%M%SZ}-{uuid.uuid4().hex[:8]}"
+            self._segment, self._names, self._begun = self._folder / name, names, set()
+            self._rows, self._written = np.zeros(0, names.row), 0
+        self._rows = np.concatenate([self._rows, merge_rows(cycles, 1)])[-SECONDS_MAX:]
+        self._last_s = unix_s
 
-    def _append(self, seconds: Sequence[_Second]) -> None:
-        rows: Rows = np.array([each.row() for each in seconds], self._fine.dtype)
-        self._append_rows(1, rows)
-        self._newest_s = seconds[-1].unix_s
-        self._fine = np.concatenate([self._fine, rows])
+    def _write(self, *, is_whole: bool = False) -> None:
+        """Write the seconds, and the coarser rows of every ten minutes that are over, or of the whole segment.
 
-    def _append_coarse(self, *, is_end: bool = False) -> None:
-        """Write the coarser rows whose time is over, every ten minutes and at the end of a segment.
-
-        If that fails, another segment begins: of this one the reader makes what is missing at the end of a level.
+        Where the disk takes the seconds alone, another segment begins: of this one, the reader makes what is missing at
+        the end of a level.
         """
-        until_s = self._newest_s // LEVELS_S[-1] * LEVELS_S[-1]
-        rows = self._fine if is_end or not len(self._fine) else self._fine[self._fine["unix_s"] < until_s]
-        self._fine = self._fine[len(rows) :]
+        if self._segment is None:
+            return
         try:
-            for level_s in LEVELS_S[1:] if len(rows) else ():
-                self._append_rows(level_s, merge_rows(rows, level_s))
-        except OSError:
-            self._segment, self._fine = None, np.zeros(0)
-            raise
+            self._append(self._segment, 1, self._rows[self._written :])
+            self._written = len(self._rows)
+            until_s = math.inf if is_whole else self._last_s // LEVELS_S[-1] * LEVELS_S[-1]
+            over = self._rows[self._rows["unix_s"] < until_s]
+            self._rows, self._written = self._rows[len(over) :], self._written - len(over)
+            for level_s in LEVELS_S[1:]:
+                self._append(self._segment, level_s, merge_rows(over, level_s))
+            self._trouble = ""
+        except OSError as error:
+            self._trouble = f"the timeline {self._folder} is not written: {error.strerror or error}"
+            if self._written == len(self._rows):
+                self._segment = None
 
-    def _append_rows(self, level_s: int, rows: Rows) -> None:
-        """Append to a file, which begins with its names."""
-        assert self._segment is not None  # noqa: S101 - a segment was begun for its first second
-        assert self._names is not None  # noqa: S101
-        head = b"" if level_s in self._begun else self._names.head
-        path = self._segment.with_name(f"{self._segment.name}.{level_s}")
-        append_whole(path, head + rows.tobytes(), is_lasting=False)
+    def _append(self, segment: Path, level_s: int, rows: Rows) -> None:
+        """Append to a file of the segment, which begins with the names; before that, what is too old goes."""
+        if not len(rows):
+            return
+        head = b""
+        if level_s not in self._begun:
+            self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            delete_old(self._folder, self._keep_s, FOLDER_BYTES, "*.*")
+            head = self._names.head
+        append_whole(segment.with_name(f"{segment.name}.{level_s}"), head + rows.tobytes(), is_lasting=False)
         self._begun.add(level_s)
+
+
+def _names_of(cycle: _Cycle) -> Names:
+    _, tracks, rules = cycle
+    return Names(tuple([track.target for track in tracks]), tuple([trace.rule for trace in rules]))
+
+
+def _row_of(cycle: _Cycle) -> tuple[int, list[tuple[float, ...]], list[int]]:
+    unix_s, tracks, rules = cycle
+    return unix_s, [_figures_of(track) for track in tracks], [_RANKS[trace.status] for trace in rules]
+
+
+def _figures_of(track: Track) -> tuple[float, ...]:
+    if not track.is_valid or track.distance_m is None:
+        return math.nan, math.nan, math.nan, math.nan, 0.0
+    return track.distance_m, track.sigma_m or 0.0, track.distance_m, track.distance_m, 1.0
 
 
 @contextmanager
