@@ -6,7 +6,7 @@ import { TimelineChart } from "./chart.js";
 import { dataOf, readAt } from "./data.js";
 
 const SPANS = [[600, "10 min"], [3600, "1 h"], [21600, "6 h"], [86400, "24 h"], [604800, "7 days"]];
-const POINTS_MAX = 2000;
+const POINTS_MAX = 1600;
 const MARGIN = 0.5; // as much of the view is loaded beside it, so that scrolling shows something at once
 const FOLLOW_MS = 1000;
 const RELOAD_MS = 60_000; // the run writes as often
@@ -90,7 +90,7 @@ class Timeline {
   /** Ask for what is in view; while an answer is on its way, only the newest wish is kept. */
   async #load() {
     const span_s = this.chart.to_s - this.chart.from_s;
-    const points = Math.round(Math.min(POINTS_MAX, this.chart.element.clientWidth || 1000) * (1 + 2 * MARGIN));
+    const points = Math.round(Math.min(POINTS_MAX, (this.chart.element.clientWidth || 1000) * (1 + 2 * MARGIN)));
     const [from_s, to_s] = [Math.max(0, this.chart.from_s - MARGIN * span_s), this.chart.to_s + MARGIN * span_s];
     this.#wish = `from=${from_s}&to=${to_s}&points=${points}`;
     if (this.#isAsking) return;
