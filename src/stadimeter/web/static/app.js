@@ -9,6 +9,7 @@ import { drawOthers, Others, stands } from "./others.js";
 
 const VIEWS = {
   live: { name: "Live", isOfRun: true, load: () => import("./views/live/index.js") },
+  timeline: { name: "Timeline", load: () => import("./views/timeline/index.js") },
   setup: { name: "Set-up", load: () => import("./views/setup/index.js"), right: "operate" },
   edit: { name: "Edit", load: () => import("./views/edit/index.js"), right: "operate" },
   recordings: { name: "Recordings", load: () => import("./views/recordings.js") },
