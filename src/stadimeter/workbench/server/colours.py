@@ -17,8 +17,9 @@ from stadimeter.workbench.colour_aids import colour_picture, range_figures, with
 from stadimeter.workbench.frame_source import SETTLING_WAIT_S
 from stadimeter.workbench.measuring import Measuring
 from stadimeter.workbench.run_camera import RunCamera
-from stadimeter.workbench.server.editing import load_text, run_socket, save, saved_text, version_of
+from stadimeter.workbench.server.editing import load_text, save, saved_text, version_of
 from stadimeter.workbench.server.operations import Desk, DeskReply, operation
+from stadimeter.workbench.server.run_of_desk import run_socket
 from stadimeter.workbench.setup.trying import describe_picture, encode_jpeg
 
 

@@ -42,7 +42,7 @@ class Timeline {
     Object.assign(this, { api, live, unit, say, follows: true });
     this.chart = new TimelineChart({
       unit,
-      onview: (from_s, to_s) => this.#seen(from_s, to_s),
+      onview: (_, to_s) => this.#seen(to_s),
       onselect: (unix_s) => this.#explain(unix_s),
       onread: (unix_s) => this.#read(unix_s),
     });
@@ -89,7 +89,7 @@ class Timeline {
 
   show(from_s, to_s) {
     this.chart.setView(from_s, to_s);
-    this.#seen(from_s, to_s);
+    this.#seen(to_s);
   }
 
   /** Live values go on at the right edge, which moves with them while it is in sight. */
@@ -102,7 +102,7 @@ class Timeline {
     this.#draw();
   }
 
-  #seen(from_s, to_s) {
+  #seen(to_s) {
     this.follows = to_s >= Date.now() / 1000 - 2;
     this.#load();
   }
