@@ -42,6 +42,14 @@ class StereoRig(Struct, frozen=True, kw_only=True, eq=False):
     covariance: Values
     provenance: Provenance = field(default_factory=Provenance)
 
+    def __eq__(self, other: object) -> bool:
+        """Return whether all figures are the same."""
+        return isinstance(other, StereoRig) and all(
+            np.array_equal(getattr(self, name), getattr(other, name)) for name in self.__struct_fields__
+        )
+
+    __hash__ = None  # type: ignore[assignment]
+
     def __post_init__(self) -> None:
         if not all(map(math.isfinite, (*self.turn_rad, *self.place_m))) or not self.baseline_m > 0:
             raise CalibrationError("the two cameras are in one place, so nothing can be triangulated", "place_m")

@@ -35,6 +35,7 @@ class FaultKind(StrEnum):
     FREEZE_UNDER_CLOCK = "freeze-under-clock"
     FREEZE_UNDER_NOISE = "freeze-under-noise"
     BLOCK_CAMERA = "block-camera"
+    BLOCK_SECOND_CAMERA = "block-second-camera"
     UNPLUG_BASE = "unplug-base"
     PRESS_BUMPER = "press-bumper"
     SILENCE_SENSORS = "silence-sensors"
@@ -130,6 +131,7 @@ class Faults(Struct):
     frozen_under_clock: bool = False  # the sensor shows the same old view, over which a clock is drawn that runs
     frozen_under_noise: bool = False  # the sensor shows the same old view, with noise that is added anew
     camera_blocked: bool = False  # no frame comes from the camera
+    second_camera_blocked: bool = False  # no frame comes from the second camera
     base_unplugged: bool = False  # the cable to the robot base is out
     bumper_pressed: bool = False  # something presses the bumper of a simulated base
     sensors_silent: bool = False  # no range sensor answers
@@ -142,6 +144,7 @@ KNOBS = {
     FaultKind.FREEZE_UNDER_CLOCK: "frozen_under_clock",
     FaultKind.FREEZE_UNDER_NOISE: "frozen_under_noise",
     FaultKind.BLOCK_CAMERA: "camera_blocked",
+    FaultKind.BLOCK_SECOND_CAMERA: "second_camera_blocked",
     FaultKind.UNPLUG_BASE: "base_unplugged",
     FaultKind.PRESS_BUMPER: "bumper_pressed",
     FaultKind.SILENCE_SENSORS: "sensors_silent",

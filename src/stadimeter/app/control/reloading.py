@@ -32,6 +32,7 @@ ResultT = TypeVar("ResultT")
 
 _SECTIONS = {
     "camera_model": "camera.model",
+    "rig": "second_camera.stereo",
     "leases_s": "lease of an output",
     "stays_off": "after_fault",
     "button_tables": "buttons",
