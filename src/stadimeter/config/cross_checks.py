@@ -15,7 +15,7 @@ from stadimeter.config.analysis.memory import memory_errors
 from stadimeter.config.analysis.promises import promise_errors
 from stadimeter.config.analysis.references import condition_tables_of, reference_errors
 from stadimeter.config.analysis.schedules import schedule_errors
-from stadimeter.config.analysis.second_camera import second_camera_errors
+from stadimeter.config.analysis.second_camera import second_camera_errors, size_errors
 from stadimeter.config.analysis.writers import shadow_errors
 from stadimeter.config.draft import BASE_NAME, Draft, output_path
 from stadimeter.config.findings import Finding, did_you_mean, did_you_mean_or_list, known_keys
@@ -393,6 +393,7 @@ _ANALYSES: tuple[Callable[[Subject], Iterator[Finding]], ...] = (
     quantity_errors,
     floor_errors,
     second_camera_errors,
+    size_errors,
     holding_errors,
     shadow_errors,
     promise_errors,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -123,10 +124,13 @@ class PairResult(TargetResult, frozen=True, kw_only=True, eq=False):
         if self.figures is None:
             return []
         both = self.figures
-        left, right = (metres(each.distance_m or 0.0, each.sigma_m or 0.0) for each in self.alone)
         missed = f"the lines of sight miss each other by {abs(both.miss_px):.2f} px ± {both.miss_sigma_px:.2f}"
+        together = ("together", f"{metres(both.distance_m, both.sigma_m)} without its size; {missed}")
+        if math.isnan(both.size_m):
+            return [together]
+        left, right = (metres(each.distance_m or 0.0, each.sigma_m or 0.0) for each in self.alone)
         return [
-            ("together", f"{metres(both.distance_m, both.sigma_m)} without its size; {missed}"),
+            together,
             (
                 "by size",
                 f"{metres(both.size_m, both.size_sigma_m)}; the left camera alone {left}, the right one {right}",
@@ -137,7 +141,8 @@ class PairResult(TargetResult, frozen=True, kw_only=True, eq=False):
         """Return the result as the object that ``--json`` prints."""
         names = ("distance_m", "sigma_m", "size_m", "size_sigma_m", "miss_px", "miss_sigma_px", "disagreement")
         keys = ("triangulated_m", "triangulated_sigma_m", "by_size_m", "by_size_sigma_m", *names[4:])
-        figures = {} if self.figures is None else asdict(self.figures)
+        found = {} if self.figures is None else asdict(self.figures)
+        figures = {name: None if value != value else value for name, value in found.items()}  # noqa: PLR0124 - NaN
         own = {key: figures.get(name) for key, name in zip(keys, names, strict=True)}
         return super().record() | {"right_file": self.right_file} | own
 
@@ -193,7 +198,7 @@ def _measure_both(
     if either is None:
         raise ValueError("a target is in one of two pictures at least")
     made = PairResult(**asdict(either) | {"file": files[0], "right_file": files[1], "parts": None})
-    if left is None or right is None or left.measurement.distance_m is None or right.measurement.distance_m is None:
+    if left is None or right is None or not (_is_located(left) and _is_located(right)):
         return replace(made, measurement=_in_one(left, right, files), direction_sigmas_rad=None)
     if left.seen is None or right.seen is None:
         return made
@@ -201,6 +206,10 @@ def _measure_both(
     sigmas_rad = None if figures is None else made.direction_sigmas_rad
     alone = left.measurement, right.measurement
     return replace(made, measurement=measurement, figures=figures, alone=alone, direction_sigmas_rad=sigmas_rad)
+
+
+def _is_located(result: TargetResult) -> bool:
+    return result.seen is not None and result.seen.measurement.distance_m is not None
 
 
 def _in_one(left: TargetResult | None, right: TargetResult | None, files: tuple[str, str]) -> Measurement:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator
 
@@ -34,6 +35,18 @@ def second_camera_errors(subject: Subject) -> Iterator[Finding]:
             yield Finding(("targets", target.name, "detector"), message, "leave [second_camera] out", "stereo-unfit")
 
 
+def size_errors(subject: Subject) -> Iterator[Finding]:
+    """Find targets of unknown size that nothing measures."""
+    if subject.draft.second_camera is not None:
+        return
+    for target in subject.draft.targets:
+        table = subject.draft.target_tables.get(target.name)
+        if table is not None and not table.on_floor and _is_size_unknown(target):
+            hint = "add a section [second_camera], write on_floor for what stands on the floor, or measure its size"
+            message = "one camera measures no distance of a thing whose size is not known"
+            yield Finding(("targets", target.name), message, hint, "size-unknown")
+
+
 def _unfit(section: str, choice: DriverChoice, lens: CameraModel) -> Iterator[Finding]:
     width_px, height_px = (getattr(choice.options, key, None) for key in ("width_px", "height_px"))
     if width_px and height_px and not is_one_aspect((width_px, height_px), (lens.width_px, lens.height_px)):
@@ -43,6 +56,11 @@ def _unfit(section: str, choice: DriverChoice, lens: CameraModel) -> Iterator[Fi
         )
         hint = "set width_px and height_px so, or calibrate at this resolution"
         yield Finding((section, "width_px"), message, hint, "stereo-unfit")
+
+
+def _is_size_unknown(target: DriverChoice) -> bool:
+    sigmas = (getattr(target.options, key, None) for key in ("tolerance", "height", "width", "eye_distance"))
+    return any(getattr(each, "sigma_m", each) == math.inf for each in sigmas)
 
 
 def _device(choice: DriverChoice) -> list[object]:
