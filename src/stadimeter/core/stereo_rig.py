@@ -48,6 +48,10 @@ class StereoRig(Struct, frozen=True, kw_only=True, eq=False):
             np.array_equal(getattr(self, name), getattr(other, name)) for name in self.__struct_fields__
         )
 
+    def __ne__(self, other: object) -> bool:
+        """Return whether a figure differs."""
+        return not self == other
+
     __hash__ = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:

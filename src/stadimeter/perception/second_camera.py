@@ -19,6 +19,7 @@ from msgspec.structs import replace
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction, Values
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement
+from stadimeter.core.sensor_fusion import DISAGREEMENT_SIGMAS
 from stadimeter.core.stereo_rig import StereoRig
 from stadimeter.core.track import Track
 from stadimeter.detectors.protocol import Detector, TracksSeveral
@@ -114,7 +115,7 @@ class SecondView:
         if by_size.position_m is None:
             return by_size.reason
         right = SeenTarget(detection=found, measurement=by_size, shape=seen.shape)
-        joined, figures = measure_pair(seen, right, rig, moved_px)
+        joined, figures = measure_pair(seen, right, rig, moved_px, DISAGREEMENT_SIGMAS)
         if figures is None:
             return joined.reason
         is_sized = math.isfinite(seen.shape.relative_sigma)

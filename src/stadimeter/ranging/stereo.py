@@ -254,12 +254,17 @@ def slopes_of(function: Callable[[Values], Values], at: Values) -> Values:
 
 
 def measure_pair(
-    left: SeenTarget, right: SeenTarget, rig: StereoRig, moved_sigma_px: float = 0.0
+    left: SeenTarget,
+    right: SeenTarget,
+    rig: StereoRig,
+    moved_sigma_px: float = 0.0,
+    apart_sigmas: float = DISAGREEMENT_SIGMAS,
 ) -> tuple[Measurement, StereoFigures | None]:
     """Measure a target that was measured in both pictures; the distance is from the left camera.
 
     Args:
         rig: At the resolutions of the pictures.
+        apart_sigmas: From where on triangulation and size are said to disagree.
         moved_sigma_px: By how much the target may have moved in the right picture since the left one was taken.
 
     Returns:
@@ -282,7 +287,7 @@ def measure_pair(
         return Measurement(target=left.measurement.target, status=status, captured_at_s=at_s, reason=reason), None
     if math.isinf(left.shape.relative_sigma):  # its size says nothing
         return _at(left.measurement, figures.distance_m, figures.sigma_m, figures.noise_m), figures
-    return _join(left, _estimates(left, right, rig, found), figures)
+    return _join(left, _estimates(left, right, rig, found), figures, apart_sigmas)
 
 
 def _why_not_one(found: _Triangulated, figures: StereoFigures) -> str:
@@ -331,12 +336,14 @@ def _estimates(left: SeenTarget, right: SeenTarget, rig: StereoRig, found: _Tria
 _TRIANGULATED, _BY_SIZE, _ALL = (0,), (1, 2), (0, 1, 2)
 
 
-def _join(left: SeenTarget, estimates: _Estimates, figures: StereoFigures) -> tuple[Measurement, StereoFigures]:
+def _join(
+    left: SeenTarget, estimates: _Estimates, figures: StereoFigures, apart_sigmas: float
+) -> tuple[Measurement, StereoFigures]:
     by_size = estimates.join(_BY_SIZE)
     size_m = math.exp(float(by_size @ estimates.logs))
     apart = estimates.join(_TRIANGULATED) - by_size
     difference, sigma = float(apart @ estimates.logs), estimates.sigma(apart)
-    disagree = abs(difference) > DISAGREEMENT_SIGMAS * sigma
+    disagree = abs(difference) > apart_sigmas * sigma
     figures = replace(figures, size_m=size_m, size_sigma_m=size_m * estimates.sigma(by_size))
     weights = estimates.join(_TRIANGULATED if disagree else _ALL)
     distance_m = math.exp(float(weights @ estimates.logs))
