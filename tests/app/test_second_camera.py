@@ -67,7 +67,7 @@ def test_when_the_second_camera_goes_distances_go_on_in_the_next_cycle(tmp_path)
     ]
     assert faults == [
         (pytest.approx(1.0 + QUIET_S, abs=0.11), EventKind.FAULT, "the simulated second camera is blocked"),
-        (pytest.approx(2.0, abs=0.11), EventKind.FAULT_CLEARED, "its pictures come again"),
+        (pytest.approx(2.0, abs=0.11), EventKind.FAULT_CLEARED, "it works again"),
     ]
     alone = [remark for remark in run.remarks() if remark != TOGETHER_AND_SIZE]
     assert 25 <= len(alone) <= 31

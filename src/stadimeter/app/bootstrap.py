@@ -31,7 +31,6 @@ from stadimeter.perception.picture_flow import FlowMeter
 if TYPE_CHECKING:  # most runs have no tags of known places, and one camera
     from stadimeter.core.camera_model import CameraModel
     from stadimeter.perception.locating import CameraLocator
-    from stadimeter.perception.second_camera import SecondView
 
 
 class StagedWorld(Protocol):
@@ -145,7 +144,6 @@ def build(configuration: Configuration, speed: float | None = 1.0, *, clock: Clo
     capture = capture_for(camera, clock)
     detectors = builder.detectors(configuration.camera_model)
     range_readers = builder.range_readers()
-    second, second_view = _second_camera(configuration, builder)
     messenger: Messenger | None = builder.build(configuration.messenger) if configuration.messenger else None
     notifiers: dict[str, Notifier] = {each.name: builder.build(each) for each in configuration.notifiers}
     cycle = Cycle(
@@ -159,8 +157,7 @@ def build(configuration: Configuration, speed: float | None = 1.0, *, clock: Clo
         footings=configuration.footings,
         flow_meter=FlowMeter() if _is_liveness_judged(configuration, camera) else None,
         locator=locator_of(configuration),
-        second=second,
-        second_view=second_view,
+        **_second_camera(configuration, builder),
     )
     return Parts(
         configuration=configuration,
@@ -192,15 +189,15 @@ def locator_of(configuration: Configuration) -> CameraLocator | None:
     return CameraLocator(configuration.landmarks, choice.options.build(context), configuration.plan.viewpoint)
 
 
-def _second_camera(configuration: Configuration, builder: _Builder) -> tuple[SecondCapture | None, SecondView | None]:
-    """Build what a second camera needs; nothing where there is none."""
+def _second_camera(configuration: Configuration, builder: _Builder) -> dict[str, Any]:
+    """Return what a cycle needs of a second camera, by its attributes; nothing where there is none."""
     choice, rig = configuration.second_camera, configuration.rig
     if choice is None or rig is None:
-        return None, None
+        return {}
     from stadimeter.perception.second_camera import SecondView  # noqa: PLC0415 - most runs have one camera
 
     second = SecondCapture(capture_for(builder.build(choice, rig.right), builder.clock), builder.clock)
-    return second, SecondView(rig, builder.detectors(rig.right))
+    return {"second": second, "second_view": SecondView(rig, builder.detectors(rig.right))}
 
 
 def _is_liveness_judged(configuration: Configuration, camera: Camera) -> bool:
@@ -234,12 +231,10 @@ class _Builder:
 
     def detectors(self, lens: CameraModel) -> dict[str, Detector]:
         """Build the detector of each target; several of one kind share one."""
-        targets = self._configuration.targets
-        return {
-            member: detector
-            for target, detector in zip(targets, [self.build(each, lens) for each in targets], strict=True)
-            for member in target.members
-        }
+        made: dict[str, Detector] = {}
+        for target in self._configuration.targets:
+            made |= dict.fromkeys(target.members, self.build(target, lens))
+        return made
 
     def outputs(self) -> tuple[LeasedOutput, ...]:
         choices = {choice.name: choice for choice in _driven(self._configuration)}

@@ -316,6 +316,7 @@ class SecondCapture:
         self._recent: deque[Frame] = deque(maxlen=RECENT_FRAMES)
         self._new_frame_at_s = clock.now_s()
         self._missed = ""
+        self.remarks, self.close = capture.remarks, capture.close
 
     def open(self) -> None:
         """Open the camera; one that cannot be opened is tried again while it would be read."""
@@ -345,14 +346,6 @@ class SecondCapture:
             return words
         is_quiet = self._clock.now_s() - self._new_frame_at_s > QUIET_S
         return (self._missed or f"no new frame for over {QUIET_S:g} s") if is_quiet else ""
-
-    def remarks(self) -> tuple[str, ...]:
-        """Return what the user should know of the camera as it was opened, a sentence each."""
-        return self._capture.remarks()
-
-    def close(self) -> None:
-        """Close the camera. May be called at any time, any number of times."""
-        self._capture.close()
 
 
 def capture_for(camera: Camera, clock: Clock) -> Capture:

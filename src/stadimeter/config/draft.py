@@ -23,13 +23,13 @@ from stadimeter.config.toml_source import UNREADABLE, Texts
 from stadimeter.config.units import path_from, validation_context
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.camera_pose import Landmarks
-from stadimeter.core.stereo_rig import StereoRig
 from stadimeter.core.templates import FIELDS
 from stadimeter.core.tracking.nearest import NearestOf
 from stadimeter.errors import ConfigError, Problem
 
 if TYPE_CHECKING:
     from stadimeter.config.rule_test_tables import RuleTest
+    from stadimeter.core.stereo_rig import StereoRig
 
 # The name of the base in rules.
 BASE_NAME = "base"

@@ -42,11 +42,11 @@ from stadimeter.core.camera_pose import Landmarks
 from stadimeter.core.floor import Footing
 from stadimeter.core.mount import Mount
 from stadimeter.core.plan import Output, Plan
-from stadimeter.core.stereo_rig import StereoRig
 from stadimeter.errors import ConfigError, Problem
 
 if TYPE_CHECKING:  # loaded only for configurations whose tests are asked for
     from stadimeter.config.rule_test_tables import RuleTest
+    from stadimeter.core.stereo_rig import StereoRig
 
 __all__ = ["Configuration", "DriverChoice", "is_demonstration", "load_camera_choice", "load_configuration"]
 

@@ -295,14 +295,11 @@ def _parse_pin(value: object) -> int:
     return value
 
 
-def as_written(
-    units: Units, example: str, *, is_signed: bool = False, is_known: bool = False, or_else: str = ""
-) -> WithJsonSchema:
+def as_written(units: Units, example: str, *, is_signed: bool = False, is_known: bool = False) -> WithJsonSchema:
     """Say to editors how a quantity is written.
 
     Args:
         is_known: Whether it may have its standard deviation behind it.
-        or_else: A pattern of what else it may be.
 
     Returns:
         What to annotate its type with. ``x-unit`` is the SI unit, in which its default is known.
@@ -311,7 +308,6 @@ def as_written(
     names = "|".join(re.escape(name) for name in units)
     number = rf"([0-9]+(\.[0-9]*|,[0-9]+)?|[.,][0-9]+)([eE][+-]?[0-9]+)?\s*({names})\s*"
     pattern = rf"^\s*{sign}{number}" + (rf"((±|\+/?-)\s*{number})?$" if is_known else "$")
-    pattern += f"|{or_else}" if or_else else ""
     return WithJsonSchema({"type": "string", "pattern": pattern, "examples": [example], "x-unit": units.si_unit})
 
 
@@ -326,7 +322,7 @@ Length = Annotated[float, BeforeValidator(parse_length), as_written(LENGTHS_M, "
 Tolerance = Annotated[
     float,
     PlainValidator(lambda text: math.inf if text == UNKNOWN else parse_length(text)),
-    as_written(LENGTHS_M, "1 mm", or_else=f"^{UNKNOWN}$"),
+    WithJsonSchema({"type": "string", "examples": ["1 mm", UNKNOWN], "x-unit": "m"}),
 ]
 LengthOrZero = Annotated[float, BeforeValidator(parse_length_or_zero), as_written(LENGTHS_M, "5 cm")]
 LengthWithSpread = Annotated[SpreadLength, BeforeValidator(parse_spread_length), WithJsonSchema(_WITH_SPREAD)]

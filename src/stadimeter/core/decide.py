@@ -332,15 +332,11 @@ def _fault_events(before: tuple[OutputFault, ...], observation: Observation) -> 
         _fault_event(EventKind.FAULT, name, at_s, reason) for name, reason in now.items() if was.get(name) != reason
     ]
     ended = [
-        _fault_event(EventKind.FAULT_CLEARED, fault.output, at_s, _mended(fault.output))
+        _fault_event(EventKind.FAULT_CLEARED, fault.output, at_s, "it works again")
         for fault in before
         if fault.output not in now
     ]
     return tuple(begun + ended)
-
-
-def _mended(name: str) -> str:
-    return "its pictures come again" if name == SECOND_CAMERA else "it may act again"
 
 
 def _fault_event(kind: EventKind, source: str, at_s: float, reason: str) -> Event:

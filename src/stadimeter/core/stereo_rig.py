@@ -22,7 +22,7 @@ UNKNOWNS = 2 * OF_LENS + 6
 Triple = tuple[float, float, float]
 
 
-class StereoRig(Struct, frozen=True, kw_only=True, eq=False):
+class StereoRig(Struct, frozen=True, kw_only=True, eq=False):  # noqa: PLW1641 - it is no key
     """Two cameras that are fixed to each other.
 
     A point p of the right camera's frame is at ``place + R p`` in that of the left one, x to the right, y down, z
@@ -47,12 +47,6 @@ class StereoRig(Struct, frozen=True, kw_only=True, eq=False):
         return isinstance(other, StereoRig) and all(
             np.array_equal(getattr(self, name), getattr(other, name)) for name in self.__struct_fields__
         )
-
-    def __ne__(self, other: object) -> bool:
-        """Return whether a figure differs."""
-        return not self == other
-
-    __hash__ = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         if not all(map(math.isfinite, (*self.turn_rad, *self.place_m))) or not self.baseline_m > 0:

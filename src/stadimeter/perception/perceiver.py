@@ -108,11 +108,9 @@ class Perceiver:
 
     def _without_size(self, measured: Measurement, by_size: Measurement) -> Measurement:
         """Return what was measured without the size, and learn that; or that nothing was."""
-        if by_size.distance_m is None or measured.distance_m is None:
-            return measured
-        if not math.isfinite(measured.sigma_m or math.inf):
-            return unmeasured(measured)
-        self._larger[measured.target] = measured.distance_m / by_size.distance_m
+        if measured.distance_m is None or not math.isfinite(measured.sigma_m or math.inf):
+            return measured if measured.distance_m is None else unmeasured(measured)
+        self._larger[measured.target] = measured.distance_m / (by_size.distance_m or math.inf)
         return measured
 
     def lens_of(self, frame: Frame) -> CameraModel:

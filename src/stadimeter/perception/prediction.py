@@ -161,7 +161,7 @@ def predict(
     centre_px = camera.pixel(x * outwards, y * outwards)
     larger_px = size_px * _size_share(known, shape, camera.distance_share(*centre_px))
     sigma_px = math.hypot(FLOOR_PX, FLOOR_SHARE * size_px, across_px, larger_px)
-    return _check_useful(Prediction(centre_px=centre_px, size_px=size_px, sigma_px=sigma_px), camera)
+    return check_useful(Prediction(centre_px=centre_px, size_px=size_px, sigma_px=sigma_px), camera)
 
 
 class KnownFigures(Struct):
@@ -226,7 +226,7 @@ def _size_share(known: KnownFigures, shape: TargetShape, lens_share: float) -> f
     return math.sqrt(rest) if rest > 0 else 0.0
 
 
-def _check_useful(expected: Prediction, camera: CameraModel) -> Prediction | None:
+def check_useful(expected: Prediction, camera: CameraModel) -> Prediction | None:
     """Return a prediction whose figures are finite, that is in the picture, and that leaves anything out."""
     x_px, y_px = expected.centre_px
     # The picture begins half a pixel before the centre of its first one.

@@ -23,8 +23,16 @@ from stadimeter.core.sensor_fusion import DISAGREEMENT_SIGMAS
 from stadimeter.core.stereo_rig import StereoRig
 from stadimeter.core.track import Track
 from stadimeter.detectors.protocol import Detector, TracksSeveral
-from stadimeter.errors import StadimeterError
-from stadimeter.perception.prediction import FLOOR_PX, FLOOR_SHARE, AngularMotion, bring_to_time, follow, loose_radps
+from stadimeter.errors import PictureError, StadimeterError
+from stadimeter.perception.prediction import (
+    FLOOR_PX,
+    FLOOR_SHARE,
+    AngularMotion,
+    bring_to_time,
+    check_useful,
+    follow,
+    loose_radps,
+)
 from stadimeter.ranging.measure import measure
 from stadimeter.ranging.separation import SeenTarget
 from stadimeter.ranging.stereo import measure_pair
@@ -45,18 +53,18 @@ ASSUMED_M = 1.0
 TOGETHER, TOGETHER_AND_SIZE = "by two cameras", "by two cameras and its size"
 
 
-class _Motion(Struct, frozen=True, eq=False):
-    """Where a target is in the left camera's frame, its velocity, and how unsure that is across the line of sight."""
+class _Whereabouts(Struct, frozen=True, eq=False):
+    """Where a target is in the left camera's frame when the first picture was taken, and was when the second one was.
 
-    position_m: Values
-    velocity_mps: Values
-    unsure_mps: float
-    distance_m: float
-    sigma_m: float  # of the distance
+    Attributes:
+        moved_m: By how much it may have moved otherwise, as a standard deviation.
+        sigma_m: Of its distance; infinite for a target of unknown size that is not tracked.
+    """
 
-    def limit_s(self, baseline_m: float) -> float:
-        """Return how far apart in time two pictures of it may be."""
-        return min(MAX_APART_S, MOVED_SHARE * baseline_m / max(self.unsure_mps, 1e-9))
+    now_m: Values
+    then_m: Values
+    moved_m: float
+    sigma_m: float
 
 
 class SecondView:
@@ -85,42 +93,58 @@ class SecondView:
         if seen.measurement.position_m is None:
             return seen.measurement
         try:
-            joined = "it gives no picture" if second is None else self._measure(seen, track, motion, frame, second)
+            if second is None:
+                raise PictureError("it gives no picture")
+            return self._measure(seen, track, motion, frame, second)
         except StadimeterError as error:  # whatever is wrong with the second camera, the first one goes on
-            joined = str(error)
-        if isinstance(joined, Measurement):
-            return joined
-        return _with_remark(seen.measurement, f"without the second camera: {joined}")
+            return _with_remark(seen.measurement, f"without the second camera: {error}")
 
     def _measure(
         self, seen: SeenTarget, track: Track | None, motion: AngularMotion | None, frame: Frame, second: Frame
-    ) -> Measurement | str:
+    ) -> Measurement:
         rig, apart_s = self._rig_for(frame, second), second.captured_at_s - frame.captured_at_s
-        known = _motion_of(seen, track, motion, frame.captured_at_s)
-        if not abs(apart_s) <= (limit_s := known.limit_s(rig.baseline_m)):
-            return f"pictures are {1e3 * abs(apart_s):.0f} ms apart, limit {1e3 * limit_s:.0f} ms"
-        now_m, then_m = (
-            (known.position_m + known.velocity_mps * after_s - rig.place_m) @ self._rotation
-            for after_s in (0.0, apart_s)
-        )
-        moved_px = rig.right.fx_px * known.unsure_mps * abs(apart_s) / known.distance_m
-        found = self._find(seen, known, (rig, then_m, moved_px), second)
-        if found.status is not DetectionStatus.FOUND:
-            return f"not in its picture: {found.reason}"
-        if found.number != seen.detection.number:
-            return f"its picture shows number {found.number}"
-        found = _bring(found, *(rig.right.project((each[:2] / each[2])[None])[0] for each in (then_m, now_m)))
-        found = _scale(found, float(then_m[2] / now_m[2]))
-        by_size = measure(found, seen.shape, rig.right, frame.captured_at_s)
-        if by_size.position_m is None:
-            return by_size.reason
-        right = SeenTarget(detection=found, measurement=by_size, shape=seen.shape)
+        where = _whereabouts(seen, track, motion, frame.captured_at_s, apart_s)
+        limit_s = min(MAX_APART_S, abs(apart_s) * MOVED_SHARE * rig.baseline_m / max(where.moved_m, 1e-9))
+        if apart_s and not abs(apart_s) <= limit_s:
+            raise PictureError(f"pictures are {1e3 * abs(apart_s):.0f} ms apart, limit {1e3 * limit_s:.0f} ms")
+        now_m, then_m = ((each - rig.place_m) @ self._rotation for each in (where.now_m, where.then_m))
+        now_px, then_px = rig.right.project(np.array([each[:2] / each[2] for each in (now_m, then_m)]))
+        moved_px = where.moved_m * rig.right.fx_px / float(then_m[2])
+        found = self._find(seen, (where, float(then_m[2]), then_px, moved_px), rig, second)
+        found = _bring(found, now_px - then_px, float(then_m[2] / now_m[2]))
+        right = replace(seen, detection=found, measurement=measure(found, seen.shape, rig.right, frame.captured_at_s))
+        if right.measurement.position_m is None:
+            raise PictureError(right.measurement.reason)
         joined, figures = measure_pair(seen, right, rig, moved_px, DISAGREEMENT_SIGMAS)
         if figures is None:
-            return joined.reason
-        is_sized = math.isfinite(seen.shape.relative_sigma)
-        said = figures.disagreement or (TOGETHER_AND_SIZE if is_sized else TOGETHER)
-        return _with_remark(joined, said)
+            raise PictureError(joined.reason)
+        said = TOGETHER_AND_SIZE if math.isfinite(seen.shape.relative_sigma) else TOGETHER
+        return _with_remark(joined, figures.disagreement or said)
+
+    def _find(
+        self, seen: SeenTarget, there: tuple[_Whereabouts, float, Values, float], rig: StereoRig, second: Frame
+    ) -> Detection:
+        """Look for a target in the second picture where it is expected; everywhere if it may be anywhere."""
+        (where, depth_m, there_px, moved_px), lens, expected = there, rig.right, None
+        if math.isfinite(where.sigma_m):
+            per_m = lens.fx_px / depth_m
+            left_px = max(seen.detection.width_px, seen.detection.height_px)
+            size_px = left_px * per_m * float(where.now_m[2]) / rig.left.fx_px
+            # The disparity f b / Z errs by f b / Z² of what the distance errs by.
+            across_px = per_m * rig.baseline_m * where.sigma_m / depth_m
+            sigma_px = math.hypot(FLOOR_PX, FLOOR_SHARE * size_px, across_px, moved_px)
+            centre_px = float(there_px[0]), float(there_px[1])
+            expected = check_useful(Prediction(centre_px=centre_px, size_px=size_px, sigma_px=sigma_px), lens)
+            if expected is None:
+                raise PictureError("the target is out of its view, or may be anywhere in it")
+        detector = self._detectors[seen.measurement.target]
+        if expected is not None and isinstance(detector, TracksSeveral):
+            found = detector.detect_near(second, expected, lens=lens)
+        else:
+            found = detector.detect(second, expected, lens=lens)
+        if found.status is not DetectionStatus.FOUND or found.number != seen.detection.number:
+            raise PictureError(f"not in its picture: {found.reason or f'it shows number {found.number}'}")
+        return found
 
     def _rig_for(self, frame: Frame, second: Frame) -> StereoRig:
         """Return the rig at the frames' resolutions and settings, which hardly ever change."""
@@ -129,76 +153,48 @@ class SecondView:
             self._scaled = key, self._rig.for_frames(frame, second)
         return self._scaled[1]
 
-    def _find(
-        self, seen: SeenTarget, known: _Motion, there: tuple[StereoRig, Values, float], second: Frame
-    ) -> Detection:
-        """Look for a target in the second picture, where it is expected."""
-        rig, position_m, moved_px = there
-        detector, lens = self._detectors[seen.measurement.target], rig.right
-        if not math.isfinite(known.sigma_m):
-            return detector.detect(second, lens=lens)
-        x, y, z = position_m.tolist()
-        if not z > 0:
-            return _missing(seen, "it is behind the second camera")
-        x_px, y_px = lens.pixel(x / z, y / z)
-        if not (-0.5 <= x_px <= lens.width_px - 0.5 and -0.5 <= y_px <= lens.height_px - 0.5):
-            return _missing(seen, "it is out of its view")
-        size_px = max(seen.detection.width_px, seen.detection.height_px)
-        size_px *= float(known.position_m[2]) / z * lens.fx_px / rig.left.fx_px
-        # The disparity f b / Z errs by f b / Z² of what the distance errs by.
-        across_px = lens.fx_px * rig.baseline_m * known.sigma_m / z**2
-        sigma_px = math.hypot(FLOOR_PX, FLOOR_SHARE * size_px, across_px, moved_px)
-        expected = Prediction(centre_px=(x_px, y_px), size_px=size_px, sigma_px=sigma_px)
-        if isinstance(detector, TracksSeveral):
-            return detector.detect_near(second, expected, lens=lens)
-        return detector.detect(second, expected, lens=lens)
 
-
-def _motion_of(seen: SeenTarget, track: Track | None, motion: AngularMotion | None, at_s: float) -> _Motion:
-    """Return where a target is and how it moves; of an unknown size with an infinite σ unless it is tracked."""
+def _whereabouts(
+    seen: SeenTarget, track: Track | None, motion: AngularMotion | None, at_s: float, apart_s: float
+) -> _Whereabouts:
     measured = seen.measurement
     distance_m, sigma_m, closing_mps = measured.distance_m or ASSUMED_M, measured.sigma_m or math.inf, 0.0
     if track is not None and (known := bring_to_time(track, at_s)) is not None:
         distance_m, sigma_m, closing_mps = known.distance_m, known.sigma_m, track.closing_mps or 0.0
     elif math.isinf(sigma_m):
         distance_m = ASSUMED_M
-    bearing_rad, elevation_rad = measured.bearing_rad or 0.0, measured.elevation_rad or 0.0
-    sin_b, cos_b = math.sin(bearing_rad), math.cos(bearing_rad)
-    sin_e, cos_e = math.sin(elevation_rad), math.cos(elevation_rad)
-    along = np.array((sin_b * cos_e, -sin_e, cos_b * cos_e))
-    unsure_mps = loose_radps(distance_m) * distance_m
-    velocity_mps = -closing_mps * along
+    unsure_radps, across_radps, up_radps = loose_radps(distance_m), 0.0, 0.0
     if motion is not None and motion.step_s > 0:
-        # d/dt of distance times direction: the directions in which bearing and elevation grow, times their rates.
-        across = motion.bearing_radps * np.array((cos_b * cos_e, 0.0, -sin_b * cos_e))
-        up = motion.elevation_radps * np.array((-sin_b * sin_e, -cos_e, -cos_b * sin_e))
-        velocity_mps = velocity_mps + distance_m * (across + up)
-        unsure_mps = math.hypot(
-            motion.innovation_rad / motion.step_s * distance_m, CHANGE_SHARE * float(np.linalg.norm(velocity_mps))
+        unsure_radps = motion.innovation_rad / motion.step_s
+        across_radps, up_radps = motion.bearing_radps, motion.elevation_radps
+    now_m, then_m = (
+        (distance_m - closing_mps * later_s)
+        * _direction(
+            (measured.bearing_rad or 0.0) + across_radps * later_s, (measured.elevation_rad or 0.0) + up_radps * later_s
         )
-    return _Motion(along * distance_m, velocity_mps, unsure_mps, distance_m, sigma_m)
+        for later_s in (0.0, apart_s)
+    )
+    moved_m = math.hypot(unsure_radps * distance_m * apart_s, CHANGE_SHARE * math.dist(now_m, then_m))
+    return _Whereabouts(now_m, then_m, moved_m, sigma_m)
 
 
-def _bring(found: Detection, then_px: Values, now_px: Values) -> Detection:
-    """Return a detection where the target was at the time of the first picture."""
-    x_px, y_px = (now_px - then_px).tolist()
-    centre_px = found.centre_px[0] + x_px, found.centre_px[1] + y_px
-    return replace(found, centre_px=centre_px, outline_px=found.outline_px + (now_px - then_px))
+def _direction(bearing_rad: float, elevation_rad: float) -> Values:
+    """Return the unit vector of a direction in the camera frame: x right, y down, z forward."""
+    level = math.cos(elevation_rad)
+    return np.array((math.sin(bearing_rad) * level, -math.sin(elevation_rad), math.cos(bearing_rad) * level))
 
 
-def _scale(found: Detection, factor: float) -> Detection:
-    """Return a detection that is larger by a factor, about its centre."""
-    around_px = np.array(found.centre_px)
+def _bring(found: Detection, by_px: Values, larger: float) -> Detection:
+    """Return a detection where, and as large as, the target was when the first picture was taken."""
+    x_px, y_px = found.centre_px
+    centre_px = np.array((x_px, y_px)) + by_px
     return replace(
         found,
-        outline_px=(found.outline_px - around_px) * factor + around_px,
-        width_px=found.width_px * factor,
-        height_px=found.height_px * factor,
+        centre_px=(float(centre_px[0]), float(centre_px[1])),
+        outline_px=(found.outline_px - (x_px, y_px)) * larger + centre_px,
+        width_px=found.width_px * larger,
+        height_px=found.height_px * larger,
     )
-
-
-def _missing(seen: SeenTarget, reason: str) -> Detection:
-    return Detection(target=seen.measurement.target, status=DetectionStatus.NOT_FOUND, reason=reason)
 
 
 def _with_remark(measured: Measurement, remark: str) -> Measurement:

@@ -75,16 +75,15 @@ def _with_figures(detection: Detection, captured_at_s: float, reading: Reading, 
     )
 
 
-def _without_figures(
-    detection: Detection | Measurement, status: MeasurementStatus, reason: str, captured_at_s: float
-) -> Measurement:
+def _without_figures(detection: Detection, status: MeasurementStatus, reason: str, captured_at_s: float) -> Measurement:
     return Measurement(target=detection.target, status=status, captured_at_s=captured_at_s, reason=reason)
 
 
 def unmeasured(measured: Measurement) -> Measurement:
     """Return a measurement by a size that is not known as what it is: none."""
     reason = "; ".join(filter(None, ("its size is not known, so one camera measures no distance", measured.reason)))
-    return _without_figures(measured, MeasurementStatus.ERROR, reason, measured.captured_at_s)
+    at_s = measured.captured_at_s
+    return Measurement(target=measured.target, status=MeasurementStatus.ERROR, captured_at_s=at_s, reason=reason)
 
 
 class SigmaParts(Struct, frozen=True, kw_only=True):

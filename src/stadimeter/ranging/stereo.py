@@ -60,7 +60,7 @@ class StereoFigures(Struct, frozen=True, kw_only=True):
         distance_m: By triangulation alone, from the left camera to the target's centre.
         sigma_m: Its standard deviation, and `noise_m` the part that differs from frame to frame.
         miss_px: By how much the lines of sight miss each other in the left picture, with its standard deviation.
-        size_m: By the target's size alone, both cameras joined; and its standard deviation.
+        size_m: By the target's size alone, both cameras joined, with its standard deviation; None if that is not known.
         disagreement: What is said if both disagree; else empty.
     """
 
@@ -69,8 +69,8 @@ class StereoFigures(Struct, frozen=True, kw_only=True):
     noise_m: float
     miss_px: float
     miss_sigma_px: float
-    size_m: float = math.nan
-    size_sigma_m: float = math.nan
+    size_m: float | None = None
+    size_sigma_m: float | None = None
     disagreement: str = ""
 
 
@@ -364,7 +364,7 @@ def _at(measured: Measurement, distance_m: float, sigma_m: float, noise_m: float
 
 
 def _disagreement(target: str, figures: StereoFigures, difference: float, apart: float) -> str:
-    both, size = metres(figures.distance_m, figures.sigma_m), metres(figures.size_m, figures.size_sigma_m)
+    both, size = metres(figures.distance_m, figures.sigma_m), metres(figures.size_m or 0.0, figures.size_sigma_m or 0.0)
     percent = f"{100 * abs(math.expm1(difference)):.1f} % {'larger' if difference > 0 else 'smaller'}"
     return (
         f"{target} is at {both} for both cameras together and {size} by its size, {apart:.0f} σ apart: it is {percent} "

@@ -356,13 +356,10 @@ class SimulatedCamera:
             return _with_clock(self._view, time_s)
         if self._view is not None and faults.frozen_under_noise:
             return self._renderer.add_noise(self._view.copy(), self._sequence)
-        ball_m = None if faults.target_hidden else self._world.target_in_camera(time_s)
+        ball_m = None if faults.target_hidden else self._world.target_in_camera(time_s, self._baseline_m)
         pose = self._world.robot.pose_at(time_s)
         right_m, radius_m = self._baseline_m, self._world.ball.diameter_m / 2
-        if ball_m is not None:
-            ball_m = (ball_m[0] - right_m, *ball_m[1:])
-        sin, cos = math.sin(pose.heading_rad), math.cos(pose.heading_rad)
-        place_m = (pose.x_m + right_m * sin, pose.y_m - right_m * cos)
+        place_m = pose.x_m + right_m * math.sin(pose.heading_rad), pose.y_m - right_m * math.cos(pose.heading_rad)
         tilt_rad = self._world.tilt_joint.pose_at(time_s).heading_rad
         noise = self._sequence + (OTHER_NOISE if right_m else 0)
         self._view = self._renderer.render(ball_m, radius_m, pose.heading_rad, noise, place_m, tilt_rad)

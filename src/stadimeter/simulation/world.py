@@ -329,18 +329,22 @@ class World:
             pose.y_m + along_floor_m * math.sin(heading_rad),
         )
 
-    def target_in_camera(self, time_s: float | None = None) -> tuple[float, float, float]:
+    def target_in_camera(self, time_s: float | None = None, aside_m: float = 0.0) -> tuple[float, float, float]:
         """Return where the ball's centre truly is as the camera on the robot sees it, hidden or not, now or at a time.
 
         The position is in metres: x to the right, y down, z forward along the optical axis. A `DriverError` says that
         the time is longer ago than the robot remembers.
+
+        Args:
+            aside_m: How far to the right of that camera another one is that sees it.
         """
         at_s = self._clock.now_s() if time_s is None else time_s
         pose = self.robot.pose_at(at_s)
         ball_x, ball_y, ball_z = self._hand.position_m(at_s)
         east, north = ball_x - pose.x_m, ball_y - pose.y_m
         cos, sin = math.cos(pose.heading_rad), math.sin(pose.heading_rad)
-        right_m, down_m, forward_m = east * sin - north * cos, self.camera_height_m - ball_z, east * cos + north * sin
+        right_m, forward_m = east * sin - north * cos - aside_m, east * cos + north * sin
+        down_m = self.camera_height_m - ball_z
         tilt_rad = self.tilt_joint.pose_at(at_s).heading_rad
         up, level = math.sin(tilt_rad), math.cos(tilt_rad)
         return (right_m, down_m * level + forward_m * up, forward_m * level - down_m * up)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -126,7 +125,7 @@ class PairResult(TargetResult, frozen=True, kw_only=True, eq=False):
         both = self.figures
         missed = f"the lines of sight miss each other by {abs(both.miss_px):.2f} px ± {both.miss_sigma_px:.2f}"
         together = ("together", f"{metres(both.distance_m, both.sigma_m)} without its size; {missed}")
-        if math.isnan(both.size_m):
+        if both.size_m is None or both.size_sigma_m is None:
             return [together]
         left, right = (metres(each.distance_m or 0.0, each.sigma_m or 0.0) for each in self.alone)
         return [
@@ -141,8 +140,7 @@ class PairResult(TargetResult, frozen=True, kw_only=True, eq=False):
         """Return the result as the object that ``--json`` prints."""
         names = ("distance_m", "sigma_m", "size_m", "size_sigma_m", "miss_px", "miss_sigma_px", "disagreement")
         keys = ("triangulated_m", "triangulated_sigma_m", "by_size_m", "by_size_sigma_m", *names[4:])
-        found = {} if self.figures is None else asdict(self.figures)
-        figures = {name: None if value != value else value for name, value in found.items()}  # noqa: PLR0124 - NaN
+        figures = {} if self.figures is None else asdict(self.figures)
         own = {key: figures.get(name) for key, name in zip(keys, names, strict=True)}
         return super().record() | {"right_file": self.right_file} | own
 

@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterator
 
 from stadimeter.config.analysis import Subject
+from stadimeter.config.draft import Draft
 from stadimeter.config.findings import Finding
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.core.camera_model import CameraModel, is_one_aspect
@@ -16,9 +17,10 @@ _WHICH = ("device", "device_file", "camera", "path", "paths", "baseline")
 
 
 def second_camera_errors(subject: Subject) -> Iterator[Finding]:
-    """Find what keeps both cameras from measuring together."""
+    """Find what keeps both cameras from measuring together, or one from measuring a thing of unknown size."""
     first, second, rig = subject.draft.camera, subject.draft.second_camera, subject.draft.rig
     if first is None or second is None:
+        yield from _without_size(subject.draft)
         return
     if first.driver == second.driver and _device(first) == _device(second):
         hint = "name another device; where it is simulated, write baseline"
@@ -35,12 +37,10 @@ def second_camera_errors(subject: Subject) -> Iterator[Finding]:
             yield Finding(("targets", target.name, "detector"), message, "leave [second_camera] out", "stereo-unfit")
 
 
-def size_errors(subject: Subject) -> Iterator[Finding]:
+def _without_size(draft: Draft) -> Iterator[Finding]:
     """Find targets of unknown size that nothing measures."""
-    if subject.draft.second_camera is not None:
-        return
-    for target in subject.draft.targets:
-        table = subject.draft.target_tables.get(target.name)
+    for target in draft.targets:
+        table = draft.target_tables.get(target.name)
         if table is not None and not table.on_floor and _is_size_unknown(target):
             hint = "add a section [second_camera], write on_floor for what stands on the floor, or measure its size"
             message = "one camera measures no distance of a thing whose size is not known"
