@@ -246,6 +246,8 @@ class Loop:
         sent = (messenger.trouble() if messenger else "", deaf)
         locator = self.parts.cycle.locator
         panel.append(locator.trouble() if locator is not None else "")
+        if (second := self.parts.cycle.second) is not None:
+            panel += [f"second camera: {words}" for words in (second.trouble(), *second.remarks()) if words]
         others = (*sent, *notifiers, *recordings, memory.trouble() if memory else "")
         troubles = (capture.trouble(), *capture.remarks(), *others, *panel)
         return "; ".join(trouble for trouble in troubles if trouble)

@@ -15,6 +15,7 @@ from stadimeter.config.analysis.memory import memory_errors
 from stadimeter.config.analysis.promises import promise_errors
 from stadimeter.config.analysis.references import condition_tables_of, reference_errors
 from stadimeter.config.analysis.schedules import schedule_errors
+from stadimeter.config.analysis.second_camera import second_camera_errors
 from stadimeter.config.analysis.writers import shadow_errors
 from stadimeter.config.draft import BASE_NAME, Draft, output_path
 from stadimeter.config.findings import Finding, did_you_mean, did_you_mean_or_list, known_keys
@@ -246,7 +247,7 @@ def _world_around(draft: Draft) -> Iterator[Finding]:
 
 def _lens_known(draft: Draft) -> Iterator[Finding]:
     camera = draft.table.get("camera")
-    if draft.names("rules") and isinstance(camera, dict) and "model" not in camera:
+    if draft.names("rules") and isinstance(camera, dict) and "model" not in camera and draft.second_camera is None:
         hint = 'run `stadimeter calibrate distance PICTURE@DISTANCE -o camera.toml` and add model = "camera.toml"'
         yield Finding(
             ("camera", "model"), "rules need distances, and distances need a camera model", hint, "camera-model-missing"
@@ -390,6 +391,7 @@ _ANALYSES: tuple[Callable[[Subject], Iterator[Finding]], ...] = (
     band_errors,
     quantity_errors,
     floor_errors,
+    second_camera_errors,
     holding_errors,
     shadow_errors,
     promise_errors,

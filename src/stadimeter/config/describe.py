@@ -54,7 +54,7 @@ def describe(configuration: Configuration) -> tuple[str, ...]:
 def _parts(configuration: Configuration) -> Iterator[str]:
     lens = f" through a lens of {_lens(configuration.camera_model)}" if configuration.camera_model else ""
     targets = " and ".join(f"`{target.name}` ({_kind(target)})" for target in configuration.targets)
-    yield f"Looks for {targets} with the camera driver {configuration.camera.driver}{lens}."
+    yield f"Looks for {targets} with the camera driver {configuration.camera.driver}{lens}{_beside(configuration)}."
     if configuration.messenger:
         yield f"Sends messages with {configuration.messenger.driver}."
     for notifier in configuration.notifiers:
@@ -68,6 +68,11 @@ def _parts(configuration: Configuration) -> Iterator[str]:
         yield "Liveness by motion judges how the camera turns, and not how it tilts."
     for button, table in configuration.button_tables.items():
         yield f"The button `{button}`, pressed, {_pressed(table.press, table)}.{_held(table)}"
+
+
+def _beside(configuration: Configuration) -> str:
+    second, rig = configuration.second_camera, configuration.rig
+    return f", and from {length(rig.baseline_m)} beside it with {second.driver}" if second and rig else ""
 
 
 def _kind(target: DriverChoice) -> str:

@@ -29,6 +29,7 @@ from stadimeter.errors import ConfigError, Problem
 
 if TYPE_CHECKING:
     from stadimeter.config.rule_test_tables import RuleTest
+    from stadimeter.core.stereo_rig import StereoRig
 
 # The name of the base in rules.
 BASE_NAME = "base"
@@ -93,6 +94,11 @@ class ChosenDrivers:
         return self.drivers.get(("messenger",))
 
     @property
+    def second_camera(self) -> DriverChoice | None:
+        """The camera beside the first one."""
+        return self.drivers.get(("second_camera",))
+
+    @property
     def world(self) -> DriverChoice | None:
         """The simulated world."""
         return self.drivers.get(("world",))
@@ -112,6 +118,8 @@ class Draft(ChosenDrivers, Struct, kw_only=True):
     Attributes:
         table: The whole file as the TOML parser read it.
         file_problems: What is wrong in a camera file that it names.
+        camera_model: The lens of the camera; with a second camera that of the stereo file.
+        rig: Both cameras, if there are two.
         output_tables: What every actuator has, and the base, by name.
         rules: The rules that could be read, by name.
         figures: The remembered figures likewise.
@@ -124,6 +132,7 @@ class Draft(ChosenDrivers, Struct, kw_only=True):
     file_problems: list[Problem] = field(default_factory=list)
     drivers: dict[KeyPath, DriverChoice] = field(default_factory=dict)
     camera_model: CameraModel | None = None
+    rig: StereoRig | None = None
     camera_table: models.CameraTable = field(default_factory=models.CameraTable)
     target_tables: dict[str, models.TargetTable] = field(default_factory=dict)
     button_tables: dict[str, models.ButtonTable] = field(default_factory=dict)
@@ -275,6 +284,8 @@ class _Reader:
             case models.CameraTable():
                 self._camera_model(common.model)
                 self.draft.camera_table = common
+            case models.SecondCameraTable():
+                self._stereo_file(common.stereo)
             case models.TargetTable():
                 self.draft.target_tables[name] = common
             case models.ActuatorTable() | models.BaseTable():
@@ -309,11 +320,24 @@ class _Reader:
         try:
             self.draft.camera_model = load_camera_model(file, self.texts)
         except ConfigError as error:
-            for problem in error.problems:
-                if problem.code == UNREADABLE:
-                    self._found(("camera", "model"), f"the camera file {file}: {problem.message}", problem.hint)
-                else:
-                    self.draft.file_problems.append(problem)
+            self._wrong_in_file(error, ("camera", "model"), f"the camera file {file}")
+
+    def _stereo_file(self, file: Path) -> None:
+        from stadimeter.config.stereo_file import load_stereo_rig  # noqa: PLC0415 - most runs have one camera
+
+        try:
+            self.draft.rig = load_stereo_rig(file, self.texts)
+        except ConfigError as error:
+            self._wrong_in_file(error, ("second_camera", "stereo"), f"the stereo file {file}")
+        else:
+            self.draft.camera_model = self.draft.rig.left
+
+    def _wrong_in_file(self, error: ConfigError, key: KeyPath, file: str) -> None:
+        for problem in error.problems:
+            if problem.code == UNREADABLE:
+                self._found(key, f"{file}: {problem.message}", problem.hint)
+            else:
+                self.draft.file_problems.append(problem)
 
     def _settings(self) -> None:
         tracking = self._validated(models.TrackingTable, ("tracking",), self._table("tracking") or {})

@@ -47,6 +47,7 @@ from stadimeter.errors import ConfigError, Problem
 
 if TYPE_CHECKING:  # loaded only for configurations whose tests are asked for
     from stadimeter.config.rule_test_tables import RuleTest
+    from stadimeter.core.stereo_rig import StereoRig
 
 __all__ = ["Configuration", "DriverChoice", "is_demonstration", "load_camera_choice", "load_configuration"]
 
@@ -82,6 +83,7 @@ class Configuration(ChosenDrivers, Struct, frozen=True, kw_only=True, eq=False):
         footings: What is known of each target that is on the floor, by its name.
         mount: Where the camera sits on a robot; None for on none.
         place: Where it is, for schedules; None for anywhere, in the time zone of the computer.
+        rig: Both cameras, whose left one is the camera; None without a second camera.
         landmarks: The tags of known places, which tell where the camera is; None for none.
         needs_sun: Whether a rule asks when the sun rises or sets.
         find_warnings: Finds what `warnings` gives.
@@ -107,6 +109,7 @@ class Configuration(ChosenDrivers, Struct, frozen=True, kw_only=True, eq=False):
     footings: Mapping[str, Footing] = field(default_factory=dict)
     mount: Mount | None = None
     place: PlaceTable | None = None
+    rig: StereoRig | None = None
     landmarks: Landmarks | None = None
     needs_sun: bool = False
 
@@ -171,6 +174,7 @@ def load_configuration(path: Path, *, with_tests: bool = True, texts: Texts | No
         footings=_footings(draft),
         mount=draft.camera_table.on_robot(),
         place=draft.place,
+        rig=draft.rig,
         landmarks=draft.landmarks,
         needs_sun=plan.needs_sun,
         leases_s={name: table.lease for name, table in draft.output_tables.items()},

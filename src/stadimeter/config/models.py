@@ -57,8 +57,9 @@ _SAFETY = plan.Safety()
 
 # Every section that a configuration may have.
 SECTIONS = (
-    "camera", "targets", "actuators", "base", "sensors", "status_led", "buttons", "messenger", "notifiers", "world",
-    "tracking", "safety", "web", "recording", "timeline", "place", "landmarks", "figures", "rules", "tests",
+    "camera", "second_camera", "targets", "actuators", "base", "sensors", "status_led", "buttons", "messenger",
+    "notifiers", "world", "tracking", "safety", "web", "recording", "timeline", "place", "landmarks", "figures",
+    "rules", "tests",
 )  # fmt: skip
 
 
@@ -139,6 +140,13 @@ class CameraTable(Section):
             centre_m=None if centre is None else centre.value,
             centre_sigma_m=0.0 if centre is None else centre.sigma or 0.0,
         )
+
+
+class SecondCameraTable(Section):
+    """The keys of a second camera, whatever its driver, which looks at the targets from beside the first one."""
+
+    stereo: FilePath
+    """The stereo file, relative to the configuration: both lenses, and where this camera is."""
 
 
 def _on_floor(value: object) -> bool | Stated:

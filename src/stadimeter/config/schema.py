@@ -49,6 +49,7 @@ _TABLES: dict[str, type[BaseModel]] = {
 }
 _SECTIONS = {
     "camera": "The camera: its driver and its lens.",
+    "second_camera": "A second camera beside the first one, for distances without a size.",
     "targets": "The objects to look for, by name; at least one.",
     "actuators": "The outputs, by name: motors, buzzers, lamps.",
     "base": "The robot's base.",

@@ -193,6 +193,10 @@ def parse_length(text: object) -> float:
     return value
 
 
+# In place of how well a size is known: not at all.
+UNKNOWN = "unknown"
+
+
 def split_spread(text: str) -> tuple[str, str]:
     """Return what stands before and behind the sign of ``A4 ± 3 mm``; ``+-`` and ``+/-`` are that sign as well."""
     before, _, behind = _PLUS_OR_MINUS.sub("±", text).partition("±")
@@ -209,10 +213,12 @@ class SpreadLength(NamedTuple):
 def parse_spread_length(text: object) -> SpreadLength:
     """Read a length with its spread, such as ``"1.72 m ± 7 cm"``; raises ValueError if it is none.
 
-    Without a spread it is the same for all.
+    Without a spread it is the same for all; with ``± unknown`` the length is no more than a guess.
     """
     length, spread = split_spread(text) if isinstance(text, str) else (text, "")
     length_m = parse_length(length)
+    if spread == UNKNOWN:
+        return SpreadLength(length_m, math.inf)
     sigma_m = parse_length_or_zero(spread) if spread else 0.0
     if sigma_m > MAX_SPREAD_SHARE * length_m:
         raise ValueError(
@@ -314,6 +320,12 @@ _WITH_SPREAD = {
 }
 
 Length = Annotated[float, BeforeValidator(parse_length), as_written(LENGTHS_M, "35 cm")]
+# How well a size is known, as one standard deviation; infinite for not at all.
+Tolerance = Annotated[
+    float,
+    PlainValidator(lambda text: math.inf if text == UNKNOWN else parse_length(text)),
+    WithJsonSchema({"type": "string", "examples": ["1 mm", UNKNOWN], "x-unit": "m"}),
+]
 LengthOrZero = Annotated[float, BeforeValidator(parse_length_or_zero), as_written(LENGTHS_M, "5 cm")]
 LengthWithSpread = Annotated[SpreadLength, BeforeValidator(parse_spread_length), WithJsonSchema(_WITH_SPREAD)]
 Duration = Annotated[float, BeforeValidator(parse_duration), as_written(DURATIONS_S, "250 ms")]

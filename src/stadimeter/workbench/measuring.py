@@ -28,7 +28,7 @@ from stadimeter.detectors.protocol import Detector, FindsSeveral, KnowsRemedies,
 from stadimeter.errors import PictureError, StadimeterError, UnreadableError
 from stadimeter.perception.perceiver import Perceiver
 from stadimeter.ranging.floor import OnFloor, stand
-from stadimeter.ranging.measure import SigmaParts, measure, sigma_parts
+from stadimeter.ranging.measure import SigmaParts, measure, sigma_parts, unmeasured
 from stadimeter.ranging.separation import SeenTarget, Separation, direction_sigmas_rad, separation
 
 if TYPE_CHECKING:
@@ -245,13 +245,15 @@ def _result(file: str, detection: Detection, target: NamedDetector, lens: Camera
     floor = None if target.footing is None else stand(by_size, detection, shape, lens, target.footing)
     if floor is not None:
         measurement = floor.measurement
-    seen = SeenTarget(detection=detection, measurement=measurement, shape=shape)
+    elif not math.isfinite(by_size.sigma_m or 0.0):
+        measurement = unmeasured(by_size)
+    seen = SeenTarget(detection=detection, measurement=by_size if floor is None else measurement, shape=shape)
     return TargetResult(
         file=file,
         measurement=measurement,
         detection=detection,
         has_corners=shape.has_corners,
-        parts=sigma_parts(by_size, shape, lens),
+        parts=sigma_parts(measurement if floor is None else by_size, shape, lens),
         rejected_from=number,
         direction_sigmas_rad=direction_sigmas_rad(seen, lens),
         seen=seen,

@@ -19,7 +19,7 @@ from pydantic import Field, model_validator
 
 from stadimeter.config.named_sizes import BallDiameter
 from stadimeter.config.plugins import Count, DriverContext, DriverOptions, numbered
-from stadimeter.config.units import Length
+from stadimeter.config.units import Tolerance
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame
@@ -83,7 +83,7 @@ class BallOptions(DriverOptions):
 
     diameter: BallDiameter
     """The ball's diameter, such as ``"6.4 cm"``, or its name, such as ``"tennis ball"``."""
-    tolerance: Length | None = None
+    tolerance: Tolerance | None = None
     """One standard deviation of the diameter, such as ``"1 mm"``; None if it is known well."""
     hsv: HsvRangeText | None = None
     """Its colours, lower and upper limit: ``"29,86,6:64,255,255"``; None if any round outline may be the ball."""

@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import Field
 
 from stadimeter.config.plugins import DriverContext, DriverOptions
-from stadimeter.config.units import Length
+from stadimeter.config.units import Length, Tolerance
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate
 from stadimeter.core.drawing import Circle, Drawing
@@ -111,7 +111,7 @@ class DiscOptions(DriverOptions):
 
     diameter: Length
     """The disc's diameter, such as ``"12 cm"``."""
-    tolerance: Length | None = None
+    tolerance: Tolerance | None = None
     """One standard deviation of its diameter, such as ``"1 mm"``."""
     min_diameter_px: Annotated[float, Field(ge=8)] = 12.0
     """Discs whose larger diameter in the picture is smaller than this are not accepted."""

@@ -7,6 +7,7 @@ time to time, and in between the box is followed from picture to picture: `stadi
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -38,8 +39,8 @@ _LENGTHS: tuple[KnownLength, ...] = ("height", "width", "eye_distance")
 class ObjectOptions(DriverOptions):
     """What a ``[targets.…]`` table with ``driver = "object"`` may hold."""
 
-    model: FilePath
-    """The network: an ONNX file."""
+    model: FilePath | None = None
+    """The network: an ONNX file; None for the one that the camera runs on its sensor (``network`` in ``[camera]``)."""
     family: Annotated[FamilyName | None, Field(validate_default=True)] = None
     """What its outputs mean: ``yolox``, ``yolov8`` (and 11), ``nanodet``, ``yunet`` or ``centerface``. Without it, what
     its file says decides."""
@@ -111,10 +112,11 @@ class ObjectOptions(DriverOptions):
                 if written
                 else "no size is given; write height, width or eye_distance, such as height = '1.72 m ± 7 cm'"
             )
-        known = recognise(load_model(self.model), self.family) if is_file(self.model) else None
-        if written == ["eye_distance"] and known is not None and not known.family.has_eyes:
+        known = recognise(load_model(self.model), self.family) if self.model and is_file(self.model) else None
+        if written == ["eye_distance"] and not (known.family.has_eyes if known else self.model):
+            name = known.name if known else "a network on the sensor"
             faces = " and ".join(name for name, each in FAMILIES.items() if each.has_eyes)
-            raise ValueError(f"eye_distance: {known.name} finds no eyes, {faces} do; write height or width")
+            raise ValueError(f"eye_distance: {name} finds no eyes, {faces} do; write height or width")
         return self
 
     def build(self, context: DriverContext) -> ObjectDetector:
@@ -123,13 +125,14 @@ class ObjectOptions(DriverOptions):
             shape=self.shape,
             every_s=self.every,
             min_score=self.min_score,
-            load=lambda: self._load(context.name),
+            load=partial(self._load, context.name, self.model) if self.model else None,
+            class_name=self.class_name or "person",
         )
         return ObjectDetector(context.name, search)
 
-    def _load(self, name: str) -> LoadedNetwork:
+    def _load(self, name: str, model: Path) -> LoadedNetwork:
         try:
-            known = recognise(load_model(self.model), self.family)
+            known = recognise(load_model(model), self.family)
             number = known.number_of(self.class_name)
         except (UnreadableError, ValueError) as error:
             raise DriverError(f"the model of target '{name}' cannot be used: {error}") from error
@@ -138,7 +141,8 @@ class ObjectOptions(DriverOptions):
 
     def lacks(self) -> tuple[str, ...]:
         """Return that the model file or the engine is missing."""
-        file = () if is_file(self.model) else (f"the model file {self.model} is not there; a run would stop",)
+        is_there = self.model is None or is_file(self.model)
+        file = () if is_there else (f"the model file {self.model} is not there; a run would stop",)
         engine = missing("network") if self.engine == "onnxruntime" else ""
         return (*file, *([engine] if engine else []))
 

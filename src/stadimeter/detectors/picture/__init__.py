@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from stadimeter.config.plugins import DriverContext, DriverOptions
-from stadimeter.config.units import FilePath, Length
+from stadimeter.config.units import FilePath, Length, Tolerance
 from stadimeter.config.untrusted_file import PICTURE_MAX_BYTES, checked_picture, read_untrusted
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction, RejectedCandidate
@@ -59,7 +59,7 @@ class PictureOptions(DriverOptions):
     """Its width, such as ``"42 cm"``; the height follows from the file, unless it is given."""
     height: Length | None = None
     """Its height."""
-    tolerance: Length | None = None
+    tolerance: Tolerance | None = None
     """One standard deviation of its sides; None for exactly known ones."""
     min_side_px: Annotated[float, Field(ge=24)] = 32.0
     """Where its shorter side is smaller than this in the frame, it is not accepted."""

@@ -11,7 +11,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from stadimeter.config.named_sizes import Paper, paper_sides
 from stadimeter.config.plugins import DriverContext, DriverOptions
-from stadimeter.config.units import Length, parse_length
+from stadimeter.config.units import Length, Tolerance, parse_length
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame, Image
@@ -73,7 +73,7 @@ class SheetOptions(DriverOptions):
     """Which side the distance is computed from: ``auto``, ``width`` or ``height``."""
     min_side_px: Annotated[float, Field(ge=8)] = 8.0
     """Sheets whose shorter side is smaller than this in the picture are not accepted."""
-    tolerance: Length | None = None
+    tolerance: Tolerance | None = None
     """One standard deviation of its sides, such as ``"1 mm"``: how well its size is known."""
 
     hsv: HsvRangeText | None = None

@@ -19,7 +19,7 @@ from msgspec.structs import replace
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from stadimeter.config.plugins import MAX_SEVERAL, Count, DriverContext, DriverOptions, numbered
-from stadimeter.config.units import Length
+from stadimeter.config.units import Length, Tolerance
 from stadimeter.core.camera_model import TONE_CURVES, CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction, RejectedCandidate
 from stadimeter.core.drawing import Drawing, black_cells
@@ -67,7 +67,7 @@ class TagOptions(DriverOptions):
 
     side: Length
     """The side of the black square, without the white around it, such as ``"8 cm"``."""
-    tolerance: Length | None = None
+    tolerance: Tolerance | None = None
     """One standard deviation of its side, such as ``"0.2 mm"``; None for a side that is known exactly."""
     family: TagFamilyName = "apriltag-36h11"
     """Such as ``apriltag-36h11`` or ``aruco-4x4-50``."""
