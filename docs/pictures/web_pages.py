@@ -65,9 +65,8 @@ def _coloured(page: Any, path: Path) -> None:
     page.goto(f"{page.home}/#live")
     page.get_by_role("button", name="Colour …").click()
     page.get_by_text("On the ball").wait_for()
-    page.get_by_label("Hue to", exact=True).fill("35")
-    page.get_by_text(re.compile("On the ball: [1-6]?[0-9][.]")).wait_for()
-    page.wait_for_timeout(1000)
+    page.get_by_label("Hue to", exact=True).fill("38")
+    page.wait_for_timeout(5000)
     _save(page, path)
     page.keyboard.press("Escape")
 

@@ -33,7 +33,15 @@ export function colourSliders(onrange) {
         "fieldset",
         { class: `colour-channel is-${name.toLowerCase()}` },
         h("legend", null, name),
-        [2 * n, 2 * n + 1].map((each) => h("label", { class: "row" }, sliders[each], values[each])),
+        [2 * n, 2 * n + 1].map((each) =>
+          h(
+            "label",
+            { class: "row" },
+            h("span", { class: "small" }, each % 2 ? "to" : "from"),
+            sliders[each],
+            values[each],
+          ),
+        ),
       ),
     ),
     wraps,
