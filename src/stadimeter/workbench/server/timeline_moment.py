@@ -85,13 +85,20 @@ def moment(desk: Desk, at: float) -> dict[str, Any]:
     second = timeline(desk, int(at), int(at) + 1, 1)
     near = timeline(desk, at - NEAR_S, at + NEAR_S, 1)["events"]
     known = _by_run(desk, at) or _by_recording(desk, at) or {"by": "timeline", "rules": _by_states(second)}
-    figures = {name: {key: value[0] for key, value in found.items()} for name, found in second["targets"].items()}
-    return {"unix_s": at, "recording": None, "targets": figures, "events": near, **known}
+    targets = [_target(name, found["mean_m"][0], found["sigma_m"][0]) for name, found in second["targets"].items()]
+    return {"unix_s": at, "recording": None, "targets": targets, "events": near, **known}
+
+
+def _target(name: str, distance_m: float | None, sigma_m: float | None) -> dict[str, Any]:
+    """Return a target by the names of a recording's moment."""
+    is_valid = distance_m is not None
+    status = "" if is_valid else "not measured"
+    return {"name": name, "is_valid": is_valid, "status": status, "distance_m": distance_m, "sigma_m": sigma_m}
 
 
 def _by_states(second: dict[str, Any]) -> list[dict[str, str]]:
     lanes = ((lane["rule"], spans) for lane in second["lanes"] if (spans := lane["spans"]))
-    return [{"rule": rule, "status": spans[0][2], "sentence": ""} for rule, spans in lanes]
+    return [{"rule": rule, "status": spans[0][2], "reason": ""} for rule, spans in lanes]
 
 
 def _by_run(desk: Desk, at_s: float) -> dict[str, Any] | None:
@@ -99,7 +106,8 @@ def _by_run(desk: Desk, at_s: float) -> dict[str, Any] | None:
         return None
     with suppress(ControlError):
         found = ask(run_socket(desk), "explain", {"at_unix_s": at_s}, wait_s=HELLO_WAIT_S)["rules"]
-        return {"by": "run", "rules": [{key: each[key] for key in ("rule", "status", "sentence")} for each in found]}
+        rules = [{"rule": each["rule"], "status": each["status"], "reason": each["sentence"]} for each in found]
+        return {"by": "run", "rules": rules}
     return None
 
 
@@ -133,7 +141,7 @@ def _decided(path: Path, since_s: float) -> list[dict[str, str]]:
         {
             "rule": trace.rule,
             "status": trace.status.value,
-            "sentence": explain(again, trace.rule).sentence if again is not None and trace.rule in same else "",
+            "reason": explain(again, trace.rule).sentence if again is not None and trace.rule in same else "",
         }
         for trace in recorded.decision.rules
     ]
