@@ -171,7 +171,13 @@ class Timeline {
     replace(this.moment, head, h("p", { class: "quiet" }, "One moment …"));
     const told = await this.api.get(`timeline/moment?at=${unix_s}`).then(
       (found) => [
-        h("p", { class: "quiet small" }, TOLD_BY[found.by], " ", found.recording),
+        h(
+          "p",
+          { class: "quiet small" },
+          TOLD_BY[found.by],
+          " ",
+          found.recording && h("a", { href: "#recordings" }, found.recording),
+        ),
         describe(found, this.unit),
       ],
       (error) => h("p", null, error.message),
