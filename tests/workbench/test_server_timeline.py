@@ -148,8 +148,8 @@ def test_a_moment_that_no_recording_holds_is_told_by_the_timeline(desk: Desk, fo
     keep(folder, [2.0, 0.5])
     found = ask(desk, "timeline_moment.moment", at=BEGAN_S + 1.4)
     assert found["by"] == "timeline"
-    assert found["targets"]["ball"]["mean_m"] == 0.5
-    assert found["rules"] == [{"rule": "near", "status": "active", "sentence": ""}]
+    assert found["targets"][0]["distance_m"] == 0.5
+    assert found["rules"] == [{"rule": "near", "status": "active", "reason": ""}]
 
 
 class Observed(Rehearsal):
@@ -181,10 +181,10 @@ def recorded(desk: Desk) -> float:
 def test_a_moment_that_a_recording_holds_is_explained_by_it(desk: Desk, recorded: float) -> None:
     for after_s, status, words in ((30, "idle", "2.000 m"), (110, "active", "0.500 m")):
         found = ask(desk, "timeline_moment.moment", at=recorded + after_s)
-        assert found["by"] == "recording"
+        assert (found["by"], found["recording"]) == ("recording", "one.mcap")
         near = next(each for each in found["rules"] if each["rule"] == "near")
         assert near["status"] == status
-        assert words in near["sentence"]
+        assert words in near["reason"]
 
 
 def test_a_moment_of_the_last_minute_is_explained_by_the_run(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -199,4 +199,4 @@ def test_a_moment_of_the_last_minute_is_explained_by_the_run(desk: Desk, monkeyp
     monkeypatch.setattr(timeline_moment, "ask", answer)
     found = ask(desk, "timeline_moment.moment", at=time.time() - 5)
     assert found["by"] == "run"
-    assert found["rules"] == [{"rule": "near", "status": "idle", "sentence": "idle: 2.0 m"}]
+    assert found["rules"] == [{"rule": "near", "status": "idle", "reason": "idle: 2.0 m"}]

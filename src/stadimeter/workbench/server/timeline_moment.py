@@ -18,7 +18,7 @@ from stadimeter.core.rule import AlarmRule, AnyRule, FollowRule, RampRule
 from stadimeter.core.rules.explaining import explain
 from stadimeter.errors import ConfigError, ControlError, StadimeterError
 from stadimeter.workbench.replay.recording_index import read_index
-from stadimeter.workbench.replay.replay import decisions, replay_run
+from stadimeter.workbench.replay.replay import decisions, read_recording, replay_run
 from stadimeter.workbench.server.operations import Desk, operation
 from stadimeter.workbench.server.recordings import began_unix_s, recordings
 from stadimeter.workbench.server.run_of_desk import folder_of, run_socket
@@ -83,15 +83,22 @@ def _thresholds_of(rule: AnyRule) -> Iterator[dict[str, Any]]:
 def moment(desk: Desk, at: float) -> dict[str, Any]:
     """Answer what there is to say of a moment: by the run, by a recording that holds it, or by the timeline alone."""
     second = timeline(desk, int(at), int(at) + 1, 1)
-    near = timeline(desk, at - NEAR_S, at + NEAR_S, 1)["events"]
+    near = timeline(desk, max(0.0, at - NEAR_S), at + NEAR_S, 1)["events"]
     known = _by_run(desk, at) or _by_recording(desk, at) or {"by": "timeline", "rules": _by_states(second)}
-    figures = {name: {key: value[0] for key, value in found.items()} for name, found in second["targets"].items()}
-    return {"unix_s": at, "recording": None, "targets": figures, "events": near, **known}
+    targets = [_target(name, found["mean_m"][0], found["sigma_m"][0]) for name, found in second["targets"].items()]
+    return {"unix_s": at, "recording": None, "targets": targets, "events": near, **known}
+
+
+def _target(name: str, distance_m: float | None, sigma_m: float | None) -> dict[str, Any]:
+    """Return a target by the names of a recording's moment."""
+    is_valid = distance_m is not None
+    status = "" if is_valid else "not measured"
+    return {"name": name, "is_valid": is_valid, "status": status, "distance_m": distance_m, "sigma_m": sigma_m}
 
 
 def _by_states(second: dict[str, Any]) -> list[dict[str, str]]:
     lanes = ((lane["rule"], spans) for lane in second["lanes"] if (spans := lane["spans"]))
-    return [{"rule": rule, "status": spans[0][2], "sentence": ""} for rule, spans in lanes]
+    return [{"rule": rule, "status": spans[0][2], "reason": ""} for rule, spans in lanes]
 
 
 def _by_run(desk: Desk, at_s: float) -> dict[str, Any] | None:
@@ -99,24 +106,30 @@ def _by_run(desk: Desk, at_s: float) -> dict[str, Any] | None:
         return None
     with suppress(ControlError):
         found = ask(run_socket(desk), "explain", {"at_unix_s": at_s}, wait_s=HELLO_WAIT_S)["rules"]
-        return {"by": "run", "rules": [{key: each[key] for key in ("rule", "status", "sentence")} for each in found]}
+        rules = [{"rule": each["rule"], "status": each["status"], "reason": each["sentence"]} for each in found]
+        return {"by": "run", "rules": rules}
     return None
 
 
 def _by_recording(desk: Desk, at_s: float) -> dict[str, Any] | None:
     """Explain by a recording that holds the moment, decided again up to it; None where there is none."""
     folder = folder_of(desk)
-    paths = [*folder.glob("*.mcap"), *folder.glob("clips/*.mcap"), *(folder / LAST / desk.configuration.stem).glob("*")]
-    for path in paths:
+    last = folder / LAST / desk.configuration.stem
+    paths = [*folder.glob("*.mcap"), *folder.glob("clips/*.mcap"), *last.glob("*.mcap")]
+    for path in (each for each in sorted(paths, key=_ended_s) if _ended_s(each) >= at_s - 1):
         with suppress(StadimeterError, OSError):  # damaged, only just begun, or gone
-            if path.stat().st_mtime < at_s - 1:
-                continue
-            index = read_index(path)
-            since_s = at_s - began_unix_s(index.recording.header, at_s + 1)
-            if 0 <= since_s <= index.seconds:
-                name = path.name if path.parent == folder else None
+            since_s = at_s - began_unix_s(read_recording(path).header, at_s + 1)
+            if since_s >= 0 and since_s <= read_index(path).seconds:
+                name = path.name if path.parent != last else None
                 return {"by": "recording", "recording": name, "since_s": since_s, "rules": _decided(path, since_s)}
     return None
+
+
+def _ended_s(path: Path) -> float:
+    try:
+        return path.stat().st_mtime
+    except OSError:
+        return 0.0
 
 
 def _decided(path: Path, since_s: float) -> list[dict[str, str]]:
@@ -133,7 +146,7 @@ def _decided(path: Path, since_s: float) -> list[dict[str, str]]:
         {
             "rule": trace.rule,
             "status": trace.status.value,
-            "sentence": explain(again, trace.rule).sentence if again is not None and trace.rule in same else "",
+            "reason": explain(again, trace.rule).sentence if again is not None and trace.rule in same else "",
         }
         for trace in recorded.decision.rules
     ]

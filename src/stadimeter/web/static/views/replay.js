@@ -121,7 +121,8 @@ export class Replay {
   }
 }
 
-function describe({ unix_s, targets, rules, outputs, safety }, unit) {
+/** What was at a moment, as `recordings/NAME/frame.jpg` and `timeline/moment` tell it. */
+export function describe({ unix_s, targets, rules, outputs = [], events = [], safety = { mode: "active" } }, unit) {
   const row = (name, value, why = "") =>
     h("li", {}, h("strong", {}, name), ` ${value}`, why && h("p", { class: "quiet" }, format.words(why, unit)));
   const part = (title, rows) =>
@@ -147,6 +148,12 @@ function describe({ unix_s, targets, rules, outputs, safety }, unit) {
     part(
       "Outputs",
       outputs.map((each) => row(each.output, driven(each, unit), each.reason)),
+    ),
+    part(
+      "Events",
+      events.map((each) =>
+        row(format.moment(each.unix_s), `${each.source} ${each.kind.replaceAll("_", " ")}`, each.reason),
+      ),
     ),
   ];
 }

@@ -6,6 +6,7 @@ import uPlot from "../../vendor/uplot/uPlot.js";
 const LANE = 30; // px: a name, and its bar below
 const TOP = 34; // px above the plot, for clips and events
 const PLOT = 280;
+const LABEL = "Timeline: arrow keys read it, with Shift they scroll, plus and minus zoom, Enter explains";
 const AXIS = 44;
 const SPAN_MIN_S = 10;
 const SPAN_MAX_S = 32 * 86400;
@@ -30,7 +31,8 @@ const BAD = new Set(["raised", "fault", "target_lost", "stopped", "disarmed", "m
  * `overlays` is a set of `draw({ink, x, y, laneOf, lane, colour})`, called last: `x(unix_s)`, `y(metres)` and
  * `laneOf(rule)` (the upper edge of its bar, or undefined) are in pixels of the canvas, `lane` is a bar's height there.
  * `timeAt(clientX)` and `metresAt(clientY)` read a pointer; `area` is the element over the plot that gets them.
- * `onview(from_s, to_s)` hears of a view that a person chose, `onselect(unix_s)` of a click, a tap, or Enter.
+ * `onview(from_s, to_s)` hears of a view that a person chose, `onselect(unix_s)` of a click, a tap, or Enter; without
+ * them the chart can only be read. `onread(unix_s)` returns what is at a moment in words, and at null, if none is read.
  */
 export class TimelineChart {
   thresholds = [];
@@ -40,15 +42,15 @@ export class TimelineChart {
   #moved = 0;
   #drawn = 0;
 
-  constructor({ unit, onview, onselect, onread }) {
-    Object.assign(this, { unit, onview, onselect, onread, from_s: 0, to_s: 1, at_s: null });
+  constructor({ unit, onread, onview = null, onselect = null, label = LABEL, height = PLOT }) {
+    Object.assign(this, { unit, onview, onselect, onread, height, from_s: 0, to_s: 1, at_s: null });
     this.element = h("div", {
       class: "timeline-chart",
       tabIndex: 0,
       role: "slider",
       "aria-valuemin": 0,
       "aria-valuenow": 0,
-      "aria-label": "Timeline: arrow keys read it, with Shift they scroll, plus and minus zoom, Enter explains",
+      "aria-label": label,
     });
     this.element.addEventListener("keydown", (event) => this.#key(event));
     this.scheme = matchMedia("(prefers-color-scheme: dark)");
@@ -119,13 +121,14 @@ export class TimelineChart {
         ],
         hooks: {
           draw: [() => this.#draw()],
-          setCursor: [(plot) => plot.cursor.left >= 0 && this.#read(plot.posToVal(plot.cursor.left, "x"))],
+          setCursor: [(plot) => this.#read(plot.cursor.left >= 0 ? plot.posToVal(plot.cursor.left, "x") : this.at_s)],
         },
       },
       this.#columns(),
       this.element,
     );
     this.area = this.plot.over;
+    if (!this.onview) return;
     for (const kind of ["pointerdown", "pointermove", "pointerup", "pointercancel"]) {
       this.area.addEventListener(kind, (event) => this.#pointer(event));
     }
@@ -145,7 +148,10 @@ export class TimelineChart {
   }
 
   #lanesHeight = () => this.#data.lanes.length * LANE + 6;
-  #size = () => ({ width: Math.max(200, this.element.clientWidth), height: TOP + PLOT + AXIS + this.#lanesHeight() });
+  #size = () => ({
+    width: Math.max(200, this.element.clientWidth),
+    height: TOP + this.height + AXIS + this.#lanesHeight(),
+  });
   #colour = (name) => getComputedStyle(this.element).getPropertyValue(`--${name}`);
 
   #fit() {
@@ -238,10 +244,14 @@ export class TimelineChart {
   }
 
   select(unix_s) {
+    this.#move(unix_s);
+    this.onselect(unix_s);
+  }
+
+  #move(unix_s) {
     this.at_s = unix_s;
     this.#read(unix_s);
     this.redraw();
-    this.onselect(unix_s);
   }
 
   #choose(from_s, to_s) {
@@ -251,7 +261,7 @@ export class TimelineChart {
 
   #read(unix_s) {
     const words = this.onread(unix_s);
-    this.element.setAttribute("aria-valuenow", Math.round(unix_s));
+    this.element.setAttribute("aria-valuenow", Math.round(unix_s ?? this.to_s));
     this.element.setAttribute("aria-valuetext", words);
   }
 
@@ -291,12 +301,12 @@ export class TimelineChart {
   #key(event) {
     const step = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 }[event.key];
     const [at_s, span_s] = [this.at_s ?? this.to_s, this.to_s - this.from_s];
-    if (step && event.shiftKey) this.scroll(step / 4);
-    else if (step) {
-      this.at_s = Math.min(this.to_s, Math.max(this.from_s, at_s + (step * span_s) / 120));
-      this.#read(this.at_s);
-      this.redraw();
-    } else if (event.key === "PageUp" || event.key === "PageDown") this.scroll(event.key === "PageUp" ? -1 : 1);
+    if (event.key === "Escape") this.#move(null);
+    else if (step && !(event.shiftKey && this.onview)) {
+      this.#move(Math.min(this.to_s, Math.max(this.from_s, at_s + (step * span_s) / 120)));
+    } else if (!this.onview) return;
+    else if (step) this.scroll(step / 4);
+    else if (event.key === "PageUp" || event.key === "PageDown") this.scroll(event.key === "PageUp" ? -1 : 1);
     else if (event.key === "+" || event.key === "-")
       this.zoom(event.key === "+" ? 1 / ZOOM : ZOOM, this.at_s === null ? 0.5 : (at_s - this.from_s) / span_s);
     else if (event.key === "Enter") this.select(at_s);

@@ -2,10 +2,13 @@
 
 import * as format from "../../format.js";
 
+const GAP_S = 1; // samples further apart are not joined
+const NOTED_S = 3; // a state that is seen again within this time has lasted
+const SPANS_MAX = 500;
 const FIGURES = ["mean_m", "sigma_m", "low_m", "high_m"];
 
 /** The server's answer with the live values behind its end, as the chart takes them. */
-export function dataOf({ from_s, step_s, count, targets, lanes, events }, { history, snapshot }) {
+export function dataOf({ from_s, step_s, count, targets, lanes, events }, { history, snapshot }, seen = new Map()) {
   const ahead_s = snapshot ? snapshot.unix_s - snapshot.now_s : 0;
   const kept = new Map(Object.entries(targets).map(([name, figures]) => [name, { ...figures }]));
   for (const [name, samples] of Object.entries(history.samples)) {
@@ -18,23 +21,29 @@ export function dataOf({ from_s, step_s, count, targets, lanes, events }, { hist
         samples.map(([at_s, ...rest]) => [Math.floor((at_s + ahead_s - from_s) / step_s), ...rest]),
         end,
         count,
+        GAP_S / step_s,
       ),
     );
   }
   const newest_s = events.at(-1)?.unix_s ?? 0;
-  const fresh = history.events.filter(({ unix_s }) => unix_s > newest_s + 0.01).toReversed();
+  const fresh = history.events.filter(({ unix_s }) => unix_s > newest_s + 0.5).toReversed();
   return {
     times: Array.from({ length: count }, (_, at) => from_s + (at + 0.5) * step_s),
     targets: Object.fromEntries(kept),
-    lanes: snapshot ? lanesWith(lanes, snapshot, step_s) : lanes,
+    lanes: lanesWith(lanes, seen),
     events: [...events, ...fresh],
   };
 }
 
-function withLive(figures, samples, end, count) {
+/** Samples in their steps; those of a slow camera, not more than `joined` steps apart, are joined. */
+function withLive(figures, samples, end, count, joined) {
   const found = Object.fromEntries(FIGURES.map((key) => [key, [...figures[key]]]));
   const times = new Map();
+  let last = null;
   for (const [at, metres, sigma] of samples) {
+    const isJoined = last !== null && metres !== null && at - last > 1 && at - last <= joined;
+    if (isJoined) for (const key of FIGURES) found[key].fill(found[key][last], last + 1, Math.min(at, count));
+    last = metres === null || at < end ? null : at;
     if (at < end || at >= count || metres === null) continue;
     const times_ = (times.set(at, (times.get(at) ?? 0) + 1), times.get(at));
     found.mean_m[at] = ((found.mean_m[at] ?? 0) * (times_ - 1) + metres) / times_;
@@ -45,16 +54,25 @@ function withLive(figures, samples, end, count) {
   return found;
 }
 
-/** The state of each rule now, from where the kept ones end if they end in it. */
-function lanesWith(lanes, { rules, unix_s }, step_s) {
-  const kept = new Map(lanes.map(({ rule, spans }) => [rule, spans]));
+/** Note the state of each rule now, in spans by rule. */
+export function noteStates(seen, { rules, unix_s }) {
   for (const { rule, status } of rules) {
-    const spans = [...(kept.get(rule) ?? [])];
+    const spans = seen.get(rule) ?? [];
     const last = spans.at(-1);
-    if (last?.[2] === status && last[1] > unix_s - 130 && last[1] < unix_s)
-      spans[spans.length - 1] = [last[0], unix_s, status];
-    else if (!last || last[1] < unix_s) spans.push([Math.max(last?.[1] ?? 0, unix_s - step_s), unix_s, status]);
-    kept.set(rule, spans);
+    if (last?.[2] === status && unix_s - last[1] < NOTED_S) last[1] = unix_s;
+    else spans.push([last && unix_s - last[1] < NOTED_S ? last[1] : unix_s, unix_s, status]);
+    seen.set(rule, spans.slice(-SPANS_MAX));
+  }
+}
+
+/** The spans that were kept, and behind their end those that were seen. */
+function lanesWith(lanes, seen) {
+  const kept = new Map(lanes.map(({ rule, spans }) => [rule, spans]));
+  for (const [rule, spans] of seen) {
+    const before = kept.get(rule) ?? [];
+    const end_s = before.at(-1)?.[1] ?? 0;
+    const fresh = spans.filter(([, to_s]) => to_s > end_s);
+    kept.set(rule, [...before, ...fresh.map(([from_s, ...rest]) => [Math.max(from_s, end_s), ...rest])]);
   }
   return [...kept].map(([rule, spans]) => ({ rule, spans }));
 }

@@ -1,9 +1,9 @@
 // The timeline: hours of distances, states of rules, events and clips; a click says what there is to know of a moment.
 
-import { h, inCode, replace, write } from "../../dom.js";
-import * as format from "../../format.js";
+import { h, replace, write } from "../../dom.js";
+import { describe } from "../replay.js";
 import { TimelineChart } from "./chart.js";
-import { dataOf, readAt } from "./data.js";
+import { dataOf, noteStates, readAt } from "./data.js";
 
 const SPANS = [
   [600, "10 min"],
@@ -20,6 +20,12 @@ const QUIET_MS = 600;
 const NOT_KEPT =
   "This run keeps no timeline: only what is live is shown. A table [timeline] in its configuration lets it keep one.";
 
+const TOLD_BY = {
+  run: "By the run itself.",
+  recording: "By a recording of that time.",
+  timeline: "No recording holds this moment: this is what the timeline and the event log know.",
+};
+
 export function mount(root, context) {
   const view = new Timeline(context);
   replace(root, view.element);
@@ -35,7 +41,8 @@ class Timeline {
   #wish = null;
   #isAsking = false;
   #answer = null;
-  #marks = { clips: [], thresholds: [] };
+  #clips = [];
+  #states = new Map(); // of the rules, since this view was opened
   #last_ms = 0;
 
   constructor({ api, live, unit, say }) {
@@ -96,6 +103,7 @@ class Timeline {
   update(snapshot) {
     if (performance.now() - this.#last_ms < FOLLOW_MS) return;
     this.#last_ms = performance.now();
+    noteStates(this.#states, snapshot);
     if (this.follows && snapshot.unix_s > this.chart.to_s) {
       this.chart.setView(this.chart.from_s + snapshot.unix_s - this.chart.to_s, snapshot.unix_s);
     }
@@ -109,8 +117,7 @@ class Timeline {
 
   #draw() {
     if (!this.#answer) return;
-    this.chart.thresholds = this.#marks.thresholds;
-    this.chart.setData({ ...dataOf(this.#answer, this.live), clips: this.#marks.clips });
+    this.chart.setData({ ...dataOf(this.#answer, this.live, this.#states), clips: this.#clips });
   }
 
   /** Ask for what is in view; while an answer is on its way, only the newest wish is kept. */
@@ -141,12 +148,14 @@ class Timeline {
   async #loadMarks() {
     const { from_s, step_s, count } = this.#answer ?? { from_s: 0, step_s: 1, count: 1 };
     const found = await this.api.get(`timeline/marks?from=${from_s}&to=${from_s + step_s * count}`).catch(() => null);
-    if (found) this.#marks = found;
+    if (found) this.#clips = found.clips;
+    if (found) this.chart.thresholds = found.thresholds;
     this.#draw();
   }
 
   #read(unix_s) {
-    const words = this.#answer ? readAt(dataOf(this.#answer, this.live), unix_s, this.unit) : "";
+    if (unix_s === null) return this.read.textContent;
+    const words = this.#answer ? readAt(dataOf(this.#answer, this.live, this.#states), unix_s, this.unit) : "";
     write(this.read, words);
     return words;
   }
@@ -155,54 +164,24 @@ class Timeline {
     const head = h(
       "div",
       { class: "row" },
-      h("h2", { class: "grow" }, format.moment(unix_s)),
+      h("h2", { class: "grow" }, "The moment"),
       h("button", { type: "button", class: "button", onclick: () => (this.moment.hidden = true) }, "Close"),
     );
     this.moment.hidden = false;
     replace(this.moment, head, h("p", { class: "quiet" }, "One moment …"));
     const told = await this.api.get(`timeline/moment?at=${unix_s}`).then(
-      (found) => describe(found, this.unit),
+      (found) => [
+        h(
+          "p",
+          { class: "quiet small" },
+          TOLD_BY[found.by],
+          " ",
+          found.recording && h("a", { href: "#recordings" }, found.recording),
+        ),
+        describe(found, this.unit),
+      ],
       (error) => h("p", null, error.message),
     );
     replace(this.moment, head, told);
   }
-}
-
-const SOURCES = {
-  run: "By the run itself.",
-  recording: "By a recording of that time.",
-  timeline: "No recording holds this moment: this is what the timeline and the event log know.",
-};
-
-function describe({ by, recording, targets, rules, events }, unit) {
-  const part = (title, rows) =>
-    rows.length > 0 && h("section", null, h("h3", null, title), h("ul", { class: "list" }, rows));
-  const row = (name, value, why = "") =>
-    h(
-      "li",
-      null,
-      h("strong", null, name),
-      ` ${value}`,
-      why && h("p", { class: "quiet" }, inCode(format.words(why, unit))),
-    );
-  return [
-    h("p", { class: "quiet small" }, SOURCES[by]),
-    recording && h("p", null, h("a", { href: "#recordings" }, recording)),
-    part(
-      "Measured",
-      Object.entries(targets).map(([name, { mean_m, sigma_m }]) =>
-        row(name, mean_m === null ? "not measured" : format.distance(mean_m, sigma_m, unit).text),
-      ),
-    ),
-    part(
-      "Rules",
-      rules.map(({ rule, status, sentence }) => row(rule, status, sentence)),
-    ),
-    part(
-      "Events",
-      events.map(({ unix_s, source, kind, reason }) =>
-        row(format.moment(unix_s), `${source} ${kind.replaceAll("_", " ")}`, reason),
-      ),
-    ),
-  ];
 }
