@@ -31,9 +31,11 @@ from stadimeter.config.rules.limit_tables import ContactTable
 from stadimeter.config.rules.memory_tables import ActiveForTable, CountTable, FigureLimitsTable, FigureTable
 from stadimeter.config.rules.ramp_tables import RampTable
 from stadimeter.config.rules.tables import LostTable, RuleTable
+from stadimeter.config.stereo_file import stereo_file_text
 from stadimeter.core import templates
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.rule_tests.running import run_rule_test
+from support.two_cameras import BESIDE
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [
@@ -106,6 +108,7 @@ def is_configuration(text):
 
 def test_every_configuration_that_is_shown_can_be_loaded(tmp_path):
     path = tmp_path / "shown.toml"
+    (tmp_path / "stereo.toml").write_text(stereo_file_text(BESIDE))
     failures = {}
     for block, text in blocks("toml").items():
         path.write_text(completed(text))

@@ -305,7 +305,7 @@ class LiveCapture(Capture):
 
 
 class SecondCapture:
-    """Frames of a second camera, which may be missing, fail or freeze at any time: that is told, and no more.
+    """Frames of a second camera, which may be missing, fail or freeze at any time: that is reported, and no more.
 
     Its frames are asked for by the time of the first camera's, which never waits for them.
     """

@@ -327,7 +327,7 @@ Tolerance = Annotated[
     WithJsonSchema({"type": "string", "examples": ["1 mm", UNKNOWN], "x-unit": "m"}),
 ]
 LengthOrZero = Annotated[float, BeforeValidator(parse_length_or_zero), as_written(LENGTHS_M, "5 cm")]
-LengthWithSpread = Annotated[SpreadLength, BeforeValidator(parse_spread_length), WithJsonSchema(_WITH_SPREAD)]
+LengthWithSpread = Annotated[SpreadLength, PlainValidator(parse_spread_length), WithJsonSchema(_WITH_SPREAD)]
 Duration = Annotated[float, BeforeValidator(parse_duration), as_written(DURATIONS_S, "250 ms")]
 Speed = Annotated[float, BeforeValidator(parse_speed), as_written(SPEEDS_MPS, "0.4 m/s")]
 Velocity = Annotated[float, BeforeValidator(parse_velocity), as_written(SPEEDS_MPS, "-0.4 m/s", is_signed=True)]
