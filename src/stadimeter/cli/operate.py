@@ -153,7 +153,19 @@ def disarm(
     _tell(OperatorAction.DISARM, by, why, config, socket, as_json=as_json)
 
 
-arm.__doc__, disarm.__doc__ = OperatorAction.ARM.help, OperatorAction.DISARM.help
+def clip(
+    by: ByOption = None,
+    why: WhyOption = "",
+    config: ConfigOption = None,
+    socket: SocketOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Have one running instance write a clip. The table of actions has the help."""
+    _tell(OperatorAction.CLIP, by, why, config, socket, as_json=as_json)
+
+
+for _function, _action in ((arm, OperatorAction.ARM), (disarm, OperatorAction.DISARM), (clip, OperatorAction.CLIP)):
+    _function.__doc__ = _action.help
 
 
 def _tell(

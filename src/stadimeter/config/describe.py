@@ -63,12 +63,18 @@ def _parts(configuration: Configuration) -> Iterator[str]:
         yield f"Shows how it is doing on `{configuration.status_led.name}` ({configuration.status_led.driver})."
     if configuration.web is not None:
         yield f"Its page for browsers is at port {configuration.web.port}, {_where(configuration.web)}."
-    if configuration.recording is not None:
-        yield f"Keeps the last {duration(configuration.recording.last)} of what it sees and does, without pictures."
+    yield from _kept(configuration)
     if configuration.plan.safety.liveness and any(_tilts(each) for each in configuration.plan.outputs):
         yield "Liveness by motion judges how the camera turns, and not how it tilts."
     for button, table in configuration.button_tables.items():
         yield f"The button `{button}`, pressed, {_pressed(table.press, table)}.{_held(table)}"
+
+
+def _kept(configuration: Configuration) -> Iterator[str]:
+    if configuration.recording is not None:
+        yield f"Keeps the last {duration(configuration.recording.last)} of what it sees and does, without pictures."
+    if configuration.black_box is not None:
+        yield configuration.black_box.describe()
 
 
 def _kind(target: DriverChoice) -> str:
@@ -99,6 +105,7 @@ def _pressed(action: str, table: ButtonTable) -> str:
     does = {
         "take-out": "takes {} out of service",
         "put-back": "puts {} back into service",
+        "clip": "has a clip of the last seconds written",
         "stop-outputs": "stops every output until they are released",
         "release-outputs": "lets outputs that were stopped act again",
         "arm": "arms the run: its outputs may act",

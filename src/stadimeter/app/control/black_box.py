@@ -1,0 +1,181 @@
+"""The black box of a run: writes the seconds around an alarm, a fault or the press of a button as a clip.
+
+The loop says what is worth a clip, and gives it a name before the messages of that cycle are sent. All else is done by
+the thread of a recorder, so the loop never waits.
+
+What happens while a clip is under way makes it longer, by the whole of ``after``. A clip that has been made longer by
+`LONGER_MAX_S` is not made longer again: the next event begins another one, which overlaps it by ``before``.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from functools import partial
+from typing import TYPE_CHECKING
+
+from stadimeter.app.control.messages import OutputsArgs, Reply
+from stadimeter.app.control.recording import CLIPS, recordings_folder
+from stadimeter.app.control.socket_server import Answer
+from stadimeter.app.cycle import CycleRecord
+from stadimeter.app.recordings.black_box import BlackBoxMemory, Clip
+from stadimeter.app.recordings.record_file import ENDING
+from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+from stadimeter.app.recordings.recorder import Recorder
+from stadimeter.app.recordings.recording import what_is_recorded
+from stadimeter.config.black_box_table import BlackBoxTable
+from stadimeter.core.decide import State
+from stadimeter.core.decision import EventKind
+from stadimeter.core.frame import Frame
+from stadimeter.core.operator import OperatorCommand
+from stadimeter.operator_actions import OperatorAction
+
+if TYPE_CHECKING:
+    from stadimeter.app.bootstrap import Parts
+    from stadimeter.app.ending import Deadline
+
+# The names of clips behind that of the configuration: the time to the millisecond.
+NAMES = f"-????????T??????.???Z{ENDING}"
+
+# A clip can begin, and a run that is killed loses, so much at most.
+SEGMENT_S = 1.0
+
+# What happens later than this after a clip's first event begins another one.
+LONGER_MAX_S = 60.0
+
+# While more cycles than this wait to be encoded, nothing is written.
+BEHIND = 2
+
+_KINDS = {EventKind.RAISED: "alarm", EventKind.FAULT: "fault"}
+
+
+class BlackBox:
+    """Keeps the last seconds of a run, and has clips written. A listener of the loop.
+
+    Args:
+        state: Returns what the run remembers of its newest cycle.
+        tell: Takes what a person should read.
+
+    Attributes:
+        clips: The name of the newest clip of each rule, output and so on.
+    """
+
+    def __init__(
+        self,
+        parts: Parts,
+        table: BlackBoxTable,
+        state: Callable[[], State | None],
+        tell: Callable[[str], None],
+        deadline: Deadline,
+    ) -> None:
+        self.clips: dict[str, str] = {}
+        self._table = table
+        self._state, self._tell = state, tell
+        self._stem = parts.configuration.path.stem
+        self._folder = recordings_folder(parts.configuration.path) / CLIPS
+        recorded = what_is_recorded(parts.configuration, parts.cycle.detectors)
+        self._memory = BlackBoxMemory(recorded, table, self._stem + NAMES)
+        self._recorder = Recorder(self._memory, is_live=parts.is_live, deadline=deadline)
+        self._memory.is_behind = lambda: self._recorder.waiting > BEHIND
+        self._orders: list[tuple[OutputsArgs, Answer]] = []
+        self._due: Clip | None = None
+        self._name = ""
+        self._ends_s = self._latest_s = self._sealed_s = math.nan
+        self._said = ""
+        self._left_out = 0
+
+    def act(self, args: OutputsArgs, answer: Answer) -> None:
+        """Have a clip written of now. Answers with its name after the next cycle."""
+        self._orders.append((args, answer))
+
+    def look(self, record: CycleRecord) -> None:
+        """Name the clip of what happened in a cycle, before that is sent to anybody."""
+        now_s = record.observation.now_s
+        for kind, source in self._found(record):
+            self.clips[source] = self._name_clip(now_s, kind, source)
+        for command in record.observation.operator_commands:
+            if isinstance(command, OperatorCommand) and self._is_wanted(command):
+                self._name_clip(now_s, "button", command.by)
+        orders, self._orders = self._orders, []
+        for args, answer in orders:
+            if self._recorder.failure:
+                answer(Reply(error=self.trouble()))
+                continue
+            name = self._name_clip(now_s, "order", args.by)
+            words = f"{name} will hold the last {self._table.before:g} s and the next {self._table.after:g} s"
+            answer(Reply({"words": words, "clip": name, "seconds": round(self._ends_s - now_s, 3)}))
+
+    def __call__(self, record: CycleRecord, frame: Frame | None) -> None:
+        """Take in a cycle; begin and end clips."""
+        self._recorder(record, frame)
+        now_s = record.observation.now_s
+        is_over = now_s >= self._ends_s
+        if self._due is not None or is_over or not 0 <= now_s - self._sealed_s < SEGMENT_S:
+            self._sealed_s = now_s
+            self._recorder.put(partial(self._memory.begin_segment, self._state()))
+        if self._due is not None:
+            self._recorder.put(partial(self._memory.begin_clip, self._due))
+            self._due = None
+        elif is_over:
+            self._recorder.put(self._memory.finish_clip)
+            self._ends_s = math.nan
+            self._tell_left_out()
+        self._tell_trouble()
+
+    def note_state(self, state: State) -> None:
+        """Take in what the run restores from an earlier one, before its first cycle."""
+        self._recorder.note_state(state)
+
+    def note_reload(self, now_s: float, configuration: RecordedConfiguration) -> None:
+        """Take in that another configuration was loaded."""
+        self._recorder.note_reload(now_s, configuration)
+
+    def trouble(self) -> str:
+        """Return what is wrong with the memory, or with the newest clip; empty if nothing is."""
+        words = self._recorder.failure or self._memory.trouble()
+        return f"black box: {words}" if words else ""
+
+    def close(self) -> None:
+        """Finish the clip under way with what there is, and wait for the disk as long as there is time."""
+        self._recorder.close()
+        self._tell_trouble()
+
+    def _found(self, record: CycleRecord) -> Iterator[tuple[str, str]]:
+        """Yield what happened that is worth a clip. An alarm that notifies no one, since it is shelved say, is not."""
+        for event in record.decision.events:
+            if event.notify and _KINDS.get(event.kind) in self._table.on:
+                yield event.kind.value, event.source
+
+    def _is_wanted(self, command: OperatorCommand) -> bool:
+        is_order = command.action is OperatorAction.CLIP
+        return is_order or (command.is_from_button and "button" in self._table.on)
+
+    def _name_clip(self, now_s: float, kind: str, source: str) -> str:
+        """Return the name of the clip of this moment: that of the clip under way, or of a new one."""
+        ends_s = now_s + self._table.after
+        if not ends_s <= self._latest_s or math.isnan(self._ends_s):
+            now = datetime.now(UTC)
+            self._name = f"{self._stem}-{now:%Y%m%dT%H%M%S}.{now.microsecond // 1000:03}Z{ENDING}"
+            anchor_ns = time.time_ns() - round(now_s * 1e9)
+            clip_of = {"kind": kind, "source": source}
+            self._due = Clip(path=self._folder / self._name, clip_of=clip_of, anchor_ns=anchor_ns)
+            self._latest_s = ends_s + LONGER_MAX_S
+        self._ends_s = ends_s
+        return self._name
+
+    def _tell_left_out(self) -> None:
+        left_out = self._recorder.images_left_out - self._left_out
+        self._left_out = self._recorder.images_left_out
+        if left_out:
+            words = (
+                f"black box: {left_out} pictures were left out before or in {self._name}: this computer was too slow"
+            )
+            self._tell(f"warning: {words}")
+
+    def _tell_trouble(self) -> None:
+        trouble = self.trouble()
+        if trouble and trouble != self._said:
+            self._tell(f"warning: {trouble}")
+        self._said = trouble
