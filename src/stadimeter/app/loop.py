@@ -348,7 +348,8 @@ class Loop:
         if messenger is not None:
             self._publish(now_s, self._health.messages(now_s, _wall_clock))
         plan = self.parts.configuration.plan
-        for name, item in outgoing(record.decision, plan.rules, _local_time, plan.named_figures, self.reporter.clips):
+        sent = outgoing(record.decision, plan.rules, _local_time, plan.named_figures, self.reporter.clips)
+        for name, item in sent:
             if isinstance(item, Message):
                 self._publish(now_s, (item,))
             else:

@@ -88,13 +88,13 @@ def open_services(loop: Loop, options: RunOptions, *, is_quiet: bool = False) ->
             if listens:
                 run_control.open_control_socket(loop, options.socket, closing)
         if (table := loop.parts.configuration.black_box) is not None:
-            _open_black_box(loop, table, closing)
+            open_black_box(loop, table, closing)
         if loop.parts.configuration.web is not None and not options.ends_with_input:
             services.tell(f"the page: {_page_command(loop.parts.configuration.path, options.service)}")
         yield
 
 
-def _open_black_box(loop: Loop, table: BlackBoxTable, closing: ExitStack) -> None:
+def open_black_box(loop: Loop, table: BlackBoxTable, closing: ExitStack) -> None:
     """Keep the last seconds in memory. Without the library that writes clips, a run goes on with a warning."""
     services = loop.services
     if trouble := missing("record"):

@@ -18,10 +18,10 @@ from pydantic import BeforeValidator, PlainValidator, ValidationInfo, WithJsonSc
 from stadimeter.core.bounds import (
     MAX_ACCELERATION_MPS2,
     MAX_ANGLE_RAD,
-    MAX_BYTES,
     MAX_DURATION_S,
     MAX_FREQUENCY_HZ,
     MAX_LENGTH_M,
+    MAX_PLAIN,
     MAX_SIZE,
     MAX_SPEED_MPS,
     MAX_TURN_ACCELERATION_RADPS2,
@@ -82,7 +82,7 @@ TURN_ACCELERATIONS_RADPS2 = Units(
 )
 VOLTAGES_V = Units(MAX_VOLTAGE_V, {"V": 1.0, "mV": 1e-3})
 FREQUENCIES_HZ = Units(MAX_FREQUENCY_HZ, {"Hz": 1.0, "hz": 1.0, "kHz": 1e3})
-BYTES = Units(MAX_BYTES, {"B": 1.0, "kB": 1e3, "MB": 1e6, "GB": 1e9, "MiB": 2.0**20, "GiB": 2.0**30})
+BYTES = Units(MAX_PLAIN, {"B": 1.0, "kB": 1e3, "MB": 1e6, "GB": 1e9, "MiB": 2.0**20, "GiB": 2.0**30})
 
 # The quantities of thresholds. No unit is of two of them.
 SIZES = Units(MAX_SIZE, {SIZE_UNIT: 1.0, "%": 0.01})

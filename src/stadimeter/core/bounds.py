@@ -18,9 +18,6 @@ MAX_TURN_ACCELERATION_RADPS2 = 1e6
 MAX_FREQUENCY_HZ = 1e9
 MAX_VOLTAGE_V = 1e6
 
-# More than any disk of a small computer.
-MAX_BYTES = 1e15
-
 # Of the width of the picture: a target that is larger is not seen whole.
 MAX_SIZE = 10.0
 SIZE_UNIT = "of the width"

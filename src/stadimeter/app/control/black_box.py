@@ -20,17 +20,16 @@ from stadimeter.app.control.messages import OutputsArgs, Reply
 from stadimeter.app.control.recording import CLIPS, recordings_folder
 from stadimeter.app.control.socket_server import Answer
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.recordings.black_box import BlackBoxMemory, Clip
+from stadimeter.app.recordings.black_box import BlackBoxMemory
 from stadimeter.app.recordings.record_file import ENDING
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 from stadimeter.app.recordings.recorder import Recorder
-from stadimeter.app.recordings.recording import what_is_recorded
+from stadimeter.app.recordings.recording import ImageChooser, ImageOptions, what_is_recorded
 from stadimeter.config.black_box_table import BlackBoxTable
 from stadimeter.core.decide import State
 from stadimeter.core.decision import EventKind
 from stadimeter.core.frame import Frame
 from stadimeter.core.operator import OperatorCommand
-from stadimeter.operator_actions import OperatorAction
 
 if TYPE_CHECKING:
     from stadimeter.app.bootstrap import Parts
@@ -80,11 +79,13 @@ class BlackBox:
         self._recorder = Recorder(self._memory, is_live=parts.is_live, deadline=deadline)
         self._memory.is_behind = lambda: self._recorder.waiting > BEHIND
         self._orders: list[tuple[OutputsArgs, Answer]] = []
-        self._due: Clip | None = None
+        self._due: Callable[[], None] | None = None
         self._name = ""
         self._ends_s = self._latest_s = self._sealed_s = math.nan
-        self._said = ""
+        self._said: set[str] = set()
         self._left_out = 0
+        self._pictures = ImageChooser(ImageOptions(rate_hz=table.rate))
+        self._batch: list[tuple[CycleRecord, Frame | None]] = []
 
     def act(self, args: OutputsArgs, answer: Answer) -> None:
         """Have a clip written of now. Answers with its name after the next cycle."""
@@ -93,35 +94,36 @@ class BlackBox:
     def look(self, record: CycleRecord) -> None:
         """Name the clip of what happened in a cycle, before that is sent to anybody."""
         now_s = record.observation.now_s
-        for kind, source in self._found(record):
-            self.clips[source] = self._name_clip(now_s, kind, source)
-        for command in record.observation.operator_commands:
-            if isinstance(command, OperatorCommand) and self._is_wanted(command):
-                self._name_clip(now_s, "button", command.by)
+        for kind, source, reason in self._found(record):
+            self.clips[source] = self._name_clip(now_s, kind, source, reason)
         orders, self._orders = self._orders, []
         for args, answer in orders:
             if self._recorder.failure:
                 answer(Reply(error=self.trouble()))
                 continue
-            name = self._name_clip(now_s, "order", args.by)
+            name = self._name_clip(now_s, "order", args.by, args.why)
             words = f"{name} will hold the last {self._table.before:g} s and the next {self._table.after:g} s"
             answer(Reply({"words": words, "clip": name, "seconds": round(self._ends_s - now_s, 3)}))
 
     def __call__(self, record: CycleRecord, frame: Frame | None) -> None:
         """Take in a cycle; begin and end clips."""
-        self._recorder(record, frame)
         now_s = record.observation.now_s
+        is_wanted = frame is not None and self._pictures.is_wanted(record, frame)
+        self._batch.append((record, self._recorder.admit(frame) if is_wanted else None))
         is_over = now_s >= self._ends_s
         if self._due is not None or is_over or not 0 <= now_s - self._sealed_s < SEGMENT_S:
             self._sealed_s = now_s
+            self._hand_over()
             self._recorder.put(partial(self._memory.begin_segment, self._state()))
+            self._left_out, self._recorder.images_left_out = self._recorder.images_left_out, 0
+        elif is_wanted:
+            self._hand_over()
         if self._due is not None:
-            self._recorder.put(partial(self._memory.begin_clip, self._due))
+            self._recorder.put(self._due)
             self._due = None
         elif is_over:
             self._recorder.put(self._memory.finish_clip)
             self._ends_s = math.nan
-            self._tell_left_out()
         self._tell_trouble()
 
     def note_state(self, state: State) -> None:
@@ -130,52 +132,60 @@ class BlackBox:
 
     def note_reload(self, now_s: float, configuration: RecordedConfiguration) -> None:
         """Take in that another configuration was loaded."""
+        self._hand_over()
         self._recorder.note_reload(now_s, configuration)
 
     def trouble(self) -> str:
         """Return what is wrong with the memory, or with the newest clip; empty if nothing is."""
-        words = self._recorder.failure or self._memory.trouble()
+        slow = "pictures are left out, since this computer is too slow" if self._left_out else ""
+        words = self._recorder.failure or self._memory.trouble() or slow
         return f"black box: {words}" if words else ""
 
     def close(self) -> None:
         """Finish the clip under way with what there is, and wait for the disk as long as there is time."""
+        self._hand_over()
         self._recorder.close()
         self._tell_trouble()
 
-    def _found(self, record: CycleRecord) -> Iterator[tuple[str, str]]:
+    def _found(self, record: CycleRecord) -> Iterator[tuple[str, str, str]]:
         """Yield what happened that is worth a clip. An alarm that notifies no one, since it is shelved say, is not."""
         for event in record.decision.events:
             if event.notify and _KINDS.get(event.kind) in self._table.on:
-                yield event.kind.value, event.source
+                yield event.kind.value, event.source, event.reason
+        is_any = "button" in self._table.on
+        for command in record.observation.operator_commands:
+            if (
+                isinstance(command, OperatorCommand)
+                and command.is_from_button
+                and (is_any or command.action.writes_file)
+            ):
+                yield "button", command.by, command.action.value
 
-    def _is_wanted(self, command: OperatorCommand) -> bool:
-        is_order = command.action is OperatorAction.CLIP
-        return is_order or (command.is_from_button and "button" in self._table.on)
-
-    def _name_clip(self, now_s: float, kind: str, source: str) -> str:
+    def _name_clip(self, now_s: float, kind: str, source: str, reason: str) -> str:
         """Return the name of the clip of this moment: that of the clip under way, or of a new one."""
         ends_s = now_s + self._table.after
         if not ends_s <= self._latest_s or math.isnan(self._ends_s):
             now = datetime.now(UTC)
             self._name = f"{self._stem}-{now:%Y%m%dT%H%M%S}.{now.microsecond // 1000:03}Z{ENDING}"
             anchor_ns = time.time_ns() - round(now_s * 1e9)
-            clip_of = {"kind": kind, "source": source}
-            self._due = Clip(path=self._folder / self._name, clip_of=clip_of, anchor_ns=anchor_ns)
+            clip_of = {"kind": kind, "source": source, "reason": reason}
+            self._due = partial(self._memory.begin_clip, self._folder / self._name, clip_of, anchor_ns)
             self._latest_s = ends_s + LONGER_MAX_S
         self._ends_s = ends_s
         return self._name
 
-    def _tell_left_out(self) -> None:
-        left_out = self._recorder.images_left_out - self._left_out
-        self._left_out = self._recorder.images_left_out
-        if left_out:
-            words = (
-                f"black box: {left_out} pictures were left out before or in {self._name}: this computer was too slow"
-            )
-            self._tell(f"warning: {words}")
+    def _hand_over(self) -> None:
+        """Hand over the cycles since the last picture: to wake the thread in each cycle would cost the loop more."""
+        self._recorder.put(partial(_write, self._memory, self._batch))
+        self._batch = []
 
     def _tell_trouble(self) -> None:
         trouble = self.trouble()
-        if trouble and trouble != self._said:
+        if trouble and trouble not in self._said:
+            self._said.add(trouble)
             self._tell(f"warning: {trouble}")
-        self._said = trouble
+
+
+def _write(memory: BlackBoxMemory, batch: list[tuple[CycleRecord, Frame | None]]) -> None:
+    for record, frame in batch:
+        memory.write(record, frame)

@@ -12,7 +12,8 @@ from __future__ import annotations
 import math
 import shutil
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from mmap import PAGESIZE, mmap
 from pathlib import Path
 
@@ -24,37 +25,14 @@ from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.persistence.resumption import state_text
 from stadimeter.app.recordings.record_file import delete_old
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
-from stadimeter.app.recordings.recording import (
-    Entry,
-    EntryEncoder,
-    ImageOptions,
-    Recorded,
-    RecordingWriter,
-    reload_entry,
-)
+from stadimeter.app.recordings.recording import Entry, EntryEncoder, ImageOptions, Recorded, RecordingWriter
 from stadimeter.config.black_box_table import BlackBoxTable
 from stadimeter.core.decide import State
 from stadimeter.core.frame import Frame
 from stadimeter.errors import JournalError, StadimeterError
 
-# What Python needs for an entry beside its data: the object, its two numbers and the head of its bytes.
-ENTRY_BYTES = 200
-
 # No clip begins with less room on the disk: what alarms remember must find some.
 FREE_MIN_BYTES = 50_000_000
-
-
-class Clip(Struct, frozen=True, kw_only=True):
-    """A clip to be written.
-
-    Attributes:
-        clip_of: What for: the kind of event, and the rule or source.
-        anchor_ns: The wall-clock time at which the run's clock showed 0.
-    """
-
-    path: Path
-    clip_of: Mapping[str, str]
-    anchor_ns: int
 
 
 class _Segment(Struct, frozen=True):
@@ -62,14 +40,25 @@ class _Segment(Struct, frozen=True):
 
     Attributes:
         resumed: Returns the state with which it begins, as text; empty for that of a run that restored nothing.
-        size_bytes: What it takes in memory.
+        data: Its entries one after the other as MessagePack, compressed.
+        count: How many there are.
     """
 
     began_s: float
     resumed: Callable[[], str]
     configuration: RecordedConfiguration
     data: mmap
-    size_bytes: int
+    count: int
+
+    @property
+    def size_bytes(self) -> int:
+        """What it takes in memory: whole pages."""
+        return -(-len(self.data) // PAGESIZE) * PAGESIZE
+
+    def entries(self) -> list[Entry]:
+        """Return its entries: as MessagePack, an array of that many."""
+        packed = ZstdDecompressor().decompressobj().decompress(memoryview(self.data))
+        return msgpack.decode(b"\xdd" + self.count.to_bytes(4, "big") + packed, type=list[Entry])
 
 
 class _OpenClip(Struct):
@@ -98,14 +87,15 @@ class BlackBoxMemory:
         self._recorded = recorded
         self._table = table
         self._names = names
-        self._encoder = EntryEncoder(recorded, ImageOptions(rate_hz=table.rate, quality_percent=table.quality))
-        self._compressor, self._decompressor = ZstdCompressor(level=1), ZstdDecompressor()
+        self._encoder = EntryEncoder(recorded, ImageOptions(quality_percent=table.quality))
+        self._compressor = ZstdCompressor(level=1)
         self._segments: deque[_Segment] = deque()
-        self._entries: list[Entry] = []
+        self._chunks: list[bytes] = []
+        self._stream = self._compressor.compressobj()
         self._began_s = math.nan
         self._resumed: Callable[[], str] = str
         self._configuration = self._newest_configuration = recorded.configuration
-        self._bytes = self._open_bytes = 0
+        self._bytes = self._open_bytes = self._count = 0
         self._clip: _OpenClip | None = None
         self._clip_trouble = ""
         self._is_short = False
@@ -121,9 +111,8 @@ class BlackBoxMemory:
         if math.isnan(self._began_s):
             self._began_s = now_s
             self._encoder.begin(now_s)
-        new = [*self._encoder.encode(record, frame)]
-        self._entries += new
-        self._open_bytes += sum(ENTRY_BYTES + len(entry.data) for entry in new)
+        for entry in self._encoder.encode(record, frame):
+            self._take(entry)
         self._make_room(now_s)
         if not self.is_behind():
             self._go_on()
@@ -134,46 +123,53 @@ class BlackBoxMemory:
 
     def note_reload(self, now_s: float, configuration: RecordedConfiguration) -> None:
         """Take in that another configuration was loaded, before the first cycle that it decides."""
-        self._entries.append(reload_entry(now_s, configuration))
+        self._take(self._encoder.reload(now_s, configuration))
         self._newest_configuration = configuration
 
     def begin_segment(self, state: State | None) -> None:
         """Put what was taken in since the last call into a segment. The next one begins with this state."""
         if not math.isnan(self._began_s):
-            packed = self._compressor.compress(msgpack.encode(self._entries))
-            data = mmap(-1, len(packed))
-            data.write(packed)
-            size_bytes = -(-len(packed) // PAGESIZE) * PAGESIZE
-            segment = _Segment(self._began_s, self._resumed, self._configuration, data, size_bytes)
+            self._keep(self._stream.flush())
+            data = mmap(-1, self._open_bytes)
+            for chunk in self._chunks:
+                data.write(chunk)
+            segment = _Segment(self._began_s, self._resumed, self._configuration, data, self._count)
             self._segments.append(segment)
-            self._bytes += size_bytes
+            self._bytes += segment.size_bytes
             if self._clip is not None:
                 self._clip.pending.append(segment)
-        self._entries, self._open_bytes, self._began_s = [], 0, math.nan
+        self._chunks, self._stream = [], self._compressor.compressobj()
+        self._count, self._open_bytes, self._began_s = 0, 0, math.nan
         self._configuration = self._newest_configuration
         self._resumed = str if state is None else lambda: state_text(state)
 
-    def begin_clip(self, clip: Clip) -> None:
-        """Begin a clip with the oldest segment."""
+    def begin_clip(self, path: Path, clip_of: Mapping[str, str], anchor_ns: int) -> None:
+        """Begin a clip with the oldest segment.
+
+        Args:
+            clip_of: What for: the kind of event, the rule or source, and the reason.
+            anchor_ns: The wall-clock time at which the run's clock showed 0.
+        """
         self.finish_clip()
-        try:
-            clip.path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            free_bytes = shutil.disk_usage(clip.path.parent).free
+        with self._saying(path, "is not written"):
+            path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            free_bytes = shutil.disk_usage(path.parent).free
             if free_bytes < FREE_MIN_BYTES:
                 raise JournalError(f"the disk has only {free_bytes / 1e6:.0f} MB left; make room")
             first = self._segments[0]
-            recorded = replace(self._recorded, configuration=first.configuration, clip_of=clip.clip_of)
-            writer = RecordingWriter(clip.path, recorded, anchor_ns=clip.anchor_ns)
+            recorded = replace(self._recorded, configuration=first.configuration, clip_of=clip_of)
+            writer = RecordingWriter(path, recorded, anchor_ns=anchor_ns)
             writer.note_resumption(first.resumed())
-            self._clip = _OpenClip(clip.path, writer, deque(self._segments))
-        except (StadimeterError, OSError) as error:
-            self._clip_trouble = f"clip {clip.path.name} is not written: {error}"
+            self._clip = _OpenClip(path, writer, deque(self._segments))
 
     def finish_clip(self) -> None:
         """Write what the clip under way still lacks, and finish its file."""
         while self._clip is not None and self._clip.pending:
             self._go_on()
-        self._end(self._clip, "")
+        if (clip := self._clip) is not None:
+            with self._saying(clip.path, "is not whole"):
+                clip.writer.close()
+                self._clip, self._clip_trouble = None, ""
 
     def older_file(self) -> str:
         """Return nothing: each clip has a name of its own."""
@@ -189,12 +185,25 @@ class BlackBoxMemory:
         if self._clip is not None:
             self._clip.writer.abandon()
 
+    def _take(self, entry: Entry) -> None:
+        self._keep(self._stream.compress(msgpack.encode(entry)))
+        self._count += 1
+
+    def _keep(self, chunk: bytes) -> None:
+        self._chunks.append(chunk)
+        self._open_bytes += len(chunk)
+
     def _make_room(self, now_s: float) -> None:
-        """Drop what is older than is wanted; then the oldest, while all together takes more memory than it may."""
+        """Drop what is older than is wanted; then the oldest, while all together takes more memory than it may.
+
+        The segment that is being filled counts as large as the last one: allocators do not give its room back.
+        """
         while len(self._segments) > 1 and self._segments[1].began_s <= now_s - self._table.before:
             self._drop()
             self._is_short = False
-        while self._segments and self._bytes + self._open_bytes > self._table.memory:
+        while (
+            self._segments and self._bytes + max(self._open_bytes, self._segments[-1].size_bytes) > self._table.memory
+        ):
             self._drop()
             self._is_short = True
 
@@ -211,25 +220,19 @@ class BlackBoxMemory:
         clip = self._clip
         if clip is None or not clip.pending:
             return
-        try:
-            packed = self._decompressor.decompress(memoryview(clip.pending.popleft().data))
-            clip.writer.add(msgpack.decode(packed, type=list[Entry]))
+        with self._saying(clip.path, "is not whole"):
+            clip.writer.add(clip.pending.popleft().entries())
             clip.writer.flush()
             delete_old(clip.path.parent, math.inf, self._table.max_total, self._names, newest=clip.path.name)
-        except (StadimeterError, OSError) as error:
-            clip.writer.abandon()
-            self._clip, self._clip_trouble = None, f"clip {clip.path.name} is not whole: {error}"
-            return
-        if clip.writer.size_bytes > self._table.max_total:
-            self._end(clip, f"clip {clip.path.name} ends early: it is as large as max_total")
+            if clip.writer.size_bytes > self._table.max_total:
+                clip.writer.close()
+                raise JournalError("it is as large as max_total")
 
-    def _end(self, clip: _OpenClip | None, trouble: str) -> None:
-        """Finish the file of a clip."""
-        self._clip = None
-        if clip is None:
-            return
+    @contextmanager
+    def _saying(self, path: Path, what: str) -> Iterator[None]:
+        """Say what a failure makes of a clip, and give that up: the next one may find the disk in order again."""
         try:
-            clip.writer.close()
-            self._clip_trouble = trouble
+            yield
         except (StadimeterError, OSError) as error:
-            self._clip_trouble = f"clip {clip.path.name} is not whole: {error}"
+            self.abandon()
+            self._clip, self._clip_trouble = None, f"clip {path.name} {what}: {error}"

@@ -95,12 +95,14 @@ class Recorder:
 
     def __call__(self, record: CycleRecord, frame: Frame | None) -> None:
         """Take one cycle, and the frame that was new in it."""
-        if not self._writer.takes_pictures:
-            frame = None
-        if self._is_live and frame is not None and self._waiting.qsize() > IMAGES_WAITING_MAX:
-            self.images_left_out += 1
-            frame = None
-        self.put(partial(self._writer.write, record, frame))
+        self.put(partial(self._writer.write, record, self.admit(frame) if self._writer.takes_pictures else None))
+
+    def admit(self, frame: Frame | None) -> Frame | None:
+        """Return a frame if it can be recorded; None, and count it, if too much waits."""
+        if not self._is_live or frame is None or self._waiting.qsize() <= IMAGES_WAITING_MAX:
+            return frame
+        self.images_left_out += 1
+        return None
 
     def note_state(self, state: State) -> None:
         """Take in the state with which the recording begins, before its first cycle. The disk's thread writes it."""

@@ -130,7 +130,7 @@ class EntryEncoder:
     def __init__(self, recorded: Recorded, options: ImageOptions) -> None:
         self.anchor_ns = 0
         self._recorded = recorded
-        self._choice = _ImageChooser(options)
+        self._choice = ImageChooser(options)
         self._quality_percent = options.quality_percent
         self._encoder = CycleEncoder(repeats_rules=True)
         self._lens: CameraModel | None = None
@@ -158,6 +158,10 @@ class EntryEncoder:
             yield Entry(TARGETS + track.target, messages.TARGET, now_s, data)
         for event in record.decision.events:
             yield Entry(LOG, messages.LOG, now_s, messages.log(event, self.at_ns(event.at_s)))
+
+    def reload(self, now_s: float, configuration: RecordedConfiguration) -> Entry:
+        """Return that another configuration was loaded."""
+        return Entry(CONFIGURATION, messages.CONFIGURATION, now_s, reload_json(now_s, configuration))
 
     def _picture(self, record: CycleRecord, frame: Frame) -> Iterator[Entry]:
         """Yield a picture, and what was found in it. It stands before the cycle that it belongs to."""
@@ -254,7 +258,7 @@ class RecordingWriter:
 
     def note_reload(self, now_s: float, configuration: RecordedConfiguration) -> None:
         """Add that another configuration was loaded, before the first cycle that it decides."""
-        self.add([reload_entry(now_s, configuration)])
+        self.add([self._entries.reload(now_s, configuration)])
 
     @property
     def size_bytes(self) -> int:
@@ -317,13 +321,8 @@ class RecordingWriter:
         return channel
 
 
-def reload_entry(now_s: float, configuration: RecordedConfiguration) -> Entry:
-    """Return that another configuration was loaded, as an entry."""
-    return Entry(CONFIGURATION, messages.CONFIGURATION, now_s, reload_json(now_s, configuration))
-
-
-class _ImageChooser:
-    """Says which pictures are recorded."""
+class ImageChooser:
+    """Chooses which pictures are recorded."""
 
     def __init__(self, options: ImageOptions) -> None:
         self._options = options
@@ -331,6 +330,7 @@ class _ImageChooser:
         self._statuses: tuple[object, ...] = ()
 
     def is_wanted(self, record: CycleRecord, frame: Frame) -> bool:
+        """Return whether the picture of a cycle is; called once for each frame."""
         if self._options.images == "none":
             return False
         if self._options.images == "events" and not self._has_changed(record):

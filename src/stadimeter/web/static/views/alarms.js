@@ -7,6 +7,8 @@ import { act, actionsOf } from "./live/rule_actions.js";
 import { actionButtons, lookOf, stateInWords } from "./live/rules.js";
 
 const SLOW_MS = 500;
+const CLIPS_EVERY_MS = 5000;
+const SLACK_S = 0.5;
 
 export function mount(root, context) {
   const { api, live, unit, session } = context;
@@ -21,17 +23,25 @@ export function mount(root, context) {
     h("section", { class: "panel" }, h("div", { class: "row head" }, h("h2", null, "History"), h("label", { class: "row" }, "Show", least)), nothing, history)));
 
   let told = { alarms: [], events: [] };
+  let clips = [];
+  /** Where the clip of a moment is replayed, at that moment; empty for none. */
+  const clipOf = (unix_s) => {
+    const found = clips.find((each) => each.began_unix_s - SLACK_S <= unix_s && unix_s <= each.ended_unix_s + SLACK_S);
+    if (!found || session.right !== "operate") return "";
+    return `#recordings/${encodeURIComponent(found.name)}/${Math.max(0, unix_s - found.began_unix_s).toFixed(1)}`;
+  };
   const drawHistory = () => {
     const from = SEVERITIES.indexOf(least.value);
     const known = new Map([...told.events, ...live.history.events].map((event) => [event.number, event]));
     const events = [...known.values()].filter((event) => SEVERITIES.indexOf(event.severity) >= from).sort((a, b) => b.number - a.number);
     nothing.hidden = events.length > 0;
     write(nothing, events.length ? "" : "Nothing of this kind has happened yet.");
-    drawEvents(history, events, unit);
+    drawEvents(history, events, unit, clipOf);
   };
   const draw = () => {
     const past = new Map(told.alarms.map((alarm) => [alarm.rule, alarm]));
     const rules = (live.snapshot?.rules ?? []).filter((rule) => rule.is_alarm).map((rule) => ({ ...past.get(rule.rule), ...rule }));
+    for (const rule of rules) rule.clip = clipOf(rule.raised_unix_s);
     none.hidden = rules.length > 0;
     all.hidden = session.right !== "operate" || rules.every((rule) => rule.acknowledged);
     keyed(list, rules.sort((a, b) => weight(b) - weight(a)), (rule) => rule.rule, () => card(context));
@@ -39,7 +49,9 @@ export function mount(root, context) {
   };
   const refresh = async () => {
     try {
+      const recorded = api.get("recordings").catch(() => ({ recordings: [] })); // a page may have no workbench
       told = await api.get("alarms");
+      clips = (await recorded).recordings.filter((each) => each.clip_of);
       draw();
     } catch (error) {
       write(nothing, error.message);
@@ -55,7 +67,11 @@ export function mount(root, context) {
     draw();
   }, { image: false });
   refresh();
-  return leave;
+  const often = setInterval(refresh, CLIPS_EVERY_MS);
+  return () => {
+    leave();
+    clearInterval(often);
+  };
 }
 
 /** What needs somebody comes first. */
@@ -66,12 +82,15 @@ function card(context) {
   const state = h("span");
   const facts = h("dl", { class: "facts small" });
   const actions = actionButtons(context);
-  const element = h("li", { class: "rule" }, h("div", { class: "row head" }, name, state), h("div", { class: "body" }, facts, actions));
+  const clip = h("a", { class: "button" }, "Watch the clip");
+  const body = h("div", { class: "body" }, facts, clip, actions);
+  const element = h("li", { class: "rule" }, h("div", { class: "row head" }, name, state), body);
   element.update = (alarm) => {
     write(name, alarm.rule);
     state.className = `badge is-${lookOf(alarm)}`;
     write(state, stateInWords(alarm));
     keyed(facts, factsOf(alarm, context.unit), ([label]) => label, fact);
+    Object.assign(clip, { href: alarm.clip, hidden: !alarm.clip });
     actions.update(alarm);
   };
   return element;

@@ -6,7 +6,7 @@ import * as format from "../format.js";
 const STEP_S = 0.1;
 
 export class Replay {
-  constructor({ name, seconds }, { api, unit }, onend) {
+  constructor({ name, seconds }, { api, unit }, onend, at_s = 0) {
     Object.assign(this, { name, seconds, api, unit, onend, wanted: 0, isBusy: false, isPlaying: false, isClosed: false, url: "" });
     this.picture = h("img", { alt: "The camera's picture at that moment" });
     this.slider = h("input", { type: "range", min: 0, max: seconds, step: STEP_S, value: 0, "aria-label": "Moment of the recording", oninput: () => this.#moved() });
@@ -17,7 +17,7 @@ export class Replay {
       h("div", { class: "row" }, h("h2", { class: "grow" }, name), h("button", { type: "button", class: "button", onclick: () => this.end() }, "Close")),
       h("div", { class: "replay" },
         h("div", { class: "stack" }, h("figure", {}, this.picture), this.slider, h("div", { class: "row" }, this.play, this.time)), this.values));
-    this.show(0);
+    this.show(at_s);
   }
 
   /** Show a moment; while one is on its way, only the newest wish is kept. */
