@@ -148,18 +148,19 @@ class BlackBox:
         self._tell_trouble()
 
     def _found(self, record: CycleRecord) -> Iterator[tuple[str, str, str]]:
-        """Yield what happened that is worth a clip. An alarm that notifies no one, since it is shelved say, is not."""
-        for event in record.decision.events:
-            if event.notify and _KINDS.get(event.kind) in self._table.on:
+        """Yield what happened that is worth a clip. An alarm that is inhibited, since it is shelved say, is not."""
+        decision, on = record.decision, self._table.on
+        for event in decision.events:
+            is_inhibited = any(rule.inhibits for rule in decision.rules if rule.rule == event.source)
+            if _KINDS.get(event.kind) in on and not is_inhibited:
                 yield event.kind.value, event.source, event.reason
-        is_any = "button" in self._table.on
-        for command in record.observation.operator_commands:
+        for each in record.observation.operator_commands:
             if (
-                isinstance(command, OperatorCommand)
-                and command.is_from_button
-                and (is_any or command.action.writes_file)
+                isinstance(each, OperatorCommand)
+                and each.is_from_button
+                and ("button" in on or each.action.writes_file)
             ):
-                yield "button", command.by, command.action.value
+                yield "button", each.by, each.action.value
 
     def _name_clip(self, now_s: float, kind: str, source: str, reason: str) -> str:
         """Return the name of the clip of this moment: that of the clip under way, or of a new one."""
