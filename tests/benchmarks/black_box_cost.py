@@ -96,7 +96,7 @@ def measure(minutes: float, block_s: float, *, is_first: bool = False) -> dict[s
     loop = live_loop(drawn_beforehand(PICTURES))
     with tempfile.TemporaryDirectory() as name:
         loop.parts.configuration = replace(loop.parts.configuration, path=Path(name) / "demo.toml")
-        box = BlackBox(loop.parts, BlackBoxTable(), lambda: loop.state, print, loop.deadline)
+        box = BlackBox(loop.parts, lambda: loop.state, print, loop.deadline)
         switched = Switched(loop, box, block_s, blocks)
         loop.services.black_box = switched  # type: ignore[assignment]
         loop.listeners.append(switched)

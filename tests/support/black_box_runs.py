@@ -157,9 +157,7 @@ def run(folder: Path, scene: Scene, each: Callable[[float], None] = lambda _now_
     taken = Taken(scene.pictures_hz)
     loop.services.tell = taken.told.append
     with ExitStack() as closing:
-        table = loop.parts.configuration.black_box
-        assert table is not None
-        open_black_box(loop, table, closing)
+        open_black_box(loop, closing)
         loop.listeners.append(lambda record, frame: taken.take(loop, record, frame))
         loop.listeners.append(lambda record, _frame: each(record.observation.now_s))
         loop.run(Limits(seconds=scene.seconds))

@@ -25,7 +25,6 @@ from stadimeter.app.service import (
     write_safe_outputs,
 )
 from stadimeter.app.service_folders import state_directory
-from stadimeter.config.black_box_table import BlackBoxTable
 from stadimeter.config.extras import missing
 from stadimeter.operator_actions import OperatorAction
 
@@ -87,14 +86,14 @@ def open_services(loop: Loop, options: RunOptions, *, is_quiet: bool = False) ->
                 run_control.open_alarm_store(loop, options.state, is_right)
             if listens:
                 run_control.open_control_socket(loop, options.socket, closing)
-        if (table := loop.parts.configuration.black_box) is not None:
-            open_black_box(loop, table, closing)
+        if loop.parts.configuration.black_box is not None:
+            open_black_box(loop, closing)
         if loop.parts.configuration.web is not None and not options.ends_with_input:
             services.tell(f"the page: {_page_command(loop.parts.configuration.path, options.service)}")
         yield
 
 
-def open_black_box(loop: Loop, table: BlackBoxTable, closing: ExitStack) -> None:
+def open_black_box(loop: Loop, closing: ExitStack) -> None:
     """Keep the last seconds in memory. Without the library that writes clips, a run goes on with a warning."""
     services = loop.services
     if trouble := missing("record"):
@@ -102,7 +101,7 @@ def open_black_box(loop: Loop, table: BlackBoxTable, closing: ExitStack) -> None
         return
     from stadimeter.app.control.black_box import BlackBox  # noqa: PLC0415 - it takes long, and few runs have one
 
-    box = BlackBox(loop.parts, table, lambda: loop.state, services.tell, loop.deadline)
+    box = BlackBox(loop.parts, lambda: loop.state, services.tell, loop.deadline)
     closing.callback(box.close)
     services.black_box, loop.reporter.clips = box, box.clips
     loop.listeners.append(box)

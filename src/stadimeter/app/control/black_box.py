@@ -62,13 +62,9 @@ class BlackBox:
     """
 
     def __init__(
-        self,
-        parts: Parts,
-        table: BlackBoxTable,
-        state: Callable[[], State | None],
-        tell: Callable[[str], None],
-        deadline: Deadline,
+        self, parts: Parts, state: Callable[[], State | None], tell: Callable[[str], None], deadline: Deadline
     ) -> None:
+        table = parts.configuration.black_box or BlackBoxTable()
         self.clips: dict[str, str] = {}
         self._table = table
         self._state, self._tell = state, tell

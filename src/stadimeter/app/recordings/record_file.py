@@ -181,7 +181,7 @@ def delete_old(folder: Path, keep_s: float, folder_bytes: float, names: str = f"
     total_bytes = 0
     for about, file in newest_first:
         total_bytes += about.st_size
-        if total_bytes > folder_bytes or time.time() - about.st_mtime > keep_s:
+        if file.name != newest and (total_bytes > folder_bytes or time.time() - about.st_mtime > keep_s):
             file.unlink(missing_ok=True)
 
 

@@ -18,6 +18,7 @@ from stadimeter.app.recordings.journal import Journal, JournalHeader
 from stadimeter.config.untrusted_file import JSON_MAX_BYTES, open_untrusted
 from stadimeter.errors import ControlError, JournalError, NotThereError, StadimeterError
 from stadimeter.workbench.replay.recording_index import RecordingIndex, read_index
+from stadimeter.workbench.replay.recording_reader import McapRecording
 from stadimeter.workbench.replay.replay import read_recording
 from stadimeter.workbench.server.editing import run_socket
 from stadimeter.workbench.server.operations import Desk, operation
@@ -151,11 +152,8 @@ def _look_into(path: Path) -> dict[str, Any]:
         found = read_recording(path)
         began_s = began_unix_s(found.header, file_about.st_mtime)
         told |= {"unix_s": began_s, "began_unix_s": began_s, "configuration": _in_words(found.header)}
-        if isinstance(found, Journal):
-            told["seconds"] = _journal_s(found)
-        else:
-            index = read_index(path)
-            told |= {"seconds": index.seconds, "clip_of": index.recording.clip_of}
+        told["clip_of"] = found.clip_of if isinstance(found, McapRecording) else None
+        told["seconds"] = _journal_s(found) if isinstance(found, Journal) else read_index(path).seconds
         told["ended_unix_s"] = began_s + told["seconds"]
         if not told["is_growing"] and found.is_cut_off():
             told["damage"] = "its end is missing, as after a power cut; what comes before can be used"
