@@ -253,7 +253,7 @@ def test_an_alarm_is_an_event_that_is_never_retained_and_has_an_id_of_its_own() 
         topic="event/alarm",
         payload='{"v":1,"ts":"2026-06-01T12:00:00.000+00:00","id":"boot-7","event_type":"raised","rule":"near",'
         '"severity":"alarm","reason":"0.40 m is below 0.50 m","distance_m":0.4,"sigma_m":0.005,'
-        '"notify":true,"first_out":false,"by":null}',
+        '"notify":true,"first_out":false,"by":null,"clip":null}',
         qos=1,
         retain=False,
         severity=Severity.ALARM,

@@ -31,6 +31,7 @@ from stadimeter.errors import EndOfFramesError
 from stadimeter.messaging.protocol import Discoverable, TakesRequests
 
 if TYPE_CHECKING:  # few runs have these, and what they need takes long to load
+    from stadimeter.app.control.black_box import BlackBox
     from stadimeter.app.control.recording import RecordingOnRequest
     from stadimeter.app.control.reloading import CheckedConfiguration, Restarter
     from stadimeter.app.control.requests import Control
@@ -78,6 +79,7 @@ class Services(Struct):
     time_of_day: TimeOfDay | None = None
     service: Service | None = None
     recording: RecordingOnRequest | None = None
+    black_box: BlackBox | None = None
     restarter: Restarter | None = None
     watchdog: WatchdogLink | None = None
     tell: Callable[[str], None] = lambda _words: None
@@ -284,6 +286,8 @@ class Loop:
             commands = services.watchdog.with_stop(commands)
         undelivered_since_s = self.deliveries.alarm_waits_since_s(parts.clock.now_s())
         after, record, frame = parts.cycle.run(before, commands, wall, undelivered_since_s)
+        if services.black_box is not None:
+            services.black_box.look(record)
         self._report(record)
         services.cycle(before, after, record)  # what has just been sent is kept with what it is about
         if parts.status_led is not None:
@@ -346,7 +350,8 @@ class Loop:
         if messenger is not None:
             self._publish(now_s, self._health.messages(now_s, _wall_clock))
         plan = self.parts.configuration.plan
-        for name, item in outgoing(record.decision, plan.rules, _local_time, plan.named_figures):
+        sent = outgoing(record.decision, plan.rules, _local_time, plan.named_figures, self.reporter.clips)
+        for name, item in sent:
             if isinstance(item, Message):
                 self._publish(now_s, (item,))
             else:

@@ -25,7 +25,9 @@ from stadimeter.app.service import (
     write_safe_outputs,
 )
 from stadimeter.app.service_folders import state_directory
+from stadimeter.config.extras import missing
 from stadimeter.config.models import TIMELINE_S, TimelineTable
+from stadimeter.operator_actions import OperatorAction
 
 if TYPE_CHECKING:
     from stadimeter.app.loop import Loop
@@ -92,9 +94,27 @@ def open_services(loop: Loop, options: RunOptions, *, is_quiet: bool = False) ->
                 run_control.open_alarm_store(loop, options.state, is_right)
             if listens:
                 run_control.open_control_socket(loop, options.socket, closing)
+        if loop.parts.configuration.black_box is not None:
+            open_black_box(loop, closing)
         if loop.parts.configuration.web is not None and not options.ends_with_input:
             services.tell(f"the page: {_page_command(loop.parts.configuration.path, options.service)}")
         yield
+
+
+def open_black_box(loop: Loop, closing: ExitStack) -> None:
+    """Keep the last seconds in memory. Without the library that writes clips, a run goes on with a warning."""
+    services = loop.services
+    if trouble := missing("record"):
+        services.tell(f"warning: the black box keeps nothing: {trouble}")
+        return
+    from stadimeter.app.control.black_box import BlackBox  # noqa: PLC0415 - it takes long, and few runs have one
+
+    box = BlackBox(loop.parts, lambda: loop.state, services.tell, loop.deadline)
+    closing.callback(box.close)
+    services.black_box, loop.reporter.clips = box, box.clips
+    loop.listeners.append(box)
+    if services.control is not None:
+        services.control.acts[OperatorAction.CLIP.command] = box.act
 
 
 def start_service(configuration: Path) -> Service | None:

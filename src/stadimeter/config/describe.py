@@ -103,6 +103,7 @@ def _pressed(action: str, table: ButtonTable) -> str:
     does = {
         "take-out": "takes {} out of service",
         "put-back": "puts {} back into service",
+        "clip": "has a clip of the last seconds written",
         "stop-outputs": "stops every output until they are released",
         "release-outputs": "lets outputs that were stopped act again",
         "arm": "arms the run: its outputs may act",
@@ -355,3 +356,5 @@ def _describe_kept(configuration: Configuration) -> Iterator[str]:
         yield f"Keeps the last {duration(configuration.recording.last)} of what it sees and does, without pictures."
     if configuration.timeline is not None and configuration.timeline.keep:
         yield f"Keeps a timeline of the last {duration(configuration.timeline.keep)} for the page."
+    if configuration.black_box is not None:
+        yield configuration.black_box.describe()

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from msgspec import Struct, field
 
 from stadimeter.config import models
+from stadimeter.config.black_box_table import BlackBoxTable
 from stadimeter.config.camera_file import camera_model_from_table, load_camera_model
 from stadimeter.config.driver_tables import DRIVER_KINDS, ModelT, read_driver_table, validate
 from stadimeter.config.findings import MAX_EXPLAINED, Finding, did_you_mean_or_list, format_value
@@ -35,6 +36,15 @@ if TYPE_CHECKING:
 BASE_NAME = "base"
 
 # Names that mean something else in events and traces.
+# Sections with nothing but keys of their own, by the attribute of a draft that has each.
+_OPTIONAL: dict[str, type[models.Section]] = {
+    "web": models.WebTable,
+    "place": models.PlaceTable,
+    "recording": models.RecordingTable,
+    "timeline": models.TimelineTable,
+    "black_box": BlackBoxTable,
+}
+
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
 _TAKEN: dict[str, set[str]] = {
     "targets": {"camera"},
@@ -143,6 +153,7 @@ class Draft(ChosenDrivers, Struct, kw_only=True):
     web: models.WebTable | None = None
     recording: models.RecordingTable | None = None
     timeline: models.TimelineTable | None = None
+    black_box: BlackBoxTable | None = None
     place: models.PlaceTable | None = None
     landmarks: Landmarks | None = None
     rules: dict[str, RuleTable] = field(default_factory=dict)
@@ -344,20 +355,15 @@ class _Reader:
         safety = self._validated(models.SafetyTable, ("safety",), self._table("safety") or {})
         self.draft.tracking = tracking or self.draft.tracking
         self.draft.safety = safety or self.draft.safety
-        if (web := self._table("web")) is not None:
-            self.draft.web = self._validated(models.WebTable, ("web",), web)
-        if (place := self._table("place")) is not None:
-            self.draft.place = self._validated(models.PlaceTable, ("place",), place)
+        for name, model in _OPTIONAL.items():
+            if (table := self._table(name)) is not None:
+                setattr(self.draft, name, self._validated(model, (name,), table))
         if (landmarks := self._table("landmarks")) is not None:
             from stadimeter.config.landmark_tables import read_landmarks  # noqa: PLC0415 - most runs have none
 
             found = read_landmarks(landmarks, self.draft.targets, self.context, self.draft.findings)
             if found is not None:
                 self.draft.landmarks, self.draft.drivers["landmarks",] = found
-        if (recording := self._table("recording")) is not None:
-            self.draft.recording = self._validated(models.RecordingTable, ("recording",), recording)
-        if (timeline := self._table("timeline")) is not None:
-            self.draft.timeline = self._validated(models.TimelineTable, ("timeline",), timeline)
 
     def _rules(self) -> None:
         for name, table in self._named("figures"):

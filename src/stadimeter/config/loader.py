@@ -15,6 +15,7 @@ from msgspec import Struct, field
 from msgspec.structs import replace
 
 import stadimeter
+from stadimeter.config.black_box_table import BlackBoxTable
 from stadimeter.config.cross_checks import error_findings
 from stadimeter.config.draft import BASE_NAME, ChosenDrivers, Draft, read_draft
 from stadimeter.config.driver_tables import CAMERA, MESSENGER, DriverKind, read_driver_table
@@ -80,6 +81,7 @@ class Configuration(ChosenDrivers, Struct, frozen=True, kw_only=True, eq=False):
         web: The page on which a browser sees the run; None for none.
         recording: What the run keeps by itself; None for nothing.
         timeline: What it keeps for the page's timeline; None for what is usual.
+        black_box: What it keeps in memory, and writes around what happens; None for nothing.
         footings: What is known of each target that is on the floor, by its name.
         mount: Where the camera sits on a robot; None for on none.
         place: Where it is, for schedules; None for anywhere, in the time zone of the computer.
@@ -106,6 +108,7 @@ class Configuration(ChosenDrivers, Struct, frozen=True, kw_only=True, eq=False):
     web: WebTable | None = None
     recording: RecordingTable | None = None
     timeline: TimelineTable | None = None
+    black_box: BlackBoxTable | None = None
     footings: Mapping[str, Footing] = field(default_factory=dict)
     mount: Mount | None = None
     place: PlaceTable | None = None
@@ -171,6 +174,7 @@ def load_configuration(path: Path, *, with_tests: bool = True, texts: Texts | No
         web=draft.web,
         recording=draft.recording,
         timeline=draft.timeline,
+        black_box=draft.black_box,
         footings=_footings(draft),
         mount=draft.camera_table.on_robot(),
         place=draft.place,

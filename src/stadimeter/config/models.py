@@ -58,8 +58,8 @@ _SAFETY = plan.Safety()
 # Every section that a configuration may have.
 SECTIONS = (
     "camera", "second_camera", "targets", "actuators", "base", "sensors", "status_led", "buttons", "messenger",
-    "notifiers", "world", "tracking", "safety", "web", "recording", "timeline", "place", "landmarks", "figures",
-    "rules", "tests",
+    "notifiers", "world", "tracking", "safety", "web", "recording", "timeline", "black_box", "place", "landmarks",
+    "figures", "rules", "tests",
 )  # fmt: skip
 
 
@@ -281,7 +281,7 @@ class ButtonTable(Section):
             raise ValueError(f'a button stops outputs as soon as it is down: write press = "{STOP}" without hold')
         of_outputs = [action.value for action in OperatorAction if action.is_on_outputs]
         if self.rule and {*of_outputs} & {self.press, self.hold}:
-            raise ValueError(f"{', '.join(of_outputs)} concern every output: leave out rule")
+            raise ValueError(f"{', '.join(of_outputs)} concern no rule: leave out rule")
         return self
 
 

@@ -21,6 +21,7 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaMode, JsonSchemaV
 from pydantic_core import core_schema
 
 from stadimeter.config import camera_file, models, plugins
+from stadimeter.config.black_box_table import BlackBoxTable
 from stadimeter.config.driver_tables import BASE, CAMERA, DRIVER_KINDS, DriverKind
 from stadimeter.config.landmark_tables import LandmarksTable
 from stadimeter.config.rule_test_tables import RuleTestTable
@@ -31,7 +32,9 @@ from stadimeter.errors import DriverError
 JsonSchema = dict[str, Any]
 
 # The unit of a figure once it was read; it is written with a unit of its own.
-_IN_UNITS = re.compile(r"^In (?:metres|seconds|radians|hertz|volts|m/s²?|rad/s²?)\b(?: since midnight)?(?:[;,] |\.$)")
+_IN_UNITS = re.compile(
+    r"^In (?:metres|seconds|bytes|radians|hertz|volts|m/s²?|rad/s²?)\b(?: since midnight)?(?:[;,] |\.$)"
+)
 _FOR_NUMBERS = ("exclusiveMinimum", "exclusiveMaximum", "minimum", "maximum", "multipleOf")
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -44,6 +47,7 @@ _TABLES: dict[str, type[BaseModel]] = {
     "web": models.WebTable,
     "recording": models.RecordingTable,
     "timeline": models.TimelineTable,
+    "black_box": BlackBoxTable,
     "place": models.PlaceTable,
     "landmarks": LandmarksTable,
 }

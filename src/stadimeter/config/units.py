@@ -21,6 +21,7 @@ from stadimeter.core.bounds import (
     MAX_DURATION_S,
     MAX_FREQUENCY_HZ,
     MAX_LENGTH_M,
+    MAX_PLAIN,
     MAX_SIZE,
     MAX_SPEED_MPS,
     MAX_TURN_ACCELERATION_RADPS2,
@@ -83,6 +84,7 @@ TURN_ACCELERATIONS_RADPS2 = Units(
 )
 VOLTAGES_V = Units(MAX_VOLTAGE_V, {"V": 1.0, "mV": 1e-3})
 FREQUENCIES_HZ = Units(MAX_FREQUENCY_HZ, {"Hz": 1.0, "hz": 1.0, "kHz": 1e3})
+BYTES = Units(MAX_PLAIN, {"B": 1.0, "kB": 1e3, "MB": 1e6, "GB": 1e9, "MiB": 2.0**20, "GiB": 2.0**30})
 
 # The quantities of thresholds. No unit is of two of them.
 SIZES = Units(MAX_SIZE, {SIZE_UNIT: 1.0, "%": 0.01})
@@ -91,6 +93,7 @@ _OF_ANY_THRESHOLD = Units(MAX_LENGTH_M, {unit: size for units in _OF_THRESHOLDS 
 
 _OF_ALL = (
     *_OF_THRESHOLDS, JERKS_MPS3, ACCELERATIONS_MPS2, TURN_RATES_RADPS, TURN_ACCELERATIONS_RADPS2, FREQUENCIES_HZ,
+    BYTES,
 )  # fmt: skip
 
 # A number whose comma some read as decimal, others as the one of thousands.
@@ -281,6 +284,7 @@ parse_turn_rate = _not_negative(TURN_RATES_RADPS, "60 deg/s")
 parse_turn_acceleration = _not_negative(TURN_ACCELERATIONS_RADPS2, "200 deg/s2")
 parse_voltage = _not_negative(VOLTAGES_V, "11 V")
 parse_frequency = _not_negative(FREQUENCIES_HZ, "100 Hz")
+parse_bytes = _not_negative(BYTES, "500 MB")
 
 
 class PinMark:
@@ -357,6 +361,7 @@ TurnAcceleration = Annotated[
 ]
 Voltage = Annotated[float, BeforeValidator(parse_voltage), as_written(VOLTAGES_V, "11 V")]
 Frequency = Annotated[float, BeforeValidator(parse_frequency), as_written(FREQUENCIES_HZ, "100 Hz")]
+Bytes = Annotated[float, BeforeValidator(parse_bytes), as_written(BYTES, "500 MB")]
 Pin = Annotated[
     int, BeforeValidator(_parse_pin), WithJsonSchema({"type": "integer", "minimum": 0, "maximum": 27}), PinMark()
 ]

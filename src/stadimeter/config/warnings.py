@@ -17,6 +17,7 @@ from stadimeter.config.analysis.references import rules_asked_for
 from stadimeter.config.analysis.schedules import schedule_warnings
 from stadimeter.config.analysis.writers import priority_warnings, shadow_warnings
 from stadimeter.config.draft import BASE_NAME, Draft, output_path
+from stadimeter.config.extras import missing
 from stadimeter.config.findings import Finding
 from stadimeter.config.gpio_header import TAKEN
 from stadimeter.config.loop_gain import loop_findings
@@ -33,6 +34,7 @@ from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.rule import AlarmRule, LostPolicy
 from stadimeter.core.rules.follow_law import MAX_GAIN_SHARE
+from stadimeter.operator_actions import OperatorAction
 
 # Three frames at 30 a second: with less, every hiccup of a network stops the outputs.
 LEFT_FOR_FRAMES_S = 0.1
@@ -54,7 +56,7 @@ def warning_findings(draft: Draft) -> Iterator[Finding]:
     """Find what to look at again in a configuration without errors."""
     yield from draft.renamed
     yield from _about_rules(draft)
-    for check in (rule_test_warnings, secret_warnings, *_ABOUT_DRIVERS):
+    for check in (rule_test_warnings, secret_warnings, _black_box_writes, *_ABOUT_DRIVERS):
         yield from check(draft)
 
 
@@ -350,6 +352,17 @@ def _cut_off_delay(declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding
         )
         hint = 'write lost = { policy = "clear" }: then a target that left counts as over, for the off_delay'
         yield Finding(declared.at("off_delay"), message, hint, "lost-cuts-off-delay")
+
+
+def _black_box_writes(draft: Draft) -> Iterator[Finding]:
+    """Find black boxes that cannot write, and buttons that order clips of none."""
+    if draft.black_box is not None and (trouble := missing("record")):
+        yield Finding(("black_box",), f"the black box cannot write: {trouble}", "", "missing-extra")
+    for name, table in draft.button_tables.items():
+        for key in ("press", "hold"):
+            if draft.black_box is None and getattr(table, key) == OperatorAction.CLIP:
+                message = f"the button '{name}' orders a clip, and there is no black box"
+                yield Finding(("buttons", name, key), message, "add the section [black_box]", "no-black-box")
 
 
 _CHECKS: tuple[Callable[[Draft], Iterator[Finding]], ...] = (

@@ -101,9 +101,11 @@ _BODIES: Mapping[tuple[Takes, ...], str] = {
 
 
 def _action(action: OperatorAction) -> PageOperation:
-    """Return the path of an operator action: of a rule, or of all outputs."""
+    """Return the path of an operator action: of a rule, of all outputs, or of recordings."""
     path = f"rules/{{rule}}/{action.command}"
-    if action.is_on_outputs:
+    if action.writes_file:
+        path = f"recordings/{action.command}"
+    elif action.is_on_outputs:
         path = f"outputs/{action.command.removesuffix('-outputs')}"
     body = _BODIES[action.takes]
     return _run(path, action.command, action.summary, body=body, names_operator=True)

@@ -18,8 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
-from stadimeter.app.control.recording import delete_old, recordings_folder
+from stadimeter.app.control.recording import recordings_folder
 from stadimeter.app.cycle import CycleRecord
+from stadimeter.app.recordings.record_file import delete_old
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 from stadimeter.app.timeline.rows import LEVELS_S, STATES, Names, Rows, merge_rows, timeline_folder
 from stadimeter.config.atomic_file import append_whole

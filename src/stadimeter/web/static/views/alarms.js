@@ -9,6 +9,8 @@ import { actionButtons, lookOf, stateInWords } from "./live/rules.js";
 
 const SLOW_MS = 500;
 const ALL = "On all cameras";
+const CLIPS_EVERY_MS = 5000;
+const SLACK_S = 0.5;
 
 export function mount(root, context) {
   const { api, live, unit, session, others } = context;
@@ -55,6 +57,13 @@ export function mount(root, context) {
   );
 
   let told = { alarms: [], events: [] };
+  let clips = [];
+  /** Where the clip of a moment is replayed, at that moment; empty for none. */
+  const clipOf = (unix_s) => {
+    const found = clips.find((each) => each.began_unix_s - SLACK_S <= unix_s && unix_s <= each.ended_unix_s + SLACK_S);
+    if (!found || session.right !== "operate") return "";
+    return `#recordings/${encodeURIComponent(found.name)}/${Math.max(0, unix_s - found.began_unix_s).toFixed(1)}`;
+  };
   const drawHistory = () => {
     const from = SEVERITIES.indexOf(least.value);
     const known = new Map([...told.events, ...live.history.events].map((event) => [event.number, event]));
@@ -63,13 +72,14 @@ export function mount(root, context) {
       .sort((a, b) => b.number - a.number);
     nothing.hidden = events.length > 0;
     write(nothing, events.length ? "" : "Nothing of this kind has happened yet.");
-    drawEvents(history, events, unit);
+    drawEvents(history, events, unit, clipOf);
   };
   const draw = () => {
     const past = new Map(told.alarms.map((alarm) => [alarm.rule, alarm]));
     const rules = (live.snapshot?.rules ?? [])
       .filter((rule) => rule.is_alarm)
       .map((rule) => ({ ...past.get(rule.rule), ...rule }));
+    for (const rule of rules) rule.clip = clipOf(rule.raised_unix_s);
     none.hidden = rules.length > 0;
     all.hidden = session.right !== "operate" || rules.every((rule) => rule.acknowledged);
     keyed(
@@ -83,7 +93,9 @@ export function mount(root, context) {
   };
   const refresh = async () => {
     try {
+      const recorded = api.get("recordings").catch(() => ({ recordings: [] })); // a page may have no workbench
       told = await api.get("alarms");
+      clips = (await recorded).recordings.filter((each) => each.clip_of);
       draw();
     } catch (error) {
       write(nothing, error.message);
@@ -103,7 +115,12 @@ export function mount(root, context) {
   );
   refresh();
   const leaveOthers = others.watch(draw);
-  return () => (leave(), leaveOthers());
+  const often = setInterval(refresh, CLIPS_EVERY_MS);
+  return () => {
+    leave();
+    leaveOthers();
+    clearInterval(often);
+  };
 }
 
 /** What needs somebody comes first. */
@@ -114,17 +131,15 @@ function card(context) {
   const state = h("span");
   const facts = h("dl", { class: "facts small" });
   const actions = actionButtons(context);
-  const element = h(
-    "li",
-    { class: "rule" },
-    h("div", { class: "row head" }, name, state),
-    h("div", { class: "body" }, facts, actions),
-  );
+  const clip = h("a", { class: "button" }, "Watch the clip");
+  const body = h("div", { class: "body" }, facts, clip, actions);
+  const element = h("li", { class: "rule" }, h("div", { class: "row head" }, name, state), body);
   element.update = (alarm) => {
     write(name, alarm.rule);
     state.className = `badge is-${lookOf(alarm)}`;
     write(state, stateInWords(alarm));
     keyed(facts, factsOf(alarm, context.unit), ([label]) => label, fact);
+    Object.assign(clip, { href: alarm.clip, hidden: !alarm.clip });
     actions.update(alarm);
   };
   return element;

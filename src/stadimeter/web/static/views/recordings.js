@@ -23,19 +23,17 @@ class Recordings {
   constructor(context) {
     Object.assign(this, { context, canOperate: context.session.right === "operate", isRecording: false, replay: null });
     this.record = button("Record", () => this.#record(), "primary", { hidden: !this.canOperate });
+    const keep = () => this.#order("recordings/clip", { by: localStorage.getItem("name") || undefined });
+    this.keep = button("Save clip", keep, "", { hidden: !this.canOperate });
     this.now = h("p", { class: "grow", role: "status" });
+    const orders = h("div", { class: "row" }, this.record, this.keep, this.now);
     this.folder = h("p", { class: "quiet small" });
     this.list = h("ul", { class: "list recordings" });
     this.player = h("div");
     this.element = h(
       "div",
       { class: "stack" },
-      h(
-        "section",
-        { class: "panel stack of-run", "aria-label": "Record" },
-        h("h1", {}, "Recordings"),
-        h("div", { class: "row" }, this.record, this.now),
-      ),
+      h("section", { class: "panel stack of-run", "aria-label": "Record" }, h("h1", {}, "Recordings"), orders),
       this.player,
       h("section", { class: "panel", "aria-label": "List" }, this.list, this.folder),
     );
@@ -55,6 +53,7 @@ class Recordings {
                 "and what the rules decided.",
             ),
       );
+      this.#openNamed(recordings);
       write(this.folder, `In ${folder}.${left_out ? ` ${left_out} older ones are not listed.` : ""}`);
     } catch (error) {
       replace(this.list, h("li", {}, error.message));
@@ -81,18 +80,34 @@ class Recordings {
 
   async #record() {
     this.record.disabled = true;
+    await this.#order("recordings", { do: this.isRecording ? "stop" : "start" });
+    this.record.disabled = false;
+  }
+
+  async #order(path, body) {
     try {
-      await this.context.api.post("recordings", { do: this.isRecording ? "stop" : "start" });
+      const { words } = await this.context.api.post(path, body);
+      if (words) this.context.say(words);
     } catch (error) {
       this.context.say(error.message, "error");
     }
-    this.record.disabled = false;
     this.load();
   }
 
+  /** Open the recording that the address names, once, at its moment: `#recordings/NAME/SECONDS`. */
+  #openNamed(recordings) {
+    const [, name, at_s] = location.hash.split("/");
+    const wanted = name && !this.wasOpened && recordings.find((each) => each.name === decodeURIComponent(name));
+    if (!wanted || !this.canOperate) return;
+    this.wasOpened = true;
+    this.#open(wanted, Number(at_s) || 0);
+  }
+
   #row(recording) {
-    const { name, kind, seconds, bytes, unix_s, configuration, damage, is_growing } = recording;
+    const { name, kind, seconds, bytes, unix_s, configuration, damage, is_growing, clip_of } = recording;
+    const clip = clip_of && `${clip_of.source} ${clip_of.kind}: ${clip_of.reason}`;
     const facts = [
+      clip,
       format.moment(unix_s),
       seconds === null ? "" : format.span(seconds),
       format.size(bytes),
@@ -131,12 +146,17 @@ class Recordings {
     );
   }
 
-  #open(recording) {
+  #open(recording, at_s) {
     this.replay?.close();
-    this.replay = new Replay(recording, this.context, () => {
-      replace(this.player);
-      this.replay = null;
-    });
+    this.replay = new Replay(
+      recording,
+      this.context,
+      () => {
+        replace(this.player);
+        this.replay = null;
+      },
+      at_s,
+    );
     replace(this.player, this.replay.element);
     this.replay.slider.focus({ preventScroll: true });
     this.player.scrollIntoView({ block: "start" });

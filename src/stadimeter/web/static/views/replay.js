@@ -6,7 +6,7 @@ import * as format from "../format.js";
 const STEP_S = 0.1;
 
 export class Replay {
-  constructor({ name, seconds }, { api, unit }, onend) {
+  constructor({ name, seconds }, { api, unit }, onend, at_s = 0) {
     Object.assign(this, {
       name,
       seconds,
@@ -54,7 +54,7 @@ export class Replay {
         this.values,
       ),
     );
-    this.show(0);
+    this.show(at_s);
   }
 
   /** Show a moment; while one is on its way, only the newest wish is kept. */

@@ -26,22 +26,27 @@ export function eventList({ live, unit }, most) {
   };
 }
 
-/** Put events into a list, each as when, what to whom, why and who. */
-export function drawEvents(list, events, unit) {
+/** Put events into a list, each as when, what to whom, why and who, and its clip where `clipOf` knows one. */
+export function drawEvents(list, events, unit, clipOf = () => "") {
   keyed(
     list,
     events,
     (event) => event.number,
-    (event) =>
-      h(
+    (event) => {
+      const clip = h("a", { class: "small" }, "Watch the clip");
+      const update = ({ unix_s }) => Object.assign(clip, { href: clipOf(unix_s), hidden: !clipOf(unix_s) });
+      const element = h(
         "li",
         { class: "event" },
         h("span", { class: `mark is-${LOOKS[event.severity]}`, title: event.severity }),
         h("strong", null, `${event.source} ${event.kind.replaceAll("_", " ")}`, event.by && ` by ${event.by}`),
         h("time", { class: "number quiet small" }, format.moment(event.unix_s)),
         why(event) && h("span", { class: "reason small" }, format.words(why(event), unit)),
+        clip,
         h("span", { class: "sr" }, `(${event.severity})`),
-      ),
+      );
+      return Object.assign(element, { update });
+    },
   );
 }
 
