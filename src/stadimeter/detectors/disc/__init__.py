@@ -55,6 +55,7 @@ from stadimeter.detectors.disc.search import (
     find_partly_hidden,
     pick_largest,
 )
+from stadimeter.detectors.disc.setup import disc_kinds
 from stadimeter.detectors.hsv import HsvRangeText
 from stadimeter.detectors.protocol import ONE_OF_A_KIND, Exercise, check_image
 from stadimeter.detectors.sampling import Region, touches_border
@@ -120,6 +121,8 @@ class DiscOptions(DriverOptions):
     hsv: HsvRangeText | None = None
     """Its colours, lower and upper limit of hue, saturation and value: ``"0,0,150:179,60,255"`` is white. With it a
     disc is found among many other things, any of which may be an ellipse."""
+
+    setup_kinds = staticmethod(disc_kinds)
 
     def build(self, context: DriverContext) -> DiscDetector:
         """Return the detector."""

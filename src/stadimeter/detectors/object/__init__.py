@@ -21,6 +21,7 @@ from stadimeter.detectors.object.engines import EngineChoice
 from stadimeter.detectors.object.families import FAMILIES, FamilyName, recognise
 from stadimeter.detectors.object.model_file import load_model
 from stadimeter.detectors.object.network import USUAL_EVERY_S, Network, examine
+from stadimeter.detectors.object.setup import object_kinds
 from stadimeter.detectors.protocol import NetworkReport
 from stadimeter.errors import DriverError, UnreadableError
 from stadimeter.ranging.upright import KnownLength, UprightShape
@@ -116,6 +117,8 @@ class ObjectOptions(DriverOptions):
             faces = " and ".join(name for name, each in FAMILIES.items() if each.has_eyes)
             raise ValueError(f"eye_distance: {known.name} finds no eyes, {faces} do; write height or width")
         return self
+
+    setup_kinds = staticmethod(object_kinds)
 
     def build(self, context: DriverContext) -> ObjectDetector:
         """Return the detector. The network is loaded with the first picture."""

@@ -23,6 +23,7 @@ from stadimeter.core.detection import Detection, DetectionStatus, Points, Predic
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.picture.alignment import Alignment, PictureLight, align
 from stadimeter.detectors.picture.features import MIN_AGREEING, PictureFeatures
+from stadimeter.detectors.picture.setup import picture_kinds
 from stadimeter.detectors.protocol import check_image
 from stadimeter.detectors.sampling import Light, Region, grey_of, in_light, light_table, touches_border
 from stadimeter.detectors.sides import diagonals_meet, side_lengths, width_and_height
@@ -69,6 +70,8 @@ class PictureOptions(DriverOptions):
         if self.width is None and self.height is None:
             raise ValueError('give its width or its height, such as width = "42 cm"')
         return self
+
+    setup_kinds = staticmethod(picture_kinds)
 
     def build(self, context: DriverContext) -> PictureDetector:
         """Return the detector.

@@ -23,6 +23,7 @@ from stadimeter.detectors.sheet.edges import SheetPicture
 from stadimeter.detectors.sheet.evidence import slack_share
 from stadimeter.detectors.sheet.one_outline import OutlineSides, edge_points, measure_outline
 from stadimeter.detectors.sheet.search import EXPECTED_SIZES, MISFIT_FACTOR, MISFIT_SIGMAS, SLACK_SIGMAS, SheetSearch
+from stadimeter.detectors.sheet.setup import sheet_kinds
 from stadimeter.detectors.sheet.side_tests import (
     MAX_BEND_PX,
     MAX_BEND_SHARE,
@@ -105,6 +106,8 @@ class SheetOptions(DriverOptions):
             known_side=self.known_side,
             relative_sigma=tolerance_m / math.sqrt(self.width * self.height),
         )
+
+    setup_kinds = staticmethod(sheet_kinds)
 
     def build(self, context: DriverContext) -> SheetDetector:
         """Return the detector."""

@@ -30,6 +30,7 @@ from stadimeter.detectors.sides import diagonals_meet, grown, side_lengths, widt
 from stadimeter.detectors.tag.codes import SeenTag, TagFamilyName, tag_family
 from stadimeter.detectors.tag.frame import BentSides
 from stadimeter.detectors.tag.search import MAX_OUTLINES, LookResult, TagSearch, candidate
+from stadimeter.detectors.tag.setup import tag_kinds
 from stadimeter.detectors.tag.sides import TagSides, edge_points, measure_sides
 from stadimeter.ranging.flat import TagShape
 
@@ -107,6 +108,8 @@ class TagOptions(DriverOptions):
     def members(self) -> tuple[str, ...]:
         """The numbers of the tags, or those from 1 to `count`."""
         return tuple(map(str, self.ids)) if self.ids else numbered(self.count)
+
+    setup_kinds = staticmethod(tag_kinds)
 
     def build(self, context: DriverContext) -> TagDetector:
         """Return the detector."""

@@ -111,9 +111,7 @@ def files(desk: Desk) -> dict[str, Any]:
 
 def _as_text(known: Known, answers: Mapping[str, str]) -> tuple[str, dict[str, str]]:
     """Return the configuration that answers come to, and the files beside it by their names."""
-    if known.camera_model is None:
-        raise ConfigError("the camera is not calibrated yet")
-    made = configuration_files(answers, known.camera_model, known.model_file)
+    made = configuration_files(answers, known.lens, known.model_file)
     return made.pop(CONFIGURATION), made
 
 

@@ -12,6 +12,7 @@ from typing import Any
 from msgspec import Struct
 
 from stadimeter.config.camera_file import camera_file_text
+from stadimeter.config.driver_tables import TARGET
 from stadimeter.config.toml_source import as_toml, key_and_value
 from stadimeter.config.units import (
     ANGLES_RAD,
@@ -28,7 +29,7 @@ from stadimeter.core.words import time_of_day
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.setup.camera_step import SIMULATED, table_of
 from stadimeter.workbench.setup.question import CAMERA_FILE, CONFIGURATION
-from stadimeter.workbench.setup.target import size_and_tolerance, target_table
+from stadimeter.workbench.setup.target import IN_ROOM, target_names, target_table
 
 # An output that only the views show.
 SCREEN = "screen"
@@ -281,8 +282,8 @@ def _configuration(answers: Mapping[str, str], model_file: str) -> str:
 def _world(answers: Mapping[str, str]) -> list[tuple[str, Mapping[str, Any]]]:
     """Return the world for a camera or a base that is not there."""
     if answers["camera"] == SIMULATED:
-        size, _ = size_and_tolerance(answers["size"])
-        return [("world", {"ball_diameter": size} if answers["target"] == "ball" else {})]
+        target = target_table(answers)
+        return [("world", {"ball_diameter": target["diameter"]} if target[TARGET.key] == IN_ROOM else {})]
     return [("world", {})] if answers.get("base") == SCREEN else []
 
 
@@ -322,6 +323,8 @@ def _rules(wish: Wish, answers: Mapping[str, str], output: str) -> str:
     if wish.key == "parking":
         nearest, farthest = (parse_length(answers[f"parking_{key}"]) for key in ("stop", "slow"))
         figures["middle"] = f"{(nearest + farthest) / 2:.4g} m"
-    target = answers["target"]
-    drives = (f'actuator = "{output}"\n' if output else "") + f'target = "{target}"\n'
-    return fill_blanks(wish.rules.replace("{drives}", drives), {**figures, "target": target, "output": output})
+    watched, moved = target_names(answers)
+    drives = (f'actuator = "{output}"\n' if output else "") + f'target = "{watched}"\n'
+    rules, begins, tests = wish.rules.replace("{drives}", drives).partition("[[tests]]")
+    parts = ((rules, watched), (begins + tests, moved))
+    return "".join(fill_blanks(part, {**figures, "target": name, "output": output}) for part, name in parts)

@@ -59,6 +59,13 @@ class Known(Struct, kw_only=True):
         """The picture that is shown to people."""
         return self.frames[0]
 
+    @property
+    def lens(self) -> CameraModel:
+        """The lens; a `ConfigError` before the calibration."""
+        if self.camera_model is None:
+            raise ConfigError("the camera is not calibrated yet")
+        return self.camera_model
+
     def shown_in(self, name: str) -> str:
         """Return the sentence that names a picture of what was found; empty for a face that shows it anyway."""
         return f" {name} shows it." if self.looks_ahead else ""
@@ -132,8 +139,9 @@ class Question(Struct, frozen=True, kw_only=True):
         ready: The answer that is taken if none is given; empty if there is none.
         form: How an answer may look, for people who want another one.
         unattended: The answer that is taken where no person is there to put the target somewhere; empty for `ready`.
-        kind: What it asks for, for faces that show more than text: ``camera``, ``target``, ``size``, ``tag``,
-            ``colour``, ``calibration``, ``proof``, ``wish``, ``blank``, ``output``, ``base`` or ``broker``.
+        kind: What it asks for, for faces that show more than text: ``camera``, ``target``, ``size``, ``thing`` (what
+            else a kind of target needs), ``colour``, ``calibration``, ``proof``, ``way``, ``wish``, ``blank``,
+            ``output``, ``base`` or ``broker``.
         names: Sizes that have a name, of a `size`.
         sentence: The wish that a blank is of, with each of its blanks in braces.
         blanks: The blanks of that sentence: ``key``, ``text`` and the ``ready`` answer.

@@ -32,7 +32,14 @@ from stadimeter.workbench.rule_tests.inputs import observations, wait_times
 from stadimeter.workbench.rule_tests.running import command_figures
 from stadimeter.workbench.setup.files import SCREEN, blank_answers, figure_si, find_wishes, tag_name
 from stadimeter.workbench.setup.question import Known
-from stadimeter.workbench.setup.target import build_target, describe_detection, target_shape
+from stadimeter.workbench.setup.target import (
+    build_target,
+    describe_detection,
+    kind_of,
+    kind_steps,
+    target_names,
+    target_shape,
+)
 from stadimeter.workbench.setup.wish_steps import wish_steps
 
 # The rules are tried on this many seconds of the camera's past measurements.
@@ -121,7 +128,7 @@ def simulate_approach(configuration: Configuration, answers: Mapping[str, str]) 
     hovering = {"hover": {"at": f"{second_m} m", "for": f"{end_s + gone_s} s"}}
     others = {tag_name(tag): hovering for tag in blank_answers(answers, "tag").values()}
     table = {
-        "targets": {answers["target"]: moving, **others},
+        "targets": {target_names(answers)[1]: moving, **others},
         "rate": "10 Hz",
         "clock": next(iter(blank_answers(answers, "time").values()), "00:00"),
         "date": EQUINOX,
@@ -154,9 +161,7 @@ def outlook(known: Known) -> dict[str, Any]:
     Raises:
         ConfigError: The camera is not calibrated yet.
     """
-    if known.camera_model is None:
-        raise ConfigError("the camera is not calibrated yet")
-    shape, lens = target_shape(build_target(known)), known.camera_model.for_frame(known.frame)
+    shape, lens = target_shape(build_target(known)), known.lens.for_frame(known.frame)
     nearest_m = farthest_m(shape, lens, WHOLE_SHARE * min(lens.width_px, lens.height_px))
     reaches_m = farthest_m(shape, lens)
     rows = [expect(shape, lens, each) for each in (nearest_m, *_between(nearest_m, reaches_m), reaches_m)]
@@ -188,12 +193,12 @@ def target_so_far(known: Known, colour: str = "") -> DriverChoice | None:
     """Return the target as far as the answers tell it; None before it can be looked for.
 
     Args:
-        colour: A range that is tried for a ball; empty for that of the answers.
+        colour: A range that is tried; empty for that of the answers.
     """
     answers = known.answers
-    if "target" not in answers or "size" not in answers:
+    if "target" not in answers or any(step.key not in answers for step in kind_steps(answers)):
         return None
-    if answers["target"] == "ball" and not (colour or "colour" in answers):
+    if kind_of(answers).has_colour and not (colour or "colour" in answers):
         return None
     try:
         return build_target(known, **({"colour": colour} if colour else {}))

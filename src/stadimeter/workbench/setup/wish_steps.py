@@ -32,7 +32,7 @@ from stadimeter.workbench.setup.files import (
     tag_table,
 )
 from stadimeter.workbench.setup.question import Accepted, Known, Option, Question, SetupStep, words_of
-from stadimeter.workbench.setup.target import build_target, target_shape, target_table
+from stadimeter.workbench.setup.target import build_target, kind_of, target_shape, target_table
 
 
 class WishStep(SetupStep):
@@ -119,7 +119,7 @@ class BlankStep(SetupStep):
     def question(self, known: Known) -> Question:
         """Ask for it, with an answer ready that this camera can serve."""
         seen_m = reliable_range_m(known)
-        reach = f"With this camera, the {known.answers['target']} is found reliably up to {seen_m:.2g} m."
+        reach = f"With this camera, the {kind_of(known.answers).thing} is found reliably up to {seen_m:.2g} m."
         ready = {**ready_answers(self.wish, seen_m), self.blank.key: self._ready(known, seen_m)}
         return Question(
             text=f"{self.wish.title[0].upper()}{self.wish.title[1:]}. {self.blank.text}",
@@ -182,7 +182,7 @@ class BlankStep(SetupStep):
         seen_m = reliable_range_m(known)
         if not self.blank.is_length or value <= seen_m:
             return Accepted(answer=text)
-        far = f"That is farther than the {known.answers['target']} is found reliably, {seen_m:.2g} m."
+        far = f"That is farther than the {kind_of(known.answers).thing} is found reliably, {seen_m:.2g} m."
         return Accepted(answer=text, notes=(far,), doubt=True)
 
 
