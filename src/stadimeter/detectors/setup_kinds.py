@@ -11,42 +11,38 @@ from typing import Any, Protocol, runtime_checkable
 from msgspec import Struct
 
 from stadimeter.config.units import split_spread
-from stadimeter.errors import ConfigError
 
 # What the kinds are listed below.
 BY_NETWORK, SEVERAL = "Found by a neural network", "Several of one kind"
 
-# The answers that a count may be: one is what the other kinds are.
-MIN_SEVERAL = 2
 
-
-class SetupQuestion(Struct, frozen=True, kw_only=True):
+class SetupQuestion(Struct, frozen=True):
     """A question about a target.
 
     Attributes:
         key: The name of its answer; kinds share keys such as ``size``.
-        keys: Returns the keys of the target's table that follow from an answer; a `ConfigError` says why it is none.
+        keys: Returns the keys of the target's table that follow from an answer.
         ready: The answer that is taken if none is given; empty if there is none.
         form: How an answer may look.
         names: Sizes that have a name.
+        sides: How many lengths a size has: 2 for width and height.
         tries: Answers that are tried on the picture. The first with which the target is found is ready, and behind it
             the number that the target bears.
         files: Of an answer that names a file, what such files are called, such as ``*.onnx``.
-        after: The key of the question behind which it counts; empty for its own.
     """
 
-    key: str = "size"
+    key: str
     text: str
     keys: Callable[[str], Mapping[str, Any]]
-    ready: str = ""
-    form: str = ""
+    ready: str
+    form: str
     names: tuple[str, ...] = ()
+    sides: int = 1
     tries: tuple[str, ...] = ()
     files: str = ""
-    after: str = ""
 
 
-class SetupKind(Struct, frozen=True, kw_only=True):
+class SetupKind(Struct, frozen=True):
     """A kind of target that people look for in a list.
 
     Attributes:
@@ -57,6 +53,8 @@ class SetupKind(Struct, frozen=True, kw_only=True):
         group: What it is listed below; empty for nothing.
         rank: Where it stands in the list.
         learns_size: Whether the set-up can learn its size, by steps of the camera, where that is not known.
+        has_colour: Whether a range of colours is asked for behind the questions: `ProposesColour` finds it.
+        driver: The detector; the set-up fills it in.
     """
 
     name: str
@@ -66,6 +64,13 @@ class SetupKind(Struct, frozen=True, kw_only=True):
     group: str = ""
     rank: int = 50
     learns_size: bool = False
+    has_colour: bool = False
+    driver: str = ""
+
+    @property
+    def one(self) -> str:
+        """One of it, for sentences."""
+        return self.thing or self.name
 
 
 @runtime_checkable
@@ -78,7 +83,7 @@ class AsksInSetup(Protocol):
 
 
 def size_question(
-    keys: Callable[[str], Mapping[str, Any]], ready: str, form: str, *, thing: str, names: tuple[str, ...] = ()
+    thing: str, keys: Callable[[str], Mapping[str, Any]], ready: str, form: str, names: tuple[str, ...] = ()
 ) -> SetupQuestion:
     """Return the question for a size, whose answer may say behind ± how well that is known."""
 
@@ -86,12 +91,10 @@ def size_question(
         size, tolerance = split_spread(text)
         return {**keys(size), **({"tolerance": tolerance} if tolerance else {})}
 
-    text = f"How large is {thing}? The distances are as right as this is: measure it."
-    return SetupQuestion(text=text, keys=with_tolerance, ready=ready, form=form, names=names)
+    text = f"How large is the {thing}? The distances are as right as this is: measure it."
+    return SetupQuestion("size", text, with_tolerance, ready, form, names)
 
 
 def count_of(text: str) -> Mapping[str, Any]:
     """Return the key for how many there are at most."""
-    if not (text.isdecimal() and int(text) >= MIN_SEVERAL):
-        raise ConfigError(f"{text!r} is no number of several things; write it such as 4")
-    return {"count": int(text)}
+    return {"count": int(text) if text.isdecimal() else text}

@@ -7,14 +7,10 @@ from stadimeter.detectors.setup_kinds import SetupKind, SetupQuestion, size_ques
 
 def picture_kinds() -> tuple[SetupKind, ...]:
     """Return the picture."""
-    file = SetupQuestion(
-        key="picture",
-        text="Which file shows the picture, from the front and with nothing around it?",
-        keys=lambda path: {"file": path},
-        form="a scan or what was printed, such as poster.jpg",
-        files="*.[jp][pn]g",
-    )
+    text = "Which file shows the picture, from the front and with nothing around it?"
+    form = "a scan or what was printed, such as poster.jpg"
+    file = SetupQuestion("picture", text, lambda path: {"file": path}, "", form, files="*.[jp][pn]g")
     form = "its width, such as 42 cm; the height follows from the file"
-    size = size_question(lambda width: {"width": width}, "21 cm", form, thing="the picture")
+    size = size_question("picture", lambda width: {"width": width}, "21 cm", form)
     meaning = "a poster, a book cover or another picture, of which you have a file"
-    return (SetupKind(name="picture", meaning=meaning, questions=(file, size), rank=5),)
+    return (SetupKind("picture", meaning, (file, size), rank=5),)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from msgspec.structs import replace
+
 from stadimeter.config.named_sizes import PAPER
 from stadimeter.config.units import split_quantities
 from stadimeter.detectors.setup_kinds import SetupKind, size_question
@@ -17,7 +19,7 @@ def _sides(size: str) -> Mapping[str, Any]:
 
 def sheet_kinds() -> tuple[SetupKind, ...]:
     """Return the sheet."""
-    names = ", ".join(PAPER)
-    form = f"width and height, such as 11 in, 8.5 in, or a name: {names}; cut by hand or not flat: A4 ± 3 mm"
-    size = size_question(_sides, "A4", form, thing="the sheet", names=tuple(PAPER))
-    return (SetupKind(name="sheet", meaning="a sheet of paper or a card, lying flat", questions=(size,), rank=2),)
+    names = tuple(PAPER)
+    form = f"width and height, such as 11 in, 8.5 in, or a name: {', '.join(names)}; cut by hand or not flat: A4 ± 3 mm"
+    size = replace(size_question("sheet", _sides, "A4", form, names), sides=2)
+    return (SetupKind("sheet", "a sheet of paper or a card, lying flat", (size,), rank=2),)

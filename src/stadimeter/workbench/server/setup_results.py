@@ -23,12 +23,12 @@ from stadimeter.workbench.setup.files import (
 )
 from stadimeter.workbench.setup.question import CONFIGURATION, Known
 from stadimeter.workbench.setup.trying import (
-    complete_answers,
     outlook,
     recent_observations,
     show_decisions,
     simulate_approach,
 )
+from stadimeter.workbench.setup.wish_steps import complete_answers
 from stadimeter.workbench.wiring import (
     circuits_picture,
     find_outputs,

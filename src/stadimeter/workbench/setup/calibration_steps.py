@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
 import re
 import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from msgspec.structs import replace
+
 from stadimeter.app.detectors import build_detectors
 from stadimeter.config.camera_file import load_camera_model
 from stadimeter.config.plugins import DriverChoice
-from stadimeter.config.units import parse_length, split_spread
-from stadimeter.core.camera_model import CameraModel
+from stadimeter.config.units import parse_angle, parse_length, split_spread
+from stadimeter.core.camera_model import CameraModel, Provenance
 from stadimeter.core.detection import DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CalibrationError, ConfigError
@@ -24,7 +27,6 @@ from stadimeter.workbench.calibration.distance_fit import fit_distances, look_at
 from stadimeter.workbench.calibration.live_distance import APART_MIN, LiveDistance
 from stadimeter.workbench.measuring import open_picture
 from stadimeter.workbench.picture_metadata import check_lens_settings
-from stadimeter.workbench.setup.lens import describe_lens, guess_lens, is_unusual
 from stadimeter.workbench.setup.question import (
     BOARD_FILE,
     CAMERA_FILE,
@@ -36,7 +38,7 @@ from stadimeter.workbench.setup.question import (
     SetupStep,
     words_of,
 )
-from stadimeter.workbench.setup.target import build_target, is_unknown, kind_of, look, target_shape, why_not_measured
+from stadimeter.workbench.setup.target import build_target, kind_of, look, target_shape, why_not_measured
 
 # The width of what a usual webcam sees.
 GUESS = "60 deg"
@@ -52,9 +54,7 @@ class CalibrationStep(SetupStep):
 
     def question(self, known: Known) -> Question:
         """Have the most certain way ready that there is."""
-        if is_unknown(known.answers["size"]):
-            return _without_distance(known)
-        name = kind_of(known.answers).thing
+        name = kind_of(known.answers).one
         put = f" Put the {name} into the middle of the picture." if known.is_live else ""
         options = tuple(_options(known))
         return Question(
@@ -77,23 +77,12 @@ class CalibrationStep(SetupStep):
         if re.fullmatch(r"[\d.,]+\s*(deg|°)", text):
             rough = ("This is rough: distances may be wrong by a tenth of themselves.",)
             return _accept_lens(known, guess_lens(known.frame, text), text, rough)
-        if is_unknown(known.answers["size"]):
-            raise ConfigError(f"{text!r}: without a size a distance calibrates nothing; {WITHOUT_DISTANCE}")
         if "@" not in text:
             picture, seen = _picture_now(known, text)
             return _from_pictures(known, [picture], picture, seen)
         pictures = _pictures(known, text)
         is_one_word = len(pictures) == 1 and " " not in pictures[0]
         return _from_pictures(known, pictures, pictures[0] if is_one_word else shlex.join(pictures), ())
-
-
-WITHOUT_DISTANCE = "write a camera file, or the width of the view, such as 60 deg"
-
-
-def _without_distance(known: Known) -> Question:
-    options = tuple(each for each in _options(known) if each.answer in {CAMERA_FILE, GUESS})
-    text = "How was the camera calibrated? A size that is not known calibrates nothing."
-    return Question(text=text, options=options, ready=options[0].answer, form=WITHOUT_DISTANCE)
 
 
 class ProofStep(SetupStep):
@@ -109,7 +98,7 @@ class ProofStep(SetupStep):
 
     def question(self, known: Known) -> Question:
         """Ask for a distance several times as large."""
-        name, far = kind_of(known.answers).thing, _far(known)
+        name, far = kind_of(known.answers).one, _far(known)
         return Question(
             text=f"Now put the {name} farther away, which proves the first distance. How far away is it?",
             options=(Option(far, "three times as far"), Option(SKIP, "no proof")),
@@ -157,8 +146,8 @@ def _pictures(known: Known, text: str) -> list[str]:
 
 
 def _measured_to(known: Known) -> str:
-    has_limb = target_shape(build_target(known)).limb_radius_m > 0
-    return "its nearest point" if has_limb else f"the {kind_of(known.answers).thing}"
+    has_limb = target_shape(build_target(known)).limb_radius_m
+    return "its nearest point" if has_limb else f"the {kind_of(known.answers).one}"
 
 
 def _how_to_measure(known: Known) -> str:
@@ -195,7 +184,7 @@ def _options(known: Known) -> Iterator[Option]:
     if _is_usable(known, CAMERA_FILE):
         yield Option(CAMERA_FILE, "the camera file in this folder")
     if known.is_live:
-        yield Option("1 m", f"the {kind_of(known.answers).thing} is 1 m from the lens now")
+        yield Option("1 m", f"the {kind_of(known.answers).one} is 1 m from the lens now")
     named = {f"{known.relative(each.source)}@{Path(each.source).stem}" for each in known.frames if _is_named(each)}
     if named:
         yield Option(shlex.join(sorted(named)), "the distances to the middle that the names say")
@@ -273,8 +262,14 @@ def _take_shown(known: Known) -> tuple[Frame, str]:
     return known.frame, words
 
 
+# Relative standard deviation of a focal length from a guessed width of the view.
+GUESS_RELATIVE_SIGMA = 0.1
+
 # Nobody measures from a lens better than this share of a distance; and worse than that says nothing.
 BEST_KNOWN, WORST_KNOWN = 0.001, 0.2
+
+# A camera that sees more or less than this is unusual: a size or a distance may be in another unit than was meant.
+MIN_VIEW_RAD, MAX_VIEW_RAD = math.radians(20), math.radians(130)
 
 
 class PictureAt(NamedTuple):
@@ -351,6 +346,40 @@ def _check_agreement(pictures: Sequence[PictureAt], choice: DriverChoice) -> Non
 def _relative_sigma(pictures: Sequence[PictureAt]) -> float:
     """Return how well the distances are known: as well as the worst of them."""
     return max(each.relative_sigma for each in pictures)
+
+
+def guess_lens(frame: Frame, width: str) -> CameraModel:
+    """Return the lens of a camera that sees an angle across its picture; a `ConfigError` if no camera does."""
+    try:
+        view_rad = parse_angle(width)
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
+    if not 0 < view_rad < math.radians(170):
+        raise ConfigError(f"no camera sees {math.degrees(view_rad):g}° across; write it such as 60 deg")
+    focal_px = frame.width_px / 2 / math.tan(view_rad / 2)
+    return replace(
+        CameraModel.with_focal_length(focal_px, frame.width_px, frame.height_px),
+        focal_relative_sigma=GUESS_RELATIVE_SIGMA,
+        provenance=Provenance(method=f"a guess: {math.degrees(view_rad):g} degrees across", date=today()),
+    )
+
+
+def describe_lens(model: CameraModel) -> str:
+    """Say what a lens sees, and whether that is unusual."""
+    words = (
+        f"Focal length {model.fx_px:.0f} px ± {model.focal_relative_sigma:.1%}: the camera sees "
+        f"{math.degrees(_view_rad(model)):.0f}° across."
+    )
+    return f"{words} That is unusual: check the size and the distance, and their units." if is_unusual(model) else words
+
+
+def is_unusual(model: CameraModel) -> bool:
+    """Return whether hardly any camera has such a lens."""
+    return not MIN_VIEW_RAD <= _view_rad(model) <= MAX_VIEW_RAD
+
+
+def _view_rad(model: CameraModel) -> float:
+    return 2 * math.atan(model.width_px / 2 / model.fx_px)
 
 
 def _known_distances(pictures: Sequence[PictureAt], choice: DriverChoice) -> tuple[KnownDistance, ...]:

@@ -24,13 +24,13 @@ from stadimeter.workbench.setup.camera_step import CameraStep
 from stadimeter.workbench.setup.colour_step import ColourStep
 from stadimeter.workbench.setup.files import WISHES
 from stadimeter.workbench.setup.question import Accepted, Known, Question, SetupStep, words_of
-from stadimeter.workbench.setup.size_steps import KEYS, WayStep
+from stadimeter.workbench.setup.size_steps import KEYS, SizelessCalibrationStep, WayStep
 from stadimeter.workbench.setup.target import TargetStep, kind_steps, offered_kinds
 from stadimeter.workbench.setup.wish_steps import WishStep, wish_steps
 
 # The questions that come first, whatever the answers; behind the first two stand those of the kind of target.
 _FIRST: tuple[Callable[[], SetupStep], ...] = (
-    CameraStep, TargetStep, ColourStep, CalibrationStep, ProofStep,
+    CameraStep, TargetStep, ColourStep, SizelessCalibrationStep, CalibrationStep, ProofStep,
     *(partial(WayStep, place) for place in range(len(KEYS))), WishStep,
 )  # fmt: skip
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -99,11 +99,28 @@ class Known(Struct, kw_only=True):
         Raises:
             ConfigError: It says everything that is wrong; where it stands is nothing that a person has written.
         """
+        choice = self.check(kind, at, table)
+        if choice is None:
+            raise ConfigError(f"there is no {at[-1]}")
+        return choice
+
+    def check(
+        self, kind: DriverKind, at: tuple[str, ...], table: dict[str, Any], keys: Iterable[str] | None = None
+    ) -> DriverChoice | None:
+        """Return the driver of a table that may not be complete; None if it is not.
+
+        Args:
+            keys: Of these what is wrong counts; None for all that is wrong.
+
+        Raises:
+            ConfigError: As `choose`.
+        """
         findings: list[Finding] = []
         choice, _ = read_driver_table(kind, at, table, validation_context(self.file), findings)
-        if choice is None or findings:
-            raise ConfigError(Problem(each.message, hint=each.hint) for each in findings)
-        return choice
+        wrong = [each for each in findings if keys is None or {*each.path[len(at) :]} & {*keys}]
+        if wrong:
+            raise ConfigError(Problem(each.message, hint=each.hint) for each in wrong)
+        return None if findings else choice
 
 
 def words_of(text: str) -> list[str]:
@@ -143,6 +160,7 @@ class Question(Struct, frozen=True, kw_only=True):
             else a kind of target needs), ``colour``, ``calibration``, ``proof``, ``way``, ``wish``, ``blank``,
             ``output``, ``base`` or ``broker``.
         names: Sizes that have a name, of a `size`.
+        sides: How many lengths a `size` has: 2 for width and height.
         sentence: The wish that a blank is of, with each of its blanks in braces.
         blanks: The blanks of that sentence: ``key``, ``text`` and the ``ready`` answer.
     """
@@ -156,6 +174,7 @@ class Question(Struct, frozen=True, kw_only=True):
     unattended: str = ""
     kind: str = ""
     names: tuple[str, ...] = ()
+    sides: int = 1
     sentence: str = ""
     blanks: tuple[Mapping[str, str], ...] = ()
 

@@ -9,14 +9,44 @@ from stadimeter.ranging.size_from_motion import StepErrors, StepView, learn_size
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.calibration.size_by_steps import SizeSession, parse_move
 from stadimeter.workbench.frame_source import take_frame
-from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Option, Question, SetupStep, words_of
+from stadimeter.workbench.setup.calibration_steps import GUESS, CalibrationStep
+from stadimeter.workbench.setup.question import (
+    CAMERA_FILE,
+    PICTURES,
+    Accepted,
+    Known,
+    Question,
+    SetupStep,
+    words_of,
+)
 from stadimeter.workbench.setup.target import build_target, is_unknown, kind_of
 
-# The places of a live camera: where it begins, and how far from there it is moved. A third one shows whether the target
-# stood still.
-HERE, *MOVES = PLACES = ("here", "20 cm", "40 cm")
+# How far a live camera is from where it began. A third place shows whether the target stood still.
+PLACES = ("0 cm", "20 cm", "40 cm")
+
+WITHOUT_DISTANCE = "a camera file, or the width of the view, such as 60 deg"
 
 KEYS = ("way", "way_2", "way_3")
+
+
+class SizelessCalibrationStep(CalibrationStep):
+    """How the camera was calibrated, where the target's size is not known and so calibrates nothing."""
+
+    def is_asked(self, known: Known) -> bool:
+        """Return whether the size is not known."""
+        return is_unknown(known.answers.get("size", ""))
+
+    def question(self, known: Known) -> Question:
+        """Offer what needs no target."""
+        options = tuple(each for each in super().question(known).options if each.answer in {CAMERA_FILE, GUESS})
+        text = "How was the camera calibrated? A size that is not known calibrates nothing."
+        return Question(text=text, options=options, ready=options[0].answer, form=WITHOUT_DISTANCE)
+
+    def accept(self, known: Known, text: str) -> Accepted:
+        """Take a lens that is known without the target."""
+        if not text.endswith((".toml", "deg", "°")):
+            raise ConfigError(f"{text!r}: without a size a distance calibrates nothing; give {WITHOUT_DISTANCE}")
+        return super().accept(known, text)
 
 
 @dataclass
@@ -37,16 +67,14 @@ class WayStep(SetupStep):
 
     def question(self, known: Known) -> Question:
         """Ask for the camera at the next place."""
-        thing, ready = kind_of(known.answers).thing, PLACES[self.number]
+        thing, ready = kind_of(known.answers).one, PLACES[self.number]
         grows = f"The size of the {thing} follows from how it grows as the camera comes nearer."
         if not known.is_live:
             form = "the first picture, and behind the others how far the camera had moved: a.jpg b.jpg@20cm c.jpg@40cm"
             return Question(text=f"Which pictures show that? {grows}", form=form)
-        if ready == HERE:
-            text = f"Is the camera where it shall begin? {grows} From now on the {thing} stays where it is."
-            return Question(text=text, options=(Option(HERE, "take a picture from here"),), ready=HERE)
-        text = f"Now move the camera straight towards the {thing}. How far is it from where it began?"
-        return Question(text=text, ready=ready, form=f"such as {ready}, or 10 cm:right")
+        begin = f"Put the camera where it shall begin. {grows} From now on the {thing} stays where it is."
+        move = f"Now move the camera straight towards the {thing}. How far is it from where it began?"
+        return Question(text=move if self.number else begin, ready=ready, form="a length, such as 20 cm or 10 cm:right")
 
     def accept(self, known: Known, text: str) -> Accepted:
         """Look at the target from there, and learn its size at the last place."""
@@ -55,7 +83,7 @@ class WayStep(SetupStep):
         earlier = [known.answers[key] for key in KEYS[: self.number]]
         session = SizeSession(build_target(known, size="unknown"), known.lens)
         views = [_view(known, session, each) for word in (*earlier, pictures) for each in words_of(word)]
-        if known.is_live and self.number < len(MOVES):
+        if known.is_live and self.number < len(PLACES) - 1:
             return Accepted(answer=pictures)
         learnt = learn_size(views, known.lens, StepErrors())
         sizes_m = session.sizes_m(learnt)
@@ -63,18 +91,17 @@ class WayStep(SetupStep):
         (size_m,) = sizes_m.values()
         size = f"{1000 * size_m:.4g} mm ± {1000 * tolerance_m:.2g} mm"
         known.answers["size"] = size
-        return Accepted(answer=pictures, notes=(f"The {kind_of(known.answers).thing} measures {size}.",))
+        return Accepted(answer=pictures, notes=(f"The {kind_of(known.answers).one} measures {size}.",))
 
     def _take(self, known: Known, text: str) -> str:
         """Keep what the camera sees from a place, and return it as ``PICTURE@MOVE``."""
         if known.camera is None:
             raise ConfigError("there is no camera")
-        move = "" if text == HERE else f"@{text.replace(' ', '')}"
-        parse_move(move[1:] or "0 cm", self.key)
+        parse_move(text, self.key)
         known.frames = (take_frame(known.camera, known.opening),)
         name = f"{PICTURES}/{self.key}.png"
         write_picture(known.path(name), known.frame.image, known.frame.optics)
-        return name + move
+        return f"{name}@{text.replace(' ', '')}"
 
 
 def _view(known: Known, session: SizeSession, text: str) -> StepView:

@@ -7,21 +7,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from msgspec import Struct
+from msgspec.structs import replace
 
 from stadimeter.app.detectors import build_detectors
 from stadimeter.config.driver_tables import TARGET, read_driver_table
-from stadimeter.config.findings import Finding
 from stadimeter.config.named_sizes import UNKNOWN_SIZE
-from stadimeter.config.plugins import DriverChoice, DriverOptions, ReportsLacks, driver_names, load_driver
+from stadimeter.config.plugins import DriverChoice, ReportsLacks, driver_names, load_driver
 from stadimeter.config.units import split_spread, validation_context
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.core.target import TargetShape
-from stadimeter.detectors.protocol import ProposesColour
 from stadimeter.detectors.setup_kinds import AsksInSetup, SetupKind, SetupQuestion
-from stadimeter.errors import ConfigError, DriverError, Problem, StadimeterError
+from stadimeter.errors import ConfigError, DriverError, StadimeterError
 from stadimeter.workbench.annotation import Mark, annotate, write_picture
 from stadimeter.workbench.frame_source import BALL, take_frame
 from stadimeter.workbench.measuring import remedies_for
@@ -43,38 +41,20 @@ MIN_SIZE_M, MAX_SIZE_M = 0.005, 3.0
 ASSUMED_SIZE = "10 cm"
 
 
-class OfferedKind(Struct, frozen=True, kw_only=True):
-    """A kind of target, and the detector that finds it."""
-
-    kind: SetupKind
-    driver: str
-    options: type[DriverOptions]
-
-    @property
-    def thing(self) -> str:
-        """One of it, for sentences."""
-        return self.kind.thing or self.kind.name
-
-    @property
-    def has_colour(self) -> bool:
-        """Whether it is found by a range of colours, which is asked for behind the other questions."""
-        return issubclass(self.options, ProposesColour)
-
-
-def offered_kinds() -> dict[str, OfferedKind]:
+def offered_kinds() -> dict[str, SetupKind]:
     """Return the kinds of target of every installed detector, by name, in the order of the list."""
-    found = []
+    found: list[SetupKind] = []
     for driver in driver_names(TARGET.group):
         try:
             options = load_driver(TARGET.group, driver)
         except DriverError:  # its library is missing
             continue
         if issubclass(options, AsksInSetup):
-            found += [OfferedKind(kind=kind, driver=driver, options=options) for kind in options.setup_kinds()]
-    return {each.kind.name: each for each in sorted(found, key=lambda each: each.kind.rank)}
+            found += [replace(kind, driver=driver) for kind in options.setup_kinds()]
+    return {kind.name: kind for kind in sorted(found, key=lambda kind: kind.rank)}
 
 
-def kind_of(answers: Mapping[str, str]) -> OfferedKind:
+def kind_of(answers: Mapping[str, str]) -> SetupKind:
     """Return the kind of the answers; a `ConfigError` if its detector is not installed any more."""
     kinds = offered_kinds()
     if answers["target"] not in kinds:
@@ -84,13 +64,12 @@ def kind_of(answers: Mapping[str, str]) -> OfferedKind:
 
 def target_table(answers: Mapping[str, str]) -> dict[str, Any]:
     """Return the table of the target, such as ``[targets.ball]``, as far as the answers say it."""
-    offered = kind_of(answers)
-    table: dict[str, Any] = {TARGET.key: offered.driver}
-    for asked in offered.kind.questions:
-        if asked.key in answers and (asked.after or asked.key) in answers:
-            text = answers[asked.key]
+    kind = kind_of(answers)
+    table: dict[str, Any] = {TARGET.key: kind.driver}
+    for asked in kind.questions:
+        if (text := answers.get(asked.key)) is not None:
             table |= asked.keys(ASSUMED_SIZE if is_unknown(text) else text)
-    colour = answers.get("colour", ANY_COLOUR) if offered.has_colour else ANY_COLOUR
+    colour = answers.get("colour", ANY_COLOUR) if kind.has_colour else ANY_COLOUR
     return table if colour == ANY_COLOUR else {**table, "hsv": colour}
 
 
@@ -99,14 +78,17 @@ def is_unknown(size: str) -> bool:
     return size.lower() in UNKNOWN_SIZE
 
 
-def target_names(answers: Mapping[str, str]) -> tuple[str, str]:
-    """Return the target that rules watch, and the one that their tests move: of several the nearest, and the first."""
-    name, findings = answers["target"], list[Finding]()
-    table = target_table(answers)
-    choice, _ = read_driver_table(TARGET, ("targets", name), table, validation_context(Path()), findings)
-    if choice is None or not choice.options.members:
-        return name, name
-    return f"{name}-nearest", choice.members[0]
+def members_of(answers: Mapping[str, str]) -> tuple[str, ...]:
+    """Return the targets that the answers make: one, or several of one kind."""
+    at = ("targets", answers["target"])
+    choice, _ = read_driver_table(TARGET, at, target_table(answers), validation_context(Path()), [])
+    return choice.members if choice else at[1:]
+
+
+def watched(answers: Mapping[str, str]) -> str:
+    """Return the target that rules watch: of several the nearest."""
+    name = answers["target"]
+    return name if members_of(answers) == (name,) else f"{name}-nearest"
 
 
 def target_shape(choice: DriverChoice) -> TargetShape:
@@ -213,41 +195,39 @@ class TargetStep(SetupStep):
 
     def question(self, known: Known) -> Question:  # noqa: ARG002
         """List the kinds of every detector."""
-        kinds = [each.kind for each in offered_kinds().values()]
-        options = tuple(Option(kind.name, kind.meaning, kind.group) for kind in kinds)
+        options = tuple(Option(kind.name, kind.meaning, kind.group) for kind in offered_kinds().values())
         return Question(text="What shall be measured?", options=options, ready=options[0].answer)
 
     def accept(self, known: Known, text: str) -> Accepted:  # noqa: ARG002
         """Take one of the kinds."""
-        return Accepted(answer=kind_of({"target": text.lower()}).kind.name)
+        return Accepted(answer=kind_of({"target": text.lower()}).name)
 
 
 def kind_steps(answers: Mapping[str, str]) -> Iterator[KindStep]:
     """Yield the questions of the kind that was chosen."""
-    offered = offered_kinds().get(answers.get("target", ""))
-    if offered is not None:
-        yield from (KindStep(offered, asked) for asked in offered.kind.questions)
+    if (kind := offered_kinds().get(answers.get("target", ""))) is not None:
+        yield from (KindStep(kind, asked) for asked in kind.questions)
 
 
 @dataclass
 class KindStep(SetupStep):
     """A question that the detector asks about its kind of target."""
 
-    offered: OfferedKind
+    of: SetupKind
     asked_by_kind: SetupQuestion
 
     def __post_init__(self) -> None:
         self.key = self.asked_by_kind.key
-        self.kind = "" if self.key == "size" else "thing"
+        self.kind = "" if self.key == "size" and "±" not in self.asked_by_kind.ready else "thing"
         self.names_files = bool(self.asked_by_kind.files)
 
     def question(self, known: Known) -> Question:
         """Ask for it, with what the picture shows or the folder holds as the ready answer."""
         asked = self.asked_by_kind
         seen = self._in_view(known)
-        shows = f"The picture shows {seen or f'no {self.offered.thing}'}."
+        shows = f"The picture shows {seen or f'no {self.of.one}'}."
         files = sorted(path.name for path in known.folder.glob(asked.files)) if asked.files else []
-        has_room = self.key == "size" and self.offered.driver == IN_ROOM and known.answers["camera"] == SIMULATED
+        has_room = self.key == "size" and self.of.driver == IN_ROOM and known.answers["camera"] == SIMULATED
         return Question(
             text=asked.text,
             found=(shows,) if asked.tries else (),
@@ -255,6 +235,7 @@ class KindStep(SetupStep):
             ready=BALL if has_room else seen or (files[0] if len(files) == 1 else asked.ready),
             form=f"{asked.form}; unknown if you do not know it" if self.key == "size" else asked.form,
             names=asked.names,
+            sides=asked.sides,
         )
 
     def _in_view(self, known: Known) -> str:
@@ -272,42 +253,24 @@ class KindStep(SetupStep):
     def accept(self, known: Known, text: str) -> Accepted:
         """Check the answer, the last one with the others; then look for the target, if nothing else says what it is."""
         if self.key == "size" and is_unknown(text):
-            return self._accept_unknown(text)
-        is_last = all(each.key in {*known.answers, self.key} for each in self.offered.kind.questions)
-        if not self._is_complete(known, text, is_last=is_last):
+            if self.of.learns_size:
+                return Accepted(answer=text, notes=("It is learnt when the camera is calibrated, by moving it.",))
+            raise ConfigError(
+                "it can be found out by moving the camera: answer with something of known size, such as a sheet of A4, "
+                "which calibrates the camera; then `stadimeter calibrate size` learns the size of this one"
+            )
+        is_last = all(each.key in {*known.answers, self.key} for each in self.of.questions) and not self.of.has_colour
+        table, own = target_table({**known.answers, self.key: text}), self.asked_by_kind.keys(text)
+        if not known.check(TARGET, ("targets", self.of.name), table, None if is_last else own):
             return Accepted(answer=text)
         choice = build_target(known, **{self.key: text})
         named = (_describe_size(choice.options),) if self.key == "size" and text[:1].isalpha() else ()
-        if not is_last or self.offered.has_colour:
+        if not is_last:
             return Accepted(answer=text, notes=named)
-        lacks = choice.options.lacks() if isinstance(choice.options, ReportsLacks) else ()
-        if lacks:
+        if isinstance(choice.options, ReportsLacks) and (lacks := choice.options.lacks()):
             raise ConfigError("; ".join(lacks))
         found, words = look(known, choice, text if self.key == "size" else "")
         return Accepted(answer=text, notes=(*named, words), doubt=is_doubtful(found))
-
-    def _accept_unknown(self, text: str) -> Accepted:
-        if self.offered.kind.learns_size:
-            note = (
-                "Then the camera must be calibrated without it, by a camera file or a board; later you move the camera."
-            )
-            return Accepted(answer=text.lower(), notes=(note,))
-        raise ConfigError(
-            "it can be found out by moving the camera: answer with something of known size, such as a sheet of A4, "
-            "which calibrates the camera; then `stadimeter calibrate size` learns the size of this one"
-        )
-
-    def _is_complete(self, known: Known, text: str, *, is_last: bool) -> bool:
-        """Return whether the answers make a target; a `ConfigError` says what is wrong with this one."""
-        findings: list[Finding] = []
-        table = target_table({**known.answers, self.key: text})
-        context = validation_context(known.file)
-        read_driver_table(TARGET, ("targets", self.offered.kind.name), table, context, findings)
-        own = self.asked_by_kind.keys(text)
-        wrong = [each for each in findings if is_last or (len(each.path) > 2 and each.path[2] in own)]
-        if wrong:
-            raise ConfigError(Problem(each.message, hint=each.hint) for each in wrong)
-        return not findings
 
 
 def _describe_size(options: Any) -> str:

@@ -30,17 +30,16 @@ from stadimeter.workbench.picture_quality import picture_remarks
 from stadimeter.workbench.replay.lanes import Lane, Point, thin_points
 from stadimeter.workbench.rule_tests.inputs import observations, wait_times
 from stadimeter.workbench.rule_tests.running import command_figures
-from stadimeter.workbench.setup.files import SCREEN, blank_answers, figure_si, find_wishes, tag_name
+from stadimeter.workbench.setup.files import blank_answers, figure_si, find_wishes, tag_name
 from stadimeter.workbench.setup.question import Known
 from stadimeter.workbench.setup.target import (
     build_target,
     describe_detection,
     kind_of,
     kind_steps,
-    target_names,
+    members_of,
     target_shape,
 )
-from stadimeter.workbench.setup.wish_steps import wish_steps
 
 # The rules are tried on this many seconds of the camera's past measurements.
 LAST_S = 60.0
@@ -60,23 +59,6 @@ EQUINOX = "2026-03-21"
 
 # Where nothing was seen for longer, time went on without frames.
 GAP_S = 1.0
-
-
-def complete_answers(known: Known, changed: Mapping[str, str]) -> dict[str, str]:
-    """Return answers that make a configuration: those given, those that are being changed, else the ready ones.
-
-    Outputs that are not chosen yet are shown on the screen only.
-
-    Raises:
-        ConfigError: There is no wish yet, or no lens.
-    """
-    if known.camera_model is None or "wish" not in known.answers:
-        raise ConfigError("first choose what shall happen")
-    answers = {**known.answers, **changed}
-    for step in wish_steps(answers):
-        is_output = step.kind == "output" or step.key == "base"
-        answers.setdefault(step.key, SCREEN if is_output else step.question(known).ready)
-    return answers
 
 
 def recent_observations(history: Sequence[Measurement]) -> Iterator[Observation]:
@@ -128,7 +110,7 @@ def simulate_approach(configuration: Configuration, answers: Mapping[str, str]) 
     hovering = {"hover": {"at": f"{second_m} m", "for": f"{end_s + gone_s} s"}}
     others = {tag_name(tag): hovering for tag in blank_answers(answers, "tag").values()}
     table = {
-        "targets": {target_names(answers)[1]: moving, **others},
+        "targets": {**dict.fromkeys(members_of(answers), moving), **others},
         "rate": "10 Hz",
         "clock": next(iter(blank_answers(answers, "time").values()), "00:00"),
         "date": EQUINOX,

@@ -8,7 +8,10 @@ from dataclasses import dataclass
 
 from stadimeter.config.driver_tables import ACTUATOR, DRIVER_KINDS, MESSENGER, TARGET
 from stadimeter.config.extras import require
-from stadimeter.errors import ConfigError
+from stadimeter.config.loader import load_configuration
+from stadimeter.config.toml_source import read_toml
+from stadimeter.config.untrusted_file import CAMERA_FILE_MAX_BYTES
+from stadimeter.errors import ConfigError, Problem
 from stadimeter.ranging.similar_triangles import farthest_m
 from stadimeter.workbench.doctor.computer import Computer
 from stadimeter.workbench.setup.base_steps import BaseStep, option_steps
@@ -23,6 +26,7 @@ from stadimeter.workbench.setup.files import (
     actuator_table,
     blank_answers,
     button_table,
+    configuration_files,
     figure_si,
     find_wishes,
     messenger_table,
@@ -32,7 +36,7 @@ from stadimeter.workbench.setup.files import (
     tag_table,
 )
 from stadimeter.workbench.setup.question import Accepted, Known, Option, Question, SetupStep, words_of
-from stadimeter.workbench.setup.target import build_target, kind_of, target_shape, target_table
+from stadimeter.workbench.setup.target import build_target, kind_of, members_of, target_shape, target_table
 
 
 class WishStep(SetupStep):
@@ -47,16 +51,21 @@ class WishStep(SetupStep):
         form="several of them, by name or number, such as near far",
     )
 
-    def accept(self, known: Known, text: str) -> Accepted:  # noqa: ARG002
+    def accept(self, known: Known, text: str) -> Accepted:
         """Take wishes by their names."""
         names = list(dict.fromkeys(words_of(text.replace(",", " "))))
         possible = [wish.key for wish in WISHES]
         wrong = [name for name in names if name not in possible]
         if wrong or not names:
             raise ConfigError(f"{' '.join(wrong) or text!r} is none of {', '.join(possible)}")
-        robots = [wish.key for wish in find_wishes({"wish": " ".join(names)}) if wish.output == "base"]
+        chosen = find_wishes({"wish": " ".join(names)})
+        robots = [wish.key for wish in chosen if wish.output == "base"]
         if len(robots) > 1:
             raise ConfigError(f"{' and '.join(robots)} would drive one robot; choose one of them")
+        if not any(wish.rules for wish in chosen):
+            raise ConfigError(f"{' '.join(names)} alone does nothing; add what shall happen, such as near")
+        if any(wish.needs_several for wish in chosen) and len(members_of(known.answers)) == 1:
+            raise ConfigError("crowd is for several of one kind; go back to the target, and choose balls or tags")
         return Accepted(answer=" ".join(names))
 
 
@@ -64,9 +73,27 @@ def wish_steps(answers: Mapping[str, str]) -> Iterator[SetupStep]:
     """Yield the questions that the chosen wishes leave open."""
     for wish in find_wishes(answers):
         yield from (BlankStep(wish, blank) for blank in wish.blanks)
-        yield BaseStep() if wish.output == "base" else BrokerStep() if wish.output == "mqtt" else WishOutputStep(wish)
         if wish.output == "base":
-            yield from option_steps(answers.get("base", SCREEN))
+            yield from (BaseStep(), *option_steps(answers.get("base", SCREEN)))
+        elif wish.output:
+            yield BrokerStep() if wish.output == "mqtt" else WishOutputStep(wish)
+
+
+def complete_answers(known: Known, changed: Mapping[str, str]) -> dict[str, str]:
+    """Return answers that make a configuration: those given, those that are being changed, else the ready ones.
+
+    Outputs that are not chosen yet are shown on the screen only.
+
+    Raises:
+        ConfigError: There is no wish yet, or no lens.
+    """
+    if known.camera_model is None or "wish" not in known.answers:
+        raise ConfigError("first choose what shall happen")
+    answers = {**known.answers, **changed}
+    for step in wish_steps(answers):
+        is_output = step.kind == "output" or step.key == "base"
+        answers.setdefault(step.key, SCREEN if is_output else step.question(known).ready)
+    return answers
 
 
 def reliable_range_m(known: Known) -> float:
@@ -119,7 +146,7 @@ class BlankStep(SetupStep):
     def question(self, known: Known) -> Question:
         """Ask for it, with an answer ready that this camera can serve."""
         seen_m = reliable_range_m(known)
-        reach = f"With this camera, the {kind_of(known.answers).thing} is found reliably up to {seen_m:.2g} m."
+        reach = f"With this camera, the {kind_of(known.answers).one} is found reliably up to {seen_m:.2g} m."
         ready = {**ready_answers(self.wish, seen_m), self.blank.key: self._ready(known, seen_m)}
         return Question(
             text=f"{self.wish.title[0].upper()}{self.wish.title[1:]}. {self.blank.text}",
@@ -152,6 +179,8 @@ class BlankStep(SetupStep):
             case "place":
                 place_table(text)
                 require("sun", "the sun's times")
+            case "setting" | "metres" | "landmarks":
+                self._check_setting(known, text)
             case _:
                 return self._accept_figure(known, text)
         return Accepted(answer=text)
@@ -166,6 +195,19 @@ class BlankStep(SetupStep):
         others = {key: each for key, each in blank_answers(known.answers, "tag").items() if key != self.key}
         if other := next((each for each in others.values() if tag_name(each) == tag_name(text) and each != text), ""):
             raise ConfigError(f"{tag_name(text)} is {other!r} already")
+
+    def _check_setting(self, known: Known, text: str) -> None:
+        """Check what follows from it in the configuration that the answers make so far."""
+        model = known.model_file
+        if self.wish.lens and model and "medium" in read_toml(known.path(model), CAMERA_FILE_MAX_BYTES).table:
+            raise ConfigError(f"{model} is for a camera in water already; go back, and leave this out")
+        try:
+            files = configuration_files(complete_answers(known, {self.key: text}), known.lens, model)
+            load_configuration(known.file, texts={known.path(name): each for name, each in files.items()})
+        except ConfigError as error:  # where it stands is nothing that a person has written
+            raise ConfigError(Problem(each.message, hint=each.hint) for each in error.problems) from error
+        except ValueError as error:
+            raise ConfigError(str(error)) from error
 
     def _accept_figure(self, known: Known, text: str) -> Accepted:
         value = figure_si(text, self.blank)
@@ -182,7 +224,7 @@ class BlankStep(SetupStep):
         seen_m = reliable_range_m(known)
         if not self.blank.is_length or value <= seen_m:
             return Accepted(answer=text)
-        far = f"That is farther than the {kind_of(known.answers).thing} is found reliably, {seen_m:.2g} m."
+        far = f"That is farther than the {kind_of(known.answers).one} is found reliably, {seen_m:.2g} m."
         return Accepted(answer=text, notes=(far,), doubt=True)
 
 
