@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from stadimeter.app.feasibility import feasibility_warnings
-from stadimeter.config.camera_file import load_camera_model
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame
@@ -98,7 +97,6 @@ def test_what_is_known_of_floor_water_and_places_stands_where_it_belongs(tmp_pat
     assert configuration.footings["ball"].height_m == 1.0
     assert [tag.number for tag in configuration.landmarks.tags] == [3, 5]
     assert configuration.camera_model.fx_px == pytest.approx(1.334 * LENS.fx_px)
-    assert load_camera_model(tmp_path / "camera.toml").fx_px == LENS.fx_px, "the one that was calibrated stays in air"
 
 
 def test_places_alone_make_a_configuration_without_a_warning(tmp_path: Path) -> None:
@@ -130,6 +128,13 @@ def test_what_cannot_be_so_is_refused_at_its_question(key: str, blank: str, wron
 def test_water_alone_does_nothing_and_is_refused() -> None:
     with pytest.raises(ConfigError, match="water alone does nothing"):
         WishStep().accept(known_of(TARGETS["ball"]), "water")
+
+
+def test_a_camera_file_that_is_there_already_is_not_changed_for_water() -> None:
+    known = known_of(TARGETS["ball"])
+    known.model_file = "camera.toml"
+    with pytest.raises(ConfigError, match=r"write medium and port_m into camera\.toml"):
+        WishStep().accept(known, "near water")
 
 
 def test_a_distance_that_turns_the_sentence_around_is_refused() -> None:

@@ -290,10 +290,8 @@ def _busy(console: Console) -> Iterator[None]:
 
 
 def _write(console: Console, known: Known) -> None:
-    if known.camera_model is None:
-        raise ConfigError("there is no camera model; answer the question for the calibration")
     console.print()
-    for words in write_files(known.folder, configuration_files(known.answers, known.camera_model, known.model_file)):
+    for words in write_files(known.folder, configuration_files(known.answers, known.lens, known.model_file)):
         console.print(words, markup=False, soft_wrap=True)
 
 

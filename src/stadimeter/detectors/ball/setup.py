@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from stadimeter.config.named_sizes import BALLS
-from stadimeter.detectors.setup_kinds import SEVERAL, SetupKind, SetupQuestion, count_of, size_question
+from stadimeter.detectors.protocol import SEVERAL, SetupKind, SetupQuestion, count_of, size_question
 
 
 def ball_kinds() -> tuple[SetupKind, ...]:

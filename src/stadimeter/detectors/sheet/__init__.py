@@ -7,23 +7,23 @@ from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from msgspec.structs import replace
 from pydantic import ConfigDict, Field, model_validator
 
-from stadimeter.config.named_sizes import Paper, paper_sides
+from stadimeter.config.named_sizes import PAPER, Paper, paper_sides
 from stadimeter.config.plugins import DriverContext, DriverOptions
-from stadimeter.config.units import Length, parse_length
+from stadimeter.config.units import Length, parse_length, split_quantities
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.hsv import HsvRange, HsvRangeText
-from stadimeter.detectors.protocol import ONE_OF_A_KIND, Exercise, Remedy, check_image
+from stadimeter.detectors.protocol import ONE_OF_A_KIND, Exercise, Remedy, SetupKind, check_image, size_question
 from stadimeter.detectors.sampling import Region
 from stadimeter.detectors.sheet.candidates import Findings, SheetCandidate
 from stadimeter.detectors.sheet.edges import SheetPicture
 from stadimeter.detectors.sheet.evidence import slack_share
 from stadimeter.detectors.sheet.one_outline import OutlineSides, edge_points, measure_outline
 from stadimeter.detectors.sheet.search import EXPECTED_SIZES, MISFIT_FACTOR, MISFIT_SIGMAS, SLACK_SIGMAS, SheetSearch
-from stadimeter.detectors.sheet.setup import sheet_kinds
 from stadimeter.detectors.sheet.side_tests import (
     MAX_BEND_PX,
     MAX_BEND_SHARE,
@@ -57,6 +57,11 @@ def _or_by_name(schema: dict[str, Any]) -> None:
     """Say in the JSON Schema that a size by name stands for both sides."""
     schema.pop("required", None)
     schema["anyOf"] = [{"required": ["size"]}, {"required": ["width", "height"]}]
+
+
+def _sides(size: str) -> Mapping[str, Any]:
+    width, *height = split_quantities(size.replace(" x ", ", "))
+    return {"width": width, "height": ", ".join(height)} if height else {"size": size}
 
 
 class SheetOptions(DriverOptions):
@@ -107,7 +112,13 @@ class SheetOptions(DriverOptions):
             relative_sigma=tolerance_m / math.sqrt(self.width * self.height),
         )
 
-    setup_kinds = staticmethod(sheet_kinds)
+    @staticmethod
+    def setup_kinds() -> tuple[SetupKind, ...]:
+        """Return the sheet."""
+        names = tuple(PAPER)
+        form = f"width and height, such as 11 in, 8.5 in, or a name: {', '.join(names)}; cut by hand: A4 ± 3 mm"
+        size = replace(size_question("sheet", _sides, "A4", form, names), sides=2)
+        return (SetupKind("sheet", "a sheet of paper or a card, lying flat", (size,), rank=2),)
 
     def build(self, context: DriverContext) -> SheetDetector:
         """Return the detector."""

@@ -237,7 +237,7 @@ def _picture_now(known: Known, text: str) -> tuple[str, tuple[str, ...]]:
         It as ``PICTURE@DEPTH``, and what was seen.
     """
     distance_m, relative_sigma = parse_distance(text)
-    frame, seen = _take_live(known, distance_m) if known.is_live else _take_shown(known)
+    frame, seen = _take_live(known, distance_m) if known.is_live else take_shown(known)
     picture = f"{PICTURES}/at-{distance_m:g}m.png"
     write_picture(known.path(picture), frame.image, frame.optics)
     depth_m = distance_m + target_shape(build_target(known)).limb_radius_m
@@ -255,7 +255,8 @@ def _take_live(known: Known, distance_m: float) -> tuple[Frame, str]:
     return take.frame, f"Found in {take.found} of {take.frames} frames, {take.size_px:.0f} px, {spread}."
 
 
-def _take_shown(known: Known) -> tuple[Frame, str]:
+def take_shown(known: Known) -> tuple[Frame, str]:
+    """Look for the target, and return the picture in which it is, with a sentence about it."""
     found, words = look(known, build_target(known))
     if found.status is not DetectionStatus.FOUND:
         raise ConfigError(words)

@@ -45,9 +45,6 @@ WITHIN_REACH = 0.8
 NO_BUTTON = "none"
 USUAL_FAMILY = "36h11"
 
-# The camera file of a camera that looks through a window into water.
-CAMERA_BEHIND_PORT = "camera-behind-port.toml"
-
 _UNITS = {"m": LENGTHS_M, "s": DURATIONS_S, "m/s": SPEEDS_MPS, "rad": ANGLES_RAD}
 
 _MEMBER = re.compile(r".*\{member\}.*")
@@ -278,13 +275,9 @@ def configuration_files(answers: Mapping[str, str], camera_model: CameraModel, m
     Args:
         model_file: The camera file that is there already; empty to write one.
     """
-    lens = _settings("lens", answers)
-    used = CAMERA_BEHIND_PORT if lens else model_file or CAMERA_FILE
-    files = {CONFIGURATION: _configuration(answers, used)}
-    text = camera_file_text(camera_model)
-    if lens:
-        files = {CAMERA_BEHIND_PORT: f"{_lines(lens)}\n\n{text}", **files}
-    return files if model_file else {CAMERA_FILE: text, **files}
+    files = {CONFIGURATION: _configuration(answers, model_file or CAMERA_FILE)}
+    lens = f"{_lines(_settings('lens', answers))}\n\n{camera_file_text(camera_model)}".lstrip()
+    return files if model_file else {CAMERA_FILE: lens, **files}
 
 
 def _settings(part: str, answers: Mapping[str, str]) -> dict[str, Any]:

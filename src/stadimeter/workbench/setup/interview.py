@@ -5,8 +5,7 @@ from __future__ import annotations
 import glob
 import os
 import shlex
-from collections.abc import Callable, Iterator, Mapping
-from functools import partial
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from msgspec.structs import replace
@@ -29,9 +28,9 @@ from stadimeter.workbench.setup.target import TargetStep, kind_steps, offered_ki
 from stadimeter.workbench.setup.wish_steps import WishStep, wish_steps
 
 # The questions that come first, whatever the answers; behind the first two stand those of the kind of target.
-_FIRST: tuple[Callable[[], SetupStep], ...] = (
-    CameraStep, TargetStep, ColourStep, SizelessCalibrationStep, CalibrationStep, ProofStep,
-    *(partial(WayStep, place) for place in range(len(KEYS))), WishStep,
+_FIRST: tuple[SetupStep, ...] = (
+    CameraStep(), TargetStep(), ColourStep(), SizelessCalibrationStep(), CalibrationStep(), ProofStep(),
+    *map(WayStep, range(len(KEYS))), WishStep(),
 )  # fmt: skip
 
 # After another answer to one of these, later answers of an earlier interview mean nothing.
@@ -54,7 +53,6 @@ class Interview:
         self.known = known or Known(folder=folder)
         self.known.make_folder()
         self._earlier = dict(earlier or {})
-        self._first = [step() for step in _FIRST]
         self._doubted: dict[str, str] = {}
         self._asked: dict[str, Question] = {}
 
@@ -144,7 +142,7 @@ class Interview:
 
     def _next(self) -> SetupStep | None:
         answers = self.known.answers
-        steps = (*self._first[:2], *kind_steps(answers), *self._first[2:], *wish_steps(answers))
+        steps = (*_FIRST[:2], *kind_steps(answers), *_FIRST[2:], *wish_steps(answers))
         return next((each for each in steps if each.key not in self.known.answers and each.is_asked(self.known)), None)
 
 
@@ -153,7 +151,7 @@ def answer_keys() -> tuple[str, ...]:
     wishes = " ".join(wish.key for wish in WISHES)
     steps = [step for base in base_drivers() for step in wish_steps({"wish": wishes, "base": base})]
     of_kinds = [step for kind in offered_kinds() for step in kind_steps({"target": kind})]
-    return tuple(dict.fromkeys(step.key for step in (*(step() for step in _FIRST), *of_kinds, *steps)))
+    return tuple(dict.fromkeys(step.key for step in (*_FIRST, *of_kinds, *steps)))
 
 
 def check_keys(answers: Mapping[str, str], file: str) -> None:

@@ -6,7 +6,7 @@ import shlex
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from msgspec import Struct, field
 
@@ -99,10 +99,7 @@ class Known(Struct, kw_only=True):
         Raises:
             ConfigError: It says everything that is wrong; where it stands is nothing that a person has written.
         """
-        choice = self.check(kind, at, table)
-        if choice is None:
-            raise ConfigError(f"there is no {at[-1]}")
-        return choice
+        return cast(DriverChoice, self.check(kind, at, table))
 
     def check(
         self, kind: DriverKind, at: tuple[str, ...], table: dict[str, Any], keys: Iterable[str] | None = None

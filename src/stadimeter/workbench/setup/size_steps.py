@@ -8,8 +8,7 @@ from stadimeter.errors import CalibrationError, ConfigError
 from stadimeter.ranging.size_from_motion import StepErrors, StepView, learn_size
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.calibration.size_by_steps import SizeSession, parse_move
-from stadimeter.workbench.frame_source import take_frame
-from stadimeter.workbench.setup.calibration_steps import GUESS, CalibrationStep
+from stadimeter.workbench.setup.calibration_steps import GUESS, CalibrationStep, take_shown
 from stadimeter.workbench.setup.question import (
     CAMERA_FILE,
     PICTURES,
@@ -95,13 +94,10 @@ class WayStep(SetupStep):
 
     def _take(self, known: Known, text: str) -> str:
         """Keep what the camera sees from a place, and return it as ``PICTURE@MOVE``."""
-        if known.camera is None:
-            raise ConfigError("there is no camera")
         parse_move(text, self.key)
-        known.frames = (take_frame(known.camera, known.opening),)
-        name = f"{PICTURES}/{self.key}.png"
-        write_picture(known.path(name), known.frame.image, known.frame.optics)
-        return f"{name}@{text.replace(' ', '')}"
+        frame, _ = take_shown(known)
+        write_picture(known.path(f"{PICTURES}/{self.key}.png"), frame.image, frame.optics)
+        return f"{PICTURES}/{self.key}.png@{text.replace(' ', '')}"
 
 
 def _view(known: Known, session: SizeSession, text: str) -> StepView:

@@ -18,7 +18,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.core.target import TargetShape
-from stadimeter.detectors.setup_kinds import AsksInSetup, SetupKind, SetupQuestion
+from stadimeter.detectors.protocol import AsksInSetup, SetupKind, SetupQuestion
 from stadimeter.errors import ConfigError, DriverError, StadimeterError
 from stadimeter.workbench.annotation import Mark, annotate, write_picture
 from stadimeter.workbench.frame_source import BALL, take_frame

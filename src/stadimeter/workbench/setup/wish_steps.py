@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from stadimeter.config.driver_tables import ACTUATOR, DRIVER_KINDS, MESSENGER, TARGET
 from stadimeter.config.extras import require
 from stadimeter.config.loader import load_configuration
-from stadimeter.config.toml_source import read_toml
-from stadimeter.config.untrusted_file import CAMERA_FILE_MAX_BYTES
 from stadimeter.errors import ConfigError, Problem
 from stadimeter.ranging.similar_triangles import farthest_m
 from stadimeter.workbench.doctor.computer import Computer
@@ -64,6 +62,8 @@ class WishStep(SetupStep):
             raise ConfigError(f"{' and '.join(robots)} would drive one robot; choose one of them")
         if not any(wish.rules for wish in chosen):
             raise ConfigError(f"{' '.join(names)} alone does nothing; add what shall happen, such as near")
+        if known.model_file and any(wish.lens for wish in chosen):
+            raise ConfigError(f"write medium and port_m into {known.model_file} for that, if it was calibrated in air")
         if any(wish.needs_several for wish in chosen) and len(members_of(known.answers)) == 1:
             raise ConfigError("crowd is for several of one kind; go back to the target, and choose balls or tags")
         return Accepted(answer=" ".join(names))
@@ -198,11 +198,8 @@ class BlankStep(SetupStep):
 
     def _check_setting(self, known: Known, text: str) -> None:
         """Check what follows from it in the configuration that the answers make so far."""
-        model = known.model_file
-        if self.wish.lens and model and "medium" in read_toml(known.path(model), CAMERA_FILE_MAX_BYTES).table:
-            raise ConfigError(f"{model} is for a camera in water already; go back, and leave this out")
         try:
-            files = configuration_files(complete_answers(known, {self.key: text}), known.lens, model)
+            files = configuration_files(complete_answers(known, {self.key: text}), known.lens, known.model_file)
             load_configuration(known.file, texts={known.path(name): each for name, each in files.items()})
         except ConfigError as error:  # where it stands is nothing that a person has written
             raise ConfigError(Problem(each.message, hint=each.hint) for each in error.problems) from error
