@@ -317,9 +317,8 @@ def _meaningless(at: KeyPath, table: Mapping[str, Any], written: list[str]) -> I
         message = f"'{KEY_ABOUT_STANDING}' has a meaning only beside still_for"
         yield Finding((*at, KEY_ABOUT_STANDING), message, 'add such as still_for = "10 min"', "condition-keys")
     about = [key for key in KEYS_ABOUT_WHOM if key in table]
-    if len(about) > 1:
-        message = f"{' and '.join(about)} each say whom the condition is about"
-        yield Finding((*at, about[-1]), message, "keep one of them", "condition-keys")
+    for key in about[1:]:
+        yield Finding((*at, key), f"'{about[0]}' says already whom this is about", "keep one of them", "condition-keys")
     if any(key in group for group in _LIMITS for key in written):
         return
     kinds = " and ".join(f"'{kind}'" for kind in written)

@@ -244,9 +244,8 @@ class SetupQuestion(Struct, frozen=True):
         key: The name of its answer; kinds share keys such as ``size``.
         keys: Returns the keys of the target's table that follow from an answer.
         ready: The answer that is taken if none is given; empty if there is none.
-        form: How an answer may look.
+        form: How an answer may look; that of a size of two sides begins with "width and height".
         names: Sizes that have a name.
-        sides: How many lengths a size has: 2 for width and height.
         tries: Answers that are tried on the picture. The first with which the target is found is ready, and behind it
             the number that the target bears.
         files: Of an answer that names a file, what such files are called, such as ``*.onnx``.
@@ -258,7 +257,6 @@ class SetupQuestion(Struct, frozen=True):
     ready: str
     form: str
     names: tuple[str, ...] = ()
-    sides: int = 1
     tries: tuple[str, ...] = ()
     files: str = ""
 
@@ -287,11 +285,6 @@ class SetupKind(Struct, frozen=True):
     learns_size: bool = False
     has_colour: bool = False
     driver: str = ""
-
-    @property
-    def one(self) -> str:
-        """One of it, for sentences."""
-        return self.thing or self.name
 
 
 @runtime_checkable

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from msgspec.structs import replace
 from pydantic import ConfigDict, Field, model_validator
 
 from stadimeter.config.named_sizes import PAPER, Paper, paper_sides
@@ -117,7 +116,7 @@ class SheetOptions(DriverOptions):
         """Return the sheet."""
         names = tuple(PAPER)
         form = f"width and height, such as 11 in, 8.5 in, or a name: {', '.join(names)}; cut by hand: A4 ± 3 mm"
-        size = replace(size_question("sheet", _sides, "A4", form, names), sides=2)
+        size = size_question("sheet", _sides, "A4", form, names)
         return (SetupKind("sheet", "a sheet of paper or a card, lying flat", (size,), rank=2),)
 
     def build(self, context: DriverContext) -> SheetDetector:

@@ -54,7 +54,7 @@ class CalibrationStep(SetupStep):
 
     def question(self, known: Known) -> Question:
         """Have the most certain way ready that there is."""
-        name = kind_of(known.answers).one
+        name = kind_of(known.answers).thing
         put = f" Put the {name} into the middle of the picture." if known.is_live else ""
         options = tuple(_options(known))
         return Question(
@@ -98,7 +98,7 @@ class ProofStep(SetupStep):
 
     def question(self, known: Known) -> Question:
         """Ask for a distance several times as large."""
-        name, far = kind_of(known.answers).one, _far(known)
+        name, far = kind_of(known.answers).thing, _far(known)
         return Question(
             text=f"Now put the {name} farther away, which proves the first distance. How far away is it?",
             options=(Option(far, "three times as far"), Option(SKIP, "no proof")),
@@ -147,7 +147,7 @@ def _pictures(known: Known, text: str) -> list[str]:
 
 def _measured_to(known: Known) -> str:
     has_limb = target_shape(build_target(known)).limb_radius_m
-    return "its nearest point" if has_limb else f"the {kind_of(known.answers).one}"
+    return "its nearest point" if has_limb else f"the {kind_of(known.answers).thing}"
 
 
 def _how_to_measure(known: Known) -> str:
@@ -184,7 +184,7 @@ def _options(known: Known) -> Iterator[Option]:
     if _is_usable(known, CAMERA_FILE):
         yield Option(CAMERA_FILE, "the camera file in this folder")
     if known.is_live:
-        yield Option("1 m", f"the {kind_of(known.answers).one} is 1 m from the lens now")
+        yield Option("1 m", f"the {kind_of(known.answers).thing} is 1 m from the lens now")
     named = {f"{known.relative(each.source)}@{Path(each.source).stem}" for each in known.frames if _is_named(each)}
     if named:
         yield Option(shlex.join(sorted(named)), "the distances to the middle that the names say")

@@ -102,10 +102,6 @@ class Wish(Struct, frozen=True, kw_only=True):
     lens: str = ""
     needs_several: bool = False
 
-    def settings(self, part: str, answers: Mapping[str, str]) -> dict[str, Any]:
-        """Return the keys of ``camera``, ``target`` or ``lens`` for answers to its blanks."""
-        return tomllib.loads(fill_blanks(getattr(self, part), self.given(answers)))
-
     def given(self, answers: Mapping[str, str]) -> dict[str, str]:
         """Return what stands for each blank in its texts; the ready answer where there is none yet."""
         texts = {each: " ".join(answers.get(f"{self.key}_{each.key}", each.ready).split()) for each in self.blanks}
@@ -174,12 +170,13 @@ def figure_si(text: str, blank: Blank) -> float:
     return value
 
 
-def ready_answers(wish: Wish, seen_up_to_m: float) -> dict[str, str]:
-    """Return the ready answers to the blanks, nearer where the camera would not see that far."""
+def ready_answers(wish: Wish, seen_up_to_m: float, whole_from_m: float = 0.0) -> dict[str, str]:
+    """Return the ready answers to the blanks, nearer or farther where the camera would not see the target there."""
     lengths = [parse_length(blank.ready) for blank in wish.blanks if blank.is_length]
     nearer = min(1.0, WITHIN_REACH * seen_up_to_m / max(lengths, default=1.0))
+    scale = max(nearer, whole_from_m / min(lengths, default=1.0))
     return {
-        blank.key: f"{nearer * parse_length(blank.ready):.2g} m" if nearer < 1 and blank.is_length else blank.ready
+        blank.key: f"{scale * parse_length(blank.ready):.2g} m" if scale != 1 and blank.is_length else blank.ready
         for blank in wish.blanks
     }
 
@@ -281,8 +278,9 @@ def configuration_files(answers: Mapping[str, str], camera_model: CameraModel, m
 
 
 def _settings(part: str, answers: Mapping[str, str]) -> dict[str, Any]:
-    """Return the keys that the wishes add to a table."""
-    return {key: value for wish in find_wishes(answers) for key, value in wish.settings(part, answers).items()}
+    """Return the keys that the wishes add to a table: ``camera``, ``target`` or ``lens``."""
+    texts = [fill_blanks(getattr(wish, part), wish.given(answers)) for wish in find_wishes(answers)]
+    return tomllib.loads("\n".join(texts))
 
 
 def rule_names(answers: Mapping[str, str]) -> tuple[str, ...]:

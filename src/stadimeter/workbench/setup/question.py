@@ -157,7 +157,6 @@ class Question(Struct, frozen=True, kw_only=True):
             else a kind of target needs), ``colour``, ``calibration``, ``proof``, ``way``, ``wish``, ``blank``,
             ``output``, ``base`` or ``broker``.
         names: Sizes that have a name, of a `size`.
-        sides: How many lengths a `size` has: 2 for width and height.
         sentence: The wish that a blank is of, with each of its blanks in braces.
         blanks: The blanks of that sentence: ``key``, ``text`` and the ``ready`` answer.
     """
@@ -171,7 +170,6 @@ class Question(Struct, frozen=True, kw_only=True):
     unattended: str = ""
     kind: str = ""
     names: tuple[str, ...] = ()
-    sides: int = 1
     sentence: str = ""
     blanks: tuple[Mapping[str, str], ...] = ()
 

@@ -66,7 +66,7 @@ class WayStep(SetupStep):
 
     def question(self, known: Known) -> Question:
         """Ask for the camera at the next place."""
-        thing, ready = kind_of(known.answers).one, PLACES[self.number]
+        thing, ready = kind_of(known.answers).thing, PLACES[self.number]
         grows = f"The size of the {thing} follows from how it grows as the camera comes nearer."
         if not known.is_live:
             form = "the first picture, and behind the others how far the camera had moved: a.jpg b.jpg@20cm c.jpg@40cm"
@@ -90,7 +90,7 @@ class WayStep(SetupStep):
         (size_m,) = sizes_m.values()
         size = f"{1000 * size_m:.4g} mm ± {1000 * tolerance_m:.2g} mm"
         known.answers["size"] = size
-        return Accepted(answer=pictures, notes=(f"The {kind_of(known.answers).one} measures {size}.",))
+        return Accepted(answer=pictures, notes=(f"The {kind_of(known.answers).thing} measures {size}.",))
 
     def _take(self, known: Known, text: str) -> str:
         """Keep what the camera sees from a place, and return it as ``PICTURE@MOVE``."""

@@ -37,6 +37,9 @@ IN_ROOM = "ball"
 # Sizes beyond these are written in another unit than was meant.
 MIN_SIZE_M, MAX_SIZE_M = 0.005, 3.0
 
+# Nearer than where a target fills this share of the picture's shorter side, it is cut off sooner or later.
+WHOLE_SHARE = 0.9
+
 # What is assumed of a size that is not known yet: any other is learnt as well.
 ASSUMED_SIZE = "10 cm"
 
@@ -50,7 +53,7 @@ def offered_kinds() -> dict[str, SetupKind]:
         except DriverError:  # its library is missing
             continue
         if issubclass(options, AsksInSetup):
-            found += [replace(kind, driver=driver) for kind in options.setup_kinds()]
+            found += [replace(kind, driver=driver, thing=kind.thing or kind.name) for kind in options.setup_kinds()]
     return {kind.name: kind for kind in sorted(found, key=lambda kind: kind.rank)}
 
 
@@ -225,7 +228,7 @@ class KindStep(SetupStep):
         """Ask for it, with what the picture shows or the folder holds as the ready answer."""
         asked = self.asked_by_kind
         seen = self._in_view(known)
-        shows = f"The picture shows {seen or f'no {self.of.one}'}."
+        shows = f"The picture shows {seen or f'no {self.of.thing}'}."
         files = sorted(path.name for path in known.folder.glob(asked.files)) if asked.files else []
         has_room = self.key == "size" and self.of.driver == IN_ROOM and known.answers["camera"] == SIMULATED
         return Question(
@@ -235,7 +238,6 @@ class KindStep(SetupStep):
             ready=BALL if has_room else seen or (files[0] if len(files) == 1 else asked.ready),
             form=f"{asked.form}; unknown if you do not know it" if self.key == "size" else asked.form,
             names=asked.names,
-            sides=asked.sides,
         )
 
     def _in_view(self, known: Known) -> str:

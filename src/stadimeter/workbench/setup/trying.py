@@ -33,6 +33,7 @@ from stadimeter.workbench.rule_tests.running import command_figures
 from stadimeter.workbench.setup.files import blank_answers, figure_si, find_wishes, tag_name
 from stadimeter.workbench.setup.question import Known
 from stadimeter.workbench.setup.target import (
+    WHOLE_SHARE,
     build_target,
     describe_detection,
     kind_of,
@@ -127,9 +128,6 @@ def _figures(answers: Mapping[str, str]) -> Mapping[str, list[float]]:
                 figures[blank.unit or "times"].append(figure_si(answers[f"{wish.key}_{blank.key}"], blank))
     return figures
 
-
-# Nearer than where a target fills this share of the picture's shorter side, it is cut off sooner or later.
-WHOLE_SHARE = 0.9
 
 # Distances that people think in, for each power of ten.
 STEPS = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0)

@@ -10,7 +10,7 @@ from stadimeter.config.driver_tables import ACTUATOR, DRIVER_KINDS, MESSENGER, T
 from stadimeter.config.extras import require
 from stadimeter.config.loader import load_configuration
 from stadimeter.errors import ConfigError, Problem
-from stadimeter.ranging.similar_triangles import farthest_m
+from stadimeter.ranging.similar_triangles import RELIABLE_PX, farthest_m
 from stadimeter.workbench.doctor.computer import Computer
 from stadimeter.workbench.setup.base_steps import BaseStep, option_steps
 from stadimeter.workbench.setup.files import (
@@ -34,7 +34,7 @@ from stadimeter.workbench.setup.files import (
     tag_table,
 )
 from stadimeter.workbench.setup.question import Accepted, Known, Option, Question, SetupStep, words_of
-from stadimeter.workbench.setup.target import build_target, kind_of, members_of, target_shape, target_table
+from stadimeter.workbench.setup.target import WHOLE_SHARE, build_target, kind_of, members_of, target_shape, target_table
 
 
 class WishStep(SetupStep):
@@ -96,11 +96,17 @@ def complete_answers(known: Known, changed: Mapping[str, str]) -> dict[str, str]
     return answers
 
 
-def reliable_range_m(known: Known) -> float:
-    """Return how far away the camera finds the target reliably."""
+def reliable_range_m(known: Known, size_px: float = RELIABLE_PX) -> float:
+    """Return how far away the camera finds the target reliably; or, of another size, where it appears that large."""
     if known.camera_model is None:
         return math.inf
-    return farthest_m(target_shape(build_target(known)), known.camera_model.for_frame(known.frame))
+    return farthest_m(target_shape(build_target(known)), known.camera_model.for_frame(known.frame), size_px)
+
+
+def ready_for(wish: Wish, known: Known) -> dict[str, str]:
+    """Return the ready answers to the blanks that this camera can serve."""
+    whole_m = reliable_range_m(known, WHOLE_SHARE * min(known.frame.image.shape[:2])) if known.camera_model else 0.0
+    return ready_answers(wish, reliable_range_m(known), whole_m)
 
 
 # Second targets that are proposed where the usual one is the target itself.
@@ -146,8 +152,8 @@ class BlankStep(SetupStep):
     def question(self, known: Known) -> Question:
         """Ask for it, with an answer ready that this camera can serve."""
         seen_m = reliable_range_m(known)
-        reach = f"With this camera, the {kind_of(known.answers).one} is found reliably up to {seen_m:.2g} m."
-        ready = {**ready_answers(self.wish, seen_m), self.blank.key: self._ready(known, seen_m)}
+        reach = f"With this camera, the {kind_of(known.answers).thing} is found reliably up to {seen_m:.2g} m."
+        ready = {**ready_for(self.wish, known), self.blank.key: self._ready(known)}
         return Question(
             text=f"{self.wish.title[0].upper()}{self.wish.title[1:]}. {self.blank.text}",
             found=(reach,) if self.blank.is_length else (),
@@ -157,7 +163,7 @@ class BlankStep(SetupStep):
             blanks=tuple({"key": each.key, "text": each.text, "ready": ready[each.key]} for each in self.wish.blanks),
         )
 
-    def _ready(self, known: Known, seen_m: float) -> str:
+    def _ready(self, known: Known) -> str:
         """Return the ready answer; of tags the first that is not the target itself."""
         if self.blank.kind == "button":
             return self.blank.ready if Computer().is_pi else NO_BUTTON
@@ -165,7 +171,7 @@ class BlankStep(SetupStep):
             given = [answer for key, answer in blank_answers(known.answers, "tag").items() if key != self.key]
             others = (*given, self.blank.ready, *OTHER_TAGS)
             return next((each for each in others if not _is_seen_as_target(known, each)), "")
-        return ready_answers(self.wish, seen_m)[self.blank.key]
+        return ready_for(self.wish, known)[self.blank.key]
 
     def accept(self, known: Known, text: str) -> Accepted:
         """Check its unit, and whether the camera can serve it; of a part, whether there can be such a one."""
@@ -221,7 +227,7 @@ class BlankStep(SetupStep):
         seen_m = reliable_range_m(known)
         if not self.blank.is_length or value <= seen_m:
             return Accepted(answer=text)
-        far = f"That is farther than the {kind_of(known.answers).one} is found reliably, {seen_m:.2g} m."
+        far = f"That is farther than the {kind_of(known.answers).thing} is found reliably, {seen_m:.2g} m."
         return Accepted(answer=text, notes=(far,), doubt=True)
 
 

@@ -26,7 +26,7 @@ const kinds = (step) => choices(step, { draw: ({ answer }) => svg("svg", { viewB
 /** A name that many have, or a figure with its unit. */
 function size(step) {
   const names = step.question.names ?? [];
-  const isPair = step.question.sides === 2;
+  const isPair = /^width and height/.test(step.question.form);
   const figure = h("input", { type: "text", inputmode: "decimal", autocomplete: "off", "aria-label": isPair ? "Width" : "Size", oninput: measured });
   const second = isPair && h("input", { type: "text", inputmode: "decimal", autocomplete: "off", "aria-label": "Height", oninput: measured });
   const unit = h("select", { "aria-label": "Unit", onchange: measured }, UNITS.map((each) => h("option", { value: each }, each)));
