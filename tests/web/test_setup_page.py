@@ -505,7 +505,6 @@ def test_a_person_is_set_up_with_a_network_of_the_folder_from_the_list_to_the_la
         assert page.locator(".setup-text input").input_value() == "1.70 m ± 9 cm"
         go_on(page)
         page.get_by_text("Found the person at").first.wait_for()
-        page.get_by_text("width of the view").first.wait_for()
         page.locator(".setup-text summary").click()
         page.locator(".setup-text input").fill("56 deg")
         go_on(page)
@@ -563,7 +562,7 @@ def test_a_size_that_is_not_known_is_learnt_from_pictures_on_the_page(page, here
     assert "What colour" in asked(page)
     begin_at(page, here, {**kept(here), "colour": "20,60,60:50,255,255"})
     page.get_by_role("heading", name="How was the camera calibrated?").wait_for()
-    page.get_by_label("60 deg").check()
+    page.get_by_role("radio", name="60 deg").check()
     go_on(page)
     assert "Which pictures show that?" in asked(page)
     page.locator(".setup-text input").fill("way-0.png way-1.png@20cm way-2.png@40cm")

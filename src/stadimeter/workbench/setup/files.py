@@ -30,7 +30,7 @@ from stadimeter.core.words import time_of_day
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.setup.camera_step import SIMULATED, table_of
 from stadimeter.workbench.setup.question import CAMERA_FILE, CONFIGURATION
-from stadimeter.workbench.setup.target import IN_ROOM, members_of, target_table, watched
+from stadimeter.workbench.setup.target import IN_ROOM, members_of, target_table
 
 # An output that only the views show.
 SCREEN = "screen"
@@ -355,9 +355,10 @@ def _rules(wish: Wish, answers: Mapping[str, str], output: str) -> str:
     if wish.key == "parking":
         nearest, farthest = (parse_length(answers[f"parking_{key}"]) for key in ("stop", "slow"))
         figures["middle"] = f"{(nearest + farthest) / 2:.4g} m"
-    members, target = members_of(answers), watched(answers)
+    members, name = members_of(answers), answers["target"]
+    target = name if members == (name,) else f"{name}-nearest"
     drives = (f'actuator = "{output}"\n' if output else "") + f'target = "{target}"\n'
     rules, begins, tests = wish.rules.replace("{drives}", drives).partition("[[tests]]")
     tests = _MEMBER.sub(lambda line: "\n".join(line[0].replace("{member}", each) for each in members), tests)
     parts = ((rules, target), (begins + tests, members[0]))
-    return "".join(fill_blanks(part, {**figures, "target": name, "output": output}) for part, name in parts)
+    return "".join(fill_blanks(part, {**figures, "target": about, "output": output}) for part, about in parts)

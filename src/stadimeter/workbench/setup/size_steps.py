@@ -9,15 +9,7 @@ from stadimeter.ranging.size_from_motion import StepErrors, StepView, learn_size
 from stadimeter.workbench.annotation import write_picture
 from stadimeter.workbench.calibration.size_by_steps import SizeSession, parse_move
 from stadimeter.workbench.setup.calibration_steps import GUESS, CalibrationStep, take_shown
-from stadimeter.workbench.setup.question import (
-    CAMERA_FILE,
-    PICTURES,
-    Accepted,
-    Known,
-    Question,
-    SetupStep,
-    words_of,
-)
+from stadimeter.workbench.setup.question import CAMERA_FILE, PICTURES, Accepted, Known, Question, SetupStep, words_of
 from stadimeter.workbench.setup.target import build_target, is_unknown, kind_of
 
 # How far a live camera is from where it began. A third place shows whether the target stood still.

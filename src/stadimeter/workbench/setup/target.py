@@ -88,12 +88,6 @@ def members_of(answers: Mapping[str, str]) -> tuple[str, ...]:
     return choice.members if choice else at[1:]
 
 
-def watched(answers: Mapping[str, str]) -> str:
-    """Return the target that rules watch: of several the nearest."""
-    name = answers["target"]
-    return name if members_of(answers) == (name,) else f"{name}-nearest"
-
-
 def target_shape(choice: DriverChoice) -> TargetShape:
     """Return what a target's detector knows of its shape."""
     (named,) = build_detectors([choice], None)

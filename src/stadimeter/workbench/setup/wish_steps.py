@@ -207,10 +207,9 @@ class BlankStep(SetupStep):
         try:
             files = configuration_files(complete_answers(known, {self.key: text}), known.lens, known.model_file)
             load_configuration(known.file, texts={known.path(name): each for name, each in files.items()})
-        except ConfigError as error:  # where it stands is nothing that a person has written
-            raise ConfigError(Problem(each.message, hint=each.hint) for each in error.problems) from error
-        except ValueError as error:
-            raise ConfigError(str(error)) from error
+        except (ConfigError, ValueError) as error:  # where it stands is nothing that a person has written
+            problems = error.problems if isinstance(error, ConfigError) else (Problem(str(error)),)
+            raise ConfigError(Problem(each.message, hint=each.hint) for each in problems) from error
 
     def _accept_figure(self, known: Known, text: str) -> Accepted:
         value = figure_si(text, self.blank)
