@@ -487,6 +487,7 @@ def rendered(folder, name, *places):
     cv2.imwrite(str(folder / name), image)
 
 
+@pytest.mark.long
 def test_a_person_is_set_up_with_a_network_of_the_folder_from_the_list_to_the_last_test(page, here):
     folder = here.configuration.parent
     image = np.random.default_rng(0).integers(20, 90, (480, 640, 3), np.uint8)
@@ -521,6 +522,7 @@ def test_a_person_is_set_up_with_a_network_of_the_folder_from_the_list_to_the_la
         network.unlink()
 
 
+@pytest.mark.long
 def test_several_balls_are_set_up_and_counted_and_what_they_would_do_is_drawn(page, here):
     rendered(here.configuration.parent, "three.png", (-0.4, 0.0, 1.5), (0.4, 0.05, 1.7), (0.05, 0.0, 2.5))
     begin_at(page, here, {"camera": "three.png"})
@@ -551,6 +553,7 @@ def test_several_balls_are_set_up_and_counted_and_what_they_would_do_is_drawn(pa
     )
 
 
+@pytest.mark.long
 def test_a_size_that_is_not_known_is_learnt_from_pictures_on_the_page(page, here):
     folder = here.configuration.parent
     for number, near_m in enumerate((0.0, 0.2, 0.4)):

@@ -89,7 +89,7 @@ def _one(text: str) -> Mapping[str, Any]:
 
 def _several(text: str) -> Mapping[str, Any]:
     """Return the keys for a family and, behind it, the numbers of tags; or how many there are, as ``any 4``."""
-    family, *numbers = text.replace(",", " ").split()
+    family, *numbers = text.replace(",", " ").split() or [""]
     which = count_of(" ".join(numbers[1:])) if numbers[:1] == ["any"] else {"ids": _numbers(numbers)}
     return {"family": family, **which}
 

@@ -215,6 +215,7 @@ class KindStep(SetupStep):
 
     def __post_init__(self) -> None:
         self.key = self.asked_by_kind.key
+        # A length that spreads among all that may come has no field for a number alone.
         self.kind = "" if self.key == "size" and "±" not in self.asked_by_kind.ready else "thing"
         self.names_files = bool(self.asked_by_kind.files)
 
@@ -230,7 +231,7 @@ class KindStep(SetupStep):
             found=(shows,) if asked.tries else (),
             options=tuple(Option(name, "a file in this folder") for name in files),
             ready=BALL if has_room else seen or (files[0] if len(files) == 1 else asked.ready),
-            form=f"{asked.form}; unknown if you do not know it" if self.key == "size" else asked.form,
+            form=f"{asked.form}; unknown if you do not know it" if not self.kind else asked.form,
             names=asked.names,
         )
 
