@@ -10,6 +10,7 @@ import sys
 import tomllib
 from pathlib import Path
 
+import cv2
 import pytest
 import typer
 
@@ -35,6 +36,7 @@ from stadimeter.config.stereo_file import stereo_file_text
 from stadimeter.core import templates
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.rule_tests.running import run_rule_test
+from support.scenes.poster import poster
 from support.two_cameras import BESIDE
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -130,6 +132,7 @@ RECIPES = RECIPE.findall((ROOT / "docs" / "rules.md").read_text())
 def test_every_recipe_keeps_what_its_tests_promise(recipe, tmp_path):
     path = tmp_path / "recipe.toml"
     path.write_text(completed(recipe))
+    cv2.imwrite(str(tmp_path / "poster.jpg"), poster(1))
     configuration = load_configuration(path)
     assert [warning.code for warning in configuration.warnings if warning.key.startswith("rules")] == []
     results = [run_rule_test(configuration, test) for test in configuration.tests]

@@ -24,6 +24,7 @@ from stadimeter.config.plugins import marked_options
 from stadimeter.config.rules.condition_tables import (
     KEY_ABOUT_STANDING,
     KEYS_ABOUT_DISTANCE,
+    KEYS_ABOUT_WHOM,
     KEYS_OF_A_TARGET,
     KEYS_OF_COMPARISONS,
     KEYS_OF_NO_TARGET,
@@ -316,6 +317,9 @@ def _meaningless(at: KeyPath, table: Mapping[str, Any], written: list[str]) -> I
     if KEY_ABOUT_STANDING in table and "still_for" not in table:
         message = f"'{KEY_ABOUT_STANDING}' has a meaning only beside still_for"
         yield Finding((*at, KEY_ABOUT_STANDING), message, 'add such as still_for = "10 min"', "condition-keys")
+    about = [key for key in KEYS_ABOUT_WHOM if key in table]
+    for key in about[1:]:
+        yield Finding((*at, key), f"'{about[0]}' says already whom this is about", "keep one of them", "condition-keys")
     if any(key in group for group in _LIMITS for key in written):
         return
     kinds = " and ".join(f"'{kind}'" for kind in written)

@@ -87,7 +87,7 @@ def _leases_long_enough(draft: Draft) -> Iterator[Finding]:
 
 
 def _rules_matter(draft: Draft) -> Iterator[Finding]:
-    if not draft.rules:
+    if not (draft.rules or draft.landmarks):
         yield Finding(
             ("rules",), "there is no rule, so nothing is ever done", "add one, such as [rules.near]", "no-rules"
         )

@@ -40,6 +40,7 @@ from stadimeter.detectors.ball.gates import (
     scene_of,
 )
 from stadimeter.detectors.ball.limb import Limb, find_limb, within
+from stadimeter.detectors.ball.setup import ball_kinds
 from stadimeter.detectors.hsv import HsvRange, HsvRangeText, other_ranges, parse_hsv_range
 from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView, Exercise
 from stadimeter.detectors.sampling import Region
@@ -104,6 +105,8 @@ class BallOptions(DriverOptions):
     def members(self) -> tuple[str, ...]:
         """The numbers from 1 to `count`."""
         return numbered(self.count)
+
+    setup_kinds = staticmethod(ball_kinds)
 
     def build(self, context: DriverContext) -> BallDetector:
         """Return the detector."""

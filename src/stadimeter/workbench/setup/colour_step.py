@@ -27,7 +27,7 @@ from stadimeter.workbench.colour_aids import (
 from stadimeter.workbench.measuring import open_picture
 from stadimeter.workbench.setup.camera_step import SHOWN
 from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Question, SetupStep, words_of
-from stadimeter.workbench.setup.target import ANY_COLOUR, build_target, is_doubtful, look
+from stadimeter.workbench.setup.target import ANY_COLOUR, build_target, is_doubtful, kind_of, look
 
 # Pictures that are kept with their clicks; the oldest makes room for another.
 MAX_PICTURES = 6
@@ -204,8 +204,8 @@ class ColourStep(SetupStep):
     names_files = True
 
     def is_asked(self, known: Known) -> bool:
-        """Return whether the target is a ball."""
-        return known.answers.get("target") == "ball"
+        """Return whether the target goes by colour."""
+        return "target" in known.answers and kind_of(known.answers).has_colour
 
     def question(self, known: Known) -> Question:
         """Propose the range of what stands out."""

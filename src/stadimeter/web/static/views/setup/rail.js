@@ -4,22 +4,24 @@ import { h } from "../../dom.js";
 
 const STAGES = [
   ["Camera", ["camera"]],
-  ["Target", ["target", "size", "tag", "colour"]],
-  ["Calibration", ["calibration", "proof"]],
+  ["Target", ["target", "size", "thing", "colour"]],
+  ["Calibration", ["calibration", "proof", "way"]],
   ["What happens", ["wish", "blank"]],
   ["Outputs", ["output", "base", "broker"]],
   ["Save", ["done"]],
 ];
-const FIRST = ["camera", "target", "size", "tag", "colour", "calibration", "proof", "wish"];
+const FIRST = ["camera", "calibration", "proof", "wish"];
 
 function stageOf(key) {
   const kind = FIRST.includes(key)
     ? key
-    : key.endsWith("_output")
-      ? "output"
-      : /^(base|base_.*|broker)$/.test(key)
-        ? "base"
-        : "blank";
+    : key.startsWith("way")
+      ? "way"
+      : key.endsWith("_output")
+        ? "output"
+        : /^(base|base_.*|broker)$/.test(key)
+          ? "base"
+          : "blank";
   return STAGES.findIndex(([, kinds]) => kinds.includes(kind));
 }
 
@@ -30,7 +32,13 @@ export function drawRail(setup, kind) {
     : kind === "blank"
       ? stageOf(question.key)
       : STAGES.findIndex(([, kinds]) => kinds.includes(kind));
-  const given = answers.map((each, index) => ({ ...each, back: answers.length - index, stage: stageOf(each.key) }));
+  const lensAt = answers.findIndex(({ key }) => key === "calibration");
+  const isTarget = (index) => index > 0 && (lensAt < 0 || index < lensAt); // its detector says what is asked about it
+  const given = answers.map((each, index) => ({
+    ...each,
+    back: answers.length - index,
+    stage: isTarget(index) ? 1 : stageOf(each.key),
+  }));
   const stages = STAGES.map(([name], index) => {
     const mine = given.filter((each) => each.stage === index);
     const status = index === now ? "now" : mine.length ? "done" : "to come";

@@ -27,6 +27,28 @@ const DRAWN = {
     ["ellipse", { cx: 40, cy: 33, rx: 32, ry: 20 }],
     ["ellipse", { cx: 40, cy: 29, rx: 32, ry: 20, class: "fill" }],
   ],
+  picture: [
+    ["path", { d: "M12 8h56v44H12z", class: "fill" }],
+    ["path", { d: "M12 44l16-18 14 14 8-8 18 18" }],
+    ["circle", { cx: 52, cy: 20, r: 5 }],
+  ],
+  person: [
+    ["circle", { cx: 40, cy: 13, r: 8, class: "fill" }],
+    ["path", { d: "M28 58V38l-4-6q0-8 8-8h16q8 0 8 8l-4 6v20z", class: "fill" }],
+  ],
+  face: [
+    ["ellipse", { cx: 40, cy: 30, rx: 19, ry: 25, class: "fill" }],
+    ["path", { d: "M31 25h4M45 25h4M33 43q7 5 14 0" }],
+  ],
+  object: [
+    ["path", { d: "M12 12h10M12 12v10M68 12h-10M68 12v10M12 48h10M12 48v-10M68 48h-10M68 48v-10" }],
+    ["path", { d: "M40 18l14 8v14l-14 8-14-8V26z", class: "fill" }],
+  ],
+  balls: [20, 40, 60].map((cx, index) => ["circle", { cx, cy: index === 1 ? 40 : 22, r: 12, class: "fill" }]),
+  tags: [14, 44].map((x) => [
+    "path",
+    { d: `M${x} 18h22v22H${x}zM${x + 6} 24v5h5v-5zM${x + 12} 30v5h5v-5z`, "fill-rule": "evenodd", class: "fill" },
+  ]),
 };
 const UNITS = ["cm", "mm", "m", "in", "ft"];
 const FIGURE = /^\s*([\d.,]+)\s*(mm|cm|m|in|ft)\s*$/;
@@ -47,7 +69,7 @@ const kinds = (step) =>
 /** A name that many have, or a figure with its unit. */
 function size(step) {
   const names = step.question.names ?? [];
-  const isPair = step.setup.state.answers.some(({ key, answer }) => key === "target" && answer === "sheet");
+  const isPair = /^width and height/.test(step.question.form);
   const figure = h("input", {
     type: "text",
     inputmode: "decimal",
