@@ -245,7 +245,8 @@ class Loop:
         deaf = messenger.deafness() if isinstance(messenger, TakesRequests) else ""
         sent = (messenger.trouble() if messenger else "", deaf)
         locator = self.parts.cycle.locator
-        panel.append(locator.trouble() if locator is not None else "")
+        watch = self.parts.cycle.mounting_watch
+        panel += [locator.trouble() if locator is not None else "", watch.trouble() if watch is not None else ""]
         others = (*sent, *notifiers, *recordings, memory.trouble() if memory else "")
         troubles = (capture.trouble(), *capture.remarks(), *others, *panel)
         return "; ".join(trouble for trouble in troubles if trouble)
@@ -336,7 +337,7 @@ class Loop:
     def _report(self, record: CycleRecord) -> None:
         now_s = record.observation.now_s
         messenger: object = self.parts.messenger
-        self._publish(now_s, self.reporter.messages(now_s, _wall_clock, record.decision))
+        self._publish(now_s, self.reporter.messages(now_s, _wall_clock, record.decision, record.observation.mounting))
         self._publish(now_s, self.reporter.poses.messages(now_s, _wall_clock, record.observation.camera_pose))
         if isinstance(messenger, Discoverable) and messenger.take_states_due():
             self._publish(now_s, self.reporter.repeat(_wall_clock()))

@@ -153,7 +153,19 @@ def disarm(
     _tell(OperatorAction.DISARM, by, why, config, socket, as_json=as_json)
 
 
+def confirm(
+    by: ByOption = None,
+    why: WhyOption = "",
+    config: ConfigOption = None,
+    socket: SocketOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Confirm the mounting of one running instance. The table of actions has the help."""
+    _tell(OperatorAction.CONFIRM_MOUNTING, by, why, config, socket, as_json=as_json)
+
+
 arm.__doc__, disarm.__doc__ = OperatorAction.ARM.help, OperatorAction.DISARM.help
+confirm.__doc__ = OperatorAction.CONFIRM_MOUNTING.help
 
 
 def _tell(
@@ -224,6 +236,9 @@ def _lines(data: Mapping[str, Any]) -> Iterator[str]:
     for target in data["targets"]:
         distance_m = target["distance_m"]
         yield f"{target['target']}: {target['status']}" + ("" if distance_m is None else f", {distance_m:.2f} m")
+    if (mounting := data.get("mounting")) is not None and mounting["status"] != "as_saved":
+        words = "distances are unconfirmed" if mounting["status"] == "unconfirmed" else "the mounting is not judged"
+        yield f"{words}: {mounting['reason']}"
     for name, value in data.get("figures", {}).items():
         yield f"{name}: {'unknown' if value is None else f'{value:.3g}'}"
     if data["alarm_undelivered"]:

@@ -36,9 +36,9 @@ BASE_NAME = "base"
 # Names that mean something else in events and traces.
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
 _TAKEN: dict[str, set[str]] = {
-    "targets": {"camera"},
-    "actuators": {"camera", BASE_NAME},
-    "sensors": {"camera"},
+    "targets": {"camera", "mounting"},
+    "actuators": {"camera", "mounting", BASE_NAME},
+    "sensors": {"camera", "mounting"},
     "buttons": set(),
     "notifiers": set(),
     "rules": {"safety", "safe", "operator"},
@@ -131,6 +131,7 @@ class Draft(ChosenDrivers, Struct, kw_only=True):
     output_tables: dict[str, models.ActuatorTable | models.BaseTable] = field(default_factory=dict)
     tracking: models.TrackingTable = field(default_factory=models.TrackingTable)
     safety: models.SafetyTable = field(default_factory=models.SafetyTable)
+    mounting: models.MountingTable = field(default_factory=models.MountingTable)
     web: models.WebTable | None = None
     recording: models.RecordingTable | None = None
     place: models.PlaceTable | None = None
@@ -319,6 +320,8 @@ class _Reader:
         safety = self._validated(models.SafetyTable, ("safety",), self._table("safety") or {})
         self.draft.tracking = tracking or self.draft.tracking
         self.draft.safety = safety or self.draft.safety
+        mounting = self._validated(models.MountingTable, ("mounting",), self._table("mounting") or {})
+        self.draft.mounting = mounting or self.draft.mounting
         if (web := self._table("web")) is not None:
             self.draft.web = self._validated(models.WebTable, ("web",), web)
         if (place := self._table("place")) is not None:

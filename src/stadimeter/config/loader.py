@@ -23,6 +23,7 @@ from stadimeter.config.models import (
     ActuatorTable,
     BaseTable,
     ButtonTable,
+    MountingTable,
     PlaceTable,
     RecordingTable,
     SensorTable,
@@ -79,6 +80,8 @@ class Configuration(ChosenDrivers, Struct, frozen=True, kw_only=True, eq=False):
         recording: What the run keeps by itself; None for nothing.
         footings: What is known of each target that is on the floor, by its name.
         mount: Where the camera sits on a robot; None for on none.
+        mounting: Whether it is watched that the camera stays where it is.
+        tilt_sigma_rad: How well the camera's tilt is known; None where that is not said.
         place: Where it is, for schedules; None for anywhere, in the time zone of the computer.
         landmarks: The tags of known places, which tell where the camera is; None for none.
         needs_sun: Whether a rule asks when the sun rises or sets.
@@ -103,6 +106,8 @@ class Configuration(ChosenDrivers, Struct, frozen=True, kw_only=True, eq=False):
     recording: RecordingTable | None = None
     footings: Mapping[str, Footing] = field(default_factory=dict)
     mount: Mount | None = None
+    mounting: MountingTable = field(default_factory=MountingTable)
+    tilt_sigma_rad: float | None = None
     place: PlaceTable | None = None
     landmarks: Landmarks | None = None
     needs_sun: bool = False
@@ -163,6 +168,8 @@ def load_configuration(path: Path, *, with_tests: bool = True, texts: Texts | No
         recording=draft.recording,
         footings=_footings(draft),
         mount=draft.camera_table.on_robot(),
+        mounting=draft.mounting,
+        tilt_sigma_rad=draft.camera_table.tilt.sigma,
         place=draft.place,
         landmarks=draft.landmarks,
         needs_sun=plan.needs_sun,

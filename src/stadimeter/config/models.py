@@ -54,7 +54,7 @@ _SAFETY = plan.Safety()
 # Every section that a configuration may have.
 SECTIONS = (
     "camera", "targets", "actuators", "base", "sensors", "status_led", "buttons", "messenger", "notifiers", "world",
-    "tracking", "safety", "web", "recording", "place", "landmarks", "figures", "rules", "tests",
+    "tracking", "safety", "mounting", "web", "recording", "place", "landmarks", "figures", "rules", "tests",
 )  # fmt: skip
 
 
@@ -305,6 +305,15 @@ class RecordingTable(Section):
 
     last: Annotated[Duration, Field(ge=60.0, le=DAY_S)]
     """For how long at least it keeps each cycle, without pictures."""
+
+
+class MountingTable(Section):
+    """Whether it is watched that the camera stays where it was when its view was saved."""
+
+    watch: bool | None = None
+    """Whether it is watched; by default as soon as a view was saved."""
+    when_moved: Literal["mark", "stop"] = "mark"
+    """What happens beside the event: distances are marked as unconfirmed, or nothing moves either."""
 
 
 class TrackingTable(Section):
