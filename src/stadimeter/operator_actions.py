@@ -55,7 +55,7 @@ class OperatorAction(StrEnum):
     @property
     def lets_outputs_act(self) -> bool:
         """Whether its purpose is that outputs may act which stood still; from afar it needs more trust than others."""
-        return self in {OperatorAction.RELEASE_OUTPUTS, OperatorAction.ARM}
+        return self in {OperatorAction.RELEASE_OUTPUTS, OperatorAction.ARM, OperatorAction.CONFIRM_MOUNTING}
 
     @property
     def is_timed(self) -> bool:

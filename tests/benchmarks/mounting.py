@@ -1,6 +1,6 @@
 """How surely a camera that was moved is found, and how often one that was not is said to be: rendered days.
 
-    .venv/bin/python -m tests.benchmarks.mounting SEED…
+    PYTHONPATH=tests python tests/benchmarks/mounting.py SEED…
 
 Each seed is a room of its own and a day of 1,440 checks, one a minute, in which the camera stays where it is: every
 finding is a false one. Every hour the camera is moved in thought, with all that was learnt until then: by 0.2° about an
@@ -20,7 +20,7 @@ import numpy as np
 
 from stadimeter.perception.background import View, keep_still, look_at
 from stadimeter.perception.mounting import CHECKS_IN_A_ROW, MountingJudge
-from tests.support.watched_room import LENS, Pose, WatchedRoom
+from support.watched_room import LENS, Pose, WatchedRoom
 
 MINUTES = 24 * 60
 SAVED_AT = 10 * 60
@@ -42,7 +42,7 @@ def disturbances(rng: np.random.Generator, *, with_dirt: bool) -> Iterator[tuple
         yield "a drop on the lens", "dirty", Pose(smear=(rng.uniform(0.2, 0.8), rng.uniform(0.2, 0.55), 0.1))
 
 
-def live_a_day(seed: int, step: int = 1) -> tuple[Counter[str], list[str], list[float]]:
+def live_a_day(seed: int) -> tuple[Counter[str], list[str], list[float]]:
     """Return what was found of what, the false findings, and the seconds of each check."""
     room, rng = WatchedRoom(seed), np.random.default_rng((seed, 99))
     judge = MountingJudge([saved_view(room, SAVED_AT)])
@@ -50,7 +50,7 @@ def live_a_day(seed: int, step: int = 1) -> tuple[Counter[str], list[str], list[
     false: list[str] = []
     costs_s: list[float] = []
     was = ""
-    for minute in range(0, MINUTES, step):
+    for minute in range(MINUTES):
         now = (SAVED_AT + minute) % MINUTES
         pair = room.pair(now)
         began_s = time.thread_time()
@@ -62,7 +62,9 @@ def live_a_day(seed: int, step: int = 1) -> tuple[Counter[str], list[str], list[
         if found.words and not was:
             false.append(f"minute {now}: {found.words}")
         was = found.words
-        if minute % 60 == 30 // step * step:
+        if minute % 60 == 59:
+            print(seed, dict(counts), f"false: {false}", f"{1e3 * float(np.median(costs_s)):.0f} ms", flush=True)
+        if minute % 60 == 30:
             for name, kind, pose in disturbances(rng, with_dirt=minute % 240 > 180):
                 thought = MountingJudge([*judge.views], steadiness=[*judge.steadiness])
                 for check in range(CHECKS_IN_A_ROW[kind]):

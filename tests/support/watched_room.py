@@ -53,9 +53,10 @@ class WatchedRoom:
         self.rng = np.random.default_rng((self.seed, 7))
         size = CANVAS_SCALE * (HEIGHT_PX + 2 * MARGIN_PX), CANVAS_SCALE * (WIDTH_PX + 2 * MARGIN_PX)
         if self.painting is not None:
-            self.canvas = cv2.resize(self.painting, size[::-1], interpolation=cv2.INTER_CUBIC).astype(np.float32)
+            painted = cv2.resize(self.painting, size[::-1], interpolation=cv2.INTER_CUBIC)
         else:
-            self.canvas = _paint(self.rng, size)
+            painted = _paint(self.rng, size)
+        self.canvas = cv2.cvtColor(painted, cv2.COLOR_BGR2GRAY).astype(np.float32)
         self.people = [(*self.rng.uniform(0, 1, 3), int(self.rng.integers(1 << 30))) for _ in range(3)]
 
     def pair(self, minute: float, pose: Pose | None = None) -> list[NDArray[np.uint8]]:
@@ -83,7 +84,7 @@ class WatchedRoom:
             cv2.fillConvexPoly(patch, corners.astype(np.int32), 0.5 * sun * cloud)
             cv2.line(patch, (int(left + 200), 300), (int(left + 90), 1000), 0, 14)
             lit += cv2.GaussianBlur(patch, (0, 0), 2.0)
-        return self.canvas * lit[..., None]
+        return self.canvas * lit
 
     def _seen(self, scene: NDArray[np.float32], pose: Pose) -> NDArray[np.float32]:
         """Return what the lens makes of the scene, at its own resolution, in light."""
@@ -104,7 +105,7 @@ class WatchedRoom:
             x, y, radius = (each * WIDTH_PX for each in pose.smear)
             mask = np.zeros(view.shape[:2], np.float32)
             cv2.circle(mask, (int(x), int(y)), int(radius), 1.0, -1)
-            mask = cv2.GaussianBlur(mask, (0, 0), radius / 6)[..., None]
+            mask = cv2.GaussianBlur(mask, (0, 0), radius / 6)
             view = view * (1 - mask) + cv2.GaussianBlur(view, (0, 0), 12) * mask
         return view
 
@@ -120,7 +121,7 @@ class WatchedRoom:
                 continue
             x, height = rng.uniform(0, WIDTH_PX), rng.uniform(200, 380)
             width = int(height / 3)
-            rough = rng.uniform(0.3, 1.0, (24, 12, 3)).astype(np.float32) * np.float32(level * (0.3 + tone))
+            rough = rng.uniform(0.3, 1.0, (24, 12)).astype(np.float32) * np.float32(level * (0.3 + tone))
             person = cv2.resize(rough, (width, int(height)), interpolation=cv2.INTER_CUBIC)
             shape = np.zeros(person.shape[:2], np.float32)
             cv2.ellipse(shape, (width // 2, int(height / 2)), (width // 2 - 2, int(height / 2) - 2), 0, 0, 360, 1.0, -1)
@@ -129,7 +130,7 @@ class WatchedRoom:
             if to_x <= from_x:
                 continue
             cut = slice(from_x - left, to_x - left)
-            part = shape[:, cut, None]
+            part = shape[:, cut]
             view[top : top + int(height), from_x:to_x] *= 1 - part
             view[top : top + int(height), from_x:to_x] += part * person[:, cut]
 
@@ -141,7 +142,7 @@ class WatchedRoom:
         light = light + noise * np.sqrt(1e-6 * gain**2 + 2e-5 * gain * np.maximum(light, 0)).astype(np.float32)
         levels = 255 * np.clip(light, 0, 1) ** (1 / 1.8)
         coded = cv2.imencode(".jpg", levels.astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, 80])[1]
-        return np.asarray(cv2.imdecode(coded, cv2.IMREAD_COLOR), np.uint8)
+        return np.asarray(cv2.imdecode(coded, cv2.IMREAD_COLOR), np.uint8)  # three alike: it is looked at in grey
 
 
 def _disc(diameter: float) -> NDArray[np.float32]:
@@ -190,4 +191,5 @@ def _paint(rng: np.random.Generator, size: tuple[int, int]) -> NDArray[np.float3
                     centre = int(x + rng.uniform(0, w)), int(y + rng.uniform(0, h))
                     cv2.circle(canvas, centre, int(rng.uniform(6, 40)), tuple(rng.uniform(20, 240, 3)), -1)
     fine = rng.standard_normal((height // 4, width // 4, 1)).astype(np.float32)
-    return np.clip(canvas + 3 * cv2.resize(fine, (width, height), interpolation=cv2.INTER_CUBIC)[..., None], 5, 250)
+    grain = 3 * cv2.resize(fine, (width, height), interpolation=cv2.INTER_CUBIC)[..., None]
+    return np.clip(canvas + grain, 5, 250).astype(np.uint8)

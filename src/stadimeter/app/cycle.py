@@ -237,6 +237,12 @@ class CycleRecord(Struct, frozen=True, kw_only=True):
     decision: Decision
 
     @property
+    def mark(self) -> str:
+        """How distances are marked, such as ``unconfirmed``; empty if they are not."""
+        mounting = self.observation.mounting
+        return mounting.status.value if mounting is not None and mounting.is_unconfirmed else ""
+
+    @property
     def busy_s(self) -> float:
         """How long it was computed, without the wait for the frame."""
         return sum(self.timings_s.values()) - self.timings_s.get("capture", 0.0)

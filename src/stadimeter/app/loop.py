@@ -337,7 +337,7 @@ class Loop:
     def _report(self, record: CycleRecord) -> None:
         now_s = record.observation.now_s
         messenger: object = self.parts.messenger
-        self._publish(now_s, self.reporter.messages(now_s, _wall_clock, record.decision, record.observation.mounting))
+        self._publish(now_s, self.reporter.messages(now_s, _wall_clock, record.decision, record.mark))
         self._publish(now_s, self.reporter.poses.messages(now_s, _wall_clock, record.observation.camera_pose))
         if isinstance(messenger, Discoverable) and messenger.take_states_due():
             self._publish(now_s, self.reporter.repeat(_wall_clock()))

@@ -38,7 +38,6 @@ from stadimeter.core.alarms.settings import show_thresholds
 from stadimeter.core.conditions.summary import RememberedFigure
 from stadimeter.core.decision import SYSTEM_EVENTS, Decision, Event, EventKind, RuleStatus, RuleTrace, Severity
 from stadimeter.core.message import Message, clearing
-from stadimeter.core.mounting import Mounting
 from stadimeter.core.notification import Notification
 from stadimeter.core.rule import AlarmRule, AnyRule, ReportRule, gate_of
 from stadimeter.core.rules.explaining import Reasons
@@ -82,20 +81,14 @@ class Reporter:
         self._held_back: set[str] = set()
         self.reported_losses: Mapping[str, int] = {}
 
-    def messages(
-        self, now_s: float, wall_clock: WallClock, decision: Decision, mounting: Mounting | None = None
-    ) -> tuple[Message, ...]:
-        """Return what is to be reported after each cycle: events, then rules, then targets.
-
-        Silence is decided here too.
-        """
-        mark = mounting.status.value if mounting is not None and mounting.is_unconfirmed else ""
+    def messages(self, now_s: float, wall_clock: WallClock, decision: Decision, mark: str = "") -> tuple[Message, ...]:
+        """Return what is to be reported after each cycle: events, rules, targets with the mark of their distances."""
         messages = [_event_message(event, self._boot_id, wall_clock()) for event in decision.events]
         messages += self._rule_messages(now_s, wall_clock, decision)
         messages += self._figures.messages(now_s, wall_clock, decision.figures)
         for track in decision.tracks:
-            reports = self._targets.setdefault(track.target, _TargetReports())
-            messages += reports.messages(now_s, wall_clock, track, mark)
+            told = self._targets.setdefault(track.target, _TargetReports())
+            messages += told.messages(now_s, wall_clock, track, mark)
         return tuple(messages)
 
     def _rule_messages(self, now_s: float, wall_clock: WallClock, decision: Decision) -> list[Message]:
@@ -192,11 +185,10 @@ class _TargetReports:
         return [] if self._newest is None else [self._tell(self._newest, wall_clock)]
 
     def _is_due(self, track: Track, silent_s: float) -> bool:
-        if self._told is None or silent_s >= HEARTBEAT_S:
+        told, state = self._told, _target_state(track, self._mark)
+        if told is None or silent_s >= HEARTBEAT_S or told["status"] != state["status"] or len(told) != len(state):
             return True
-        if (track.status.value, self._mark) != (self._told["status"], self._told.get("mounting", "")):
-            return True
-        return silent_s >= INTERVAL_S and _has_moved(self._told, _target_state(track, self._mark))
+        return silent_s >= INTERVAL_S and _has_moved(told, state)
 
     def _tell(self, track: Track, wall_clock: str) -> Message:
         self._told = _target_state(track, self._mark)

@@ -167,7 +167,7 @@ class Look(Struct, frozen=True, kw_only=True, eq=False):
             blur_px2=middle / view.blur_slope,
             blur_sigma_px2=sigma / abs(view.blur_slope),
             agreeing_cells=self.cells_with(now["place"][ours[agrees]], AGREEING_PER_CELL),
-            lost_cells=self._lost_cells(then, motion.applied(then["place"])),
+            lost_cells=self._lost_cells(then, motion.apply(then["place"])),
         )
 
     def cells_with(self, places: NDArray[np.float64], count: int) -> frozenset[int]:
@@ -268,7 +268,9 @@ def _matches(then: NDArray[Any], now: NDArray[Any], within: float) -> tuple[NDAr
         return np.empty(0, np.intp), np.empty(0, np.intp)
     words = [np.ascontiguousarray(each["bits"]).view(np.uint64) for each in (then, now)]
     differing = np.bitwise_count(words[0][:, None] ^ words[1]).sum(axis=2, dtype=np.uint16)
-    differing[np.abs(then["place"][:, None] - now["place"]).max(axis=2) > within] = HAMMING_MAX
+    for axis in (0, 1) if within < math.inf else ():
+        apart = then["place"][:, axis, None].astype(np.float32) - now["place"][:, axis].astype(np.float32)
+        differing[np.abs(apart) > within] = HAMMING_MAX
     nearest, back, one = differing.argmin(axis=1), differing.argmin(axis=0), np.arange(len(then))
     is_mutual = (back[nearest] == one) & (differing[one, nearest] < HAMMING_MAX)
     return one[is_mutual], nearest[is_mutual]

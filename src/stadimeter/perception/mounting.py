@@ -193,7 +193,7 @@ class MountingJudge(Struct):
             oldest = min(range(1, len(self.views)), key=self._seen_at.__getitem__)
             del self.views[oldest], self._seen_at[oldest]
         features = view.features.copy()
-        features["place"] = motion.applied(features["place"], sign=-1)
+        features["place"] = motion.undo(features["place"])
         self.views.append(replace(view, data=features.tobytes(), blur_px2=blur_px2))
         self._seen_at.append(self._checks)
         return True

@@ -58,10 +58,16 @@ class ViewMotion(Struct, frozen=True, kw_only=True):
     residual_px: float
     inliers: int
 
-    def applied(self, directions: Directions, sign: int = 1) -> Directions:
-        """Return where directions of the earlier view are now; with the other sign, where those of now were."""
-        angles = (-sign * each for each in (self.tilt_rad, self.pan_rad, self.roll_rad))
-        return _turned(directions, rotation_matrix(*angles), sign * math.log1p(self.zoom))
+    def apply(self, directions: Directions) -> Directions:
+        """Return where directions of the earlier view are now."""
+        return _turned(directions, self._rotation(), math.log1p(self.zoom))
+
+    def undo(self, directions: Directions) -> Directions:
+        """Return where directions of now were in the earlier view."""
+        return _turned(directions / (1 + self.zoom), self._rotation().T, 0.0)
+
+    def _rotation(self) -> NDArray[np.float64]:
+        return rotation_matrix(-self.tilt_rad, -self.pan_rad, -self.roll_rad)
 
     def in_words(self) -> str:
         """Return what moved by how much, with standard deviations."""
