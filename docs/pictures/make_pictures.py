@@ -17,6 +17,7 @@ from how_several import make_several
 from live_view_svg import save_svg
 from measuring_object import make_object_picture
 from measuring_round import make_round_pictures
+from mounting_picture import make_mounting_picture
 from picture_steps import picture_steps
 from stereo_picture import make_stereo_picture
 from unknown_size import unknown_size_picture
@@ -140,6 +141,7 @@ if __name__ == "__main__":
     make_stereo_picture(HERE)
     make_object_picture(HERE)
     floor_picture.make_floor_picture(HERE / "how-floor.jpg")
+    make_mounting_picture(HERE / "mounting.jpg")
     unknown_size_picture(HERE / "how-unknown-size.jpg")
     make_pages(HERE)
     camera_table.write()

@@ -25,7 +25,7 @@ class OperatorAction(StrEnum):
         command: Its name at the control socket and on the command line.
         summary: One line for the description of the API.
         help: The text of ``--help``; empty for an action that shares the command of another.
-        is_on_outputs: Whether it concerns every output, or the run itself, and no rule.
+        is_on_outputs: Whether it concerns every output, the camera or the run itself, and no rule.
         takes: What it takes beside the rule, who and why: a duration, ``for_s``, with ``one_shot``; or of a threshold
             its ``key``, and a ``value``.
     """
@@ -55,7 +55,7 @@ class OperatorAction(StrEnum):
     @property
     def lets_outputs_act(self) -> bool:
         """Whether its purpose is that outputs may act which stood still; from afar it needs more trust than others."""
-        return self in {OperatorAction.RELEASE_OUTPUTS, OperatorAction.ARM}
+        return self in {OperatorAction.RELEASE_OUTPUTS, OperatorAction.ARM, OperatorAction.CONFIRM_MOUNTING}
 
     @property
     def writes_file(self) -> bool:
@@ -253,6 +253,24 @@ class OperatorAction(StrEnum):
         - `stadimeter clip --why "what was that?"`
 
         **Exit code**: 0 done; 2 the run has no black box, or no instance runs.
+        """,
+        "",
+        True,
+    )
+    CONFIRM_MOUNTING = (
+        "confirm-mounting",
+        "Confirm that the camera may be as it is now",
+        """Confirm that the camera of a running instance may be as it is now: its present view is saved.
+
+        A check of the mounting has found that it was turned, zoomed, refocused or made dirty, so its distances count
+        as unconfirmed. Measure one of them by tape before you confirm, and calibrate anew if it was zoomed or
+        refocused.
+
+        **Example**
+
+        - `stadimeter mounting confirm --why "aimed at the gate on purpose"`
+
+        **Exit code**: 0 done; 2 there is nothing to confirm, or no instance runs.
         """,
         "",
         True,

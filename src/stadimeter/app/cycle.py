@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import msgspec
 from msgspec import Struct
@@ -23,6 +23,7 @@ from stadimeter.core.detection import Detection, RejectedCandidate
 from stadimeter.core.floor import Footing
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement
+from stadimeter.core.mounting import Mounting
 from stadimeter.core.observation import FrameStamp, Observation, OutputFault, WallTime
 from stadimeter.core.operator import AnyCommand
 from stadimeter.core.safety import FROM_THE_FUTURE_S
@@ -57,6 +58,20 @@ class _Stopwatch:
         self._last_s = now_s
 
 
+class WatchesMounting(Protocol):
+    """Knows whether the camera is still mounted as it was saved, as `MountingWatch` does."""
+
+    mounting: Mounting
+
+    def why_not_for_motion(self) -> str:
+        """Return why nothing may move on the camera's frames, in words; empty if it may."""
+        ...
+
+    def trouble(self) -> str:
+        """Return that distances are unconfirmed, in words; empty if they are not."""
+        ...
+
+
 @dataclass(slots=True, kw_only=True)
 class Cycle:
     """The parts that one cycle of the loop needs.
@@ -73,6 +88,7 @@ class Cycle:
         locator: Finds where the camera is; None without tags of known places.
         second: The frames of a second camera; None without one.
         second_view: Measures with it what the first one has found.
+        mounting_watch: Watches whether the camera is still where it was; None without a saved view.
     """
 
     clock: Clock
@@ -87,6 +103,7 @@ class Cycle:
     locator: CameraLocator | None = None
     second: SecondCapture | None = None
     second_view: SecondView | None = None
+    mounting_watch: WatchesMounting | None = None
     _newest: Frame | None = field(default=None)
     perceiver: Perceiver = field(init=False)
 
@@ -125,6 +142,7 @@ class Cycle:
         flow = self.flow_meter.measure(frame, self.perceiver.lens_of(frame)) if frame and self.flow_meter else None
         pose = self.locator.locate(frame, self.perceiver.lens_of(frame)) if frame and self.locator else None
         watch.lap("measure")
+        watched = self.mounting_watch
         reports = {output.name: report for output in self.outputs if (report := output.report()) is not None}
         observation = Observation(
             now_s=now_s,
@@ -132,7 +150,7 @@ class Cycle:
             measurements=(*measurements, *self._ranged()) if frame and self.range_readers else measurements,
             camera_fault=camera_fault,
             second_camera_fault=self.second.trouble() if self.second else "",
-            not_for_motion=self.capture.not_for_motion(),
+            not_for_motion=self.capture.not_for_motion() or (watched.why_not_for_motion() if watched else ""),
             output_faults=tuple(self._faults(reports)),
             flow=flow,
             base=next(iter(reports.values()), None),
@@ -140,6 +158,7 @@ class Cycle:
             operator_commands=operator_commands,
             undelivered_since_s=undelivered_since_s,
             camera_pose=pose,
+            mounting=watched.mounting if watched else None,
         )
         state, decision = decide(state, observation)
         watch.lap("decide")
@@ -223,6 +242,12 @@ class CycleRecord(Struct, frozen=True, kw_only=True):
     rejected: Mapping[str, tuple[RejectedCandidate, ...]] = msgspec.field(default_factory=dict)
     detections: tuple[Detection, ...] = ()
     decision: Decision
+
+    @property
+    def mark(self) -> str:
+        """How distances are marked, such as ``unconfirmed``; empty if they are not."""
+        mounting = self.observation.mounting
+        return mounting.status.value if mounting is not None and mounting.is_unconfirmed else ""
 
     @property
     def busy_s(self) -> float:

@@ -91,6 +91,7 @@ def _figures(health: LiveHealth) -> dict[str, object]:
         "disk_free_bytes": board.disk_free_bytes,
         "memory_bytes": board.memory_bytes,
         "trouble": health.trouble,
+        "mounting": health.mounting.status.value if health.mounting is not None else None,
     }
 
 

@@ -247,7 +247,8 @@ class Loop:
         deaf = messenger.deafness() if isinstance(messenger, TakesRequests) else ""
         sent = (messenger.trouble() if messenger else "", deaf)
         locator = self.parts.cycle.locator
-        panel.append(locator.trouble() if locator is not None else "")
+        watch = self.parts.cycle.mounting_watch
+        panel += [locator.trouble() if locator is not None else "", watch.trouble() if watch is not None else ""]
         if (second := self.parts.cycle.second) is not None:
             panel += [f"second camera: {words}" for words in (second.trouble(), *second.remarks()) if words]
         others = (*sent, *notifiers, *recordings, memory.trouble() if memory else "")
@@ -342,7 +343,7 @@ class Loop:
     def _report(self, record: CycleRecord) -> None:
         now_s = record.observation.now_s
         messenger: object = self.parts.messenger
-        self._publish(now_s, self.reporter.messages(now_s, _wall_clock, record.decision))
+        self._publish(now_s, self.reporter.messages(now_s, _wall_clock, record.decision, record.mark))
         self._publish(now_s, self.reporter.poses.messages(now_s, _wall_clock, record.observation.camera_pose))
         if isinstance(messenger, Discoverable) and messenger.take_states_due():
             self._publish(now_s, self.reporter.repeat(_wall_clock()))

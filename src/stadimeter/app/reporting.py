@@ -83,16 +83,14 @@ class Reporter:
         self._held_back: set[str] = set()
         self.reported_losses: Mapping[str, int] = {}
 
-    def messages(self, now_s: float, wall_clock: WallClock, decision: Decision) -> tuple[Message, ...]:
-        """Return what is to be reported after each cycle: events, then rules, then targets.
-
-        Silence is decided here too.
-        """
+    def messages(self, now_s: float, wall_clock: WallClock, decision: Decision, mark: str = "") -> tuple[Message, ...]:
+        """Return what is to be reported after each cycle: events, rules, targets with the mark of their distances."""
         messages = [_event_message(event, self._boot_id, wall_clock(), self.clips) for event in decision.events]
         messages += self._rule_messages(now_s, wall_clock, decision)
         messages += self._figures.messages(now_s, wall_clock, decision.figures)
         for track in decision.tracks:
-            messages += self._targets.setdefault(track.target, _TargetReports()).messages(now_s, wall_clock, track)
+            told = self._targets.setdefault(track.target, _TargetReports())
+            messages += told.messages(now_s, wall_clock, track, mark)
         return tuple(messages)
 
     def _rule_messages(self, now_s: float, wall_clock: WallClock, decision: Decision) -> list[Message]:
@@ -171,16 +169,17 @@ class _TargetReports:
         self._told_at_s = -math.inf
         self._newest: Track | None = None
         self._sequence = 0
+        self._mark = ""
 
-    def messages(self, now_s: float, wall_clock: WallClock, track: Track) -> list[Message]:
-        self._newest = track
+    def messages(self, now_s: float, wall_clock: WallClock, track: Track, mark: str) -> list[Message]:
+        self._newest, self._mark = track, mark
         if not self._is_due(track, now_s - self._told_at_s):
             return []
         self._told_at_s = now_s
         return [self._tell(track, wall_clock())]
 
     def last_messages(self, wall_clock: str) -> list[Message]:
-        if self._newest is None or _target_state(self._newest) == self._told:
+        if self._newest is None or _target_state(self._newest, self._mark) == self._told:
             return []
         return [self._tell(self._newest, wall_clock)]
 
@@ -188,22 +187,24 @@ class _TargetReports:
         return [] if self._newest is None else [self._tell(self._newest, wall_clock)]
 
     def _is_due(self, track: Track, silent_s: float) -> bool:
-        if self._told is None or track.status.value != self._told["status"] or silent_s >= HEARTBEAT_S:
+        told, state = self._told, _target_state(track, self._mark)
+        if told is None or silent_s >= HEARTBEAT_S or told["status"] != state["status"] or len(told) != len(state):
             return True
-        return silent_s >= INTERVAL_S and _has_moved(self._told, _target_state(track))
+        return silent_s >= INTERVAL_S and _has_moved(told, state)
 
     def _tell(self, track: Track, wall_clock: str) -> Message:
-        self._told = _target_state(track)
+        self._told = _target_state(track, self._mark)
         payload = {"v": FORM, "ts": wall_clock, "seq": self._sequence, **self._told}
         self._sequence += 1
         return _message(f"target/{track.target}/state", payload, qos=0, retain=True, expires_s=EXPIRES_S)
 
 
-def _target_state(track: Track) -> dict[str, Any]:
-    """Return what is published of a target: only figures that may be acted on."""
+def _target_state(track: Track, mark: str) -> dict[str, Any]:
+    """Return what is published of a target: only figures that may be acted on, marked if they are unconfirmed."""
     known = track if track.is_valid else Track(target=track.target)
     figures = ("distance_m", "sigma_m", "closing_mps", "bearing_rad")
-    return {"status": track.status.value, **{name: _rounded(getattr(known, name)) for name in figures}}
+    marked = {"mounting": mark} if mark else {}
+    return {"status": track.status.value, **{name: _rounded(getattr(known, name)) for name in figures}, **marked}
 
 
 def _has_moved(before: Mapping[str, Any], now: Mapping[str, Any]) -> bool:

@@ -17,6 +17,12 @@ def runtime_directory(environ: Mapping[str, str] = os.environ) -> Path | None:
     return _first(environ.get("RUNTIME_DIRECTORY", ""))
 
 
+def mounting_places(configuration: Path, environ: Mapping[str, str] = os.environ) -> list[Path]:
+    """Return where the saved view of a camera may be: beside the configuration, or where only that can be written."""
+    beside, state = configuration.with_suffix(".mounting"), state_directory(environ)
+    return [beside, *([state / beside.name] if state is not None else [])]
+
+
 def _first(folders: str) -> Path | None:
     first = folders.split(":", maxsplit=1)[0]
     return Path(first) if first else None

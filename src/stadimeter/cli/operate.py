@@ -149,7 +149,9 @@ def _command(action: OperatorAction) -> Callable[..., None]:
     return command
 
 
-arm, disarm, clip = map(_command, (OperatorAction.ARM, OperatorAction.DISARM, OperatorAction.CLIP))
+arm, disarm, clip, confirm = map(
+    _command, (OperatorAction.ARM, OperatorAction.DISARM, OperatorAction.CLIP, OperatorAction.CONFIRM_MOUNTING)
+)
 
 
 def reload(config: ConfigOption = None, socket: SocketOption = None, as_json: JsonOption = False) -> None:
@@ -211,6 +213,9 @@ def _lines(data: Mapping[str, Any]) -> Iterator[str]:
     for target in data["targets"]:
         distance_m = target["distance_m"]
         yield f"{target['target']}: {target['status']}" + ("" if distance_m is None else f", {distance_m:.2f} m")
+    if (mounting := data.get("mounting")) is not None and mounting["status"] != "as_saved":
+        words = "distances are unconfirmed" if mounting["status"] == "unconfirmed" else "the mounting is not judged"
+        yield f"{words}: {mounting['reason']}"
     for name, value in data.get("figures", {}).items():
         yield f"{name}: {'unknown' if value is None else f'{value:.3g}'}"
     if data["alarm_undelivered"]:

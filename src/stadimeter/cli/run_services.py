@@ -24,9 +24,10 @@ from stadimeter.app.service import (
     without_stop_from_outside,
     write_safe_outputs,
 )
-from stadimeter.app.service_folders import state_directory
+from stadimeter.app.service_folders import mounting_places, state_directory
 from stadimeter.config.extras import missing
 from stadimeter.config.models import TIMELINE_S, TimelineTable
+from stadimeter.config.untrusted_file import is_file
 from stadimeter.operator_actions import OperatorAction
 
 if TYPE_CHECKING:
@@ -83,6 +84,7 @@ def open_services(loop: Loop, options: RunOptions, *, is_quiet: bool = False) ->
             closing.enter_context(_open_event_log(loop, is_right, events))
         _list_safe_outputs(loop)
         closing.enter_context(_watchdog_process(loop))
+        closing.enter_context(_watch_mounting(loop))
         if options.service is not None:
             closing.enter_context(_notify_systemd(loop, options.service))
         remembers = not options.no_state and (loop.parts.is_live or options.state is not None)
@@ -187,6 +189,32 @@ def _watchdog_process(loop: Loop) -> Iterator[None]:
     finally:
         ours = ("guard:", *(f"{each.name}:" for each in parts.driven))
         link.close(is_safe=not any(trouble.startswith(ours) for trouble in loop.troubles))
+
+
+@contextmanager
+def _watch_mounting(loop: Loop) -> Iterator[None]:
+    """Watch whether the camera stays where it is, if its view was saved and it is a real one."""
+    parts = loop.parts
+    table = parts.configuration.mounting
+    is_wanted = any(map(is_file, mounting_places(parts.configuration.path))) if table.watch is None else table.watch
+    if not (parts.is_live and is_wanted):
+        yield
+        return
+    from stadimeter.app.mounting import watch_of  # noqa: PLC0415 - runs without a saved view need none of it
+
+    watch, why = watch_of(parts.configuration)
+    if why:
+        loop.services.tell(f"warning: {why}")
+    if watch is None:
+        yield
+        return
+    parts.cycle.mounting_watch = watch
+    loop.listeners.append(watch)
+    watch.start()
+    try:
+        yield
+    finally:
+        watch.close()
 
 
 def _page_command(configuration: Path, service: Service | None) -> str:

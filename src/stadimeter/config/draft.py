@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 # The name of the base in rules.
 BASE_NAME = "base"
 
-# Names that mean something else in events and traces.
 # Sections with nothing but keys of their own, by the attribute of a draft that has each.
 _OPTIONAL: dict[str, type[models.Section]] = {
     "web": models.WebTable,
@@ -45,11 +44,12 @@ _OPTIONAL: dict[str, type[models.Section]] = {
     "black_box": BlackBoxTable,
 }
 
+# Names that mean something else in events and traces.
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
 _TAKEN: dict[str, set[str]] = {
-    "targets": {"camera"},
-    "actuators": {"camera", BASE_NAME},
-    "sensors": {"camera"},
+    "targets": {"camera", "mounting"},
+    "actuators": {"camera", "mounting", BASE_NAME},
+    "sensors": {"camera", "mounting"},
     "buttons": set(),
     "notifiers": set(),
     "rules": {"safety", "safe", "operator"},
@@ -150,6 +150,7 @@ class Draft(ChosenDrivers, Struct, kw_only=True):
     output_tables: dict[str, models.ActuatorTable | models.BaseTable] = field(default_factory=dict)
     tracking: models.TrackingTable = field(default_factory=models.TrackingTable)
     safety: models.SafetyTable = field(default_factory=models.SafetyTable)
+    mounting: models.MountingTable = field(default_factory=models.MountingTable)
     web: models.WebTable | None = None
     recording: models.RecordingTable | None = None
     timeline: models.TimelineTable | None = None
@@ -355,6 +356,8 @@ class _Reader:
         safety = self._validated(models.SafetyTable, ("safety",), self._table("safety") or {})
         self.draft.tracking = tracking or self.draft.tracking
         self.draft.safety = safety or self.draft.safety
+        mounting = self._validated(models.MountingTable, ("mounting",), self._table("mounting") or {})
+        self.draft.mounting = mounting or self.draft.mounting
         for name, model in _OPTIONAL.items():
             if (table := self._table(name)) is not None:
                 setattr(self.draft, name, self._validated(model, (name,), table))

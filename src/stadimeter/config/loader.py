@@ -24,6 +24,7 @@ from stadimeter.config.models import (
     ActuatorTable,
     BaseTable,
     ButtonTable,
+    MountingTable,
     PlaceTable,
     RecordingTable,
     SensorTable,
@@ -84,6 +85,8 @@ class Configuration(ChosenDrivers, Struct, frozen=True, kw_only=True, eq=False):
         black_box: What it keeps in memory, and writes around what happens; None for nothing.
         footings: What is known of each target that is on the floor, by its name.
         mount: Where the camera sits on a robot; None for on none.
+        mounting: Whether it is watched that the camera stays where it is.
+        tilt_sigma_rad: How well the camera's tilt is known; None where that is not said.
         place: Where it is, for schedules; None for anywhere, in the time zone of the computer.
         rig: Both cameras, whose left one is the camera; None without a second camera.
         landmarks: The tags of known places, which tell where the camera is; None for none.
@@ -111,6 +114,8 @@ class Configuration(ChosenDrivers, Struct, frozen=True, kw_only=True, eq=False):
     black_box: BlackBoxTable | None = None
     footings: Mapping[str, Footing] = field(default_factory=dict)
     mount: Mount | None = None
+    mounting: MountingTable = field(default_factory=MountingTable)
+    tilt_sigma_rad: float | None = None
     place: PlaceTable | None = None
     rig: StereoRig | None = None
     landmarks: Landmarks | None = None
@@ -177,6 +182,8 @@ def load_configuration(path: Path, *, with_tests: bool = True, texts: Texts | No
         black_box=draft.black_box,
         footings=_footings(draft),
         mount=draft.camera_table.on_robot(),
+        mounting=draft.mounting,
+        tilt_sigma_rad=draft.camera_table.tilt.sigma,
         place=draft.place,
         rig=draft.rig,
         landmarks=draft.landmarks,

@@ -58,8 +58,8 @@ _SAFETY = plan.Safety()
 # Every section that a configuration may have.
 SECTIONS = (
     "camera", "second_camera", "targets", "actuators", "base", "sensors", "status_led", "buttons", "messenger",
-    "notifiers", "world", "tracking", "safety", "web", "recording", "timeline", "black_box", "place", "landmarks",
-    "figures", "rules", "tests",
+    "notifiers", "world", "tracking", "safety", "mounting", "web", "recording", "timeline", "black_box", "place",
+    "landmarks", "figures", "rules", "tests",
 )  # fmt: skip
 
 
@@ -330,6 +330,15 @@ class TimelineTable(Section):
 
     keep: Annotated[Duration, Field(le=TIMELINE_MAX_S)] = TIMELINE_S
     """For how long; `"0 s"` keeps nothing."""
+
+
+class MountingTable(Section):
+    """Whether it is watched that the camera stays where it was when its view was saved."""
+
+    watch: bool | None = None
+    """Whether it is watched; by default as soon as a view was saved."""
+    when_moved: Literal["mark", "stop"] = "mark"
+    """What happens beside the event: distances are marked as unconfirmed, or nothing moves either."""
 
 
 class TrackingTable(Section):

@@ -44,6 +44,7 @@ _NAME = {"pattern": "^[A-Za-z0-9_-]+$"}
 _TABLES: dict[str, type[BaseModel]] = {
     "tracking": models.TrackingTable,
     "safety": models.SafetyTable,
+    "mounting": models.MountingTable,
     "web": models.WebTable,
     "recording": models.RecordingTable,
     "timeline": models.TimelineTable,

@@ -20,6 +20,7 @@ from stadimeter.core.decision import Decision, Event, EventKind, SafetyMode, Sev
 from stadimeter.core.holding import Hold, step_holds, with_holds
 from stadimeter.core.liveness import LivenessState, step_liveness, tell_plain_room
 from stadimeter.core.measurement import Measurement
+from stadimeter.core.mounting import step_mounting
 from stadimeter.core.observation import SECOND_CAMERA, Observation, OutputFault
 from stadimeter.core.operator import HoldCommand, OperatorAnswer, OperatorCommand
 from stadimeter.core.outputs import OutputStep, command_all, forbidden_outputs, new_output
@@ -63,6 +64,7 @@ class State(Struct, frozen=True, kw_only=True):
         liveness: What the picture has shown of the robot's own motion.
         motions: How targets move across the line of sight, for those that some rule asks it of.
         figures: What is kept of the remembered figures, in the order of the plan.
+        is_mounting_unconfirmed: Whether the camera was not mounted as it was saved.
     """
 
     plan: Plan
@@ -82,6 +84,7 @@ class State(Struct, frozen=True, kw_only=True):
     liveness: LivenessState = field(default_factory=LivenessState)
     motions: tuple[TransverseMotion, ...] = ()
     figures: tuple[Summary, ...] = ()
+    is_mounting_unconfirmed: bool = False
 
 
 def initial_state(plan: Plan) -> State:
@@ -113,7 +116,13 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
     holds, answers, outputs = _act(state, observation, allowed.safety, rules, is_after_gap=gap_s is not None)
     seen_events = _track_events(state, track_states, observation.now_s, in_words(gap_s, plan.safety) if gap_s else "")
     happened = state.due + seen_events + outcome.events + allowed.events
-    happened += _camera_events(state.safety, safety, observation.now_s) + sensor_events
+    is_unconfirmed, confirmed, mounting_events = step_mounting(
+        was_unconfirmed=state.is_mounting_unconfirmed,
+        mounting=observation.mounting,
+        commands=observation.operator_commands,
+        now_s=observation.now_s,
+    )
+    happened += _camera_events(state.safety, safety, observation.now_s) + sensor_events + mounting_events
     events = _number(happened + _fault_events(state.faults, observation), state.events)
     decision = Decision(
         commands=tuple([step.command for step in outputs]),
@@ -124,7 +133,7 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
         outputs=tuple([step.trace for step in outputs]),
         rules=rules.traces,
         notices=outcome.notices,
-        answers=outcome.answers + allowed.answers + answers,
+        answers=outcome.answers + allowed.answers + answers + confirmed,
         figures=inputs.figures and {each.name: inputs.figures[each.name] for each in plan.named_figures},
         reasons=Reasons(plan=plan, judged=rules, inputs=inputs),
     )
@@ -146,6 +155,7 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
         liveness=allowed.liveness,
         motions=tuple(inputs.motions.values()),
         figures=step_figures(plan.figures, state.figures, new) if state.figures else (),
+        is_mounting_unconfirmed=is_unconfirmed,
     )
     return remembered, decision
 

@@ -7,6 +7,7 @@ from msgspec import Struct
 from stadimeter.core.base_report import BaseReport
 from stadimeter.core.camera_pose import CameraPose
 from stadimeter.core.measurement import Measurement
+from stadimeter.core.mounting import Mounting
 from stadimeter.core.operator import AnyCommand
 from stadimeter.core.picture_flow import PictureFlow
 
@@ -82,6 +83,7 @@ class Observation(Struct, frozen=True, kw_only=True):
         operator_commands: Operator commands since the cycle before.
         undelivered_since_s: Since when this run has had an alarm that it could not deliver, the oldest; None for none.
         camera_pose: Where the camera is; None without a frame, and where no tags of known places are configured.
+        mounting: Whether the camera is still mounted as it was saved; None where that is not watched.
     """
 
     now_s: float
@@ -98,6 +100,7 @@ class Observation(Struct, frozen=True, kw_only=True):
     operator_commands: tuple[AnyCommand, ...] = ()
     undelivered_since_s: float | None = None
     camera_pose: CameraPose | None = None
+    mounting: Mounting | None = None
 
     @property
     def faults(self) -> tuple[OutputFault, ...]:

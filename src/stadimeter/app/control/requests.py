@@ -174,6 +174,7 @@ class Control:
         since_s, now_s = record.observation.undelivered_since_s, record.observation.now_s
         is_overdue = since_s is not None and now_s - since_s > NEWS_S
         status = _status(record.decision) | {"alarm_undelivered": is_overdue}
+        status["mounting"] = plain(record.observation.mounting) if record.observation.mounting is not None else None
         return lambda: Reply({**status, "deliveries": self._deliveries(), "commands": self.message_figures()})
 
     def _explain(self, args: ExplainArgs, now_s: float) -> Reply | Callable[[], Reply]:

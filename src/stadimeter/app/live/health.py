@@ -18,6 +18,7 @@ from msgspec import Struct, field
 if TYPE_CHECKING:  # it loads numpy, and `doctor` looks at the board before it knows whether that loads
     from stadimeter.app.live.history import RunHistory
     from stadimeter.core.camera_pose import CameraPose
+    from stadimeter.core.mounting import Mounting
 
 # From here on a Raspberry Pi slows its processor; a 3B+ from 60 °C.
 THERMAL = "sys/class/thermal/thermal_zone0/temp"
@@ -104,6 +105,7 @@ class LiveHealth(Struct, frozen=True, kw_only=True):
         broker: How the link to the broker is; empty if there is none.
         trouble: A fault outside the loop; empty if there is none.
         place: Where the camera is, or why that is not known; None where no tags of known places tell.
+        mounting: Whether the camera is still as it was saved; None where that is not watched.
     """
 
     frame_rate_hz: float = 0.0
@@ -117,6 +119,7 @@ class LiveHealth(Struct, frozen=True, kw_only=True):
     broker: str = ""
     trouble: str = ""
     place: CameraPose | None = None
+    mounting: Mounting | None = None
 
     @property
     def notes(self) -> tuple[Note, ...]:
@@ -146,6 +149,10 @@ class LiveHealth(Struct, frozen=True, kw_only=True):
             yield Note(what="cycle time", words=words)
         if self.place is not None:
             yield Note(what="place", words=self.place.in_words(), is_good=self.place.position_m is not None)
+        if self.mounting is not None:
+            status = self.mounting.status.value.replace("_", " ")
+            words = f"{status}: {self.mounting.reason}" if self.mounting.reason else status
+            yield Note(what="mounting", words=words, is_good=not self.mounting.is_unconfirmed)
         words = "none" if not self.dropped_frames else f"{self.dropped_frames} since the start"
         yield Note(what="dropped frames", words=words)
 
@@ -188,6 +195,7 @@ def live_health(history: RunHistory, board: Board, broker: str, trouble: str, pa
         broker=broker,
         trouble=trouble,
         place=None if history.seen is None else history.seen.record.observation.camera_pose,
+        mounting=None if history.seen is None else history.seen.record.observation.mounting,
     )
 
 

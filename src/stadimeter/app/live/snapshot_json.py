@@ -277,6 +277,7 @@ def _health(snapshot: RunSnapshot) -> dict[str, Any]:
         "disk_free_bytes": health.board.disk_free_bytes,
         "memory_bytes": health.board.memory_bytes,
         "trouble": health.trouble,
+        "mounting": health.mounting.status.value if health.mounting is not None else None,
         "notes": [note._asdict() for note in health.notes],
     }
 

@@ -166,6 +166,7 @@ function banners(isLive) {
     ];
   if (!isLive) return [];
   const { safety, health } = snapshot;
+  const offersConfirm = session.right === "operate" && health.mounting === "unconfirmed";
   const isStopped = safety.mode === "stopped";
   const isDisarmed = safety.mode === "disarmed";
   return [
@@ -188,7 +189,7 @@ function banners(isLive) {
         kind: safety.mode === "stale" ? "error" : "warning",
         words: `Outputs are at their safe values: ${safety.reason || safety.mode}`,
       },
-    health.trouble && { key: "trouble", kind: "warning", words: health.trouble },
+    health.trouble && { key: "trouble", kind: "warning", words: health.trouble, offersConfirm },
   ].filter(Boolean);
 }
 
@@ -201,14 +202,17 @@ function markAge() {
   markAge.was = age !== null;
 }
 
-function banner({ offersStart, offersSetUp, offersRelease, offersArm }) {
+function banner({ offersStart, offersSetUp, offersRelease, offersArm, offersConfirm }) {
   const words = h("span");
   const start = offersStart && h("button", { type: "button", class: "button", onclick: startRun }, "Start the run");
   const release =
     offersRelease && h("button", { type: "button", class: "button", onclick: () => letAct(RELEASE) }, "Release");
   const arm = offersArm && h("button", { type: "button", class: "button", onclick: () => letAct(ARM) }, "Arm");
+  const confirm =
+    offersConfirm &&
+    h("button", { type: "button", class: "button", onclick: () => letAct(CONFIRM) }, "Confirm the mounting");
   const setUp = offersSetUp && h("a", { href: "#setup", class: "button" }, "Set it up");
-  const element = h("p", { class: "banner" }, words, start, setUp, release, arm);
+  const element = h("p", { class: "banner" }, words, start, setUp, release, arm, confirm);
   element.update = (each) => {
     element.className = `banner is-${each.kind}`;
     if (words.said !== each.words) replace(words, inCode((words.said = each.words)));
@@ -238,8 +242,15 @@ async function stopOutputs() {
 
 const RELEASE = { path: "outputs/release", title: "Release the outputs", action: "Release" };
 const ARM = { path: "outputs/arm", title: "Arm the run", action: "Arm" };
+const MOVES = "Outputs act at once, as the rules want them to: what moves may move off.";
+const CONFIRM = {
+  path: "outputs/confirm-mounting",
+  title: "Confirm the mounting of the camera",
+  action: "Confirm",
+  words: "Its present view is saved in place of the former one. Measure a distance by tape first.",
+};
 
-async function letAct({ path, title, action }) {
+async function letAct({ path, title, action, words = MOVES }) {
   const fields = [
     { name: "why", label: "Why", placeholder: "may be left empty", maxLength: 200 },
     {
@@ -250,12 +261,7 @@ async function letAct({ path, title, action }) {
       maxLength: 60,
     },
   ];
-  const given = await ask({
-    title,
-    words: "Outputs act at once, as the rules want them to: what moves may move off.",
-    fields,
-    action,
-  });
+  const given = await ask({ title, words, fields, action });
   if (!given) return;
   try {
     say((await api.post(path, { by: given.by || undefined, why: given.why })).words);

@@ -1,0 +1,145 @@
+"""The view of a camera that was saved: a file beside the configuration, written whole.
+
+It holds directions and descriptors of features, no picture, and the lens that gave the directions. Where the folder of
+the configuration may not be written, as below systemd, it is in the folder of the service's state; the newer counts.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from stadimeter.app.service_folders import mounting_places
+from stadimeter.config.atomic_file import write_atomically
+from stadimeter.config.untrusted_file import is_file, read_untrusted
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.frame import Frame
+from stadimeter.errors import StateError, UnreadableError
+from stadimeter.perception.background import CELLS, FEATURE, View, keep_still, look_at
+
+# Eight views of 480 features take 240 kB.
+MAX_BYTES = 1_000_000
+
+# Pictures are compared in pairs; features that are in each of some pairs stand still.
+PAIR, PAIRS = 2, 3
+
+Outlines = Sequence[NDArray[np.float64]]
+
+
+class MountingReference(Struct, frozen=True, kw_only=True):
+    """What a file holds.
+
+    Attributes:
+        saved_unix_s: When its first view was saved.
+        sensor: The camera's sensor, if its driver knows.
+        lens: Focal lengths, optical axis and distortion that gave the directions.
+        views: The saved view, and those learnt since, each checked to be whole.
+        steadiness: Of each cell of the picture, how often it agreed.
+    """
+
+    v: int = 1
+    saved_unix_s: float
+    size_px: tuple[int, int]
+    sensor: str
+    lens: tuple[float, ...]
+    views: list[View]
+    steadiness: list[float]
+
+    def why_not_for(self, frame: Frame, lens: CameraModel) -> str:
+        """Return why pictures cannot be compared with it, in words; empty if they can."""
+        size, sensor = (frame.width_px, frame.height_px), frame.optics.sensor if frame.optics is not None else ""
+        why = ""
+        if size != self.size_px:
+            why = "the saved view has {}x{} px, and the camera gives {}x{} px".format(*self.size_px, *size)
+        elif sensor and self.sensor and sensor != self.sensor:
+            why = f"the saved view is of the camera {self.sensor}, and this is {sensor}"
+        elif lens_figures(lens) != self.lens:
+            why = "the view was saved with another camera file"
+        return f"{why}; save it anew with `stadimeter mounting save`" if why else ""
+
+
+def lens_figures(lens: CameraModel) -> tuple[float, ...]:
+    """Return what decides where a pixel looks to."""
+    return (lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px, *lens.distortion)
+
+
+def make_reference(frames: Sequence[Frame], lens: CameraModel, hidden: Outlines = ()) -> MountingReference:
+    """Return the view that a camera has now, from six pictures of some moments.
+
+    `stadimeter mounting save` calls it, a run whose mounting is confirmed, and whatever certifies a site.
+
+    Args:
+        lens: The camera model, at any resolution of the same aspect.
+        hidden: The outlines of targets, in pixels.
+
+    Raises:
+        CalibrationError: The pictures do not fit the lens, or show too little that stands still.
+    """
+    first = frames[0]
+    small = lens.for_frame(first)
+    pairs = [frames[at : at + PAIR] for at in range(0, len(frames) - 1, PAIR)]
+    view = keep_still([look_at([each.image for each in pair], small, hidden) for pair in pairs])
+    return MountingReference(
+        saved_unix_s=time.time(),
+        size_px=(first.width_px, first.height_px),
+        sensor=first.optics.sensor if first.optics is not None else "",
+        lens=lens_figures(small),
+        views=[view],
+        steadiness=[0.0] * CELLS,
+    )
+
+
+def save_reference(configuration: Path, reference: MountingReference) -> Path:
+    """Write the view of a configuration's camera; return the file.
+
+    Raises:
+        StateError: It cannot be written.
+    """
+    places = mounting_places(configuration)
+    for path in places:
+        try:
+            write_atomically(path, msgspec.msgpack.encode(reference))
+        except OSError as error:
+            why = error.strerror or str(error)
+        else:
+            return path
+    raise StateError(f"{places[0]}: the view of the camera cannot be saved: {why}")
+
+
+def load_reference(configuration: Path) -> MountingReference | None:
+    """Return the newest saved view of a configuration's camera; None if there is none.
+
+    Raises:
+        StateError: The file is damaged.
+    """
+    found = [_read(path) for path in mounting_places(configuration) if is_file(path)]
+    return max(found, key=lambda each: each.saved_unix_s, default=None)
+
+
+def _read(path: Path) -> MountingReference:
+    try:
+        found = msgspec.msgpack.decode(read_untrusted(path, MAX_BYTES), type=MountingReference)
+    except (msgspec.MsgspecError, UnreadableError) as error:
+        why = error.reason if isinstance(error, UnreadableError) else "it is damaged"
+        raise StateError(f"{path}: {why}; save the view anew with `stadimeter mounting save`") from error
+    if found.v != 1 or not found.views or len(found.steadiness) != CELLS or not all(map(_is_whole, found.views)):
+        raise StateError(f"{path}: it is damaged; save the view anew with `stadimeter mounting save`")
+    return found
+
+
+def _is_whole(view: View) -> bool:
+    if not view.data or len(view.data) % FEATURE.itemsize:
+        return False
+    numbers = [
+        view.blur_px2,
+        view.blur_slope,
+        *(view.features[name].sum() for name in ("place", "contrast", "sharpness")),
+    ]
+    return view.blur_slope < 0 and all(map(math.isfinite, numbers))

@@ -1,0 +1,216 @@
+"""The watch of a run over its camera: what it hands over, what it marks, and how it is confirmed; and the file."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from stadimeter.app.cycle import CycleRecord
+from stadimeter.app.mounting import EVERY_S, MountingWatch
+from stadimeter.app.mounting_file import load_reference, make_reference, save_reference
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.decide import decide, initial_state
+from stadimeter.core.frame import Frame, Optics
+from stadimeter.core.mounting import MountingStatus
+from stadimeter.core.observation import FrameStamp, Observation
+from stadimeter.core.operator import OperatorCommand
+from stadimeter.core.plan import Plan
+from stadimeter.errors import CalibrationError, StateError
+from stadimeter.operator_actions import OperatorAction
+from stadimeter.perception.mounting import MountingLimits
+from support.watched_room import LENS, Pose, WatchedRoom
+
+NOON = 720
+CONFIRM = OperatorCommand(id="7", action=OperatorAction.CONFIRM_MOUNTING, by="zoe")
+
+
+@pytest.fixture(scope="module")
+def pictures():
+    """Six pictures of a camera where it was saved, and six after it was turned by a degree."""
+    room = WatchedRoom(seed=51)
+    one, other = (room.pair(NOON, pose) + room.pair(NOON, pose) for pose in (Pose(), Pose(pan_deg=1.0)))
+    return {"saved": one + one[:2], "turned": other + other[:2]}
+
+
+def frames(images, from_s=0.0, optics=None):
+    return [Frame(image, from_s + 0.2 * at, at, optics=optics) for at, image in enumerate(images)]
+
+
+@pytest.fixture(scope="module")
+def reference(pictures):
+    return make_reference(frames(pictures["saved"]), LENS)
+
+
+class Rig:
+    """A watch without a thread of its own, and a core: each picture is one cycle."""
+
+    def __init__(self, folder: Path, reference, **how) -> None:
+        self.configuration = folder / "run.toml"
+        save_reference(self.configuration, reference)
+        self.watch = MountingWatch(self.configuration, LENS, reference, MountingLimits(), **how)
+        self.state = initial_state(Plan(targets=(), rules=(), outputs=()))
+        self.now_s = 0.0
+        self.events = []
+        self.handed = 0
+
+    def cycle(self, image=None, *commands):
+        self.now_s += 0.2
+        frame = None if image is None else Frame(image, self.now_s, round(5 * self.now_s))
+        observation = Observation(
+            now_s=self.now_s,
+            frame=frame and FrameStamp(sequence=frame.sequence, captured_at_s=self.now_s),
+            mounting=self.watch.mounting,
+            operator_commands=commands,
+        )
+        self.state, decision = decide(self.state, observation)
+        self.events += [each for each in decision.events if each.source == "mounting"]
+        record = CycleRecord(observation=observation, applied=(), timings_s={}, decision=decision)
+        self.watch(record, frame)
+        return record
+
+    def attend(self):
+        """Do what the thread does with what was handed over."""
+        self.watch.close()
+        waiting = self.watch._works.qsize() - 1
+        self.watch._run()
+        self.handed += waiting
+        return waiting
+
+    def check(self, images):
+        """Let a minute pass, with pictures, and a check."""
+        self.now_s += EVERY_S
+        for image in images:
+            self.cycle(image)
+        assert self.attend() == 1
+        return self.cycle(images[0])
+
+
+def test_a_camera_that_stays_is_as_saved(tmp_path, pictures, reference) -> None:
+    rig = Rig(tmp_path, reference)
+    assert rig.watch.mounting.status is MountingStatus.NOT_JUDGED, "before the first check nothing is known"
+    rig.check(pictures["saved"])
+    assert rig.watch.mounting.status is MountingStatus.AS_SAVED
+    assert rig.events == []
+    assert rig.watch.trouble() == ""
+
+
+def test_a_turned_camera_marks_distances_until_a_person_confirms_it(tmp_path, pictures, reference) -> None:
+    rig = Rig(tmp_path, reference)
+    assert rig.check(pictures["turned"]).mark == ""
+    assert rig.check(pictures["turned"]).mark == "unconfirmed"
+    assert "turned by 1.0" in rig.watch.trouble()
+    assert rig.check(pictures["saved"]).mark == "unconfirmed", "turned back by hand is not where it was"
+    answers = rig.cycle(pictures["turned"][0], CONFIRM).decision.answers
+    assert answers[0].accepted
+    assert [each.kind.value for each in rig.events] == ["fault", "fault_cleared"]
+    for image in pictures["turned"]:
+        assert rig.cycle(image).mark == ""
+    assert rig.attend() == 1
+    assert load_reference(rig.configuration).saved_unix_s > reference.saved_unix_s, "the present view is kept"
+    assert rig.check(pictures["turned"]).mark == ""
+    assert rig.watch.mounting.status is MountingStatus.AS_SAVED
+
+
+def test_a_confirmation_of_a_view_that_cannot_be_saved_leaves_it_unconfirmed(tmp_path, pictures, reference) -> None:
+    rig = Rig(tmp_path, reference)
+    rig.check(pictures["turned"])
+    rig.check(pictures["turned"])
+    white = np.full((480, 640, 3), 200, np.uint8)
+    rig.cycle(white, CONFIRM)
+    for _ in range(6):
+        rig.cycle(white)
+    rig.attend()
+    assert "confirmed, but not saved" in rig.watch.mounting.reason
+    assert load_reference(rig.configuration).saved_unix_s == reference.saved_unix_s
+
+
+def test_what_was_found_before_a_confirmation_does_not_come_after_it(tmp_path, pictures, reference) -> None:
+    rig = Rig(tmp_path, reference)
+    rig.check(pictures["turned"])
+    rig.check(pictures["turned"])
+    rig.now_s += EVERY_S
+    for image in pictures["turned"][:2]:
+        rig.cycle(image)
+    rig.cycle(pictures["turned"][0], CONFIRM)
+    assert rig.attend() == 1
+    assert not rig.watch.mounting.is_unconfirmed
+
+
+def test_between_checks_nothing_is_handed_over_and_after_a_gap_it_is_at_once(tmp_path, pictures, reference) -> None:
+    rig = Rig(tmp_path, reference)
+    rig.check(pictures["saved"])
+    for _ in range(50):
+        rig.cycle(pictures["saved"][0])
+    assert rig.attend() == 0
+    for _ in range(15):
+        rig.cycle(None)
+    for image in pictures["saved"][:2]:
+        rig.cycle(image)
+    assert rig.attend() == 1
+
+
+def test_outputs_stand_only_where_the_configuration_says_so(tmp_path, pictures, reference) -> None:
+    for stops in (False, True):
+        rig = Rig(tmp_path, reference, stops_outputs=stops)
+        rig.check(pictures["turned"])
+        rig.check(pictures["turned"])
+        assert bool(rig.watch.why_not_for_motion()) is stops
+
+
+def test_pictures_of_another_size_are_not_judged_and_the_reason_names_both(tmp_path, pictures, reference) -> None:
+    rig = Rig(tmp_path, reference)
+    rig.check([image[::2, ::2].copy() for image in pictures["saved"]])
+    assert "640x480" in rig.watch.mounting.reason
+    assert "320x240" in rig.watch.mounting.reason
+
+
+def test_another_camera_and_another_camera_file_are_refused_in_words(pictures, reference) -> None:
+    wide, tele = (
+        Optics(sensor=name, sensor_size_px=(1640, 1232), crop_px=(0, 0, 3280, 2464)) for name in ("imx219", "imx708")
+    )
+    saved = msgspec.structs.replace(reference, sensor="imx219")
+    (frame,) = frames(pictures["saved"][:1], optics=tele)
+    assert "imx219" in saved.why_not_for(frame, LENS)
+    assert "imx708" in saved.why_not_for(frame, LENS)
+    (frame,) = frames(pictures["saved"][:1], optics=wide)
+    assert saved.why_not_for(frame, LENS) == ""
+    other = CameraModel.with_focal_length(600.0, 640, 480)
+    assert "another camera file" in saved.why_not_for(frame, other)
+
+
+def test_a_damaged_file_is_refused_with_its_path_and_the_remedy(tmp_path, reference) -> None:
+    path = save_reference(tmp_path / "run.toml", reference)
+    whole = path.read_bytes()
+    for damaged in (b"", whole[: len(whole) // 2], b"\xc1" + whole, whole.replace(b"views", b"vuews")):
+        path.write_bytes(damaged)
+        with pytest.raises(StateError, match=r"run\.mounting: .*stadimeter mounting save"):
+            load_reference(tmp_path / "run.toml")
+    view = msgspec.structs.replace(reference.views[0], blur_slope=math.nan)
+    save_reference(tmp_path / "run.toml", msgspec.structs.replace(reference, views=[view]))
+    with pytest.raises(StateError, match="damaged"):
+        load_reference(tmp_path / "run.toml")
+
+
+def test_a_view_that_does_not_fit_the_camera_file_is_refused_when_it_is_saved(pictures) -> None:
+    with pytest.raises(CalibrationError, match="another aspect"):
+        make_reference(frames([image[:300] for image in pictures["saved"]]), LENS)
+
+
+def test_the_file_holds_no_picture(tmp_path, reference) -> None:
+    path = save_reference(tmp_path / "run.toml", reference)
+    assert path.stat().st_size < 60 * 480, "less than 60 bytes for each feature there can be"
+
+
+def test_where_the_folder_of_the_configuration_cannot_be_written_it_goes_to_the_state_of_the_service(
+    tmp_path, reference, monkeypatch
+) -> None:
+    state = tmp_path / "state"
+    state.mkdir()
+    monkeypatch.setenv("STATE_DIRECTORY", str(state))
+    configuration = tmp_path / "missing" / "run.toml"
+    assert save_reference(configuration, reference) == state / "run.mounting"
+    assert load_reference(configuration).saved_unix_s == reference.saved_unix_s

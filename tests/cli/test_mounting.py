@@ -1,0 +1,153 @@
+"""`stadimeter mounting`: saving a view, comparing with it, and a run that watches it."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+import cv2
+import pytest
+
+from stadimeter.app.bootstrap import build
+from stadimeter.app.loop import Limits, Loop
+from stadimeter.app.mounting import watch_of
+from stadimeter.app.mounting_file import load_reference
+from stadimeter.cli import run_services
+from stadimeter.cli.run_services import RunOptions, open_services
+from stadimeter.config.loader import load_configuration
+from stadimeter.core.mounting import MountingStatus
+from stadimeter.errors import ConfigError
+from support.command_line import typed
+from support.watched_room import FOCAL_PX, Pose, WatchedRoom
+
+CONFIGURATION = f"""
+[camera]
+driver = "images"
+paths = "shots"
+rate = "4 Hz"
+
+[camera.model]
+width_px = 640
+height_px = 480
+fx_px = {FOCAL_PX}
+fy_px = {FOCAL_PX}
+cx_px = 319.5
+cy_px = 239.5
+
+[targets.tag]
+detector = "tag"
+side = "10 cm"
+id = 1
+"""
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Path:
+    """A configuration whose camera shows six pictures of a room."""
+    shots = tmp_path / "shots"
+    shots.mkdir()
+    write(shots, Pose())
+    (tmp_path / "run.toml").write_text(CONFIGURATION)
+    return tmp_path / "run.toml"
+
+
+def write(shots: Path, pose: Pose) -> None:
+    room = WatchedRoom(seed=61)
+    for at in range(3):
+        for each, image in enumerate(room.pair(720, pose)):
+            cv2.imwrite(str(shots / f"{2 * at + each}.png"), image)
+
+
+def test_a_view_is_saved_beside_the_configuration_and_compared_with(site) -> None:
+    saved = typed("mounting", "save", site)
+    assert saved.returncode == 0, saved.stderr
+    assert "run.mounting" in saved.stdout
+    same = typed("mounting", "check", site)
+    assert same.returncode == 0, same.stdout + same.stderr
+    assert same.stdout.startswith("as saved: pan ")
+    write(site.parent / "shots", Pose(pan_deg=0.5))
+    moved = typed("mounting", "check", site)
+    assert moved.returncode == 1
+    assert moved.stdout.startswith("not as saved (moved): pan +0.")
+
+
+def test_without_a_saved_view_the_answer_names_the_command_that_saves_one(site) -> None:
+    missing = typed("mounting", "check", site)
+    assert missing.returncode == 2
+    assert "stadimeter mounting save" in missing.stderr
+
+
+def test_too_few_pictures_save_nothing(site) -> None:
+    for name in ("4.png", "5.png"):
+        (site.parent / "shots" / name).unlink()
+    refused = typed("mounting", "save", site)
+    assert refused.returncode == 2
+    assert "4 of 6 pictures" in refused.stderr
+    assert not site.with_suffix(".mounting").exists()
+
+
+def test_a_white_wall_saves_nothing_and_says_what_to_do(site) -> None:
+    for picture in (site.parent / "shots").iterdir():
+        cv2.imwrite(str(picture), cv2.imread(str(picture)) // 64 + 180)
+    refused = typed("mounting", "save", site)
+    assert refused.returncode == 2
+    assert "poster" in refused.stderr
+    assert not site.with_suffix(".mounting").exists()
+
+
+def test_a_run_of_a_live_camera_watches_as_soon_as_a_view_was_saved(site, monkeypatch) -> None:
+    def watched(text: str = CONFIGURATION):
+        site.write_text(text)
+        loop = Loop(build(load_configuration(site), speed=None))
+        loop.parts.is_live = True
+        with run_services._watch_mounting(loop):
+            return loop.parts.cycle.mounting_watch
+
+    assert watched() is None
+    typed("mounting", "save", site)
+    assert watched() is not None
+    assert watched(CONFIGURATION + "[mounting]\nwatch = false\n") is None
+    site.with_suffix(".mounting").write_bytes(b"damaged")
+    assert watched() is None
+
+
+def test_a_run_without_a_live_camera_watches_nothing(site) -> None:
+    typed("mounting", "save", site)
+    loop = Loop(build(load_configuration(site), speed=None))
+    with open_services(loop, RunOptions(no_state=True, is_unhurried=False)):
+        loop.run(Limits(frames=3))
+    assert loop.parts.cycle.mounting_watch is None
+
+
+def test_the_thread_of_a_run_judges_its_pictures(site) -> None:
+    """The whole way with the real thread: pictures of a run, a check, a mark in the observation."""
+    typed("mounting", "save", site)
+    write(site.parent / "shots", Pose(pan_deg=0.5))
+    loop = Loop(build(load_configuration(site), speed=None))
+    watch, why = watch_of(loop.parts.configuration)
+    assert not why
+    loop.parts.cycle.mounting_watch = watch
+    loop.listeners.append(watch)
+    judged = threading.Event()
+    take_in = watch._take_in
+    watch._take_in = lambda work, found: (take_in(work, found), judged.set())
+    watch.start()
+    loop.run()
+    assert judged.wait(60)
+    watch.close()
+    assert watch.newest.kinds == {"moved"}
+    assert watch.mounting.status is not MountingStatus.UNCONFIRMED, "one finding is none"
+    assert load_reference(site) is not None
+
+
+def test_a_wanted_watch_without_a_saved_view_is_said(site) -> None:
+    site.write_text(CONFIGURATION + "[mounting]\nwatch = true\n")
+    watch, why = watch_of(load_configuration(site))
+    assert watch is None
+    assert "mounting.watch = true" in why
+
+
+def test_a_wrong_key_is_refused_with_its_line(site) -> None:
+    site.write_text(CONFIGURATION + '[mounting]\nwhen_moved = "shout"\n')
+    with pytest.raises(ConfigError, match="when_moved"):
+        load_configuration(site)
