@@ -1,0 +1,209 @@
+"""The page of a certificate, drawn on A4: as a PDF, and as HTML with the same drawings in it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from html import escape
+
+from stadimeter.app.certificate import Certificate, Reliance
+from stadimeter.core.drawing import Drawing, Line, Shape, Text
+from stadimeter.core.words import length
+from stadimeter.ranging.site_fit import RELIABLE_RATE, RELIABLE_SHARE, SIGMAS_95, Placement, Reach, SiteFit
+from stadimeter.workbench.drawing import svg_of, text_width_m
+
+# A paragraph, or a heading behind `HEADING`; a table, its head first; a drawing.
+Block = str | list[tuple[str, ...]] | Drawing
+
+HEADING = "# "
+
+# A4 upright, and what is left white.
+WIDTH_M, HEIGHT_M, MARGIN_M = 0.21, 0.297, 0.016
+INNER_M = WIDTH_M - 2 * MARGIN_M
+TEXT_M, HEADING_M, CELL_M, LINE = 0.0032, 0.0046, 0.0026, 1.5
+
+# The height of a chart, the room for its figures, and how many lines it is divided by.
+CHART_M, AXES_M, TICKS = 0.05, 0.012, 6
+GREY, BLUE, RED = "#bbbbbb", "#1f5fae", "#b3261e"
+
+
+def summary_of(fit: SiteFit, reach: Reach, placements: Sequence[Placement]) -> Iterator[str]:
+    """Yield what a certificate says of scale, offset and reach, a paragraph each."""
+    scale, sure = f"{100 * fit.scale:+.2f} %", f"± {100 * SIGMAS_95 * fit.scale_sigma:.2f} % (95 % interval)"
+    yield f"Scale: distances are {scale} too long, {sure}: {_verdict(fit.has_wrong_scale)}."
+    if fit.has_wrong_scale:
+        times = 1 / (1 + fit.scale)
+        yield (
+            "Focal length and size of the target cannot be told apart by distances: each scales all of them alike. Measure "
+            f"the target again: its size may be {100 * (times - 1):+.2f} % off. If it is right, certify with --correct, which "
+            f"writes the focal length times {times:.4f} into the camera file."
+        )
+    offset, sure = f"{100 * fit.offset_m:+.1f} cm", f"± {100 * SIGMAS_95 * fit.offset_sigma_m:.1f} cm (95 % interval)"
+    where = "behind" if fit.offset_m > 0 else "before"
+    yield (
+        f"Offset: {offset} {sure}, the zero of the tape included: {_verdict(fit.has_offset)}. "
+        + (f"The lens is that far {where} the mark from which was measured." if fit.has_offset else "")
+    )
+    if not fit.is_consistent:
+        yield (
+            "The placements contradict each other more than those of 99 of 100 sites, most of all the one at "
+            f"{placements[fit.worst].tape_m:g} m: measure that again."
+        )
+    yield (
+        f"Reliable to {length(reach.reliable_m)}: an error within {RELIABLE_SHARE:.0%} in 95 of 100 readings, and the "
+        f"target seen in {RELIABLE_RATE:.0%} of frames. Farther than the farthest placement nothing was measured; by the "
+        f"error model it goes to {length(reach.expected_m)}, where {reach.limit}."
+    )
+
+
+def _verdict(is_significant: bool) -> str:
+    return "significant" if is_significant else "not significant"
+
+
+def blocks_of(name: str, made: Certificate, reliances: Sequence[Reliance]) -> list[Block]:
+    """Return the content of the page of a certificate, which has a fit."""
+    seen = [each for each in made.placements if each.is_read]
+    light = f"{min(each.brightness for each in seen):.0f} to {max(each.brightness for each in seen):.0f} of 255"
+    exposed = ", ".join(sorted({f"{1e3 * each.exposure_s:.1f} ms" for each in seen if each.exposure_s}))
+    by_fit: list[Block] = []
+    if made.fit is not None and made.reach is not None:
+        by_fit = [*summary_of(made.fit, made.reach, seen), _bias_chart(made.fit, seen)]
+    return [
+        f"{HEADING}Certificate of the site: {name}",
+        [
+            ("measured", made.date),
+            ("configuration", f"{name}, fingerprint {made.configuration}"),
+            ("camera", f"{made.camera}; lens with the fingerprint {made.lens}"),
+            ("target", f"{made.target}; size with the fingerprint {made.size}"),
+            ("light", f"mean brightness {light}; exposure {exposed or 'not known'}"),
+            (
+                "corrected",
+                f"focal length by {made.corrected:+.2%}, figures as with it" if made.corrected else "nothing",
+            ),
+        ],
+        f"{HEADING}Right here, in this light",
+        *by_fit,
+        f"{HEADING}Placements",
+        [
+            ("tape", "read", "bias", "scatter", "stated", "within 1, 1.96 stated", "seen", "frames/s", "latency"),
+            *map(_placement_row, made.placements),
+        ],
+        f"{HEADING}What rules may rely on",
+        [("rule", "one reading", "bias", "deadband", "false alarm", "miss", "carried"), *map(_rule_row, reliances)],
+        "False alarm: one reading begins the condition while the target is a deadband outside of the threshold. Miss: one "
+        "reading does not begin it a deadband inside. A run filters readings, and delays forgive single ones.",
+        *(f"{each.words}: {each.trouble}." for each in reliances if each.trouble),
+    ]
+
+
+def _placement_row(each: Placement) -> tuple[str, ...]:
+    tape, seen = f"{each.tape_m:.3f} m ± {1e3 * each.tape_sigma_m:.0f} mm", f"{each.found} of {each.frames}"
+    if not each.is_read:
+        return (tape, "", "", "", "", "", seen)
+    off_m = each.read_m - each.true_m
+    return (
+        tape,
+        f"{each.tape_m + off_m:.3f} m",
+        f"{100 * off_m:+.1f} cm",
+        f"± {100 * each.spread_m:.2f} cm",
+        f"± {100 * each.stated_m:.1f} cm",
+        f"{each.covered[0]:.0%}, {each.covered[1]:.0%}",
+        seen,
+        f"{each.rate_hz:.1f}" if each.rate_hz else "",
+        f"{1e3 * each.latency_s:.0f} ms" if each.latency_s else "",
+    )
+
+
+def _rule_row(each: Reliance) -> tuple[str, ...]:
+    odds = ("", "", "")
+    if each.odds is not None:
+        odds = (f"{100 * each.odds[0]:.1f} cm", f"{each.odds[1]:.2%}", f"{each.odds[2]:.2%}")
+    return (
+        each.words,
+        f"± {100 * each.sigma_m:.1f} cm",
+        f"{100 * each.bias_m:+.1f} cm",
+        *odds,
+        "no" if each.trouble else "yes",
+    )
+
+
+def _bias_chart(fit: SiteFit, seen: Sequence[Placement]) -> Drawing:
+    """Draw the bias with its 95 % interval over the distance, and the placements with theirs."""
+    near_m, far_m = seen[0].true_m, seen[-1].true_m
+    places_m = [near_m + (far_m - near_m) * step / 40 for step in range(41)]
+    biases = [(at_m, *fit.bias_m(at_m)) for at_m in places_m]
+    curves = [
+        [(at_m, 100 * (bias + side * sigma)) for at_m, bias, sigma in biases] for side in (-SIGMAS_95, 0, SIGMAS_95)
+    ]
+    off_m = [(each, SIGMAS_95 * math.hypot(each.read_sigma_m, each.tape_sigma_m)) for each in seen]
+    bars = [
+        [(each.true_m, 100 * (each.read_m - each.true_m + side * half_m)) for side in (-1, 1)] for each, half_m in off_m
+    ]
+    ys = [0.0, *(y for curve in (*curves, *bars) for _, y in curve)]
+    low, high = min(ys), max(max(ys), min(ys) + 0.1)
+
+    def at(x: float, y: float) -> tuple[float, float]:
+        across = AXES_M + (x - near_m) / (far_m - near_m) * (INNER_M - AXES_M - 0.01)
+        return across, CHART_M - 0.006 - (y - low) / (high - low) * (CHART_M - 0.014)
+
+    shapes: list[Shape] = [Text(0.0, CELL_M, "bias in cm over the distance in m, with 95 % intervals", CELL_M)]
+    for share in (number / (TICKS - 1) for number in range(TICKS)):
+        x, y = near_m + share * (far_m - near_m), low + share * (high - low)
+        shapes.append(Line(*at(near_m, y), *at(far_m, y), 0.0001, GREY))
+        shapes.append(Text(AXES_M - 0.002, at(x, y)[1] + 0.001, f"{y:.2f}", CELL_M, "end"))
+        shapes.append(Text(at(x, y)[0], CHART_M - 0.001, f"{x:.2f}", CELL_M, "middle"))
+    for lines, colour, width_m in ((curves, BLUE, 0.0003), (bars, RED, 0.0007)):
+        for line in lines:
+            shapes += [Line(*at(*one), *at(*two), width_m, colour) for one, two in zip(line, line[1:], strict=False)]
+    return Drawing(INNER_M, CHART_M, tuple(shapes))
+
+
+def html_of(pages: Sequence[Drawing], title: str) -> str:
+    """Return pages as one HTML file that needs no other."""
+    head = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(title)}</title>'
+    return "\n".join([head, *map(svg_of, pages), "</html>", ""])
+
+
+def pages_of(blocks: Sequence[Block]) -> list[Drawing]:
+    """Return blocks below each other on as many pages as they need."""
+    pages: list[list[Shape]] = [[]]
+    y_m = MARGIN_M
+    for part in (part for block in blocks for part in _parts(block)):
+        if y_m + part.height_m > HEIGHT_M - MARGIN_M:
+            pages.append([])
+            y_m = MARGIN_M
+        pages[-1] += part.moved(MARGIN_M, y_m)
+        y_m += part.height_m
+    return [Drawing(WIDTH_M, HEIGHT_M, tuple(shapes)) for shapes in pages]
+
+
+def _parts(block: Block) -> Iterator[Drawing]:
+    """Yield what may stand on different pages: lines of text, rows of a table, drawings."""
+    if isinstance(block, Drawing):
+        yield block
+    elif isinstance(block, str):
+        size_m = HEADING_M if block.startswith(HEADING) else TEXT_M
+        yield from (_row([(0.0, line)], size_m) for line in _wrapped(block.removeprefix(HEADING), size_m))
+        yield Drawing(INNER_M, size_m / 2, ())
+    else:
+        columns = max(map(len, block))
+        widths_m = [
+            max(text_width_m(row[at], CELL_M) for row in block if at < len(row)) + CELL_M for at in range(columns)
+        ]
+        starts_m = [sum(widths_m[:at]) for at in range(columns)]
+        yield from (_row(list(zip(starts_m, row, strict=False)), CELL_M) for row in block)
+        yield Drawing(INNER_M, TEXT_M, ())
+
+
+def _row(texts: Sequence[tuple[float, str]], size_m: float) -> Drawing:
+    return Drawing(INNER_M, LINE * size_m, tuple(Text(x_m, size_m, text, size_m) for x_m, text in texts))
+
+
+def _wrapped(text: str, size_m: float) -> Iterator[str]:
+    line = ""
+    for word in text.split():
+        if line and text_width_m(f"{line} {word}", size_m) > INNER_M:
+            yield line
+            line = ""
+        line = f"{line} {word}".strip()
+    yield line
