@@ -1,7 +1,7 @@
 """The certificate of a site: what was measured there with taped distances, and what each rule may rely on.
 
-It is a file beside the configuration. `check` reads it: which threshold the site does not carry, and whether it still is
-about this lens and this target.
+It is a file beside the configuration. By it `check` says which threshold the site does not carry, and when it is no
+longer about this lens and this target.
 """
 
 from __future__ import annotations
@@ -31,6 +31,9 @@ from stadimeter.core.words import length
 from stadimeter.errors import ConfigError, StadimeterError, UnreadableError, reason_of
 from stadimeter.ranging.site_fit import Placement, Reach, SiteFit, noise_at_m
 
+# What makes a certificate out of date: its fingerprints, in words.
+ABOUT = {"lens": "the camera model", "size": "the size of the target"}
+
 # What a threshold may be beyond the last placement or limit and still count as there.
 ROUNDING_M = 0.005
 
@@ -42,7 +45,7 @@ class Certificate(Struct, frozen=True, kw_only=True):
         date: When, in local time, ISO 8601.
         target: The name of the target in the configuration.
         camera: The camera, with its serial number where that is known.
-        lens: A fingerprint of the camera model; likewise `size` of the target's size, and of the whole configuration.
+        about: Fingerprints of the camera model, of the target's size and of the whole configuration, by `fingerprints`.
         corrected: By which share the focal length was corrected in the end; 0 for not.
         background: What tells later whether the camera was moved; None where that was not looked for.
     """
@@ -50,9 +53,7 @@ class Certificate(Struct, frozen=True, kw_only=True):
     date: str
     target: str
     camera: str
-    lens: str
-    size: str
-    configuration: str
+    about: dict[str, str]
     placements: tuple[Placement, ...] = ()
     fit: SiteFit | None = None
     reach: Reach | None = None
@@ -76,7 +77,7 @@ def load_certificate(file: Path) -> Certificate | None:
     except (UnreadableError, ValueError) as error:
         if isinstance(error.__cause__, FileNotFoundError):
             return None
-        raise ConfigError(f"the certificate {file} cannot be read: {error}; measure anew with --anew") from error
+        raise ConfigError(f"{file} cannot be read: {error}; delete it, or certify with --anew") from error
 
 
 def save_certificate(file: Path, certificate: Certificate, pages: dict[Path, bytes] | None = None) -> None:
@@ -110,26 +111,32 @@ def site_target(configuration: Configuration, name: str = "") -> DriverChoice:
     return known[name] if name else next(iter(known.values()))
 
 
-def distances_used(
-    configuration: Configuration, target: DriverChoice
-) -> Iterator[tuple[KeyPath, str, float, DistanceCondition | None]]:
-    """Yield each distance of a target that rules go by: where it stands, in words, in metres, and its condition."""
+# Where a distance stands in the configuration, the rule and it in words, in metres, and the condition that has it.
+UsedDistance = tuple[KeyPath, str, float, DistanceCondition | None]
+
+
+def distances_used(configuration: Configuration, target: DriverChoice) -> Iterator[UsedDistance]:
+    """Yield each distance of a target that rules go by."""
     names = {*target.members, *(each.name for each in configuration.plan.nearest if each.members == target.members)}
     for each in configuration.rules:
         rule = each.rule
         if isinstance(rule, AlarmRule):
-            for leaf in (leaf for written in each.conditions() for leaf in written.leaves()):
-                condition = leaf.leaf
-                if not isinstance(condition, DistanceCondition) or condition.target not in names:
-                    continue
-                for word, limit_m in (("below", condition.below_m), ("above", condition.above_m)):
-                    if limit_m:
-                        yield leaf.path, f"{rule.name}: {word} {length(limit_m)}", limit_m, condition
-        elif isinstance(rule, FollowRule) and rule.target in names:
-            yield each.at("follow"), f"{rule.name}: follows at {length(rule.distance_m)}", rule.distance_m, None
-        elif isinstance(rule, RampRule) and rule.target in names and rule.quantity in {"distance", "depth"}:
-            ends = (at for at, _ in rule.points) if rule.points else (rule.start, rule.full)
-            yield from ((each.at("ramp"), f"{rule.name}: ramp at {length(at)}", at, None) for at in ends if at > 0)
+            leaves = ((leaf.path, leaf.leaf) for when in each.conditions() for leaf in when.leaves())
+            for path, leaf in leaves:
+                if isinstance(leaf, DistanceCondition) and leaf.target in names:
+                    ends = (("below", leaf.below_m), ("above", leaf.above_m))
+                    yield from ((path, f"{rule.name}: {word} {at:.2f} m", at, leaf) for word, at in ends if at)
+        elif isinstance(rule, FollowRule | RampRule) and rule.target in names:
+            key = "follow" if isinstance(rule, FollowRule) else "ramp"
+            yield from ((each.at(key), f"{rule.name}: {key} {at:.2f} m", at, None) for at in _ends_of(rule) if at > 0)
+
+
+def _ends_of(rule: FollowRule | RampRule) -> tuple[float, ...]:
+    if isinstance(rule, FollowRule):
+        return (rule.distance_m,)
+    if rule.quantity not in {"distance", "depth"}:
+        return ()
+    return tuple(at for at, _ in rule.points) or (rule.start, rule.full)
 
 
 class Reliance(Struct, frozen=True, kw_only=True):
@@ -137,25 +144,20 @@ class Reliance(Struct, frozen=True, kw_only=True):
 
     Attributes:
         at: Where that stands in the configuration.
-        words: The rule and the distance, such as ``near: below 1.00 m (3.3 ft)``.
+        words: The rule and the distance, such as ``near: below 1.00 m``.
         sigma_m: The standard deviation of one reading there, with that of the bias.
         bias_m: By how much it is too long on average.
-        deadband_m: How far the target must come back; None where nothing switches, like the two below.
-        false_alarm: How likely one reading begins the condition while the target is a deadband outside of it.
-        miss: How likely one does not, a deadband inside.
+        odds: The deadband in metres; how likely one reading begins the condition while the target is a deadband outside
+            of it, and how likely one does not, a deadband inside. None where nothing switches.
         trouble: Why the site does not carry it; empty if it does.
-        code: The kind of that.
     """
 
     at: KeyPath
     words: str
     sigma_m: float
     bias_m: float
-    deadband_m: float | None = None
-    false_alarm: float | None = None
-    miss: float | None = None
+    odds: tuple[float, float, float] | None = None
     trouble: str = ""
-    code: str = ""
 
 
 def reliances(configuration: Configuration, certificate: Certificate) -> Iterator[Reliance]:
@@ -165,68 +167,57 @@ def reliances(configuration: Configuration, certificate: Certificate) -> Iterato
         return
     for at, words, limit_m, condition in distances_used(configuration, target):
         noise_m, (bias_m, bias_sigma_m) = noise_at_m(certificate.placements, limit_m), fit.bias_m(limit_m)
-        here = Reliance(at=at, words=words, bias_m=bias_m, sigma_m=math.hypot(noise_m, bias_sigma_m))
+        sigma_m, odds, trouble = math.hypot(noise_m, bias_sigma_m), None, ""
         if condition is not None:
-            here = _with_odds(here, condition, noise_m, is_below=limit_m == condition.below_m)
+            band_m = max(condition.deadband_m, condition.deadband_sigmas * noise_m)
+            odds = (band_m, *_odds(condition, band_m, bias_m if limit_m == condition.below_m else -bias_m, sigma_m))
+            if band_m < noise_m:
+                trouble = f"the deadband of {100 * band_m:.1f} cm is smaller than the scatter, ± {100 * noise_m:.1f} cm"
         if limit_m > reach.reliable_m + ROUNDING_M:
             by_model = (
                 f", by the error model to {length(reach.expected_m)}" if reach.expected_m > reach.reliable_m else ""
             )
-            trouble = f"the site was found reliable to {length(reach.reliable_m)}{by_model}; then {reach.limit}"
-            here = replace(here, trouble=trouble, code="site-too-far")
-        yield here
+            trouble = f"distances were found reliable to {length(reach.reliable_m)}{by_model}, where {reach.limit}"
+        yield Reliance(at=at, words=words, bias_m=bias_m, sigma_m=sigma_m, odds=odds, trouble=trouble)
 
 
-def _with_odds(here: Reliance, condition: DistanceCondition, noise_m: float, *, is_below: bool) -> Reliance:
+def _odds(condition: DistanceCondition, band_m: float, bias_m: float, sigma_m: float) -> tuple[float, float]:
     """Return the odds of one reading; a run averages several, and does better.
 
     With x how far a reading is on the wrong side of the threshold, the condition begins where x ≤ -z σ, z being the
     quantile of the probability that it asks for. x is normal, with the deadband outside and the bias as its mean.
     """
-    band_m = max(condition.deadband_m, condition.deadband_sigmas * noise_m)
-    begins_m = -NormalDist().inv_cdf(min(max(condition.probability_on or 0.5, 1e-9), 1 - 1e-9)) * here.sigma_m
-    bias_m = here.bias_m if is_below else -here.bias_m
-    trouble = f"its deadband of {100 * band_m:.1f} cm is smaller than the scatter here, ± {100 * noise_m:.1f} cm"
-    return replace(
-        here,
-        deadband_m=band_m,
-        false_alarm=probability_below(begins_m, bias_m + band_m, here.sigma_m),
-        miss=1 - probability_below(begins_m, bias_m - band_m, here.sigma_m),
-        trouble=trouble if band_m < noise_m else "",
-        code="site-deadband" if band_m < noise_m else "",
-    )
-
-
-_AGAIN = "measure again with `stadimeter certify`"
+    begins_m = -NormalDist().inv_cdf(min(max(condition.probability_on or 0.5, 1e-9), 1 - 1e-9)) * sigma_m
+    miss = 1 - probability_below(begins_m, bias_m - band_m, sigma_m)
+    return probability_below(begins_m, bias_m + band_m, sigma_m), miss
 
 
 def certificate_findings(configuration: Configuration) -> Iterator[Finding]:
     """Find thresholds that the site does not carry, by the certificate beside the configuration, if there is one."""
+    again = "measure again with `stadimeter certify`"
     try:
-        certificate = load_certificate(certificate_file(configuration.path))
-        if certificate is not None:
-            yield from _outdated(configuration, certificate) or _uncarried(configuration, certificate)
-    except ConfigError as error:
-        yield Finding(("camera",), str(error), _AGAIN, "certificate")
-
-
-def _outdated(configuration: Configuration, certificate: Certificate) -> tuple[Finding, ...]:
-    try:
-        now = fingerprints(configuration, site_target(configuration, certificate.target))
+        made = load_certificate(certificate_file(configuration.path))
+        if made is None:
+            return
+        words = outdated(configuration, made)
+        if words:
+            yield Finding(
+                ("camera",), f"the certificate of {made.date} is out of date: {words}", again, "certificate-outdated"
+            )
+            return
+        hint = "choose a nearer threshold, a wider deadband or a larger target; or see to the light and certify again"
+        for each in reliances(configuration, made):
+            if each.trouble:
+                message = f"{each.words}: by the certificate of {made.date}, {each.trouble}"
+                yield Finding(each.at, message, hint, "not-carried")
     except StadimeterError as error:
-        return (
-            Finding(("targets",), f"the certificate of {certificate.date}: {error}", _AGAIN, "certificate-outdated"),
+        yield Finding(
+            ("camera",), f"the certificate of the site cannot be used: {error}", again, "certificate-outdated"
         )
-    about = {"lens": (("camera", "model"), "lens"), "size": (("targets", certificate.target), "size of the target")}
-    return tuple(
-        Finding(at, f"the certificate of {certificate.date} is for another {word}", _AGAIN, "certificate-outdated")
-        for key, (at, word) in about.items()
-        if now[key] != getattr(certificate, key)
-    )
 
 
-def _uncarried(configuration: Configuration, certificate: Certificate) -> Iterator[Finding]:
-    for each in reliances(configuration, certificate):
-        if each.trouble:
-            hint = "choose a nearer threshold, a wider deadband or a larger target, or more light"
-            yield Finding(each.at, f"by the certificate of {certificate.date}, {each.trouble}", hint, each.code)
+def outdated(configuration: Configuration, certificate: Certificate) -> str:
+    """Return why a certificate is no longer about this site; empty if it is."""
+    now = fingerprints(configuration, site_target(configuration, certificate.target))
+    changed = [words for key, words in ABOUT.items() if now[key] != certificate.about.get(key)]
+    return f"{' and '.join(changed)} changed since" if changed else ""

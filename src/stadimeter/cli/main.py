@@ -35,6 +35,7 @@ PANELS: Mapping[str, Mapping[str, str]] = {
         "locate": "Print where the camera was when a picture was taken, by tags whose places the configuration knows.",
         "colour": "Find out the range of colours of a ball, from a picture and a place in it.",
         "calibrate": "Find out a camera's focal length, write its camera file, and check it; or how large a thing is.",
+        "certify": "Certify how right distances are at this place, in this light, and which thresholds that carries.",
         "models": "Say what the file of a neural network is, and fetch one that finds faces.",
         "print": "Make tags, boards and discs to print, at true scale.",
     },

@@ -86,8 +86,8 @@ class Placement(Struct, frozen=True, kw_only=True):
     tape_m: float
     true_m: float
     tape_sigma_m: float
-    frames: int
-    found: int
+    frames: int = 0
+    found: int = 0
     read_m: float = 0.0
     read_sigma_m: float = 0.0
     spread_m: float = 0.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from html import escape
+from itertools import pairwise
 
 from stadimeter.app.certificate import Certificate, Reliance
 from stadimeter.core.drawing import Drawing, Line, Shape, Text
@@ -29,31 +30,39 @@ GREY, BLUE, RED = "#bbbbbb", "#1f5fae", "#b3261e"
 
 def summary_of(fit: SiteFit, reach: Reach, placements: Sequence[Placement]) -> Iterator[str]:
     """Yield what a certificate says of scale, offset and reach, a paragraph each."""
-    scale, sure = f"{100 * fit.scale:+.2f} %", f"± {100 * SIGMAS_95 * fit.scale_sigma:.2f} % (95 % interval)"
-    yield f"Scale: distances are {scale} too long, {sure}: {_verdict(fit.has_wrong_scale)}."
+    sure = f"± {100 * SIGMAS_95 * fit.scale_sigma:.2f} % (95 % interval)"
+    yield f"Scale: distances are {100 * fit.scale:+.2f} % too long, {sure}: {_verdict(fit.has_wrong_scale)}."
     if fit.has_wrong_scale:
         times = 1 / (1 + fit.scale)
-        yield (
-            "Focal length and size of the target cannot be told apart by distances: each scales all of them alike. Measure "
-            f"the target again: its size may be {100 * (times - 1):+.2f} % off. If it is right, certify with --correct, which "
-            f"writes the focal length times {times:.4f} into the camera file."
-        )
-    offset, sure = f"{100 * fit.offset_m:+.1f} cm", f"± {100 * SIGMAS_95 * fit.offset_sigma_m:.1f} cm (95 % interval)"
-    where = "behind" if fit.offset_m > 0 else "before"
-    yield (
-        f"Offset: {offset} {sure}, the zero of the tape included: {_verdict(fit.has_offset)}. "
-        + (f"The lens is that far {where} the mark from which was measured." if fit.has_offset else "")
-    )
+        yield f"{ALIKE} its size may be {100 * (times - 1):+.2f} % off. {CORRECT} {times:.4f} into the camera file."
+    sure = f"± {100 * SIGMAS_95 * fit.offset_sigma_m:.1f} cm (95 % interval, the zero of the tape included)"
+    yield f"Offset: distances are {100 * fit.offset_m:+.1f} cm too long, {sure}: {_verdict(fit.has_offset)}."
+    if fit.has_offset:
+        where = "behind" if fit.offset_m > 0 else "before"
+        yield f"The lens is that far {where} the mark from which the tape measured: measure from the lens."
+    if abs(fit.edge) > 1:
+        yield f"Edges appear {fit.edge:+.1f} standard deviations of the edge bias too far out: {BY_EDGES}."
     if not fit.is_consistent:
-        yield (
-            "The placements contradict each other more than those of 99 of 100 sites, most of all the one at "
-            f"{placements[fit.worst].tape_m:g} m: measure that again."
-        )
-    yield (
-        f"Reliable to {length(reach.reliable_m)}: an error within {RELIABLE_SHARE:.0%} in 95 of 100 readings, and the "
-        f"target seen in {RELIABLE_RATE:.0%} of frames. Farther than the farthest placement nothing was measured; by the "
-        f"error model it goes to {length(reach.expected_m)}, where {reach.limit}."
-    )
+        at = f"most of all that at {placements[fit.worst].tape_m:g} m: measure it again"
+        yield f"The placements contradict each other more than those of 99 of 100 sites, {at}."
+    yield f"Reliable to {length(reach.reliable_m)}: {RELIABLE}. Nothing was measured beyond the farthest placement."
+    yield f"By the error model it goes on to {length(reach.expected_m)}; there {reach.limit}."
+
+
+# Sentences that are in every certificate.
+ALIKE = (
+    "Focal length and size of the target cannot be told apart by distances: each scales all of them alike. Measure the"
+    " target again:"
+)
+CORRECT = "If that is right, certify again with --correct, which writes the focal length times"
+BY_EDGES = "calibrate the camera anew, from near and from far"
+RELIABLE = (
+    f"an error within {RELIABLE_SHARE:.0%} in 95 of 100 readings, the target seen in {RELIABLE_RATE:.0%} of frames"
+)
+ODDS = (
+    "False alarm: one reading begins the condition while the target is a deadband outside of the threshold. Miss: one"
+    " reading does not begin it a deadband inside. A run filters readings, and its delays forgive single ones."
+)
 
 
 def _verdict(is_significant: bool) -> str:
@@ -72,9 +81,9 @@ def blocks_of(name: str, made: Certificate, reliances: Sequence[Reliance]) -> li
         f"{HEADING}Certificate of the site: {name}",
         [
             ("measured", made.date),
-            ("configuration", f"{name}, fingerprint {made.configuration}"),
-            ("camera", f"{made.camera}; lens with the fingerprint {made.lens}"),
-            ("target", f"{made.target}; size with the fingerprint {made.size}"),
+            ("configuration", f"{name}, fingerprint {made.about['configuration']}"),
+            ("camera", f"{made.camera}; lens with the fingerprint {made.about['lens']}"),
+            ("target", f"{made.target}; size with the fingerprint {made.about['size']}"),
             ("light", f"mean brightness {light}; exposure {exposed or 'not known'}"),
             (
                 "corrected",
@@ -90,8 +99,7 @@ def blocks_of(name: str, made: Certificate, reliances: Sequence[Reliance]) -> li
         ],
         f"{HEADING}What rules may rely on",
         [("rule", "one reading", "bias", "deadband", "false alarm", "miss", "carried"), *map(_rule_row, reliances)],
-        "False alarm: one reading begins the condition while the target is a deadband outside of the threshold. Miss: one "
-        "reading does not begin it a deadband inside. A run filters readings, and delays forgive single ones.",
+        ODDS,
         *(f"{each.words}: {each.trouble}." for each in reliances if each.trouble),
     ]
 
@@ -140,7 +148,7 @@ def _bias_chart(fit: SiteFit, seen: Sequence[Placement]) -> Drawing:
         [(each.true_m, 100 * (each.read_m - each.true_m + side * half_m)) for side in (-1, 1)] for each, half_m in off_m
     ]
     ys = [0.0, *(y for curve in (*curves, *bars) for _, y in curve)]
-    low, high = min(ys), max(max(ys), min(ys) + 0.1)
+    low, high = min(ys), max(*ys, min(ys) + 0.1)
 
     def at(x: float, y: float) -> tuple[float, float]:
         across = AXES_M + (x - near_m) / (far_m - near_m) * (INNER_M - AXES_M - 0.01)
@@ -154,7 +162,7 @@ def _bias_chart(fit: SiteFit, seen: Sequence[Placement]) -> Drawing:
         shapes.append(Text(at(x, y)[0], CHART_M - 0.001, f"{x:.2f}", CELL_M, "middle"))
     for lines, colour, width_m in ((curves, BLUE, 0.0003), (bars, RED, 0.0007)):
         for line in lines:
-            shapes += [Line(*at(*one), *at(*two), width_m, colour) for one, two in zip(line, line[1:], strict=False)]
+            shapes += [Line(*at(*one), *at(*two), width_m, colour) for one, two in pairwise(line)]
     return Drawing(INNER_M, CHART_M, tuple(shapes))
 
 

@@ -15,13 +15,14 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from stadimeter.app.bootstrap import build
+from stadimeter.app.bootstrap import StagedWorld, build
 from stadimeter.app.certificate import (
     Certificate,
     certificate_file,
     distances_used,
     fingerprints,
     load_certificate,
+    outdated,
     reliances,
     save_certificate,
     site_target,
@@ -34,12 +35,12 @@ from stadimeter.config.plugins import CAMERAS, DriverChoice, load_driver
 from stadimeter.config.toml_source import read_toml
 from stadimeter.config.units import path_from
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES
-from stadimeter.core.camera_model import Provenance
+from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX, CameraModel
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement
 from stadimeter.errors import CalibrationError, ConfigError, EndOfFramesError
 from stadimeter.ranging.similar_triangles import farthest_m
-from stadimeter.ranging.site_fit import Placement, SiteFit, find_reach, fit_site, read_placement
+from stadimeter.ranging.site_fit import Placement, find_reach, fit_site, read_placement
 from stadimeter.workbench.certificate.page import blocks_of, html_of, pages_of
 from stadimeter.workbench.drawing import pdf_of
 from stadimeter.workbench.frame_source import SETTLING_WAIT_S, Source, open_source
@@ -69,18 +70,25 @@ Place = Callable[[float], None]
 
 
 @contextmanager
-def open_site(configuration: Configuration) -> Iterator[tuple[Source, Place | None]]:
-    """Give the open camera of a configuration, of its run if there is one, and what puts the target in its world.
+def open_site(configuration: Configuration, pictures: Path | None = None) -> Iterator[tuple[Source, Place | None]]:
+    """Give an open camera, and what puts the target in its world: the configuration's camera, or its run's.
+
+    Args:
+        pictures: A file, a folder or a pattern whose pictures are taken in place of a camera's.
 
     Raises:
         DriverError: It cannot be opened, or no frame comes.
+        PictureError: There is no such picture.
     """
-    source, place = source_beside_run(configuration.camera, configuration.path, None), None
+    place: Place | None = None
+    if pictures is None:
+        source = source_beside_run(configuration.camera, configuration.path, None)
+    else:
+        options = load_driver(CAMERAS, "images").model_validate({"paths": [str(pictures)]})
+        source = open_source(DriverChoice(name="camera", driver="images", options=options))
     if source.room is not None:  # simulated, and no run has it: the configuration's own world
         parts = build(configuration, speed=None)
-        source, world = Source(capture=parts.capture, is_live=False), parts.world
-        if world is not None:
-            place = lambda distance_m: world.place_target(*world.in_world_m(0.0, distance_m))  # noqa: E731
+        source, place = Source(capture=parts.capture, is_live=False), _place_in(parts.world)
     try:
         source.settle()
         yield source, place
@@ -88,16 +96,8 @@ def open_site(configuration: Configuration) -> Iterator[tuple[Source, Place | No
         source.capture.close()
 
 
-@contextmanager
-def open_pictures(path: Path) -> Iterator[tuple[Source, Place | None]]:
-    """Give the pictures of a file, a folder or a pattern, as those of one placement."""
-    options = load_driver(CAMERAS, "images").model_validate({"paths": [str(path)]})
-    source = open_source(DriverChoice(name="camera", driver="images", options=options))
-    source.settle()
-    try:
-        yield source, None
-    finally:
-        source.capture.close()
+def _place_in(world: StagedWorld | None) -> Place | None:
+    return None if world is None else lambda distance_m: world.place_target(*world.in_world_m(0.0, distance_m))
 
 
 class SiteSession:
@@ -115,32 +115,38 @@ class SiteSession:
             )
         self.configuration = configuration
         self._choice = site_target(configuration, target)
-        (self._named,) = build_detectors((self._choice,), configuration.camera_model, configuration.footings)
-        self._shape, self._frame = self._named.detector.target_shape, None
+        self._model: CameraModel = configuration.camera_model or load_camera_model(configuration.path)
+        (self._named,) = build_detectors((self._choice,), self._model, configuration.footings)
+        self._frame: Frame | None = None
         self._begun = configuration.path.with_suffix(".placements.json")
-        now = fingerprints(configuration, self._choice)
         begun = None if anew else load_certificate(self._begun)
-        self.is_resumed = begun is not None and all(getattr(begun, key) == now[key] for key in ("lens", "size"))
-        fresh = Certificate(date="", target=self._choice.name, camera="", **now)
+        self.is_resumed = begun is not None and not outdated(configuration, begun)
+        about = fingerprints(configuration, self._choice)
+        fresh = Certificate(date="", target=self._choice.name, camera="", about=about)
         self.certificate = begun if begun is not None and self.is_resumed else fresh
 
     @property
     def to_centre_m(self) -> float:
         """How far the target's centre is behind the point to which a tape measures."""
-        return self._shape.limb_radius_m
+        return self._named.detector.target_shape.limb_radius_m
 
     @property
     def proposed_m(self) -> tuple[float, ...]:
         """Distances for the tape, from near to the farthest that a rule uses, with its deadband."""
-        model = self.configuration.camera_model
+        model, shape = self._model, self._named.detector.target_shape
         used = distances_used(self.configuration, self._choice)
         ends_m = [limit_m + (condition.deadband_m if condition else 0.0) for _, _, limit_m, condition in used]
         # The nearest at which it is whole in the picture, with a tenth of room.
-        fits_m = 1.1 * farthest_m(self._shape, model, min(model.width_px, model.height_px)) if model else 0.0
-        near_m = max(NEAREST_M, fits_m)
-        far_m = min(MAX_TAPE_M, max([*ends_m, 2 * near_m]) if ends_m else USUAL_FARTHEST_M)
+        near_m = max(NEAREST_M, 1.1 * farthest_m(shape, model, min(model.width_px, model.height_px)))
+        far_m = min(MAX_TAPE_M, max(2 * near_m, *ends_m, 0.0 if ends_m else USUAL_FARTHEST_M))
         steps = ((far_m / near_m) ** (number / (PROPOSED - 1)) for number in range(PROPOSED))
         return tuple(math.ceil(20 * near_m * each - 1e-9) / 20 for each in steps)  # whole steps of 5 cm
+
+    @property
+    def left_m(self) -> list[float]:
+        """The proposed distances at which it was not measured yet."""
+        done_m = [each.tape_m for each in self.certificate.placements]
+        return [each for each in self.proposed_m if not any(_is_same(each, other) for other in done_m)]
 
     def take(
         self, source: Source, place: Place | None, tape_m: float, sigma_m: float = TAPE_M, for_s: float = WATCH_S
@@ -161,14 +167,14 @@ class SiteSession:
             place(true_m)
         skipped = STALE_FRAMES if source.is_live or place else 0
         placed = self._watch(source, Placement(tape_m=tape_m, true_m=true_m, tape_sigma_m=sigma_m), for_s, skipped)
-        others = (each for each in self.certificate.placements if abs(each.tape_m / tape_m - 1) > SAME_SHARE)
+        others = (each for each in self.certificate.placements if not _is_same(each.tape_m, tape_m))
         placements = tuple(sorted((*others, placed), key=lambda each: each.tape_m))
         self.certificate = replace(self.certificate, date=_now(), placements=placements)
         save_certificate(self._begun, self.certificate)
         return placed
 
     def _watch(self, source: Source, placed: Placement, for_s: float, skipped: int) -> Placement:
-        model, measuring = self.configuration.camera_model, Measuring((self._named,), self.configuration.camera_model)
+        measuring = Measuring((self._named,), self._model)
         seen: list[Measurement] = []
         ages_s, levels, sequences, times_s, reason = [], [], [], [], ""
         for frame in _frames(source, for_s, skipped):
@@ -184,20 +190,21 @@ class SiteSession:
             self._frame = frame
         if self._frame is None or not times_s:
             raise CalibrationError(f"at {placed.tape_m:g} m there was no picture")
-        lasted_s = times_s[-1] - times_s[0]
-        is_timed = source.is_live and lasted_s > 0
+        lasted_s = times_s[-1] - times_s[0] if source.is_live else 0.0
         watched = replace(
             placed,
             frames=len(times_s),
             found=len(seen),
             size_px=median(each.size_share or 0.0 for each in seen) * self._frame.width_px if seen else 0.0,
-            rate_hz=(sequences[-1] - sequences[0]) / lasted_s if is_timed else None,
-            latency_s=median(ages_s) if is_timed else None,
+            rate_hz=(sequences[-1] - sequences[0]) / lasted_s if lasted_s else None,
+            latency_s=median(ages_s) if lasted_s else None,
             brightness=fmean(levels),
             exposure_s=self._frame.exposure_s,
             reason=reason,
         )
-        return read_placement(watched, seen, model.for_frame(self._frame).edge_bias_sigma_px)
+        # A table of a configuration states no edge bias, which is not to say that there is none.
+        edge_px = self._model.for_frame(self._frame).edge_bias_sigma_px or UNKNOWN_EDGE_BIAS_SIGMA_PX
+        return read_placement(watched, seen, edge_px)
 
     def finish(self, *, correct: bool = False) -> Certificate:
         """Write the certificate and its pages from all placements, and return it.
@@ -212,13 +219,12 @@ class SiteSession:
         made = self._fitted(self.certificate)
         if correct:
             made = self._corrected(made)
-        made = replace(
-            made, date=_now(), camera=_camera_name(self.configuration), background=remember_background(self._frame)
-        )
-        file = certificate_file(self.configuration.path)
-        blocks = blocks_of(self.configuration.path.name, made, list(reliances(self.configuration, made)))
-        pages = {".html": html_of(blocks).encode(), ".pdf": pdf_of(pages_of(blocks))}
-        save_certificate(file, made, {file.with_suffix(ending): data for ending, data in pages.items()})
+        background = remember_background(self._frame)
+        made = replace(made, date=_now(), camera=_camera_name(self.configuration), background=background)
+        path, file = self.configuration.path, certificate_file(self.configuration.path)
+        pages = pages_of(blocks_of(path.name, made, list(reliances(self.configuration, made))))
+        html = html_of(pages, path.name).encode()
+        save_certificate(file, made, {file.with_suffix(".html"): html, file.with_suffix(".pdf"): pdf_of(pages)})
         self._begun.unlink(missing_ok=True)
         return made
 
@@ -232,7 +238,7 @@ class SiteSession:
         written = read_toml(path, CONFIGURATION_MAX_BYTES).table["camera"].get("model")
         if fit is None or not fit.has_wrong_scale:
             raise ConfigError("the scale is not significantly wrong, so there is nothing to correct")
-        if not isinstance(written, str) or self.configuration.camera_model.pupil_ahead_m:
+        if not isinstance(written, str) or self._model.pupil_ahead_m:
             raise ConfigError("only a camera file for air can be corrected: name one as model in [camera]")
         file = path_from(path.parent, written)
         model, times = load_camera_model(file), 1 / (1 + fit.scale)
@@ -242,8 +248,8 @@ class SiteSession:
         save_camera_model(file, replace(model, **lens, focal_relative_sigma=fit.scale_sigma, provenance=kept))
         self.configuration = load_configuration(path)
         placements = tuple(replace(each, read_m=each.read_m * times) for each in made.placements)
-        now = fingerprints(self.configuration, self._choice)
-        return self._fitted(replace(made, **now, placements=placements, corrected=times - 1))
+        about = fingerprints(self.configuration, self._choice)
+        return self._fitted(replace(made, about=about, placements=placements, corrected=times - 1))
 
 
 def remember_background(frame: Frame | None) -> Any:  # noqa: ARG001 - the place for it
@@ -264,6 +270,10 @@ def _frames(source: Source, for_s: float, skipped: int) -> Iterator[Frame]:
             frame = source.capture.latest(SETTLING_WAIT_S)
     except EndOfFramesError:
         return
+
+
+def _is_same(one_m: float, other_m: float) -> bool:
+    return abs(one_m / other_m - 1) <= SAME_SHARE
 
 
 def _camera_name(configuration: Configuration) -> str:
