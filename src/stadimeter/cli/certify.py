@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from stadimeter.app.certificate import certificate_file
+from stadimeter.app.certificate import CERTIFICATE
 from stadimeter.cli.exits import DONE, NOT_FOUND, ConfigArgument, configuration_path, plain_errors, say_note
 from stadimeter.cli.target_options import parse_known_length
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.units import split_spread
 from stadimeter.errors import CalibrationError, ConfigError
 from stadimeter.ranging.site_fit import Placement
-from stadimeter.workbench.certificate.page import summary_of
-from stadimeter.workbench.certificate.session import WATCH_S, SiteSession, open_site
+from stadimeter.workbench.certificate.page import describe_placement, summary_of
+from stadimeter.workbench.certificate.session import WATCH_S, SiteSession
 
 SKIP = "skip"
 
@@ -73,18 +73,12 @@ def certify(
         session = SiteSession(load_configuration(path), target, anew=anew)
         distances = [part.strip() for text in at or [] for part in text.split(",")]
         tape_m = parse_known_length(tape, "--tape")
-        if session.is_resumed:
-            done = ", ".join(f"{each.tape_m:g} m" for each in session.certificate.placements)
-            say_note(f"going on with {done}, measured {session.certificate.date}; --anew begins again")
-        if pictures and len(pictures) != len(distances):
-            raise ConfigError(f"--pictures is given {len(pictures)} times and --at names {len(distances)} distances")
+        for each in session.certificate.placements:
+            say_note(f"going on; {each.tape_m:g} m was measured before {session.certificate.date}: --anew forgets it")
         is_seen = _take_all(session, distances, pictures or [], tape_m, seconds)
-        made = session.finish(correct=correct)
-        if made.fit is not None and made.reach is not None:
-            read = [each for each in made.placements if each.is_read]
-            for words in summary_of(made.fit, made.reach, read):
-                typer.echo(words)
-        typer.echo(f"wrote {certificate_file(path)}, and .html and .pdf beside it")
+        for words in summary_of(session.finish(correct=correct)):
+            typer.echo(words)
+        typer.echo(f"wrote {path.with_suffix(CERTIFICATE)}, and .html and .pdf beside it")
     raise typer.Exit(DONE if is_seen else NOT_FOUND)
 
 
@@ -92,59 +86,43 @@ def _take_all(
     session: SiteSession, asked: Sequence[str], pictures: Sequence[Path], tape_m: float, for_s: float
 ) -> bool:
     """Measure at every distance that is left; return whether the target was seen at each."""
-    wanted_m = [parse_known_length(each, "--at") for each in asked]
+    wanted_m = [parse_known_length(each, "--at") for each in asked] or session.propose_m()
+    if pictures and len(pictures) != len(asked):
+        raise ConfigError(f"--pictures is given {len(pictures)} times and --at names {len(asked)} distances")
     if len(set(wanted_m)) < len(wanted_m):
-        raise ConfigError("--at names a distance twice; each says the same again, so give each of them once")
-    if pictures:
-        pairs = zip(wanted_m, pictures, strict=True)
-        seen = [_take_pictures(session, at_m, path, tape_m, for_s) for at_m, path in pairs]
-        return all(seen)
-    wanted_m = wanted_m or session.left_m
-    typer.echo("opening the camera …", err=True)
-    with open_site(session.configuration) as (source, place):
-        for words in source.capture.remarks():
-            say_note(words)
-
-        def take(at_m: float, sigma_m: float) -> bool:
-            return _say(session.take(source, place, at_m, sigma_m, for_s))
-
-        if place is None:
-            typer.echo("Measure with a tape, from the lens to the target's nearest point. Keep the camera still.")
-        seen = [_take_asking(each, tape_m, take) if place is None else take(each, tape_m) for each in wanted_m]
+        raise ConfigError("--at names a distance twice, and it says the same each time; give each once")
+    if pictures or session.is_simulated:
+        folders: Sequence[Path | None] = pictures or [None] * len(wanted_m)
+        pairs = zip(wanted_m, folders, strict=True)
+        seen = [_say(session.take(each_m, tape_m, for_s, folder)) for each_m, folder in pairs]
+    else:
+        typer.echo("Measure with a tape, from the lens to the target's nearest point. Keep the camera still.")
+        seen = [_take_asking(session, each_m, tape_m, for_s) for each_m in wanted_m]
     return all(seen)
 
 
-def _take_pictures(session: SiteSession, at_m: float, path: Path, tape_m: float, for_s: float) -> bool:
-    with open_site(session.configuration, path) as (source, place):
-        return _say(session.take(source, place, at_m, tape_m, for_s))
-
-
-def _take_asking(asked_m: float, tape_m: float, take: Callable[[float, float], bool]) -> bool:
+def _take_asking(session: SiteSession, asked_m: float, tape_m: float, for_s: float) -> bool:
     """Ask for the target at a distance until it is seen there, or the person goes on without."""
     while True:
         typer.echo(f"Put it at {asked_m:g} m.")
         try:
             answer = input("Enter when it is there; or type its distance, such as 1.52 m ± 3 mm; or skip: ").strip()
+            if answer == SKIP:
+                return False
+            length, sigma = split_spread(answer)
+            asked_m = parse_known_length(length, "the distance") if length else asked_m
+            sigma_m = parse_known_length(sigma, "the ±") if sigma else tape_m
+            if _say(session.take(asked_m, sigma_m, for_s)):
+                return True
         except (EOFError, KeyboardInterrupt):
             typer.echo("\nstopped; what was measured is kept, and the same command goes on", err=True)
             raise typer.Exit(NOT_FOUND) from None
-        if answer == SKIP:
-            return False
-        try:
-            length, sigma = split_spread(answer)
-            asked_m = parse_known_length(length, "the distance") if length else asked_m
-            if take(asked_m, parse_known_length(sigma, "±") if sigma else tape_m):
-                return True
         except (ConfigError, CalibrationError) as error:
             typer.echo(f"error: {error}", err=True)
 
 
 def _say(placed: Placement) -> bool:
     """Print what was seen at a distance; return whether that says where it is."""
-    seen = f"{placed.tape_m:g} m: seen in {placed.found} of {placed.frames} frames"
-    if placed.is_read:
-        off = f"{100 * (placed.read_m - placed.true_m):+.1f} cm off, scatter ± {100 * placed.spread_m:.2f} cm"
-        typer.echo(f"{seen}, {off}, stated ± {100 * placed.stated_m:.1f} cm")
-    else:
-        typer.echo(f"error: {seen}: {placed.reason or 'too few to go by'}", err=True)
+    words = describe_placement(placed)
+    typer.echo(words if placed.is_read else f"error: {words}", err=not placed.is_read)
     return placed.is_read

@@ -10,7 +10,7 @@ from itertools import pairwise
 from stadimeter.app.certificate import Certificate, Reliance
 from stadimeter.core.drawing import Drawing, Line, Shape, Text
 from stadimeter.core.words import length
-from stadimeter.ranging.site_fit import RELIABLE_RATE, RELIABLE_SHARE, SIGMAS_95, Placement, Reach, SiteFit
+from stadimeter.ranging.site_fit import RELIABLE_RATE, RELIABLE_SHARE, SIGMAS_95, Placement, SiteFit
 from stadimeter.workbench.drawing import svg_of, text_width_m
 
 # A paragraph, or a heading behind `HEADING`; a table, its head first; a drawing.
@@ -23,13 +23,33 @@ WIDTH_M, HEIGHT_M, MARGIN_M = 0.21, 0.297, 0.016
 INNER_M = WIDTH_M - 2 * MARGIN_M
 TEXT_M, HEADING_M, CELL_M, LINE = 0.0032, 0.0046, 0.0026, 1.5
 
-# The height of a chart, the room for its figures, and how many lines it is divided by.
+# The height of a chart, the room for its figures, and by how many lines it is divided.
 CHART_M, AXES_M, TICKS = 0.05, 0.012, 6
 GREY, BLUE, RED = "#bbbbbb", "#1f5fae", "#b3261e"
 
+# Sentences of certificates.
+ALIKE = (
+    "Focal length and size of the target cannot be told apart by distances: each scales all of them alike. Measure the"
+    " target again:"
+)
+CORRECT = "If that is right, certify again with --correct, which writes the focal length times"
+RELIABLE = (
+    f"an error within {RELIABLE_SHARE:.0%} in 95 of 100 readings, the target seen in {RELIABLE_RATE:.0%} of frames"
+)
+ODDS = (
+    "False alarm: one reading begins the condition while the target is a deadband outside of the threshold. Miss: one"
+    " reading does not begin it a deadband inside. A run filters readings, and its delays forgive single ones."
+)
 
-def summary_of(fit: SiteFit, reach: Reach, placements: Sequence[Placement]) -> Iterator[str]:
+_PLACEMENTS = ("tape", "read", "bias", "scatter", "stated", "within 1, 1.96 stated", "seen", "frames/s", "latency")
+_RULES = ("rule", "one reading", "bias", "deadband", "false alarm", "miss", "carried")
+
+
+def summary_of(made: Certificate) -> Iterator[str]:
     """Yield what a certificate says of scale, offset and reach, a paragraph each."""
+    fit, reach, placements = made.fit, made.reach, [each for each in made.placements if each.is_read]
+    if fit is None or reach is None:
+        return
     sure = f"± {100 * SIGMAS_95 * fit.scale_sigma:.2f} % (95 % interval)"
     yield f"Scale: distances are {100 * fit.scale:+.2f} % too long, {sure}: {_verdict(fit.has_wrong_scale)}."
     if fit.has_wrong_scale:
@@ -41,7 +61,8 @@ def summary_of(fit: SiteFit, reach: Reach, placements: Sequence[Placement]) -> I
         where = "behind" if fit.offset_m > 0 else "before"
         yield f"The lens is that far {where} the mark from which the tape measured: measure from the lens."
     if abs(fit.edge) > 1:
-        yield f"Edges appear {fit.edge:+.1f} standard deviations of the edge bias too far out: {BY_EDGES}."
+        far = "calibrate anew, from near and from far"
+        yield f"Edges appear {fit.edge:+.1f} standard deviations of the camera's edge bias too far out: {far}."
     if not fit.is_consistent:
         at = f"most of all that at {placements[fit.worst].tape_m:g} m: measure it again"
         yield f"The placements contradict each other more than those of 99 of 100 sites, {at}."
@@ -49,20 +70,13 @@ def summary_of(fit: SiteFit, reach: Reach, placements: Sequence[Placement]) -> I
     yield f"By the error model it goes on to {length(reach.expected_m)}; there {reach.limit}."
 
 
-# Sentences that are in every certificate.
-ALIKE = (
-    "Focal length and size of the target cannot be told apart by distances: each scales all of them alike. Measure the"
-    " target again:"
-)
-CORRECT = "If that is right, certify again with --correct, which writes the focal length times"
-BY_EDGES = "calibrate the camera anew, from near and from far"
-RELIABLE = (
-    f"an error within {RELIABLE_SHARE:.0%} in 95 of 100 readings, the target seen in {RELIABLE_RATE:.0%} of frames"
-)
-ODDS = (
-    "False alarm: one reading begins the condition while the target is a deadband outside of the threshold. Miss: one"
-    " reading does not begin it a deadband inside. A run filters readings, and its delays forgive single ones."
-)
+def describe_placement(each: Placement) -> str:
+    """Say what was seen at a distance, in a line."""
+    seen = f"{each.tape_m:g} m: seen in {each.found} of {each.frames} frames"
+    if not each.is_read:
+        return f"{seen}: {each.reason or 'too few to go by'}"
+    off = f"{100 * (each.read_m - each.true_m):+.1f} cm off, scatter ± {100 * each.spread_m:.2f} cm"
+    return f"{seen}, {off}, stated ± {100 * each.stated_m:.1f} cm"
 
 
 def _verdict(is_significant: bool) -> str:
@@ -71,34 +85,22 @@ def _verdict(is_significant: bool) -> str:
 
 def blocks_of(name: str, made: Certificate, reliances: Sequence[Reliance]) -> list[Block]:
     """Return the content of the page of a certificate, which has a fit."""
-    seen = [each for each in made.placements if each.is_read]
-    light = f"{min(each.brightness for each in seen):.0f} to {max(each.brightness for each in seen):.0f} of 255"
-    exposed = ", ".join(sorted({f"{1e3 * each.exposure_s:.1f} ms" for each in seen if each.exposure_s}))
-    by_fit: list[Block] = []
-    if made.fit is not None and made.reach is not None:
-        by_fit = [*summary_of(made.fit, made.reach, seen), _bias_chart(made.fit, seen)]
+    levels = [each.brightness for each in made.placements]
+    exposed = ", ".join(sorted({f"{1e3 * each.exposure_s:.1f} ms" for each in made.placements if each.exposure_s}))
+    about = [(f"fingerprint of the {what}", text) for what, text in made.about.items()]
+    light = f"mean brightness {min(levels):.0f} to {max(levels):.0f} of 255, exposure {exposed or 'not known'}"
+    corrected = f"{made.corrected:+.2%}; the figures are as with it" if made.corrected else "none"
     return [
         f"{HEADING}Certificate of the site: {name}",
-        [
-            ("measured", made.date),
-            ("configuration", f"{name}, fingerprint {made.about['configuration']}"),
-            ("camera", f"{made.camera}; lens with the fingerprint {made.about['lens']}"),
-            ("target", f"{made.target}; size with the fingerprint {made.about['size']}"),
-            ("light", f"mean brightness {light}; exposure {exposed or 'not known'}"),
-            (
-                "corrected",
-                f"focal length by {made.corrected:+.2%}, figures as with it" if made.corrected else "nothing",
-            ),
-        ],
+        [("measured", made.date), ("camera", made.camera), ("target", made.target), *about, ("light", light)],
+        f"Correction of the focal length: {corrected}.",
         f"{HEADING}Right here, in this light",
-        *by_fit,
+        *summary_of(made),
+        *([_bias_chart(made.fit, [each for each in made.placements if each.is_read])] if made.fit else []),
         f"{HEADING}Placements",
-        [
-            ("tape", "read", "bias", "scatter", "stated", "within 1, 1.96 stated", "seen", "frames/s", "latency"),
-            *map(_placement_row, made.placements),
-        ],
+        [_PLACEMENTS, *map(_placement_row, made.placements)],
         f"{HEADING}What rules may rely on",
-        [("rule", "one reading", "bias", "deadband", "false alarm", "miss", "carried"), *map(_rule_row, reliances)],
+        [_RULES, *map(_rule_row, reliances)],
         ODDS,
         *(f"{each.words}: {each.trouble}." for each in reliances if each.trouble),
     ]
@@ -106,47 +108,29 @@ def blocks_of(name: str, made: Certificate, reliances: Sequence[Reliance]) -> li
 
 def _placement_row(each: Placement) -> tuple[str, ...]:
     tape, seen = f"{each.tape_m:.3f} m ± {1e3 * each.tape_sigma_m:.0f} mm", f"{each.found} of {each.frames}"
-    if not each.is_read:
-        return (tape, "", "", "", "", "", seen)
-    off_m = each.read_m - each.true_m
-    return (
-        tape,
-        f"{each.tape_m + off_m:.3f} m",
-        f"{100 * off_m:+.1f} cm",
-        f"± {100 * each.spread_m:.2f} cm",
-        f"± {100 * each.stated_m:.1f} cm",
-        f"{each.covered[0]:.0%}, {each.covered[1]:.0%}",
-        seen,
-        f"{each.rate_hz:.1f}" if each.rate_hz else "",
-        f"{1e3 * each.latency_s:.0f} ms" if each.latency_s else "",
-    )
+    off_m, (one, two) = each.read_m - each.true_m, each.covered
+    read = (f"{each.tape_m + off_m:.3f} m", f"{100 * off_m:+.1f} cm", f"± {100 * each.spread_m:.2f} cm")
+    figures = (*read, f"± {100 * each.stated_m:.1f} cm", f"{one:.0%}, {two:.0%}") if each.is_read else ("",) * 5
+    timed = (f"{each.rate_hz:.1f}", f"{1e3 * each.latency_s:.0f} ms") if each.rate_hz and each.latency_s else ()
+    return tape, *figures, seen, *timed
 
 
 def _rule_row(each: Reliance) -> tuple[str, ...]:
     odds = ("", "", "")
     if each.odds is not None:
         odds = (f"{100 * each.odds[0]:.1f} cm", f"{each.odds[1]:.2%}", f"{each.odds[2]:.2%}")
-    return (
-        each.words,
-        f"± {100 * each.sigma_m:.1f} cm",
-        f"{100 * each.bias_m:+.1f} cm",
-        *odds,
-        "no" if each.trouble else "yes",
-    )
+    figures = f"± {100 * each.sigma_m:.1f} cm", f"{100 * each.bias_m:+.1f} cm"
+    return each.words, *figures, *odds, "no" if each.trouble else "yes"
 
 
 def _bias_chart(fit: SiteFit, seen: Sequence[Placement]) -> Drawing:
     """Draw the bias with its 95 % interval over the distance, and the placements with theirs."""
     near_m, far_m = seen[0].true_m, seen[-1].true_m
-    places_m = [near_m + (far_m - near_m) * step / 40 for step in range(41)]
-    biases = [(at_m, *fit.bias_m(at_m)) for at_m in places_m]
-    curves = [
-        [(at_m, 100 * (bias + side * sigma)) for at_m, bias, sigma in biases] for side in (-SIGMAS_95, 0, SIGMAS_95)
-    ]
-    off_m = [(each, SIGMAS_95 * math.hypot(each.read_sigma_m, each.tape_sigma_m)) for each in seen]
-    bars = [
-        [(each.true_m, 100 * (each.read_m - each.true_m + side * half_m)) for side in (-1, 1)] for each, half_m in off_m
-    ]
+    biases = [(at_m, *fit.bias_m(at_m)) for at_m in (near_m + (far_m - near_m) * step / 40 for step in range(41))]
+    curves = [[(at_m, 100 * (off + side * sure)) for at_m, off, sure in biases] for side in (-SIGMAS_95, 0, SIGMAS_95)]
+    halves_m = [SIGMAS_95 * math.hypot(each.read_sigma_m, each.tape_sigma_m) for each in seen]
+    offs = [(each.true_m, each.read_m - each.true_m, half_m) for each, half_m in zip(seen, halves_m, strict=True)]
+    bars = [[(at_m, 100 * (off_m - half_m)), (at_m, 100 * (off_m + half_m))] for at_m, off_m, half_m in offs]
     ys = [0.0, *(y for curve in (*curves, *bars) for _, y in curve)]
     low, high = min(ys), max(*ys, min(ys) + 0.1)
 
@@ -161,8 +145,8 @@ def _bias_chart(fit: SiteFit, seen: Sequence[Placement]) -> Drawing:
         shapes.append(Text(AXES_M - 0.002, at(x, y)[1] + 0.001, f"{y:.2f}", CELL_M, "end"))
         shapes.append(Text(at(x, y)[0], CHART_M - 0.001, f"{x:.2f}", CELL_M, "middle"))
     for lines, colour, width_m in ((curves, BLUE, 0.0003), (bars, RED, 0.0007)):
-        for line in lines:
-            shapes += [Line(*at(*one), *at(*two), width_m, colour) for one, two in pairwise(line)]
+        pairs = (pair for line in lines for pair in pairwise(line))
+        shapes += [Line(*at(*one), *at(*two), width_m, colour) for one, two in pairs]
     return Drawing(INNER_M, CHART_M, tuple(shapes))
 
 
@@ -189,22 +173,17 @@ def _parts(block: Block) -> Iterator[Drawing]:
     """Yield what may stand on different pages: lines of text, rows of a table, drawings."""
     if isinstance(block, Drawing):
         yield block
-    elif isinstance(block, str):
+        return
+    size_m = CELL_M
+    if isinstance(block, str):
         size_m = HEADING_M if block.startswith(HEADING) else TEXT_M
-        yield from (_row([(0.0, line)], size_m) for line in _wrapped(block.removeprefix(HEADING), size_m))
-        yield Drawing(INNER_M, size_m / 2, ())
-    else:
-        columns = max(map(len, block))
-        widths_m = [
-            max(text_width_m(row[at], CELL_M) for row in block if at < len(row)) + CELL_M for at in range(columns)
-        ]
-        starts_m = [sum(widths_m[:at]) for at in range(columns)]
-        yield from (_row(list(zip(starts_m, row, strict=False)), CELL_M) for row in block)
-        yield Drawing(INNER_M, TEXT_M, ())
-
-
-def _row(texts: Sequence[tuple[float, str]], size_m: float) -> Drawing:
-    return Drawing(INNER_M, LINE * size_m, tuple(Text(x_m, size_m, text, size_m) for x_m, text in texts))
+        block = [(line,) for line in _wrapped(block.removeprefix(HEADING), size_m)]
+    columns = range(max(map(len, block)))
+    widths_m = [size_m + max(text_width_m(row[at], size_m) for row in block if at < len(row)) for at in columns]
+    for row in block:
+        texts = (Text(sum(widths_m[:at]), size_m, text, size_m) for at, text in enumerate(row))
+        yield Drawing(INNER_M, LINE * size_m, tuple(texts))
+    yield Drawing(INNER_M, TEXT_M / 2, ())
 
 
 def _wrapped(text: str, size_m: float) -> Iterator[str]:
