@@ -56,27 +56,28 @@ class SiteSession:
     """Measures at one distance after the other.
 
     Attributes:
+        site: What is certified.
         certificate: What was measured so far.
     """
 
     def __init__(self, configuration: Configuration, target: str = "", *, anew: bool = False) -> None:
         if is_demonstration(configuration.path):
             raise ConfigError("nothing is written beside the demonstration: certify a copy of config/demo.toml")
-        self._site, self._newest = Site(configuration, target), list[Frame]()
-        self.certificate = Certificate(target=self._site.target.name, about=self._site.about)
+        self.site, self._newest = Site(configuration, target), list[Frame]()
+        self.certificate = Certificate(target=self.site.target.name, about=self.site.about)
         begun = None if anew else load_certificate(configuration.path, PLACEMENTS)
-        if begun is not None and begun.target == self.certificate.target and not self._site.outdated(begun):
-            self.certificate = replace(begun, about=self._site.about)
+        if begun is not None and begun.target == self.certificate.target and not self.site.outdated(begun):
+            self.certificate = replace(begun, about=self.site.about)
 
     @property
     def is_simulated(self) -> bool:
         """Whether the target is in a simulated world, so that the program puts it where it belongs."""
-        return self._site.configuration.camera.options.needs_world
+        return self.site.configuration.camera.options.needs_world
 
     def propose_m(self) -> list[float]:
         """Return distances for the tape, from near to the farthest that a rule uses; those that are done left out."""
-        model, shape = self._site.model, self._site.shape
-        ends_m = [limit_m + (leaf.deadband_m if leaf else 0.0) for _, _, limit_m, leaf in self._site.distances()]
+        model, shape = self.site.model, self.site.shape
+        ends_m = [limit_m + (leaf.deadband_m if leaf else 0.0) for _, _, limit_m, leaf in self.site.distances()]
         # The nearest at which it is whole in the picture, with a tenth of room.
         near_m = max(NEAREST_M, 1.1 * farthest_m(shape, model, min(model.width_px, model.height_px)))
         far_m = min(MAX_TAPE_M, max(2 * near_m, *ends_m, 0.0 if ends_m else USUAL_FARTHEST_M))
@@ -104,21 +105,23 @@ class SiteSession:
             raise ConfigError(f"{tape_m:g} m is no distance for a tape: {MIN_TAPE_M:g} to {MAX_TAPE_M:g} m")
         if not 0 < sigma_m <= MAX_TAPE_SHARE * tape_m:
             raise ConfigError(f"a distance of {tape_m:g} m that is known to ± {sigma_m:g} m certifies nothing")
-        true_m = tape_m + self._site.shape.limb_radius_m
+        true_m = tape_m + self.site.shape.limb_radius_m
         placed = Placement(tape_m=tape_m, true_m=true_m, tape_sigma_m=sigma_m)
         source = self._source(true_m, pictures)
         try:
             source.settle()
-            placed = self._watch(_frames(source.capture, for_s), placed, is_live=source.is_live)
+            placed = self._watch(
+                _frames(source.capture, for_s), placed, is_timed=source.is_live and not self.is_simulated
+            )
         finally:
             source.capture.close()
         placements = sorted((*self._others(tape_m), placed), key=lambda each: each.tape_m)
         self.certificate = replace(self.certificate, date=_now(), placements=tuple(placements))
-        save_certificate(self._site.configuration.path, self.certificate, PLACEMENTS, {})
+        save_certificate(self.site.configuration.path, self.certificate, PLACEMENTS, {})
         return placed
 
     def _source(self, true_m: float, pictures: Path | None) -> Source:
-        configuration = self._site.configuration
+        configuration = self.site.configuration
         if pictures is not None:
             options = load_driver(CAMERAS, "images").model_validate({"paths": [str(pictures)]})
             return open_source(DriverChoice(name="camera", driver="images", options=options))
@@ -127,13 +130,13 @@ class SiteSession:
         parts = build(configuration, speed=None)
         if parts.world is not None:
             parts.world.place_target(*parts.world.in_world_m(0.0, true_m))
-        return Source(capture=parts.capture, is_live=False)
+        return Source(capture=parts.capture, is_live=True)  # the first frames show it on its way
 
     def _others(self, tape_m: float) -> list[Placement]:
         return [each for each in self.certificate.placements if abs(each.tape_m / tape_m - 1) > SAME_SHARE]
 
-    def _watch(self, frames: Iterator[Frame], placed: Placement, *, is_live: bool) -> Placement:
-        measuring, clock = Measuring((self._site.named,), self._site.model), MonotonicClock()
+    def _watch(self, frames: Iterator[Frame], placed: Placement, *, is_timed: bool) -> Placement:
+        measuring, clock = Measuring((self.site.named,), self.site.model), MonotonicClock()
         seen: list[Measurement] = []
         ages_s, levels, watched, reason = [], [], list[Frame](), ""
         for frame in frames:
@@ -148,9 +151,9 @@ class SiteSession:
         if not watched:
             raise CalibrationError(f"at {placed.tape_m:g} m there was no picture")
         first, last = watched[0], watched[-1]
-        lasted_s = last.captured_at_s - first.captured_at_s if is_live else 0.0
+        lasted_s = last.captured_at_s - first.captured_at_s if is_timed else 0.0
         # A table of a configuration states no edge bias, which is not to say that there is none.
-        edge_px = self._site.model.for_frame(last).edge_bias_sigma_px or UNKNOWN_EDGE_BIAS_SIGMA_PX
+        edge_px = self.site.model.for_frame(last).edge_bias_sigma_px or UNKNOWN_EDGE_BIAS_SIGMA_PX
         placed = replace(
             placed,
             frames=len(levels),
@@ -176,10 +179,10 @@ class SiteSession:
         """
         made = _fitted(self._correct(_fitted(self.certificate)) if correct else self.certificate)
         background = remember_background(self._newest)
-        camera = _camera_name(self._site.configuration.camera)
+        camera = _camera_name(self.site.configuration.camera)
         made = replace(made, date=_now(), camera=camera, background=background)
-        path = self._site.configuration.path
-        pages = pages_of(blocks_of(path.name, made, list(self._site.reliances(made))))
+        path = self.site.configuration.path
+        pages = pages_of(blocks_of(path.name, made, list(self.site.reliances(made))))
         files = {".certificate.html": html_of(pages, path.name).encode(), ".certificate.pdf": pdf_of(pages)}
         save_certificate(path, made, CERTIFICATE, files)
         path.with_suffix(PLACEMENTS).unlink(missing_ok=True)
@@ -187,11 +190,11 @@ class SiteSession:
 
     def _correct(self, made: Certificate) -> Certificate:
         """Write a focal length with which the scale is right, and return what was measured as if by that."""
-        path, fit = self._site.configuration.path, made.fit
+        path, fit = self.site.configuration.path, made.fit
         written = read_toml(path, CONFIGURATION_MAX_BYTES).table["camera"].get("model")
         if fit is None or not fit.has_wrong_scale:
             raise ConfigError("the scale is not significantly wrong, so there is nothing to correct")
-        if not isinstance(written, str) or self._site.model.pupil_ahead_m:
+        if not isinstance(written, str) or self.site.model.pupil_ahead_m:
             raise ConfigError("only a camera file for air can be corrected: name one as model in [camera]")
         file = path_from(path.parent, written)
         model, times = load_camera_model(file), 1 / (1 + fit.scale)
@@ -199,9 +202,9 @@ class SiteSession:
         kept = replace(model.provenance, notes=(*model.provenance.notes, note))
         model = replace(model, fx_px=model.fx_px * times, fy_px=model.fy_px * times, uncertainty=None, provenance=kept)
         save_camera_model(file, replace(model, focal_relative_sigma=fit.scale_sigma))
-        self._site = Site(load_configuration(path), made.target)
+        self.site = Site(load_configuration(path), made.target)
         placements = tuple(replace(each, read_m=each.read_m * times) for each in made.placements)
-        return replace(made, about=self._site.about, placements=placements, corrected=times - 1)
+        return replace(made, about=self.site.about, placements=placements, corrected=times - 1)
 
 
 def _fitted(certificate: Certificate) -> Certificate:
