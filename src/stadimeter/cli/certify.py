@@ -70,7 +70,7 @@ def certify(
     """
     with plain_errors():
         path = configuration_path(config)
-        session = SiteSession(load_configuration(path), target, anew=anew)
+        session = SiteSession(load_configuration(path), target, anew=anew, again=correct)
         distances = [part.strip() for text in at or [] for part in text.split(",")]
         tape_m = parse_known_length(tape, "--tape")
         for each in session.certificate.placements:

@@ -55,17 +55,25 @@ WATCH_S, MIN_FRAMES, MAX_FRAMES = 5.0, 20, 1000
 class SiteSession:
     """Measures at one distance after the other.
 
+    Args:
+        anew: Whether what was measured before is forgotten.
+        again: Whether a finished certificate counts as measured before, where nothing newer is.
+
     Attributes:
         site: What is certified.
         certificate: What was measured so far.
     """
 
-    def __init__(self, configuration: Configuration, target: str = "", *, anew: bool = False) -> None:
+    def __init__(
+        self, configuration: Configuration, target: str = "", *, anew: bool = False, again: bool = False
+    ) -> None:
         if is_demonstration(configuration.path):
             raise ConfigError("nothing is written beside the demonstration: certify a copy of config/demo.toml")
         self.site, self._newest = Site(configuration, target), list[Frame]()
         self.certificate = Certificate(target=self.site.target.name, about=self.site.about)
         begun = None if anew else load_certificate(configuration.path, PLACEMENTS)
+        if begun is None and again and not anew:
+            begun = load_certificate(configuration.path)
         if begun is not None and begun.target == self.certificate.target and not self.site.outdated(begun):
             self.certificate = replace(begun, about=self.site.about)
 
@@ -110,9 +118,8 @@ class SiteSession:
         source = self._source(true_m, pictures)
         try:
             source.settle()
-            placed = self._watch(
-                _frames(source.capture, for_s), placed, is_timed=source.is_live and not self.is_simulated
-            )
+            is_timed = source.is_live and not self.is_simulated
+            placed = self._watch(_frames(source.capture, for_s), placed, is_timed=is_timed)
         finally:
             source.capture.close()
         placements = sorted((*self._others(tape_m), placed), key=lambda each: each.tape_m)
