@@ -147,6 +147,8 @@ class Site:
                     trouble = (
                         f"the deadband of {100 * band_m:.1f} cm is smaller than the scatter, ± {100 * noise_m:.1f} cm"
                     )
+            if limit_m < reach.nearest_m - ROUNDING_M:
+                trouble = f"it was not seen nearer than {length(reach.nearest_m)}"
             if limit_m > reach.reliable_m + ROUNDING_M:
                 further = f", by the error model to {length(reach.expected_m)}" * (reach.expected_m > reach.reliable_m)
                 trouble = f"distances were found reliable to {length(reach.reliable_m)}{further}, where {reach.limit}"

@@ -223,7 +223,7 @@ def fit_site(placements: Sequence[Placement]) -> SiteFit:
         covariance *= misfit / freedom
     covariance[1, 1] += tape_m.max() ** 2  # the tape's zero
     sigmas = np.sqrt(np.diag(covariance))
-    is_beyond = is_consistent & (np.abs(found) > SIGMAS_95 * sigmas)
+    is_beyond = np.abs(found) > SIGMAS_95 * sigmas
     return SiteFit(
         scale=float(found[0]),
         scale_sigma=float(sigmas[0]),
@@ -243,11 +243,13 @@ class Reach(Struct, frozen=True, kw_only=True):
     """How far distances can be relied on.
 
     Attributes:
+        nearest_m: The nearest distance: 0, or the nearest placement that was seen if it was not seen at a nearer one.
         reliable_m: The farthest distance, none beyond the farthest placement; 0 for nowhere.
         expected_m: The same by the error model, which goes beyond that.
         limit: What ends it there.
     """
 
+    nearest_m: float
     reliable_m: float
     expected_m: float
     limit: str
@@ -263,11 +265,11 @@ def noise_at_m(placements: Sequence[Placement], distance_m: float) -> float:
 def find_reach(placements: Sequence[Placement], fit: SiteFit) -> Reach:
     """Return how far the error stays within `RELIABLE_SHARE` and the target is seen in `RELIABLE_RATE` of frames."""
     places_m, rates = zip(*sorted((each.true_m, each.found / each.frames) for each in placements), strict=True)
-    read_m = max(each.true_m for each in placements if each.is_read)
+    read_m = [each.true_m for each in placements if each.is_read]
     # Beyond the farthest placement it appears smaller in proportion, down to what detectors find.
-    smallest_m = max(read_m, *(each.size_px * each.true_m / RELIABLE_PX for each in placements))
+    smallest_m = max(*read_m, *(each.size_px * each.true_m / RELIABLE_PX for each in placements))
     last_m, limit = 0.0, "the error model ends"
-    for distance_m in np.geomspace(places_m[0], MAX_BEYOND * places_m[-1], 400).tolist():
+    for distance_m in np.geomspace(min(read_m), MAX_BEYOND * places_m[-1], 400).tolist():
         bias_m, sigma_m = fit.bias_m(distance_m)
         error_m = abs(bias_m) + SIGMAS_95 * math.hypot(sigma_m, noise_at_m(placements, distance_m))
         if np.interp(distance_m, places_m, rates) < RELIABLE_RATE:
@@ -280,4 +282,5 @@ def find_reach(placements: Sequence[Placement], fit: SiteFit) -> Reach:
             last_m = distance_m
             continue
         break
-    return Reach(reliable_m=min(last_m, read_m), expected_m=last_m, limit=limit)
+    nearest_m = min(read_m) if places_m[0] < min(read_m) else 0.0
+    return Reach(nearest_m=nearest_m, reliable_m=min(last_m, max(read_m)), expected_m=last_m, limit=limit)

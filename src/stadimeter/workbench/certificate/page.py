@@ -66,8 +66,9 @@ def summary_of(made: Certificate) -> Iterator[str]:
     if not fit.is_consistent:
         at = f"most of all that at {placements[fit.worst].tape_m:g} m: measure it again"
         yield f"The placements contradict each other more than those of 99 of 100 sites, {at}."
-    yield f"Reliable to {length(reach.reliable_m)}: {RELIABLE}. Nothing was measured beyond the farthest placement."
-    yield f"By the error model it goes on to {length(reach.expected_m)}; there {reach.limit}."
+    near = f"from {length(reach.nearest_m)} " if reach.nearest_m else ""
+    yield f"Reliable {near}to {length(reach.reliable_m)}: {RELIABLE}."
+    yield f"Nothing was measured beyond the farthest placement; by the error model it goes on to {length(reach.expected_m)}; there {reach.limit}."
 
 
 def describe_placement(each: Placement) -> str:
@@ -118,7 +119,7 @@ def _placement_row(each: Placement) -> tuple[str, ...]:
 def _rule_row(each: Reliance) -> tuple[str, ...]:
     odds = ("", "", "")
     if each.odds is not None:
-        odds = (f"{100 * each.odds[0]:.1f} cm", f"{each.odds[1]:.2%}", f"{each.odds[2]:.2%}")
+        odds = (f"{100 * each.odds[0]:.2f} cm", f"{each.odds[1]:.2%}", f"{each.odds[2]:.2%}")
     figures = f"± {100 * each.sigma_m:.1f} cm", f"{100 * each.bias_m:+.1f} cm"
     return each.words, *figures, *odds, "no" if each.trouble else "yes"
 

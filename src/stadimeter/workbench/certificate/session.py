@@ -199,8 +199,8 @@ class SiteSession:
         """Write a focal length with which the scale is right, and return what was measured as if by that."""
         path, fit = self.site.configuration.path, made.fit
         written = read_toml(path, CONFIGURATION_MAX_BYTES).table["camera"].get("model")
-        if fit is None or not fit.has_wrong_scale:
-            raise ConfigError("the scale is not significantly wrong, so there is nothing to correct")
+        if fit is None or not (fit.has_wrong_scale and fit.is_consistent):
+            raise ConfigError("there is no error of the scale that is significant, from placements that agree")
         if not isinstance(written, str) or self.site.model.pupil_ahead_m:
             raise ConfigError("only a camera file for air can be corrected: name one as model in [camera]")
         file = path_from(path.parent, written)

@@ -8,7 +8,8 @@ const WATCHING = "Watching for some seconds: keep all still …";
 export function mount(root, { api, say }) {
   const form = h("div", { class: "stack" });
   const found = h("div", { class: "stack" });
-  replace(root, h("section", { class: "panel stack" }, h("h1", null, "Certificate of the site"), form), found);
+  const asked = h("section", { class: "panel stack" }, h("h1", null, "Certificate of the site"), form);
+  replace(root, h("div", { class: "stack" }, asked, found));
   ask("Reading the configuration …", () => api.get("certificate"));
 
   /** Ask something that answers with the state, and show that; after an error, the state as it is. */
@@ -24,14 +25,16 @@ export function mount(root, { api, say }) {
   }
 
   function draw({ left_m, placements, certificate }) {
-    const distance = h("input", { "aria-label": "Distance", value: left_m.length ? `${left_m[0]} m` : "" });
-    const sigma = h("input", { "aria-label": "Known to ±", value: "2 mm" });
+    const distance = h("input", { value: left_m.length ? `${left_m[0]} m` : "" });
+    const sigma = h("input", { value: "2 mm" });
+    const field = (words, input) => h("label", { class: "field" }, h("span", null, words), input);
     const take = () => api.post("certificate/take", { distance: distance.value, sigma: sigma.value });
     const finish = (correct) => ask("Writing …", () => api.post("certificate/finish", { correct }));
     const button = (words, onclick) => h("button", { type: "button", class: "button", onclick }, words);
     replace(form,
       h("p", null, HOW),
-      h("div", { class: "row" }, distance, "±", sigma, button("Measure", () => ask(WATCHING, take))),
+      h("div", { class: "row" }, field("Distance", distance), field("Known to ±", sigma)),
+      h("div", { class: "row" }, button("Measure", () => ask(WATCHING, take))),
       h("ul", { class: "list" }, placements.map(({ words }) => h("li", null, words))),
       placements.filter((each) => each.is_read).length > 2 && button("Write the certificate", () => finish(false)));
     replace(found, certificate && drawCertificate(certificate, button("Correct the focal length", () => finish(true))));
