@@ -11,6 +11,7 @@ from pathlib import Path
 import camera_table
 import fleet_picture
 import floor_picture
+from certificate_pictures import make_certificate_pictures
 from gallery import make_gallery
 from how_it_measures import make_steps
 from how_several import make_several
@@ -142,4 +143,5 @@ if __name__ == "__main__":
     floor_picture.make_floor_picture(HERE / "how-floor.jpg")
     unknown_size_picture(HERE / "how-unknown-size.jpg")
     make_pages(HERE)
+    make_certificate_pictures(HERE)
     camera_table.write()
