@@ -36,6 +36,7 @@ PANELS: Mapping[str, Mapping[str, str]] = {
         "colour": "Find out the range of colours of a ball, from a picture and a place in it.",
         "calibrate": "Find out a camera's focal length, write its camera file, and check it; or how large a thing is.",
         "mounting": "Save the view of a fixed camera, and see whether the camera is still where it was.",
+        "certify": "Certify how right distances are at this place, in this light, and which thresholds that carries.",
         "models": "Say what the file of a neural network is, and fetch one that finds faces.",
         "print": "Make tags, boards and discs to print, at true scale.",
     },

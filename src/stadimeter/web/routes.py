@@ -249,6 +249,15 @@ PAGE_OPERATIONS: tuple[PageOperation, ...] = (
         "The newest picture of the set-up's camera, with its values in X-Values",
         query={"draw": "text", "width_px": "integer", "file": "text"}, media=_JPEG,
     ),
+    _desk("GET", "certificate", "certifying.state", "The certificate of the site, and what was measured for it"),
+    _desk("GET", "certificate.pdf", "certifying.page", "The certificate as a PDF", media="application/pdf"),
+    _desk(
+        "POST", "certificate/take", "certifying.take", "Measure at one distance by the tape",
+        body={"distance": "text", "sigma": "text"}, wait_s=LONG_WAIT_S,
+    ),
+    _desk(
+        "POST", "certificate/finish", "certifying.finish", "Write the certificate", body={"correct": "boolean"},
+    ),
     _desk(
         "GET", "setup/wiring.svg", "setup_results.wiring", "The wiring as a drawing, with its pins in X-Values",
         query={"output": "text"}, media=_SVG,

@@ -11,6 +11,7 @@ const VIEWS = {
   live: { name: "Live", isOfRun: true, load: () => import("./views/live/index.js") },
   timeline: { name: "Timeline", load: () => import("./views/timeline/index.js") },
   setup: { name: "Set-up", load: () => import("./views/setup/index.js"), right: "operate" },
+  certificate: { name: "Certificate", within: "setup", load: () => import("./views/certificate.js"), right: "operate" },
   edit: { name: "Edit", load: () => import("./views/edit/index.js"), right: "operate" },
   recordings: { name: "Recordings", load: () => import("./views/recordings.js") },
   alarms: { name: "Alarms", isOfRun: true, load: () => import("./views/alarms.js") },
@@ -52,7 +53,7 @@ async function open() {
   takeDown();
   takeDown = () => {};
   for (const tab of part("tabs").children) {
-    if (tab.view === view) tab.setAttribute("aria-current", "page");
+    if (tab.view === (VIEWS[view.within] ?? view)) tab.setAttribute("aria-current", "page");
     else tab.removeAttribute("aria-current");
   }
   document.title = `${view.name} · stadimeter`;
@@ -70,7 +71,7 @@ async function open() {
 }
 
 function drawTabs() {
-  const shown = Object.entries(VIEWS).filter(([, { right }]) => !right || right === session.right);
+  const shown = Object.entries(VIEWS).filter(([, { right, within }]) => !within && (!right || right === session.right));
   replace(
     part("tabs"),
     shown.map(([key, view]) =>

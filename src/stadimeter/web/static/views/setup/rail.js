@@ -55,7 +55,12 @@ export function drawRail(setup, kind) {
       mine.map((each) => answerButton(setup, each)),
     );
   });
-  return h("nav", { class: "setup-rail", "aria-label": "Steps of the set-up" }, h("ol", null, stages));
+  return h(
+    "nav",
+    { class: "setup-rail", "aria-label": "Steps of the set-up" },
+    h("ol", null, stages),
+    h("p", { class: "small" }, h("a", { href: "#certificate" }, "Certificate of the site")),
+  );
 }
 
 const answerButton = (setup, { key, answer, back }) =>
