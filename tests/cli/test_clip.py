@@ -30,13 +30,13 @@ def test_a_clip_spans_a_reload_ends_whole_at_sigterm_and_replays(tmp_path: Path)
     command = [sys.executable, "-m", "stadimeter", "run", str(path)]
     run = subprocess.Popen(command, env=environ, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     try:
-        eventually(lambda: typed("status", env=environ).returncode == 0, 60)
+        eventually(lambda: typed("status", env=environ).returncode == 0)
         path.write_text(path.read_text().replace("1 m", "3 m"))
         assert typed("reload", env=environ).returncode == 0
         done = typed("clip", "--by", "zoe", "--why", "a noise", "--json", env=environ)
         assert done.returncode == 0
         clip = tmp_path / "recordings" / "clips" / json.loads(done.stdout)["clip"]
-        eventually(clip.exists, 60)
+        eventually(clip.exists)
     finally:
         run.send_signal(signal.SIGTERM)
         _, said = run.communicate(timeout=60)
