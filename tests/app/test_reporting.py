@@ -419,6 +419,18 @@ def test_no_rule_is_available_before_the_first_cycle_of_a_run() -> None:
     ]
 
 
+def test_an_event_names_the_newest_clip_of_its_rule_or_source() -> None:
+    listener = Listener()
+    listener.reporter.clips = {"near": "a.mcap", "camera": "b.mcap"}
+    events = [
+        happened(EventKind.RAISED),
+        happened(EventKind.FAULT, source="camera"),
+        happened(EventKind.RAISED, source="far"),
+    ]
+    clips = [json.loads(each.payload)["clip"] for each in listener.decided(decision(events=events))]
+    assert clips == ["a.mcap", "b.mcap", None]
+
+
 def test_text_that_is_not_ascii_stays_readable() -> None:
     (message,) = Listener().decided(decision(rules=[near(RuleStatus.IDLE)], reason="2.00 m ± 0.01 m"))
     assert "±" in message.payload

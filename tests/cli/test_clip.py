@@ -30,13 +30,13 @@ def test_a_clip_spans_a_reload_ends_whole_at_sigterm_and_replays(tmp_path: Path)
     command = [sys.executable, "-m", "stadimeter", "run", str(path)]
     run = subprocess.Popen(command, env=environ, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     try:
-        eventually(lambda: typed("status", env=environ).returncode == 0, 60)
+        eventually(lambda: typed("status", env=environ).returncode == 0)
         path.write_text(path.read_text().replace("1 m", "3 m"))
         assert typed("reload", env=environ).returncode == 0
         done = typed("clip", "--by", "zoe", "--why", "a noise", "--json", env=environ)
         assert done.returncode == 0
         clip = tmp_path / "recordings" / "clips" / json.loads(done.stdout)["clip"]
-        eventually(clip.exists, 60)
+        eventually(clip.exists)
     finally:
         run.send_signal(signal.SIGTERM)
         _, said = run.communicate(timeout=60)
@@ -56,6 +56,7 @@ def test_a_clip_spans_a_reload_ends_whole_at_sigterm_and_replays(tmp_path: Path)
 def test_a_configuration_says_what_its_black_box_takes_and_what_is_wrong_with_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    from stadimeter.app.this_computer import warnings_here
     from stadimeter.config.describe import describe
     from stadimeter.config.loader import load_configuration
     from stadimeter.errors import ConfigError
@@ -71,9 +72,9 @@ def test_a_configuration_says_what_its_black_box_takes_and_what_is_wrong_with_it
         load_configuration(path)
     keys = {"before", "after", "rate", "quality", "memory", "max_total", "on"}
     assert {problem.key.split(".")[1] for problem in caught.value.problems} == keys
-    monkeypatch.setattr("stadimeter.config.warnings.missing", lambda extra: f"no {extra}")
+    monkeypatch.setattr("stadimeter.app.this_computer.missing", lambda extra: f"no {extra}")
     path.write_text(SIMULATED_BALL + RULE + BOX + WORLD)
-    assert "the black box cannot write: no record" in [each.message for each in load_configuration(path).warnings]
+    assert "the black box cannot write: no record" in [each.message for each in warnings_here(load_configuration(path))]
     path.write_text(SIMULATED_BALL + RULE + '[buttons.front]\ndriver = "simulated"\npress = "clip"\n' + WORLD)
     (warning,) = (each for each in load_configuration(path).warnings if each.code == "no-black-box")
     assert "there is no black box" in warning.message

@@ -17,7 +17,6 @@ from stadimeter.config.analysis.references import rules_asked_for
 from stadimeter.config.analysis.schedules import schedule_warnings
 from stadimeter.config.analysis.writers import priority_warnings, shadow_warnings
 from stadimeter.config.draft import BASE_NAME, Draft, output_path
-from stadimeter.config.extras import missing
 from stadimeter.config.findings import Finding
 from stadimeter.config.gpio_header import TAKEN
 from stadimeter.config.loop_gain import loop_findings
@@ -56,7 +55,7 @@ def warning_findings(draft: Draft) -> Iterator[Finding]:
     """Find what to look at again in a configuration without errors."""
     yield from draft.renamed
     yield from _about_rules(draft)
-    for check in (rule_test_warnings, secret_warnings, _black_box_writes, *_ABOUT_DRIVERS):
+    for check in (rule_test_warnings, secret_warnings, _clips_written, *_ABOUT_DRIVERS):
         yield from check(draft)
 
 
@@ -354,10 +353,7 @@ def _cut_off_delay(declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding
         yield Finding(declared.at("off_delay"), message, hint, "lost-cuts-off-delay")
 
 
-def _black_box_writes(draft: Draft) -> Iterator[Finding]:
-    """Find black boxes that cannot write, and buttons that order clips of none."""
-    if draft.black_box is not None and (trouble := missing("record")):
-        yield Finding(("black_box",), f"the black box cannot write: {trouble}", "", "missing-extra")
+def _clips_written(draft: Draft) -> Iterator[Finding]:
     for name, table in draft.button_tables.items():
         for key in ("press", "hold"):
             if draft.black_box is None and getattr(table, key) == OperatorAction.CLIP:
