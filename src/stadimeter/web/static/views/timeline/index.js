@@ -41,7 +41,7 @@ class Timeline {
   #wish = null;
   #isAsking = false;
   #answer = null;
-  #clips = [];
+  #marks = { clips: [], thresholds: [] };
   #states = new Map(); // of the rules, since this view was opened
   #last_ms = 0;
 
@@ -117,7 +117,7 @@ class Timeline {
 
   #draw() {
     if (!this.#answer) return;
-    this.chart.setData({ ...dataOf(this.#answer, this.live, this.#states), clips: this.#clips });
+    this.chart.setData({ ...dataOf(this.#answer, this.live, this.#states), clips: this.#marks.clips });
   }
 
   /** Ask for what is in view; while an answer is on its way, only the newest wish is kept. */
@@ -148,8 +148,8 @@ class Timeline {
   async #loadMarks() {
     const { from_s, step_s, count } = this.#answer ?? { from_s: 0, step_s: 1, count: 1 };
     const found = await this.api.get(`timeline/marks?from=${from_s}&to=${from_s + step_s * count}`).catch(() => null);
-    if (found) this.#clips = found.clips;
-    if (found) this.chart.thresholds = found.thresholds;
+    if (found) this.#marks = found;
+    this.chart.thresholds = this.#marks.thresholds;
     this.#draw();
   }
 
