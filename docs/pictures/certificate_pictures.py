@@ -24,7 +24,8 @@ DATE = "2026-03-14 10:00+01:00"
 def configuration_text() -> str:
     """Return the configuration that the guide shows."""
     found = re.search(r"<!-- file: site.toml -->\n```toml\n(.*?)```", GUIDE.read_text(encoding="utf-8"), re.DOTALL)
-    assert found is not None
+    if found is None:
+        raise SystemExit(f"{GUIDE} shows no site.toml")
     return found[1]
 
 

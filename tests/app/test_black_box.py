@@ -22,8 +22,8 @@ from stadimeter.app.recordings.black_box import BlackBoxMemory
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 from stadimeter.app.recordings.recording import Recorded
 from stadimeter.cli.run_services import open_black_box
-from stadimeter.config.black_box_table import BlackBoxTable
 from stadimeter.config.loader import load_configuration
+from stadimeter.config.optional_tables import BlackBoxTable
 from stadimeter.core.frame import Frame
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan

@@ -36,7 +36,7 @@ from stadimeter.app.loop import Limits, Loop
 from stadimeter.app.recordings.black_box import BlackBoxMemory
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 from stadimeter.app.recordings.recording import Recorded
-from stadimeter.config.black_box_table import BlackBoxTable
+from stadimeter.config.optional_tables import BlackBoxTable
 from stadimeter.core.frame import Frame
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan

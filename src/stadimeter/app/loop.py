@@ -236,22 +236,19 @@ class Loop:
 
     def trouble(self) -> str:
         """Return in words what is wrong outside the loop: with the camera, a messenger, a button or the disk."""
-        messenger = self.parts.messenger
-        capture = self.parts.capture
+        messenger, capture, cycle = self.parts.messenger, self.parts.capture, self.parts.cycle
         notifiers = [notifier.trouble() for notifier in self.parts.notifiers.values()]
-        recordings = [recording.trouble() for recording in self._recordings]
         panel = [button.trouble() for button in self.parts.buttons.values()]
         if (light := self.parts.status_led) is not None and light.fault:
             panel.append(f"{light.name}: {light.fault}")
         memory = self.services.memory
         deaf = messenger.deafness() if isinstance(messenger, TakesRequests) else ""
         sent = (messenger.trouble() if messenger else "", deaf)
-        locator = self.parts.cycle.locator
-        watch = self.parts.cycle.mounting_watch
-        panel += [locator.trouble() if locator is not None else "", watch.trouble() if watch is not None else ""]
-        if (second := self.parts.cycle.second) is not None:
+        panel += [each.trouble() for each in (cycle.locator, cycle.mounting_watch) if each is not None]
+        if (second := cycle.second) is not None:
             panel += [f"second camera: {words}" for words in (second.trouble(), *second.remarks()) if words]
-        others = (*sent, *notifiers, *recordings, memory.trouble() if memory else "")
+        kept = [each.trouble() for each in (*self._recordings, memory) if each is not None]
+        others = (*sent, *notifiers, *kept)
         troubles = (capture.trouble(), *capture.remarks(), *others, *panel)
         return "; ".join(trouble for trouble in troubles if trouble)
 

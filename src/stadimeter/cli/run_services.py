@@ -26,7 +26,7 @@ from stadimeter.app.service import (
 )
 from stadimeter.app.service_folders import mounting_places, state_directory
 from stadimeter.config.extras import missing
-from stadimeter.config.models import TIMELINE_S, TimelineTable
+from stadimeter.config.optional_tables import TIMELINE_S, TimelineTable
 from stadimeter.config.untrusted_file import is_file
 from stadimeter.operator_actions import OperatorAction
 
@@ -73,15 +73,7 @@ def open_services(loop: Loop, options: RunOptions, *, is_quiet: bool = False) ->
         services.time_of_day = TimeOfDay(
             is_live=loop.parts.is_live, is_right=is_right, shown=lambda now: wall_time(now, loop.parts.configuration)
         )
-        events = event_log_path(loop.parts.configuration.path)
-        if keep_s := _timeline_s(loop.parts.configuration.timeline):
-            from stadimeter.app.timeline.keeper import keep_timeline  # noqa: PLC0415 - few runs at a desk keep one
-            from stadimeter.app.timeline.rows import event_log_beside  # noqa: PLC0415
-
-            folder = closing.enter_context(keep_timeline(loop.listeners, loop.parts.configuration.path, keep_s))
-            events = events or event_log_beside(folder)
-        if events is not None:
-            closing.enter_context(_open_event_log(loop, is_right, events))
+        _keep_past(loop, is_right, closing)
         _list_safe_outputs(loop)
         closing.enter_context(_watchdog_process(loop))
         closing.enter_context(_watch_mounting(loop))
@@ -101,6 +93,20 @@ def open_services(loop: Loop, options: RunOptions, *, is_quiet: bool = False) ->
         if loop.parts.configuration.web is not None and not options.ends_with_input:
             services.tell(f"the page: {_page_command(loop.parts.configuration.path, options.service)}")
         yield
+
+
+def _keep_past(loop: Loop, is_right: Callable[[], bool], closing: ExitStack) -> None:
+    """Keep the timeline and the event log of a run that has them."""
+    path = loop.parts.configuration.path
+    events = event_log_path(path)
+    if keep_s := _timeline_s(loop.parts.configuration.timeline):
+        from stadimeter.app.timeline.keeper import keep_timeline  # noqa: PLC0415 - few runs at a desk keep one
+        from stadimeter.app.timeline.rows import event_log_beside  # noqa: PLC0415
+
+        folder = closing.enter_context(keep_timeline(loop.listeners, path, keep_s))
+        events = events or event_log_beside(folder)
+    if events is not None:
+        closing.enter_context(_open_event_log(loop, is_right, events))
 
 
 def open_black_box(loop: Loop, closing: ExitStack) -> None:

@@ -392,13 +392,6 @@ _CHECKS: tuple[Callable[[Draft], Iterator[Finding]], ...] = (
     reference_errors,
 )
 _ANALYSES: tuple[Callable[[Subject], Iterator[Finding]], ...] = (
-    band_errors,
-    quantity_errors,
-    floor_errors,
-    second_camera_errors,
-    holding_errors,
-    shadow_errors,
-    promise_errors,
-    schedule_errors,
-    memory_errors,
-)
+    band_errors, quantity_errors, floor_errors, second_camera_errors, holding_errors, shadow_errors,
+    promise_errors, schedule_errors, memory_errors,
+)  # fmt: skip

@@ -10,10 +10,16 @@ from typing import TYPE_CHECKING, Any
 from msgspec import Struct, field
 
 from stadimeter.config import models
-from stadimeter.config.black_box_table import BlackBoxTable
 from stadimeter.config.camera_file import camera_model_from_table, load_camera_model
 from stadimeter.config.driver_tables import DRIVER_KINDS, ModelT, read_driver_table, validate
 from stadimeter.config.findings import MAX_EXPLAINED, Finding, did_you_mean_or_list, format_value
+from stadimeter.config.optional_tables import (
+    OPTIONAL_TABLES,
+    BlackBoxTable,
+    MountingTable,
+    RecordingTable,
+    TimelineTable,
+)
 from stadimeter.config.plugins import MAX_SEVERAL, DriverChoice, numbered
 from stadimeter.config.rules.action_tables import GAPS
 from stadimeter.config.rules.compiled import CompiledRule, SeveralNames, compile_rules
@@ -34,15 +40,6 @@ if TYPE_CHECKING:
 
 # The name of the base in rules.
 BASE_NAME = "base"
-
-# Sections with nothing but keys of their own, by the attribute of a draft that has each.
-_OPTIONAL: dict[str, type[models.Section]] = {
-    "web": models.WebTable,
-    "place": models.PlaceTable,
-    "recording": models.RecordingTable,
-    "timeline": models.TimelineTable,
-    "black_box": BlackBoxTable,
-}
 
 # Names that mean something else in events and traces.
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
@@ -150,10 +147,10 @@ class Draft(ChosenDrivers, Struct, kw_only=True):
     output_tables: dict[str, models.ActuatorTable | models.BaseTable] = field(default_factory=dict)
     tracking: models.TrackingTable = field(default_factory=models.TrackingTable)
     safety: models.SafetyTable = field(default_factory=models.SafetyTable)
-    mounting: models.MountingTable = field(default_factory=models.MountingTable)
+    mounting: MountingTable = field(default_factory=MountingTable)
     web: models.WebTable | None = None
-    recording: models.RecordingTable | None = None
-    timeline: models.TimelineTable | None = None
+    recording: RecordingTable | None = None
+    timeline: TimelineTable | None = None
     black_box: BlackBoxTable | None = None
     place: models.PlaceTable | None = None
     landmarks: Landmarks | None = None
@@ -352,15 +349,10 @@ class _Reader:
                 self.draft.file_problems.append(problem)
 
     def _settings(self) -> None:
-        tracking = self._validated(models.TrackingTable, ("tracking",), self._table("tracking") or {})
-        safety = self._validated(models.SafetyTable, ("safety",), self._table("safety") or {})
-        self.draft.tracking = tracking or self.draft.tracking
-        self.draft.safety = safety or self.draft.safety
-        mounting = self._validated(models.MountingTable, ("mounting",), self._table("mounting") or {})
-        self.draft.mounting = mounting or self.draft.mounting
-        for name, model in _OPTIONAL.items():
-            if (table := self._table(name)) is not None:
-                setattr(self.draft, name, self._validated(model, (name,), table))
+        for name, model in OPTIONAL_TABLES.items():
+            table = self._table(name)
+            if table is not None and (read := self._validated(model, (name,), table)) is not None:
+                setattr(self.draft, name, read)
         if (landmarks := self._table("landmarks")) is not None:
             from stadimeter.config.landmark_tables import read_landmarks  # noqa: PLC0415 - most runs have none
 

@@ -15,7 +15,6 @@ from msgspec import Struct, field
 from msgspec.structs import replace
 
 import stadimeter
-from stadimeter.config.black_box_table import BlackBoxTable
 from stadimeter.config.cross_checks import error_findings
 from stadimeter.config.draft import BASE_NAME, ChosenDrivers, Draft, read_draft
 from stadimeter.config.driver_tables import CAMERA, MESSENGER, DriverKind, read_driver_table
@@ -24,13 +23,11 @@ from stadimeter.config.models import (
     ActuatorTable,
     BaseTable,
     ButtonTable,
-    MountingTable,
     PlaceTable,
-    RecordingTable,
     SensorTable,
-    TimelineTable,
     WebTable,
 )
+from stadimeter.config.optional_tables import BlackBoxTable, MountingTable, RecordingTable, TimelineTable
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.ready_bases import with_chosen_base
 from stadimeter.config.renamed_keys import with_current_keys

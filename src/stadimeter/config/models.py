@@ -32,7 +32,6 @@ from stadimeter.config.units import (
 )
 from stadimeter.core import plan
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.clock import DAY_S
 from stadimeter.core.floor import HEIGHT_SIGMA_M, TILT_SIGMA_RAD, Footing
 from stadimeter.core.mount import Mount
 from stadimeter.core.sensor_fusion import SensorPair
@@ -43,9 +42,6 @@ from stadimeter.operator_actions import OperatorAction
 LEASE_S = 0.3
 
 # The longest that a run keeps by itself: some 1 GB at 30 Hz.
-
-# How long a timeline is kept unless the configuration says otherwise, and the longest.
-TIMELINE_S, TIMELINE_MAX_S = 7 * DAY_S, 31 * DAY_S
 
 # The longest that a long press may have to be: a button that is held for much longer is stuck.
 HOLD_MAX_S = 5.0
@@ -316,29 +312,6 @@ class WebTable(Section):
         if (self.certificate is None) is not (self.key is None):
             raise ValueError("certificate and key belong together; give both, or none")
         return self
-
-
-class RecordingTable(Section):
-    """What a run keeps by itself of what it saw and did."""
-
-    last: Annotated[Duration, Field(ge=60.0, le=DAY_S)]
-    """For how long at least it keeps each cycle, without pictures."""
-
-
-class TimelineTable(Section):
-    """What a run keeps of its past for the timeline of the page: distances second by second, and states of rules."""
-
-    keep: Annotated[Duration, Field(le=TIMELINE_MAX_S)] = TIMELINE_S
-    """For how long; `"0 s"` keeps nothing."""
-
-
-class MountingTable(Section):
-    """Whether it is watched that the camera stays where it was when its view was saved."""
-
-    watch: bool | None = None
-    """Whether it is watched; by default as soon as a view was saved."""
-    when_moved: Literal["mark", "stop"] = "mark"
-    """What happens beside the event: distances are marked as unconfirmed, or nothing moves either."""
 
 
 class TrackingTable(Section):

@@ -21,9 +21,9 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaMode, JsonSchemaV
 from pydantic_core import core_schema
 
 from stadimeter.config import camera_file, models, plugins
-from stadimeter.config.black_box_table import BlackBoxTable
 from stadimeter.config.driver_tables import BASE, CAMERA, DRIVER_KINDS, DriverKind
 from stadimeter.config.landmark_tables import LandmarksTable
+from stadimeter.config.optional_tables import OPTIONAL_TABLES
 from stadimeter.config.rule_test_tables import RuleTestTable
 from stadimeter.config.rules.memory_tables import FigureTable
 from stadimeter.config.rules.tables import GATED, RuleTable
@@ -42,14 +42,7 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _REFERENCE = re.compile(r'"#/\$defs/([^"]+)"')
 _NAME = {"pattern": "^[A-Za-z0-9_-]+$"}
 _TABLES: dict[str, type[BaseModel]] = {
-    "tracking": models.TrackingTable,
-    "safety": models.SafetyTable,
-    "mounting": models.MountingTable,
-    "web": models.WebTable,
-    "recording": models.RecordingTable,
-    "timeline": models.TimelineTable,
-    "black_box": BlackBoxTable,
-    "place": models.PlaceTable,
+    **OPTIONAL_TABLES,
     "landmarks": LandmarksTable,
 }
 _SECTIONS = {

@@ -62,9 +62,7 @@ LENGTHS_M = Units(MAX_LENGTH_M, {
     "ft": FOOT_M, "foot": FOOT_M, "feet": FOOT_M, "'": FOOT_M,
     "yd": 0.9144,
 })  # fmt: skip
-DURATIONS_S = Units(MAX_DURATION_S, {
-    "us": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0, "min": 60.0, "h": 3600.0, "d": DAY_S,
-})  # fmt: skip
+DURATIONS_S = Units(MAX_DURATION_S, {"us": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0, "min": 60, "h": 3600, "d": DAY_S})
 SPEEDS_MPS = Units(MAX_SPEED_MPS, {
     "mm/s": 1e-3, "cm/s": 1e-2, "m/s": 1.0, "km/h": 1 / 3.6, "in/s": INCH_M, "ft/s": FOOT_M, "mph": 0.44704,
 })  # fmt: skip
@@ -244,8 +242,7 @@ def parse_angle(text: object) -> float:
 def parse_time_of_day(text: object) -> float:
     """Read a time of day such as ``"22:30"``, return the seconds since midnight; raises ValueError if it is none.
 
-    Returns:
-        Seconds since midnight, 0 to 86400: ``24:00`` is the end of the day.
+    ``24:00`` is the end of the day, 86400.
     """
     match = _TIME_OF_DAY.fullmatch(str(text)) if isinstance(text, str | time) else None
     if match is None:

@@ -25,7 +25,7 @@ from stadimeter.app.recordings.record_file import ENDING
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 from stadimeter.app.recordings.recorder import Recorder
 from stadimeter.app.recordings.recording import ImageChooser, ImageOptions, what_is_recorded
-from stadimeter.config.black_box_table import BlackBoxTable
+from stadimeter.config.optional_tables import BlackBoxTable
 from stadimeter.core.decide import State
 from stadimeter.core.decision import EventKind
 from stadimeter.core.frame import Frame

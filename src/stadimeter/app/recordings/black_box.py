@@ -26,7 +26,7 @@ from stadimeter.app.persistence.resumption import state_text
 from stadimeter.app.recordings.record_file import delete_old
 from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 from stadimeter.app.recordings.recording import Entry, EntryEncoder, ImageOptions, Recorded, RecordingWriter
-from stadimeter.config.black_box_table import BlackBoxTable
+from stadimeter.config.optional_tables import BlackBoxTable
 from stadimeter.core.decide import State
 from stadimeter.core.frame import Frame
 from stadimeter.errors import JournalError, StadimeterError

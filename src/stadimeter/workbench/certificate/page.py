@@ -68,7 +68,8 @@ def summary_of(made: Certificate) -> Iterator[str]:
         yield f"The placements contradict each other more than those of 99 of 100 sites, {at}."
     near = f"from {length(reach.nearest_m)} " if reach.nearest_m else ""
     yield f"Reliable {near}to {length(reach.reliable_m)}: {RELIABLE}."
-    yield f"Nothing was measured beyond the farthest placement; by the error model it goes on to {length(reach.expected_m)}; there {reach.limit}."
+    beyond = f"by the error model it goes on to {length(reach.expected_m)}; there {reach.limit}"
+    yield f"Nothing was measured beyond the farthest placement; {beyond}."
 
 
 def describe_placement(each: Placement) -> str:

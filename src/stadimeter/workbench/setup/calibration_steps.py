@@ -328,10 +328,9 @@ def fit_lens(pictures: Sequence[PictureAt], choice: DriverChoice) -> tuple[Camer
     _check_found(fit.left_out, choice)
     if fit.calibration is None:
         raise CalibrationError("no picture can be used")
-    made = fit.calibration
-    reads = [f"{Path(each.picture).name} reads {each.residual_share:+.1%}" for each in made.pictures]
+    reads = [f"{Path(each.picture).name} reads {each.residual_share:+.1%}" for each in fit.calibration.pictures]
     several = ("With this, " + ", ".join(reads) + ".",) if len(reads) > 1 else ()
-    return made.camera_model, (*notes, *several)
+    return fit.calibration.camera_model, (*notes, *several)
 
 
 def _check_agreement(pictures: Sequence[PictureAt], choice: DriverChoice) -> None:
