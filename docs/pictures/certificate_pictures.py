@@ -7,6 +7,7 @@ import tempfile
 from pathlib import Path
 
 from msgspec.structs import replace
+from web_pages import save
 
 from stadimeter.config.loader import load_configuration
 from stadimeter.workbench.certificate.page import blocks_of, pages_of
@@ -16,17 +17,16 @@ from support.browser import chromium, served, tab
 
 HERE = Path(__file__).parent
 GUIDE = HERE.parent / "certificate.md"
-SIZE = (1120, 1240)
+SIZE = (1120, 1040)
 DATE = "2026-03-14 10:00+01:00"
 """Each picture would be another one every day."""
 
 
 def configuration_text() -> str:
     """Return the configuration that the guide shows."""
-    found = re.search(r"<!-- file: site.toml -->\n```toml\n(.*?)```", GUIDE.read_text(encoding="utf-8"), re.DOTALL)
-    if found is None:
-        raise SystemExit(f"{GUIDE} shows no site.toml")
-    return found[1]
+    pattern = r"<!-- file: site.toml -->\n```toml\n(.*?)```"
+    (text,) = re.findall(pattern, GUIDE.read_text(encoding="utf-8"), re.DOTALL)
+    return str(text)
 
 
 def make_certificate_pictures(folder: Path) -> None:
@@ -48,7 +48,7 @@ def make_certificate_pictures(folder: Path) -> None:
                 page.get_by_label("Distance").fill(f"{placed.tape_m} m")
                 page.get_by_role("button", name="Measure").click()
                 page.get_by_text(f"{placed.tape_m:g} m: seen in").wait_for()
-            page.screenshot(path=folder / "web-certificate.png")
+            save(page, folder / "web-certificate.png")
         made = replace(session.certificate, date=DATE)
         blocks = blocks_of("site.toml", made, list(session.site.reliances(made)))
         (folder / "certificate.svg").write_text(svg_of(pages_of(blocks)[0]), encoding="utf-8")

@@ -58,7 +58,7 @@ def _at(browser: Any, folder: Path, text: str | None, size: tuple[int, int], sch
 def _live(page: Any, path: Path) -> None:
     page.locator("canvas[data-drawn]").wait_for()
     page.wait_for_timeout(20_000)  # until the chart has a line
-    _save(page, path)
+    save(page, path)
 
 
 def _coloured(page: Any, path: Path) -> None:
@@ -93,7 +93,7 @@ def _edited(page: Any, path: Path) -> None:
     field.fill(field.input_value().replace('when = { below = "1 m" }', 'when = { below = "1 parsec" }'))
     page.get_by_text("1 error").wait_for()
     page.get_by_role("button", name="unknown unit").click()
-    _save(page, path)
+    save(page, path)
     field.fill(field.input_value().replace("1 parsec", "1 m"))
 
 
@@ -107,7 +107,7 @@ def _recorded(page: Any, path: Path) -> None:
     page.get_by_text("1.0 s of").wait_for()
     page.get_by_text("Measured").wait_for()
     page.wait_for_timeout(1000)
-    _save(page, path)
+    save(page, path)
 
 
 def _timeline(page: Any, path: Path) -> None:
@@ -141,7 +141,7 @@ def _set_up(page: Any, folder: Path) -> None:
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     page.get_by_role("button", name="Forget the clicks").wait_for()
     page.wait_for_timeout(1500)
-    _save(page, folder / "web-colour.png")
+    save(page, folder / "web-colour.png")
     go()
     asked("How far away is the ball?")
     go("Take it")
@@ -154,16 +154,16 @@ def _set_up(page: Any, folder: Path) -> None:
     asked("Nearer than what?")
     page.set_viewport_size({"width": TALL[0], "height": TALL[1]})
     page.wait_for_timeout(2000)
-    _save(page, folder / "web-wish.png")
+    save(page, folder / "web-wish.png")
     go()
     asked("drive?")
     page.get_by_role("radio", name="buzzer 23").check()
     page.get_by_alt_text("How the buzzer is wired to GPIO 23").wait_for()
     page.wait_for_timeout(2000)
-    _save(page, folder / "web-wiring.png")
+    save(page, folder / "web-wiring.png")
 
 
-def _save(page: Any, path: Path) -> None:
+def save(page: Any, path: Path) -> None:
     """Write what is in sight, with few colours."""
     shown = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
     shown.quantize(COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(path, optimize=True)

@@ -106,7 +106,7 @@ def test_a_wrong_focal_length_is_significant_and_named(site: Path) -> None:
     site.write_text(site.read_text().replace("fx_px = 600.0", "fx_px = 630.0"))
     result = run(site, "--at", "60cm,1m,2m", *given(site, "near", "middle", "far"))
     assert ": significant." in result.stdout.splitlines()[3]
-    assert "cannot be told apart" in result.stdout
+    assert "cannot be separated" in result.stdout
     assert "its size may be -4." in result.stdout
 
 

@@ -1,7 +1,7 @@
 """Simulated sites to certify: how often the truth is within what is stated, and which errors of the scale are found.
 
 ``python -m support.certified_sites`` in ``tests`` prints the figures of docs/certificate.md, from seeds that nothing
-was chosen by. `draw_site` draws what was read from the error model; `render_site` renders each placement and measures it.
+was chosen by. `draw_site` draws what was read from the error model; `render_site` renders placements and measures them.
 """
 
 from __future__ import annotations

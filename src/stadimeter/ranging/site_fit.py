@@ -17,7 +17,7 @@ n_i    noise of the reading: what is left of the scatter from frame to frame, an
 
 s and o are free. b has the prior distribution that the camera file states, so it enters as one more observation. With
 all covariances stated, the estimate is the generalised least squares one, and its covariance is the inverse of the
-normal matrix. z cannot be told from o and widens its interval alone.
+normal matrix. z looks like o, and widens its interval alone.
 """
 
 from __future__ import annotations

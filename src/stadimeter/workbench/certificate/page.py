@@ -29,7 +29,7 @@ GREY, BLUE, RED = "#bbbbbb", "#1f5fae", "#b3261e"
 
 # Sentences of certificates.
 ALIKE = (
-    "Focal length and size of the target cannot be told apart by distances: each scales all of them alike. Measure the"
+    "Focal length and size of the target cannot be separated by distances: each scales all of them alike. Measure the"
     " target again:"
 )
 CORRECT = "If that is right, certify again with --correct, which writes the focal length times"
@@ -68,8 +68,8 @@ def summary_of(made: Certificate) -> Iterator[str]:
         yield f"The placements contradict each other more than those of 99 of 100 sites, {at}."
     near = f"from {length(reach.nearest_m)} " if reach.nearest_m else ""
     yield f"Reliable {near}to {length(reach.reliable_m)}: {RELIABLE}."
-    beyond = f"by the error model it goes on to {length(reach.expected_m)}; there {reach.limit}"
-    yield f"Nothing was measured beyond the farthest placement; {beyond}."
+    on = f"by the error model it goes on to {length(reach.expected_m)}; there {reach.limit}"
+    yield f"Nothing was measured beyond the farthest placement; {on}."
 
 
 def describe_placement(each: Placement) -> str:
