@@ -505,3 +505,15 @@ def test_what_a_changed_configuration_publishes_no_more_is_forgotten_by_the_brok
     assert reporter.messages(1.0, lambda: NOON, decision(rules=[])) == ()
     back, available = reporter.messages(2.0, lambda: NOON, decision(rules=[near(RuleStatus.IDLE)]))
     assert (back.topic, available.payload) == (told.topic, "online")
+
+
+def test_distances_of_an_unconfirmed_mounting_are_marked_at_once_and_the_mark_goes_at_once() -> None:
+    reporter = Reporter(boot_id="1")
+    marks = [
+        [
+            json.loads(each.payload).get("mounting")
+            for each in reporter.messages(at_s, lambda: NOON, decision([ball()]), mark)
+        ]
+        for at_s, mark in ((0.0, ""), (0.1, "unconfirmed"), (0.2, "unconfirmed"), (0.3, ""))
+    ]
+    assert marks == [[None], ["unconfirmed"], [], [None]]

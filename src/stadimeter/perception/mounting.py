@@ -133,7 +133,7 @@ class MountingJudge(Struct):
             found["unrecognised"] = "nothing of the saved view is recognised: turned far, covered, or the room changed"
         agreeing = {cell for each in compared for cell in each.agreeing_cells}
         lost = {cell for each in compared for cell in each.lost_cells}
-        found |= self._dirt(agreeing, lost)
+        found |= self._dirt(agreeing, lost, compared[0].agreeing_cells)
         not_judged = "" if found or best.motion is None else _too_uncertain(best.motion, self.limits)
         has_learnt = not found and not not_judged and self._learn(look.view, best, blur_px2)
         return self._settle(found, not_judged, best=best, has_learnt=has_learnt)
@@ -150,7 +150,7 @@ class MountingJudge(Struct):
             change = float(np.median(self._sharpness)) - float(np.median(saved.features["sharpness"]))
             found = dict(self._refocused(change / saved.blur_slope, ROBOT_BLUR_PX2))
         agreeing = set(look.cells_with(look.view.features["place"], AGREEING_PER_CELL))
-        return self._settle(found | self._dirt(agreeing, {*range(CELLS)}), "")
+        return self._settle(found | self._dirt(agreeing, {*range(CELLS)}, agreeing), "")
 
     def _settle(self, found: dict[str, str], not_judged: str, **more: Any) -> Judgement:
         self._in_a_row = {kind: self._in_a_row.get(kind, 0) + 1 for kind in found}
@@ -173,11 +173,15 @@ class MountingJudge(Struct):
             way = "out of focus" if blur_px2 > 0 else "sharper than when it was saved"
             yield "refocused", f"{way} (a blur of {math.sqrt(abs(blur_px2)):.1f} px at 640 px across)"
 
-    def _dirt(self, agreeing: set[int], lost: set[int]) -> dict[str, str]:
-        """Return what is to be said of cells that always agreed, and have lost their contrast and agree no more."""
+    def _dirt(self, agreeing: set[int], lost: set[int], steady: frozenset[int] | set[int]) -> dict[str, str]:
+        """Return what is to be said of cells that always agreed, and have lost their contrast and agree no more.
+
+        Args:
+            steady: Those that agree with the saved view: later ones know the light of their hour, and its rims.
+        """
         dirty = sum(self.steadiness[cell] >= STEADY_SHARE for cell in lost - agreeing)
         if not dirty:  # else what dirt covers would soon count as plain
-            changes = ((cell in agreeing) - share for cell, share in enumerate(self.steadiness))
+            changes = ((cell in steady) - share for cell, share in enumerate(self.steadiness))
             self.steadiness = [s + c / STEADY_CHECKS for s, c in zip(self.steadiness, changes, strict=True)]
         words = f"dirt or something before the lens: {dirty} of {CELLS} parts of the picture lost contrast"
         return {"dirty": words} if dirty >= DIRTY_CELLS else {}

@@ -37,6 +37,7 @@ _SECTIONS = {
     "stays_off": "after_fault",
     "button_tables": "buttons",
     "sensor_tables": "sensors",
+    "tilt_sigma_rad": "camera.tilt",
 }
 
 
