@@ -49,7 +49,7 @@ class OtherAlarm(Struct, frozen=True):
     raised_unix_s: float | None = None
 
 
-class _Answer(Struct):
+class _OtherAlarms(Struct):
     alarms: list[OtherAlarm]
 
 
@@ -88,7 +88,7 @@ class OtherPage(Struct):
         try:
             status, body = self._get()
             if status == 200:
-                self.alarms, self.live_s = msgspec.json.decode(body, type=_Answer).alarms, time.monotonic()
+                self.alarms, self.live_s = msgspec.json.decode(body, type=_OtherAlarms).alarms, time.monotonic()
                 self.state, self.words = "live", ""
             else:
                 self.state = "no-run" if status == 503 else "refused"
