@@ -23,7 +23,7 @@ def test_the_lens_of_the_camera_is_that_of_the_stereo_file(tmp_path):
     assert configuration.camera_model == configuration.rig.left
     assert configuration.second_camera.driver == "simulated"
     assert "and from 0.12 m (0.4 ft) beside it with simulated." in describe(configuration)[0]
-    assert "stereo" in str(configuration_schema()["properties"]["second_camera"])
+    assert "stereo" in configuration_schema()["$defs"]["second_camera.opencv"]["required"]
 
 
 def test_a_camera_model_beside_a_stereo_file_is_refused(tmp_path):
