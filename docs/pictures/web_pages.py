@@ -67,7 +67,7 @@ def _coloured(page: Any, path: Path) -> None:
     page.get_by_text("On the ball").wait_for()
     page.get_by_label("Hue to", exact=True).fill("38")
     page.wait_for_timeout(5000)
-    _save(page, path)
+    save(page, path)
     page.keyboard.press("Escape")
 
 
@@ -83,7 +83,7 @@ def _two_cameras(browser: Any, folder: Path, path: Path) -> None:
             page.get_by_role("link", name=re.compile("silent")).wait_for()
             page.get_by_role("region", name="On all cameras").get_by_text("gate").wait_for()
             page.wait_for_timeout(1000)
-            _save(page, path)
+            save(page, path)
 
 
 def _edited(page: Any, path: Path) -> None:
@@ -117,7 +117,7 @@ def _timeline(page: Any, path: Path) -> None:
     box = page.locator(".u-over").bounding_box()
     page.mouse.click(box["x"] + box["width"] * 0.6, box["y"] + 60)
     page.get_by_role("region", name="The moment").get_by_role("heading", name="Rules").wait_for()
-    _save(page, path)
+    save(page, path)
 
 
 def _set_up(page: Any, folder: Path) -> None:

@@ -31,22 +31,49 @@ export function mount(root, { api, say }) {
     const take = () => api.post("certificate/take", { distance: distance.value, sigma: sigma.value });
     const finish = (correct) => ask("Writing …", () => api.post("certificate/finish", { correct }));
     const button = (words, onclick) => h("button", { type: "button", class: "button", onclick }, words);
-    replace(form,
+    replace(
+      form,
       h("p", null, HOW),
       h("div", { class: "row" }, field("Distance", distance), field("Known to ±", sigma)),
-      h("div", { class: "row" }, button("Measure", () => ask(WATCHING, take))),
-      h("ul", { class: "list" }, placements.map(({ words }) => h("li", null, words))),
-      placements.filter((each) => each.is_read).length > 2 && button("Write the certificate", () => finish(false)));
-    replace(found, certificate && drawCertificate(certificate, button("Correct the focal length", () => finish(true))));
+      h(
+        "div",
+        { class: "row" },
+        button("Measure", () => ask(WATCHING, take)),
+      ),
+      h(
+        "ul",
+        { class: "list" },
+        placements.map(({ words }) => h("li", null, words)),
+      ),
+      placements.filter((each) => each.is_read).length > 2 && button("Write the certificate", () => finish(false)),
+    );
+    replace(
+      found,
+      certificate &&
+        drawCertificate(
+          certificate,
+          button("Correct the focal length", () => finish(true)),
+        ),
+    );
   }
 }
 
 const drawCertificate = ({ date, outdated, words, rules, can_correct }, correct) =>
-  h("section", { class: "panel stack", "aria-label": "Certificate" },
+  h(
+    "section",
+    { class: "panel stack", "aria-label": "Certificate" },
     h("h2", null, `Measured ${date}`),
     outdated && h("p", { class: "banner is-warning" }, `Out of date: ${outdated}.`),
     words.map((each) => h("p", null, each)),
-    h("ul", { class: "list" }, rules.map((each) => h("li", null, `${each.words}: ${each.trouble || "carried"}`))),
-    h("div", { class: "row" },
+    h(
+      "ul",
+      { class: "list" },
+      rules.map((each) => h("li", null, `${each.words}: ${each.trouble || "carried"}`)),
+    ),
+    h(
+      "div",
+      { class: "row" },
       h("a", { href: "/api/v1/certificate.pdf", target: "_blank", class: "button" }, "As a PDF"),
-      can_correct && correct));
+      can_correct && correct,
+    ),
+  );

@@ -21,7 +21,7 @@ export function widget(step) {
   const isProof = question.key === "proof";
   const live = question.options.find(({ answer }) => LIVE.test(answer));
   if (!live && step.setup.state.pictures.length && !/not known/.test(question.text)) return distances(step);
-  if (!live) return (step.below = boardWay(step)), choices(step);
+  if (!live) return ((step.below = boardWay(step)), choices(step));
   const first = /^([\d.,]+)\s*(mm|cm|m|in|ft)/.exec(question.ready) ?? /^([\d.]+)\s*(m)/.exec(live.answer);
   const figure = h("input", {
     type: "text",
