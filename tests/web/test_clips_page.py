@@ -30,6 +30,7 @@ def test_an_alarm_leads_to_the_moment_of_its_clip_with_the_picture_beside_its_se
         link = page.locator(".alarms").get_by_role("link", name="Watch the clip")
         link.wait_for()
         link.click()
+        page.locator(".replay img").wait_for(state="attached")
         until(page, SHOWN_PICTURE)
         assert until(page, SHOWN_S) > 0.5
         (clip,) = (room.configuration.parent / "recordings" / "clips").glob("*.mcap")
