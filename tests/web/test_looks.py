@@ -10,7 +10,7 @@ import pytest
 from support.browser import DESKTOP, PHONE, TABLET, Served, served, tab
 from support.page_checks import faults_of, out_of_reach
 
-VIEWS = ("live", "timeline", "alarms", "recordings", "edit", "setup")
+VIEWS = ("live", "timeline", "alarms", "recordings", "edit", "setup", "certificate")
 
 
 @pytest.fixture(scope="module")
