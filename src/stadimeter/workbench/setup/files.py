@@ -102,7 +102,7 @@ class Wish(Struct, frozen=True, kw_only=True):
     lens: str = ""
     needs_several: bool = False
 
-    def given(self, answers: Mapping[str, str]) -> dict[str, str]:
+    def fill(self, answers: Mapping[str, str]) -> dict[str, str]:
         """Return what stands for each blank in its texts; the ready answer where there is none yet."""
         texts = {each: " ".join(answers.get(f"{self.key}_{each.key}", each.ready).split()) for each in self.blanks}
         return {blank.key: _WRITTEN.get(blank.kind, str)(text) for blank, text in texts.items()}
@@ -279,7 +279,7 @@ def configuration_files(answers: Mapping[str, str], camera_model: CameraModel, m
 
 def _settings(part: str, answers: Mapping[str, str]) -> dict[str, Any]:
     """Return the keys that the wishes add to a table: ``camera``, ``target`` or ``lens``."""
-    texts = [fill_blanks(getattr(wish, part), wish.given(answers)) for wish in find_wishes(answers)]
+    texts = [fill_blanks(getattr(wish, part), wish.fill(answers)) for wish in find_wishes(answers)]
     return tomllib.loads("\n".join(texts))
 
 
@@ -351,7 +351,7 @@ _WRITTEN: Mapping[str, Callable[[str], str]] = {
 
 
 def _rules(wish: Wish, answers: Mapping[str, str], output: str) -> str:
-    figures = {**wish.given(answers), "group": answers["target"]}
+    figures = {**wish.fill(answers), "group": answers["target"]}
     if wish.key == "parking":
         nearest, farthest = (parse_length(answers[f"parking_{key}"]) for key in ("stop", "slow"))
         figures["middle"] = f"{(nearest + farthest) / 2:.4g} m"
