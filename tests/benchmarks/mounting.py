@@ -18,7 +18,7 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 
-from stadimeter.perception.background import View, keep_still, look_at
+from stadimeter.perception.background import BackgroundView, keep_still, look_at
 from stadimeter.perception.mounting import CHECKS_IN_A_ROW, MountingJudge
 from support.watched_room import LENS, Pose, WatchedRoom
 
@@ -26,7 +26,7 @@ MINUTES = 24 * 60
 SAVED_AT = 10 * 60
 
 
-def saved_view(room: WatchedRoom, minute: float) -> View:
+def saved_view(room: WatchedRoom, minute: float) -> BackgroundView:
     """Return the view of a room as `stadimeter mounting save` would save it."""
     return keep_still([look_at(room.pair(minute + 0.01 * each), LENS) for each in range(3)])
 

@@ -43,7 +43,7 @@ GAP_S = 2.0
 NICE = 10
 
 
-class _Work(Struct, frozen=True):
+class _MountingWork(Struct, frozen=True):
     """Pictures to look at; after a confirmation they become the saved view."""
 
     frames: list[Frame]
@@ -85,7 +85,7 @@ class MountingWatch:
         self._hidden: list[NDArray[np.float64]] = []
         self._round = 0
         self._is_confirmed = self._is_busy = False
-        self._works: SimpleQueue[_Work | None] = SimpleQueue()
+        self._works: SimpleQueue[_MountingWork | None] = SimpleQueue()
         self._thread = threading.Thread(target=self._run, name="mounting", daemon=True)
 
     def start(self) -> None:
@@ -136,7 +136,7 @@ class MountingWatch:
 
     def _hand_over(self, now_s: float) -> None:
         self._is_busy = True
-        self._works.put(_Work(self._frames, self._hidden, self._round, self._is_confirmed))
+        self._works.put(_MountingWork(self._frames, self._hidden, self._round, self._is_confirmed))
         self._frames, self._due_s, self._is_confirmed = [], now_s + EVERY_S, False
 
     def _run(self) -> None:
@@ -150,7 +150,7 @@ class MountingWatch:
             finally:
                 self._is_busy = False
 
-    def _attend(self, work: _Work) -> None:
+    def _attend(self, work: _MountingWork) -> None:
         lens = self._lens.for_frame(work.frames[0])
         saved = load_reference(self._configuration)
         if saved is not None and saved.saved_unix_s != self._reference.saved_unix_s:  # by the command, meanwhile
@@ -163,7 +163,7 @@ class MountingWatch:
         else:
             self._take_in(work, self._judge.judge(look_at([each.image for each in work.frames], lens, work.hidden)))
 
-    def _take_in(self, work: _Work, found: Judgement) -> None:
+    def _take_in(self, work: _MountingWork, found: Judgement) -> None:
         self.newest = found
         if found.words:
             self._is_lasting = self._is_lasting or found.settled != {"dirty"}
@@ -181,7 +181,7 @@ class MountingWatch:
             with suppress(StadimeterError):  # it is learnt again after a restart
                 save_reference(self._configuration, self._reference)
 
-    def _save_anew(self, work: _Work) -> None:
+    def _save_anew(self, work: _MountingWork) -> None:
         """Save the view that a person has confirmed. If it cannot be, the mounting is unconfirmed again."""
         try:
             reference = make_reference(work.frames, self._lens, work.hidden)
@@ -196,11 +196,11 @@ class MountingWatch:
         self._judge = MountingJudge(list(reference.views), self._limits, list(reference.steadiness))
         self._is_lasting = False
 
-    def _not_judged(self, work: _Work, why: str) -> None:
+    def _not_judged(self, work: _MountingWork, why: str) -> None:
         if not self.mounting.is_unconfirmed:
             self._say(work, Mounting(status=MountingStatus.NOT_JUDGED, reason=why))
 
-    def _say(self, work: _Work, mounting: Mounting) -> None:
+    def _say(self, work: _MountingWork, mounting: Mounting) -> None:
         if work.round == self._round:  # else a person has confirmed what this says meanwhile
             self.mounting = mounting
 

@@ -22,7 +22,7 @@ from stadimeter.config.untrusted_file import is_file, read_untrusted
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame
 from stadimeter.errors import StateError, UnreadableError
-from stadimeter.perception.background import CELLS, FEATURE, View, keep_still, look_at
+from stadimeter.perception.background import CELLS, FEATURE, BackgroundView, keep_still, look_at
 
 # Eight views of 480 features take 240 kB.
 MAX_BYTES = 1_000_000
@@ -49,7 +49,7 @@ class MountingReference(Struct, frozen=True, kw_only=True):
     size_px: tuple[int, int]
     sensor: str
     lens: tuple[float, ...]
-    views: list[View]
+    views: list[BackgroundView]
     steadiness: list[float]
 
     def why_not_for(self, frame: Frame, lens: CameraModel) -> str:
@@ -134,7 +134,7 @@ def _read(path: Path) -> MountingReference:
     return found
 
 
-def _is_whole(view: View) -> bool:
+def _is_whole(view: BackgroundView) -> bool:
     if not view.data or len(view.data) % FEATURE.itemsize:
         return False
     numbers = [

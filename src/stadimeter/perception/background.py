@@ -81,7 +81,7 @@ MEDIAN_SIGMA_PER_MAD = 1.858
 FEATURE = np.dtype([("place", "<f8", 2), ("bits", "u1", 32), ("contrast", "<f4"), ("sharpness", "<f4")])
 
 
-class View(Struct, frozen=True, kw_only=True):
+class BackgroundView(Struct, frozen=True, kw_only=True):
     """The features of a view, ready for a file.
 
     Attributes:
@@ -107,7 +107,7 @@ class View(Struct, frozen=True, kw_only=True):
         return np.frombuffer(self.data, FEATURE)
 
 
-class Comparison(Struct, frozen=True, kw_only=True):
+class BackgroundComparison(Struct, frozen=True, kw_only=True):
     """What a view says of the camera, compared with an earlier one.
 
     Attributes:
@@ -136,19 +136,19 @@ class Comparison(Struct, frozen=True, kw_only=True):
         return f"{self.motion.in_words()}, blur {self.blur_px2:+.2f} ± {self.blur_sigma_px2:.2f} px²"
 
 
-class Look(Struct, frozen=True, kw_only=True, eq=False):
+class BackgroundLook(Struct, frozen=True, kw_only=True, eq=False):
     """Two pictures of one moment, prepared: their view, and the maps that other views are compared on.
 
     Attributes:
         lens: The camera model at the resolution that is looked at.
     """
 
-    view: View
+    view: BackgroundView
     lens: CameraModel
     contrast: Plane
     is_hidden: NDArray[np.bool_]
 
-    def compare(self, view: View) -> Comparison:
+    def compare(self, view: BackgroundView) -> BackgroundComparison:
         """Return what differs from an earlier view."""
         then, now, found = view.features, self.view.features, None
         for within in (NEAR, math.inf):
@@ -157,12 +157,12 @@ class Look(Struct, frozen=True, kw_only=True, eq=False):
             if found is not None:
                 break
         else:
-            return Comparison()
+            return BackgroundComparison()
         motion, agrees = found
         sharpness = now["sharpness"][ours[agrees]] - then["sharpness"][theirs[agrees]]
         middle = float(np.median(sharpness))
         sigma = MEDIAN_SIGMA_PER_MAD * float(np.median(np.abs(sharpness - middle))) / motion.inliers**0.5
-        return Comparison(
+        return BackgroundComparison(
             motion=motion,
             blur_px2=middle / view.blur_slope,
             blur_sigma_px2=sigma / abs(view.blur_slope),
@@ -171,7 +171,7 @@ class Look(Struct, frozen=True, kw_only=True, eq=False):
         )
 
     def cells_with(self, places: NDArray[np.float64], count: int) -> frozenset[int]:
-        """Return the cells of the picture in which there are so many of some directions at least."""
+        """Return the cells of the picture in which there are `count` of some directions at least."""
         return frozenset(np.flatnonzero(np.bincount(self._cells(self.lens.project(places))) >= count).tolist())
 
     def _lost_cells(self, then: NDArray[Any], expected: NDArray[np.float64]) -> frozenset[int]:
@@ -192,7 +192,7 @@ class Look(Struct, frozen=True, kw_only=True, eq=False):
         return np.asarray(x * CELLS_ACROSS // width_px + CELLS_ACROSS * (y * CELLS_DOWN // height_px), np.int64)
 
 
-def look_at(pair: Sequence[Image], lens: CameraModel, hidden: Sequence[NDArray[np.float64]] = ()) -> Look:
+def look_at(pair: Sequence[Image], lens: CameraModel, hidden: Sequence[NDArray[np.float64]] = ()) -> BackgroundLook:
     """Prepare two pictures of one moment.
 
     Args:
@@ -219,11 +219,11 @@ def look_at(pair: Sequence[Image], lens: CameraModel, hidden: Sequence[NDArray[n
     features["bits"] = np.array([bits for _, bits in found], np.uint8).reshape(-1, 32)
     features["contrast"], features["sharpness"] = contrast[row, column], sharpness[row, column]
     slope = _blur_slope(planes, sharpness, column, row)
-    view = View(data=features.tobytes(), blur_slope=slope, brightness=float(one.mean()))
-    return Look(view=view, lens=small, contrast=contrast, is_hidden=mask == 0)
+    view = BackgroundView(data=features.tobytes(), blur_slope=slope, brightness=float(one.mean()))
+    return BackgroundLook(view=view, lens=small, contrast=contrast, is_hidden=mask == 0)
 
 
-def keep_still(looks: Sequence[Look]) -> View:
+def keep_still(looks: Sequence[BackgroundLook]) -> BackgroundView:
     """Return what is in all of some views of a camera that stood still.
 
     Raises:

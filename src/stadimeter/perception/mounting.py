@@ -31,7 +31,15 @@ from msgspec import Struct, field
 from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.perception.background import AGREEING_PER_CELL, CELLS, MIN_FEATURES, NEAR, Comparison, Look, View
+from stadimeter.perception.background import (
+    AGREEING_PER_CELL,
+    CELLS,
+    MIN_FEATURES,
+    NEAR,
+    BackgroundComparison,
+    BackgroundLook,
+    BackgroundView,
+)
 from stadimeter.ranging.view_motion import ViewMotion
 
 # What is certain to be found by features at whole pixels, and no more than a camera needs: 0.12 degrees are a pixel of
@@ -64,7 +72,7 @@ DARK = 12.0
 
 
 class MountingLimits(Struct, frozen=True, kw_only=True):
-    """By how much the mounting may be off: what the calibration states, and no less than can be told.
+    """By how much the mounting may be off: what the calibration states, and no less than can be measured.
 
     Attributes:
         judges_place: Whether the place is judged: not of a camera on a robot.
@@ -92,7 +100,7 @@ class Judgement(Struct, frozen=True, kw_only=True):
     settled: frozenset[str] = frozenset()
     words: str = ""
     not_judged: str = ""
-    best: Comparison | None = None
+    best: BackgroundComparison | None = None
     has_learnt: bool = False
 
 
@@ -104,16 +112,16 @@ class MountingJudge(Struct):
         steadiness: Of each cell of the picture, in which share of the last checks it agreed.
     """
 
-    views: list[View]
+    views: list[BackgroundView]
     limits: MountingLimits = field(default_factory=MountingLimits)
     steadiness: list[float] = field(default_factory=lambda: [0.0] * CELLS)
     _in_a_row: dict[str, int] = field(default_factory=dict)
     _seen_at: list[int] = field(default_factory=list)
     _checks: int = 0
-    _last: View | None = None
+    _last: BackgroundView | None = None
     _sharpness: deque[float] = field(default_factory=lambda: deque(maxlen=ROBOT_CHECKS))
 
-    def judge(self, look: Look) -> Judgement:
+    def judge(self, look: BackgroundLook) -> Judgement:
         """Take in a view; return what it says."""
         self._checks += 1
         self._seen_at += [0] * (len(self.views) - len(self._seen_at))
@@ -122,7 +130,7 @@ class MountingJudge(Struct):
             return Judgement(not_judged="the picture is too dark" if look.view.brightness < DARK else few)
         return self._judge_place(look) if self.limits.judges_place else self._judge_on_robot(look)
 
-    def _judge_place(self, look: Look) -> Judgement:
+    def _judge_place(self, look: BackgroundLook) -> Judgement:
         compared = [look.compare(each) for each in self.views]
         at = max(range(len(compared)), key=lambda each: compared[each].matched)
         best = compared[at]
@@ -138,7 +146,7 @@ class MountingJudge(Struct):
         has_learnt = not found and not not_judged and self._learn(look.view, best, blur_px2)
         return self._settle(found, not_judged, best=best, has_learnt=has_learnt)
 
-    def _judge_on_robot(self, look: Look) -> Judgement:
+    def _judge_on_robot(self, look: BackgroundLook) -> Judgement:
         same = None if self._last is None else look.compare(self._last).motion
         if same is not None and same.rotation_rad < NEAR:
             return Judgement(not_judged="the robot stands where it stood at the last check")
@@ -186,7 +194,7 @@ class MountingJudge(Struct):
         words = f"dirt or something before the lens: {dirty} of {CELLS} parts of the picture lost contrast"
         return {"dirty": words} if dirty >= DIRTY_CELLS else {}
 
-    def _learn(self, view: View, best: Comparison, blur_px2: float) -> bool:
+    def _learn(self, view: BackgroundView, best: BackgroundComparison, blur_px2: float) -> bool:
         """Keep a view that is little like any other, if the mounting is well within its limits; return whether."""
         motion = best.motion
         if motion is None or best.matched > LEARN_BELOW * view.count:

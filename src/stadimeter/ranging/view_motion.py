@@ -6,8 +6,8 @@ and the logarithm of the factor are fitted by Gauss and Newton's method with Tuk
 Ronchetti, "Robust Statistics", 2009), from a start that RANSAC finds.
 
 A shift of the principal point looks like a turn of the camera to within the second order of the angle, so the two are
-not told apart: either makes bearings wrong by as much. A camera that was moved sideways shifts near things further than
-far ones: no turn explains that, and it shows in the residual.
+not distinguished: either makes bearings wrong by as much. A camera that was moved sideways shifts near things further
+than far ones: no turn explains that, and it shows in the residual.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class ViewMotion(Struct, frozen=True, kw_only=True):
 def fit_view_motion(
     before: Directions, now: Directions, focal_px: float, min_inliers: int
 ) -> tuple[ViewMotion, NDArray[np.bool_]] | None:
-    """Return how the camera moved and which matches agree; None if fewer than so many do.
+    """Return how the camera moved and which matches agree; None if fewer than `min_inliers` do.
 
     Args:
         before: Directions of matched features in the earlier view, shape (n, 2).
