@@ -30,9 +30,9 @@ from stadimeter.app.control.recording import RecordingOnRequest
 from stadimeter.app.control.reloading import Reloader, Restarter, build_parts
 from stadimeter.app.control.requests import Act, Control, Requests
 from stadimeter.app.control.socket_server import Answer
+from stadimeter.app.introduction import colours_of, introduction
 from stadimeter.app.live.health import Board
 from stadimeter.app.live.history import RunHistory, Seen, newer
-from stadimeter.app.live.introduction import colours_of, introduction
 from stadimeter.app.live.pictures import Pictures, drawn
 from stadimeter.app.live.snapshot import LiveFeed, RunSnapshot, Surroundings
 from stadimeter.app.live.snapshot_json import ReasonsInTurn, events_json, frame_data, samples_json, shared_json
