@@ -1,0 +1,91 @@
+"""Marks in recordings: where an alarm should have fired, and where not."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from msgspec import Struct
+
+from stadimeter.config.units import parse_duration
+from stadimeter.errors import ConfigError, Problem
+
+# A person who points at a moment is this far off.
+MOMENT_S = 1.0
+
+# An alarm that is raised at most this long before a marked span is the one that is meant.
+EARLY_S = 2.0
+
+# When it was raised, and when it was cleared, since the beginning of the recording.
+Firing = tuple[float, float]
+
+_MARK = re.compile(r"(?P<recording>[^@]+)@(?P<from>[^@]+?)(?:\.\.(?P<to>[^@]+?))?\s+(?P<what>fire|no)")
+
+
+class Mark(Struct, frozen=True, kw_only=True):
+    """A moment or a span of a recording.
+
+    A span that should have fired wants an alarm raised in it; a moment, one that stands. Where it should not have, no
+    alarm may stand, except one that was raised before, and that another mark wants.
+
+    Attributes:
+        recording: The name of its file.
+        to_s: The end of a span; equal to `from_s` for a moment.
+    """
+
+    recording: str
+    from_s: float
+    to_s: float
+    should_fire: bool
+
+    @property
+    def is_moment(self) -> bool:
+        """Whether it is a moment, not a span."""
+        return self.from_s == self.to_s
+
+    @property
+    def words(self) -> str:
+        """The mark as it is written for ``teach --mark``."""
+        span = "" if self.is_moment else f"..{self.to_s:.4g}s"
+        return f"{self.recording}@{self.from_s:.4g}s{span} {'fire' if self.should_fire else 'no'}"
+
+    def touches(self, firing: Firing) -> bool:
+        """Return whether an alarm stood in it, or nearly."""
+        off_s = MOMENT_S if self.is_moment else 0.0
+        return firing[0] <= self.to_s + off_s and firing[1] >= self.from_s - off_s
+
+    def wants(self, firing: Firing) -> bool:
+        """Return whether an alarm is the one that should have fired."""
+        if not self.should_fire:
+            return False
+        return self.touches(firing) if self.is_moment else self.from_s - EARLY_S <= firing[0] <= self.to_s
+
+
+def parse_mark(text: str) -> Mark:
+    """Read a mark such as ``run.mcap@14.2s fire`` or ``run.mcap@14s..20s no``; `ConfigError` if it is none."""
+    match = _MARK.fullmatch(text.strip())
+    try:
+        if match is None:
+            raise ValueError(f"{text!r} is no mark")
+        from_s = parse_duration(match["from"])
+        to_s = parse_duration(match["to"]) if match["to"] else from_s
+        if to_s < from_s:
+            raise ValueError(f"{text!r} ends before it begins")
+    except ValueError as error:
+        hint = 'write a moment, "run.mcap@14.2s fire", or a span, "run.mcap@14s..20s no"'
+        raise ConfigError([Problem(str(error), hint=hint)]) from error
+    return Mark(recording=match["recording"], from_s=from_s, to_s=to_s, should_fire=match["what"] == "fire")
+
+
+def is_met(mark: Mark, firings: Sequence[Firing], marks: Sequence[Mark]) -> bool:
+    """Return whether an alarm did what a mark says.
+
+    Args:
+        marks: All of its recording.
+    """
+    if mark.should_fire:
+        return any(mark.wants(firing) for firing in firings)
+    return not any(
+        mark.touches(firing) and not (firing[0] < mark.from_s and any(each.wants(firing) for each in marks))
+        for firing in firings
+    )
