@@ -23,8 +23,6 @@ from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.rule import AlarmRule
 from stadimeter.errors import ConfigError, Problem
 
-SIGMAS = "deadband_sigmas"
-
 
 class RuleSetting(Struct, frozen=True, kw_only=True):
     """One that can be changed.
@@ -114,7 +112,10 @@ def _deadbands(alarm: AlarmRule, written: list[WrittenCondition]) -> Iterator[tu
         path = each.limits_path
         yield f"{where}deadband", RuleSetting(path=(*path, "deadband"), value=leaf.deadband, unit=leaf.unit)
         if leaf.probability_on is not None or leaf.deadband_sigmas:
-            yield f"{where}{SIGMAS}", RuleSetting(path=(*path, SIGMAS), value=leaf.deadband_sigmas, unit="")
+            yield (
+                f"{where}deadband_sigmas",
+                RuleSetting(path=(*path, "deadband_sigmas"), value=leaf.deadband_sigmas, unit=""),
+            )
 
 
 def _is_comparison(written: WrittenCondition) -> bool:
@@ -128,6 +129,6 @@ def _path_of(written: WrittenCondition, key: str) -> KeyPath:
     last = key.rpartition(".")[2]
     if "between" not in key:
         return (*path, last)
-    table = written.table if path == written.path else written.table[path[-1]]
+    table = written.table if path == written.path else written.table[str(path[-1])]
     is_upper = last in {"far", "high"}
     return (*path, "between", int(is_upper)) if "between" in table else (*path, "below" if is_upper else "above")

@@ -184,7 +184,7 @@ class Tally(Struct):
                 self._least_m[name] = min(distance_m, self._least_m.get(name, math.inf))
 
     def with_rules(self, plan: Plan, others: Tally) -> Tally:
-        """Return the tally of a plan whose rules differ in some, which were judged apart: those of the plan of `others`."""
+        """Return the tally of a plan of which some rules differ, and were judged apart: those of `others`."""
         judged_apart = {rule.name for rule in others.plan.rules}
         events = [event for event in self.events if event.source not in judged_apart]
         least_m = {name: each_m for name, each_m in self._least_m.items() if name not in judged_apart}

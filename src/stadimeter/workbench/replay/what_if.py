@@ -4,7 +4,7 @@ What rules are judged by in a cycle (tracks, the frame, the time of day, command
 they decide, unless a base is driven. So a recording is decided on once, what its rules were judged by is kept, and of a
 changed configuration only those rules are judged again that changed, that ask for one that did, or belong to a group
 with one; and those that these ask for. `judged_apart` says which, and where that is not certain to be the same, it
-says so: then everything is decided again (`stadimeter.workbench.replay.lanes.SideBySide`).
+says so: then everything is decided again.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from stadimeter.core.rules.layout import asks_for
 from stadimeter.core.rules.quiescence import MAX_WOKEN
 from stadimeter.core.rules.scheduler import EvaluatedRules, judge, with_steps
 from stadimeter.errors import JournalError
-from stadimeter.workbench.replay.lanes import Lane, Point, ReplaySide
-from stadimeter.workbench.replay.replay import AnyRecording, first_state, without_collector
+from stadimeter.workbench.replay.lanes import Point, ReplaySide
+from stadimeter.workbench.replay.replay import AnyRecording, decisions, first_state, without_collector
 from stadimeter.workbench.replay.replay_figures import Tally
 
 # The cycles that are kept of all recordings together, times the targets: 20 minutes of one target at 30 a second. One
@@ -108,11 +108,22 @@ class KeptRecording:
             state = after
             yield
 
+    def decide_with(self, plan: Plan) -> ReplaySide:
+        """Return what another plan would have decided on the cycles that are kept."""
+        rules = judged_apart(self.configuration.plan, plan)
+        if rules is not None:
+            return self.judge_apart(plan, rules)
+        side = ReplaySide(Tally(plan))
+        with without_collector():
+            for cycle, (_, observation, decision) in zip(self.cycles, decisions(self.recording, plan), strict=False):
+                side.add(cycle.at_s, observation, decision)
+        return side
+
     def judge_apart(self, plan: Plan, rules: tuple[int, ...]) -> ReplaySide:
         """Return what a plan would have decided, of which these rules alone are judged again; see `judged_apart`."""
         some = replace(plan, rules=tuple(plan.rules[index] for index in rules))
         names = frozenset(rule.name for rule in some.rules)
-        side = ReplaySide(Tally(some), {name: Lane() for name in names})
+        side = ReplaySide(Tally(some), {name: lane for name, lane in self.side.rules.items() if name not in names})
         before = _first_rules(first_state(self.recording, plan), some, rules)
         active: tuple[bool | None, ...] = ()
         with without_collector():

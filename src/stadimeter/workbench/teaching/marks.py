@@ -63,17 +63,16 @@ class Mark(Struct, frozen=True, kw_only=True):
 
 def parse_mark(text: str) -> Mark:
     """Read a mark such as ``run.mcap@14.2s fire`` or ``run.mcap@14s..20s no``; `ConfigError` if it is none."""
+    hint = 'write a moment, "run.mcap@14.2s fire", or a span, "run.mcap@14s..20s no"'
     match = _MARK.fullmatch(text.strip())
+    if match is None:
+        raise ConfigError([Problem(f"{text!r} is no mark", hint=hint)])
     try:
-        if match is None:
-            raise ValueError(f"{text!r} is no mark")
-        from_s = parse_duration(match["from"])
-        to_s = parse_duration(match["to"]) if match["to"] else from_s
-        if to_s < from_s:
-            raise ValueError(f"{text!r} ends before it begins")
+        from_s, to_s = (parse_duration(each) for each in (match["from"], match["to"] or match["from"]))
     except ValueError as error:
-        hint = 'write a moment, "run.mcap@14.2s fire", or a span, "run.mcap@14s..20s no"'
-        raise ConfigError([Problem(str(error), hint=hint)]) from error
+        raise ConfigError([Problem(f"{text!r} is no mark: {error}", hint=hint)]) from error
+    if to_s < from_s:
+        raise ConfigError([Problem(f"{text!r} ends before it begins", hint=hint)])
     return Mark(recording=match["recording"], from_s=from_s, to_s=to_s, should_fire=match["what"] == "fire")
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
+from itertools import pairwise
 from operator import itemgetter
 from statistics import NormalDist
 
@@ -49,14 +50,34 @@ class Signal(Struct, frozen=True, kw_only=True, eq=False):
         sure = condition.probability_on
         if sure is not None and is_on:
             sure = min(sure, condition.probability_off)
-        # A figure is below a threshold with a probability p if it is p's quantile of standard deviations below it.
-        guard = 0.0 if sure is None else NormalDist().inv_cdf(sure) * self.sigma
+        guard = self._guard(sure)
         inside = np.ones(len(self.value), np.bool_)
         for limit, side in ((high, 1.0), (low, -1.0)):
             if np.isfinite(limit):
                 band = self._deadband(condition, limit) if is_on else 0.0
                 inside &= side * (self.value - limit) + guard <= band
         return inside
+
+    def crossed_at(self, condition: LimitsCondition, side: float) -> Floats:
+        """Return the least threshold, times the side (-1 for a lower one), with which a condition would begin there."""
+        found: Floats = side * self.value + self._guard(condition.probability_on)
+        return found
+
+    def lengths(self, flags: Flags, tolerance: DelayTolerance) -> set[float]:
+        """Return how long each stretch is that holds."""
+        return {float(self.judged_s[last] - self.judged_s[first]) for first, last in self.runs(flags, tolerance)}
+
+    def way_off(self, condition: LimitsCondition, from_s: float, to_s: float) -> float:
+        """Return how far beyond a threshold the figure went in a time."""
+        begin, end = np.searchsorted(self.at_s, [from_s, to_s])
+        low, high = condition.limits
+        gone = np.maximum(self.value - high, low - self.value)[begin:end]
+        return float(gone.max(initial=0.0))
+
+    def _guard(self, sure: float | None) -> Floats:
+        """Return by how much a figure must be inside: p's quantile of standard deviations, for a probability p."""
+        found: Floats = (0.0 if sure is None else NormalDist().inv_cdf(sure)) * self.sigma
+        return found
 
     def _deadband(self, condition: LimitsCondition, limit: float) -> Floats:
         scale = np.ones(len(self.value))
@@ -71,7 +92,7 @@ class Signal(Struct, frozen=True, kw_only=True, eq=False):
         found: list[tuple[int, int]] = []
         for first, end in zip(edges[::2], edges[1::2], strict=True):
             parts = [first, *self.begins[(self.begins > first) & (self.begins < end)].astype(int).tolist(), end]
-            for start, stop in zip(parts, parts[1:], strict=False):
+            for start, stop in pairwise(parts):
                 if found and start == first and self._is_forgiven(found[-1][1], start, tolerance):
                     found[-1] = found[-1][0], stop - 1
                 else:
