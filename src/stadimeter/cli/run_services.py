@@ -25,6 +25,7 @@ from stadimeter.app.service import (
     write_safe_outputs,
 )
 from stadimeter.app.service_folders import state_directory
+from stadimeter.config.models import TIMELINE_S, TimelineTable
 
 if TYPE_CHECKING:
     from stadimeter.app.loop import Loop
@@ -69,8 +70,15 @@ def open_services(loop: Loop, options: RunOptions, *, is_quiet: bool = False) ->
         services.time_of_day = TimeOfDay(
             is_live=loop.parts.is_live, is_right=is_right, shown=lambda now: wall_time(now, loop.parts.configuration)
         )
-        if state_directory() is not None:
-            closing.enter_context(_open_event_log(loop, is_right))
+        events = event_log_path(loop.parts.configuration.path)
+        if keep_s := _timeline_s(loop.parts.configuration.timeline):
+            from stadimeter.app.timeline.keeper import keep_timeline  # noqa: PLC0415 - few runs at a desk keep one
+            from stadimeter.app.timeline.rows import event_log_beside  # noqa: PLC0415
+
+            folder = closing.enter_context(keep_timeline(loop.listeners, loop.parts.configuration.path, keep_s))
+            events = events or event_log_beside(folder)
+        if events is not None:
+            closing.enter_context(_open_event_log(loop, is_right, events))
         _list_safe_outputs(loop)
         closing.enter_context(_watchdog_process(loop))
         if options.service is not None:
@@ -108,14 +116,15 @@ def _notify_systemd(loop: Loop, service: Service) -> Iterator[None]:
         service.ended_as_asked()
 
 
+def _timeline_s(table: TimelineTable | None) -> float:
+    """Return for how long a timeline is kept; in a service also without a table. 0 for none."""
+    return table.keep if table is not None else TIMELINE_S if state_directory() is not None else 0.0
+
+
 @contextmanager
-def _open_event_log(loop: Loop, is_right: Callable[[], bool]) -> Iterator[None]:
+def _open_event_log(loop: Loop, is_right: Callable[[], bool], path: Path) -> Iterator[None]:
     """Keep the event log of a run."""
     configuration, tell = loop.parts.configuration.path, loop.services.tell
-    path = event_log_path(configuration)
-    if path is None:
-        yield
-        return
     log = EventLog(path, is_right=is_right)
 
     def tell_and_log(words: str) -> None:

@@ -133,6 +133,7 @@ class Draft(ChosenDrivers, Struct, kw_only=True):
     safety: models.SafetyTable = field(default_factory=models.SafetyTable)
     web: models.WebTable | None = None
     recording: models.RecordingTable | None = None
+    timeline: models.TimelineTable | None = None
     place: models.PlaceTable | None = None
     landmarks: Landmarks | None = None
     rules: dict[str, RuleTable] = field(default_factory=dict)
@@ -331,6 +332,8 @@ class _Reader:
                 self.draft.landmarks, self.draft.drivers["landmarks",] = found
         if (recording := self._table("recording")) is not None:
             self.draft.recording = self._validated(models.RecordingTable, ("recording",), recording)
+        if (timeline := self._table("timeline")) is not None:
+            self.draft.timeline = self._validated(models.TimelineTable, ("timeline",), timeline)
 
     def _rules(self) -> None:
         for name, table in self._named("figures"):

@@ -26,6 +26,7 @@ from stadimeter.config.models import (
     PlaceTable,
     RecordingTable,
     SensorTable,
+    TimelineTable,
     WebTable,
 )
 from stadimeter.config.plugins import DriverChoice
@@ -77,6 +78,7 @@ class Configuration(ChosenDrivers, Struct, frozen=True, kw_only=True, eq=False):
         sensor_tables: Where each range sensor looks, and what it keeps the base from, by its name.
         web: The page on which a browser sees the run; None for none.
         recording: What the run keeps by itself; None for nothing.
+        timeline: What it keeps for the page's timeline; None for what is usual.
         footings: What is known of each target that is on the floor, by its name.
         mount: Where the camera sits on a robot; None for on none.
         place: Where it is, for schedules; None for anywhere, in the time zone of the computer.
@@ -101,6 +103,7 @@ class Configuration(ChosenDrivers, Struct, frozen=True, kw_only=True, eq=False):
     sensor_tables: Mapping[str, SensorTable] = field(default_factory=dict)
     web: WebTable | None = None
     recording: RecordingTable | None = None
+    timeline: TimelineTable | None = None
     footings: Mapping[str, Footing] = field(default_factory=dict)
     mount: Mount | None = None
     place: PlaceTable | None = None
@@ -161,6 +164,7 @@ def load_configuration(path: Path, *, with_tests: bool = True, texts: Texts | No
         sensor_tables=draft.sensor_tables,
         web=draft.web,
         recording=draft.recording,
+        timeline=draft.timeline,
         footings=_footings(draft),
         mount=draft.camera_table.on_robot(),
         place=draft.place,

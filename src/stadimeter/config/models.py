@@ -43,6 +43,9 @@ LEASE_S = 0.3
 
 # The longest that a run keeps by itself: some 1 GB at 30 Hz.
 
+# How long a timeline is kept unless the configuration says otherwise, and the longest.
+TIMELINE_S, TIMELINE_MAX_S = 7 * DAY_S, 31 * DAY_S
+
 # The longest that a long press may have to be: a button that is held for much longer is stuck.
 HOLD_MAX_S = 5.0
 
@@ -54,7 +57,7 @@ _SAFETY = plan.Safety()
 # Every section that a configuration may have.
 SECTIONS = (
     "camera", "targets", "actuators", "base", "sensors", "status_led", "buttons", "messenger", "notifiers", "world",
-    "tracking", "safety", "web", "recording", "place", "landmarks", "figures", "rules", "tests",
+    "tracking", "safety", "web", "recording", "timeline", "place", "landmarks", "figures", "rules", "tests",
 )  # fmt: skip
 
 
@@ -305,6 +308,13 @@ class RecordingTable(Section):
 
     last: Annotated[Duration, Field(ge=60.0, le=DAY_S)]
     """For how long at least it keeps each cycle, without pictures."""
+
+
+class TimelineTable(Section):
+    """What a run keeps of its past for the timeline of the page: distances second by second, and states of rules."""
+
+    keep: Annotated[Duration, Field(le=TIMELINE_MAX_S)] = TIMELINE_S
+    """For how long; `"0 s"` keeps nothing."""
 
 
 class TrackingTable(Section):

@@ -43,6 +43,7 @@ _TABLES: dict[str, type[BaseModel]] = {
     "safety": models.SafetyTable,
     "web": models.WebTable,
     "recording": models.RecordingTable,
+    "timeline": models.TimelineTable,
     "place": models.PlaceTable,
     "landmarks": LandmarksTable,
 }

@@ -61,7 +61,9 @@ LENGTHS_M = Units(MAX_LENGTH_M, {
     "ft": FOOT_M, "foot": FOOT_M, "feet": FOOT_M, "'": FOOT_M,
     "yd": 0.9144,
 })  # fmt: skip
-DURATIONS_S = Units(MAX_DURATION_S, {"us": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0, "min": 60.0, "h": 3600.0})
+DURATIONS_S = Units(MAX_DURATION_S, {
+    "us": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0, "min": 60.0, "h": 3600.0, "d": DAY_S,
+})  # fmt: skip
 SPEEDS_MPS = Units(MAX_SPEED_MPS, {
     "mm/s": 1e-3, "cm/s": 1e-2, "m/s": 1.0, "km/h": 1 / 3.6, "in/s": INCH_M, "ft/s": FOOT_M, "mph": 0.44704,
 })  # fmt: skip

@@ -166,6 +166,18 @@ PAGE_OPERATIONS: tuple[PageOperation, ...] = (
             "fault": "text", "release": "boolean",
         },
     ),
+    _desk(
+        "GET", "timeline", "timeline.timeline", "Distances, states of rules, and events from one time to another",
+        right=Right.READ, answer="Timeline", query={"from": "number", "to": "number", "points": "integer"},
+    ),
+    _desk(
+        "GET", "timeline/marks", "timeline_moment.marks", "The recordings of a time, and the thresholds of the rules",
+        right=Right.READ, answer="TimelineMarks", query={"from": "number", "to": "number"},
+    ),
+    _desk(
+        "GET", "timeline/moment", "timeline_moment.moment", "What is known of a moment: why each rule acted, or not",
+        right=Right.READ, answer="TimelineMoment", query={"at": "number"}, wait_s=LONG_WAIT_S,
+    ),
     _desk("GET", "recordings", "recordings.recordings", "The recordings", right=Right.READ, answer="Recordings"),
     _run("recordings", "record", "Begin or end a recording", body={"do": "start|stop"}),
     _own(

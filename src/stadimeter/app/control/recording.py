@@ -271,11 +271,9 @@ class RecordingOnRequest:
         threading.Thread(target=_finish, args=(begun, answer), name="end recording", daemon=True).start()
 
 
-def delete_old(folder: Path, keep_s: float, folder_bytes: int) -> None:
-    """Delete the recordings of a folder that ended longer ago, and the oldest while all together are too large."""
-    newest_first = sorted(
-        ((file.stat(), file) for file in folder.glob(f"*{ENDING}")), key=lambda each: -each[0].st_mtime
-    )
+def delete_old(folder: Path, keep_s: float, folder_bytes: int, names: str = f"*{ENDING}") -> None:
+    """Delete the files of a folder that ended longer ago, and the oldest while all together are too large."""
+    newest_first = sorted(((file.stat(), file) for file in folder.glob(names)), key=lambda each: -each[0].st_mtime)
     total_bytes = 0
     for about, file in newest_first:
         total_bytes += about.st_size

@@ -8,6 +8,7 @@ import { Live } from "./live_stream.js";
 
 const VIEWS = {
   live: { name: "Live", isOfRun: true, load: () => import("./views/live/index.js") },
+  timeline: { name: "Timeline", load: () => import("./views/timeline/index.js") },
   setup: { name: "Set-up", load: () => import("./views/setup/index.js"), right: "operate" },
   edit: { name: "Edit", load: () => import("./views/edit/index.js"), right: "operate" },
   recordings: { name: "Recordings", load: () => import("./views/recordings.js") },

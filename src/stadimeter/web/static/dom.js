@@ -44,6 +44,7 @@ export const icon = (name) =>
 
 const ICONS = {
   live: "M3 12h4l3-8 4 16 3-8h4",
+  timeline: "M3 20h18M3 16l5-6 4 4 5-9 4 5",
   setup: "M12 8.5a3.5 3.5 0 1 0 0 7 3.5 3.5 0 0 0 0-7M12 2v4M12 18v4M2 12h4M18 12h4",
   edit: "M4 20h4L19 9l-4-4L4 16zM13 7l4 4",
   recordings: "M4 5h16v14H4zM10 9v6l5-3z",

@@ -12,15 +12,13 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from stadimeter.app.control.client import HELLO_WAIT_S, ask
-from stadimeter.app.control.recording import recordings_folder
 from stadimeter.app.recordings.journal import Journal, JournalHeader
 from stadimeter.config.untrusted_file import JSON_MAX_BYTES, open_untrusted
-from stadimeter.errors import ControlError, JournalError, NotThereError, StadimeterError
+from stadimeter.errors import JournalError, NotThereError, StadimeterError
 from stadimeter.workbench.replay.recording_index import RecordingIndex, read_index
 from stadimeter.workbench.replay.replay import read_recording
-from stadimeter.workbench.server.editing import run_socket
 from stadimeter.workbench.server.operations import Desk, operation
+from stadimeter.workbench.server.run_of_desk import folder_of
 
 # Of recordings with pictures, and of journals.
 ENDINGS = frozenset({".mcap", ".jsonl"})
@@ -68,17 +66,6 @@ def delete(desk: Desk, name: str) -> dict[str, Any]:
             raise JournalError(f"{path.name} cannot be deleted: {(error.strerror or str(error)).lower()}") from error
     desk.kept.pop("recording", None)
     return {"name": path.name}
-
-
-def folder_of(desk: Desk) -> Path:
-    """Return the folder of recordings: that which the run names, or did name, or else that which one would take."""
-    try:
-        named = ask(run_socket(desk), "hello", wait_s=HELLO_WAIT_S).get("recordings")
-    except ControlError:
-        named = None
-    if isinstance(named, str) and named:
-        desk.kept["recordings folder"] = named
-    return Path(desk.kept.get("recordings folder") or recordings_folder(desk.configuration))
 
 
 def path_of(desk: Desk, name: str) -> Path:
