@@ -1,7 +1,7 @@
 """How well an alarm is taught by pointing: scenes with a hidden true rule. Run it for a table.
 
 A scene is a place where people come by. Each visit has a nearest distance (0.5 to 3 m) and a time there (0.3 to 8 s);
-every third steps back for a while and returns. The distance is measured ten times a second, with noise that grows with
+every third steps back for a while and returns. The distance is measured five times a second, with noise that grows with
 its square and lasts (correlation 0.6 from frame to frame). The hidden rule has a threshold, an on-delay, an off-delay
 and a deadband; the configured one differs in one to four of them. A visit of which even the hidden rule is not sure (it
 would act otherwise with a threshold or a delay that is 10 % off) is drawn anew.
@@ -41,7 +41,7 @@ from stadimeter.workbench.teaching.marks import EARLY_S, Firing, Mark
 from stadimeter.workbench.teaching.signal import Signal
 from support.observing import measured
 
-FRAME_S = 0.1
+FRAME_S = 0.2
 VISITS = 12
 FAR_M = 4.0
 MARGIN = 0.1
@@ -145,7 +145,9 @@ def draw_visit(random_: random.Random) -> list[float]:
     speed_mps = random_.uniform(0.5, 1.5)
     for number, stay_s in enumerate(stays):
         if number:
-            path += way(path[-1], min(FAR_M, nearest_m + back_m), speed_mps) + [nearest_m + back_m] * round(away_s / FRAME_S)
+            path += way(path[-1], min(FAR_M, nearest_m + back_m), speed_mps) + [nearest_m + back_m] * round(
+                away_s / FRAME_S
+            )
         path += way(path[-1], nearest_m, speed_mps) + [nearest_m] * round(stay_s / FRAME_S)
     return path + way(path[-1], FAR_M, speed_mps) + [FAR_M] * round(5 / FRAME_S)
 
@@ -254,9 +256,7 @@ def try_scene(seed: int) -> Result:
         return Result(right, took_s, f"{hidden} {configured} {named}")
     took_s = time.process_time() - began_s
     new = lesson.load(RULE, proposal.values)
-    equal = [
-        same(firings_of(kept[name], hidden_configuration), firings_of(kept[name], new)) for name in HELD_OUT
-    ]
+    equal = [same(firings_of(kept[name], hidden_configuration), firings_of(kept[name], new)) for name in HELD_OUT]
     if is_contradictory:
         return Result("contradiction not found", took_s, "")
     return Result("equal" if all(equal) else "other firings", took_s, f"{hidden} {configured} {dict(proposal.values)}")
@@ -293,5 +293,11 @@ if __name__ == "__main__":
     for seed in range(given.first, given.first + given.count):
         result = try_scene(seed)
         found.append(result)
-        print(seed, f"{result.took_s:.1f} s", result.outcome, result.settings if result.outcome != "equal" else "", file=sys.stderr)
+        print(
+            seed,
+            f"{result.took_s:.1f} s",
+            result.outcome,
+            result.settings if result.outcome != "equal" else "",
+            file=sys.stderr,
+        )
     print(markdown(found))

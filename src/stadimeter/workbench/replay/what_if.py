@@ -9,6 +9,7 @@ says so: then everything is decided again.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -19,7 +20,7 @@ from msgspec.structs import replace
 from stadimeter.config.loader import Configuration
 from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.discrete import CountCondition
-from stadimeter.core.decide import JudgedBy, State, decide, judged_by
+from stadimeter.core.decide import JudgedBy, State, decide, initial_state, judged_by
 from stadimeter.core.plan import BaseOutput, Plan
 from stadimeter.core.rule import AlarmRule, FollowRule, conditions_of
 from stadimeter.core.rules.explaining import Reasons
@@ -50,6 +51,7 @@ class KeptRecording:
     """A recording that is decided on by a configuration, a part at a time, with what its rules were judged by.
 
     Attributes:
+        from_s: Cycles before this are passed over, and it begins with nothing known.
         cycles_max: No more cycles than this are taken.
         began_s: The time of the first cycle, on the run's clock.
         is_done: Whether it is decided on to its end, or as far as `cycles_max` allows.
@@ -59,8 +61,9 @@ class KeptRecording:
 
     recording: AnyRecording
     configuration: Configuration
+    from_s: float = 0.0
     cycles_max: int = KEPT_CYCLES_MAX
-    began_s: float = 0.0
+    began_s: float = math.nan
     is_done: bool = False
     damage: str = ""
     cycles: list[KeptCycle] = field(default_factory=list)
@@ -74,7 +77,7 @@ class KeptRecording:
 
     @property
     def seconds(self) -> float:
-        """How much of it is decided on."""
+        """Up to where it is decided on."""
         return self.cycles[-1].at_s if self.cycles else 0.0
 
     def go_on(self, for_s: float, clock: Callable[[], float] = time.monotonic) -> None:
@@ -88,14 +91,15 @@ class KeptRecording:
                     self.damage, self.is_done = str(error), True
 
     def _through(self) -> Iterator[None]:
-        state = first_state(self.recording, self.configuration.plan)
+        state = self._first_state(self.configuration.plan)
         for cycle in self.recording.cycles():
             if len(self.cycles) >= self.cycles_max:
                 return
+            self.began_s = cycle.now_s() if math.isnan(self.began_s) else self.began_s
+            if cycle.now_s() < self.began_s + self.from_s:
+                continue
             observation = cycle.observation()
             after, decision = decide(state, observation)
-            if not self.cycles:
-                self.began_s = observation.now_s
             at_s = observation.now_s - self.began_s
             if not isinstance(decision.reasons, Reasons):
                 raise TypeError("a decision without its reasons")
@@ -108,14 +112,18 @@ class KeptRecording:
             state = after
             yield
 
+    def _first_state(self, plan: Plan) -> State:
+        return initial_state(plan) if self.from_s else first_state(self.recording, plan)
+
     def decide_with(self, plan: Plan) -> ReplaySide:
         """Return what another plan would have decided on the cycles that are kept."""
         rules = judged_apart(self.configuration.plan, plan)
         if rules is not None:
             return self.judge_apart(plan, rules)
         side = ReplaySide(Tally(plan))
+        again = decisions(self.recording, plan, from_s=self.began_s + self.from_s if self.from_s else None)
         with without_collector():
-            for cycle, (_, observation, decision) in zip(self.cycles, decisions(self.recording, plan), strict=False):
+            for cycle, (_, observation, decision) in zip(self.cycles, again, strict=False):
                 side.add(cycle.at_s, observation, decision)
         return side
 
@@ -124,7 +132,7 @@ class KeptRecording:
         some = replace(plan, rules=tuple(plan.rules[index] for index in rules))
         names = frozenset(rule.name for rule in some.rules)
         side = ReplaySide(Tally(some), {name: lane for name, lane in self.side.rules.items() if name not in names})
-        before = _first_rules(first_state(self.recording, plan), some, rules)
+        before = _first_rules(self._first_state(plan), some, rules)
         active: tuple[bool | None, ...] = ()
         with without_collector():
             for at_s, by, has_frame in self.cycles:

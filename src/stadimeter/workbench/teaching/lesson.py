@@ -3,29 +3,34 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from msgspec import Struct
+from msgspec.structs import replace
 
+from stadimeter.app.recordings.journal import JournalWriter
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.config.toml_edit import dotted
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.decision import EventKind
 from stadimeter.core.plan import Plan
-from stadimeter.core.rule import AlarmRule
 from stadimeter.errors import ConfigError, NotThereError, Problem
-from stadimeter.workbench.replay.comparison import ReplayDiff, compare
+from stadimeter.workbench.replay.comparison import EventChange, ReplayDiff, compare
 from stadimeter.workbench.replay.lanes import ReplaySide
 from stadimeter.workbench.replay.replay import read_recording
 from stadimeter.workbench.replay.what_if import KEPT_CYCLES_MAX, KeptRecording
-from stadimeter.workbench.rule_settings import alarm_named, with_settings
-from stadimeter.workbench.teaching.marks import Mark, is_met
+from stadimeter.workbench.rule_settings import RuleSetting, alarm_named, settings_of, with_settings
+from stadimeter.workbench.teaching.marks import EARLY_S, Firing, Mark, is_met
 from stadimeter.workbench.teaching.search import Search, Taught, Values
 from stadimeter.workbench.teaching.signal import signal_of
+
+# A test begins this long before its first mark, or before the alarm that stood then, and ends this long after the last.
+BEFORE_S, AFTER_S = 20.0, 5.0
 
 
 class Answer(Struct, frozen=True, kw_only=True, eq=False):
@@ -36,12 +41,10 @@ class Answer(Struct, frozen=True, kw_only=True, eq=False):
     after: ReplaySide
     difference: ReplayDiff
 
-    def count(self, rule: str, change: str) -> int:
-        """Return how many alarms of a rule were added or lost."""
-        return sum(
-            each.change == change and each.event.source == rule and each.event.kind is EventKind.RAISED
-            for each in self.difference.changes
-        )
+    def counts(self, rule: str) -> tuple[int, int]:
+        """Return how many alarms of a rule are added, and how many are lost."""
+        found = [each.change for each in self.difference.changes if is_alarm_of(rule, each)]
+        return found.count("added"), found.count("lost")
 
     def raised(self, rule: str) -> int:
         """Return how often a rule would have been raised."""
@@ -52,12 +55,13 @@ class Proposal(Struct, frozen=True, kw_only=True, eq=False):
     """The smallest change that meets all marks.
 
     Attributes:
-        text: The configuration with it.
+        values: The settings that change, by name, in the SI unit.
+        marks: A moment at which an alarm should not have stood as all of that alarm.
         answers: What it would have done on each recording, with marks or without.
     """
 
     values: Values
-    text: str
+    marks: Sequence[Mark]
     answers: Sequence[Answer]
 
 
@@ -73,9 +77,11 @@ class Lesson:
     text: str
     recordings: dict[str, KeptRecording] = field(default_factory=dict)
 
-    def add(self, name: str, path: Path) -> None:
-        """Add a recording; `JournalError` if it cannot be read."""
-        self.recordings[name] = KeptRecording(recording=read_recording(path), configuration=self.configuration)
+    def add(self, name: str, path: Path, from_s: float = 0.0) -> None:
+        """Add a recording, or what follows a time in it; `JournalError` if it cannot be read."""
+        self.recordings[name] = KeptRecording(
+            recording=read_recording(path), configuration=self.configuration, from_s=from_s
+        )
 
     def go_on(self, for_s: float, clock: Callable[[], float] = time.monotonic) -> bool:
         """Read on for this long; return whether all are read, as far as they are kept."""
@@ -86,6 +92,10 @@ class Lesson:
             each.go_on(until_s - clock(), clock)
             room -= len(each.cycles)
         return all(each.is_done for each in self.recordings.values())
+
+    def settings(self, rule: str) -> dict[str, RuleSetting]:
+        """Return what may be changed of a rule."""
+        return settings_of(self.configuration, rule)
 
     def load(self, rule: str, values: Mapping[str, float | str]) -> Configuration:
         """Return the configuration with other settings of a rule; `ConfigError` if it cannot be used."""
@@ -108,12 +118,12 @@ class Lesson:
             NotThereError: A mark is in a recording that is not there.
         """
         search = self._search(rule, marks)
+        marks = [mark for each in search.taught for mark in each.marks]
         for values in search.best():
             new = self.load(rule, values)
             answers = self.answer(new.plan)
             if all(_meets(each, search.rule.name, marks) for each in answers):
-                text = with_settings(self.configuration, self.text, rule, values)
-                return Proposal(values=values, text=text, answers=answers)
+                return Proposal(values=values, marks=marks, answers=answers)
         raise ConfigError([_contradiction(search, str(self.configuration.path))])
 
     def _search(self, name: str, marks: Sequence[Mark]) -> Search:
@@ -128,7 +138,7 @@ class Lesson:
         taught = [
             Taught(
                 signal=signal_of(kept.cycles, alarm, condition),
-                marks=[mark for mark in marks if mark.recording == recording],
+                marks=self.whole(alarm.name, [mark for mark in marks if mark.recording == recording]),
                 before=kept.side.rules[alarm.name].spans,
             )
             for recording, kept in self.recordings.items()
@@ -136,18 +146,56 @@ class Lesson:
         ]
         return Search(rule=alarm, condition=condition, taught=taught)
 
-    def tests(self, rule: str, marks: Sequence[Mark], answers: Sequence[Answer], places: Mapping[str, str]) -> str:
-        """Return rule tests that hold the marks, as they are written in a configuration.
+    def write(self, rule: str, values: Mapping[str, float | str], marks: Sequence[Mark]) -> tuple[str, list[str]]:
+        """Return the text with other settings of a rule and tests that hold marks, and the names of these.
 
-        Args:
-            places: Where each recording with marks stands, relative to the configuration.
+        What the tests need is cut out of the recordings. Without marks they hold what the change adds and takes away.
         """
-        _, alarm = alarm_named(self.configuration, rule)
-        return "".join(
-            "\n".join(["", *_test(alarm, each, [mark for mark in marks if mark.recording == each.name], places), ""])
-            for each in answers
-            if each.name in places
-        )
+        name = alarm_named(self.configuration, rule)[1].name
+        text, names = with_settings(self.configuration, self.text, rule, values).rstrip("\n") + "\n", list[str]()
+        for each in self.answer(self.load(rule, values).plan):
+            here = self.whole(name, [mark for mark in marks if mark.recording == each.name])
+            if here := here or ([] if marks else list(changes_as_marks(name, each))):
+                added, journal = write_test(name, each, here, self.configuration.path.parent)
+                text, names = text + added, [*names, journal]
+        return text, names
+
+    def whole(self, rule: str, marks: Sequence[Mark]) -> list[Mark]:
+        """Return marks, those on a moment that should not have fired as one on all of the alarm that stood there."""
+        return [_whole(mark, self.recordings[mark.recording].side.rules[rule].spans) for mark in marks]
+
+
+def in_words(rule: str, answers: Sequence[Answer]) -> str:
+    """Say how often a rule would have fired, how many of that are new, and how many of its alarms are missed."""
+    raised = sum(each.raised(rule) for each in answers)
+    new, missed = (sum(each.counts(rule)[place] for each in answers) for place in (0, 1))
+    minutes = sum(each.difference.minutes for each in answers)
+    times, recordings = ("" if count == 1 else "s" for count in (raised, len(answers)))
+    return (
+        f"{rule} would have fired {raised} time{times} in {minutes:.0f} minutes of {len(answers)} "
+        f"recording{recordings}: {new} of them new, {missed} of yours missed."
+    )
+
+
+def is_alarm_of(rule: str, change: EventChange) -> bool:
+    """Return whether what changed is that a rule was raised."""
+    return change.event.source == rule and change.event.kind is EventKind.RAISED
+
+
+def changes_as_marks(rule: str, answer: Answer) -> Iterator[Mark]:
+    """Yield marks that say that what a change adds and takes away is right: for a threshold that was dragged."""
+    for change in answer.difference.changes:
+        if is_alarm_of(rule, change) and change.change != "moved":
+            at_s = change.event.at_s - answer.kept.began_s
+            yield Mark(recording=answer.name, from_s=at_s, to_s=at_s, should_fire=change.change == "added")
+
+
+def _whole(mark: Mark, firings: Sequence[Firing]) -> Mark:
+    """Return a mark on a moment that should not have fired as one on all of the alarm that stood there."""
+    if mark.should_fire or not mark.is_moment:
+        return mark
+    found = next((firing for firing in firings if mark.touches(firing)), (mark.from_s, mark.to_s))
+    return replace(mark, from_s=found[0], to_s=found[1])
 
 
 def _meets(answer: Answer, rule: str, marks: Sequence[Mark]) -> bool:
@@ -155,25 +203,50 @@ def _meets(answer: Answer, rule: str, marks: Sequence[Mark]) -> bool:
     return all(is_met(mark, answer.after.rules[rule].spans, here) for mark in here)
 
 
-def _test(alarm: AlarmRule, answer: Answer, marks: Sequence[Mark], places: Mapping[str, str]) -> Iterator[str]:
-    firings = answer.after.rules[alarm.name].spans
-    yield "[[tests]]"
-    yield f"name = {json.dumps(f'{alarm.name} as taught on {answer.name}', ensure_ascii=False)}"
-    yield f"input = {{ journal = {json.dumps(places[answer.name], ensure_ascii=False)} }}"
-    yield f"expect.{dotted((alarm.name,))}.raised = {len(firings)}"
+def write_test(rule: str, answer: Answer, marks: Sequence[Mark], folder: Path) -> tuple[str, str]:
+    """Cut what a test needs out of a recording, without pictures; return the test as TOML, and its name.
+
+    Args:
+        marks: Those in this recording, at least one.
+        folder: That of the configuration.
+    """
+    firings = answer.after.rules[rule].spans
+    begin_s = min(mark.from_s for mark in marks) - BEFORE_S
+    begin_s = min([begin_s, *(first - BEFORE_S for first, last in firings if first - EARLY_S < begin_s <= last)])
+    end_s = max(mark.to_s for mark in marks) + AFTER_S
+    recording = answer.kept.recording
+    stem = f"{rule.replace(':', '-')}-{Path(answer.name).stem}-{max(0.0, begin_s):.0f}s"
+    name = f"tests/{stem}.jsonl"
+    (folder / name).parent.mkdir(exist_ok=True)
+    writer = JournalWriter(folder / name, recording.header.recorded_configuration, recording.header.began_at)
+    first_s = math.nan
+    for cycle in recording.cycles():
+        at_s = cycle.now_s() - answer.kept.began_s
+        if begin_s <= at_s <= end_s:
+            first_s = at_s if math.isnan(first_s) else first_s
+            writer.write(cycle.record())
+    writer.close()
+    inside = [(begin - first_s, end - first_s) for begin, end in firings if first_s <= begin <= end_s]
+    moved = [replace(mark, from_s=mark.from_s - first_s, to_s=mark.to_s - first_s) for mark in marks]
+    test = f"{rule} as taught: {stem}"
+    heading = f"\n[[tests]]\nname = {json.dumps(test)}\ninput = {{ journal = {json.dumps(name)} }}\n"
+    return heading + "\n".join([*_expected(rule, inside, moved), ""]), test
+
+
+def _expected(rule: str, firings: Sequence[Firing], marks: Sequence[Mark]) -> Iterator[str]:
+    yield f"expect.{dotted((rule,))}.raised = {len(firings)}"
     wanted = [firing for mark in marks for firing in firings if mark.wants(firing)]
-    active = sorted({f'"{(begin + end) / 2:.2f} s"' for begin, end in wanted})
-    if active:
-        yield f"expect.{dotted((alarm.name,))}.active_at = [{', '.join(active)}]"
-    quiet = [mark for mark in marks if not mark.should_fire and not any(mark.touches(firing) for firing in firings)]
-    if quiet:
-        spans = (
-            f'"{mark.from_s:.2f} s"'
-            if mark.is_moment
-            else f'{{ from = "{mark.from_s:.2f} s", for = "{mark.to_s - mark.from_s:.2f} s" }}'
-            for mark in quiet
-        )
-        yield f"expect.{dotted((alarm.name,))}.inactive_at = [{', '.join(spans)}]"
+    if active := sorted({f'"{(begin + end) / 2:.2f} s"' for begin, end in wanted}):
+        yield f"expect.{dotted((rule,))}.active_at = [{', '.join(active)}]"
+    spans = [
+        f'"{mark.from_s:.2f} s"'
+        if mark.is_moment
+        else f'{{ from = "{mark.from_s:.2f} s", for = "{mark.to_s - mark.from_s:.2f} s" }}'
+        for mark in marks
+        if not mark.should_fire and not any(mark.touches(firing) for firing in firings)
+    ]
+    if spans:
+        yield f"expect.{dotted((rule,))}.inactive_at = [{', '.join(spans)}]"
 
 
 def _contradiction(search: Search, file: str) -> Problem:

@@ -180,16 +180,16 @@ class Search(Struct, kw_only=True):
         return [self._own["off_delay"], *_thin(found, OFF_DELAYS_MAX)]
 
     def _deadbands(self, values: Values) -> list[Values]:
-        """Return deadbands between the ways that the figure went off from one alarm to the next; and smaller ones."""
-        rule, condition = self._with(values)
+        """Return deadbands between the ways that the figure went off from one alarm to the next."""
+        none: Values = {self._band_key: 0.0, self._sigmas_key: 0.0}
+        rule, condition = self._with({**values, **none})
         ways: set[float] = set()
         for each in self.taught:
             for (_, cleared_s), (raised_s, _) in pairwise(each.signal.firings(rule, condition)):
                 if raised_s - cleared_s < JOINED_S:
                     ways.add(each.signal.way_off(condition, cleared_s - rule.off_delay_s, raised_s))
-        wider: list[Values] = [{self._band_key: way} for way in _thin(_between(ways, is_open=True), DEADBANDS_MAX)]
-        narrower: list[Values] = [{self._sigmas_key: 0.0}] if condition.deadband_sigmas else []
-        return [{}, *wider, *narrower]
+        found = _thin(_between(ways, is_open=True), DEADBANDS_MAX)
+        return [{}, none, {self._band_key: 0.0}, *({self._band_key: max(0.0, way)} for way in found)]
 
     def _centred(self, found: Tried) -> Values:
         """Return the same settings with each value in the middle of those that give the same alarms."""
@@ -218,7 +218,7 @@ class Search(Struct, kw_only=True):
         """Return two marks that no settings that were tried meet both; or one; none if it is more than two."""
         marks = [mark for each in self.taught for mark in each.marks]
         met = np.array([each.met for each in self.tried.values()], bool)
-        alone = [mark for mark, each in zip(marks, met.any(axis=0).tolist(), strict=True) if not each]
+        alone = [mark for column, mark in enumerate(marks) if not met[:, column].any()]
         pairs = (
             (abs(first.from_s - second.from_s), [first, second])
             for row, first in enumerate(marks)
