@@ -6,8 +6,8 @@ its square and lasts (correlation 0.6 from frame to frame). The hidden rule has 
 and a deadband; the configured one differs in one to four of them. A visit of which even the hidden rule is not sure (it
 would act otherwise with a threshold or a delay that is 10 % off) is drawn anew.
 
-Of three recordings, every alarm of the hidden rule is marked `fire`, and every one of the configured rule that the hidden
-one has not `no`, up to where the hidden one fires. The proposal is then held against two other recordings of the same place: it must raise as many alarms
+Of three recordings, every alarm of the hidden rule is marked `fire`, from a second before to a second after, and every
+alarm of the configured rule that is none of these `no`. The proposal is then held against two other recordings of the same place: it must raise as many alarms
 as the hidden rule, each within 5 s of it. Every twentieth scene has a visit twice, with opposite marks: it must be
 refused, with that pair named.
 """
@@ -37,14 +37,15 @@ from stadimeter.errors import ConfigError
 from stadimeter.workbench.replay.comparison import SAME_WITHIN_S
 from stadimeter.workbench.replay.what_if import KeptRecording
 from stadimeter.workbench.teaching.lesson import Lesson
-from stadimeter.workbench.teaching.marks import EARLY_S, Firing, Mark
+from stadimeter.workbench.teaching.marks import Firing, Mark
 from stadimeter.workbench.teaching.signal import Signal
 from support.observing import measured
 
 FRAME_S = 0.2
-VISITS = 12
+VISITS = 20
 FAR_M = 4.0
 MARGIN = 0.1
+KNOWN_S = 1.0
 TEACHING, HELD_OUT = ("monday.jsonl", "tuesday.jsonl", "wednesday.jsonl"), ("thursday.jsonl", "friday.jsonl")
 FOLDER = Path(mkdtemp())
 RULE = "near"
@@ -206,12 +207,12 @@ def firings_of(kept: KeptRecording, configuration: Configuration) -> list[Firing
 
 
 def marks_of(name: str, hidden: Sequence[Firing], configured: Sequence[Firing]) -> Iterator[Mark]:
-    for begin, end in hidden:
-        yield Mark(recording=name, from_s=begin, to_s=end, should_fire=True)
+    for begin, _ in hidden:
+        yield Mark(recording=name, from_s=begin - KNOWN_S, to_s=begin + KNOWN_S, should_fire=True)
     for begin, end in configured:
-        if any(abs(first - begin) <= EARLY_S for first, _ in hidden):
+        if any(abs(first - begin) <= KNOWN_S for first, _ in hidden):
             continue
-        until_s = min([end, *(first - EARLY_S - FRAME_S for first, _ in hidden if first > begin)])
+        until_s = min([end, *(first - KNOWN_S - FRAME_S for first, _ in hidden if first > begin)])
         if until_s > begin:
             yield Mark(recording=name, from_s=begin, to_s=until_s, should_fire=False)
 
@@ -266,7 +267,7 @@ def contradict(lesson: Lesson, hidden: Configuration, marks: Sequence[Mark]) -> 
     """Return marks of which two contradict: the first recording once more, with one alarm of it marked `no`."""
     twin = lesson.recordings["twin.jsonl"] = lesson.recordings[TEACHING[0]]
     firings = firings_of(twin, hidden)
-    no = [Mark(recording="twin.jsonl", from_s=begin, to_s=end, should_fire=False) for begin, end in firings[:1]]
+    no = [Mark(recording="twin.jsonl", from_s=begin - 1, to_s=begin + 1, should_fire=False) for begin, _ in firings[:1]]
     return [*marks, *no]
 
 

@@ -25,7 +25,7 @@ from stadimeter.workbench.replay.lanes import ReplaySide
 from stadimeter.workbench.replay.replay import read_recording
 from stadimeter.workbench.replay.what_if import KEPT_CYCLES_MAX, KeptRecording
 from stadimeter.workbench.rule_settings import RuleSetting, alarm_named, settings_of, with_settings
-from stadimeter.workbench.teaching.marks import EARLY_S, Firing, Mark, is_met
+from stadimeter.workbench.teaching.marks import Firing, Mark, is_met
 from stadimeter.workbench.teaching.search import Search, Taught, Values
 from stadimeter.workbench.teaching.signal import signal_of
 
@@ -212,7 +212,7 @@ def write_test(rule: str, answer: Answer, marks: Sequence[Mark], folder: Path) -
     """
     firings = answer.after.rules[rule].spans
     begin_s = min(mark.from_s for mark in marks) - BEFORE_S
-    begin_s = min([begin_s, *(first - BEFORE_S for first, last in firings if first - EARLY_S < begin_s <= last)])
+    begin_s = min([begin_s, *(first - BEFORE_S for first, last in firings if first < begin_s <= last)])
     end_s = max(mark.to_s for mark in marks) + AFTER_S
     recording = answer.kept.recording
     stem = f"{rule.replace(':', '-')}-{Path(answer.name).stem}-{max(0.0, begin_s):.0f}s"

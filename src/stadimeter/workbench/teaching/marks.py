@@ -13,8 +13,8 @@ from stadimeter.errors import ConfigError, Problem
 # A person who points at a moment is this far off.
 MOMENT_S = 1.0
 
-# An alarm that is raised at most this long before a marked span is the one that is meant.
-EARLY_S = 2.0
+# An alarm goes on from one moment to another that is at most this much later; longer, and it would be another visit.
+JOINED_S = 30.0
 
 # When it was raised, and when it was cleared, since the beginning of the recording.
 Firing = tuple[float, float]
@@ -26,7 +26,7 @@ class Mark(Struct, frozen=True, kw_only=True):
     """A moment or a span of a recording.
 
     A span that should have fired wants an alarm raised in it; a moment, one that stands. Where it should not have, no
-    alarm may stand, except one that was raised before, and that another mark wants.
+    alarm may stand, except one that goes on from shortly before, and that another mark wants there.
 
     Attributes:
         recording: The name of its file.
@@ -58,7 +58,11 @@ class Mark(Struct, frozen=True, kw_only=True):
         """Return whether an alarm is the one that should have fired."""
         if not self.should_fire:
             return False
-        return self.touches(firing) if self.is_moment else self.from_s - EARLY_S <= firing[0] <= self.to_s
+        return self.touches(firing) if self.is_moment else self.from_s <= firing[0] <= self.to_s
+
+    def off_s(self, firing: Firing) -> float:
+        """Return how far from the middle of a span an alarm was raised; a moment says nothing of that."""
+        return 0.0 if self.is_moment else abs(firing[0] - (self.from_s + self.to_s) / 2)
 
 
 def parse_mark(text: str) -> Mark:
@@ -84,7 +88,5 @@ def is_met(mark: Mark, firings: Sequence[Firing], marks: Sequence[Mark]) -> bool
     """
     if mark.should_fire:
         return any(mark.wants(firing) for firing in firings)
-    return not any(
-        mark.touches(firing) and not (firing[0] < mark.from_s and any(each.wants(firing) for each in marks))
-        for firing in firings
-    )
+    before = [each for each in marks if mark.from_s - JOINED_S <= each.from_s < mark.from_s]
+    return not any(mark.touches(firing) and not any(each.wants(firing) for each in before) for firing in firings)

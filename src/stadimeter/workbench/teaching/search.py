@@ -1,9 +1,9 @@
 """The smallest change of a rule's threshold, delays and deadband that meets all marks.
 
 Smallest means, in this order: the fewest alarms that change where nothing is marked, in the recordings with marks; the
-fewest settings that change; and the least change of these, as the sum of the logarithms of their ratios. Of all values
-of a setting that give the same alarms, the one in the middle is taken, rounded as far as they allow: it is the furthest
-from being wrong on either side.
+fewest settings that change; and the least change of these: the sum of the logarithms of their ratios, and of the mean
+time in seconds by which alarms are off the middle of marked spans. Of all values of a setting that give the same
+alarms, the one in the middle is taken, rounded as far as they allow: it is the furthest from being wrong on either side.
 
 Thresholds come from the order statistics of the signal: alarms change only where the threshold passes a figure that the
 signal keeps to for as long as the delay. Delays come from how long the signal stayed, deadbands and off-delays from how
@@ -27,7 +27,7 @@ from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.rule import AlarmRule, OnDelay
 from stadimeter.core.words import figure_in_words
 from stadimeter.workbench.replay.comparison import SAME_WITHIN_S
-from stadimeter.workbench.teaching.marks import EARLY_S, Firing, Mark, is_met
+from stadimeter.workbench.teaching.marks import JOINED_S, MOMENT_S, Firing, Mark, is_met
 from stadimeter.workbench.teaching.signal import Floats, Signal
 
 # How many values of each kind are tried: thresholds and on-delays all with each other, then off-delays and deadbands
@@ -37,12 +37,13 @@ THRESHOLDS_MAX, ON_DELAYS_MAX, OFF_DELAYS_MAX, DEADBANDS_MAX, BEST_MAX = 40, 12,
 # Thresholds are sought once in this time of the signal, if it is a turning point there.
 BLOCK_S = 2.0
 
-# Two alarms further apart than this are not joined.
-JOINED_S = 60.0
-
 # Delays (s) and deadbands (as a share of the threshold) are compared as if they were longer by this: from 0 to a tenth
 # of it is no larger a change than of a threshold from 1 m to 1.1 m.
 DELAY_SIZE_S, BAND_SIZE = 1.0, 0.1
+
+# Figures and times that differ by less than this share are not told apart, unless the marks leave no other way: noise
+# would decide between them.
+APART = 0.05
 
 DELAYS = ("on_delay", "off_delay")
 _BISECTIONS = 9
@@ -85,18 +86,24 @@ class Search(Struct, kw_only=True):
 
     def best(self) -> Iterator[Values]:
         """Yield settings that meet all marks, the smallest change first."""
-        self.attempt({})
-        for key in thresholds_of(self.rule):
-            for value in self._thresholds(key):
-                for delay_s in self._on_delays({key: value}):
-                    self.attempt({key: value, "on_delay": delay_s})
-        for each in sorted(self.tried.values(), key=_score)[:BEST_MAX]:
-            for off_s, band in product(self._off_delays(each.values), self._deadbands(each.values)):
-                self.attempt({**each.values, "off_delay": off_s, **band})
-        good = sorted((each for each in self.tried.values() if not each.score.unmet), key=_score)[:BEST_MAX]
+        for least in (APART, 0.0):
+            self._try_all(least)
+            good = sorted((each for each in self.tried.values() if not each.score.unmet), key=_score)[:BEST_MAX]
+            if good:
+                break
         for each in good:
             yield self._centred(each)
         yield from (each.values for each in good)
+
+    def _try_all(self, least: float) -> None:
+        self.attempt({})
+        for key in thresholds_of(self.rule):
+            for value in self._thresholds(key, least):
+                for delay_s in self._on_delays({key: value}, least):
+                    self.attempt({key: value, "on_delay": delay_s})
+        for each in sorted(self.tried.values(), key=_score)[:BEST_MAX]:
+            for off_s, band in product(self._off_delays(each.values, least), self._deadbands(each.values, least)):
+                self.attempt({**each.values, "off_delay": off_s, **band})
 
     def attempt(self, values: Values) -> Tried:
         """Return how good settings are; those that are the rule's own do not count as changed."""
@@ -105,13 +112,16 @@ class Search(Struct, kw_only=True):
         if asked not in self.tried:
             rule, condition = self._with(changed)
             met: list[bool] = []
-            elsewhere = 0
+            elsewhere, off_s = 0, [0.0]
             for each in self.taught:
                 firings = each.signal.firings(rule, condition)
                 met += [is_met(mark, firings, each.marks) for mark in each.marks]
                 elsewhere += _count_elsewhere(each, firings)
+                off_s += [mark.off_s(firing) for mark in each.marks for firing in firings if mark.wants(firing)]
             size = sum(abs(self._place(key, value) - self._place(key, self._own[key])) for key, value in asked)
-            self.tried[asked] = Tried(changed, Score(met.count(False), elsewhere, len(changed), size), tuple(met))
+            self.tried[asked] = Tried(
+                changed, Score(met.count(False), elsewhere, len(changed), size + sum(off_s) / len(off_s)), tuple(met)
+            )
         return self.tried[asked]
 
     @property
@@ -149,7 +159,7 @@ class Search(Struct, kw_only=True):
             return math.log(max(value, 0.0) + (scales.get(key) or limits[0] or 1.0))
         return math.log(value)
 
-    def _thresholds(self, key: str) -> list[float]:
+    def _thresholds(self, key: str, least: float) -> list[float]:
         """Return a threshold between each two figures at which alarms change, and the rule's own."""
         side = 1.0 if self._is_upper(key) else -1.0
         turns: set[float] = set()
@@ -159,27 +169,27 @@ class Search(Struct, kw_only=True):
                 marked = crossed[_in_span(each.signal.at_s, mark)]
                 turns |= {side * float(marked.min())} if len(marked) else set()
             turns |= {side * float(lowest) for lowest in _turning_points(each.signal.at_s, crossed)}
-        return [self._own[key], *_thin(_between(turns, is_open=True), THRESHOLDS_MAX)]
+        return [self._own[key], *_thin(_between(turns, least, is_open=True), THRESHOLDS_MAX)]
 
     def _is_upper(self, key: str) -> bool:
         return thresholds_of(self.rule)[key].place.field == self.condition.ends[1]
 
-    def _on_delays(self, values: Values) -> list[float]:
+    def _on_delays(self, values: Values, least: float) -> list[float]:
         rule, condition = self._with(values)
         lengths: set[float] = set()
         for each in self.taught:
             lengths |= each.signal.lengths(each.signal.within(condition, is_on=False), rule.delay_tolerance)
-        return [self._own["on_delay"], 0.0, *_thin(_between(lengths), ON_DELAYS_MAX)]
+        return [self._own["on_delay"], 0.0, *_thin(_between(lengths, least), ON_DELAYS_MAX)]
 
-    def _off_delays(self, values: Values) -> list[float]:
+    def _off_delays(self, values: Values, least: float) -> list[float]:
         rule, condition = self._with(values)
         lengths: set[float] = set()
         for each in self.taught:
             lengths |= each.signal.lengths(~each.signal.within(condition, is_on=True), rule.delay_tolerance)
-        found = _between({length for length in lengths if length < JOINED_S}, is_open=True)
+        found = _between({length for length in lengths if length < JOINED_S}, least, is_open=True)
         return [self._own["off_delay"], *_thin(found, OFF_DELAYS_MAX)]
 
-    def _deadbands(self, values: Values) -> list[Values]:
+    def _deadbands(self, values: Values, least: float) -> list[Values]:
         """Return deadbands between the ways that the figure went off from one alarm to the next."""
         none: Values = {self._band_key: 0.0, self._sigmas_key: 0.0}
         rule, condition = self._with({**values, **none})
@@ -188,7 +198,7 @@ class Search(Struct, kw_only=True):
             for (_, cleared_s), (raised_s, _) in pairwise(each.signal.firings(rule, condition)):
                 if raised_s - cleared_s < JOINED_S:
                     ways.add(each.signal.way_off(condition, cleared_s - rule.off_delay_s, raised_s))
-        found = _thin(_between(ways, is_open=True), DEADBANDS_MAX)
+        found = _thin(_between(ways, least, is_open=True), DEADBANDS_MAX)
         return [{}, none, {self._band_key: 0.0}, *({self._band_key: max(0.0, way)} for way in found)]
 
     def _centred(self, found: Tried) -> Values:
@@ -258,7 +268,8 @@ def _count_elsewhere(taught: Taught, after: Sequence[Firing]) -> int:
 
 
 def _in_span(at_s: Floats, mark: Mark) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    return (at_s >= mark.from_s - EARLY_S) & (at_s <= mark.to_s + (EARLY_S if mark.is_moment else 0.0))
+    off_s = MOMENT_S if mark.is_moment else 0.0
+    return (at_s >= mark.from_s - off_s) & (at_s <= mark.to_s + off_s)
 
 
 def _turning_points(at_s: Floats, crossed: Floats) -> Iterator[float]:
@@ -270,10 +281,14 @@ def _turning_points(at_s: Floats, crossed: Floats) -> Iterator[float]:
         yield from least[(padded[1:-1] <= padded[:-2]) & (padded[1:-1] <= padded[2:])]
 
 
-def _between(values: Iterable[float], *, is_open: bool = False) -> list[float]:
-    """Return a value between each two that follow each other; if `is_open`, one beyond each end too."""
+def _between(values: Iterable[float], least: float, *, is_open: bool = False) -> list[float]:
+    """Return a value between each two that follow each other and are apart; if `is_open`, one beyond each end too.
+
+    Args:
+        least: How far apart at least, as a share of the larger.
+    """
     found = sorted(values)
-    between = [(low + high) / 2 for low, high in pairwise(found) if high - low > 1e-9]
+    between = [(low + high) / 2 for low, high in pairwise(found) if high - low > least * abs(high)]
     return [found[0] - abs(found[0]) / 20, *between, found[-1] + abs(found[-1]) / 20] if is_open and found else between
 
 

@@ -4,6 +4,7 @@ import { h, inCode, replace, write } from "../../dom.js";
 import * as format from "../../format.js";
 import { TimelineChart } from "./chart.js";
 import { dataOf, readAt } from "./data.js";
+import { Teaching } from "./teaching.js";
 
 const SPANS = [[600, "10 min"], [3600, "1 h"], [21600, "6 h"], [86400, "24 h"], [604800, "7 days"]];
 const POINTS_MAX = 2000;
@@ -31,7 +32,7 @@ class Timeline {
   #marks = { clips: [], thresholds: [] };
   #last_ms = 0;
 
-  constructor({ api, live, unit, say }) {
+  constructor({ api, live, unit, say, session }) {
     Object.assign(this, { api, live, unit, say, follows: true });
     this.chart = new TimelineChart({ unit, onview: (from_s, to_s) => this.#seen(from_s, to_s), onselect: (unix_s) => this.#explain(unix_s), onread: (unix_s) => this.#read(unix_s) });
     this.read = h("p", { class: "small number read", role: "status" });
@@ -47,6 +48,8 @@ class Timeline {
           button("◀", "Earlier", () => this.chart.scroll(-0.5)), button("▶", "Later", () => this.chart.scroll(0.5)),
           button("Now", "To now", () => this.show(now() - (this.chart.to_s - this.chart.from_s), now())))),
       this.moment);
+    this.teaching = session.right === "operate" ? new Teaching(this) : null;
+    if (this.teaching) this.element.append(this.teaching.element);
   }
 
   begin() {
@@ -116,6 +119,7 @@ class Timeline {
     const { from_s, step_s, count } = this.#answer ?? { from_s: 0, step_s: 1, count: 1 };
     const found = await this.api.get(`timeline/marks?from=${from_s}&to=${from_s + step_s * count}`).catch(() => null);
     if (found) this.#marks = found;
+    this.teaching?.know(this.#marks.thresholds);
     this.#draw();
   }
 
@@ -131,7 +135,7 @@ class Timeline {
     this.moment.hidden = false;
     replace(this.moment, head, h("p", { class: "quiet" }, "One moment …"));
     const told = await this.api.get(`timeline/moment?at=${unix_s}`).then((found) => describe(found, this.unit), (error) => h("p", null, error.message));
-    replace(this.moment, head, told);
+    replace(this.moment, head, this.teaching?.buttons(unix_s), told);
   }
 }
 
