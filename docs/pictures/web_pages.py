@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any
 from PIL import Image
 
 from support.browser import ROOM, chromium, served, tab
+from support.timeline_day import keep_day
 
 WIDE, TALL, PHONE = (1120, 760), (1120, 1280), (390, 780)
 COLOURS = 256
@@ -33,6 +35,9 @@ def make_pages(folder: Path) -> None:
             _live(page, folder / "web-live.png")
             _edited(page, folder / "web-edit.png")
             _recorded(page, folder / "web-recordings.png")
+        keep_day(Path(room) / "timeline" / "stadimeter", time.time())
+        with _at(browser, Path(room), STILL, WIDE) as page:
+            _timeline(page, folder / "web-timeline.png")
         with _at(browser, Path(room), STILL, PHONE, "dark") as page:
             _live(page, folder / "web-phone.png")
     with tempfile.TemporaryDirectory() as empty, chromium() as browser, _at(browser, Path(empty), None, WIDE) as page:
@@ -74,6 +79,16 @@ def _recorded(page: Any, path: Path) -> None:
     page.get_by_text("1.0 s of").wait_for()
     page.get_by_text("Measured").wait_for()
     page.wait_for_timeout(1000)
+    _save(page, path)
+
+
+def _timeline(page: Any, path: Path) -> None:
+    page.goto(f"{page.home}/#timeline")
+    page.locator(".timeline-chart[data-step]").wait_for()
+    page.wait_for_timeout(8000)  # until the thresholds are there
+    box = page.locator(".u-over").bounding_box()
+    page.mouse.click(box["x"] + box["width"] * 0.6, box["y"] + 60)
+    page.get_by_role("region", name="The moment").get_by_role("heading", name="Rules").wait_for()
     _save(page, path)
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from support.browser import chromium, served, tab, until
 
-VIEWS = ("live", "setup", "edit", "recordings", "alarms")
+VIEWS = ("live", "timeline", "setup", "edit", "recordings", "alarms")
 
 WATCH = """() => {
     window.delays = [];

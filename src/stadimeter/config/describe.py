@@ -63,7 +63,7 @@ def _parts(configuration: Configuration) -> Iterator[str]:
         yield f"Shows how it is doing on `{configuration.status_led.name}` ({configuration.status_led.driver})."
     if configuration.web is not None:
         yield f"Its page for browsers is at port {configuration.web.port}, {_where(configuration.web)}."
-    yield from _kept(configuration)
+    yield from _describe_kept(configuration)
     if configuration.plan.safety.liveness and any(_tilts(each) for each in configuration.plan.outputs):
         yield "Liveness by motion judges how the camera turns, and not how it tilts."
     for button, table in configuration.button_tables.items():
@@ -345,7 +345,7 @@ def needs_figures(condition: Condition) -> bool:
     return any(leaf.has_figures for leaf in leaves(condition))
 
 
-def _kept(configuration: Configuration) -> Iterator[str]:
+def _describe_kept(configuration: Configuration) -> Iterator[str]:
     if configuration.recording is not None:
         yield f"Keeps the last {duration(configuration.recording.last)} of what it sees and does, without pictures."
     if configuration.timeline is not None and configuration.timeline.keep:

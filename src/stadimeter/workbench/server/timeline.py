@@ -50,7 +50,7 @@ def timeline(desk: Desk, from_: float, to: float, points: int = 1000) -> dict[st
         raise ConfigError(f"a timeline is of at most {SPAN_MAX_S / DAY_S:.0f} days, in 1 to {POINTS_MAX} points")
     step_s = next((each for each in STEPS_S if each >= (to - from_) / points), STEPS_S[-1])
     folder = _folder(desk)
-    grid = _Grid(int(from_ // step_s) * step_s, step_s, int(-(-to // step_s)) - int(from_ // step_s))
+    grid = _TimelineGrid(int(from_ // step_s) * step_s, step_s, int(-(-to // step_s)) - int(from_ // step_s))
     for names, rows in read_rows(folder, grid.from_s, to, step_s):
         grid.add(names, rows)
     events = list(islice(read_events(_event_log(desk, folder), from_, to), EVENTS_MAX + 1))
@@ -66,7 +66,7 @@ def timeline(desk: Desk, from_: float, to: float, points: int = 1000) -> dict[st
     }
 
 
-class _Grid:
+class _TimelineGrid:
     """Steps of time that several segments are put into."""
 
     def __init__(self, from_s: int, step_s: int, count: int) -> None:

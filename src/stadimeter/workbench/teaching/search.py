@@ -104,6 +104,12 @@ class Search(Struct, kw_only=True):
         for each in sorted(self.tried.values(), key=_score)[:BEST_MAX]:
             for off_s, band in product(self._off_delays(each.values, least), self._deadbands(each.values, least)):
                 self.attempt({**each.values, "off_delay": off_s, **band})
+        for each in sorted(self.tried.values(), key=_score)[: BEST_MAX // 2]:  # once more around what came out
+            for key in thresholds_of(self.rule):
+                for value in self._thresholds(key, least):
+                    self.attempt({**each.values, key: value})
+            for delay_s in self._on_delays(each.values, least):
+                self.attempt({**each.values, "on_delay": delay_s})
 
     def attempt(self, values: Values) -> Tried:
         """Return how good settings are; those that are the rule's own do not count as changed."""

@@ -12,7 +12,13 @@ const SPAN_MAX_S = 32 * 86400;
 const ZOOM = 1.25;
 const TAP_PX = 6; // a pointer that moves less selects
 const LOOKS = {
-  active: "alarm", latched: "alarm", clearing: "warn", pending: "warn", returned: "warn", unknown: "unknown", idle: "line",
+  active: "alarm",
+  latched: "alarm",
+  clearing: "warn",
+  pending: "warn",
+  returned: "warn",
+  unknown: "unknown",
+  idle: "line",
 };
 const BAD = new Set(["raised", "fault", "target_lost", "stopped", "disarmed", "measurement_lost"]);
 
@@ -36,8 +42,14 @@ export class TimelineChart {
 
   constructor({ unit, onview, onselect, onread }) {
     Object.assign(this, { unit, onview, onselect, onread, from_s: 0, to_s: 1, at_s: null });
-    this.element = h("div", { class: "timeline-chart", tabIndex: 0, role: "slider", "aria-valuemin": 0, "aria-valuenow": 0,
-      "aria-label": "Timeline: arrow keys read it, with Shift they scroll, plus and minus zoom, Enter explains" });
+    this.element = h("div", {
+      class: "timeline-chart",
+      tabIndex: 0,
+      role: "slider",
+      "aria-valuemin": 0,
+      "aria-valuenow": 0,
+      "aria-label": "Timeline: arrow keys read it, with Shift they scroll, plus and minus zoom, Enter explains",
+    });
     this.element.addEventListener("keydown", (event) => this.#key(event));
     this.scheme = matchMedia("(prefers-color-scheme: dark)");
     this.scheme.addEventListener("change", this.redraw);
@@ -80,18 +92,39 @@ export class TimelineChart {
       ...["highest", "lowest", "above", "below"].map((edge) => part(`${name} ${edge}`)),
       { label: name, stroke: colour(at), width: 1.5, points: { size: 3 } },
     ]);
-    const bands = names.flatMap((_, at) => [0, 2].map((edge) => ({
-      series: [5 * at + 1 + edge, 5 * at + 2 + edge], fill: () => faint(this.#colour(`series-${(at % 4) + 1}`), edge ? 0.3 : 0.16),
-    })));
-    const axis = { stroke: () => this.#colour("quiet"), font: "12px system-ui, sans-serif",
-      grid: { stroke: () => this.#colour("line"), width: 1 }, ticks: { show: false } };
-    this.plot = new uPlot({
-      ...this.#size(), bands, series: [{}, ...series], legend: { show: false }, padding: [TOP, 10, this.#lanesHeight(), 0],
-      cursor: { drag: { x: false, y: false }, y: false, points: { show: false } },
-      scales: { x: { time: true }, y: { range: (_, low, high) => this.#range(low, high) } },
-      axes: [{ ...axis, size: AXIS, space: 76, values: timeLabels }, { ...axis, size: 50, values: (_, values) => values.map((each) => `${each} ${this.unit.symbol}`) }],
-      hooks: { draw: [() => this.#draw()], setCursor: [(plot) => plot.cursor.left >= 0 && this.#read(plot.posToVal(plot.cursor.left, "x"))] },
-    }, this.#columns(), this.element);
+    const bands = names.flatMap((_, at) =>
+      [0, 2].map((edge) => ({
+        series: [5 * at + 1 + edge, 5 * at + 2 + edge],
+        fill: () => faint(this.#colour(`series-${(at % 4) + 1}`), edge ? 0.3 : 0.16),
+      })),
+    );
+    const axis = {
+      stroke: () => this.#colour("quiet"),
+      font: "12px system-ui, sans-serif",
+      grid: { stroke: () => this.#colour("line"), width: 1 },
+      ticks: { show: false },
+    };
+    this.plot = new uPlot(
+      {
+        ...this.#size(),
+        bands,
+        series: [{}, ...series],
+        legend: { show: false },
+        padding: [TOP, 10, this.#lanesHeight(), 0],
+        cursor: { drag: { x: false, y: false }, y: false, points: { show: false } },
+        scales: { x: { time: true }, y: { range: (_, low, high) => this.#range(low, high) } },
+        axes: [
+          { ...axis, size: AXIS, space: 76, values: timeLabels },
+          { ...axis, size: 50, values: (_, values) => values.map((each) => `${each} ${this.unit.symbol}`) },
+        ],
+        hooks: {
+          draw: [() => this.#draw()],
+          setCursor: [(plot) => plot.cursor.left >= 0 && this.#read(plot.posToVal(plot.cursor.left, "x"))],
+        },
+      },
+      this.#columns(),
+      this.element,
+    );
     this.area = this.plot.over;
     for (const kind of ["pointerdown", "pointermove", "pointerup", "pointercancel"]) {
       this.area.addEventListener(kind, (event) => this.#pointer(event));
@@ -102,8 +135,11 @@ export class TimelineChart {
   #columns() {
     const scale = (value) => (value === null ? null : value / this.unit.size_m);
     const columns = Object.values(this.#data.targets).flatMap(({ mean_m, sigma_m, low_m, high_m }) => [
-      high_m.map(scale), low_m.map(scale), mean_m.map((mean, at) => mean === null ? null : scale(mean + sigma_m[at])),
-      mean_m.map((mean, at) => mean === null ? null : scale(mean - sigma_m[at])), mean_m.map(scale),
+      high_m.map(scale),
+      low_m.map(scale),
+      mean_m.map((mean, at) => (mean === null ? null : scale(mean + sigma_m[at]))),
+      mean_m.map((mean, at) => (mean === null ? null : scale(mean - sigma_m[at]))),
+      mean_m.map(scale),
     ]);
     return [this.#data.times, ...columns];
   }
@@ -119,7 +155,8 @@ export class TimelineChart {
   /** All that is in view, and the thresholds that are near enough to matter. */
   #range(low, high) {
     const thresholds = this.thresholds.map(({ value_m }) => value_m / this.unit.size_m);
-    if (low === null) [low, high] = thresholds.length ? [Math.min(...thresholds), Math.max(...thresholds)] : [0, 3 / this.unit.size_m];
+    if (low === null)
+      [low, high] = thresholds.length ? [Math.min(...thresholds), Math.max(...thresholds)] : [0, 3 / this.unit.size_m];
     const reach = Math.max(high - low, 0.25 / this.unit.size_m);
     const near = thresholds.filter((each) => each > low - 2 * reach && each < high + 2 * reach);
     const room = reach * 0.1;
@@ -156,7 +193,8 @@ export class TimelineChart {
       ink.fillText(rule, bbox.left + 2 * sharp, top);
       for (const [from_s, to_s, state] of spans) {
         const height = (state === "idle" ? 2 : 12) * sharp;
-        if (to_s > this.from_s && from_s < this.to_s) bar(from_s, to_s, top + 27 * sharp - height, height, colour(LOOKS[state] ?? "line"));
+        if (to_s > this.from_s && from_s < this.to_s)
+          bar(from_s, to_s, top + 27 * sharp - height, height, colour(LOOKS[state] ?? "line"));
       }
     });
     if (this.at_s !== null) bar(this.at_s, this.at_s, 0, ink.canvas.height, colour("ink"));
@@ -179,7 +217,11 @@ export class TimelineChart {
       ink.lineTo(left + width, y(value_m));
       ink.stroke();
       ink.setLineDash([]);
-      ink.fillText(`${rule} ${+(value_m / this.unit.size_m).toFixed(this.unit.decimals)} ${this.unit.symbol}`, left + width - 4 * sharp, y(value_m) - 2 * sharp);
+      ink.fillText(
+        `${rule} ${+(value_m / this.unit.size_m).toFixed(this.unit.decimals)} ${this.unit.symbol}`,
+        left + width - 4 * sharp,
+        y(value_m) - 2 * sharp,
+      );
     }
   }
 
@@ -255,7 +297,8 @@ export class TimelineChart {
       this.#read(this.at_s);
       this.redraw();
     } else if (event.key === "PageUp" || event.key === "PageDown") this.scroll(event.key === "PageUp" ? -1 : 1);
-    else if (event.key === "+" || event.key === "-") this.zoom(event.key === "+" ? 1 / ZOOM : ZOOM, this.at_s === null ? 0.5 : (at_s - this.from_s) / span_s);
+    else if (event.key === "+" || event.key === "-")
+      this.zoom(event.key === "+" ? 1 / ZOOM : ZOOM, this.at_s === null ? 0.5 : (at_s - this.from_s) / span_s);
     else if (event.key === "Enter") this.select(at_s);
     else return;
     event.preventDefault();
@@ -279,7 +322,9 @@ function timeLabels(_, times, __, ___, step_s) {
 /** A mark above: pointing up where something was raised or went wrong, down where it was over. */
 function drawEvent(ink, at, { kind, severity }, colour, sharp) {
   const isBad = BAD.has(kind);
-  ink.fillStyle = isBad ? colour(severity === "info" ? "quiet" : severity === "warning" ? "warn" : "alarm") : colour(kind ? "good" : "quiet");
+  ink.fillStyle = isBad
+    ? colour(severity === "info" ? "quiet" : severity === "warning" ? "warn" : "alarm")
+    : colour(kind ? "good" : "quiet");
   const [tip, base] = isBad ? [14, 26] : [26, 14];
   ink.beginPath();
   ink.moveTo(at, tip * sharp);

@@ -11,7 +11,15 @@ export function dataOf({ from_s, step_s, count, targets, lanes, events }, { hist
   for (const [name, samples] of Object.entries(history.samples)) {
     const found = kept.get(name) ?? Object.fromEntries(FIGURES.map((key) => [key, Array(count).fill(null)]));
     const end = found.mean_m.findLastIndex((each) => each !== null) + 1;
-    kept.set(name, withLive(found, samples.map(([at_s, ...rest]) => [Math.floor((at_s + ahead_s - from_s) / step_s), ...rest]), end, count));
+    kept.set(
+      name,
+      withLive(
+        found,
+        samples.map(([at_s, ...rest]) => [Math.floor((at_s + ahead_s - from_s) / step_s), ...rest]),
+        end,
+        count,
+      ),
+    );
   }
   const newest_s = events.at(-1)?.unix_s ?? 0;
   const fresh = history.events.filter(({ unix_s }) => unix_s > newest_s + 0.01).toReversed();
@@ -43,7 +51,8 @@ function lanesWith(lanes, { rules, unix_s }, step_s) {
   for (const { rule, status } of rules) {
     const spans = [...(kept.get(rule) ?? [])];
     const last = spans.at(-1);
-    if (last?.[2] === status && last[1] > unix_s - 130 && last[1] < unix_s) spans[spans.length - 1] = [last[0], unix_s, status];
+    if (last?.[2] === status && last[1] > unix_s - 130 && last[1] < unix_s)
+      spans[spans.length - 1] = [last[0], unix_s, status];
     else if (!last || last[1] < unix_s) spans.push([Math.max(last?.[1] ?? 0, unix_s - step_s), unix_s, status]);
     kept.set(rule, spans);
   }
@@ -53,7 +62,10 @@ function lanesWith(lanes, { rules, unix_s }, step_s) {
 /** What was at a moment, in words. */
 export function readAt({ times, targets, lanes }, unix_s, unit) {
   const at = times.findLastIndex((each) => each <= unix_s);
-  const figures = Object.entries(targets).map(([name, { mean_m, sigma_m }]) => `${name} ${mean_m[at] === null || at < 0 ? "not measured" : format.distance(mean_m[at], sigma_m[at], unit).text}`);
+  const figures = Object.entries(targets).map(
+    ([name, { mean_m, sigma_m }]) =>
+      `${name} ${mean_m[at] === null || at < 0 ? "not measured" : format.distance(mean_m[at], sigma_m[at], unit).text}`,
+  );
   const states = lanes.map(({ rule, spans }) => {
     const span = spans.find(([from_s, to_s]) => from_s <= unix_s && unix_s < to_s);
     return span && `${rule} ${span[2]}`;

@@ -6,13 +6,20 @@ import { TimelineChart } from "./chart.js";
 import { dataOf, readAt } from "./data.js";
 import { Teaching } from "./teaching.js";
 
-const SPANS = [[600, "10 min"], [3600, "1 h"], [21600, "6 h"], [86400, "24 h"], [604800, "7 days"]];
-const POINTS_MAX = 2000;
+const SPANS = [
+  [600, "10 min"],
+  [3600, "1 h"],
+  [21600, "6 h"],
+  [86400, "24 h"],
+  [604800, "7 days"],
+];
+const POINTS_MAX = 1600;
 const MARGIN = 0.5; // as much of the view is loaded beside it, so that scrolling shows something at once
 const FOLLOW_MS = 1000;
 const RELOAD_MS = 60_000; // the run writes as often
 const QUIET_MS = 600;
-const NOT_KEPT = "This run keeps no timeline: only what is live is shown. A table [timeline] in its configuration lets it keep one.";
+const NOT_KEPT =
+  "This run keeps no timeline: only what is live is shown. A table [timeline] in its configuration lets it keep one.";
 
 export function mount(root, context) {
   const view = new Timeline(context);
@@ -34,20 +41,39 @@ class Timeline {
 
   constructor({ api, live, unit, say, session }) {
     Object.assign(this, { api, live, unit, say, follows: true });
-    this.chart = new TimelineChart({ unit, onview: (from_s, to_s) => this.#seen(from_s, to_s), onselect: (unix_s) => this.#explain(unix_s), onread: (unix_s) => this.#read(unix_s) });
+    this.chart = new TimelineChart({
+      unit,
+      onview: (from_s, to_s) => this.#seen(from_s, to_s),
+      onselect: (unix_s) => this.#explain(unix_s),
+      onread: (unix_s) => this.#read(unix_s),
+    });
     this.read = h("p", { class: "small number read", role: "status" });
     this.moment = h("section", { class: "panel stack moment-told", "aria-label": "The moment", hidden: true });
-    const button = (words, label, onclick) => h("button", { type: "button", class: "button", "aria-label": label, onclick }, words);
+    const button = (words, label, onclick) =>
+      h("button", { type: "button", class: "button", "aria-label": label, onclick }, words);
     const now = () => Date.now() / 1000;
     this.spans = SPANS.map(([span_s, words]) => button(words, `Show ${words}`, () => this.show(now() - span_s, now())));
-    this.element = h("div", { class: "stack timeline" },
-      h("section", { class: "panel stack of-run", "aria-label": "Timeline" },
+    this.element = h(
+      "div",
+      { class: "stack timeline" },
+      h(
+        "section",
+        { class: "panel stack of-run", "aria-label": "Timeline" },
         h("div", { class: "row" }, h("h1", { class: "grow" }, "Timeline"), this.spans),
-        this.chart.element, this.read,
-        h("div", { class: "row" }, button("−", "Zoom out", () => this.chart.zoom(2)), button("+", "Zoom in", () => this.chart.zoom(0.5)),
-          button("◀", "Earlier", () => this.chart.scroll(-0.5)), button("▶", "Later", () => this.chart.scroll(0.5)),
-          button("Now", "To now", () => this.show(now() - (this.chart.to_s - this.chart.from_s), now())))),
-      this.moment);
+        this.chart.element,
+        this.read,
+        h(
+          "div",
+          { class: "row" },
+          button("−", "Zoom out", () => this.chart.zoom(2)),
+          button("+", "Zoom in", () => this.chart.zoom(0.5)),
+          button("◀", "Earlier", () => this.chart.scroll(-0.5)),
+          button("▶", "Later", () => this.chart.scroll(0.5)),
+          button("Now", "To now", () => this.show(now() - (this.chart.to_s - this.chart.from_s), now())),
+        ),
+      ),
+      this.moment,
+    );
     this.teaching = session.right === "operate" ? new Teaching(this) : null;
     if (this.teaching) this.element.append(this.teaching.element);
   }
@@ -93,7 +119,7 @@ class Timeline {
   /** Ask for what is in view; while an answer is on its way, only the newest wish is kept. */
   async #load() {
     const span_s = this.chart.to_s - this.chart.from_s;
-    const points = Math.round(Math.min(POINTS_MAX, this.chart.element.clientWidth || 1000) * (1 + 2 * MARGIN));
+    const points = Math.round(Math.min(POINTS_MAX, (this.chart.element.clientWidth || 1000) * (1 + 2 * MARGIN)));
     const [from_s, to_s] = [Math.max(0, this.chart.from_s - MARGIN * span_s), this.chart.to_s + MARGIN * span_s];
     this.#wish = `from=${from_s}&to=${to_s}&points=${points}`;
     if (this.#isAsking) return;
@@ -130,25 +156,57 @@ class Timeline {
   }
 
   async #explain(unix_s) {
-    const head = h("div", { class: "row" }, h("h2", { class: "grow" }, format.moment(unix_s)),
-      h("button", { type: "button", class: "button", onclick: () => (this.moment.hidden = true) }, "Close"));
+    const head = h(
+      "div",
+      { class: "row" },
+      h("h2", { class: "grow" }, format.moment(unix_s)),
+      h("button", { type: "button", class: "button", onclick: () => (this.moment.hidden = true) }, "Close"),
+    );
     this.moment.hidden = false;
     replace(this.moment, head, h("p", { class: "quiet" }, "One moment …"));
-    const told = await this.api.get(`timeline/moment?at=${unix_s}`).then((found) => describe(found, this.unit), (error) => h("p", null, error.message));
+    const told = await this.api.get(`timeline/moment?at=${unix_s}`).then(
+      (found) => describe(found, this.unit),
+      (error) => h("p", null, error.message),
+    );
     replace(this.moment, head, this.teaching?.buttons(unix_s), told);
   }
 }
 
-const SOURCES = { run: "By the run itself.", recording: "By a recording of that time.", timeline: "No recording holds this moment: this is what the timeline and the event log know." };
+const SOURCES = {
+  run: "By the run itself.",
+  recording: "By a recording of that time.",
+  timeline: "No recording holds this moment: this is what the timeline and the event log know.",
+};
 
 function describe({ by, recording, targets, rules, events }, unit) {
-  const part = (title, rows) => rows.length > 0 && h("section", null, h("h3", null, title), h("ul", { class: "list" }, rows));
-  const row = (name, value, why = "") => h("li", null, h("strong", null, name), ` ${value}`, why && h("p", { class: "quiet" }, inCode(format.words(why, unit))));
+  const part = (title, rows) =>
+    rows.length > 0 && h("section", null, h("h3", null, title), h("ul", { class: "list" }, rows));
+  const row = (name, value, why = "") =>
+    h(
+      "li",
+      null,
+      h("strong", null, name),
+      ` ${value}`,
+      why && h("p", { class: "quiet" }, inCode(format.words(why, unit))),
+    );
   return [
     h("p", { class: "quiet small" }, SOURCES[by]),
     recording && h("p", null, h("a", { href: "#recordings" }, recording)),
-    part("Measured", Object.entries(targets).map(([name, { mean_m, sigma_m }]) => row(name, mean_m === null ? "not measured" : format.distance(mean_m, sigma_m, unit).text))),
-    part("Rules", rules.map(({ rule, status, sentence }) => row(rule, status, sentence))),
-    part("Events", events.map(({ unix_s, source, kind, reason }) => row(format.moment(unix_s), `${source} ${kind.replaceAll("_", " ")}`, reason))),
+    part(
+      "Measured",
+      Object.entries(targets).map(([name, { mean_m, sigma_m }]) =>
+        row(name, mean_m === null ? "not measured" : format.distance(mean_m, sigma_m, unit).text),
+      ),
+    ),
+    part(
+      "Rules",
+      rules.map(({ rule, status, sentence }) => row(rule, status, sentence)),
+    ),
+    part(
+      "Events",
+      events.map(({ unix_s, source, kind, reason }) =>
+        row(format.moment(unix_s), `${source} ${kind.replaceAll("_", " ")}`, reason),
+      ),
+    ),
   ];
 }
