@@ -7,9 +7,9 @@ and a deadband; the configured one differs in one to four of them. A visit of wh
 would act otherwise with a threshold or a delay that is 10 % off) is drawn anew.
 
 Of three recordings, every alarm of the hidden rule is marked `fire`, from a second before to a second after, and every
-alarm of the configured rule that is none of these `no`. The proposal is then held against two other recordings of the same place: it must raise as many alarms
-as the hidden rule, each within 5 s of it. Every twentieth scene has a visit twice, with opposite marks: it must be
-refused, with that pair named.
+alarm of the configured rule that is none of these `no`. The proposal is then held against two other recordings of the
+same place: it must raise as many alarms as the hidden rule, each within 5 s of it. Every twentieth scene has a visit
+twice, with opposite marks: it must be refused, with that pair named.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from itertools import islice
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import NamedTuple
@@ -47,6 +48,7 @@ FAR_M = 4.0
 MARGIN = 0.1
 KNOWN_S = 1.0
 TEACHING, HELD_OUT = ("monday.jsonl", "tuesday.jsonl", "wednesday.jsonl"), ("thursday.jsonl", "friday.jsonl")
+DAYS = (*TEACHING, *HELD_OUT)
 FOLDER = Path(mkdtemp())
 RULE = "near"
 
@@ -173,8 +175,8 @@ def is_sure(visit: Sequence[float], hidden: Settings) -> bool:
 
 
 def load_rule(settings: Settings) -> AlarmRule:
-    from stadimeter.core.conditions.distance import DistanceCondition  # noqa: PLC0415
-    from stadimeter.core.rule import OnDelay  # noqa: PLC0415
+    from stadimeter.core.conditions.distance import DistanceCondition
+    from stadimeter.core.rule import OnDelay
 
     condition = DistanceCondition(below_m=settings.below, deadband_m=settings.deadband)
     delay = OnDelay(hold_s=settings.on_delay)
@@ -225,42 +227,36 @@ def same(first: Sequence[Firing], second: Sequence[Firing]) -> bool:
 
 def try_scene(seed: int) -> Result:
     """Return what came of one scene."""
-    random_ = random.Random(seed)
+    random_ = random.Random(seed)  # noqa: S311 - scenes that can be drawn again
     hidden, configured = draw_rules(random_)
-    hidden_configuration, configuration = load(hidden), load(configured)
-    is_contradictory = seed % 20 == 0
-    recordings = {}
-    for name in (*TEACHING, *HELD_OUT):
-        visits: list[list[float]] = []
-        while len(visits) < VISITS:
-            if is_sure(visit := draw_visit(random_), hidden):
-                visits.append(visit)
-        recordings[name] = record(name, visits, random_)
-    kept = {name: keep(each, configuration) for name, each in recordings.items()}
+    truth, configuration = load(hidden), load(configured)
+    kept = {name: keep(record(name, draw_visits(random_, hidden), random_), configuration) for name in DAYS}
     lesson = Lesson(configuration=configuration, text=text_of(configured))
-    marks: list[Mark] = []
-    for name in TEACHING:
-        lesson.recordings[name] = kept[name]
-        truth = firings_of(kept[name], hidden_configuration)
-        marks += marks_of(name, truth, kept[name].side.rules[RULE].spans)
+    lesson.recordings.update({name: kept[name] for name in TEACHING})
+    marks = [
+        mark
+        for name in TEACHING
+        for mark in marks_of(name, firings_of(kept[name], truth), kept[name].side.rules[RULE].spans)
+    ]
+    is_contradictory = seed % 20 == 0
     if is_contradictory:
-        marks = contradict(lesson, hidden_configuration, marks)
-    if not marks:
-        return Result("no marks: nothing was to be seen", 0.0, f"{hidden}")
+        marks = contradict(lesson, truth, marks)
     began_s = time.process_time()
     try:
-        proposal = lesson.propose(RULE, marks)
+        values = lesson.propose(RULE, marks).values
     except ConfigError as error:
-        took_s = time.process_time() - began_s
-        named = error.problems[0].message
-        right = "refused, contradiction named" if is_contradictory and "contradict each other" in named else "refused"
-        return Result(right, took_s, f"{hidden} {configured} {named}")
-    took_s = time.process_time() - began_s
-    new = lesson.load(RULE, proposal.values)
-    equal = [same(firings_of(kept[name], hidden_configuration), firings_of(kept[name], new)) for name in HELD_OUT]
-    if is_contradictory:
-        return Result("contradiction not found", took_s, "")
-    return Result("equal" if all(equal) else "other firings", took_s, f"{hidden} {configured} {dict(proposal.values)}")
+        outcome = "refused, the pair named" if is_contradictory and "contradict" in str(error) else "refused"
+        return Result(outcome, time.process_time() - began_s, f"{hidden} {configured} {error}")
+    took_s, new = time.process_time() - began_s, lesson.load(RULE, values)
+    is_equal = all(same(firings_of(kept[name], truth), firings_of(kept[name], new)) for name in HELD_OUT)
+    outcome = "a contradiction not found" if is_contradictory else "equal" if is_equal else "other alarms"
+    return Result(outcome, took_s, f"{hidden} {configured} {dict(values)}")
+
+
+def draw_visits(random_: random.Random, hidden: Settings) -> list[list[float]]:
+    """Return visits of which the hidden rule is sure."""
+    visits = iter(lambda: draw_visit(random_), None)
+    return list(islice((visit for visit in visits if is_sure(visit, hidden)), VISITS))
 
 
 def contradict(lesson: Lesson, hidden: Configuration, marks: Sequence[Mark]) -> list[Mark]:

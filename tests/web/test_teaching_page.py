@@ -14,6 +14,8 @@ from stadimeter.workbench.rule_tests.running import run_rule_test
 from support.browser import Served, served, tab, until
 from support.false_alarm import BY_S, CONFIGURATION, STAYED_S, record
 
+pytestmark = pytest.mark.timeout(900)
+
 CHART = "document.querySelector('.timeline-chart').dataset"
 CLICKS_MAX = 12
 

@@ -3,7 +3,7 @@
 Smallest means, in this order: the fewest alarms that change where nothing is marked, in the recordings with marks; the
 fewest settings that change; and the least change of these: the sum of the logarithms of their ratios, and of the mean
 time in seconds by which alarms are off the middle of marked spans. Of all values of a setting that give the same
-alarms, the one in the middle is taken, rounded as far as they allow: it is the furthest from being wrong on either side.
+alarms, the one in the middle is taken, rounded as far as they allow: the furthest from being wrong on either side.
 
 Thresholds come from the order statistics of the signal: alarms change only where the threshold passes a figure that the
 signal keeps to for as long as the delay. Delays come from how long the signal stayed, deadbands and off-delays from how
@@ -96,20 +96,28 @@ class Search(Struct, kw_only=True):
         yield from (each.values for each in good)
 
     def _try_all(self, least: float) -> None:
-        self.attempt({})
+        for values in ({}, *self._beginnings({}, least)):
+            self.attempt(values)
+        for tried in self._best(BEST_MAX):
+            for off_s, band in product(self._off_delays(tried.values, least), self._deadbands(tried.values, least)):
+                self.attempt({**tried.values, "off_delay": off_s, **band})
+        for tried in self._best(BEST_MAX // 2):  # once more around what came out, one setting after the other
+            for key, value in self._singly(tried.values, least):
+                self.attempt({**tried.values, key: value})
+
+    def _best(self, count: int) -> list[Tried]:
+        return sorted(self.tried.values(), key=_score)[:count]
+
+    def _beginnings(self, values: Values, least: float) -> Iterator[Values]:
         for key in thresholds_of(self.rule):
             for value in self._thresholds(key, least):
-                for delay_s in self._on_delays({key: value}, least):
-                    self.attempt({key: value, "on_delay": delay_s})
-        for each in sorted(self.tried.values(), key=_score)[:BEST_MAX]:
-            for off_s, band in product(self._off_delays(each.values, least), self._deadbands(each.values, least)):
-                self.attempt({**each.values, "off_delay": off_s, **band})
-        for each in sorted(self.tried.values(), key=_score)[: BEST_MAX // 2]:  # once more around what came out
-            for key in thresholds_of(self.rule):
-                for value in self._thresholds(key, least):
-                    self.attempt({**each.values, key: value})
-            for delay_s in self._on_delays(each.values, least):
-                self.attempt({**each.values, "on_delay": delay_s})
+                here = {**values, key: value}
+                yield from ({**here, "on_delay": delay_s} for delay_s in self._on_delays(here, least))
+
+    def _singly(self, values: Values, least: float) -> Iterator[tuple[str, float]]:
+        for key in thresholds_of(self.rule):
+            yield from ((key, value) for value in self._thresholds(key, least))
+        yield from (("on_delay", delay_s) for delay_s in self._on_delays(values, least))
 
     def attempt(self, values: Values) -> Tried:
         """Return how good settings are; those that are the rule's own do not count as changed."""
