@@ -49,10 +49,10 @@ def measure_all(cycles: int = CYCLES) -> tuple[list[Row], bool]:
     grown_mb = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kib) / 1024
     rows[0] = rows[0]._replace(megabytes=grown_mb)
     answers = []
-    for below_m in (0.8, 1.0, 1.2, 1.5, 2.0):
-        rows.append(
-            _timed(f"threshold at {below_m} m", lambda at=below_m: answers.append(_ask(lesson, at)))  # type: ignore[misc]
-        )
+    rows += [
+        _timed(f"threshold at {below_m} m", lambda at=below_m: answers.append(_ask(lesson, at)))  # type: ignore[misc]
+        for below_m in (0.8, 1.0, 1.2, 1.5, 2.0)
+    ]
     new = lesson.load(teaching.RULE, {"below": 2.0})
     beside = SideBySide(ReplayRun(recording, configuration), ReplayRun(recording, new))
     rows.append(_timed("replay --diff", lambda: beside.go_on(math.inf)))

@@ -55,6 +55,12 @@ def test_what_is_asked_again_reads_no_recording_again(desk: Desk, monkeypatch: p
     assert "1 of them new" not in ask(desk, "what_if", changes={"below": "70 cm", "off_delay": 3.0})["words"]
 
 
+def test_before_anything_is_read_the_answer_says_that_more_is_to_come(desk: Desk) -> None:
+    found = ask(desk, "what_if", for_s=0.0)
+    assert not found["is_done"]
+    assert found["recordings"][0]["before"] == []
+
+
 def test_marks_are_met_by_one_setting_that_leaves_all_other_alarms(desk: Desk) -> None:
     found = ask(desk, "teach", marks=[BY, STAYED])
     assert len(found["changes"]) == 1

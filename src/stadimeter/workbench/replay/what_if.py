@@ -28,7 +28,7 @@ from stadimeter.core.rules.layout import asks_for
 from stadimeter.core.rules.quiescence import MAX_WOKEN
 from stadimeter.core.rules.scheduler import EvaluatedRules, judge, with_steps
 from stadimeter.errors import JournalError
-from stadimeter.workbench.replay.lanes import Point, ReplaySide
+from stadimeter.workbench.replay.lanes import Lane, Point, ReplaySide
 from stadimeter.workbench.replay.replay import AnyRecording, decisions, first_state, without_collector
 from stadimeter.workbench.replay.replay_figures import Tally
 
@@ -72,7 +72,7 @@ class KeptRecording:
     _steps: Iterator[None] = field(init=False)
 
     def __post_init__(self) -> None:
-        self.side = ReplaySide(Tally(self.configuration.plan))
+        self.side = _new_side(self.configuration.plan)
         self._steps = self._through()
 
     @property
@@ -120,7 +120,7 @@ class KeptRecording:
         rules = judged_apart(self.configuration.plan, plan)
         if rules is not None:
             return self.judge_apart(plan, rules)
-        side = ReplaySide(Tally(plan))
+        side = _new_side(plan)
         again = decisions(self.recording, plan, from_s=self.began_s + self.from_s if self.from_s else None)
         with without_collector():
             for cycle, (_, observation, decision) in zip(self.cycles, again, strict=False):
@@ -146,6 +146,10 @@ class KeptRecording:
         side.add_lanes(self.seconds, before.traces)
         side.tally = self.side.tally.with_rules(plan, side.tally)
         return side
+
+
+def _new_side(plan: Plan) -> ReplaySide:
+    return ReplaySide(Tally(plan), {rule.name: Lane() for rule in plan.rules})
 
 
 def _first_rules(state: State, plan: Plan, rules: tuple[int, ...]) -> EvaluatedRules:
