@@ -126,7 +126,7 @@ def test_only_what_depends_on_a_changed_rule_is_judged_again(kept: KeptRecording
 @pytest.mark.parametrize(
     "more",
     [
-        '[rules.much]\nwhen = { active_for = { rule = "near", within = "1 min", above = "5 s" } }',
+        '[rules.much]\nwhen = { active_for = { rule = "near", within = "1 min", at_least = "5 s" } }',
         '[rules.follow]\nfollow = { distance = "1 m" }\nactuator = "base"\nwhen = { rule = "near" }\n' + BASE,
     ],
     ids=["a figure that sums it up", "a base that it lets drive"],
