@@ -38,7 +38,7 @@ from stadimeter.errors import ConfigError
 from stadimeter.workbench.replay.comparison import SAME_WITHIN_S
 from stadimeter.workbench.replay.what_if import KeptRecording
 from stadimeter.workbench.teaching.lesson import Lesson
-from stadimeter.workbench.teaching.marks import Firing, Mark
+from stadimeter.workbench.teaching.marks import Firing, FiringMark
 from stadimeter.workbench.teaching.signal import Signal
 from support.observing import measured
 
@@ -208,15 +208,15 @@ def firings_of(kept: KeptRecording, configuration: Configuration) -> list[Firing
     return kept.decide_with(configuration.plan).rules[RULE].spans
 
 
-def marks_of(name: str, hidden: Sequence[Firing], configured: Sequence[Firing]) -> Iterator[Mark]:
+def marks_of(name: str, hidden: Sequence[Firing], configured: Sequence[Firing]) -> Iterator[FiringMark]:
     for begin, _ in hidden:
-        yield Mark(recording=name, from_s=begin - KNOWN_S, to_s=begin + KNOWN_S, should_fire=True)
+        yield FiringMark(recording=name, from_s=begin - KNOWN_S, to_s=begin + KNOWN_S, should_fire=True)
     for begin, end in configured:
         if any(abs(first - begin) <= KNOWN_S for first, _ in hidden):
             continue
         until_s = min([end, *(first - KNOWN_S - FRAME_S for first, _ in hidden if first > begin)])
         if until_s > begin:
-            yield Mark(recording=name, from_s=begin, to_s=until_s, should_fire=False)
+            yield FiringMark(recording=name, from_s=begin, to_s=until_s, should_fire=False)
 
 
 def same(first: Sequence[Firing], second: Sequence[Firing]) -> bool:
@@ -259,11 +259,14 @@ def draw_visits(random_: random.Random, hidden: Settings) -> list[list[float]]:
     return list(islice((visit for visit in visits if is_sure(visit, hidden)), VISITS))
 
 
-def contradict(lesson: Lesson, hidden: Configuration, marks: Sequence[Mark]) -> list[Mark]:
+def contradict(lesson: Lesson, hidden: Configuration, marks: Sequence[FiringMark]) -> list[FiringMark]:
     """Return marks of which two contradict: the first recording once more, with one alarm of it marked `no`."""
     twin = lesson.recordings["twin.jsonl"] = lesson.recordings[TEACHING[0]]
     firings = firings_of(twin, hidden)
-    no = [Mark(recording="twin.jsonl", from_s=begin - 1, to_s=begin + 1, should_fire=False) for begin, _ in firings[:1]]
+    no = [
+        FiringMark(recording="twin.jsonl", from_s=begin - 1, to_s=begin + 1, should_fire=False)
+        for begin, _ in firings[:1]
+    ]
     return [*marks, *no]
 
 

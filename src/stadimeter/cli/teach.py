@@ -19,7 +19,7 @@ from stadimeter.workbench.rule_settings import alarm_named
 from stadimeter.workbench.saving import save_files
 from stadimeter.workbench.server.teaching import answer_fields
 from stadimeter.workbench.teaching.lesson import Answer, Lesson, in_words
-from stadimeter.workbench.teaching.marks import Mark, parse_mark
+from stadimeter.workbench.teaching.marks import FiringMark, parse_mark
 
 _Rule = Annotated[str, typer.Argument(metavar="RULE", help="The alarm.")]
 _Config = Annotated[Path, typer.Option("--config", metavar="CONFIG", help="The configuration with the alarm.")]
@@ -137,8 +137,8 @@ def _tell(
     typer.echo(in_words(rule, answers))
 
 
-def _save(lesson: Lesson, rule: str, values: Mapping[str, float | str], marks: Sequence[Mark]) -> None:
+def _save(lesson: Lesson, rule: str, values: Mapping[str, float | str], marks: Sequence[FiringMark]) -> None:
     place = lesson.configuration.path
     text, tests = lesson.write(rule, values, marks)
     _, kept = save_files(place.parent, {place.name: text})
-    typer.echo(f"Saved {place}, with {len(tests)} tests; what was there is in {kept}.")
+    typer.echo(f"Saved {place}, with {len(tests)} test{'' if len(tests) == 1 else 's'}; what was there is in {kept}.")

@@ -25,8 +25,8 @@ from stadimeter.workbench.replay.lanes import ReplaySide
 from stadimeter.workbench.replay.replay import read_recording
 from stadimeter.workbench.replay.what_if import KEPT_CYCLES_MAX, KeptRecording
 from stadimeter.workbench.rule_settings import RuleSetting, alarm_named, settings_of, with_settings
-from stadimeter.workbench.teaching.marks import Firing, Mark, is_met
-from stadimeter.workbench.teaching.search import Search, Taught, Values
+from stadimeter.workbench.teaching.marks import Firing, FiringMark, is_met
+from stadimeter.workbench.teaching.search import SettingSearch, Taught, Values
 from stadimeter.workbench.teaching.signal import signal_of
 
 # A test begins this long before its first mark, or before the alarm that stood then, and ends this long after the last.
@@ -51,7 +51,7 @@ class Answer(Struct, frozen=True, kw_only=True, eq=False):
         return next(each.new.raised for each in self.difference.rules if each.rule == rule and each.new)
 
 
-class Proposal(Struct, frozen=True, kw_only=True, eq=False):
+class TaughtSettings(Struct, frozen=True, kw_only=True, eq=False):
     """The smallest change that meets all marks.
 
     Attributes:
@@ -61,7 +61,7 @@ class Proposal(Struct, frozen=True, kw_only=True, eq=False):
     """
 
     values: Values
-    marks: Sequence[Mark]
+    marks: Sequence[FiringMark]
     answers: Sequence[Answer]
 
 
@@ -110,7 +110,7 @@ class Lesson:
             found.append(Answer(name=name, kept=kept, after=after, difference=compare(kept.side.tally, after.tally)))
         return found
 
-    def propose(self, rule: str, marks: Sequence[Mark]) -> Proposal:
+    def propose(self, rule: str, marks: Sequence[FiringMark]) -> TaughtSettings:
         """Return the smallest change of an alarm that meets all marks.
 
         Raises:
@@ -123,10 +123,10 @@ class Lesson:
             new = self.load(rule, values)
             answers = self.answer(new.plan)
             if all(_meets(each, search.rule.name, marks) for each in answers):
-                return Proposal(values=values, marks=marks, answers=answers)
+                return TaughtSettings(values=values, marks=marks, answers=answers)
         raise ConfigError([_contradiction(search, str(self.configuration.path))])
 
-    def _search(self, name: str, marks: Sequence[Mark]) -> Search:
+    def _search(self, name: str, marks: Sequence[FiringMark]) -> SettingSearch:
         _, alarm = alarm_named(self.configuration, name)
         condition = alarm.condition
         if not isinstance(condition, DistanceCondition | FigureCondition):
@@ -144,9 +144,9 @@ class Lesson:
             for recording, kept in self.recordings.items()
             if any(mark.recording == recording for mark in marks)
         ]
-        return Search(rule=alarm, condition=condition, taught=taught)
+        return SettingSearch(rule=alarm, condition=condition, taught=taught)
 
-    def write(self, rule: str, values: Mapping[str, float | str], marks: Sequence[Mark]) -> tuple[str, list[str]]:
+    def write(self, rule: str, values: Mapping[str, float | str], marks: Sequence[FiringMark]) -> tuple[str, list[str]]:
         """Return the text with other settings of a rule and tests that hold marks, and the names of these.
 
         What the tests need is cut out of the recordings. Without marks they hold what the change adds and takes away.
@@ -160,7 +160,7 @@ class Lesson:
                 text, names = text + added, [*names, journal]
         return text, names
 
-    def whole(self, rule: str, marks: Sequence[Mark]) -> list[Mark]:
+    def whole(self, rule: str, marks: Sequence[FiringMark]) -> list[FiringMark]:
         """Return marks, those on a moment that should not have fired as one on all of the alarm that stood there."""
         return [_whole(mark, self.recordings[mark.recording].side.rules[rule].spans) for mark in marks]
 
@@ -182,15 +182,15 @@ def is_alarm_of(rule: str, change: EventChange) -> bool:
     return change.event.source == rule and change.event.kind is EventKind.RAISED
 
 
-def changes_as_marks(rule: str, answer: Answer) -> Iterator[Mark]:
+def changes_as_marks(rule: str, answer: Answer) -> Iterator[FiringMark]:
     """Yield marks that say that what a change adds and takes away is right: for a threshold that was dragged."""
     for change in answer.difference.changes:
         if is_alarm_of(rule, change) and change.change != "moved":
             at_s = change.event.at_s - answer.kept.began_s
-            yield Mark(recording=answer.name, from_s=at_s, to_s=at_s, should_fire=change.change == "added")
+            yield FiringMark(recording=answer.name, from_s=at_s, to_s=at_s, should_fire=change.change == "added")
 
 
-def _whole(mark: Mark, firings: Sequence[Firing]) -> Mark:
+def _whole(mark: FiringMark, firings: Sequence[Firing]) -> FiringMark:
     """Return a mark on a moment that should not have fired as one on all of the alarm that stood there."""
     if mark.should_fire or not mark.is_moment:
         return mark
@@ -198,12 +198,12 @@ def _whole(mark: Mark, firings: Sequence[Firing]) -> Mark:
     return replace(mark, from_s=found[0], to_s=found[1])
 
 
-def _meets(answer: Answer, rule: str, marks: Sequence[Mark]) -> bool:
+def _meets(answer: Answer, rule: str, marks: Sequence[FiringMark]) -> bool:
     here = [mark for mark in marks if mark.recording == answer.name]
     return all(is_met(mark, answer.after.rules[rule].spans, here) for mark in here)
 
 
-def write_test(rule: str, answer: Answer, marks: Sequence[Mark], folder: Path) -> tuple[str, str]:
+def write_test(rule: str, answer: Answer, marks: Sequence[FiringMark], folder: Path) -> tuple[str, str]:
     """Cut what a test needs out of a recording, without pictures; return the test as TOML, and its name.
 
     Args:
@@ -233,7 +233,7 @@ def write_test(rule: str, answer: Answer, marks: Sequence[Mark], folder: Path) -
     return heading + "\n".join([*_expected(rule, inside, moved), ""]), test
 
 
-def _expected(rule: str, firings: Sequence[Firing], marks: Sequence[Mark]) -> Iterator[str]:
+def _expected(rule: str, firings: Sequence[Firing], marks: Sequence[FiringMark]) -> Iterator[str]:
     yield f"expect.{dotted((rule,))}.raised = {len(firings)}"
     wanted = [firing for mark in marks for firing in firings if mark.wants(firing)]
     if active := sorted({f'"{(begin + end) / 2:.2f} s"' for begin, end in wanted}):
@@ -249,7 +249,7 @@ def _expected(rule: str, firings: Sequence[Firing], marks: Sequence[Mark]) -> It
         yield f"expect.{dotted((rule,))}.inactive_at = [{', '.join(spans)}]"
 
 
-def _contradiction(search: Search, file: str) -> Problem:
+def _contradiction(search: SettingSearch, file: str) -> Problem:
     marks = search.contradiction()
     if len(marks) == 2:
         first, second = marks

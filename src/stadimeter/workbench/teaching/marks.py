@@ -22,7 +22,7 @@ Firing = tuple[float, float]
 _MARK = re.compile(r"(?P<recording>[^@]+)@(?P<from>[^@]+?)(?:\.\.(?P<to>[^@]+?))?\s+(?P<what>fire|no)")
 
 
-class Mark(Struct, frozen=True, kw_only=True):
+class FiringMark(Struct, frozen=True, kw_only=True):
     """A moment or a span of a recording.
 
     A span that should have fired wants an alarm raised in it; a moment, one that stands. Where it should not have, no
@@ -65,7 +65,7 @@ class Mark(Struct, frozen=True, kw_only=True):
         return 0.0 if self.is_moment else abs(firing[0] - (self.from_s + self.to_s) / 2)
 
 
-def parse_mark(text: str) -> Mark:
+def parse_mark(text: str) -> FiringMark:
     """Read a mark such as ``run.mcap@14.2s fire`` or ``run.mcap@14s..20s no``; `ConfigError` if it is none."""
     hint = 'write a moment, "run.mcap@14.2s fire", or a span, "run.mcap@14s..20s no"'
     match = _MARK.fullmatch(text.strip())
@@ -77,10 +77,10 @@ def parse_mark(text: str) -> Mark:
         raise ConfigError([Problem(f"{text!r} is no mark: {error}", hint=hint)]) from error
     if to_s < from_s:
         raise ConfigError([Problem(f"{text!r} ends before it begins", hint=hint)])
-    return Mark(recording=match["recording"], from_s=from_s, to_s=to_s, should_fire=match["what"] == "fire")
+    return FiringMark(recording=match["recording"], from_s=from_s, to_s=to_s, should_fire=match["what"] == "fire")
 
 
-def is_met(mark: Mark, firings: Sequence[Firing], marks: Sequence[Mark]) -> bool:
+def is_met(mark: FiringMark, firings: Sequence[Firing], marks: Sequence[FiringMark]) -> bool:
     """Return whether an alarm did what a mark says.
 
     Args:

@@ -3,7 +3,7 @@
 Smallest means, in this order: the fewest alarms that change where nothing is marked, in the recordings with marks; the
 fewest settings that change; and the least change of these: the sum of the logarithms of their ratios, and of the mean
 time in seconds by which alarms are off the middle of marked spans. Of all values of a setting that give the same
-alarms, the one in the middle is taken, rounded as far as they allow: the furthest from being wrong on either side.
+alarms, the central one is taken, rounded as far as they allow: the furthest from being wrong on either side.
 
 Thresholds come from the order statistics of the signal: alarms change only where the threshold passes a figure that the
 signal keeps to for as long as the delay. Delays come from how long the signal stayed, deadbands and off-delays from how
@@ -27,7 +27,7 @@ from stadimeter.core.conditions.measured import FigureCondition
 from stadimeter.core.rule import AlarmRule, OnDelay
 from stadimeter.core.words import figure_in_words
 from stadimeter.workbench.replay.comparison import SAME_WITHIN_S
-from stadimeter.workbench.teaching.marks import JOINED_S, MOMENT_S, Firing, Mark, is_met
+from stadimeter.workbench.teaching.marks import JOINED_S, MOMENT_S, Firing, FiringMark, is_met
 from stadimeter.workbench.teaching.signal import Floats, Signal
 
 # How many values of each kind are tried: thresholds and on-delays all with each other, then off-delays and deadbands
@@ -41,7 +41,7 @@ BLOCK_S = 2.0
 # of it is no larger a change than of a threshold from 1 m to 1.1 m.
 DELAY_SIZE_S, BAND_SIZE = 1.0, 0.1
 
-# Figures and times that differ by less than this share are not told apart, unless the marks leave no other way: noise
+# Figures and times that differ by less than this share are not separated, unless the marks leave no other way: noise
 # would decide between them.
 APART = 0.05
 
@@ -55,7 +55,7 @@ class Taught(Struct, frozen=True, kw_only=True, eq=False):
     """A recording with marks, and the alarms of the rule as it is."""
 
     signal: Signal
-    marks: Sequence[Mark]
+    marks: Sequence[FiringMark]
     before: Sequence[Firing]
 
 
@@ -76,7 +76,7 @@ class Tried(NamedTuple):
     met: tuple[bool, ...]
 
 
-class Search(Struct, kw_only=True):
+class SettingSearch(Struct, kw_only=True):
     """Tries settings of an alarm on one limit, on recordings with marks."""
 
     rule: AlarmRule
@@ -216,7 +216,7 @@ class Search(Struct, kw_only=True):
         return [{}, none, {self._band_key: 0.0}, *({self._band_key: max(0.0, way)} for way in found)]
 
     def _centred(self, found: Tried) -> Values:
-        """Return the same settings with each value in the middle of those that give the same alarms."""
+        """Return the same settings with each value central among those that give the same alarms."""
         values = dict(found.values)
         for key, value in found.values.items():
             if key == self._sigmas_key:
@@ -238,7 +238,7 @@ class Search(Struct, kw_only=True):
                 values[key] = rounded
         return values
 
-    def contradiction(self) -> list[Mark]:
+    def contradiction(self) -> list[FiringMark]:
         """Return two marks that no settings that were tried meet both; or one; none if it is more than two."""
         marks = [mark for each in self.taught for mark in each.marks]
         met = np.array([each.met for each in self.tried.values()], bool)
@@ -251,7 +251,7 @@ class Search(Struct, kw_only=True):
         )
         return alone[:1] or min(pairs, key=lambda pair: pair[0], default=(0.0, []))[1]
 
-    def describe(self, mark: Mark) -> str:
+    def describe(self, mark: FiringMark) -> str:
         """Say how the figure was at a mark: how far it went, and for how long it was within the threshold."""
         signal = next(each.signal for each in self.taught if mark in each.marks)
         there = _in_span(signal.at_s, mark)
@@ -281,7 +281,7 @@ def _count_elsewhere(taught: Taught, after: Sequence[Firing]) -> int:
     )
 
 
-def _in_span(at_s: Floats, mark: Mark) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def _in_span(at_s: Floats, mark: FiringMark) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     off_s = MOMENT_S if mark.is_moment else 0.0
     return (at_s >= mark.from_s - off_s) & (at_s <= mark.to_s + off_s)
 
@@ -307,7 +307,7 @@ def _between(values: Iterable[float], least: float, *, is_open: bool = False) ->
 
 
 def _thin(values: Sequence[float], most: int) -> list[float]:
-    """Return at most so many of some values, evenly out of their order."""
+    """Return at most this number of some values, evenly out of their order."""
     if len(values) <= most:
         return list(values)
     return [values[round(each)] for each in np.linspace(0, len(values) - 1, most)]
@@ -324,7 +324,7 @@ def _edge(is_same: Callable[[float], bool], inside: float, outside: float) -> tu
 
 
 def _roundest(low: float, high: float) -> float:
-    """Return the number with the fewest digits in the middle third of a range."""
+    """Return the number with the fewest digits in the central third of a range."""
     middle, third = (low + high) / 2, abs(high - low) / 6
     rounded = (float(f"{middle:.{digits}g}") for digits in range(1, 7))
     return next((each for each in rounded if abs(each - middle) <= third), middle)

@@ -163,7 +163,7 @@ class Timeline {
       h("button", { type: "button", class: "button", onclick: () => (this.moment.hidden = true) }, "Close"),
     );
     this.moment.hidden = false;
-    replace(this.moment, head, h("p", { class: "quiet" }, "One moment …"));
+    replace(this.moment, head, this.teaching?.buttons(unix_s), h("p", { class: "quiet" }, "One moment …"));
     const told = await this.api.get(`timeline/moment?at=${unix_s}`).then(
       (found) => describe(found, this.unit),
       (error) => h("p", null, error.message),

@@ -52,10 +52,11 @@ export class Teaching {
 
   /** The buttons below a moment. */
   buttons(unix_s) {
-    return h("div", { class: "row", hidden: this.element.hidden }, button("Should have fired", () => this.#mark(unix_s, true)), button("Should not have fired", () => this.#mark(unix_s, false)));
+    return h("div", { class: "row" }, button("Should have fired", () => this.#mark(unix_s, true)), button("Should not have fired", () => this.#mark(unix_s, false)));
   }
 
   async #mark(unix_s, fire) {
+    if (!this.rule) return this.view.say("The rules are not known yet, or none is on a distance.", "error");
     if (!this.#at(unix_s)) await this.#ask(unix_s);
     const found = this.#at(unix_s);
     if (!found) return this.view.say("No recording holds this moment, so nothing can be tried on it.", "error");
