@@ -16,7 +16,8 @@ from stadimeter.core.observation import Observation
 from support.browser import STILL
 from support.observing import Rehearsal
 
-CONFIGURATION = '[recording]\nlast = "1 h"\n' + STILL.replace('ack = "required"\nlatch = true\n', "")
+KEPT = '[timeline]\nkeep = "7 d"\n[recording]\nlast = "1 h"\n'
+CONFIGURATION = KEPT + STILL.replace('ack = "required"\nlatch = true\n', "")
 """A buzzer sounds when the ball is nearer than a metre."""
 
 SECONDS = 240

@@ -13,6 +13,7 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.workbench.rule_tests.running import run_rule_test
 from support.browser import Served, served, tab, until
 from support.false_alarm import BY_S, CONFIGURATION, STAYED_S, record
+from support.timeline_day import keep_day
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -47,6 +48,7 @@ def began_s() -> float:
 def here(tmp_path: Path, began_s: float) -> Iterator[Served]:
     """Serve a run, and what it recorded some minutes ago."""
     record(tmp_path, began_s)
+    keep_day(tmp_path / "timeline" / "stadimeter", time.time() - 60)
     with served(tmp_path, CONFIGURATION) as serving:
         yield serving
 
