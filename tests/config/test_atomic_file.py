@@ -195,6 +195,7 @@ LOOKS = {
     "workbench/fleet/rollout.py": "an early refusal; signing fails by itself",
     "workbench/fleet/trial.py": "which recording is the newest; reading fails by itself",
     "workbench/run_camera.py": "why there is no picture",
+    "workbench/server/teaching.py": "which files are recordings; reading fails by itself",
     "workbench/saving.py": "under the lock of every saver, or a list of what is kept",
     "workbench/server/setup_desk.py": "the answers are replaced, never removed",
     "workbench/setup/interview.py": "a word about a version that was just kept",

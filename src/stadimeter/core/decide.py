@@ -27,7 +27,7 @@ from stadimeter.core.outputs import OutputStep, command_all, forbidden_outputs, 
 from stadimeter.core.plan import BaseOutput, Plan
 from stadimeter.core.remembering import Added, step_figures
 from stadimeter.core.rules.explaining import Reasons
-from stadimeter.core.rules.scheduler import EvaluatedRules, Outcome, judge, new_rules
+from stadimeter.core.rules.scheduler import EvaluatedRules, judge, new_rules
 from stadimeter.core.safety import (
     AT_START,
     SafetyState,
@@ -111,7 +111,7 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
     seen, disagreeing, sensor_events = _see(state, observation, is_new=is_new)
     track_states = _step_tracks(state, seen, observation.now_s, gap_s)
     inputs = _rule_inputs(state, track_states, observation, safety, is_after_gap=gap_s is not None)
-    rules, outcome = _judge_rules(state, observation, inputs, safety, step_s)
+    rules, outcome = judge(state.rules, *judged_by(state, observation, inputs, safety))
     allowed = _step_permission(state, observation, safety, is_new=is_new)
     holds, answers, outputs = _act(state, observation, allowed.safety, rules, is_after_gap=gap_s is not None)
     seen_events = _track_events(state, track_states, observation.now_s, in_words(gap_s, plan.safety) if gap_s else "")
@@ -217,11 +217,24 @@ def _base_command(state: State) -> TwistCommand | None:
     return next((step.command for step in state.outputs if isinstance(step.command, TwistCommand)), None)
 
 
-def _judge_rules(
-    state: State, observation: Observation, inputs: RuleInputs, safety: SafetyState, step_s: float
-) -> tuple[EvaluatedRules, Outcome]:
+class JudgedBy(NamedTuple):
+    """All that the rules were judged by in one cycle: what `core.rules.scheduler.judge` takes beside the rules."""
+
+    inputs: RuleInputs
+    sample: Sample | None
+    cycle: Sample
+    commands: tuple[OperatorCommand, ...]
+
+
+def judged_by(before: State, observation: Observation, inputs: RuleInputs, safety: SafetyState) -> JudgedBy:
+    """Return what the rules are judged by in the cycle after `before`.
+
+    Args:
+        safety: As it is after the cycle.
+    """
+    step_s = 0.0 if before.now_s is None else observation.now_s - before.now_s
     cycle = Sample(at_s=observation.now_s, since_s=step_s)
-    return judge(state.rules, inputs, _sample(state, safety), cycle, _for_rules(observation))
+    return JudgedBy(inputs, _sample(before, safety), cycle, _for_rules(observation))
 
 
 def _for_rules(observation: Observation) -> tuple[OperatorCommand, ...]:

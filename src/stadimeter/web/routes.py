@@ -185,6 +185,18 @@ PAGE_OPERATIONS: tuple[PageOperation, ...] = (
         "GET", "timeline/moment", "timeline_moment.moment", "What is known of a moment: why each rule acted, or not",
         right=Right.READ, answer="TimelineMoment", query={"at": "number"}, wait_s=LONG_WAIT_S,
     ),
+    _desk(
+        "POST", "rules/{rule}/what-if", "teaching.what_if", "What an alarm with other settings would have done",
+        body={"changes": "number{}", "at_s": "number[]", "for_s": "number"}, answer="WhatIf", wait_s=LONG_WAIT_S,
+    ),
+    _desk(
+        "POST", "rules/{rule}/teach", "teaching.teach", "The smallest change of an alarm that meets marks",
+        body={"marks": "text[]", "at_s": "number[]"}, answer="WhatIf", wait_s=LONG_WAIT_S,
+    ),
+    _desk(
+        "POST", "rules/{rule}/taught", "teaching.save", "Save other settings of an alarm, with a rule test",
+        body={"changes": "number{}", "marks": "text[]", "at_s": "number[]"}, wait_s=LONG_WAIT_S,
+    ),
     _desk("GET", "recordings", "recordings.recordings", "The recordings", right=Right.READ, answer="Recordings"),
     _run("recordings", "record", "Begin or end a recording", body={"do": "start|stop"}),
     _own(

@@ -16,7 +16,7 @@ import msgspec
 from msgspec import Struct
 
 from stadimeter.core.command import Command, LevelCommand
-from stadimeter.core.decision import Decision
+from stadimeter.core.decision import Decision, RuleTrace
 from stadimeter.core.observation import Observation
 from stadimeter.errors import JournalError
 from stadimeter.workbench.replay.comparison import ReplayDiff, compare
@@ -74,10 +74,14 @@ class ReplaySide(Struct):
     def add(self, at_s: float, observation: Observation, decision: Decision) -> None:
         """Add a cycle."""
         self.tally.add(observation, decision)
-        for trace in decision.rules:
-            self.rules.setdefault(trace.rule, Lane()).add(at_s, is_on=trace.active is True)
+        self.add_lanes(at_s, decision.rules)
         for command in decision.commands:
             _add_changed(self.levels.setdefault(command.output, []), at_s, _strength(command))
+
+    def add_lanes(self, at_s: float, traces: Iterable[RuleTrace]) -> None:
+        """Add whether rules are active at a moment."""
+        for trace in traces:
+            self.rules.setdefault(trace.rule, Lane()).add(at_s, is_on=trace.active is True)
 
 
 @dataclass(slots=True)

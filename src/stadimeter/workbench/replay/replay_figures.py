@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from operator import attrgetter
 from statistics import median
 
 import numpy as np
 from msgspec import Struct, field
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from stadimeter.core.conditions.compounds import leaves
 from stadimeter.core.conditions.distance import DistanceCondition
-from stadimeter.core.decision import Decision, Event, EventKind
+from stadimeter.core.decision import Decision, Event, EventKind, RuleTrace
 from stadimeter.core.observation import Observation
 from stadimeter.core.plan import Plan
 from stadimeter.core.rule import AlarmRule
+from stadimeter.core.track import Track
 
 # A distance is the mean of those measured within this before and after.
 HALF_WINDOW_S = 0.25
@@ -27,6 +30,8 @@ GAP_S = 1.0
 BRIEF_S = 0.5
 
 Values = NDArray[np.float64]
+
+_at_s = attrgetter("at_s")
 
 
 class Stay(Struct, frozen=True):
@@ -169,11 +174,23 @@ class Tally(Struct):
                 at_s.append(measured.captured_at_s)
                 distances_m.append(measured.distance_m)
                 depths_m.append(measured.depth_m)
-        known_m = {track.target: track.distance_m for track in decision.tracks if track.is_valid}
+        self.add_silence({track.target: track for track in decision.tracks}, decision.rules)
+
+    def add_silence(self, tracks: Mapping[str, Track], rules: Sequence[RuleTrace]) -> None:
+        """Add how near targets are in a frame while their rules are silent."""
         for number, name, target in self._distances:
-            distance_m = known_m.get(target)
-            if distance_m is not None and decision.rules[number].active is not True:
+            distance_m = tracks[target].distance_m if tracks[target].is_valid else None
+            if distance_m is not None and rules[number].active is not True:
                 self._least_m[name] = min(distance_m, self._least_m.get(name, math.inf))
+
+    def with_rules(self, plan: Plan, others: Tally) -> Tally:
+        """Return the tally of a plan of which some rules differ, and were judged apart: those of `others`."""
+        judged_apart = {rule.name for rule in others.plan.rules}
+        events = [event for event in self.events if event.source not in judged_apart]
+        least_m = {name: each_m for name, each_m in self._least_m.items() if name not in judged_apart}
+        return replace(
+            self, plan=plan, events=sorted(events + others.events, key=_at_s), _least_m=least_m | others._least_m
+        )
 
     def _figures(self, rule: AlarmRule) -> RuleFigures:
         raised_s = self._times_s(rule.name, {EventKind.RAISED})

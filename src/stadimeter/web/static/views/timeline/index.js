@@ -4,6 +4,7 @@ import { h, replace, write } from "../../dom.js";
 import { describe } from "../replay.js";
 import { TimelineChart } from "./chart.js";
 import { dataOf, noteStates, readAt } from "./data.js";
+import { Teaching } from "./teaching.js";
 
 const SPANS = [
   [600, "10 min"],
@@ -45,7 +46,7 @@ class Timeline {
   #states = new Map(); // of the rules, since this view was opened
   #last_ms = 0;
 
-  constructor({ api, live, unit, say }) {
+  constructor({ api, live, unit, say, session }) {
     Object.assign(this, { api, live, unit, say, follows: true });
     this.chart = new TimelineChart({
       unit,
@@ -80,6 +81,8 @@ class Timeline {
       ),
       this.moment,
     );
+    this.teaching = session.right === "operate" ? new Teaching(this) : null;
+    if (this.teaching) this.element.append(this.teaching.element);
   }
 
   begin() {
@@ -150,6 +153,7 @@ class Timeline {
     const found = await this.api.get(`timeline/marks?from=${from_s}&to=${from_s + step_s * count}`).catch(() => null);
     if (found) this.#marks = found;
     this.chart.thresholds = this.#marks.thresholds;
+    this.teaching?.know(this.#marks.thresholds);
     this.#draw();
   }
 
@@ -168,7 +172,7 @@ class Timeline {
       h("button", { type: "button", class: "button", onclick: () => (this.moment.hidden = true) }, "Close"),
     );
     this.moment.hidden = false;
-    replace(this.moment, head, h("p", { class: "quiet" }, "One moment …"));
+    replace(this.moment, head, this.teaching?.buttons(unix_s), h("p", { class: "quiet" }, "One moment …"));
     const told = await this.api.get(`timeline/moment?at=${unix_s}`).then(
       (found) => [
         h(
@@ -182,6 +186,6 @@ class Timeline {
       ],
       (error) => h("p", null, error.message),
     );
-    replace(this.moment, head, told);
+    replace(this.moment, head, this.teaching?.buttons(unix_s), told);
   }
 }

@@ -1,0 +1,278 @@
+// An alarm that fired wrongly, mended on its chart: drag its threshold, or mark what it should have done; then save it.
+
+import { h, replace, write } from "../../dom.js";
+import { Saving } from "../edit/saving.js";
+
+const NEAR_PX = 8; // a pointer this near to a threshold drags it
+const QUIET_MS = 120;
+const FOR_S = 2; // until there is something to show
+const button = (words, onclick, kind = "") => h("button", { type: "button", class: `button ${kind}`, onclick }, words);
+
+/** `view` is the timeline: its `api`, `unit`, `say` and `chart`. */
+export class Teaching {
+  #known = []; // recordings, as the last answer has them
+  #wish = 0;
+
+  constructor(view) {
+    Object.assign(this, { view, thresholds: [], rule: "", changes: {}, marks: [] });
+    this.saving = new Saving(view);
+    this.choice = h("select", { "aria-label": "Rule", onchange: () => this.use(this.choice.value) });
+    this.fields = h("div", { class: "row" });
+    this.words = h("p", { role: "status" });
+    this.list = h("ul", { class: "list" });
+    this.keep = button("Save with its test", () => this.#save(), "primary");
+    this.element = h(
+      "section",
+      { class: "panel stack of-run", "aria-label": "What if", hidden: true },
+      h(
+        "div",
+        { class: "row" },
+        h("h2", { class: "grow" }, "What if"),
+        this.choice,
+        button("Try other settings", () => this.use(this.rule)),
+      ),
+      h(
+        "p",
+        { class: "quiet" },
+        "Drag a threshold on the chart, or click a moment and say whether the rule should have fired. The upper bars in its lane are what it would have done on the recordings.",
+      ),
+      this.fields,
+      this.words,
+      this.list,
+      h(
+        "div",
+        { class: "row" },
+        this.keep,
+        button("Undo", () => this.use(this.rule)),
+      ),
+      this.saving.element,
+    );
+    for (const kind of ["pointerdown", "pointermove", "pointerup", "pointercancel"]) {
+      view.chart.element.addEventListener(kind, (event) => this.#drag(event), { capture: true });
+    }
+    view.chart.overlays.add((pen) => this.#draw(pen));
+  }
+
+  /** Take in the thresholds of the rules. */
+  know(thresholds) {
+    this.thresholds = thresholds.filter(({ key }) => !["ramp", "follow"].includes(key));
+    const rules = [...new Set(this.thresholds.map(({ rule }) => rule))];
+    this.element.hidden = !rules.length;
+    if (rules.join() === this.rules?.join()) return;
+    this.rules = rules;
+    replace(
+      this.choice,
+      rules.map((rule) => h("option", { value: rule }, rule)),
+    );
+    if (!rules.includes(this.rule)) this.rule = rules[0];
+  }
+
+  /** Begin anew with a rule. */
+  use(rule) {
+    Object.assign(this, { rule, changes: {}, marks: [] });
+    this.choice.value = rule;
+    this.#showMarks();
+    return this.#ask();
+  }
+
+  /** The buttons below a moment. */
+  buttons(unix_s) {
+    return h(
+      "div",
+      { class: "row" },
+      button("Should have fired", () => this.#mark(unix_s, true)),
+      button("Should not have fired", () => this.#mark(unix_s, false)),
+    );
+  }
+
+  async #mark(unix_s, fire) {
+    if (!this.rule) return this.view.say("The rules are not known yet, or none is on a distance.", "error");
+    if (!this.#at(unix_s)) await this.#ask(unix_s);
+    const found = this.#at(unix_s);
+    if (!found) return this.view.say("No recording holds this moment, so nothing can be tried on it.", "error");
+    this.marks.push({
+      unix_s,
+      fire,
+      text: `${found.name}@${(unix_s - found.began_unix_s).toFixed(3)}s ${fire ? "fire" : "no"}`,
+    });
+    this.#showMarks();
+    await this.#answer("teach", { marks: this.#texts() });
+  }
+
+  #texts = () => this.marks.map(({ text }) => text);
+  #moments = () => this.marks.map(({ unix_s }) => unix_s);
+  #at = (unix_s) =>
+    this.#known.find((each) => each.began_unix_s + each.from_s <= unix_s && unix_s <= each.began_unix_s + each.to_s);
+
+  #showMarks() {
+    replace(
+      this.list,
+      this.marks.map((mark) =>
+        h(
+          "li",
+          { class: "row" },
+          h(
+            "span",
+            { class: "grow" },
+            `${mark.fire ? "✓ should have fired" : "✗ should not have fired"}: ${new Date(mark.unix_s * 1000).toLocaleTimeString()}`,
+          ),
+          button("Take back", () => {
+            this.marks.splice(this.marks.indexOf(mark), 1);
+            this.#showMarks();
+            this.marks.length ? this.#answer("teach", { marks: this.#texts() }) : this.use(this.rule);
+          }),
+        ),
+      ),
+    );
+  }
+
+  #showFields(settings) {
+    replace(
+      this.fields,
+      Object.entries(settings).map(([key, { value, unit }]) => {
+        const [size, symbol] = unit === "m" ? [this.view.unit.size_m, this.view.unit.symbol] : [1, unit];
+        const now = Number(((this.changes[key] ?? value) / size).toFixed(3));
+        const most = Math.max(2 * now, (unit === "s" ? 10 : 1) / size);
+        const put = ({ target }) => {
+          for (const each of [slider, number]) each.value = target.value;
+          this.#set(key, Number(target.value) * size);
+        };
+        const slider = h("input", {
+          type: "range",
+          min: 0,
+          max: most,
+          step: most / 200,
+          value: now,
+          "aria-label": `${key}, slider`,
+          oninput: put,
+        });
+        const number = h("input", {
+          type: "number",
+          min: 0,
+          step: "any",
+          value: now,
+          "aria-label": key,
+          onchange: put,
+        });
+        return h(
+          "label",
+          { class: "stack small" },
+          `${key.replaceAll("_", " ")} ${symbol && `(${symbol})`}`,
+          slider,
+          number,
+        );
+      }),
+    );
+  }
+
+  #set(key, value) {
+    this.changes[key] = value;
+    this.view.chart.redraw();
+    clearTimeout(this.quiet);
+    this.quiet = setTimeout(() => this.#ask(), QUIET_MS);
+  }
+
+  /** Ask what would have been, until all recordings are read. An answer that is not wanted any more is dropped. */
+  async #ask(unix_s) {
+    const at_s = unix_s ? [...this.#moments(), unix_s] : this.#moments();
+    while (await this.#answer("what-if", { changes: this.changes, at_s, for_s: FOR_S }));
+  }
+
+  async #answer(op, body) {
+    const mine = ++this.#wish;
+    write(this.words, this.#known.length ? this.words.textContent : "Reading the recordings …");
+    try {
+      const found = await this.view.api.post(`rules/${encodeURIComponent(this.rule)}/${op}`, {
+        at_s: this.#moments(),
+        ...body,
+      });
+      if (mine !== this.#wish) return false;
+      this.#known = found.recordings;
+      if (found.changes) this.changes = found.changes;
+      if (found.settings) this.settings = found.settings;
+      const changed = Object.entries(this.changes).map(
+        ([key, value]) => `${key.replaceAll("_", " ")} ${Number(value.toPrecision(4))} ${this.settings[key].unit}`,
+      );
+      write(this.words, `${changed.length ? `With ${changed.join(", ")}: ` : ""}${found.words}`);
+      if (!this.fields.contains(document.activeElement)) this.#showFields(this.settings);
+      this.view.chart.redraw();
+      return found.is_done === false;
+    } catch (error) {
+      if (mine === this.#wish) write(this.words, error.message);
+      return false;
+    }
+  }
+
+  async #save() {
+    try {
+      const saved = await this.view.api.post(`rules/${encodeURIComponent(this.rule)}/taught`, {
+        changes: this.changes,
+        marks: this.#texts(),
+        at_s: this.#moments(),
+      });
+      const passed = saved.tests.filter(({ ok }) => ok).length;
+      write(
+        this.words,
+        `Saved, with ${saved.tests.length} ${saved.tests.length === 1 ? "test" : "tests"}, ${passed} of them passed.`,
+      );
+      Object.assign(this, { changes: {}, marks: [] });
+      this.#showMarks();
+      this.saving.offer(saved);
+    } catch (error) {
+      this.view.say(error.message, "error");
+    }
+  }
+
+  /** A pointer on a threshold moves it; the chart does not get what this takes. */
+  #drag(event) {
+    const { chart } = this.view;
+    if (event.type === "pointerdown" && event.target === chart.area) {
+      const { top, height } = chart.area.getBoundingClientRect();
+      const apart = ({ value_m }) =>
+        (Math.abs(chart.metresAt(event.clientY) - value_m) /
+          Math.abs(chart.metresAt(top) - chart.metresAt(top + height))) *
+        height;
+      const found = this.thresholds
+        .filter((each) => apart(this.#dragged(each)) < NEAR_PX)
+        .sort((one, other) => apart(one) - apart(other))[0];
+      if (!found) return;
+      if (found.rule !== this.rule) this.use(found.rule);
+      this.held = found.key;
+      chart.area.setPointerCapture(event.pointerId);
+    } else if (!this.held) return;
+    else if (event.type === "pointermove")
+      this.#set(this.held, Math.max(0.001, Number(chart.metresAt(event.clientY).toPrecision(3))));
+    else this.held = null;
+    event.preventDefault();
+  }
+
+  #dragged = (each) =>
+    each.rule === this.rule && this.changes[each.key] ? { ...each, value_m: this.changes[each.key] } : each;
+
+  #draw({ ink, x, y, laneOf, lane, colour }) {
+    const top = laneOf(this.rule);
+    if (top === undefined) return;
+    ink.fillStyle = ink.strokeStyle = colour("accent");
+    for (const { began_unix_s, from_s, to_s, after } of this.#known) {
+      ink.fillRect(
+        x(began_unix_s + from_s),
+        top - lane / 8,
+        x(began_unix_s + to_s) - x(began_unix_s + from_s),
+        lane / 12,
+      );
+      for (const [begin_s, end_s] of after)
+        ink.fillRect(
+          x(began_unix_s + begin_s),
+          top - lane / 2,
+          Math.max(2, x(began_unix_s + end_s) - x(began_unix_s + begin_s)),
+          lane / 2,
+        );
+    }
+    for (const { key, value_m } of this.thresholds.filter(({ rule }) => rule === this.rule).map(this.#dragged)) {
+      if (this.changes[key]) ink.fillRect(0, y(value_m), ink.canvas.width, 2);
+      this.element.dataset.lineY = y(value_m) / devicePixelRatio; // below the upper edge of the canvas
+    }
+    ink.textAlign = "center";
+    for (const { unix_s, fire } of this.marks) ink.fillText(fire ? "✓" : "✗", x(unix_s), top - lane);
+  }
+}

@@ -1,0 +1,262 @@
+"""An alarm with other settings, on recordings: what it would have done, what marks ask for, and the test of that."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+from stadimeter.app.recordings.journal import JournalWriter
+from stadimeter.config.loader import Configuration, load_configuration
+from stadimeter.config.toml_edit import dotted
+from stadimeter.core.conditions.distance import DistanceCondition
+from stadimeter.core.conditions.measured import FigureCondition
+from stadimeter.core.decision import EventKind
+from stadimeter.core.plan import Plan
+from stadimeter.errors import ConfigError, NotThereError, Problem
+from stadimeter.workbench.replay.comparison import EventChange, ReplayDiff, compare
+from stadimeter.workbench.replay.lanes import ReplaySide
+from stadimeter.workbench.replay.replay import read_recording
+from stadimeter.workbench.replay.what_if import KEPT_CYCLES_MAX, KeptRecording
+from stadimeter.workbench.rule_settings import RuleSetting, alarm_named, settings_of, with_settings
+from stadimeter.workbench.teaching.marks import Firing, FiringMark, is_met
+from stadimeter.workbench.teaching.search import SettingSearch, Taught, Values
+from stadimeter.workbench.teaching.signal import signal_of
+
+# A test begins this long before its first mark, or before the alarm that stood then, and ends this long after the last.
+BEFORE_S, AFTER_S = 20.0, 5.0
+
+
+class Answer(Struct, frozen=True, kw_only=True, eq=False):
+    """What a rule with other settings would have done on one recording, beside what it does."""
+
+    name: str
+    kept: KeptRecording
+    after: ReplaySide
+    difference: ReplayDiff
+
+    def counts(self, rule: str) -> tuple[int, int]:
+        """Return how many alarms of a rule are added, and how many are lost."""
+        found = [each.change for each in self.difference.changes if is_alarm_of(rule, each)]
+        return found.count("added"), found.count("lost")
+
+    def raised(self, rule: str) -> int:
+        """Return how often a rule would have been raised."""
+        return next(each.new.raised for each in self.difference.rules if each.rule == rule and each.new)
+
+
+class TaughtSettings(Struct, frozen=True, kw_only=True, eq=False):
+    """The smallest change that meets all marks.
+
+    Attributes:
+        values: The settings that change, by name, in the SI unit.
+        marks: A moment at which an alarm should not have stood as all of that alarm.
+        answers: What it would have done on each recording, with marks or without.
+    """
+
+    values: Values
+    marks: Sequence[FiringMark]
+    answers: Sequence[Answer]
+
+
+@dataclass(slots=True, kw_only=True)
+class Lesson:
+    """A configuration, its text, and recordings that are kept between questions.
+
+    Attributes:
+        recordings: By their names, the most important first: of them all, `KEPT_CYCLES_MAX` cycles are kept.
+    """
+
+    configuration: Configuration
+    text: str
+    recordings: dict[str, KeptRecording] = field(default_factory=dict)
+
+    def add(self, name: str, path: Path, from_s: float = 0.0) -> None:
+        """Add a recording, or what follows a time in it; `JournalError` if it cannot be read."""
+        self.recordings[name] = KeptRecording(
+            recording=read_recording(path), configuration=self.configuration, from_s=from_s
+        )
+
+    def go_on(self, for_s: float, clock: Callable[[], float] = time.monotonic) -> bool:
+        """Read on for this long; return whether all are read, as far as they are kept."""
+        until_s = clock() + for_s
+        room = KEPT_CYCLES_MAX // max(1, len(self.configuration.plan.targets))
+        for each in self.recordings.values():
+            each.cycles_max = room
+            each.go_on(until_s - clock(), clock)
+            room -= len(each.cycles)
+        return all(each.is_done for each in self.recordings.values())
+
+    def settings(self, rule: str) -> dict[str, RuleSetting]:
+        """Return what may be changed of a rule."""
+        return settings_of(self.configuration, rule)
+
+    def load(self, rule: str, values: Mapping[str, float | str]) -> Configuration:
+        """Return the configuration with other settings of a rule; `ConfigError` if it cannot be used."""
+        text = with_settings(self.configuration, self.text, rule, values)
+        return load_configuration(self.configuration.path, texts={self.configuration.path: text})
+
+    def answer(self, plan: Plan) -> list[Answer]:
+        """Return what another plan would have done on each recording."""
+        found = []
+        for name, kept in self.recordings.items():
+            after = kept.decide_with(plan)
+            found.append(Answer(name=name, kept=kept, after=after, difference=compare(kept.side.tally, after.tally)))
+        return found
+
+    def propose(self, rule: str, marks: Sequence[FiringMark]) -> TaughtSettings:
+        """Return the smallest change of an alarm that meets all marks.
+
+        Raises:
+            ConfigError: There is none, with the marks that contradict each other; or the rule is not on one limit.
+            NotThereError: A mark is in a recording that is not there.
+        """
+        search = self._search(rule, marks)
+        marks = [mark for each in search.taught for mark in each.marks]
+        for values in search.best():
+            new = self.load(rule, values)
+            answers = self.answer(new.plan)
+            if all(_meets(each, search.rule.name, marks) for each in answers):
+                return TaughtSettings(values=values, marks=marks, answers=answers)
+        raise ConfigError([_contradiction(search, str(self.configuration.path))])
+
+    def _search(self, name: str, marks: Sequence[FiringMark]) -> SettingSearch:
+        _, alarm = alarm_named(self.configuration, name)
+        condition = alarm.condition
+        if not isinstance(condition, DistanceCondition | FigureCondition):
+            hint = "drag its thresholds instead, or use `stadimeter what-if`"
+            message = f"the rule '{name}' is not on one figure alone, so marks do not say which part of it to change"
+            raise ConfigError([Problem(message, str(self.configuration.path), hint=hint)])
+        if missing := [mark.words for mark in marks if mark.recording not in self.recordings]:
+            raise NotThereError(f"there is no such recording here: {', '.join(missing)}")
+        taught = [
+            Taught(
+                signal=signal_of(kept.cycles, alarm, condition),
+                marks=self.whole(alarm.name, [mark for mark in marks if mark.recording == recording]),
+                before=kept.side.rules[alarm.name].spans,
+            )
+            for recording, kept in self.recordings.items()
+            if any(mark.recording == recording for mark in marks)
+        ]
+        return SettingSearch(rule=alarm, condition=condition, taught=taught)
+
+    def write(self, rule: str, values: Mapping[str, float | str], marks: Sequence[FiringMark]) -> tuple[str, list[str]]:
+        """Return the text with other settings of a rule and tests that hold marks, and the names of these.
+
+        What the tests need is cut out of the recordings. Without marks they hold what the change adds and takes away.
+        """
+        name = alarm_named(self.configuration, rule)[1].name
+        text, names = with_settings(self.configuration, self.text, rule, values).rstrip("\n") + "\n", list[str]()
+        for each in self.answer(self.load(rule, values).plan):
+            here = self.whole(name, [mark for mark in marks if mark.recording == each.name])
+            if here := here or ([] if marks else list(changes_as_marks(name, each))):
+                added, journal = write_test(name, each, here, self.configuration.path.parent)
+                text, names = text + added, [*names, journal]
+        return text, names
+
+    def whole(self, rule: str, marks: Sequence[FiringMark]) -> list[FiringMark]:
+        """Return marks, those on a moment that should not have fired as one on all of the alarm that stood there."""
+        return [_whole(mark, self.recordings[mark.recording].side.rules[rule].spans) for mark in marks]
+
+
+def in_words(rule: str, answers: Sequence[Answer]) -> str:
+    """Say how often a rule would have fired, how many of that are new, and how many of its alarms are missed."""
+    raised = sum(each.raised(rule) for each in answers)
+    new, missed = (sum(each.counts(rule)[place] for each in answers) for place in (0, 1))
+    minutes = sum(each.difference.minutes for each in answers)
+    times, recordings = ("" if count == 1 else "s" for count in (raised, len(answers)))
+    return (
+        f"{rule} would have fired {raised} time{times} in {minutes:.0f} minutes of {len(answers)} "
+        f"recording{recordings}: {new} of them new, {missed} of yours missed."
+    )
+
+
+def is_alarm_of(rule: str, change: EventChange) -> bool:
+    """Return whether what changed is that a rule was raised."""
+    return change.event.source == rule and change.event.kind is EventKind.RAISED
+
+
+def changes_as_marks(rule: str, answer: Answer) -> Iterator[FiringMark]:
+    """Yield marks that say that what a change adds and takes away is right: for a threshold that was dragged."""
+    for change in answer.difference.changes:
+        if is_alarm_of(rule, change) and change.change != "moved":
+            at_s = change.event.at_s - answer.kept.began_s
+            yield FiringMark(recording=answer.name, from_s=at_s, to_s=at_s, should_fire=change.change == "added")
+
+
+def _whole(mark: FiringMark, firings: Sequence[Firing]) -> FiringMark:
+    """Return a mark on a moment that should not have fired as one on all of the alarm that stood there."""
+    if mark.should_fire or not mark.is_moment:
+        return mark
+    found = next((firing for firing in firings if mark.touches(firing)), (mark.from_s, mark.to_s))
+    return replace(mark, from_s=found[0], to_s=found[1])
+
+
+def _meets(answer: Answer, rule: str, marks: Sequence[FiringMark]) -> bool:
+    here = [mark for mark in marks if mark.recording == answer.name]
+    return all(is_met(mark, answer.after.rules[rule].spans, here) for mark in here)
+
+
+def write_test(rule: str, answer: Answer, marks: Sequence[FiringMark], folder: Path) -> tuple[str, str]:
+    """Cut what a test needs out of a recording, without pictures; return the test as TOML, and its name.
+
+    Args:
+        marks: Those in this recording, at least one.
+        folder: That of the configuration.
+    """
+    firings = answer.after.rules[rule].spans
+    begin_s = min(mark.from_s for mark in marks) - BEFORE_S
+    begin_s = min([begin_s, *(first - BEFORE_S for first, last in firings if first < begin_s <= last)])
+    end_s = max(mark.to_s for mark in marks) + AFTER_S
+    recording = answer.kept.recording
+    stem = f"{rule.replace(':', '-')}-{Path(answer.name).stem}-{max(0.0, begin_s):.0f}s"
+    name = f"tests/{stem}.jsonl"
+    (folder / name).parent.mkdir(exist_ok=True)
+    writer = JournalWriter(folder / name, recording.header.recorded_configuration, recording.header.began_at)
+    first_s = math.nan
+    for cycle in recording.cycles():
+        at_s = cycle.now_s() - answer.kept.began_s
+        if begin_s <= at_s <= end_s:
+            first_s = at_s if math.isnan(first_s) else first_s
+            writer.write(cycle.record())
+    writer.close()
+    inside = [(begin - first_s, end - first_s) for begin, end in firings if first_s <= begin <= end_s]
+    moved = [replace(mark, from_s=mark.from_s - first_s, to_s=mark.to_s - first_s) for mark in marks]
+    test = f"{rule} as taught: {stem}"
+    heading = f"\n[[tests]]\nname = {json.dumps(test)}\ninput = {{ journal = {json.dumps(name)} }}\n"
+    return heading + "\n".join([*_expected(rule, inside, moved), ""]), test
+
+
+def _expected(rule: str, firings: Sequence[Firing], marks: Sequence[FiringMark]) -> Iterator[str]:
+    yield f"expect.{dotted((rule,))}.raised = {len(firings)}"
+    wanted = [firing for mark in marks for firing in firings if mark.wants(firing)]
+    if active := sorted({f'"{(begin + end) / 2:.2f} s"' for begin, end in wanted}):
+        yield f"expect.{dotted((rule,))}.active_at = [{', '.join(active)}]"
+    spans = [
+        f'"{mark.from_s:.2f} s"'
+        if mark.is_moment
+        else f'{{ from = "{mark.from_s:.2f} s", for = "{mark.to_s - mark.from_s:.2f} s" }}'
+        for mark in marks
+        if not mark.should_fire and not any(mark.touches(firing) for firing in firings)
+    ]
+    if spans:
+        yield f"expect.{dotted((rule,))}.inactive_at = [{', '.join(spans)}]"
+
+
+def _contradiction(search: SettingSearch, file: str) -> Problem:
+    marks = search.contradiction()
+    if len(marks) == 2:
+        first, second = marks
+        message = f"{first.words!r} and {second.words!r} contradict each other: no settings that were tried meet both"
+    elif marks:
+        message = f"no settings that were tried meet {marks[0].words!r}"
+    else:
+        message = "no settings that were tried meet all marks together, though any two of them"
+    why = "; ".join(search.describe(mark) for mark in marks)
+    return Problem(message, file, hint=why or "take one back", code="contradiction")

@@ -1,0 +1,103 @@
+"""From "it fired wrongly last night" to a mended, tested rule, on the page alone."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from stadimeter.config.loader import load_configuration
+from stadimeter.workbench.rule_tests.running import run_rule_test
+from support.browser import Served, served, tab, until
+from support.false_alarm import BY_S, CONFIGURATION, STAYED_S, record
+from support.timeline_day import keep_day
+
+pytestmark = pytest.mark.timeout(900)
+
+CHART = "document.querySelector('.timeline-chart').dataset"
+CLICKS_MAX = 12
+
+
+class Newcomer:
+    """Someone who has nothing but the page, and whose clicks are counted."""
+
+    def __init__(self, page: Any) -> None:
+        self.page = page
+        self.clicks = 0
+
+    def click(self, role: str, name: str) -> None:
+        self.page.get_by_role(role, name=name, exact=True).click()
+        self.clicks += 1
+
+    def click_moment(self, unix_s: float) -> None:
+        box = self.page.locator(".u-over").bounding_box()
+        from_s, to_s = (self.page.evaluate(f"Number({CHART}.{each})") for each in ("from", "to"))
+        self.page.mouse.click(box["x"] + (unix_s - from_s) / (to_s - from_s) * box["width"], box["y"] + 8)
+        self.clicks += 1
+
+
+@pytest.fixture
+def began_s() -> float:
+    return time.time() - 400
+
+
+@pytest.fixture
+def here(tmp_path: Path, began_s: float) -> Iterator[Served]:
+    """Serve a run, and what it recorded some minutes ago."""
+    record(tmp_path, began_s)
+    keep_day(tmp_path / "timeline" / "stadimeter", time.time() - 60)
+    with served(tmp_path, CONFIGURATION) as serving:
+        yield serving
+
+
+def shown(page: Any, words: str) -> None:
+    until(page, f"document.querySelector('[aria-label=\"What if\"] [role=status]').textContent.includes({words!r})")
+
+
+def test_a_newcomer_mends_a_rule_that_fired_wrongly(browser: Any, here: Served, began_s: float) -> None:
+    with tab(browser) as page:
+        page.goto(here.url)
+        newcomer = Newcomer(page)
+        newcomer.click("link", "Timeline")
+        page.locator(".timeline-chart[data-step]").wait_for()
+        newcomer.click("button", "Show 10 min")
+        until(page, f"{CHART}.step === '1'")
+        newcomer.click_moment(began_s + BY_S)
+        newcomer.click("button", "Should not have fired")
+        shown(page, "missed")
+        newcomer.click_moment(began_s + STAYED_S)
+        newcomer.click("button", "Should have fired")
+        shown(page, "With ")
+        newcomer.click("button", "Save with its test")
+        shown(page, "1 of them passed")
+        newcomer.click("button", "Reload the run")
+        page.get_by_text("Done").wait_for()
+    assert newcomer.clicks <= CLICKS_MAX
+    mended = load_configuration(here.configuration)
+    (test,) = mended.tests
+    assert run_rule_test(mended, test).passed
+    unmended = CONFIGURATION + mended.text[mended.text.index("\n[[tests]]") :]
+    before = load_configuration(here.configuration, texts={here.configuration: unmended})
+    assert not run_rule_test(before, before.tests[0]).passed, "the test holds what was wrong"
+
+
+def test_a_threshold_is_dragged_and_its_alarms_are_counted_at_once(browser: Any, here: Served) -> None:
+    with tab(browser) as page:
+        page.goto(f"{here.url}/#timeline")
+        page.get_by_role("button", name="Try other settings").click()
+        field = page.get_by_role("spinbutton", name="below", exact=True)
+        field.fill("0.8")
+        field.press("Tab")
+        shown(page, "near would have fired 2 times")
+        field.blur()
+        canvas = page.locator(".timeline-chart canvas").bounding_box()
+        y = canvas["y"] + until(page, "Number(document.querySelector('[data-line-y]').dataset.lineY)")
+        page.mouse.move(canvas["x"] + 300, y)
+        page.mouse.down()
+        page.mouse.move(canvas["x"] + 300, y - 40, steps=5)
+        page.mouse.up()
+        until(page, "Number(document.querySelector('input[aria-label=below]').value) > 0.9")
+        shown(page, "With below")
