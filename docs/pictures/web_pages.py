@@ -136,7 +136,7 @@ def _taught(page: Any, began_s: float, path: Path) -> None:
     page.mouse.click(box["x"] + box["width"] * part, box["y"] + 8)
     page.get_by_role("button", name="Should not have fired").click()
     page.get_by_text("With ").wait_for()
-    _save(page, path)
+    save(page, path)
 
 
 def _set_up(page: Any, folder: Path) -> None:
