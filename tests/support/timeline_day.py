@@ -23,13 +23,13 @@ def keep_day(
     rules: tuple[str, ...] = ("far", "near"),
     seed: int = 1,
 ) -> None:
-    """Write a day that ends at a time. Each rule is active while a target is nearer than a metre.
+    """Write a day that ends at a time. A rule ``far`` is active beyond 2.5 m, each other one below a metre.
 
     Args:
         folder: That of the timeline.
     """
     names = Names(targets, rules)
-    rng = np.random.default_rng(1)
+    rng = np.random.default_rng(seed)
     rows = np.zeros(DAY_S, names.row)
     rows["unix_s"] = at_s = int(end_s) - DAY_S + np.arange(DAY_S)
     for number in range(len(targets)):
@@ -43,7 +43,8 @@ def keep_day(
         rows["figures"][:, number] = figures
     for number in range(len(rules)):
         metres = rows["figures"][:, number % len(targets), 0]
-        state = np.where(metres < 1.0 + 0.1 * number, STATES.index(RuleStatus.ACTIVE), STATES.index(RuleStatus.IDLE))
+        is_active = metres > 2.5 if rules[number] == "far" else metres < 1.0 + 0.1 * number
+        state = np.where(is_active, STATES.index(RuleStatus.ACTIVE), STATES.index(RuleStatus.IDLE))
         rows["states"][:, number] = np.where(np.isnan(metres), STATES.index(RuleStatus.UNKNOWN), state)
     folder.mkdir(parents=True, exist_ok=True)
     for day in np.unique(at_s // DAY_S):
