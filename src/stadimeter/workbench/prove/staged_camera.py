@@ -208,7 +208,9 @@ class StagedEye(Struct):
     seen: tuple[SyntheticTrack, ...]
     hidden: tuple[SyntheticTrack, ...]
 
-    def look(self, frame: Frame, _tracks: Mapping[str, Track]) -> tuple[tuple[()], tuple[Measurement, ...]]:
+    def look(
+        self, frame: Frame, _tracks: Mapping[str, Track], _second: Frame | None = None
+    ) -> tuple[tuple[()], tuple[Measurement, ...]]:
         """Return no outlines, and a measurement of each target."""
         stage, looked_s = self.stage, self.stage.clock.now_s()
         if stage.is_on("fail-in-loop"):
