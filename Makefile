@@ -3,6 +3,10 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 OLD_VENV := .venv-opencv-4.10
+# What formats and lints JavaScript: one program from npm, kept in the virtual environment. Vendored files are left alone.
+BIOME_VERSION := 2.6.8
+BIOME := $(VENV)/biome-$(BIOME_VERSION)/node_modules/.bin/biome
+JAVASCRIPT := --config-path=tests/web/biome.jsonc src/stadimeter/web/static tests/support
 ARGS ?=
 # Bytecode is kept whatever the environment says: else each program that a test starts compiles all of it again, and
 # pytest rewrites the assertions of every test file each time.
@@ -14,7 +18,7 @@ SPREAD := -n auto --dist loadfile --max-worker-restart 0
 ONE_MORE = -n $(shell expr $$(getconf _NPROCESSORS_ONLN) + 1)
 UNIT := tests/core tests/config tests/ranging
 
-.PHONY: help demo quick test test-long test-opencv-4.10 check gate bench bench-rules bench-safety bench-stopping bench-liveness pictures wheel deb docs format clean
+.PHONY: help demo quick test test-long test-opencv-4.10 check check-javascript gate bench bench-rules bench-safety bench-stopping bench-liveness pictures wheel deb docs format format-javascript clean
 
 help: ## say what there is
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -34,16 +38,27 @@ test-long: $(VENV)/.dev ## run the tests that take longer
 test-opencv-4.10: $(OLD_VENV)/.dev ## run the vision tests with the oldest OpenCV that is supported
 	$(OLD_VENV)/bin/pytest $(SPREAD) -m vision $(ARGS)
 
-check: $(VENV)/.dev ## style, types and structure
+check: $(VENV)/.dev check-javascript ## style, types and structure
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+ifeq ($(shell command -v npm),)
+check-javascript format-javascript:
+	@echo "The JavaScript of the page is left out: npm is missing. On Debian: sudo apt install npm"
+else
+check-javascript: $(BIOME)
+	$(BIOME) check --error-on-warnings $(JAVASCRIPT)
+
+format-javascript: $(BIOME)
+	$(BIOME) check --write $(JAVASCRIPT)
+endif
+
 gate: $(VENV)/.dev ## compare what start-up, memory and a cycle cost with the kept figures; ARGS=--keep keeps new ones
 	PYTHONPATH=tests $(BIN)/python tests/benchmarks/gate.py $(ARGS)
 
-format: $(VENV)/.dev ## put the code in order
+format: $(VENV)/.dev format-javascript ## put the code in order
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
 
@@ -101,6 +116,9 @@ $(VENV)/.pip: $(VENV)/.app
 $(VENV)/.dev: $(VENV)/.pip
 	$(BIN)/python -m pip install --quiet --group dev
 	@touch $@
+
+$(BIOME): | $(VENV)/.python
+	npm install --prefix $(VENV)/biome-$(BIOME_VERSION) --no-save --no-audit --no-fund --silent @biomejs/biome@$(BIOME_VERSION)
 
 $(VENV)/.bench: $(VENV)/.pip pyproject.toml
 	$(BIN)/python -m pip install --quiet --group bench

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any
 from PIL import Image
 
 from support.browser import ROOM, chromium, served, tab
+from support.timeline_day import keep_day
 
 WIDE, TALL, PHONE = (1120, 760), (1120, 1280), (390, 780)
 COLOURS = 256
@@ -31,10 +33,16 @@ def make_pages(folder: Path) -> None:
     with tempfile.TemporaryDirectory() as room, chromium() as browser:
         with _at(browser, Path(room), STILL, WIDE) as page:
             _live(page, folder / "web-live.png")
+            _coloured(page, folder / "web-sliders.png")
             _edited(page, folder / "web-edit.png")
             _recorded(page, folder / "web-recordings.png")
+        keep_day(Path(room) / "timeline" / "stadimeter", time.time())
+        with _at(browser, Path(room), STILL, WIDE) as page:
+            _timeline(page, folder / "web-timeline.png")
         with _at(browser, Path(room), STILL, PHONE, "dark") as page:
             _live(page, folder / "web-phone.png")
+    with tempfile.TemporaryDirectory() as room, chromium() as browser:
+        _two_cameras(browser, Path(room), folder / "web-others.png")
     with tempfile.TemporaryDirectory() as empty, chromium() as browser, _at(browser, Path(empty), None, WIDE) as page:
         _set_up(page, folder)
 
@@ -50,7 +58,32 @@ def _at(browser: Any, folder: Path, text: str | None, size: tuple[int, int], sch
 def _live(page: Any, path: Path) -> None:
     page.locator("canvas[data-drawn]").wait_for()
     page.wait_for_timeout(20_000)  # until the chart has a line
-    _save(page, path)
+    save(page, path)
+
+
+def _coloured(page: Any, path: Path) -> None:
+    page.goto(f"{page.home}/#live")
+    page.get_by_role("button", name="Colour …").click()
+    page.get_by_text("On the ball").wait_for()
+    page.get_by_label("Hue to", exact=True).fill("38")
+    page.wait_for_timeout(5000)
+    save(page, path)
+    page.keyboard.press("Escape")
+
+
+def _two_cameras(browser: Any, folder: Path, path: Path) -> None:
+    """Show the alarms of this camera and of another one, and a third one that is off."""
+    (folder / "there").mkdir()
+    gate = STILL.replace('when = { below = "1 m" }', 'when = { below = "5 m" }').replace("rules.near", "rules.gate")
+    with served(folder / "there", gate) as there:
+        others = f'[web]\nothers = ["{there.url}", "http://127.0.0.1:9"]\n'
+        text = STILL.replace('when = { below = "1 m" }', 'when = { below = "2 m" }') + others
+        with _at(browser, folder, text, WIDE) as page:
+            page.goto(f"{page.home}/#alarms")
+            page.get_by_role("link", name=re.compile("silent")).wait_for()
+            page.get_by_role("region", name="On all cameras").get_by_text("gate").wait_for()
+            page.wait_for_timeout(1000)
+            save(page, path)
 
 
 def _edited(page: Any, path: Path) -> None:
@@ -60,7 +93,7 @@ def _edited(page: Any, path: Path) -> None:
     field.fill(field.input_value().replace('when = { below = "1 m" }', 'when = { below = "1 parsec" }'))
     page.get_by_text("1 error").wait_for()
     page.get_by_role("button", name="unknown unit").click()
-    _save(page, path)
+    save(page, path)
     field.fill(field.input_value().replace("1 parsec", "1 m"))
 
 
@@ -74,7 +107,17 @@ def _recorded(page: Any, path: Path) -> None:
     page.get_by_text("1.0 s of").wait_for()
     page.get_by_text("Measured").wait_for()
     page.wait_for_timeout(1000)
-    _save(page, path)
+    save(page, path)
+
+
+def _timeline(page: Any, path: Path) -> None:
+    page.goto(f"{page.home}/#timeline")
+    page.locator(".timeline-chart[data-step]").wait_for()
+    page.wait_for_timeout(8000)  # until the thresholds are there
+    box = page.locator(".u-over").bounding_box()
+    page.mouse.click(box["x"] + box["width"] * 0.6, box["y"] + 60)
+    page.get_by_role("region", name="The moment").get_by_role("heading", name="Rules").wait_for()
+    save(page, path)
 
 
 def _set_up(page: Any, folder: Path) -> None:
@@ -98,7 +141,7 @@ def _set_up(page: Any, folder: Path) -> None:
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     page.get_by_role("button", name="Forget the clicks").wait_for()
     page.wait_for_timeout(1500)
-    _save(page, folder / "web-colour.png")
+    save(page, folder / "web-colour.png")
     go()
     asked("How far away is the ball?")
     go("Take it")
@@ -111,16 +154,16 @@ def _set_up(page: Any, folder: Path) -> None:
     asked("Nearer than what?")
     page.set_viewport_size({"width": TALL[0], "height": TALL[1]})
     page.wait_for_timeout(2000)
-    _save(page, folder / "web-wish.png")
+    save(page, folder / "web-wish.png")
     go()
     asked("drive?")
     page.get_by_role("radio", name="buzzer 23").check()
     page.get_by_alt_text("How the buzzer is wired to GPIO 23").wait_for()
     page.wait_for_timeout(2000)
-    _save(page, folder / "web-wiring.png")
+    save(page, folder / "web-wiring.png")
 
 
-def _save(page: Any, path: Path) -> None:
+def save(page: Any, path: Path) -> None:
     """Write what is in sight, with few colours."""
     shown = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
     shown.quantize(COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(path, optimize=True)

@@ -25,7 +25,7 @@ class OperatorAction(StrEnum):
         command: Its name at the control socket and on the command line.
         summary: One line for the description of the API.
         help: The text of ``--help``; empty for an action that shares the command of another.
-        is_on_outputs: Whether it concerns every output or the camera, and no rule.
+        is_on_outputs: Whether it concerns every output, the camera or the run itself, and no rule.
         takes: What it takes beside the rule, who and why: a duration, ``for_s``, with ``one_shot``; or of a threshold
             its ``key``, and a ``value``.
     """
@@ -56,6 +56,11 @@ class OperatorAction(StrEnum):
     def lets_outputs_act(self) -> bool:
         """Whether its purpose is that outputs may act which stood still; from afar it needs more trust than others."""
         return self in {OperatorAction.RELEASE_OUTPUTS, OperatorAction.ARM, OperatorAction.CONFIRM_MOUNTING}
+
+    @property
+    def writes_file(self) -> bool:
+        """Whether the run writes a file for it; from afar it needs more trust than others."""
+        return self is OperatorAction.CLIP
 
     @property
     def is_timed(self) -> bool:
@@ -231,6 +236,23 @@ class OperatorAction(StrEnum):
         - `stadimeter disarm --why "I carry it to the next room"`
 
         **Exit code**: 0 done, also if it was disarmed already; 2 no instance runs.
+        """,
+        "",
+        True,
+    )
+    CLIP = (
+        "clip",
+        "Write the last seconds as a clip",
+        """Have a running instance write a clip: the seconds before now, and those after it, with pictures.
+
+        It needs `[black_box]` in the configuration, which says how many. The clip is a recording like any other; its
+        name is printed. While a clip is under way already, that one becomes longer.
+
+        **Example**
+
+        - `stadimeter clip --why "what was that?"`
+
+        **Exit code**: 0 done; 2 the run has no black box, or no instance runs.
         """,
         "",
         True,

@@ -17,7 +17,9 @@ from stadimeter.app.pose_reports import PoseReports
 from stadimeter.app.recordings.journal import JournalWriter, read_journal
 from stadimeter.app.recordings.recorded_configuration import to_be_recorded
 from stadimeter.cli.main import app
+from stadimeter.config.camera_file import camera_file_text
 from stadimeter.config.loader import load_configuration
+from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.camera_pose import CameraPose
 from support.scenes.placed import CAMERA, placed_scene
 from support.scenes.render import render
@@ -152,6 +154,16 @@ def test_locate_gives_json_and_goes_on_after_a_bad_picture(room):
     assert known["x_m"] == pytest.approx(SCENE.position_m[0], abs=0.01)
     assert (unknown["x_m"], unknown["reason"]) == (None, "no tag of a known place is in sight")
     assert "missing.png" in result.stderr
+
+
+def test_a_camera_file_in_place_of_a_configuration_is_one_line(room):
+    lens = room / "lens.toml"
+    lens.write_text(camera_file_text(CameraModel.with_focal_length(600.0, 640, 480)))
+    result = CliRunner().invoke(app, ["locate", str(room / "room.png"), "--config", str(lens)])
+    assert result.exit_code == 2
+    (line,) = [each for each in result.output.splitlines() if "error" in each]
+    assert "this is a camera file, not a configuration" in line
+    assert 'model = "lens.toml" in its [camera]' in line
 
 
 def test_locate_without_tags_says_what_to_write(room):

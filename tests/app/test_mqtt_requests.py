@@ -87,8 +87,8 @@ def test_what_needs_more_trust_is_listened_to_for_an_answer_and_offered_to_no_on
     requests.open()
     requests.close()
     assert set(messenger.topics) - set(messenger.offered) == {
-        "request/arm", "request/confirm-mounting", "request/release-outputs", "request/record", "request/reload",
-        "request/snapshot",
+        "request/arm", "request/clip", "request/confirm-mounting", "request/release-outputs", "request/record",
+        "request/reload", "request/snapshot",
     }  # fmt: skip
 
 

@@ -211,3 +211,9 @@ def test_a_service_that_refuses_is_said_while_running(tmp_path: Path, service: W
     loop.run(Limits(seconds=4))
     assert "the notifier 'phone': " in said[0]
     assert "403" in said[0]
+
+
+def test_a_message_names_the_clip_of_its_alarm_and_says_where_there_is_none() -> None:
+    rule, clips = alarm(to_phone("see {clip}")), ({"near": "a.mcap"}, {"far": "b.mcap"})
+    found = [item for each in clips for _, item in outgoing(decision(0), [rule], lambda: TIME, (), each)]
+    assert [item.body for item in found if isinstance(item, Notification)] == ["see a.mcap", "see unknown"]

@@ -253,7 +253,7 @@ def test_an_alarm_is_an_event_that_is_never_retained_and_has_an_id_of_its_own() 
         topic="event/alarm",
         payload='{"v":1,"ts":"2026-06-01T12:00:00.000+00:00","id":"boot-7","event_type":"raised","rule":"near",'
         '"severity":"alarm","reason":"0.40 m is below 0.50 m","distance_m":0.4,"sigma_m":0.005,'
-        '"notify":true,"first_out":false,"by":null}',
+        '"notify":true,"first_out":false,"by":null,"clip":null}',
         qos=1,
         retain=False,
         severity=Severity.ALARM,
@@ -417,6 +417,18 @@ def test_no_rule_is_available_before_the_first_cycle_of_a_run() -> None:
         ("rule/near/availability", "offline", 1, True),
         ("rule/follow/availability", "offline", 1, True),
     ]
+
+
+def test_an_event_names_the_newest_clip_of_its_rule_or_source() -> None:
+    listener = Listener()
+    listener.reporter.clips = {"near": "a.mcap", "camera": "b.mcap"}
+    events = [
+        happened(EventKind.RAISED),
+        happened(EventKind.FAULT, source="camera"),
+        happened(EventKind.RAISED, source="far"),
+    ]
+    clips = [json.loads(each.payload)["clip"] for each in listener.decided(decision(events=events))]
+    assert clips == ["a.mcap", "b.mcap", None]
 
 
 def test_text_that_is_not_ascii_stays_readable() -> None:

@@ -13,7 +13,7 @@ from typing import Any
 
 from support.browser import chromium, served, tab, until
 
-VIEWS = ("live", "setup", "edit", "recordings", "alarms")
+VIEWS = ("live", "timeline", "setup", "edit", "recordings", "alarms")
 
 WATCH = """() => {
     window.delays = [];
@@ -27,7 +27,7 @@ WATCH = """() => {
 }"""
 
 LOADED = """performance.getEntriesByType("resource").concat(performance.getEntriesByType("navigation"))
-    .filter((each) => !each.name.includes("/api/")).map((each) => [each.name, each.decodedBodySize])"""
+    .filter((each) => !/\\/(api|vendor)\\//.test(each.name)).map((each) => [each.name, each.decodedBodySize])"""
 
 
 def delays_ms(page: Any, seconds: float) -> list[float]:
@@ -49,7 +49,7 @@ def first_picture_ms(page: Any, url: str) -> float:
 
 
 def loaded_bytes(page: Any, url: str) -> int:
-    """Return the size of all that the page loads when every view is opened, uncompressed."""
+    """Return the size of all of ours that the page loads when every view is opened, uncompressed."""
     sizes: dict[str, int] = {}
     for view in VIEWS:
         page.goto(f"{url}/#{view}")

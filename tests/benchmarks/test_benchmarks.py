@@ -229,8 +229,11 @@ def test_a_part_takes_its_place_in_the_report_with_its_goals_and_its_commit(tmp_
     changed = [(was, now) for was, now in zip(old.splitlines(), new.splitlines(), strict=True) if was != now]
     assert [now.split(" | ")[-2:] for _, now in changed] == [["96.00 %", "yes |"], ["| sheets", "200 |"]]
     assert new.count("Measured at commit ") == 2
-    with pytest.raises(ValueError, match="no part 'Speed'"):
-        replace_parts([Part(title="Speed", text="")], tmp_path, plots=False)
+    replace_parts([Part(title="Speed", text="| fast |\n")], tmp_path, plots=False)
+    grown = report.read_text(encoding="utf-8")
+    assert grown.startswith(new)
+    assert grown.endswith("| fast |\n")
+    assert grown.count("Measured at commit ") == 3
 
 
 def test_a_report_names_the_commit_as_it_was_before_its_own_charts(tmp_path, monkeypatch) -> None:

@@ -295,7 +295,7 @@ def test_pictures_of_another_aspect_are_refused(shoot: Shot, stereo: tuple[str, 
         (("--live", "opencv,device=0"), "leave out --live"),
         (("left.png", "--between", "1,2"), "leave out --between"),
         (("film.mp4", "left.png"), "film.mp4 is a video"),
-        (("left.png",), "1 pictures of the left camera and 0 of the right one"),
+        (("left.png",), "1 picture of the left camera and 0 of the right one"),
         ((), "give pictures or videos"),
     ],
 )

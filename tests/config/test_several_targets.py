@@ -8,7 +8,7 @@ import pytest
 
 from stadimeter.config.describe import describe
 from stadimeter.config.loader import load_configuration
-from stadimeter.core.conditions.compounds import leaves, targets_of
+from stadimeter.core.conditions.compounds import AllOf, AnyOf, leaves, targets_of
 from stadimeter.core.rule import gate_of
 from stadimeter.errors import ConfigError
 
@@ -134,3 +134,47 @@ input = { target = "balls-nearest", hover = { at = "50 cm", for = "5 s" } }
 expect.near = { raised = 1 }
 """
     assert [message for _, message, _ in problems(tmp_path, test)] == ["there is no target 'balls-nearest'"]
+
+
+def test_any_of_a_group_is_one_condition_on_each_and_all_of_likewise(tmp_path: Path) -> None:
+    when = '{{ {} = "balls", below = "1 m", not = {{ closing_speed = {{ below = "0 m/s" }} }} }}'
+    for key, whole in (("any_of", AnyOf), ("all_of", AllOf)):
+        rule = f'[rules.near]\nactuator = "buzzer"\nwhen = {when.format(key)}\n'
+        loaded = load(tmp_path, rule)
+        assert loaded.warnings == ()
+        condition = gate_of(loaded.plan.rules[0]).condition
+        assert isinstance(condition, whole)
+        assert [targets_of(each) for each in condition.conditions] == [{member} for member in MEMBERS]
+        assert all(isinstance(each, AllOf) for each in condition.conditions), "both keys are about one at a time"
+        words = describe(loaded)
+        assert all(any(member in line for line in words) for member in MEMBERS)
+
+
+def test_any_of_one_target_is_that_target(tmp_path: Path) -> None:
+    rule = '[rules.near]\nactuator = "buzzer"\nwhen = { any_of = "cup", below = "1 m" }\n'
+    assert targets_of(gate_of(load(tmp_path, rule).plan.rules[0]).condition) == {"cup"}
+
+
+def test_a_group_inside_of_others_is_still_about_each(tmp_path: Path) -> None:
+    inner = '{ not = { any_of = "balls", below = "1 m" } }, { target = "cup", seen = true }'
+    rule = f'[rules.near]\nactuator = "buzzer"\nwhen = {{ all = [{inner}] }}\n'
+    rule += 'suppress_when = { all_of = "balls", lost = true }\n'
+    alarm = gate_of(load(tmp_path, rule).plan.rules[0])
+    assert targets_of(alarm.condition) == {*MEMBERS, "cup"}
+    assert targets_of(alarm.suppress_when) == {*MEMBERS}
+
+
+def test_a_group_that_there_is_none_of_and_two_keys_for_whom_are_refused_with_their_place(tmp_path: Path) -> None:
+    rule = '[rules.near]\nactuator = "buzzer"\nwhen = {{ {}, below = "1 m" }}\n'
+    ((line, message, _),) = problems(tmp_path, rule.format('any_of = "bals"'))
+    assert (line, message) == (BASIS.count("\n") + 3, "there is no target 'bals'")
+    found = problems(tmp_path, rule.format('any_of = "balls", target = "cup"'))
+    assert [message for _, message, _ in found] == ["'target' says already whom this is about"]
+    found = problems(tmp_path, rule.format('any_of = "balls", all_of = "balls"'))
+    assert [message for _, message, _ in found] == ["'any_of' says already whom this is about"]
+
+
+def test_a_configuration_that_only_tells_where_the_camera_is_needs_no_rule(tmp_path: Path) -> None:
+    tags = '[landmarks]\ntag_size = "16 cm"\ntags = [{ id = 3, at = ["0 m", "2 m", "50 cm"], facing = "0 deg" }]\n'
+    assert [each.code for each in load(tmp_path, "").warnings if each.code == "no-rules"] == ["no-rules"]
+    assert [each.code for each in load(tmp_path, tags).warnings if each.code == "no-rules"] == []

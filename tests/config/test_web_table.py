@@ -34,6 +34,9 @@ certificate = "page.crt"
 key = "page.key"
 password_file = "secrets/page"
 allowed_hosts = ["a.example", "b.example"]
+others = ["http://garage.local:8080/", "https://[2001:db8::7]"]
+others_tokens = "secrets/tokens"
+find_others = true
 """
 
 
@@ -61,11 +64,25 @@ def test_the_page_is_where_the_table_says_with_files_beside_the_configuration(gi
             "socket": None,
             "certificate": str(tmp_path / "page.crt"),
             "key": str(tmp_path / "page.key"),
+            "others_tokens": str(tmp_path / "secrets/tokens"),
         },
         "address": "192.0.2.1",
         "port": 8443,
         "allowed_hosts": ["a.example", "b.example"],
+        "others": ["http://garage.local:8080", "https://[2001:db8::7]"],
+        "find_others": True,
     }
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    ["garage.local", "ftp://garage", "http://", "http://a/b", "http://me:secret@a", "http://a:8080?x=1", "http://a b"],
+)
+def test_what_is_no_address_of_a_page_is_refused_without_its_secrets(given, wrong):
+    told = given(f'[web]\nothers = ["{wrong}"]\n')
+    assert "is not the address of a page, such as 'http://garage.local:8080'" in told
+    assert "room.toml:2" in told
+    assert "secret" not in told
 
 
 def test_an_option_goes_before_the_table(given, tmp_path):

@@ -49,6 +49,12 @@ def test_a_poster_is_measured_to_half_a_percent_and_within_its_interval(seed, si
     assert abs(measured.distance_m - made.truth.distance_m) < 4 * measured.sigma_m
 
 
+def test_a_small_poster_is_found_where_a_place_of_the_clutter_is_like_many_of_its_key_points():
+    made = render(poster_scene(5055, 60, math.radians(8)))
+    measured = detector(5055, min_side_px=24).measure(frame_of(made))
+    assert measured.distance_m == pytest.approx(made.truth.distance_m, rel=0.01)
+
+
 def test_a_lens_that_bends_lines_changes_nothing():
     made = render(poster_scene(4, 200, math.radians(20), BENT))
     measured = detector(4, BENT).measure(frame_of(made))

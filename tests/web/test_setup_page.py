@@ -15,9 +15,11 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.workbench.setup.interview import ANSWERS, load_answers, save_answers
 from support.browser import DESKTOP, PHONE, TABLET, served, tab, until
 from support.cameras import StreamServer
+from support.networks import bright_figure, put_figure, write_network
 from support.page_checks import faults_of
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
+from support.scenes.cut_sheet import GroupTarget
 from support.scenes.render import render
 from support.scenes.scene import Scene
 
@@ -137,19 +139,6 @@ def test_the_cross_on_the_picture_moves_by_arrow_keys_and_enter_takes_its_place(
     page.locator(".setup-marks .is-cross").wait_for(state="attached")
     page.keyboard.press("Enter")
     page.get_by_text("1 picture counts.").wait_for()
-
-
-def test_a_wider_range_of_colours_is_another_range_and_can_be_taken_back(page, here):
-    begin_at(page, here, TARGET)
-    page.get_by_role("button", name="Look for it").click()
-    page.locator(".setup-found.is-good").wait_for()
-    text, slider = page.locator(".setup-text input"), page.get_by_label("Range of colours")
-    fitted = text.input_value()
-    slider.focus()
-    page.keyboard.press("ArrowRight")
-    until(page, f"document.querySelector('.setup-text input').value !== '{fitted}'")
-    page.keyboard.press("ArrowLeft")
-    until(page, f"document.querySelector('.setup-text input').value === '{fitted}'")
 
 
 @pytest.mark.parametrize(
@@ -474,6 +463,117 @@ def test_the_demonstration_says_what_to_do_and_offers_nothing_that_cannot_succee
     page.goto(f"{here.url}/#setup")
     page.get_by_role("link", name="Watch it").wait_for()
     assert page.get_by_role("button", name="Try again").count() == 0
+
+
+def rendered(folder, name, *places):
+    """Write a picture of balls of 20 cm at these places."""
+    first, *others = (BallTarget(position_m=place, diameter_m=0.2, bgr=(60, 200, 180)) for place in places)
+    target = GroupTarget(first=first, others=tuple(others)) if others else first
+    lens = CameraModel.with_focal_length(600.0, 640, 480)
+    image = render(Scene(camera=lens, target=target, seed=1, backdrop=PlainBackdrop())).image
+    cv2.imwrite(str(folder / name), image)
+
+
+@pytest.mark.long
+def test_a_person_is_set_up_with_a_network_of_the_folder_from_the_list_to_the_last_test(page, here):
+    folder = here.configuration.parent
+    image = np.random.default_rng(0).integers(20, 90, (480, 640, 3), np.uint8)
+    put_figure(image, bright_figure(300, 120), 200, 100)
+    cv2.imwrite(str(folder / "person.png"), image)
+    network = write_network(folder / "mine.onnx", "yolox")
+    try:
+        begin_at(page, here, {"camera": "person.png"})
+        page.get_by_text("Found by a neural network").click()
+        page.locator(".setup-card", has_text="a person").get_by_role("radio").check()
+        go_on(page)
+        assert "Which network finds people?" in asked(page)
+        page.get_by_label("mine.onnx").check()
+        go_on(page)
+        assert "How tall are the people" in asked(page)
+        assert page.locator(".setup-text input").input_value() == "1.70 m ± 9 cm"
+        go_on(page)
+        page.get_by_text("Found the person at").first.wait_for()
+        page.locator(".setup-text summary").click()
+        page.locator(".setup-text input").fill("56 deg")
+        go_on(page)
+        assert "What shall happen?" in asked(page)
+        assert not faults_of(page)
+        target = page.get_by_role("navigation", name="Steps of the set-up").locator("li").nth(1)
+        assert target.get_by_role("button").count() == 3, "model and size belong to the target"
+        begin_at(page, here, {**kept(here), "wish": "near", "near_near": "4 m", "near_output": "screen"})
+        page.get_by_role("heading", name="All 2 tests pass").wait_for()
+        page.get_by_role("button", name="Save only").click()
+        page.get_by_text("It is saved.").wait_for()
+        assert load_configuration(here.configuration).targets[0].driver == "object"
+    finally:
+        network.unlink()
+
+
+@pytest.mark.long
+def test_several_balls_are_set_up_and_counted_and_what_they_would_do_is_drawn(page, here):
+    rendered(here.configuration.parent, "three.png", (-0.4, 0.0, 1.5), (0.4, 0.05, 1.7), (0.05, 0.0, 2.5))
+    begin_at(page, here, {"camera": "three.png"})
+    page.get_by_text("Several of one kind").first.click()
+    page.locator(".setup-card", has_text="several balls").get_by_role("radio").check()
+    go_on(page)
+    page.get_by_label("Size", exact=True).fill("20")
+    go_on(page)
+    assert "How many are there at most?" in asked(page)
+    go_on(page)
+    assert "What colour" in asked(page)
+    begin_at(page, here, {**kept(here), "colour": "20,60,60:50,255,255", "calibration": "56 deg"})
+    page.get_by_text("Several at once").click()
+    page.get_by_label("beep when it is near").uncheck()
+    page.get_by_label("act when three are near at once").check()
+    go_on(page)
+    page.get_by_role("textbox", name="How many at once?", exact=True).fill("4")
+    page.get_by_text("at least 4 of").first.wait_for()
+    page.get_by_role("img", name="If it came, went, and was gone").wait_for()
+    go_on(page)
+    page.get_by_role("heading", name="drive?").wait_for()
+    go_on(page)
+    page.get_by_role("heading", name="All 2 tests pass").wait_for()
+    page.get_by_role("button", name="Save only").click()
+    page.get_by_text("It is saved.").wait_for()
+    assert load_configuration(here.configuration).plan.measured_targets == tuple(
+        f"balls-{each}" for each in range(1, 5)
+    )
+
+
+@pytest.mark.long
+def test_a_size_that_is_not_known_is_learnt_from_pictures_on_the_page(page, here):
+    folder = here.configuration.parent
+    for number, near_m in enumerate((0.0, 0.2, 0.4)):
+        rendered(folder, f"way-{number}.png", (0.0, 0.0, 1.5 - near_m))
+    begin_at(page, here, {"camera": "way-0.png", "target": "ball"})
+    page.locator(".setup-text summary").click()
+    page.locator(".setup-text input").fill("unknown")
+    go_on(page)
+    assert "What colour" in asked(page)
+    begin_at(page, here, {**kept(here), "colour": "20,60,60:50,255,255"})
+    page.get_by_role("heading", name="How was the camera calibrated?").wait_for()
+    page.get_by_role("radio", name="60 deg").check()
+    go_on(page)
+    assert "Which pictures show that?" in asked(page)
+    page.locator(".setup-text input").fill("way-0.png way-1.png@20cm way-2.png@40cm")
+    go_on(page)
+    page.get_by_text("The ball measures").wait_for()
+    assert "What shall happen?" in asked(page)
+    assert kept(here)["size"].endswith("mm")
+
+
+def test_what_is_known_of_the_floor_is_a_sentence_with_blanks(page, here):
+    begin_at(page, here, {**LENS, "wish": "near floor", "near_near": "1 m", "near_output": "screen"})
+    height = page.get_by_role("textbox", name="How high is the lens above the floor?").first
+    height.fill("1 deg")
+    go_on(page)
+    page.get_by_text("unknown unit 'deg'", exact=False).first.wait_for()
+    height.fill("30 cm ± 1 cm")
+    go_on(page)
+    page.get_by_role("heading", name="All 2 tests pass").wait_for()
+    page.get_by_role("button", name="Save only").click()
+    page.get_by_text("It is saved.").wait_for()
+    assert load_configuration(here.configuration).footings["ball"].height_m == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize("size", [PHONE, TABLET, DESKTOP])

@@ -274,3 +274,28 @@ def test_a_recording_that_cannot_be_deleted_says_why(desk: Desk, folder: Path, m
         with pytest.raises(JournalError, match=r"^a\.mcap cannot be deleted: read-only file system$"):
             ask(desk, "recordings.delete", name="a.mcap")
     assert (folder / "a.mcap").exists()
+
+
+def test_clips_are_listed_beside_recordings_with_what_they_are_of_and_are_found_by_their_names(
+    desk: Desk, folder: Path
+) -> None:
+    record(folder / "run.mcap")
+    record(folder / "run.jsonl")
+    clip_of = {"kind": "raised", "source": "near", "reason": "0.9 m"}
+    (folder / "clips").mkdir()
+    writer = RecordingWriter(folder / "clips" / "clip.mcap", replace(RECORDED, clip_of=clip_of), anchor_ns=10**18)
+    for each, frame in records(20):
+        writer.write(each, frame)
+    writer.close()
+    listed = {each["name"]: each for each in ask(desk, "recordings.recordings")["recordings"]}
+    assert {name: each["clip_of"] for name, each in listed.items()} == {
+        "run.mcap": None, "run.jsonl": None, "clip.mcap": clip_of
+    }  # fmt: skip
+    for each in listed.values():
+        assert each["ended_unix_s"] - each["began_unix_s"] == pytest.approx(each["seconds"])
+        assert each["seconds"] > 1
+    assert listed["clip.mcap"]["began_unix_s"] == pytest.approx(1e9)
+    assert ask(desk, "recordings.recording", name="clip.mcap")["path"] == str(folder / "clips" / "clip.mcap")
+    assert ask(desk, "recordings.delete", name="clip.mcap") == {"name": "clip.mcap"}
+    with pytest.raises(NotThereError):
+        ask(desk, "recordings.recording", name="clip.mcap")

@@ -224,16 +224,30 @@ def test_what_stands_out_is_tried_without_a_click(in_room: Setup) -> None:
     assert found["centre_px"] == pytest.approx(BALL_AT, abs=5)
 
 
-def test_a_range_is_widened_and_narrowed_from_what_was_clicked_and_its_mask_is_shown(in_room: Setup) -> None:
+def test_a_wider_range_lights_more_of_the_mask_and_the_picture_says_what_it_gives(in_room: Setup) -> None:
     in_room("picture", draw="plain")
     fitted = in_room("colour", clicks=[BALL_AT])["range"]
-    shares = []
-    for steps in (-6, 0, 12):
-        in_room("colour", widen=steps)
-        shares.append(_lit(in_room.reply("picture", draw="mask").attached))
-    assert shares[0] <= shares[1] < shares[2]
-    assert in_room("colour", widen=0)["range"] == fitted
-    assert in_room("colour", widen=999)["widen"] == in_room("colour")["widen_max"]
+    shown = {}
+    for colour in ("30,200,120:50,255,255", fitted, "0,0,0:179,255,255"):
+        in_room("colour", range=colour)
+        shown[colour] = in_room.reply("picture", draw="mask")
+    lit = [_lit(each.attached) for each in shown.values()]
+    assert lit == sorted(lit)
+    given = [each.data["range"] for each in shown.values()]
+    assert given[1]["is_found"]
+    assert given[1]["ball_share"] > 0.8
+    assert given[1]["elsewhere_share"] < 0.02
+    assert given[2]["ball_share"] == given[2]["elsewhere_share"] == 1.0
+
+
+def test_where_a_range_finds_no_ball_the_last_one_that_did_says_where_it_is(in_room: Setup) -> None:
+    in_room("picture", draw="plain")
+    in_room("colour", clicks=[BALL_AT])
+    assert in_room.reply("picture", draw="mask").data["range"]["is_found"]
+    in_room("colour", range="100,100,100:120,255,255")
+    given = in_room.reply("picture", draw="mask").data["range"]
+    assert not given["is_found"]
+    assert given["ball_share"] < 0.1
 
 
 def _lit(jpeg: bytes) -> float:
@@ -250,7 +264,6 @@ def _lit(jpeg: bytes) -> float:
         ({"clicks": "all"}, r"Expected `array`, got `str` - at `\$.clicks`"),
         ({"clicks": [[1, None]]}, r"Expected `float`, got `null` - at `\$.clicks\[0\]\[1\]`"),
         ({"range": "green"}, "limits"),
-        ({"widen": "more"}, "Expected `int"),
     ],
 )
 def test_bad_clicks_and_ranges_are_refused_in_a_sentence(in_room: Setup, args: dict[str, Any], words: str) -> None:

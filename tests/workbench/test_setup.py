@@ -9,9 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
+from stadimeter.config.camera_file import save_camera_model
 from stadimeter.config.driver_tables import BASE
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.plugins import BASES, driver_names
+from stadimeter.config.units import parse_length, split_spread
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
 from stadimeter.errors import CalibrationError, ConfigError, DeviceOpenError
@@ -95,14 +97,62 @@ def test_a_second_distance_that_contradicts_the_first_is_refused(interview: Inte
     assert interview.next_key == "wish"
 
 
-def test_who_does_not_know_the_size_is_told_how_to_find_it_out(tmp_path: Path, device: V4l2Double) -> None:
+def test_a_size_of_two_sides_that_is_not_known_is_refused_with_how_to_find_it_out(
+    tmp_path: Path, device: V4l2Double
+) -> None:
     begun = Interview(tmp_path)
-    for answer in (_camera(device), "ball"):
+    for answer in (_camera(device), "sheet"):
         begun.answer(answer)
     assert begun.question().form.endswith("; unknown if you do not know it")
     with pytest.raises(ConfigError, match="then `stadimeter calibrate size` learns the size of this one"):
         begun.answer("I don't know")
-    assert "How large is the ball?" in begun.question().text
+    assert "How large is the sheet?" in begun.question().text
+
+
+def test_a_size_that_is_not_known_is_learnt_by_moving_the_camera(tmp_path: Path, device: V4l2Double) -> None:
+    save_camera_model(tmp_path / "camera.toml", LENS)
+    begun = Interview(tmp_path)
+    for answer in (_camera(device), "ball", "I don't know", COLOUR):
+        begun.answer(answer)
+    question = begun.question()
+    assert "How was the camera calibrated?" in question.text
+    assert question.ready == "camera.toml"
+    with pytest.raises(ConfigError, match="without a size a distance calibrates nothing"):
+        begun.answer("1 m")
+    begun.answer("camera.toml")
+    for key, moved_m in (("way", 0.0), ("way_2", 0.2), ("way_3", 0.4)):
+        device.show(ball_at(1.5 - moved_m))
+        question = begun.question()
+        assert question.key == key
+        accepted = begun.answer(question.ready)
+    assert begun.next_key == "wish"
+    size_m, tolerance_m = map(parse_length, split_spread(begun.known.answers["size"]))
+    assert accepted.notes == (f"The ball measures {begun.known.answers['size']}.",)
+    assert size_m == pytest.approx(BALL_M, abs=2 * tolerance_m)
+    assert 0.01 < tolerance_m / size_m < 0.1
+    again = Interview(tmp_path)
+    resumed = dict(again.resume(load_answers(begun.path)))
+    assert again.next_key == "wish"
+    assert "size" in resumed
+    begun.back()
+    assert begun.next_key == "way_3", "the way is asked again, though the size is known meanwhile"
+
+
+def test_a_target_that_moves_while_its_size_is_learnt_is_refused_at_the_last_place(
+    tmp_path: Path, device: V4l2Double
+) -> None:
+    save_camera_model(tmp_path / "camera.toml", LENS)
+    begun = Interview(tmp_path)
+    for answer in (_camera(device), "ball", "unknown", COLOUR, "camera.toml"):
+        begun.answer(answer)
+    for away_m, way in ((1.5, "0 cm"), (1.3, "20 cm")):
+        device.show(ball_at(away_m))
+        begun.answer(way)
+    device.show(ball_at(0.6))
+    with pytest.raises(CalibrationError):
+        begun.answer("40 cm")
+    assert begun.next_key == "way_3"
+    assert begun.known.answers["size"] == "unknown"
 
 
 def test_a_width_of_the_view_that_is_no_number_is_refused_in_a_sentence(interview: Interview) -> None:

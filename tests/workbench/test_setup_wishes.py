@@ -28,6 +28,8 @@ TARGETS = {
     "sheet": {"target": "sheet", "size": "letter"},
     "tag": {"target": "tag", "size": "10 cm", "tag": "36h11 3"},
     "disc": {"target": "disc", "size": "12 cm"},
+    "balls": {"target": "balls", "size": "tennis ball", "number": "4", "colour": "29,86,6:64,255,255"},
+    "tags": {"target": "tags", "size": "10 cm", "tags": "36h11 3 7 9"},
 }
 CAMERA = {"camera": "/dev/video0", "calibration": "1 m"}
 
@@ -37,9 +39,10 @@ def answers(kind: str, *wishes: Wish, output: str = "") -> dict[str, str]:
     seen_m = reliable_range_m(Known(folder=Path(), answers=given, frames=(FRAME,), camera_model=LENS))
     for wish in wishes:
         given |= {f"{wish.key}_{key}": ready for key, ready in ready_answers(wish, seen_m).items()}
-        given |= {"base": {"base": "screen"}, "mqtt": {"broker": "127.0.0.1"}}.get(
-            wish.output, {f"{wish.key}_output": output or wish.output}
-        )
+        if wish.output:
+            given |= {"base": {"base": "screen"}, "mqtt": {"broker": "127.0.0.1"}}.get(
+                wish.output, {f"{wish.key}_output": output or wish.output}
+            )
     return given
 
 
@@ -58,10 +61,15 @@ def known_of(given: dict[str, str]) -> Known:
     return Known(folder=Path(), answers=given, frames=(FRAME,), camera_model=LENS)
 
 
+# What happens, rather than what is so.
+HAPPENS = [wish for wish in WISHES if wish.output]
+OF_ONE = [wish for wish in HAPPENS if not wish.needs_several]
+
+
 @pytest.mark.parametrize(
     "kind", ["ball", *(pytest.param(kind, marks=pytest.mark.long) for kind in TARGETS if kind != "ball")]
 )
-@pytest.mark.parametrize("wish", WISHES, ids=lambda wish: wish.key)
+@pytest.mark.parametrize("wish", OF_ONE, ids=lambda wish: wish.key)
 def test_every_wish_is_a_configuration_with_two_tests_that_pass(tmp_path: Path, wish: Wish, kind: str) -> None:
     configuration = loaded(tmp_path, answers(kind, wish))
     warnings = [*configuration.warnings, *feasibility_warnings(configuration)]
@@ -69,6 +77,64 @@ def test_every_wish_is_a_configuration_with_two_tests_that_pass(tmp_path: Path, 
     assert len(configuration.tests) == 2
     results = [run_rule_test(configuration, test) for test in configuration.tests]
     assert [(each.test.name, each.failures, each.trouble) for each in results if not each.passed] == []
+
+
+@pytest.mark.parametrize("kind", ["balls", "tags"])
+def test_a_wish_for_several_counts_them_and_its_tests_pass(tmp_path: Path, kind: str) -> None:
+    (crowd,) = (wish for wish in HAPPENS if wish.needs_several)
+    configuration = loaded(tmp_path, answers(kind, crowd))
+    assert [*configuration.warnings, *feasibility_warnings(configuration)] == []
+    results = [run_rule_test(configuration, test) for test in configuration.tests]
+    assert [each.failures for each in results] == [()] * 2
+    with pytest.raises(ConfigError, match="crowd is for several of one kind"):
+        WishStep().accept(known_of(TARGETS["ball"]), "crowd")
+
+
+def test_what_is_known_of_floor_water_and_places_stands_where_it_belongs(tmp_path: Path) -> None:
+    wishes = [wish for wish in WISHES if wish.key in {"near", "floor", "water", "places"}]
+    configuration = loaded(tmp_path, answers("ball", *wishes))
+    assert [*configuration.warnings, *feasibility_warnings(configuration)] == []
+    assert configuration.footings["ball"].height_m == 1.0
+    assert [tag.number for tag in configuration.landmarks.tags] == [3, 5]
+    assert configuration.camera_model.fx_px == pytest.approx(1.334 * LENS.fx_px)
+
+
+def test_places_alone_make_a_configuration_without_a_warning(tmp_path: Path) -> None:
+    (places,) = (wish for wish in WISHES if wish.key == "places")
+    assert loaded(tmp_path, answers("ball", places)).warnings == ()
+
+
+@each_case(
+    "key, blank, wrong, words",
+    [
+        ("floor", "height", "1 deg", "unknown unit 'deg'"),
+        ("floor", "tilt", "down", "'down'"),
+        ("water", "medium", "oil", "air, water, sea water"),
+        ("water", "medium", 'a "b', "air, water, sea water"),
+        ("water", "port", "-1 cm", "is not a length above zero"),
+        ("water", "port", "1", "'1' has no unit"),
+        ("places", "tags", "3: 0 m, 2 m, 50 cm", "unknown unit 'cm'"),
+        ("places", "tags", "seven: 0 m, 2 m, 50 cm, 0 deg", "'seven' is not a whole number"),
+        ("places", "tags", "3: 0 m, 2 m, 50 cm, 0 deg; 3: 1 m, 2 m, 50 cm, 0 deg", "tag 3 is listed twice"),
+    ],
+)
+def test_what_cannot_be_so_is_refused_at_its_question(key: str, blank: str, wrong: str, words: str) -> None:
+    given = {**CAMERA, **TARGETS["ball"], "wish": f"near {key}"}
+    with pytest.raises(ConfigError) as refused:
+        step_of(key, blank).accept(known_of(given), wrong)
+    assert words in str(refused.value)
+
+
+def test_water_alone_does_nothing_and_is_refused() -> None:
+    with pytest.raises(ConfigError, match="water alone does nothing"):
+        WishStep().accept(known_of(TARGETS["ball"]), "water")
+
+
+def test_a_camera_file_that_is_there_already_is_not_changed_for_water() -> None:
+    known = known_of(TARGETS["ball"])
+    known.model_file = "camera.toml"
+    with pytest.raises(ConfigError, match=r"write medium and port_m into camera\.toml"):
+        WishStep().accept(known, "near water")
 
 
 def test_a_distance_that_turns_the_sentence_around_is_refused() -> None:
@@ -128,13 +194,13 @@ def test_a_button_takes_its_pin_from_the_outputs(monkeypatch: pytest.MonkeyPatch
 
 
 def test_all_wishes_but_those_for_further_robots_go_into_one_configuration(tmp_path: Path) -> None:
-    wishes = [wish for wish in WISHES if wish.key not in {"permit", "slow"}]
-    configuration = loaded(tmp_path, answers("ball", *wishes))
+    wishes = [wish for wish in HAPPENS if wish.key not in {"permit", "slow"}]
+    configuration = loaded(tmp_path, answers("balls", *wishes))
     assert len(configuration.tests) == 2 * len(wishes)
-    assert {wish.group for wish in wishes} == {wish.group for wish in WISHES}
+    assert {wish.group for wish in wishes} == {wish.group for wish in HAPPENS}
 
 
-@each_case("wish", WISHES)
+@each_case("wish", [wish for wish in WISHES if wish.rules])
 def test_the_wishes_of_a_group_stand_together_and_each_rule_is_explained(wish: Wish) -> None:
     groups = [each for each, _ in groupby(WISHES, key=lambda other: other.group)]
     assert groups.count(wish.group) == 1

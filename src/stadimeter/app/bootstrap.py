@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from msgspec import Struct, field
 
-from stadimeter.app.capture import Capture, capture_for
+from stadimeter.app.capture import Capture, SecondCapture, capture_for
 from stadimeter.app.clock import MonotonicClock, SteppedClock
 from stadimeter.app.cycle import Cycle
 from stadimeter.app.ending import SETTLE_S, Deadline, Steps, close_side_by_side
@@ -28,7 +28,8 @@ from stadimeter.errors import ConfigError, DriverError, DriverUnavailableError, 
 from stadimeter.messaging.protocol import Messenger, Notifier
 from stadimeter.perception.picture_flow import FlowMeter
 
-if TYPE_CHECKING:  # most runs have no tags of known places
+if TYPE_CHECKING:  # most runs have no tags of known places, and one camera
+    from stadimeter.core.camera_model import CameraModel
     from stadimeter.perception.locating import CameraLocator
 
 
@@ -141,9 +142,7 @@ def build(configuration: Configuration, speed: float | None = 1.0, *, clock: Clo
         camera = builder.build(configuration.camera)
     outputs = builder.outputs()
     capture = capture_for(camera, clock)
-    detectors: dict[str, Detector] = {}
-    for target in configuration.targets:  # several of one kind share a detector
-        detectors |= dict.fromkeys(target.members, builder.build(target))
+    detectors = builder.detectors(configuration.camera_model)
     range_readers = builder.range_readers()
     messenger: Messenger | None = builder.build(configuration.messenger) if configuration.messenger else None
     notifiers: dict[str, Notifier] = {each.name: builder.build(each) for each in configuration.notifiers}
@@ -158,6 +157,7 @@ def build(configuration: Configuration, speed: float | None = 1.0, *, clock: Clo
         footings=configuration.footings,
         flow_meter=FlowMeter() if _is_liveness_judged(configuration, camera) else None,
         locator=locator_of(configuration),
+        **_second_camera(configuration, builder),
     )
     return Parts(
         configuration=configuration,
@@ -189,6 +189,17 @@ def locator_of(configuration: Configuration) -> CameraLocator | None:
     return CameraLocator(configuration.landmarks, choice.options.build(context), configuration.plan.viewpoint)
 
 
+def _second_camera(configuration: Configuration, builder: _Builder) -> dict[str, Any]:
+    """Return what a cycle needs of a second camera, by its attributes; nothing where there is none."""
+    choice, rig = configuration.second_camera, configuration.rig
+    if choice is None or rig is None:
+        return {}
+    from stadimeter.perception.second_camera import SecondView  # noqa: PLC0415 - most runs have one camera
+
+    second = SecondCapture(capture_for(builder.build(choice, rig.right), builder.clock), builder.clock)
+    return {"second": second, "second_view": SecondView(rig, builder.detectors(rig.right))}
+
+
 def _is_liveness_judged(configuration: Configuration, camera: Camera) -> bool:
     """Return whether the picture must show that the base drives."""
     if configuration.base is None or not configuration.plan.safety.liveness:
@@ -206,17 +217,24 @@ class _Builder:
     def __init__(self, configuration: Configuration, clock: Clock) -> None:
         self.shared = Shared()
         self._configuration = configuration
-        self._clock = clock
+        self.clock = clock
         self.world: StagedWorld | None = self.build(configuration.world) if configuration.world is not None else None
 
-    def build(self, choice: DriverChoice) -> Any:
+    def build(self, choice: DriverChoice, lens: CameraModel | None = None) -> Any:
         context = DriverContext(
             name=choice.name,
-            clock=self._clock,
-            camera_model=self._configuration.camera_model,
+            clock=self.clock,
+            camera_model=lens or self._configuration.camera_model,
             shared=self.shared,
         )
         return choice.options.build(context)
+
+    def detectors(self, lens: CameraModel) -> dict[str, Detector]:
+        """Build the detector of each target; several of one kind share one."""
+        made: dict[str, Detector] = {}
+        for target in self._configuration.targets:
+            made |= dict.fromkeys(target.members, self.build(target, lens))
+        return made
 
     def outputs(self) -> tuple[LeasedOutput, ...]:
         choices = {choice.name: choice for choice in _driven(self._configuration)}
@@ -225,7 +243,7 @@ class _Builder:
                 self.build(choices[output.name]),
                 safe_command(output),
                 self._configuration.leases_s[output.name],
-                self._clock,
+                self.clock,
                 stays_off=output.name in self._configuration.stays_off,
             )
             for output in self._configuration.plan.outputs
@@ -235,19 +253,19 @@ class _Builder:
         choice = self._configuration.status_led
         if choice is None:
             return None
-        return StatusLed(self.build(choice), choice.name, self._clock)
+        return StatusLed(self.build(choice), choice.name, self.clock)
 
     def range_readers(self) -> tuple[RangeReader, ...]:
         tables = self._configuration.sensor_tables
         return tuple(
-            RangeReader(choice.name, self.build(choice), tables[choice.name], self._clock)
+            RangeReader(choice.name, self.build(choice), tables[choice.name], self.clock)
             for choice in self._configuration.sensors
         )
 
     def buttons(self) -> dict[str, PushButton]:
         tables = self._configuration.button_tables
         return {
-            choice.name: PushButton(self.build(choice), choice.name, tables[choice.name], self._clock)
+            choice.name: PushButton(self.build(choice), choice.name, tables[choice.name], self.clock)
             for choice in self._configuration.buttons
         }
 
@@ -364,6 +382,8 @@ class OpenParts(Struct):
             yield output.name, output
         yield from ((f"button {name}", button) for name, button in parts.buttons.items())
         yield from ((f"sensor {reader.name}", reader) for reader in parts.cycle.range_readers)
+        if (second := parts.cycle.second) is not None:
+            yield "second camera", second
         yield "camera", parts.capture
 
 

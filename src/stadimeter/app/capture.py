@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections import deque
 from collections.abc import Callable
 from typing import TypeVar
 
@@ -56,6 +57,9 @@ HUNG_AFTER_S = 70.0
 
 # How long `CaptureThread.stop` waits for the thread after it closed the camera, which may take 1.5 s by itself.
 STOP_WAIT_S = 0.4
+
+# Of a second camera this many frames are kept, to find the one nearest in time to the first camera's.
+RECENT_FRAMES = 3
 
 RECOVERABLE = (DriverError, PictureError)
 Answer = TypeVar("Answer")
@@ -298,6 +302,50 @@ class LiveCapture(Capture):
         thread, self._thread = self._thread, None
         if thread:
             thread.stop()
+
+
+class SecondCapture:
+    """Frames of a second camera, which may be missing, fail or freeze at any time: that is reported, and no more.
+
+    Its frames are asked for by the time of the first camera's, which never waits for them.
+    """
+
+    def __init__(self, capture: Capture, clock: Clock) -> None:
+        self._capture = capture
+        self._clock = clock
+        self._recent: deque[Frame] = deque(maxlen=RECENT_FRAMES)
+        self._new_frame_at_s = clock.now_s()
+        self._missed = ""
+        self.remarks, self.close = capture.remarks, capture.close
+
+    def open(self) -> None:
+        """Open the camera; one that cannot be opened is tried again while it would be read."""
+        self._new_frame_at_s = self._clock.now_s()
+        try:
+            self._capture.open()
+        except DriverError as error:
+            self._missed = str(error)
+            if isinstance(self._capture, LiveCapture):
+                self._capture.open_later(error)
+
+    def nearest(self, at_s: float) -> Frame | None:
+        """Return the frame of its last few that was taken nearest to a time; None for none. Never waits."""
+        try:
+            frame = self._capture.latest(0.0)
+        except Exception as error:  # noqa: BLE001 - not even a mistake in its driver may end the run
+            self._missed = str(error) or type(error).__name__
+        else:
+            if not self._recent or frame.captured_at_s > self._recent[-1].captured_at_s:
+                self._recent.append(frame)
+                self._new_frame_at_s, self._missed = self._clock.now_s(), ""
+        return min(self._recent, key=lambda each: abs(each.captured_at_s - at_s), default=None)
+
+    def trouble(self) -> str:
+        """Return what is wrong with the camera at present, in words, or an empty string."""
+        if words := self._capture.trouble():
+            return words
+        is_quiet = self._clock.now_s() - self._new_frame_at_s > QUIET_S
+        return (self._missed or f"no new frame for over {QUIET_S:g} s") if is_quiet else ""
 
 
 def capture_for(camera: Camera, clock: Clock) -> Capture:

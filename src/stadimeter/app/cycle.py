@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 import msgspec
 from msgspec import Struct
 
-from stadimeter.app.capture import Capture
+from stadimeter.app.capture import Capture, SecondCapture
 from stadimeter.app.leased_output import LeasedOutput
 from stadimeter.app.range_reader import RangeReader
 from stadimeter.core.base_report import BaseReport
@@ -33,8 +33,9 @@ from stadimeter.errors import DriverError
 from stadimeter.perception.perceiver import Perceiver
 from stadimeter.perception.picture_flow import FlowMeter
 
-if TYPE_CHECKING:  # most runs have no tags of known places
+if TYPE_CHECKING:  # most runs have no tags of known places, and one camera
     from stadimeter.perception.locating import CameraLocator
+    from stadimeter.perception.second_camera import SecondView
 
 # A cycle waits this long for a frame; without one it runs all the same, so that rules and safety see time pass.
 FRAME_WAIT_S = 0.1
@@ -85,6 +86,8 @@ class Cycle:
         footings: What is known of each target that is on the floor, by its name.
         flow_meter: Measures how the picture flows; None where liveness is not judged by motion.
         locator: Finds where the camera is; None without tags of known places.
+        second: The frames of a second camera; None without one.
+        second_view: Measures with it what the first one has found.
         mounting_watch: Watches whether the camera is still where it was; None without a saved view.
     """
 
@@ -98,13 +101,15 @@ class Cycle:
     footings: Mapping[str, Footing] = field(default_factory=dict)
     flow_meter: FlowMeter | None = None
     locator: CameraLocator | None = None
+    second: SecondCapture | None = None
+    second_view: SecondView | None = None
     mounting_watch: WatchesMounting | None = None
     _newest: Frame | None = field(default=None)
     perceiver: Perceiver = field(init=False)
 
     def __post_init__(self) -> None:
         """Look for the targets through the lens."""
-        self.perceiver = Perceiver(self.detectors, self.camera_model, self.footings)
+        self.perceiver = Perceiver(self.detectors, self.camera_model, self.footings, self.second_view)
 
     def run(
         self,
@@ -129,10 +134,11 @@ class Cycle:
         """
         watch = _Stopwatch()
         frame, camera_fault = self._next_frame()
+        second = self.second.nearest(frame.captured_at_s) if frame and self.second else None
         watch.lap("capture")
         now_s = self.clock.now_s()
         tracks = {tracked.track.target: tracked.track for tracked in state.tracks}
-        detections, measurements = self.perceiver.look(frame, tracks) if frame else ((), ())
+        detections, measurements = self.perceiver.look(frame, tracks, second) if frame else ((), ())
         flow = self.flow_meter.measure(frame, self.perceiver.lens_of(frame)) if frame and self.flow_meter else None
         pose = self.locator.locate(frame, self.perceiver.lens_of(frame)) if frame and self.locator else None
         watch.lap("measure")
@@ -143,6 +149,7 @@ class Cycle:
             frame=FrameStamp(sequence=frame.sequence, captured_at_s=frame.captured_at_s) if frame else None,
             measurements=(*measurements, *self._ranged()) if frame and self.range_readers else measurements,
             camera_fault=camera_fault,
+            second_camera_fault=self.second.trouble() if self.second else "",
             not_for_motion=self.capture.not_for_motion() or (watched.why_not_for_motion() if watched else ""),
             output_faults=tuple(self._faults(reports)),
             flow=flow,

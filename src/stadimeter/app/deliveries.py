@@ -204,10 +204,11 @@ def outgoing(
     rules: Iterable[AnyRule],
     local_time: LocalTime,
     figures: Iterable[RememberedFigure] = (),
+    clips: Mapping[str, str] | None = None,
 ) -> Iterator[Undelivered]:
     """Yield what rules send after a cycle, filled in, in the order of the rules. Does no I/O and reads no clock.
 
-    The time (RFC 3339) is asked for if needed.
+    The time (RFC 3339) is asked for if needed; ``clips`` names the newest clip of each rule.
     """
     if not decision.notices:
         return
@@ -220,7 +221,8 @@ def outgoing(
         if send is None:
             continue
         track = next((track for track in decision.tracks if track.target == rule.target), None)
-        values = templates.fields(rule, notice, track, time, rule.group) | known
+        clip = {"clip": (clips or {}).get(notice.rule)}
+        values = templates.fields(rule, notice, track, time, rule.group) | known | clip
         if send.topic:
             yield MESSENGER, _message(notice, send, values)
         else:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 import os
-import stat
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -22,14 +21,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stadimeter.app.clock import local_now
-from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.service_folders import state_directory
-from stadimeter.core.decide import State
+from stadimeter.config.atomic_file import append_whole
 from stadimeter.core.decision import Decision, Event, EventKind, SafetyMode
-from stadimeter.core.frame import Frame
 
-if TYPE_CHECKING:  # it takes long to load
+if TYPE_CHECKING:  # they take long to load
+    from stadimeter.app.cycle import CycleRecord
     from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+    from stadimeter.core.decide import State
+    from stadimeter.core.frame import Frame
 
 FILE_BYTES_MAX = 1_000_000
 FILES_MAX = 5
@@ -231,23 +231,9 @@ class EventLog:
 
 
 def _append_whole(path: Path, data: bytes, *, is_lasting: bool) -> None:
-    """Append to a file, and wait until it would survive a power cut; a disk that is full leaves it as it was."""
+    """Append to the log, or to a new file of it."""
     _rotate(path, len(data))
-    file = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, 0o640)
-    try:
-        found = os.fstat(file)
-        if not stat.S_ISREG(found.st_mode):
-            raise OSError(None, "it is no regular file")
-        try:
-            while data:
-                data = data[os.write(file, data) :]
-            if is_lasting:
-                os.fdatasync(file)
-        except OSError:
-            os.ftruncate(file, found.st_size)
-            raise
-    finally:
-        os.close(file)
+    append_whole(path, data, is_lasting=is_lasting)
 
 
 def _rotate(path: Path, more_bytes: int) -> None:

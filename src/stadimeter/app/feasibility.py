@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 
 from stadimeter.app.bootstrap import build
+from stadimeter.app.certificate import certificate_findings
 from stadimeter.app.detectors import build_detectors
 from stadimeter.config.cross_checks import MAX_BLIND_S
 from stadimeter.config.draft import BASE_NAME
@@ -55,7 +56,8 @@ def _degrees(angle_rad: float) -> str:
 def feasibility_warnings(configuration: Configuration) -> tuple[Problem, ...]:
     """Say which rules ask for what the camera cannot see, or not well enough, of the target.
 
-    Nothing is opened. The camera is taken at the resolution that its model was made for.
+    Nothing is opened. The camera is taken at the resolution that its model was made for. A certificate of the site that
+    is beside the configuration says which thresholds the site does not carry.
 
     There is one warning for each limit that cannot be relied on, in the order of the file.
     """
@@ -66,7 +68,8 @@ def feasibility_warnings(configuration: Configuration) -> tuple[Problem, ...]:
     camera = configuration.camera_model
     found = (finding for compiled in configuration.rules for finding in _rule_findings(compiled, sizes, camera))
     unique = list(dict.fromkeys(found))  # a rule with several targets says the same of each
-    return problems([*slow, *unique], str(configuration.path), configuration.spans)
+    of_site = certificate_findings(configuration)
+    return problems([*slow, *unique, *of_site], str(configuration.path), configuration.spans)
 
 
 # Outputs go on through one frame that is missing if they may act for this many periods on one.

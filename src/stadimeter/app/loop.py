@@ -31,6 +31,7 @@ from stadimeter.errors import EndOfFramesError
 from stadimeter.messaging.protocol import Discoverable, TakesRequests
 
 if TYPE_CHECKING:  # few runs have these, and what they need takes long to load
+    from stadimeter.app.control.black_box import BlackBox
     from stadimeter.app.control.recording import RecordingOnRequest
     from stadimeter.app.control.reloading import CheckedConfiguration, Restarter
     from stadimeter.app.control.requests import Control
@@ -78,6 +79,7 @@ class Services(Struct):
     time_of_day: TimeOfDay | None = None
     service: Service | None = None
     recording: RecordingOnRequest | None = None
+    black_box: BlackBox | None = None
     restarter: Restarter | None = None
     watchdog: WatchdogLink | None = None
     tell: Callable[[str], None] = lambda _words: None
@@ -234,20 +236,19 @@ class Loop:
 
     def trouble(self) -> str:
         """Return in words what is wrong outside the loop: with the camera, a messenger, a button or the disk."""
-        messenger = self.parts.messenger
-        capture = self.parts.capture
+        messenger, capture, cycle = self.parts.messenger, self.parts.capture, self.parts.cycle
         notifiers = [notifier.trouble() for notifier in self.parts.notifiers.values()]
-        recordings = [recording.trouble() for recording in self._recordings]
         panel = [button.trouble() for button in self.parts.buttons.values()]
         if (light := self.parts.status_led) is not None and light.fault:
             panel.append(f"{light.name}: {light.fault}")
         memory = self.services.memory
         deaf = messenger.deafness() if isinstance(messenger, TakesRequests) else ""
         sent = (messenger.trouble() if messenger else "", deaf)
-        locator = self.parts.cycle.locator
-        watch = self.parts.cycle.mounting_watch
-        panel += [locator.trouble() if locator is not None else "", watch.trouble() if watch is not None else ""]
-        others = (*sent, *notifiers, *recordings, memory.trouble() if memory else "")
+        panel += [each.trouble() for each in (cycle.locator, cycle.mounting_watch) if each is not None]
+        if (second := cycle.second) is not None:
+            panel += [f"second camera: {words}" for words in (second.trouble(), *second.remarks()) if words]
+        kept = [each.trouble() for each in (*self._recordings, memory) if each is not None]
+        others = (*sent, *notifiers, *kept)
         troubles = (capture.trouble(), *capture.remarks(), *others, *panel)
         return "; ".join(trouble for trouble in troubles if trouble)
 
@@ -283,6 +284,8 @@ class Loop:
             commands = services.watchdog.with_stop(commands)
         undelivered_since_s = self.deliveries.alarm_waits_since_s(parts.clock.now_s())
         after, record, frame = parts.cycle.run(before, commands, wall, undelivered_since_s)
+        if services.black_box is not None:
+            services.black_box.look(record)
         self._report(record)
         services.cycle(before, after, record)  # what has just been sent is kept with what it is about
         if parts.status_led is not None:
@@ -345,7 +348,8 @@ class Loop:
         if messenger is not None:
             self._publish(now_s, self._health.messages(now_s, _wall_clock))
         plan = self.parts.configuration.plan
-        for name, item in outgoing(record.decision, plan.rules, _local_time, plan.named_figures):
+        sent = outgoing(record.decision, plan.rules, _local_time, plan.named_figures, self.reporter.clips)
+        for name, item in sent:
             if isinstance(item, Message):
                 self._publish(now_s, (item,))
             else:

@@ -65,12 +65,14 @@ class Reporter:
             message that came twice.
 
     Attributes:
+        clips: The name of the newest clip of each rule or source.
         retained: The topics on which the run publishes messages that a broker retains without expiry.
         reported_losses: How much was given up, by notifier, as it was last reported.
     """
 
     def __init__(self, boot_id: str) -> None:
         self.retained: frozenset[str] = frozenset()
+        self.clips: Mapping[str, str] = {}
         self._boot_id = boot_id
         self._severities: Mapping[str, Severity] = {}
         self._targets: dict[str, _TargetReports] = {}
@@ -83,7 +85,7 @@ class Reporter:
 
     def messages(self, now_s: float, wall_clock: WallClock, decision: Decision, mark: str = "") -> tuple[Message, ...]:
         """Return what is to be reported after each cycle: events, rules, targets with the mark of their distances."""
-        messages = [_event_message(event, self._boot_id, wall_clock()) for event in decision.events]
+        messages = [_event_message(event, self._boot_id, wall_clock(), self.clips) for event in decision.events]
         messages += self._rule_messages(now_s, wall_clock, decision)
         messages += self._figures.messages(now_s, wall_clock, decision.figures)
         for track in decision.tracks:
@@ -337,7 +339,7 @@ def _retained_topics(rules: Iterable[AnyRule]) -> frozenset[str]:
     return frozenset(own | {step.send.topic for step in steps if step.send is not None and step.send.retain})
 
 
-def _event_message(event: Event, boot_id: str, wall_clock: str) -> Message:
+def _event_message(event: Event, boot_id: str, wall_clock: str, clips: Mapping[str, str]) -> Message:
     is_of_rule = event.kind not in SYSTEM_EVENTS and event.source != OUTPUTS
     payload: dict[str, object] = {
         "v": FORM,
@@ -352,6 +354,7 @@ def _event_message(event: Event, boot_id: str, wall_clock: str) -> Message:
     }
     if is_of_rule:
         payload |= {"notify": event.notify, "first_out": event.first_out, "by": event.by or None}
+    payload["clip"] = clips.get(event.source)
     return _event("event/alarm" if is_of_rule else "event/system", payload, event.severity, event.at_s)
 
 
@@ -367,6 +370,7 @@ def _given_up_message(name: str, count: int, boot_id: str, now_s: float, wall_cl
         "reason": f"{'notifications' if name else 'messages'} given up since the start: {count}",
         "distance_m": None,
         "sigma_m": None,
+        "clip": None,
     }
     return _event("event/system", payload, Severity.WARNING, now_s)
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from stadimeter.app.bootstrap import build
-from stadimeter.config.extras import PACKAGED
+from stadimeter.config.extras import PACKAGED, missing
 from stadimeter.config.findings import Finding, problems
 from stadimeter.config.loader import Configuration
 from stadimeter.config.plugins import ReportsLacks
@@ -48,6 +48,8 @@ def _lacking(configuration: Configuration) -> Iterator[Finding]:
         yield from _missing_files(at, part.options)
     if configuration.web is not None:
         yield from _missing_files(("web",), configuration.web)
+    if configuration.black_box is not None and (trouble := missing("record")):
+        yield Finding(("black_box",), f"the black box cannot write: {trouble}", _ELSEWHERE, "driver-lacks")
 
 
 def _missing_files(at: KeyPath, options: BaseModel) -> Iterator[Finding]:

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -24,20 +23,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from msgspec import Struct, field
 
-import stadimeter
 from stadimeter.app.control.calibrating import calibrate_on_request
 from stadimeter.app.control.last_recording import keep_last
 from stadimeter.app.control.messages import FrameArgs, Reply, SubscribeArgs, WorldArgs
-from stadimeter.app.control.recording import RecordingOnRequest, recordings_folder
+from stadimeter.app.control.recording import RecordingOnRequest
 from stadimeter.app.control.reloading import Reloader, Restarter, build_parts
 from stadimeter.app.control.requests import Act, Control, Requests
 from stadimeter.app.control.socket_server import Answer
 from stadimeter.app.live.health import Board
 from stadimeter.app.live.history import RunHistory, Seen, newer
+from stadimeter.app.live.introduction import colours_of, introduction
 from stadimeter.app.live.pictures import Pictures, drawn
 from stadimeter.app.live.snapshot import LiveFeed, RunSnapshot, Surroundings
 from stadimeter.app.live.snapshot_json import ReasonsInTurn, events_json, frame_data, samples_json, shared_json
-from stadimeter.app.service import is_service
 from stadimeter.config.findings import did_you_mean_or_list
 from stadimeter.config.untrusted_file import sha256_of
 from stadimeter.core.alarms.alarm import AlarmStep
@@ -243,27 +241,13 @@ def live_feed(loop: Loop) -> LiveFeed:
 _NOT_FOR_WATCHERS = ("pid", "recordings", "configuration_age_s")
 
 
-def introduction(loop: Loop) -> dict[str, object]:
-    """Return the facts about a run that each client gets when it connects."""
-    configuration = loop.parts.configuration
-    return {
-        "configuration": str(configuration.path.resolve()),
-        "pid": os.getpid(),
-        "version": stadimeter.__version__,
-        "digest": sha256_of(configuration.text),
-        "configuration_age_s": round(time.monotonic() - loop.configured_at_s, 1),
-        "is_service": is_service(),
-        "recordings": str(recordings_folder(configuration.path)),
-        "world": loop.parts.world is not None,
-    }
-
-
 def _surroundings(loop: Loop) -> Surroundings:
     parts = loop.parts
     told = {name: value for name, value in introduction(loop).items() if name not in _NOT_FOR_WATCHERS}
     fixed = told | {
         "title": parts.configuration.path.name,
         "started_unix_s": round(time.time(), 3),
+        "colours": colours_of(parts.configuration),
     }
     detectors = parts.cycle.perceiver.detectors
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
 
-from stadimeter.core.frame import Frame, Image, Optics, Subsampling
+from stadimeter.core.frame import Frame, Image, Optics, SensorBoxes, Subsampling
 from stadimeter.errors import CaptureTimeoutError, DeviceClosedError, DeviceHungError, DriverError
 
 # Time that `LiveCamera.close` waits for a read to end, and a driver for its device to be let go.
@@ -16,11 +16,12 @@ CLOSE_WAIT_S = 1.5
 
 
 class CapturedPicture(NamedTuple):
-    """A picture, when it was captured on the run's clock, and for how long it was exposed if that is known."""
+    """A picture, when it was captured on the run's clock, and what else is known: exposure, and a network's boxes."""
 
     image: Image
     captured_at_s: float
     exposure_s: float | None = None
+    boxes: SensorBoxes | None = None
 
 
 class LiveCamera(ABC):
@@ -84,6 +85,7 @@ class LiveCamera(ABC):
             subsampling=self._subsampling,
             optics=self._optics,
             exposure_s=picture.exposure_s,
+            boxes=picture.boxes,
         )
 
     def close(self) -> None:

@@ -33,6 +33,7 @@ from stadimeter.cameras.picamera2_settings import (
     optics_of,
 )
 from stadimeter.cameras.protocol import AttachedCamera
+from stadimeter.cameras.sensor_network import SensorNetwork
 from stadimeter.cameras.v4l2 import in_use
 from stadimeter.config.extras import (
     NUMPY_1,
@@ -137,14 +138,13 @@ BUFFERS = 4
 LATE_FRAMES = 2.0
 LATE_S = 0.05
 
-# From the beginning of its read-out to its arrival a frame takes this many frame durations: one to be read out, and a
-# part of another in the image processor. The stamps of a run say exactly how long; this is for `check`.
+# A frame arrives this many frame durations after its read-out began: one to be read out, and a part of another in the
+# image processor. The stamps of a run say exactly how long; this is for `check`.
 WAY_FRAMES = 1.5
 
 # Time limit for the first frames, beside the time that they last.
 FIRST_FRAME_S = 3.0
-
-# Frames in which a control must show its effect: sensors apply one two frames later, lenses move for some frames.
+# Frames in which a control must show its effect: sensors take two, lenses some.
 SETTLING_FRAMES = 10
 
 
@@ -189,12 +189,10 @@ class Picamera2Camera(LiveCamera):
     documentation says ``CLOCK_BOOTTIME``; the two differ only after a suspend, which a Pi does not have, and a stamp of
     the future is not believed. Frames without a stamp that is believed, and those that have waited, are passed over.
 
-    Every setting is given before the camera starts, each time that it is opened. What the frames then show to be
-    otherwise is no error; it is in `remarks`.
+    Every setting is given before it starts, each time that it is opened. What frames then show otherwise is a remark.
 
-    Picamera2 hangs where its camera does: a request that does not come keeps every later one waiting, and closing then
-    never ends. So requests that are late are cancelled, and the camera is closed in a thread of its own. While that
-    thread hangs, the camera cannot be opened again.
+    Picamera2 hangs where its camera does: a request that does not come keeps later ones waiting, and a close never
+    ends. So late requests are cancelled, and a thread of its own closes the camera; while that hangs, none can open it.
 
     Args:
         load, monotonic: Imports the vendor's packages, and the clock of the stamps; others are for tests.
@@ -214,6 +212,7 @@ class Picamera2Camera(LiveCamera):
         self._package: Package | None = None
         self._device: Any = None
         self._closer: threading.Thread | None = None
+        self._network: SensorNetwork | None = None
         self._kernel_time = KernelTime(monotonic)
         self._last_captured_s = -math.inf
 
@@ -244,6 +243,7 @@ class Picamera2Camera(LiveCamera):
         try:
             attached = package.Picamera2.global_camera_info()
             number = number_of(options.camera, attached)
+            self._network = SensorNetwork(options) if options.network else None  # before the camera is opened
             device = self._device = _acquired(package.Picamera2, number)
             available = device.camera_controls
             set_to = controls_of(options, available, package.controls)
@@ -319,7 +319,8 @@ class Picamera2Camera(LiveCamera):
                 may_pass_over = passed_over < BUFFERS and self._clock.now_s() < until_s
                 if captured_at_s is not None and not (may_pass_over and self._is_late(metadata)):
                     self._last_captured_s = captured_at_s
-                    return CapturedPicture(self._copied(request), captured_at_s, _exposure_s(metadata))
+                    boxes = self._network.find(metadata) if self._network else None
+                    return CapturedPicture(self._copied(request), captured_at_s, _exposure_s(metadata), boxes)
             passed_over += 1
         raise CaptureTimeoutError(
             f"the camera {self._options.name} gave no new frame for {self._options.read_timeout:g} s"

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from stadimeter.config.plugins import DriverOptions
-from stadimeter.config.units import Duration, Frequency, Length
+from stadimeter.config.units import Duration, FilePath, Frequency, Length
 from stadimeter.core.frame import Optics
 from stadimeter.errors import DeviceOpenError
 
@@ -67,6 +67,9 @@ class Picamera2Settings(DriverOptions):
     """The same in dioptres, one through the distance in metres; 0 for infinity."""
     autofocus: bool = False
     """Whether the camera may refocus. It changes the focal length, and so every distance; off unless asked."""
+    network: FilePath | None = None
+    """The network that an AI camera (IMX500) runs on its sensor: a post-processed one that finds objects, such as
+    ``/usr/share/imx500-models/imx500_network_ssd_mobilenetv2_fpnlite_320x320_pp.rpk``. For `object` without a model."""
     read_timeout: Annotated[Duration, Field(gt=0, le=60)] = 1.0
     """How long to wait for a frame, in seconds."""
 

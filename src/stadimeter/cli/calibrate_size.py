@@ -21,26 +21,15 @@ from stadimeter.cli.target_options import (
 )
 from stadimeter.config.camera_file import load_camera_model
 from stadimeter.config.named_sizes import UNKNOWN_SIZE
-from stadimeter.config.units import LENGTHS_M, parse_quantity, split_quantities
+from stadimeter.config.units import LENGTHS_M, parse_quantity
 from stadimeter.errors import CalibrationError, ConfigError
 from stadimeter.ranging.size_from_motion import LearntSize, StepErrors, StepView, Vector, learn_size
-from stadimeter.workbench.calibration.size_by_steps import SizeSession
+from stadimeter.workbench.calibration.size_by_steps import SizeSession, parse_move
 from stadimeter.workbench.frame_source import open_camera
 from stadimeter.workbench.picture_metadata import check_lens_settings, profile_notes
 
 # What is assumed of a size that is not known: any other gives the same answer.
 ASSUMED = "10cm"
-
-# The directions of steps, in the camera frame: x right, y down, z ahead.
-DIRECTIONS: dict[str, Vector] = {
-    "nearer": (0.0, 0.0, 1.0),
-    "ahead": (0.0, 0.0, 1.0),
-    "back": (0.0, 0.0, -1.0),
-    "right": (1.0, 0.0, 0.0),
-    "left": (-1.0, 0.0, 0.0),
-    "down": (0.0, 1.0, 0.0),
-    "up": (0.0, -1.0, 0.0),
-}
 
 # Where the camera is moved to with --live if nothing else is said.
 USUAL_MOVES = ("20cm", "40cm")
@@ -190,25 +179,8 @@ def _split(text: str, *, is_first: bool) -> tuple[Path, Vector]:
     )
 
 
-def parse_move(text: str, option: str) -> Vector:
-    """Return a move such as ``20cm`` or ``20cm,5cm:up`` in metres; the `ConfigError` names the option."""
-    x_m = y_m = z_m = 0.0
-    for part in split_quantities(text):
-        length, colon, word = part.partition(":")
-        direction = DIRECTIONS.get(word.strip().lower()) if colon else DIRECTIONS["ahead"]
-        if direction is None:
-            raise ConfigError(f"{option}: {word!r} is no direction; write one of {', '.join(DIRECTIONS)}")
-        way_m = read_option(_parse_signed, length, option)
-        x_m, y_m, z_m = x_m + way_m * direction[0], y_m + way_m * direction[1], z_m + way_m * direction[2]
-    return x_m, y_m, z_m
-
-
-def _parse_signed(text: str) -> float:
-    return parse_quantity(text, LENGTHS_M, "20 cm")
-
-
 def _parse_not_negative(text: str) -> float:
-    value = _parse_signed(text)
+    value = parse_quantity(text, LENGTHS_M, "20 cm")
     if value < 0:
         raise ValueError(f"{text!r} is below zero")
     return value

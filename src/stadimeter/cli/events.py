@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from itertools import islice
 from pathlib import Path
 from typing import Annotated
@@ -11,13 +10,12 @@ from typing import Annotated
 import typer
 
 from stadimeter.app.event_log import ENDING, log_files
+from stadimeter.app.logged_events import parse_line
 from stadimeter.cli.exits import plain_errors
 from stadimeter.errors import JournalError
 
 # Where the service of the package keeps its state.
 SERVICE_STATE = Path("/var/lib/stadimeter")
-
-_LINE = re.compile(r"(?P<time>\d{4}-\d\d-\d\d [\d:.]+[+-]\d\d:\d\d)(?P<mark>[ ?]) (?P<text>.*)")
 
 
 def events(
@@ -52,10 +50,10 @@ def events(
 
 def _record(line: str) -> dict[str, object]:
     """Return a line of the log as the object that ``--json`` prints."""
-    found = _LINE.fullmatch(line)
+    found = parse_line(line)
     if found is None:
         return {"time": None, "is_synchronised": False, "text": line}
-    return {"time": found["time"].replace(" ", "T"), "is_synchronised": found["mark"] == " ", "text": found["text"]}
+    return dict(zip(("time", "is_synchronised", "text"), found, strict=True))
 
 
 def _of_service() -> Path:

@@ -39,7 +39,6 @@ from stadimeter.workbench.setup.interview import (
     write_files,
 )
 from stadimeter.workbench.setup.question import CONFIGURATION, PICTURES, Accepted, Known, Question
-from stadimeter.workbench.setup.target import build_target
 from stadimeter.workbench.wiring import find_outputs, parts_of
 
 BACK = "back"
@@ -291,10 +290,8 @@ def _busy(console: Console) -> Iterator[None]:
 
 
 def _write(console: Console, known: Known) -> None:
-    if known.camera_model is None:
-        raise ConfigError("there is no camera model; answer the question for the calibration")
     console.print()
-    for words in write_files(known.folder, configuration_files(known.answers, known.camera_model, known.model_file)):
+    for words in write_files(known.folder, configuration_files(known.answers, known.lens, known.model_file)):
         console.print(words, markup=False, soft_wrap=True)
 
 
@@ -318,17 +315,18 @@ def _check_and_show(console: Console, known: Known) -> int:
 
 def _is_measured(console: Console, known: Known) -> bool:
     """Measure the target in the last picture, and return whether it is there."""
-    if known.camera_model is None:
+    written = load_configuration(known.file)
+    if written.camera_model is None:
         return False
-    targets = build_detectors([build_target(known)], known.camera_model)
-    (result,) = Measuring(targets, known.camera_model).measure(known.frame, "").targets
-    seen = result.measurement
-    if seen.distance_m is None:
-        words = f"In the last picture, `{seen.target}` was not measured: {seen.reason}"
-        console.print(Text(words, "yellow"))
-        return False
-    away = format_distance(seen.distance_m, seen.sigma_m, METRE)
-    console.print(f"In the last picture, the {seen.target} is {away} away.", markup=False)
+    targets = build_detectors(written.targets[:1], written.camera_model, written.footings)
+    results = Measuring(targets, written.camera_model).measure(known.frame, "").targets
+    for seen in (each.measurement for each in results):
+        if seen.distance_m is None:
+            words = f"In the last picture, `{seen.target}` was not measured: {seen.reason}"
+            console.print(Text(words, "yellow"))
+            return False
+        away = format_distance(seen.distance_m, seen.sigma_m, METRE)
+        console.print(f"In the last picture, the {seen.target} is {away} away.", markup=False)
     return True
 
 
@@ -338,10 +336,10 @@ def _next_commands(console: Console, known: Known) -> None:
     what = f"--live {known.file}" if known.is_live else shlex.quote(pictures)
     console.print("\nNext:", style="bold")
     names = rule_names(known.answers)
-    asked = next((wish for wish in known.answers["wish"].split() if wish in names), names[0])
+    asked = next((wish for wish in known.answers["wish"].split() if wish in names), *names[:1]) if names else ""
     for line in (
         f"stadimeter measure {what} --config {known.file}",
         f"stadimeter run {known.file} --watch",
-        f"stadimeter explain {asked}",
+        f"stadimeter explain {asked}" if asked else f"stadimeter locate {pictures} --config {known.file}",
     ):
         console.print(f"  {line}", markup=False, soft_wrap=True)

@@ -36,6 +36,7 @@ PANELS: Mapping[str, Mapping[str, str]] = {
         "colour": "Find out the range of colours of a ball, from a picture and a place in it.",
         "calibrate": "Find out a camera's focal length, write its camera file, and check it; or how large a thing is.",
         "mounting": "Save the view of a fixed camera, and see whether the camera is still where it was.",
+        "certify": "Certify how right distances are at this place, in this light, and which thresholds that carries.",
         "models": "Say what the file of a neural network is, and fetch one that finds faces.",
         "print": "Make tags, boards and discs to print, at true scale.",
     },
@@ -56,6 +57,7 @@ PANELS: Mapping[str, Mapping[str, str]] = {
         "stop-outputs": "Put every output of a running instance at its safe value, until they are released.",
         "arm": "Arm a running instance: from now on its outputs may act.",
         "disarm": "Disarm a running instance: every output is at its safe value until it is armed.",
+        "clip": "Have a running instance write a clip of the last seconds, with pictures.",
         "safe": "Make every output of a configuration safe by hand, when no run drives it.",
         "alarm": "Acknowledge, reset or shelve an alarm of a running instance, and more.",
         "fleet": "Show every device at a broker, and one list of standing alarms.",
@@ -79,6 +81,7 @@ _PLACES = {
     "stop-outputs": "operate:stop_outputs",
     "arm": "operate:arm",
     "disarm": "operate:disarm",
+    "clip": "operate:clip",
     "alarm": "operate:alarm",
     "fleet": "fleet_commands:fleet",
 }

@@ -185,7 +185,7 @@ def measure(
                 explain=explain,
                 unit=wanted.unit,
                 file_width=max(map(len, [name, *map(str, images or ())])),
-                target_width=max(len(choice.name) for choice in wanted.choices),
+                target_width=max(len(name) for choice in wanted.choices for name in choice.members),
             ),
             between=names,
             at=known_at,
@@ -259,7 +259,7 @@ def _targets_from_options(given: GivenTarget, config: Path | None, names: tuple[
         both = [(name, targets_from_options({**given, "--id": int(name.split()[1])}, config)) for name in names]
         choices = tuple(replace(each.choices[0], name=name) for name, each in both)
         wanted = replace(both[0][1], choices=choices)
-    known = [choice.name for choice in wanted.choices]
+    known = [name for choice in wanted.choices for name in choice.members]
     missing = [name for name in names or () if name not in known]
     if missing:
         raise ConfigError(

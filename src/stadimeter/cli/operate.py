@@ -131,50 +131,27 @@ def stop_outputs(
 stop_outputs.__doc__ = OperatorAction.STOP_OUTPUTS.help
 
 
-def arm(
-    by: ByOption = None,
-    why: WhyOption = "",
-    config: ConfigOption = None,
-    socket: SocketOption = None,
-    as_json: JsonOption = False,
-) -> None:
-    """Arm one running instance. The table of actions has the help."""
-    _tell(OperatorAction.ARM, by, why, config, socket, as_json=as_json)
+def _command(action: OperatorAction) -> Callable[..., None]:
+    """Return the function of a command for one instance that takes no more than who gives it, and why."""
+
+    def command(
+        by: ByOption = None,
+        why: WhyOption = "",
+        config: ConfigOption = None,
+        socket: SocketOption = None,
+        as_json: JsonOption = False,
+    ) -> None:
+        with plain_errors():
+            data = ask_instance(action.command, {"by": who(by), "why": why}, config, socket)
+        print_answer(data, data["words"], as_json=as_json)
+
+    command.__doc__ = action.help
+    return command
 
 
-def disarm(
-    by: ByOption = None,
-    why: WhyOption = "",
-    config: ConfigOption = None,
-    socket: SocketOption = None,
-    as_json: JsonOption = False,
-) -> None:
-    """Disarm one running instance. The table of actions has the help."""
-    _tell(OperatorAction.DISARM, by, why, config, socket, as_json=as_json)
-
-
-def confirm(
-    by: ByOption = None,
-    why: WhyOption = "",
-    config: ConfigOption = None,
-    socket: SocketOption = None,
-    as_json: JsonOption = False,
-) -> None:
-    """Confirm the mounting of one running instance. The table of actions has the help."""
-    _tell(OperatorAction.CONFIRM_MOUNTING, by, why, config, socket, as_json=as_json)
-
-
-arm.__doc__, disarm.__doc__ = OperatorAction.ARM.help, OperatorAction.DISARM.help
-confirm.__doc__ = OperatorAction.CONFIRM_MOUNTING.help
-
-
-def _tell(
-    action: OperatorAction, by: str | None, why: str, config: Path | None, socket: Path | None, *, as_json: bool
-) -> None:
-    """Give a command that concerns every output of one instance, and print the answer."""
-    with plain_errors():
-        data = ask_instance(action.command, {"by": who(by), "why": why}, config, socket)
-    print_answer(data, data["words"], as_json=as_json)
+arm, disarm, clip, confirm = map(
+    _command, (OperatorAction.ARM, OperatorAction.DISARM, OperatorAction.CLIP, OperatorAction.CONFIRM_MOUNTING)
+)
 
 
 def reload(config: ConfigOption = None, socket: SocketOption = None, as_json: JsonOption = False) -> None:

@@ -49,13 +49,9 @@ def _writers(loop: Loop, options: RunOptions) -> Iterator[Writer]:
 
 def _recording_writer(loop: Loop, options: RunOptions, path: Path, configuration: RecordedConfiguration) -> Writer:
     # Loads MCAP and picture writing, which a run with only a journal does not need.
-    from stadimeter.app.recordings.recording import ImageOptions, Recorded, RecordingWriter  # noqa: PLC0415
+    from stadimeter.app.recordings.recording import ImageOptions, RecordingWriter, what_is_recorded  # noqa: PLC0415
 
-    recorded = Recorded(
-        configuration=configuration,
-        camera=loop.parts.configuration.camera_model,
-        sizes={name: detector.target_shape for name, detector in loop.parts.cycle.detectors.items()},
-    )
+    recorded = what_is_recorded(loop.parts.configuration, loop.parts.cycle.detectors, configuration)
     images = ImageOptions(
         images=options.images, rate_hz=options.image_rate_hz, quality_percent=options.image_quality_percent
     )

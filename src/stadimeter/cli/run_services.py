@@ -25,7 +25,10 @@ from stadimeter.app.service import (
     write_safe_outputs,
 )
 from stadimeter.app.service_folders import mounting_places, state_directory
+from stadimeter.config.extras import missing
+from stadimeter.config.optional_tables import TIMELINE_S, TimelineTable
 from stadimeter.config.untrusted_file import is_file
+from stadimeter.operator_actions import OperatorAction
 
 if TYPE_CHECKING:
     from stadimeter.app.loop import Loop
@@ -70,8 +73,7 @@ def open_services(loop: Loop, options: RunOptions, *, is_quiet: bool = False) ->
         services.time_of_day = TimeOfDay(
             is_live=loop.parts.is_live, is_right=is_right, shown=lambda now: wall_time(now, loop.parts.configuration)
         )
-        if state_directory() is not None:
-            closing.enter_context(_open_event_log(loop, is_right))
+        _keep_past(loop, is_right, closing)
         _list_safe_outputs(loop)
         closing.enter_context(_watchdog_process(loop))
         closing.enter_context(_watch_mounting(loop))
@@ -86,9 +88,41 @@ def open_services(loop: Loop, options: RunOptions, *, is_quiet: bool = False) ->
                 run_control.open_alarm_store(loop, options.state, is_right)
             if listens:
                 run_control.open_control_socket(loop, options.socket, closing)
+        if loop.parts.configuration.black_box is not None:
+            open_black_box(loop, closing)
         if loop.parts.configuration.web is not None and not options.ends_with_input:
             services.tell(f"the page: {_page_command(loop.parts.configuration.path, options.service)}")
         yield
+
+
+def _keep_past(loop: Loop, is_right: Callable[[], bool], closing: ExitStack) -> None:
+    """Keep the timeline and the event log of a run that has them."""
+    path = loop.parts.configuration.path
+    events = event_log_path(path)
+    if keep_s := _timeline_s(loop.parts.configuration.timeline):
+        from stadimeter.app.timeline.keeper import keep_timeline  # noqa: PLC0415 - few runs at a desk keep one
+        from stadimeter.app.timeline.rows import event_log_beside  # noqa: PLC0415
+
+        folder = closing.enter_context(keep_timeline(loop.listeners, path, keep_s))
+        events = events or event_log_beside(folder)
+    if events is not None:
+        closing.enter_context(_open_event_log(loop, is_right, events))
+
+
+def open_black_box(loop: Loop, closing: ExitStack) -> None:
+    """Keep the last seconds in memory. Without the library that writes clips, a run goes on with a warning."""
+    services = loop.services
+    if trouble := missing("record"):
+        services.tell(f"warning: the black box keeps nothing: {trouble}")
+        return
+    from stadimeter.app.control.black_box import BlackBox  # noqa: PLC0415 - it takes long, and few runs have one
+
+    box = BlackBox(loop.parts, lambda: loop.state, services.tell, loop.deadline)
+    closing.callback(box.close)
+    services.black_box, loop.reporter.clips = box, box.clips
+    loop.listeners.append(box)
+    if services.control is not None:
+        services.control.acts[OperatorAction.CLIP.command] = box.act
 
 
 def start_service(configuration: Path) -> Service | None:
@@ -110,14 +144,15 @@ def _notify_systemd(loop: Loop, service: Service) -> Iterator[None]:
         service.ended_as_asked()
 
 
+def _timeline_s(table: TimelineTable | None) -> float:
+    """Return for how long a timeline is kept; in a service also without a table. 0 for none."""
+    return table.keep if table is not None else TIMELINE_S if state_directory() is not None else 0.0
+
+
 @contextmanager
-def _open_event_log(loop: Loop, is_right: Callable[[], bool]) -> Iterator[None]:
+def _open_event_log(loop: Loop, is_right: Callable[[], bool], path: Path) -> Iterator[None]:
     """Keep the event log of a run."""
     configuration, tell = loop.parts.configuration.path, loop.services.tell
-    path = event_log_path(configuration)
-    if path is None:
-        yield
-        return
     log = EventLog(path, is_right=is_right)
 
     def tell_and_log(words: str) -> None:

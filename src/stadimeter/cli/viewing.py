@@ -116,7 +116,7 @@ class PlainView:
                 yield f"camera: {observation.camera_fault}"
         yield from (self._target(track) for track in decision.tracks)
         yield from (self._output(command) for command in record.applied)
-        yield from (f"{fault.output} OUT OF ORDER: {fault.reason}" for fault in observation.output_faults)
+        yield from (f"{fault.output} OUT OF ORDER: {fault.reason}" for fault in observation.faults)
         shown = (trace for trace in decision.rules if trace.status not in SILENT)
         yield from (_rule(trace, decision.reasons.get(trace.rule, "")) for trace in shown)
 

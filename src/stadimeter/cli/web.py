@@ -51,6 +51,9 @@ ForReading = Annotated[
 MetricsToken = Annotated[
     bool, typer.Option("--metrics-token", help="Print what Prometheus needs to read /metrics, and end.")
 ]
+AlarmsToken = Annotated[
+    bool, typer.Option("--alarms-token", help="Print what the page of another camera needs to read alarms, and end.")
+]
 PasswordPath = Annotated[
     Path | None,
     typer.Option("--password-file", metavar="FILE", help="Where the passwords' hashes are; else beside CONFIG."),
@@ -77,6 +80,7 @@ def web(
     set_password: SetPassword = False,
     read: ForReading = False,
     metrics_token: MetricsToken = False,
+    alarms_token: AlarmsToken = False,
     password_file: PasswordPath = None,
     certificate: Certificate = None,
     key: Key = None,
@@ -116,8 +120,9 @@ def web(
         if set_password:
             _set_password(options.password_file or place_of_passwords(config), "read" if read else "operate")
             return
-        if metrics_token:
-            typer.echo(_metrics_token(options.password_file or place_of_passwords(config)))
+        if metrics_token or alarms_token:
+            what = "metrics" if metrics_token else "alarms"
+            typer.echo(_token(options.password_file or place_of_passwords(config), what))
             return
         if config is None:
             raise PageError(400, "no-configuration", "name the CONFIG that the page is for; it need not be there yet")
@@ -134,12 +139,15 @@ def page_command(config: Path, options: WebTable, socket: Path | None = None, **
         "socket": socket,
         "certificate": options.certificate,
         "key": options.key,
+        "others_tokens": options.others_tokens,
     }
     given = {
         "paths": {name: path and str(path) for name, path in paths.items()},
         "address": options.host,
         "port": options.port,
         "allowed_hosts": options.allowed_hosts,
+        "others": options.others,
+        "find_others": options.find_others,
         **more,
     }
     return [*python("stadimeter.web"), json.dumps(given)]
@@ -169,12 +177,12 @@ def _load_table(config: Path | None) -> WebTable:
         raise ConfigError(problems(found, str(config), source.spans)) from error
 
 
-def _metrics_token(path: Path) -> str:
+def _token(path: Path, what: str) -> str:
     passwords = PasswordFile(path).passwords()
     if passwords is None:
-        words = f"{path} has no password, so the page is read from this computer only, and /metrics without a token"
+        words = f"{path} has no password, so the page is read from this computer only, and {what} without a token"
         raise PageError(400, "no-passwords", words)
-    return passwords.metrics_token
+    return passwords.token(what)
 
 
 def _set_password(path: Path, right: str) -> None:

@@ -20,6 +20,8 @@ LEFT_OUT = "…"
 _ADDRESS = re.compile(r"""://([^\s"'`<>\\]+)""")
 _PARAMETERS = re.compile(r"[?#;]|(?<=/)[^/?#;]*=")
 
+_PAGE = re.compile(r"https?://([\w.-]+|\[[\da-fA-F:]+\])(:\d{1,5})?/?")
+
 
 def address_for_people(address: str) -> str:
     """Return an address without what may be a secret in it; idempotent.
@@ -48,6 +50,14 @@ def address_in(file: Path, example: str) -> str:
     if not lines or "://" not in lines[0]:
         raise DeviceOpenError(f"the first line of {file} is not an address such as '{example}'")
     return lines[0].strip()
+
+
+def check_page_address(text: object) -> str:
+    """Return the address of a page, without a slash at its end; a ValueError if it is none."""
+    if not isinstance(text, str) or not _PAGE.fullmatch(text):
+        told = address_for_people(str(text))
+        raise ValueError(f"{told!r} is not the address of a page, such as 'http://garage.local:8080'")
+    return text.rstrip("/")
 
 
 def _for_people(rest: str) -> str:

@@ -1,4 +1,4 @@
-"""Writing a file whole or not at all."""
+"""Writing a file whole or not at all, and appending to one likewise."""
 
 from __future__ import annotations
 
@@ -56,6 +56,32 @@ def write_all_atomically(files: Mapping[Path, bytes], like: Path | None = None) 
             for path in opened:
                 temporary[path].unlink(missing_ok=True)
             raise
+
+
+def append_whole(path: Path, data: bytes, *, is_lasting: bool) -> None:
+    """Append to a file, which is made if need be; a disk that is full leaves it as it was.
+
+    Args:
+        is_lasting: Whether to wait until it would survive a power cut.
+
+    Raises:
+        OSError: It cannot be written there.
+    """
+    file = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, 0o640)
+    try:
+        found = os.fstat(file)
+        if not stat.S_ISREG(found.st_mode):
+            raise OSError(None, "it is no regular file")
+        try:
+            while data:
+                data = data[os.write(file, data) :]
+            if is_lasting:
+                os.fdatasync(file)
+        except OSError:
+            os.ftruncate(file, found.st_size)
+            raise
+    finally:
+        os.close(file)
 
 
 def holds(path: Path, data: bytes) -> bool:

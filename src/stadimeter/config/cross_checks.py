@@ -15,6 +15,7 @@ from stadimeter.config.analysis.memory import memory_errors
 from stadimeter.config.analysis.promises import promise_errors
 from stadimeter.config.analysis.references import condition_tables_of, reference_errors
 from stadimeter.config.analysis.schedules import schedule_errors
+from stadimeter.config.analysis.second_camera import second_camera_errors
 from stadimeter.config.analysis.writers import shadow_errors
 from stadimeter.config.draft import BASE_NAME, Draft, output_path
 from stadimeter.config.findings import Finding, did_you_mean, did_you_mean_or_list, known_keys
@@ -23,6 +24,7 @@ from stadimeter.config.plugins import marked_options
 from stadimeter.config.rules.condition_tables import (
     KEY_ABOUT_STANDING,
     KEYS_ABOUT_DISTANCE,
+    KEYS_ABOUT_WHOM,
     KEYS_OF_A_TARGET,
     KEYS_OF_COMPARISONS,
     KEYS_OF_NO_TARGET,
@@ -246,7 +248,7 @@ def _world_around(draft: Draft) -> Iterator[Finding]:
 
 def _lens_known(draft: Draft) -> Iterator[Finding]:
     camera = draft.table.get("camera")
-    if draft.names("rules") and isinstance(camera, dict) and "model" not in camera:
+    if draft.names("rules") and isinstance(camera, dict) and "model" not in camera and draft.second_camera is None:
         hint = 'run `stadimeter calibrate distance PICTURE@DISTANCE -o camera.toml` and add model = "camera.toml"'
         yield Finding(
             ("camera", "model"), "rules need distances, and distances need a camera model", hint, "camera-model-missing"
@@ -315,6 +317,9 @@ def _meaningless(at: KeyPath, table: Mapping[str, Any], written: list[str]) -> I
     if KEY_ABOUT_STANDING in table and "still_for" not in table:
         message = f"'{KEY_ABOUT_STANDING}' has a meaning only beside still_for"
         yield Finding((*at, KEY_ABOUT_STANDING), message, 'add such as still_for = "10 min"', "condition-keys")
+    about = [key for key in KEYS_ABOUT_WHOM if key in table]
+    for key in about[1:]:
+        yield Finding((*at, key), f"'{about[0]}' says already whom this is about", "keep one of them", "condition-keys")
     if any(key in group for group in _LIMITS for key in written):
         return
     kinds = " and ".join(f"'{kind}'" for kind in written)
@@ -387,12 +392,6 @@ _CHECKS: tuple[Callable[[Draft], Iterator[Finding]], ...] = (
     reference_errors,
 )
 _ANALYSES: tuple[Callable[[Subject], Iterator[Finding]], ...] = (
-    band_errors,
-    quantity_errors,
-    floor_errors,
-    holding_errors,
-    shadow_errors,
-    promise_errors,
-    schedule_errors,
-    memory_errors,
-)
+    band_errors, quantity_errors, floor_errors, second_camera_errors, holding_errors, shadow_errors,
+    promise_errors, schedule_errors, memory_errors,
+)  # fmt: skip

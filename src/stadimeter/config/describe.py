@@ -54,7 +54,7 @@ def describe(configuration: Configuration) -> tuple[str, ...]:
 def _parts(configuration: Configuration) -> Iterator[str]:
     lens = f" through a lens of {_lens(configuration.camera_model)}" if configuration.camera_model else ""
     targets = " and ".join(f"`{target.name}` ({_kind(target)})" for target in configuration.targets)
-    yield f"Looks for {targets} with the camera driver {configuration.camera.driver}{lens}."
+    yield f"Looks for {targets} with the camera driver {configuration.camera.driver}{lens}{_beside(configuration)}."
     if configuration.messenger:
         yield f"Sends messages with {configuration.messenger.driver}."
     for notifier in configuration.notifiers:
@@ -63,12 +63,16 @@ def _parts(configuration: Configuration) -> Iterator[str]:
         yield f"Shows how it is doing on `{configuration.status_led.name}` ({configuration.status_led.driver})."
     if configuration.web is not None:
         yield f"Its page for browsers is at port {configuration.web.port}, {_where(configuration.web)}."
-    if configuration.recording is not None:
-        yield f"Keeps the last {duration(configuration.recording.last)} of what it sees and does, without pictures."
+    yield from _describe_kept(configuration)
     if configuration.plan.safety.liveness and any(_tilts(each) for each in configuration.plan.outputs):
         yield "Liveness by motion judges how the camera turns, and not how it tilts."
     for button, table in configuration.button_tables.items():
         yield f"The button `{button}`, pressed, {_pressed(table.press, table)}.{_held(table)}"
+
+
+def _beside(configuration: Configuration) -> str:
+    second, rig = configuration.second_camera, configuration.rig
+    return f", and from {length(rig.baseline_m)} beside it with {second.driver}" if second and rig else ""
 
 
 def _kind(target: DriverChoice) -> str:
@@ -99,6 +103,7 @@ def _pressed(action: str, table: ButtonTable) -> str:
     does = {
         "take-out": "takes {} out of service",
         "put-back": "puts {} back into service",
+        "clip": "has a clip of the last seconds written",
         "stop-outputs": "stops every output until they are released",
         "release-outputs": "lets outputs that were stopped act again",
         "arm": "arms the run: its outputs may act",
@@ -344,3 +349,12 @@ def _does(step: EscalationStep, configuration: Configuration) -> str:
 def needs_figures(condition: Condition) -> bool:
     """Return whether a condition asks for a figure that is not known while its target is out of sight."""
     return any(leaf.has_figures for leaf in leaves(condition))
+
+
+def _describe_kept(configuration: Configuration) -> Iterator[str]:
+    if configuration.recording is not None:
+        yield f"Keeps the last {duration(configuration.recording.last)} of what it sees and does, without pictures."
+    if configuration.timeline is not None and configuration.timeline.keep:
+        yield f"Keeps a timeline of the last {duration(configuration.timeline.keep)} for the page."
+    if configuration.black_box is not None:
+        yield configuration.black_box.describe()

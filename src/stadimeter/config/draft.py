@@ -13,6 +13,13 @@ from stadimeter.config import models
 from stadimeter.config.camera_file import camera_model_from_table, load_camera_model
 from stadimeter.config.driver_tables import DRIVER_KINDS, ModelT, read_driver_table, validate
 from stadimeter.config.findings import MAX_EXPLAINED, Finding, did_you_mean_or_list, format_value
+from stadimeter.config.optional_tables import (
+    OPTIONAL_TABLES,
+    BlackBoxTable,
+    MountingTable,
+    RecordingTable,
+    TimelineTable,
+)
 from stadimeter.config.plugins import MAX_SEVERAL, DriverChoice, numbered
 from stadimeter.config.rules.action_tables import GAPS
 from stadimeter.config.rules.compiled import CompiledRule, SeveralNames, compile_rules
@@ -29,6 +36,7 @@ from stadimeter.errors import ConfigError, Problem
 
 if TYPE_CHECKING:
     from stadimeter.config.rule_test_tables import RuleTest
+    from stadimeter.core.stereo_rig import StereoRig
 
 # The name of the base in rules.
 BASE_NAME = "base"
@@ -93,6 +101,11 @@ class ChosenDrivers:
         return self.drivers.get(("messenger",))
 
     @property
+    def second_camera(self) -> DriverChoice | None:
+        """The camera beside the first one."""
+        return self.drivers.get(("second_camera",))
+
+    @property
     def world(self) -> DriverChoice | None:
         """The simulated world."""
         return self.drivers.get(("world",))
@@ -112,6 +125,8 @@ class Draft(ChosenDrivers, Struct, kw_only=True):
     Attributes:
         table: The whole file as the TOML parser read it.
         file_problems: What is wrong in a camera file that it names.
+        camera_model: The lens of the camera; with a second camera that of the stereo file.
+        rig: Both cameras, if there are two.
         output_tables: What every actuator has, and the base, by name.
         rules: The rules that could be read, by name.
         figures: The remembered figures likewise.
@@ -124,6 +139,7 @@ class Draft(ChosenDrivers, Struct, kw_only=True):
     file_problems: list[Problem] = field(default_factory=list)
     drivers: dict[KeyPath, DriverChoice] = field(default_factory=dict)
     camera_model: CameraModel | None = None
+    rig: StereoRig | None = None
     camera_table: models.CameraTable = field(default_factory=models.CameraTable)
     target_tables: dict[str, models.TargetTable] = field(default_factory=dict)
     button_tables: dict[str, models.ButtonTable] = field(default_factory=dict)
@@ -131,9 +147,11 @@ class Draft(ChosenDrivers, Struct, kw_only=True):
     output_tables: dict[str, models.ActuatorTable | models.BaseTable] = field(default_factory=dict)
     tracking: models.TrackingTable = field(default_factory=models.TrackingTable)
     safety: models.SafetyTable = field(default_factory=models.SafetyTable)
-    mounting: models.MountingTable = field(default_factory=models.MountingTable)
+    mounting: MountingTable = field(default_factory=MountingTable)
     web: models.WebTable | None = None
-    recording: models.RecordingTable | None = None
+    recording: RecordingTable | None = None
+    timeline: TimelineTable | None = None
+    black_box: BlackBoxTable | None = None
     place: models.PlaceTable | None = None
     landmarks: Landmarks | None = None
     rules: dict[str, RuleTable] = field(default_factory=dict)
@@ -275,6 +293,8 @@ class _Reader:
             case models.CameraTable():
                 self._camera_model(common.model)
                 self.draft.camera_table = common
+            case models.SecondCameraTable():
+                self._stereo_file(common.stereo)
             case models.TargetTable():
                 self.draft.target_tables[name] = common
             case models.ActuatorTable() | models.BaseTable():
@@ -309,31 +329,36 @@ class _Reader:
         try:
             self.draft.camera_model = load_camera_model(file, self.texts)
         except ConfigError as error:
-            for problem in error.problems:
-                if problem.code == UNREADABLE:
-                    self._found(("camera", "model"), f"the camera file {file}: {problem.message}", problem.hint)
-                else:
-                    self.draft.file_problems.append(problem)
+            self._wrong_in_file(error, ("camera", "model"), f"the camera file {file}")
+
+    def _stereo_file(self, file: Path) -> None:
+        from stadimeter.config.stereo_file import load_stereo_rig  # noqa: PLC0415 - most runs have one camera
+
+        try:
+            self.draft.rig = load_stereo_rig(file, self.texts)
+        except ConfigError as error:
+            self._wrong_in_file(error, ("second_camera", "stereo"), f"the stereo file {file}")
+        else:
+            self.draft.camera_model = self.draft.rig.left
+
+    def _wrong_in_file(self, error: ConfigError, key: KeyPath, file: str) -> None:
+        for problem in error.problems:
+            if problem.code == UNREADABLE:
+                self._found(key, f"{file}: {problem.message}", problem.hint)
+            else:
+                self.draft.file_problems.append(problem)
 
     def _settings(self) -> None:
-        tracking = self._validated(models.TrackingTable, ("tracking",), self._table("tracking") or {})
-        safety = self._validated(models.SafetyTable, ("safety",), self._table("safety") or {})
-        self.draft.tracking = tracking or self.draft.tracking
-        self.draft.safety = safety or self.draft.safety
-        mounting = self._validated(models.MountingTable, ("mounting",), self._table("mounting") or {})
-        self.draft.mounting = mounting or self.draft.mounting
-        if (web := self._table("web")) is not None:
-            self.draft.web = self._validated(models.WebTable, ("web",), web)
-        if (place := self._table("place")) is not None:
-            self.draft.place = self._validated(models.PlaceTable, ("place",), place)
+        for name, model in OPTIONAL_TABLES.items():
+            table = self._table(name)
+            if table is not None and (read := self._validated(model, (name,), table)) is not None:
+                setattr(self.draft, name, read)
         if (landmarks := self._table("landmarks")) is not None:
             from stadimeter.config.landmark_tables import read_landmarks  # noqa: PLC0415 - most runs have none
 
             found = read_landmarks(landmarks, self.draft.targets, self.context, self.draft.findings)
             if found is not None:
                 self.draft.landmarks, self.draft.drivers["landmarks",] = found
-        if (recording := self._table("recording")) is not None:
-            self.draft.recording = self._validated(models.RecordingTable, ("recording",), recording)
 
     def _rules(self) -> None:
         for name, table in self._named("figures"):

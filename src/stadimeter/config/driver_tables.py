@@ -45,6 +45,7 @@ ACTUATOR = DriverKind(group=plugins.ACTUATORS, common=models.ActuatorTable, is_n
 # The kind of each section that names drivers.
 DRIVER_KINDS: Mapping[str, DriverKind] = {
     "camera": CAMERA,
+    "second_camera": DriverKind(group=plugins.CAMERAS, common=models.SecondCameraTable),
     "messenger": MESSENGER,
     "world": WORLD,
     "targets": TARGET,

@@ -23,12 +23,11 @@ from stadimeter.config.models import (
     ActuatorTable,
     BaseTable,
     ButtonTable,
-    MountingTable,
     PlaceTable,
-    RecordingTable,
     SensorTable,
     WebTable,
 )
+from stadimeter.config.optional_tables import BlackBoxTable, MountingTable, RecordingTable, TimelineTable
 from stadimeter.config.plugins import DriverChoice
 from stadimeter.config.ready_bases import with_chosen_base
 from stadimeter.config.renamed_keys import with_current_keys
@@ -47,6 +46,7 @@ from stadimeter.errors import ConfigError, Problem
 
 if TYPE_CHECKING:  # loaded only for configurations whose tests are asked for
     from stadimeter.config.rule_test_tables import RuleTest
+    from stadimeter.core.stereo_rig import StereoRig
 
 __all__ = ["Configuration", "DriverChoice", "is_demonstration", "load_camera_choice", "load_configuration"]
 
@@ -78,11 +78,14 @@ class Configuration(ChosenDrivers, Struct, frozen=True, kw_only=True, eq=False):
         sensor_tables: Where each range sensor looks, and what it keeps the base from, by its name.
         web: The page on which a browser sees the run; None for none.
         recording: What the run keeps by itself; None for nothing.
+        timeline: What it keeps for the page's timeline; None for what is usual.
+        black_box: What it keeps in memory, and writes around what happens; None for nothing.
         footings: What is known of each target that is on the floor, by its name.
         mount: Where the camera sits on a robot; None for on none.
         mounting: Whether it is watched that the camera stays where it is.
         tilt_sigma_rad: How well the camera's tilt is known; None where that is not said.
         place: Where it is, for schedules; None for anywhere, in the time zone of the computer.
+        rig: Both cameras, whose left one is the camera; None without a second camera.
         landmarks: The tags of known places, which tell where the camera is; None for none.
         needs_sun: Whether a rule asks when the sun rises or sets.
         find_warnings: Finds what `warnings` gives.
@@ -104,11 +107,14 @@ class Configuration(ChosenDrivers, Struct, frozen=True, kw_only=True, eq=False):
     sensor_tables: Mapping[str, SensorTable] = field(default_factory=dict)
     web: WebTable | None = None
     recording: RecordingTable | None = None
+    timeline: TimelineTable | None = None
+    black_box: BlackBoxTable | None = None
     footings: Mapping[str, Footing] = field(default_factory=dict)
     mount: Mount | None = None
     mounting: MountingTable = field(default_factory=MountingTable)
     tilt_sigma_rad: float | None = None
     place: PlaceTable | None = None
+    rig: StereoRig | None = None
     landmarks: Landmarks | None = None
     needs_sun: bool = False
 
@@ -140,6 +146,9 @@ def load_configuration(path: Path, *, with_tests: bool = True, texts: Texts | No
         ConfigError: It lists every problem, in the order of the file.
     """
     source, renamed = with_current_keys(read_toml(path, CONFIGURATION_MAX_BYTES, texts=texts))
+    if "fx_px" in source.table and "targets" not in source.table:
+        hint = f'name it in a configuration, as model = "{path.name}" in its [camera]'
+        raise ConfigError([Problem("this is a camera file, not a configuration", str(path), hint=hint)])
     source, wrong_in_others = with_chosen_base(source, validation_context(path))
     draft = read_draft(source.table, path, texts)
     draft.findings += wrong_in_others
@@ -166,11 +175,14 @@ def load_configuration(path: Path, *, with_tests: bool = True, texts: Texts | No
         sensor_tables=draft.sensor_tables,
         web=draft.web,
         recording=draft.recording,
+        timeline=draft.timeline,
+        black_box=draft.black_box,
         footings=_footings(draft),
         mount=draft.camera_table.on_robot(),
         mounting=draft.mounting,
         tilt_sigma_rad=draft.camera_table.tilt.sigma,
         place=draft.place,
+        rig=draft.rig,
         landmarks=draft.landmarks,
         needs_sun=plan.needs_sun,
         leases_s={name: table.lease for name, table in draft.output_tables.items()},

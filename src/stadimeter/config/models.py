@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainValidator, WithJsonSchema, model_validator
 
+from stadimeter.config.addresses import check_page_address
 from stadimeter.config.findings import did_you_mean
 from stadimeter.config.units import (
     DURATIONS_S,
@@ -31,7 +32,6 @@ from stadimeter.config.units import (
 )
 from stadimeter.core import plan
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.clock import DAY_S
 from stadimeter.core.floor import HEIGHT_SIGMA_M, TILT_SIGMA_RAD, Footing
 from stadimeter.core.mount import Mount
 from stadimeter.core.sensor_fusion import SensorPair
@@ -53,8 +53,9 @@ _SAFETY = plan.Safety()
 
 # Every section that a configuration may have.
 SECTIONS = (
-    "camera", "targets", "actuators", "base", "sensors", "status_led", "buttons", "messenger", "notifiers", "world",
-    "tracking", "safety", "mounting", "web", "recording", "place", "landmarks", "figures", "rules", "tests",
+    "camera", "second_camera", "targets", "actuators", "base", "sensors", "status_led", "buttons", "messenger",
+    "notifiers", "world", "tracking", "safety", "mounting", "web", "recording", "timeline", "black_box", "place",
+    "landmarks", "figures", "rules", "tests",
 )  # fmt: skip
 
 
@@ -135,6 +136,13 @@ class CameraTable(Section):
             centre_m=None if centre is None else centre.value,
             centre_sigma_m=0.0 if centre is None else centre.sigma or 0.0,
         )
+
+
+class SecondCameraTable(Section):
+    """The keys of a second camera, whatever its driver, which looks at the targets from beside the first one."""
+
+    stereo: FilePath
+    """The stereo file, relative to the configuration: both lenses, and where this camera is."""
 
 
 def _on_floor(value: object) -> bool | Stated:
@@ -269,7 +277,7 @@ class ButtonTable(Section):
             raise ValueError(f'a button stops outputs as soon as it is down: write press = "{STOP}" without hold')
         of_outputs = [action.value for action in OperatorAction if action.is_on_outputs]
         if self.rule and {*of_outputs} & {self.press, self.hold}:
-            raise ValueError(f"{', '.join(of_outputs)} concern every output: leave out rule")
+            raise ValueError(f"{', '.join(of_outputs)} concern no rule: leave out rule")
         return self
 
 
@@ -292,28 +300,18 @@ class WebTable(Section):
     """Where the hashes of passwords are. By default beside the configuration, or with the state of the service."""
     allowed_hosts: list[Annotated[str, Field(min_length=1)]] = []
     """Other names under which browsers may find this computer, such as that of a proxy."""
+    others: list[Annotated[str, BeforeValidator(check_page_address)]] = []
+    """The pages of other cameras, such as ``"http://garage.local:8080"``; their alarms are shown with this one's."""
+    others_tokens: FilePath | None = None
+    """A file with the tokens of those that have passwords: on each line an address and its token."""
+    find_others: bool = False
+    """Whether to look for pages that announce themselves in the network, too."""
 
     @model_validator(mode="after")
     def _check_certificate(self) -> Self:
         if (self.certificate is None) is not (self.key is None):
             raise ValueError("certificate and key belong together; give both, or none")
         return self
-
-
-class RecordingTable(Section):
-    """What a run keeps by itself of what it saw and did."""
-
-    last: Annotated[Duration, Field(ge=60.0, le=DAY_S)]
-    """For how long at least it keeps each cycle, without pictures."""
-
-
-class MountingTable(Section):
-    """Whether it is watched that the camera stays where it was when its view was saved."""
-
-    watch: bool | None = None
-    """Whether it is watched; by default as soon as a view was saved."""
-    when_moved: Literal["mark", "stop"] = "mark"
-    """What happens beside the event: distances are marked as unconfirmed, or nothing moves either."""
 
 
 class TrackingTable(Section):

@@ -23,6 +23,7 @@ from pydantic_core import core_schema
 from stadimeter.config import camera_file, models, plugins
 from stadimeter.config.driver_tables import BASE, CAMERA, DRIVER_KINDS, DriverKind
 from stadimeter.config.landmark_tables import LandmarksTable
+from stadimeter.config.optional_tables import OPTIONAL_TABLES
 from stadimeter.config.rule_test_tables import RuleTestTable
 from stadimeter.config.rules.memory_tables import FigureTable
 from stadimeter.config.rules.tables import GATED, RuleTable
@@ -31,7 +32,9 @@ from stadimeter.errors import DriverError
 JsonSchema = dict[str, Any]
 
 # The unit of a figure once it was read; it is written with a unit of its own.
-_IN_UNITS = re.compile(r"^In (?:metres|seconds|radians|hertz|volts|m/s²?|rad/s²?)\b(?: since midnight)?(?:[;,] |\.$)")
+_IN_UNITS = re.compile(
+    r"^In (?:metres|seconds|bytes|radians|hertz|volts|m/s²?|rad/s²?)\b(?: since midnight)?(?:[;,] |\.$)"
+)
 _FOR_NUMBERS = ("exclusiveMinimum", "exclusiveMaximum", "minimum", "maximum", "multipleOf")
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -39,16 +42,12 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _REFERENCE = re.compile(r'"#/\$defs/([^"]+)"')
 _NAME = {"pattern": "^[A-Za-z0-9_-]+$"}
 _TABLES: dict[str, type[BaseModel]] = {
-    "tracking": models.TrackingTable,
-    "safety": models.SafetyTable,
-    "mounting": models.MountingTable,
-    "web": models.WebTable,
-    "recording": models.RecordingTable,
-    "place": models.PlaceTable,
+    **OPTIONAL_TABLES,
     "landmarks": LandmarksTable,
 }
 _SECTIONS = {
     "camera": "The camera: its driver and its lens.",
+    "second_camera": "A second camera beside the first one, for distances without a size.",
     "targets": "The objects to look for, by name; at least one.",
     "actuators": "The outputs, by name: motors, buzzers, lamps.",
     "base": "The robot's base.",

@@ -12,7 +12,7 @@ from stadimeter.config.atomic_file import write_atomically
 from stadimeter.config.camera_file import CameraModelTable, Correlation, camera_file_text, date_text
 from stadimeter.config.findings import Finding, findings_of, problems
 from stadimeter.config.toml_lines import KeyPath, SourceSpan
-from stadimeter.config.toml_source import as_toml, read_toml
+from stadimeter.config.toml_source import Texts, as_toml, read_toml
 from stadimeter.config.untrusted_file import CAMERA_FILE_MAX_BYTES
 from stadimeter.core.camera_model import CameraModel, Provenance
 from stadimeter.core.lens_uncertainty import are_contradictory, join_covariance, split_covariance
@@ -69,13 +69,16 @@ class StereoFileTable(BaseModel):
         return with_uncertainties(rig)
 
 
-def load_stereo_rig(path: Path) -> StereoRig:
+def load_stereo_rig(path: Path, texts: Texts | None = None) -> StereoRig:
     """Read a stereo file.
+
+    Args:
+        texts: What to read in place of files.
 
     Raises:
         ConfigError: It lists everything that is wrong, each with its line where that is known.
     """
-    source = read_toml(path, CAMERA_FILE_MAX_BYTES, missing_hint=_HOW_TO_MAKE_ONE)
+    source = read_toml(path, CAMERA_FILE_MAX_BYTES, missing_hint=_HOW_TO_MAKE_ONE, texts=texts)
     if "fx_px" in source.table:
         raise ConfigError([Problem("this is a camera file, of one camera", str(path), hint=_HOW_TO_MAKE_ONE)])
     return _rig(source.table, str(path), source.spans)

@@ -21,6 +21,7 @@ from stadimeter.core.bounds import (
     MAX_DURATION_S,
     MAX_FREQUENCY_HZ,
     MAX_LENGTH_M,
+    MAX_PLAIN,
     MAX_SIZE,
     MAX_SPEED_MPS,
     MAX_TURN_ACCELERATION_RADPS2,
@@ -61,7 +62,7 @@ LENGTHS_M = Units(MAX_LENGTH_M, {
     "ft": FOOT_M, "foot": FOOT_M, "feet": FOOT_M, "'": FOOT_M,
     "yd": 0.9144,
 })  # fmt: skip
-DURATIONS_S = Units(MAX_DURATION_S, {"us": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0, "min": 60.0, "h": 3600.0})
+DURATIONS_S = Units(MAX_DURATION_S, {"us": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0, "min": 60, "h": 3600, "d": DAY_S})
 SPEEDS_MPS = Units(MAX_SPEED_MPS, {
     "mm/s": 1e-3, "cm/s": 1e-2, "m/s": 1.0, "km/h": 1 / 3.6, "in/s": INCH_M, "ft/s": FOOT_M, "mph": 0.44704,
 })  # fmt: skip
@@ -81,6 +82,7 @@ TURN_ACCELERATIONS_RADPS2 = Units(
 )
 VOLTAGES_V = Units(MAX_VOLTAGE_V, {"V": 1.0, "mV": 1e-3})
 FREQUENCIES_HZ = Units(MAX_FREQUENCY_HZ, {"Hz": 1.0, "hz": 1.0, "kHz": 1e3})
+BYTES = Units(MAX_PLAIN, {"B": 1.0, "kB": 1e3, "MB": 1e6, "GB": 1e9, "MiB": 2.0**20, "GiB": 2.0**30})
 
 # The quantities of thresholds. No unit is of two of them.
 SIZES = Units(MAX_SIZE, {SIZE_UNIT: 1.0, "%": 0.01})
@@ -89,6 +91,7 @@ _OF_ANY_THRESHOLD = Units(MAX_LENGTH_M, {unit: size for units in _OF_THRESHOLDS 
 
 _OF_ALL = (
     *_OF_THRESHOLDS, JERKS_MPS3, ACCELERATIONS_MPS2, TURN_RATES_RADPS, TURN_ACCELERATIONS_RADPS2, FREQUENCIES_HZ,
+    BYTES,
 )  # fmt: skip
 
 # A number whose comma some read as decimal, others as the one of thousands.
@@ -191,6 +194,10 @@ def parse_length(text: object) -> float:
     return value
 
 
+# In place of how well a size is known: not at all.
+UNKNOWN = "unknown"
+
+
 def split_spread(text: str) -> tuple[str, str]:
     """Return what stands before and behind the sign of ``A4 ± 3 mm``; ``+-`` and ``+/-`` are that sign as well."""
     before, _, behind = _PLUS_OR_MINUS.sub("±", text).partition("±")
@@ -207,10 +214,12 @@ class SpreadLength(NamedTuple):
 def parse_spread_length(text: object) -> SpreadLength:
     """Read a length with its spread, such as ``"1.72 m ± 7 cm"``; raises ValueError if it is none.
 
-    Without a spread it is the same for all.
+    Without a spread it is the same for all; with ``± unknown`` the length is no more than a guess.
     """
     length, spread = split_spread(text) if isinstance(text, str) else (text, "")
     length_m = parse_length(length)
+    if spread == UNKNOWN:
+        return SpreadLength(length_m, math.inf)
     sigma_m = parse_length_or_zero(spread) if spread else 0.0
     if sigma_m > MAX_SPREAD_SHARE * length_m:
         raise ValueError(
@@ -233,8 +242,7 @@ def parse_angle(text: object) -> float:
 def parse_time_of_day(text: object) -> float:
     """Read a time of day such as ``"22:30"``, return the seconds since midnight; raises ValueError if it is none.
 
-    Returns:
-        Seconds since midnight, 0 to 86400: ``24:00`` is the end of the day.
+    ``24:00`` is the end of the day, 86400.
     """
     match = _TIME_OF_DAY.fullmatch(str(text)) if isinstance(text, str | time) else None
     if match is None:
@@ -273,6 +281,7 @@ parse_turn_rate = _not_negative(TURN_RATES_RADPS, "60 deg/s")
 parse_turn_acceleration = _not_negative(TURN_ACCELERATIONS_RADPS2, "200 deg/s2")
 parse_voltage = _not_negative(VOLTAGES_V, "11 V")
 parse_frequency = _not_negative(FREQUENCIES_HZ, "100 Hz")
+parse_bytes = _not_negative(BYTES, "500 MB")
 
 
 class PinMark:
@@ -312,8 +321,14 @@ _WITH_SPREAD = {
 }
 
 Length = Annotated[float, BeforeValidator(parse_length), as_written(LENGTHS_M, "35 cm")]
+# How well a size is known, as one standard deviation; infinite for not at all.
+Tolerance = Annotated[
+    float,
+    PlainValidator(lambda text: math.inf if text == UNKNOWN else parse_length(text)),
+    WithJsonSchema({"type": "string", "examples": ["1 mm", UNKNOWN], "x-unit": "m"}),
+]
 LengthOrZero = Annotated[float, BeforeValidator(parse_length_or_zero), as_written(LENGTHS_M, "5 cm")]
-LengthWithSpread = Annotated[SpreadLength, BeforeValidator(parse_spread_length), WithJsonSchema(_WITH_SPREAD)]
+LengthWithSpread = Annotated[SpreadLength, PlainValidator(parse_spread_length), WithJsonSchema(_WITH_SPREAD)]
 Duration = Annotated[float, BeforeValidator(parse_duration), as_written(DURATIONS_S, "250 ms")]
 Speed = Annotated[float, BeforeValidator(parse_speed), as_written(SPEEDS_MPS, "0.4 m/s")]
 Velocity = Annotated[float, BeforeValidator(parse_velocity), as_written(SPEEDS_MPS, "-0.4 m/s", is_signed=True)]
@@ -343,6 +358,7 @@ TurnAcceleration = Annotated[
 ]
 Voltage = Annotated[float, BeforeValidator(parse_voltage), as_written(VOLTAGES_V, "11 V")]
 Frequency = Annotated[float, BeforeValidator(parse_frequency), as_written(FREQUENCIES_HZ, "100 Hz")]
+Bytes = Annotated[float, BeforeValidator(parse_bytes), as_written(BYTES, "500 MB")]
 Pin = Annotated[
     int, BeforeValidator(_parse_pin), WithJsonSchema({"type": "integer", "minimum": 0, "maximum": 27}), PinMark()
 ]

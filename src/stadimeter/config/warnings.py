@@ -33,6 +33,7 @@ from stadimeter.core.conditions.contact import TimeToContactCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.rule import AlarmRule, LostPolicy
 from stadimeter.core.rules.follow_law import MAX_GAIN_SHARE
+from stadimeter.operator_actions import OperatorAction
 
 # Three frames at 30 a second: with less, every hiccup of a network stops the outputs.
 LEFT_FOR_FRAMES_S = 0.1
@@ -54,7 +55,7 @@ def warning_findings(draft: Draft) -> Iterator[Finding]:
     """Find what to look at again in a configuration without errors."""
     yield from draft.renamed
     yield from _about_rules(draft)
-    for check in (rule_test_warnings, secret_warnings, *_ABOUT_DRIVERS):
+    for check in (rule_test_warnings, secret_warnings, _clips_written, *_ABOUT_DRIVERS):
         yield from check(draft)
 
 
@@ -85,7 +86,7 @@ def _leases_long_enough(draft: Draft) -> Iterator[Finding]:
 
 
 def _rules_matter(draft: Draft) -> Iterator[Finding]:
-    if not draft.rules:
+    if not (draft.rules or draft.landmarks):
         yield Finding(
             ("rules",), "there is no rule, so nothing is ever done", "add one, such as [rules.near]", "no-rules"
         )
@@ -350,6 +351,14 @@ def _cut_off_delay(declared: CompiledRule, alarm: AlarmRule) -> Iterator[Finding
         )
         hint = 'write lost = { policy = "clear" }: then a target that left counts as over, for the off_delay'
         yield Finding(declared.at("off_delay"), message, hint, "lost-cuts-off-delay")
+
+
+def _clips_written(draft: Draft) -> Iterator[Finding]:
+    for name, table in draft.button_tables.items():
+        for key in ("press", "hold"):
+            if draft.black_box is None and getattr(table, key) == OperatorAction.CLIP:
+                message = f"the button '{name}' orders a clip, and there is no black box"
+                yield Finding(("buttons", name, key), message, "add the section [black_box]", "no-black-box")
 
 
 _CHECKS: tuple[Callable[[Draft], Iterator[Finding]], ...] = (

@@ -21,7 +21,7 @@ from stadimeter.core.holding import Hold, step_holds, with_holds
 from stadimeter.core.liveness import LivenessState, step_liveness, tell_plain_room
 from stadimeter.core.measurement import Measurement
 from stadimeter.core.mounting import step_mounting
-from stadimeter.core.observation import Observation, OutputFault
+from stadimeter.core.observation import SECOND_CAMERA, Observation, OutputFault
 from stadimeter.core.operator import HoldCommand, OperatorAnswer, OperatorCommand
 from stadimeter.core.outputs import OutputStep, command_all, forbidden_outputs, new_output
 from stadimeter.core.plan import BaseOutput, Plan
@@ -54,7 +54,7 @@ class State(Struct, frozen=True, kw_only=True):
     Attributes:
         now_s: The time of the last cycle; None before the first.
         usual_step_s: From one cycle to the next, as it was lately; 0 before the second.
-        faults: The outputs that were out of order in the last cycle.
+        faults: What was out of order in the last cycle: outputs, and the second camera.
         events: How many events there were in the run.
         due: Events of what happened between two cycles; they are part of the next decision.
         holds: The outputs that people hold.
@@ -146,7 +146,7 @@ def decide(state: State, observation: Observation) -> tuple[State, Decision]:
         rules=rules,
         safety=safety,
         outputs=outputs,
-        faults=observation.output_faults,
+        faults=observation.faults,
         events=state.events + len(events),
         holds=holds,
         stopped=allowed.stopped,
@@ -333,16 +333,16 @@ def _camera_events(before: SafetyState, after: SafetyState, now_s: float) -> tup
 
 def _fault_events(before: tuple[OutputFault, ...], observation: Observation) -> tuple[Event, ...]:
     """Report each fault, each change of its reason (such as that it will soon act again), and its end."""
-    if not before and not observation.output_faults:
+    if not before and not observation.faults:
         return ()
     was = {fault.output: fault.reason for fault in before}
-    now = {fault.output: fault.reason for fault in observation.output_faults}
+    now = {fault.output: fault.reason for fault in observation.faults}
     at_s = observation.now_s
     begun = [
         _fault_event(EventKind.FAULT, name, at_s, reason) for name, reason in now.items() if was.get(name) != reason
     ]
     ended = [
-        _fault_event(EventKind.FAULT_CLEARED, fault.output, at_s, "it may act again")
+        _fault_event(EventKind.FAULT_CLEARED, fault.output, at_s, "it works again")
         for fault in before
         if fault.output not in now
     ]
@@ -350,7 +350,8 @@ def _fault_events(before: tuple[OutputFault, ...], observation: Observation) -> 
 
 
 def _fault_event(kind: EventKind, source: str, at_s: float, reason: str) -> Event:
-    severity = Severity.SAFETY if kind is EventKind.FAULT else Severity.INFO
+    graver = Severity.WARNING if source == SECOND_CAMERA else Severity.SAFETY
+    severity = graver if kind is EventKind.FAULT else Severity.INFO
     return Event(kind=kind, source=source, at_s=at_s, severity=severity, reason=reason)
 
 

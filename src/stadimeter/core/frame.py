@@ -70,6 +70,20 @@ class Optics(Struct, frozen=True, kw_only=True):
         return ""
 
 
+class SensorBoxes(Struct, frozen=True, eq=False):
+    """What a network that runs on the camera's sensor has found in a frame.
+
+    Attributes:
+        corners_px: Left, top, right and bottom of each box in the frame's pixels, shape ``(n, 4)``.
+        scores: How sure the network is of each, 0 to 1, shape ``(n,)``.
+        classes: What each is, by the name or else the number that the network has for it.
+    """
+
+    corners_px: NDArray[np.float64]
+    scores: NDArray[np.float64]
+    classes: tuple[str, ...]
+
+
 class Frame(Struct, frozen=True, eq=False):
     """One picture from a camera.
 
@@ -81,6 +95,7 @@ class Frame(Struct, frozen=True, eq=False):
         subsampling: How coarsely the camera or the file stored its colour, as far as the driver knows.
         optics: How the camera was set, if its driver knows; the same object for as long as that stays.
         exposure_s: For how long it was exposed, if the driver knows.
+        boxes: What a network on the sensor has found in it; None where none runs, or has not ended yet.
     """
 
     image: Image
@@ -90,6 +105,7 @@ class Frame(Struct, frozen=True, eq=False):
     subsampling: Subsampling = "4:4:4"
     optics: Optics | None = None
     exposure_s: float | None = None
+    boxes: SensorBoxes | None = None
 
     @property
     def chroma_pitch_px(self) -> tuple[int, int]:

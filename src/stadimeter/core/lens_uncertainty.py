@@ -105,11 +105,11 @@ def sensitivities(
         Changes of the logarithm of the distance, and of the direction's x and y per unit of depth, for each of
         `PARAMETERS`, shape (n, 3, 9).
     """
-    moves = _moves(directions, focal_px, coefficients)
-    divergence = np.zeros((len(directions), len(PARAMETERS)))
-    for axis, step in enumerate(np.eye(2) * _STEP):
-        there, here = (_moves(each, focal_px, coefficients) for each in (directions + step, directions - step))
-        divergence += (there - here)[:, axis] / (2 * _STEP)
+    # Here, and a step to each side, all in one go.
+    places = directions + _STEP * np.array(((0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)))[:, None]
+    around = _moves(places.reshape(-1, 2), focal_px, coefficients).reshape(5, len(directions), 2, len(PARAMETERS))
+    moves = around[0]
+    divergence = ((around[1] - around[2])[:, 0] + (around[3] - around[4])[:, 1]) / (2 * _STEP)
     outwards = np.einsum("ni,nip->np", directions, moves) / (1 + (directions**2).sum(axis=1))[:, None]
     return np.concatenate(((1.5 * outwards - 0.5 * divergence)[:, None], moves), axis=1)
 

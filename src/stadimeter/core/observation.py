@@ -23,6 +23,10 @@ class FrameStamp(Struct, frozen=True, kw_only=True):
     captured_at_s: float
 
 
+# Stands in events for the second camera.
+SECOND_CAMERA = "second camera"
+
+
 class OutputFault(Struct, frozen=True, kw_only=True):
     """An output whose driver failed.
 
@@ -68,6 +72,7 @@ class Observation(Struct, frozen=True, kw_only=True):
         frame: The frame that is new in this cycle, or None if none came.
         measurements: One for each target that was looked for in that frame; empty without a frame.
         camera_fault: Why there is no frame, or an empty string.
+        second_camera_fault: Why the second camera gives no frames, or an empty string; the first one goes on alone.
         not_for_motion: Why nothing may move on the camera's frames, such as an unknown age; empty if it may.
         output_faults: The outputs that are out of order at the start of the cycle.
         flow: How far the picture has moved since earlier ones; None without a frame, and where liveness is not judged.
@@ -85,6 +90,7 @@ class Observation(Struct, frozen=True, kw_only=True):
     frame: FrameStamp | None = None
     measurements: tuple[Measurement, ...] = ()
     camera_fault: str = ""
+    second_camera_fault: str = ""
     not_for_motion: str = ""
     output_faults: tuple[OutputFault, ...] = ()
     flow: PictureFlow | None = None
@@ -95,3 +101,9 @@ class Observation(Struct, frozen=True, kw_only=True):
     undelivered_since_s: float | None = None
     camera_pose: CameraPose | None = None
     mounting: Mounting | None = None
+
+    @property
+    def faults(self) -> tuple[OutputFault, ...]:
+        """What is out of order: the outputs, and the second camera."""
+        second = self.second_camera_fault
+        return (*self.output_faults, *([OutputFault(output=SECOND_CAMERA, reason=second)] if second else []))

@@ -22,7 +22,7 @@ UNKNOWNS = 2 * OF_LENS + 6
 Triple = tuple[float, float, float]
 
 
-class StereoRig(Struct, frozen=True, kw_only=True, eq=False):
+class StereoRig(Struct, frozen=True, kw_only=True, eq=False):  # noqa: PLW1641 - it is no key
     """Two cameras that are fixed to each other.
 
     A point p of the right camera's frame is at ``place + R p`` in that of the left one, x to the right, y down, z
@@ -41,6 +41,12 @@ class StereoRig(Struct, frozen=True, kw_only=True, eq=False):
     place_m: Triple
     covariance: Values
     provenance: Provenance = field(default_factory=Provenance)
+
+    def __eq__(self, other: object) -> bool:
+        """Return whether all figures are the same."""
+        return isinstance(other, StereoRig) and all(
+            np.array_equal(getattr(self, name), getattr(other, name)) for name in self.__struct_fields__
+        )
 
     def __post_init__(self) -> None:
         if not all(map(math.isfinite, (*self.turn_rad, *self.place_m))) or not self.baseline_m > 0:

@@ -28,7 +28,7 @@ MAX_TEXT_CHARACTERS = 4000
 
 INCH_M = 0.0254
 
-TEXT_FIELDS = ("rule", "target", "event", "severity", "reason", "by", "group", "time", "time_of_day")
+TEXT_FIELDS = ("rule", "target", "event", "severity", "reason", "by", "group", "time", "time_of_day", "clip")
 
 # The figures of a track: how many decimals each has in a text that does not say, which figure it is, and its unit.
 _FIGURES = {
@@ -103,7 +103,7 @@ def render(template: Template, values: Mapping[str, Value]) -> str:
 
 
 def fields(rule: Rule, notice: Notice, track: Track | None, time: str, group: str = "") -> dict[str, Value]:
-    """Return what a template may tell of an event.
+    """Return what a template may tell of an event; the name of its clip is for others to fill in.
 
     Args:
         track: The rule's target now; only figures that may be acted on are filled in.
@@ -124,6 +124,7 @@ def fields(rule: Rule, notice: Notice, track: Track | None, time: str, group: st
         "group": group,
         "time": time,
         "time_of_day": time[11:19],
+        "clip": None,
         "sequence": event.sequence,
         "count": notice.count,
         "first_out": event.first_out,

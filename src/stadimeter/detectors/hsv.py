@@ -188,9 +188,6 @@ HUE_MARGIN, HUE_OF_MARGIN = 2.0, 2.0
 # Share that the least saturation and value go down by for each step of the margin: a ball is darker on one side.
 LESS_OF_MARGIN = 0.1
 
-# The same for each step by which a person widens a range, and as much more where it is made narrower.
-LESS_OF_STEP = 0.06
-
 # Where the channels of most pixels differ by fewer levels, the thing is grey, white or black: every hue counts.
 GREY_CHROMA = 24.0
 
@@ -249,18 +246,6 @@ def join_ranges(ranges: Sequence[HsvRange]) -> HsvRange:
     least = [min(each.lower[channel] for each in ranges) for channel in (1, 2)]
     most = [max(each.upper[channel] for each in ranges) for channel in (1, 2)]
     return _range(middle + low, middle + high, (least[0], least[1]), (most[0], most[1]))
-
-
-def loosen(colour: HsvRange, steps: int) -> HsvRange:
-    """Return a range that covers more colours in every direction, or fewer for negative steps; never none."""
-    saturation, value = (min(round(each * (1 - LESS_OF_STEP * steps)), 255) for each in colour.lower[1:])
-    if (colour.lower[0], colour.upper[0]) == (0, 179):
-        most = (colour.upper[1] + GREY_SATURATION * steps, colour.upper[2] * (1 + LESS_OF_STEP * steps))
-        return _range(0.0, 179.0, (0.0, min(value, colour.upper[2])), (max(GREY_SATURATION, most[0]), most[1]))
-    middle, reach = _hues(colour)
-    reach = max(HUE_MARGIN, reach + steps)
-    least = (min(saturation, colour.upper[1]), min(value, colour.upper[2]))
-    return _range(middle - reach, middle + reach, least, colour.upper[1:])
 
 
 def widen(colour: HsvRange, hues: int) -> HsvRange:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -26,7 +26,11 @@ from stadimeter.perception.motion_blur import MotionBlur
 from stadimeter.perception.prediction import Expectations
 from stadimeter.perception.several import Several
 from stadimeter.ranging.floor import stand
-from stadimeter.ranging.measure import measure
+from stadimeter.ranging.measure import measure, unmeasured
+from stadimeter.ranging.separation import SeenTarget
+
+if TYPE_CHECKING:  # most runs have one camera
+    from stadimeter.perception.second_camera import SecondView
 
 
 class Perceiver:
@@ -41,9 +45,12 @@ class Perceiver:
         detectors: Mapping[str, Detector],
         camera_model: CameraModel,
         footings: Mapping[str, Footing] | None = None,
+        second: SecondView | None = None,
     ) -> None:
         self.detectors = detectors
         self._footings = footings or {}
+        self._second = second
+        self._larger: dict[str, float] = {}  # of targets of unknown size, how much larger than assumed they are
         self._camera_model = camera_model
         self._lens = camera_model
         self._optics: Optics | None = None
@@ -53,9 +60,12 @@ class Perceiver:
         self.motion_blur = MotionBlur()
 
     def look(
-        self, frame: Frame, tracks: Mapping[str, Track] | None = None
+        self, frame: Frame, tracks: Mapping[str, Track] | None = None, second: Frame | None = None
     ) -> tuple[tuple[Detection, ...], tuple[Measurement, ...]]:
         """Look for every target, with what tracks tell; return a detection and a measurement for each.
+
+        Args:
+            second: Of a run with a second camera, its frame that is nearest in time; None for none.
 
         Raises:
             CalibrationError: The frame has another aspect than the camera model, or the camera was set otherwise.
@@ -71,17 +81,37 @@ class Perceiver:
             if found is None:
                 expected = self.expectations.of(tracks.get(name), shape, lens, at_s) if tracks else None
                 if expected is not None:
-                    expected = add_outline(expected, self._sightings.get(name), shape, lens)
+                    larger = expected.size_px * self._larger.get(name, 1.0)
+                    expected = add_outline(replace(expected, size_px=larger), self._sightings.get(name), shape, lens)
                 found = detector.detect(frame, expected, lens=lens)
-            measured = measure(found, shape, lens, at_s)
-            if name in self._footings:
-                measured = stand(measured, found, shape, lens, self._footings[name]).measurement
+            measured = self._measure(found, shape, frame, (tracks or {}).get(name), second)
             if shape.has_corners and measured.depth_m is not None:
                 self._sightings[name] = LastOutline(found.outline_px, found.centre_px, measured.depth_m)
             self.motion_blur.add(frame, found, measured, lens.fx_px)
             detections.append(found)
             measurements.append(measured)
         return tuple(detections), tuple(measurements)
+
+    def _measure(
+        self, found: Detection, shape: TargetShape, frame: Frame, track: Track | None, second: Frame | None
+    ) -> Measurement:
+        """Measure a target by its size, and by a second camera or the floor."""
+        lens = self._lens
+        by_size = measured = measure(found, shape, lens, frame.captured_at_s)
+        if self._second is not None:
+            seen = SeenTarget(detection=found, measurement=by_size, shape=shape)
+            measured = self._second.join(seen, track, frame, second)
+        is_joined = measured.distance_m != by_size.distance_m
+        if found.target in self._footings and not is_joined:
+            measured = stand(measured, found, shape, lens, self._footings[found.target]).measurement
+        return self._without_size(measured, by_size) if math.isinf(shape.relative_sigma) else measured
+
+    def _without_size(self, measured: Measurement, by_size: Measurement) -> Measurement:
+        """Return what was measured without the size, and learn that; or that nothing was."""
+        if measured.distance_m is None or not math.isfinite(measured.sigma_m or math.inf):
+            return measured if measured.distance_m is None else unmeasured(measured)
+        self._larger[measured.target] = measured.distance_m / (by_size.distance_m or math.inf)
+        return measured
 
     def lens_of(self, frame: Frame) -> CameraModel:
         """Return the camera model for the frame, whose resolution, subsampling and optics hardly ever change."""

@@ -140,7 +140,7 @@ def predict(
         motion: How its direction changes, with this track taken in; None for not known.
         is_remembered: Whether it goes on for `REMEMBERED_S`, as one that may be hidden for a while.
     """
-    known = _bring_to_time(track, at_s, REMEMBERED_S if is_remembered else UNSEEN_MAX_S)
+    known = bring_to_time(track, at_s, REMEMBERED_S if is_remembered else UNSEEN_MAX_S)
     if known is None:
         return None
     bearing_rad, elevation_rad, sigma_rad = _direction(known, motion, is_remembered=is_remembered)
@@ -161,10 +161,10 @@ def predict(
     centre_px = camera.pixel(x * outwards, y * outwards)
     larger_px = size_px * _size_share(known, shape, camera.distance_share(*centre_px))
     sigma_px = math.hypot(FLOOR_PX, FLOOR_SHARE * size_px, across_px, larger_px)
-    return _check_useful(Prediction(centre_px=centre_px, size_px=size_px, sigma_px=sigma_px), camera)
+    return check_useful(Prediction(centre_px=centre_px, size_px=size_px, sigma_px=sigma_px), camera)
 
 
-class _Known(Struct):
+class KnownFigures(Struct):
     """The figures of a track, brought to the time of the picture."""
 
     distance_m: float
@@ -174,7 +174,8 @@ class _Known(Struct):
     unseen_s: float
 
 
-def _bring_to_time(track: Track, at_s: float, unseen_max_s: float) -> _Known | None:
+def bring_to_time(track: Track, at_s: float, unseen_max_s: float = UNSEEN_MAX_S) -> KnownFigures | None:
+    """Return the figures of a track at a time; None unless it is valid and was measured not too long before."""
     if not track.is_valid or track.as_of_s is None or track.measured_at_s is None or track.sigma_m is None:
         return None
     if track.distance_m is None or track.bearing_rad is None or track.elevation_rad is None:
@@ -182,7 +183,7 @@ def _bring_to_time(track: Track, at_s: float, unseen_max_s: float) -> _Known | N
     unseen_s, ahead_s = at_s - track.measured_at_s, at_s - track.as_of_s
     if not 0 <= unseen_s <= unseen_max_s:
         return None
-    return _Known(
+    return KnownFigures(
         track.distance_m - (track.closing_mps or 0.0) * ahead_s,
         math.hypot(track.sigma_m, (track.closing_sigma_mps or 0.0) * ahead_s),
         track.bearing_rad,
@@ -196,7 +197,7 @@ def loose_radps(distance_m: float) -> float:
     return math.hypot(LATERAL_MPS / max(distance_m, 1e-6), TURN_RADPS)
 
 
-def _direction(known: _Known, motion: AngularMotion | None, *, is_remembered: bool) -> tuple[float, float, float]:
+def _direction(known: KnownFigures, motion: AngularMotion | None, *, is_remembered: bool) -> tuple[float, float, float]:
     """Return bearing, elevation, and the standard deviation of the direction."""
     unseen_s = known.unseen_s
     drift_radps = loose_radps(known.distance_m)
@@ -213,7 +214,7 @@ def _direction(known: _Known, motion: AngularMotion | None, *, is_remembered: bo
     )
 
 
-def _size_share(known: _Known, shape: TargetShape, lens_share: float) -> float:
+def _size_share(known: KnownFigures, shape: TargetShape, lens_share: float) -> float:
     """Return the standard deviation of the apparent size as a share of it.
 
     An error of the lens or of the target's size is in the track's distance as it is in this prediction, and cancels
@@ -225,7 +226,7 @@ def _size_share(known: _Known, shape: TargetShape, lens_share: float) -> float:
     return math.sqrt(rest) if rest > 0 else 0.0
 
 
-def _check_useful(expected: Prediction, camera: CameraModel) -> Prediction | None:
+def check_useful(expected: Prediction, camera: CameraModel) -> Prediction | None:
     """Return a prediction whose figures are finite, that is in the picture, and that leaves anything out."""
     x_px, y_px = expected.centre_px
     # The picture begins half a pixel before the centre of its first one.

@@ -79,6 +79,13 @@ def _without_figures(detection: Detection, status: MeasurementStatus, reason: st
     return Measurement(target=detection.target, status=status, captured_at_s=captured_at_s, reason=reason)
 
 
+def unmeasured(measured: Measurement) -> Measurement:
+    """Return a measurement by a size that is not known as what it is: none."""
+    reason = "; ".join(filter(None, ("its size is not known, so one camera measures no distance", measured.reason)))
+    at_s = measured.captured_at_s
+    return Measurement(target=measured.target, status=MeasurementStatus.ERROR, captured_at_s=at_s, reason=reason)
+
+
 class SigmaParts(Struct, frozen=True, kw_only=True):
     """The causes of a distance's standard deviation. Their squares add up to its square."""
 

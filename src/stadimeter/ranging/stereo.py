@@ -60,7 +60,7 @@ class StereoFigures(Struct, frozen=True, kw_only=True):
         distance_m: By triangulation alone, from the left camera to the target's centre.
         sigma_m: Its standard deviation, and `noise_m` the part that differs from frame to frame.
         miss_px: By how much the lines of sight miss each other in the left picture, with its standard deviation.
-        size_m: By the target's size alone, both cameras joined; and its standard deviation.
+        size_m: By the target's size alone, both cameras joined, with its standard deviation; None if that is not known.
         disagreement: What is said if both disagree; else empty.
     """
 
@@ -69,8 +69,8 @@ class StereoFigures(Struct, frozen=True, kw_only=True):
     noise_m: float
     miss_px: float
     miss_sigma_px: float
-    size_m: float = math.nan
-    size_sigma_m: float = math.nan
+    size_m: float | None = None
+    size_sigma_m: float | None = None
     disagreement: str = ""
 
 
@@ -108,18 +108,21 @@ def triangulate(left: Points, right: Points, pose: Values) -> tuple[Values, Valu
     Args:
         left: Directions in the left camera's frame, x and y per unit of depth, shape ``(n, 2)``.
         right: Those in the right camera's frame, in the same order.
-        pose: Turn and place of the right camera, as in `StereoRig`, shape ``(6,)``.
+        pose: Turn and place of the right camera, as in `StereoRig`, shape ``(6,)``, or ``(n, 6)`` for one of each ray.
 
     Returns:
         The points in the left camera's frame, shape ``(n, 3)``; and the angles, shape ``(n,)``, in radians as the left
         camera sees them, with a sign. Points are behind the cameras where the rays part in front of them.
     """
-    ones, place_m = np.ones((len(left), 1)), pose[3:]
+    ones = np.ones((len(left), 1))
+    poses = np.broadcast_to(pose, (len(left), 6))
+    turns, which = np.unique(poses[:, :3], axis=0, return_inverse=True)
+    rotations, place_m = np.array([cv2.Rodrigues(turn)[0] for turn in turns])[which.ravel()], poses[:, 3:]
     one = np.hstack((left, ones))
-    other = np.hstack((right, ones)) @ np.asarray(cv2.Rodrigues(pose[:3])[0]).T
+    other = np.einsum("nij,nj->ni", rotations, np.hstack((right, ones)))
     # The least squares solution of s one = place + t other.
     a, b, c = (one * one).sum(axis=1), (one * other).sum(axis=1), (other * other).sum(axis=1)
-    d, e = one @ place_m, other @ place_m
+    d, e = (one * place_m).sum(axis=1), (other * place_m).sum(axis=1)
     along = np.where(np.abs(a * c - b * b) > _PARALLEL, a * c - b * b, _PARALLEL)
     s = (c * d - b * e) / along
     t = (b * d - a * e) / along
@@ -127,7 +130,7 @@ def triangulate(left: Points, right: Points, pose: Values) -> tuple[Values, Valu
     # The shortest line between both rays is at right angles to both.
     normal = np.cross(one, other)
     lengths = np.linalg.norm(normal, axis=1).clip(math.sqrt(_PARALLEL)) * np.linalg.norm(points, axis=1).clip(1e-9)
-    return points, (normal @ place_m) / lengths
+    return points, (normal * place_m).sum(axis=1) / lengths
 
 
 class _LineOfSight(Struct, frozen=True, eq=False):
@@ -165,14 +168,14 @@ class _Triangulated(Struct, frozen=True, eq=False):
         return np.asarray(np.sqrt(of_rig + self.noise**2))
 
 
-def _triangulate_target(left: SeenTarget, right: SeenTarget, rig: StereoRig) -> _Triangulated:
+def _triangulate_target(left: SeenTarget, right: SeenTarget, rig: StereoRig, moved_sigma_px: float) -> _Triangulated:
     by_corners = left.shape.has_corners and len(left.detection.outline_px) == len(right.detection.outline_px) == 4
     one, other = _sight(left, rig.left, by_corners=by_corners), _sight(right, rig.right, by_corners=by_corners)
     if centres := _disc_centres(left, right, rig):
         one, other = replace(one, directions=centres[0]), replace(other, directions=centres[1])
     if by_corners:
         other = replace(other, directions=_in_order(one.directions, other.directions, _pose(rig)))
-    return _triangulate_sights(one, other, rig)
+    return _triangulate_sights(one, replace(other, sigma_px=math.hypot(other.sigma_px, moved_sigma_px)), rig)
 
 
 def _disc_centres(left: SeenTarget, right: SeenTarget, rig: StereoRig) -> tuple[Points, Points] | None:
@@ -197,13 +200,17 @@ def _triangulate_sights(one: _LineOfSight, other: _LineOfSight, rig: StereoRig) 
     """Return the middle of the points that two cameras see, by propagation of all errors to first order."""
     count = len(one.directions)
 
-    def find_middle(flat: Values) -> Values:
-        rays = flat[:-6].reshape(2, count, 2)
-        points, misses = triangulate(rays[0], rays[1], flat[-6:])
-        return np.array((*points.mean(axis=0), misses.mean()))
+    def find_middles(flats: Values) -> Values:
+        rays = flats[:, :-6].reshape(-1, 2, count, 2)
+        poses = np.repeat(flats[:, -6:], count, axis=0)
+        points, misses = triangulate(rays[:, 0].reshape(-1, 2), rays[:, 1].reshape(-1, 2), poses)
+        return np.column_stack((points.reshape(-1, count, 3).mean(axis=1), misses.reshape(-1, count).mean(axis=1)))
 
     flat = np.concatenate((one.directions.ravel(), other.directions.ravel(), _pose(rig)))
-    here, slopes = find_middle(flat), slopes_of(find_middle, flat)
+    # Central differences, all of them in one go: one after the other they take most of the time of a frame.
+    steps = np.eye(len(flat)) * _STEP
+    found = find_middles(np.vstack((flat, flat + steps, flat - steps)))
+    here, slopes = found[0], ((found[1 : len(flat) + 1] - found[len(flat) + 1 :]) / (2 * _STEP)).T
     position_m = here[:3]
     both = np.vstack((position_m @ slopes[:3] / (position_m @ position_m), slopes[3]))
     by_rig, noise2 = np.zeros((2, UNKNOWNS)), np.zeros(2)
@@ -246,17 +253,25 @@ def slopes_of(function: Callable[[Values], Values], at: Values) -> Values:
     return np.column_stack([(function(at + step) - function(at - step)) / (2 * _STEP) for step in steps])
 
 
-def measure_pair(left: SeenTarget, right: SeenTarget, rig: StereoRig) -> tuple[Measurement, StereoFigures | None]:
+def measure_pair(
+    left: SeenTarget,
+    right: SeenTarget,
+    rig: StereoRig,
+    moved_sigma_px: float = 0.0,
+    apart_sigmas: float = DISAGREEMENT_SIGMAS,
+) -> tuple[Measurement, StereoFigures | None]:
     """Measure a target that was measured in both pictures; the distance is from the left camera.
 
     Args:
         rig: At the resolutions of the pictures.
+        apart_sigmas: From where on triangulation and size are said to disagree.
+        moved_sigma_px: By how much the target may have moved in the right picture since the left one was taken.
 
     Returns:
         The measurement, by triangulation and by size together; and what each says. Without the latter the rays do not
         belong together, and the measurement says why.
     """
-    found = _triangulate_target(left, right, rig)
+    found = _triangulate_target(left, right, rig, moved_sigma_px)
     focal_px = math.sqrt(rig.left.fx_px * rig.left.fy_px)
     sigma = found.sigmas(rig)
     figures = StereoFigures(
@@ -270,7 +285,9 @@ def measure_pair(left: SeenTarget, right: SeenTarget, rig: StereoRig) -> tuple[M
         status = MeasurementStatus.ERROR
         at_s = left.measurement.captured_at_s
         return Measurement(target=left.measurement.target, status=status, captured_at_s=at_s, reason=reason), None
-    return _join(left, _estimates(left, right, rig, found), figures)
+    if math.isinf(left.shape.relative_sigma):  # its size says nothing
+        return _at(left.measurement, figures.distance_m, figures.sigma_m, figures.noise_m), figures
+    return _join(left, _estimates(left, right, rig, found), figures, apart_sigmas)
 
 
 def _why_not_one(found: _Triangulated, figures: StereoFigures) -> str:
@@ -319,12 +336,14 @@ def _estimates(left: SeenTarget, right: SeenTarget, rig: StereoRig, found: _Tria
 _TRIANGULATED, _BY_SIZE, _ALL = (0,), (1, 2), (0, 1, 2)
 
 
-def _join(left: SeenTarget, estimates: _Estimates, figures: StereoFigures) -> tuple[Measurement, StereoFigures]:
+def _join(
+    left: SeenTarget, estimates: _Estimates, figures: StereoFigures, apart_sigmas: float
+) -> tuple[Measurement, StereoFigures]:
     by_size = estimates.join(_BY_SIZE)
     size_m = math.exp(float(by_size @ estimates.logs))
     apart = estimates.join(_TRIANGULATED) - by_size
     difference, sigma = float(apart @ estimates.logs), estimates.sigma(apart)
-    disagree = abs(difference) > DISAGREEMENT_SIGMAS * sigma
+    disagree = abs(difference) > apart_sigmas * sigma
     figures = replace(figures, size_m=size_m, size_sigma_m=size_m * estimates.sigma(by_size))
     weights = estimates.join(_TRIANGULATED if disagree else _ALL)
     distance_m = math.exp(float(weights @ estimates.logs))
@@ -334,20 +353,18 @@ def _join(left: SeenTarget, estimates: _Estimates, figures: StereoFigures) -> tu
         share = math.hypot(share, difference)
         words = _disagreement(left.measurement.target, figures, difference, abs(difference) / sigma)
         figures = replace(figures, disagreement=words)
-    measured = left.measurement
+    noise_m = distance_m * float(np.linalg.norm(weights * estimates.noise))
+    return _at(left.measurement, distance_m, distance_m * share, noise_m), figures
+
+
+def _at(measured: Measurement, distance_m: float, sigma_m: float, noise_m: float) -> Measurement:
     scale = distance_m / (measured.distance_m or math.nan)
-    joined = replace(
-        measured,
-        distance_m=distance_m,
-        depth_m=None if measured.depth_m is None else measured.depth_m * scale,
-        sigma_m=distance_m * share,
-        noise_m=distance_m * float(np.linalg.norm(weights * estimates.noise)),
-    )
-    return joined, figures
+    depth_m = None if measured.depth_m is None else measured.depth_m * scale
+    return replace(measured, distance_m=distance_m, depth_m=depth_m, sigma_m=sigma_m, noise_m=noise_m)
 
 
 def _disagreement(target: str, figures: StereoFigures, difference: float, apart: float) -> str:
-    both, size = metres(figures.distance_m, figures.sigma_m), metres(figures.size_m, figures.size_sigma_m)
+    both, size = metres(figures.distance_m, figures.sigma_m), metres(figures.size_m or 0.0, figures.size_sigma_m or 0.0)
     percent = f"{100 * abs(math.expm1(difference)):.1f} % {'larger' if difference > 0 else 'smaller'}"
     return (
         f"{target} is at {both} for both cameras together and {size} by its size, {apart:.0f} σ apart: it is {percent} "

@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
 from stadimeter.config.plugins import DriverContext, DriverOptions
-from stadimeter.config.units import Duration, Frequency
+from stadimeter.config.units import Coordinate, Duration, Frequency
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame, Image
 from stadimeter.errors import CaptureTimeoutError, ConfigError, DeviceClosedError
+from stadimeter.simulation.scrambling import scramble
 from stadimeter.simulation.silhouette import Vector, paint_ball, paint_shadow
 from stadimeter.simulation.textured_room import TEXTURE_CONTRAST, TexturedRoom
-from stadimeter.simulation.world import World, shared_world
+from stadimeter.simulation.world import Faults, World, shared_world
 
 Plane = NDArray[np.float32]
 
@@ -52,9 +53,8 @@ THINGS_BGR = (
 # Pixels by which the noise is larger than a picture each way: 4096 places to cut it from.
 SPARE_PX = 64
 
-# Of SplitMix64.
-_MASK = (1 << 64) - 1
-_GOLDEN = 0x9E3779B97F4A7C15
+# The noise of a second camera is that of frames so much later.
+OTHER_NOISE = 1 << 40
 
 # The time that a reader of a blocked camera waits.
 TIMEOUT_S = 0.1
@@ -204,29 +204,6 @@ class Renderer:
         return image
 
 
-def scramble(*keys: int) -> int:
-    """Return 64 bits that look random and depend on every bit of every key, in order.
-
-    It is the output function of SplitMix64 (G. Steele, D. Lea and C. Flood, "Fast splittable pseudorandom number
-    generators", 2014), once for each key. Ten times cheaper than seeding a generator for each frame.
-    """
-    state = 0
-    for key in keys:
-        state = (state + _GOLDEN + key) & _MASK
-        state = ((state ^ (state >> 30)) * 0xBF58476D1CE4E5B9) & _MASK
-        state = ((state ^ (state >> 27)) * 0x94D049BB133111EB) & _MASK
-        state ^= state >> 31
-    return state
-
-
-def gaussian_pair(*keys: int) -> tuple[float, float]:
-    """Return two independent numbers of the standard normal distribution, by the Box-Muller transform, from keys."""
-    bits = scramble(*keys)
-    radius = math.sqrt(-2.0 * math.log(((bits >> 32) + 1) / 2**32))
-    angle = 2.0 * math.pi * (bits & 0xFFFFFFFF) / 2**32
-    return (radius * math.cos(angle), radius * math.sin(angle))
-
-
 class _SensorNoise:
     """Gaussian noise, made once: each frame cuts its own from a larger sheet.
 
@@ -275,6 +252,9 @@ class SimulatedCameraOptions(DriverOptions):
     """What is around the ball: ``backdrop`` shows that the robot turns, ``textured`` and ``plain`` are in true
     perspective. Only with the latter two is liveness judged by motion."""
 
+    baseline: Coordinate = 0.0
+    """Of a second camera, in metres: how far it is to the right of the first one."""
+
     def build(self, context: DriverContext) -> SimulatedCamera:
         """Return the camera."""
         return SimulatedCamera(self, context)
@@ -307,6 +287,7 @@ class SimulatedCamera:
         self._noise = options.noise if options.render else None
         self._latency_s = options.latency
         self._room = options.room
+        self._baseline_m = options.baseline
         self._view: Image | None = None
         self._renderer: Renderer | None = None
         self._is_open = False
@@ -341,14 +322,18 @@ class SimulatedCamera:
         """
         if not self._is_open or self._start_s is None:
             raise DeviceClosedError(f"the simulated camera '{self._name}' is not open")
-        if self._world.faults.camera_blocked:
+        if self._baseline_m:
+            if self._world.faults.second_camera_blocked:
+                raise CaptureTimeoutError("the simulated second camera is blocked")
+        elif self._world.faults.camera_blocked:
             self._clock.sleep_until_s(self._clock.now_s() + TIMEOUT_S)
             raise CaptureTimeoutError(f"the simulated camera is blocked: no frame for {TIMEOUT_S * 1e3:.0f} ms")
         self._sequence = self._next_sequence(self._start_s)
         captured_at_s = self._start_s + (self._sequence + 1) / self._rate_hz
         self._clock.sleep_until_s(captured_at_s + self._latency_s)
-        self._world.look(self._model, captured_at_s)
-        if self._newest is None or not self._world.faults.camera_frozen:
+        if not self._baseline_m:
+            self._world.look(self._model, captured_at_s)
+        if self._newest is None or self._baseline_m or not self._world.faults.camera_frozen:
             self._newest = Frame(self._picture(captured_at_s), captured_at_s, self._sequence)
         return self._newest
 
@@ -365,15 +350,19 @@ class SimulatedCamera:
         if self._renderer is None:
             return self._blank
         faults = self._world.faults
+        if self._baseline_m:
+            faults = Faults(target_hidden=faults.target_hidden)  # the rest is about the first camera
         if self._view is not None and faults.frozen_under_clock:
             return _with_clock(self._view, time_s)
         if self._view is not None and faults.frozen_under_noise:
             return self._renderer.add_noise(self._view.copy(), self._sequence)
-        ball_m = None if faults.target_hidden else self._world.target_in_camera(time_s)
+        ball_m = None if faults.target_hidden else self._world.target_in_camera(time_s, self._baseline_m)
         pose = self._world.robot.pose_at(time_s)
-        radius_m, place_m = self._world.ball.diameter_m / 2, (pose.x_m, pose.y_m)
+        right_m, radius_m = self._baseline_m, self._world.ball.diameter_m / 2
+        place_m = pose.x_m + right_m * math.sin(pose.heading_rad), pose.y_m - right_m * math.cos(pose.heading_rad)
         tilt_rad = self._world.tilt_joint.pose_at(time_s).heading_rad
-        self._view = self._renderer.render(ball_m, radius_m, pose.heading_rad, self._sequence, place_m, tilt_rad)
+        noise = self._sequence + (OTHER_NOISE if right_m else 0)
+        self._view = self._renderer.render(ball_m, radius_m, pose.heading_rad, noise, place_m, tilt_rad)
         return self._view
 
 

@@ -35,6 +35,7 @@ class FaultKind(StrEnum):
     FREEZE_UNDER_CLOCK = "freeze-under-clock"
     FREEZE_UNDER_NOISE = "freeze-under-noise"
     BLOCK_CAMERA = "block-camera"
+    BLOCK_SECOND_CAMERA = "block-second-camera"
     UNPLUG_BASE = "unplug-base"
     PRESS_BUMPER = "press-bumper"
     SILENCE_SENSORS = "silence-sensors"
@@ -130,6 +131,7 @@ class Faults(Struct):
     frozen_under_clock: bool = False  # the sensor shows the same old view, over which a clock is drawn that runs
     frozen_under_noise: bool = False  # the sensor shows the same old view, with noise that is added anew
     camera_blocked: bool = False  # no frame comes from the camera
+    second_camera_blocked: bool = False  # no frame comes from the second camera
     base_unplugged: bool = False  # the cable to the robot base is out
     bumper_pressed: bool = False  # something presses the bumper of a simulated base
     sensors_silent: bool = False  # no range sensor answers
@@ -142,6 +144,7 @@ KNOBS = {
     FaultKind.FREEZE_UNDER_CLOCK: "frozen_under_clock",
     FaultKind.FREEZE_UNDER_NOISE: "frozen_under_noise",
     FaultKind.BLOCK_CAMERA: "camera_blocked",
+    FaultKind.BLOCK_SECOND_CAMERA: "second_camera_blocked",
     FaultKind.UNPLUG_BASE: "base_unplugged",
     FaultKind.PRESS_BUMPER: "bumper_pressed",
     FaultKind.SILENCE_SENSORS: "sensors_silent",
@@ -326,18 +329,22 @@ class World:
             pose.y_m + along_floor_m * math.sin(heading_rad),
         )
 
-    def target_in_camera(self, time_s: float | None = None) -> tuple[float, float, float]:
+    def target_in_camera(self, time_s: float | None = None, aside_m: float = 0.0) -> tuple[float, float, float]:
         """Return where the ball's centre truly is as the camera on the robot sees it, hidden or not, now or at a time.
 
         The position is in metres: x to the right, y down, z forward along the optical axis. A `DriverError` says that
         the time is longer ago than the robot remembers.
+
+        Args:
+            aside_m: How far to the right of that camera another one is that sees it.
         """
         at_s = self._clock.now_s() if time_s is None else time_s
         pose = self.robot.pose_at(at_s)
         ball_x, ball_y, ball_z = self._hand.position_m(at_s)
         east, north = ball_x - pose.x_m, ball_y - pose.y_m
         cos, sin = math.cos(pose.heading_rad), math.sin(pose.heading_rad)
-        right_m, down_m, forward_m = east * sin - north * cos, self.camera_height_m - ball_z, east * cos + north * sin
+        right_m, forward_m = east * sin - north * cos - aside_m, east * cos + north * sin
+        down_m = self.camera_height_m - ball_z
         tilt_rad = self.tilt_joint.pose_at(at_s).heading_rad
         up, level = math.sin(tilt_rad), math.cos(tilt_rad)
         return (right_m, down_m * level + forward_m * up, forward_m * level - down_m * up)

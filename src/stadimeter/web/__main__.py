@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from stadimeter.app.ending import end_with_input
 from stadimeter.errors import PageError
@@ -15,14 +17,19 @@ from stadimeter.web.access import shown_address
 from stadimeter.web.page import PageOptions
 from stadimeter.web.serving import check_certificate, listen, serve
 
+if TYPE_CHECKING:
+    from stadimeter.web.others import Others
+
 
 def main() -> None:
     """Serve the page with the options of the only argument, as JSON."""
     given = json.loads(sys.argv[1])
     paths = {name: Path(path) if path else None for name, path in given["paths"].items()}
     certificate, key = paths.pop("certificate"), paths.pop("key")
-    options = PageOptions(**paths, allowed_hosts=tuple(given["allowed_hosts"]))  # type: ignore[arg-type]
+    tokens, hosts = paths.pop("others_tokens"), tuple(given["allowed_hosts"])
     try:
+        others = _others(given, tokens) if given["others"] or given["find_others"] else None
+        options = PageOptions(**paths, allowed_hosts=hosts, others=others)  # type: ignore[arg-type]
         check_certificate(certificate, key)
         listener = listen(given["address"], given["port"], options.passwords)
     except PageError as error:
@@ -32,6 +39,12 @@ def main() -> None:
     scheme = "https" if certificate else "http"
     address = shown_address(*listener.getsockname()[:2])
     serve(options, listener, (certificate, key), lambda: print(f"The page: {scheme}://{address}/", flush=True))
+
+
+def _others(given: Mapping[str, Any], tokens: Path | None) -> Others:
+    from stadimeter.web.others import Others, read_tokens  # noqa: PLC0415 - most pages know of no other
+
+    return Others(given["others"], read_tokens(tokens) if tokens else {}, finds=given["find_others"])
 
 
 def _print_error(error: PageError) -> int:

@@ -21,7 +21,7 @@ from stadimeter.errors import PageError
 from stadimeter.web.answers import as_error, as_json
 from stadimeter.web.attempts import Attempts
 from stadimeter.web.passwords import EndedSessions, PasswordFile, Passwords, Session
-from stadimeter.web.routes import METRICS_PATH, PAGE_OPERATIONS, PageOperation, Right
+from stadimeter.web.routes import PAGE_OPERATIONS, TOKENS, PageOperation, Right
 
 # A session lasts this long, on the wall clock.
 SESSION_S = 14 * 24 * 3600
@@ -91,7 +91,7 @@ class Access:
         if passwords is None:
             return Right.OPERATE if self._is_local else Right.OPEN
         headers = Headers(scope=scope)
-        if scope["path"] == METRICS_PATH and _has_token(passwords, headers):
+        if scope["path"] in TOKENS and _has_token(passwords.token(TOKENS[scope["path"]]), headers):
             return Right.READ
         session = self._session(passwords, headers)
         return Right.OPEN if session is None else session.right
@@ -255,9 +255,9 @@ def _is_from_us(headers: Headers) -> bool:
     return headers.get("sec-fetch-site") == "same-origin"
 
 
-def _has_token(passwords: Passwords, headers: Headers) -> bool:
+def _has_token(token: str, headers: Headers) -> bool:
     scheme, _, given = headers.get("authorization", "").partition(" ")
-    is_right = hmac.compare_digest(given.strip().encode(), passwords.metrics_token.encode())
+    is_right = hmac.compare_digest(given.strip().encode(), token.encode())
     return scheme.lower() == "bearer" and is_right
 
 

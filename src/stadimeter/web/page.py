@@ -11,7 +11,7 @@ from collections.abc import AsyncGenerator
 from contextlib import aclosing, asynccontextmanager
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs
 
 from msgspec import Struct
@@ -30,6 +30,9 @@ from stadimeter.web.routes import RUN_WAIT_S, Right
 from stadimeter.web.run_link import RunLink
 from stadimeter.web.run_process import RunProcess
 from stadimeter.web.workbench_link import WorkbenchLink, command_of_workbench
+
+if TYPE_CHECKING:  # most pages know of no other
+    from stadimeter.web.others import Others
 
 # What the run says of itself that is for those alone who may operate.
 HERE = Path(__file__).parent
@@ -56,12 +59,14 @@ class PageOptions(Struct, frozen=True, kw_only=True):
         passwords: Where the passwords are.
         socket: Where the run listens; None to look for it.
         allowed_hosts: Names by which browsers may ask for us, besides our own.
+        others: The pages of other cameras, whose alarms are shown with ours; None for none.
     """
 
     configuration: Path
     passwords: Path
     socket: Path | None = None
     allowed_hosts: tuple[str, ...] = ()
+    others: Others | None = None
 
 
 class Page:
@@ -78,6 +83,7 @@ class Page:
         self.workbench = WorkbenchLink(command_of_workbench(self.configuration, options.socket))
         self.run_process = RunProcess(self.run)
         self.feeds = {kind: Feed(self.run, kind, self.run_process.explain) for kind in KINDS}
+        self._others = options.others
         self._static = StaticFiles(directory=HERE / "static", check_dir=False)
         self._answers: dict[tuple[str, ...], tuple[float, PageAnswer]] = {}
         self._asking: defaultdict[tuple[str, ...], asyncio.Lock] = defaultdict(asyncio.Lock)
@@ -153,9 +159,14 @@ class Page:
                 "needs_password": self.access.needs_password,
                 "version": stadimeter.__version__,
                 "configuration": str(self.configuration),
+                "has_others": self._others is not None,
                 "run": {name: value for name, value in (await self._about_run()).items() if name not in hidden},
             }
         )
+
+    async def others(self, _request: Request) -> Response:
+        """Answer what is known of other pages by now."""
+        return as_json({"others": self._others.tell() if self._others else []})
 
     async def live(self, request: Request) -> Response:
         """Snapshots, for as long as the browser takes them."""

@@ -58,10 +58,9 @@ class Passwords(Struct, frozen=True):
         found = [NAMES[name] for name, hashed in self.hashes.items() if hmac.compare_digest(tried, hashed)]
         return max(found, default=Right.OPEN)
 
-    @property
-    def metrics_token(self) -> str:
-        """What opens the metrics, and nothing else. Not by the hash that signs cookies, so that it can be none."""
-        return hmac.new(self.key, b"metrics", hashlib.sha3_256).hexdigest()
+    def token(self, what: str) -> str:
+        """Return what opens the metrics, or the alarms, alone. Not by the hash that signs cookies: it can be none."""
+        return hmac.new(self.key, what.encode(), hashlib.sha3_256).hexdigest()
 
     def hash_of(self, password: str) -> bytes:
         """Return the hash of a password."""

@@ -101,16 +101,19 @@ _BODIES: Mapping[tuple[Takes, ...], str] = {
 
 
 def _action(action: OperatorAction) -> PageOperation:
-    """Return the path of an operator action: of a rule, or of all outputs."""
+    """Return the path of an operator action: of a rule, of all outputs, or of recordings."""
     path = f"rules/{{rule}}/{action.command}"
-    if action.is_on_outputs:
+    if action.writes_file:
+        path = f"recordings/{action.command}"
+    elif action.is_on_outputs:
         path = f"outputs/{action.command.removesuffix('-outputs')}"
     body = _BODIES[action.takes]
     return _run(path, action.command, action.summary, body=body, names_operator=True)
 
 
-# A program without a session may read this path, by a token.
-METRICS_PATH = "/metrics"
+# A program without a session may read these paths, each by a token of its own.
+METRICS_PATH, ALARMS_PATH = "/metrics", "/api/v1/alarms"
+TOKENS: Mapping[str, str] = {METRICS_PATH: "metrics", ALARMS_PATH: "alarms"}
 
 _JPEG, _SVG = "image/jpeg", "image/svg+xml"
 _DRAWN = {"drawn": "0|1"}
@@ -141,6 +144,10 @@ PAGE_OPERATIONS: tuple[PageOperation, ...] = (
         "(each 4 bytes, the highest first), a Snapshot or Gone as JSON, a JPEG",
         query={"image": "none|plain|drawn"}, media="application/octet-stream",
     ),
+    _own(
+        "GET", "/api/v1/others", Right.READ, "others",
+        "The pages of other cameras: whether each answers, and its alarms", answer="Others",
+    ),
     _read("status", "status", "The state of every rule, target and output", "Status"),
     _read("alarms", "alarms", "The alarms, newest first, and the newest 500 events", "Alarms"),
     _read(
@@ -165,6 +172,18 @@ PAGE_OPERATIONS: tuple[PageOperation, ...] = (
             "target": "text", "x_m": "number", "y_m": "number", "bearing_rad": "number", "distance_m": "number",
             "fault": "text", "release": "boolean",
         },
+    ),
+    _desk(
+        "GET", "timeline", "timeline.timeline", "Distances, states of rules, and events from one time to another",
+        right=Right.READ, answer="Timeline", query={"from": "number", "to": "number", "points": "integer"},
+    ),
+    _desk(
+        "GET", "timeline/marks", "timeline_moment.marks", "The recordings of a time, and the thresholds of the rules",
+        right=Right.READ, answer="TimelineMarks", query={"from": "number", "to": "number"},
+    ),
+    _desk(
+        "GET", "timeline/moment", "timeline_moment.moment", "What is known of a moment: why each rule acted, or not",
+        right=Right.READ, answer="TimelineMoment", query={"at": "number"}, wait_s=LONG_WAIT_S,
     ),
     _desk("GET", "recordings", "recordings.recordings", "The recordings", right=Right.READ, answer="Recordings"),
     _run("recordings", "record", "Begin or end a recording", body={"do": "start|stop"}),
@@ -200,6 +219,16 @@ PAGE_OPERATIONS: tuple[PageOperation, ...] = (
         "POST", "configuration/versions/{id}/restore", "editing.restore", "Bring a former version back",
         body={"base_version": "text"},
     ),
+    _desk(
+        "GET", "targets/{target}/colour.jpg", "colours.picture",
+        "What has a range of colours in the run's picture, with what it would give in X-Values",
+        query={"range": "text", "width_px": "integer"}, media=_JPEG,
+    ),
+    _desk(
+        "POST", "targets/{target}/colour", "colours.keep",
+        "Save a range of colours; 409 if another has changed the file",
+        body={"range": "text", "base_version": "text"}, body_max=4 * KIB,
+    ),
     _desk("GET", "setup", "setup_operations.state", "Where the set-up stands", answer="Setup"),
     _set_up("answer", "setup_operations.answer", "Answer the question"),
     _set_up("back", "setup_operations.back", "Go back one question"),
@@ -219,6 +248,15 @@ PAGE_OPERATIONS: tuple[PageOperation, ...] = (
         "GET", "setup/picture.jpg", "setup_operations.picture",
         "The newest picture of the set-up's camera, with its values in X-Values",
         query={"draw": "text", "width_px": "integer", "file": "text"}, media=_JPEG,
+    ),
+    _desk("GET", "certificate", "certifying.state", "The certificate of the site, and what was measured for it"),
+    _desk("GET", "certificate.pdf", "certifying.page", "The certificate as a PDF", media="application/pdf"),
+    _desk(
+        "POST", "certificate/take", "certifying.take", "Measure at one distance by the tape",
+        body={"distance": "text", "sigma": "text"}, wait_s=LONG_WAIT_S,
+    ),
+    _desk(
+        "POST", "certificate/finish", "certifying.finish", "Write the certificate", body={"correct": "boolean"},
     ),
     _desk(
         "GET", "setup/wiring.svg", "setup_results.wiring", "The wiring as a drawing, with its pins in X-Values",

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
 from stadimeter.config.plugins import DriverChoice
-from stadimeter.core.detection import DetectionStatus
+from stadimeter.config.toml_lines import KeyPath, SourceSpan
+from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.protocol import ColourSample, ColourView, ProposesColour
 from stadimeter.errors import ConfigError, Problem
@@ -47,6 +51,12 @@ def colour_notes(result: PictureResult, choices: Sequence[DriverChoice], noted: 
             )
 
 
+# An outline of fewer points encloses nothing.
+MIN_OUTLINE = 3
+
+# A range at the end of `hsv = "…"`, in either kind of quotes.
+_RANGE = re.compile(r"""("[^"]*"|'[^']*')$""")
+
 # Brightness of what has another colour, beside how it was.
 BEHIND = 0.35
 
@@ -66,6 +76,43 @@ def colour_picture(image: Image, view: ColourView, colour: str) -> Image:
         rejected=tuple(enumerate(view.others, start=1)),
     )
     return annotate(np.asarray(shown, np.uint8), [mark])
+
+
+def range_figures(view: ColourView, ball: Detection) -> dict[str, Any]:
+    """Return what a range gives on a ball and on the rest of a picture, as JSON has it.
+
+    Args:
+        view: What the range shows.
+        ball: Where the ball is; as it is found with another range where this one finds none.
+    """
+    has_ball, inside = len(ball.outline_px) >= MIN_OUTLINE, np.zeros_like(view.mask)
+    if has_ball:
+        hull = cv2.convexHull(np.round(ball.outline_px).astype(np.int32))
+        cv2.fillConvexPoly(inside, hull, 255)
+    on_ball, in_all, ball_px = (int(np.count_nonzero(each)) for each in (view.mask & inside, view.mask, inside))
+    found = view.detection
+    is_found = found.status is not DetectionStatus.NOT_FOUND
+    return {
+        "ball_share": on_ball / ball_px if has_ball else None,
+        "elsewhere_px": in_all - on_ball,
+        "elsewhere_share": (in_all - on_ball) / max(1, inside.size - ball_px),
+        "is_found": is_found,
+        # The size alone: what the lens and the ball's own size add is the same for every range.
+        "sigma_share": found.size_sigma_px / found.width_px if is_found and found.width_px else None,
+    }
+
+
+def with_range(text: str, spans: Mapping[KeyPath, SourceSpan], target: str, colour: str) -> str:
+    """Return the text of a configuration in which a target has another range of colours; all else stays as it is."""
+    span = spans.get(("targets", target, "hsv"))
+    lines = text.split("\n")
+    line = lines[span.line - 1] if span else ""
+    before, value = (line[: span.column], line[span.column : span.end_column]) if span else ("", "")
+    changed, count = _RANGE.subn(lambda _: json.dumps(colour), value)
+    if span is None or count != 1:
+        raise ConfigError(f"no range of colours stands at [targets.{target}]; write hsv = there, under Edit")
+    lines[span.line - 1] = before + changed + line[span.end_column :]
+    return "\n".join(lines)
 
 
 Place = tuple[float, float]

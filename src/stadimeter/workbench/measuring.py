@@ -24,11 +24,12 @@ from stadimeter.core.detection import Detection, DetectionStatus, Points, Reject
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.mount import Mount
-from stadimeter.detectors.protocol import Detector, FindsSeveral, KnowsRemedies, Remedy, ShowsEdges
+from stadimeter.detectors.protocol import Detector, FindsSeveral, KnowsRemedies, Remedy, ShowsEdges, TracksSeveral
 from stadimeter.errors import PictureError, StadimeterError, UnreadableError
 from stadimeter.perception.perceiver import Perceiver
+from stadimeter.perception.several import Several
 from stadimeter.ranging.floor import OnFloor, stand
-from stadimeter.ranging.measure import SigmaParts, measure, sigma_parts
+from stadimeter.ranging.measure import SigmaParts, measure, sigma_parts, unmeasured
 from stadimeter.ranging.separation import SeenTarget, Separation, direction_sigmas_rad, separation
 
 if TYPE_CHECKING:
@@ -82,7 +83,7 @@ class TargetResult(Struct, frozen=True, kw_only=True, eq=False):
     def label(self) -> str:
         """The target's name, and the number of the tag that was found."""
         name, number = self.measurement.target, self.detection and self.detection.number
-        return name if number is None or name.endswith(f" {number}") else f"{name} {number}"
+        return name if number is None or name.endswith((f" {number}", f"-{number}")) else f"{name} {number}"
 
     @property
     def note(self) -> str:
@@ -195,7 +196,7 @@ class Measuring:
         lens = self._perceiver.lens_of(frame)
         results, number = [], 1
         for target in self._targets:
-            for detection in _detections(target.detector, frame, lens):
+            for detection in _detections(target, frame, lens):
                 result = _result(file, detection, target, lens, number)
                 edges = partial(_edges, target.detector, frame, detection, lens)
                 results.append(replace(result, find_edges=edges, mount=self._mount))
@@ -226,8 +227,17 @@ class Measuring:
         return separation(one, other, self._perceiver.lens_of(result.frame)) if one and other else None
 
 
-def _detections(detector: Detector, frame: Frame, lens: CameraModel) -> tuple[Detection, ...]:
-    """Return every target that says which one it is, or the one that there is."""
+def _detections(target: NamedDetector, frame: Frame, lens: CameraModel) -> tuple[Detection, ...]:
+    """Return every target that says which one it is, or the one that there is.
+
+    Several of one kind have the names that they get in a run that begins with this frame. Those that are not there are
+    left out, unless their numbers say that each must be.
+    """
+    detector = target.detector
+    if isinstance(detector, TracksSeveral) and target.members != (target.name,):
+        each = tuple(Several(target.members, detector).look(frame, lens, {}).values())
+        seen = tuple(one for one in each if detector.numbers or one.status is not DetectionStatus.NOT_FOUND)
+        return seen or each[:1]
     if isinstance(detector, FindsSeveral):
         return detector.detect_all(frame, lens=lens)
     return (detector.detect(frame, lens=lens),)
@@ -245,13 +255,15 @@ def _result(file: str, detection: Detection, target: NamedDetector, lens: Camera
     floor = None if target.footing is None else stand(by_size, detection, shape, lens, target.footing)
     if floor is not None:
         measurement = floor.measurement
-    seen = SeenTarget(detection=detection, measurement=measurement, shape=shape)
+    elif not math.isfinite(by_size.sigma_m or 0.0):
+        measurement = unmeasured(by_size)
+    seen = SeenTarget(detection=detection, measurement=by_size if floor is None else measurement, shape=shape)
     return TargetResult(
         file=file,
         measurement=measurement,
         detection=detection,
         has_corners=shape.has_corners,
-        parts=sigma_parts(by_size, shape, lens),
+        parts=sigma_parts(measurement if floor is None else by_size, shape, lens),
         rejected_from=number,
         direction_sigmas_rad=direction_sigmas_rad(seen, lens),
         seen=seen,

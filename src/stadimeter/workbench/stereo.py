@@ -45,8 +45,9 @@ def pair_pictures(paths: Sequence[Path]) -> list[PicturePair]:
     right = [path for path, is_first in zip(paths, is_left, strict=True) if not is_first]
     if len(left) != len(right) or not left:
         shown = f": {left[0]} … and {right[0]} …" if left and right else ""
+        many = f"{len(left)} picture{'s' if len(left) != 1 else ''} of the left camera"
         raise ConfigError(
-            f"{len(left)} pictures of the left camera and {len(right)} of the right one{shown}; give as many of both, "
+            f"{many} and {len(right)} of the right one{shown}; give as many of both, "
             "first those of the left camera, in the same order"
         )
     return list(zip(left, right, strict=True))
@@ -123,10 +124,13 @@ class PairResult(TargetResult, frozen=True, kw_only=True, eq=False):
         if self.figures is None:
             return []
         both = self.figures
-        left, right = (metres(each.distance_m or 0.0, each.sigma_m or 0.0) for each in self.alone)
         missed = f"the lines of sight miss each other by {abs(both.miss_px):.2f} px ± {both.miss_sigma_px:.2f}"
+        together = ("together", f"{metres(both.distance_m, both.sigma_m)} without its size; {missed}")
+        if both.size_m is None or both.size_sigma_m is None:
+            return [together]
+        left, right = (metres(each.distance_m or 0.0, each.sigma_m or 0.0) for each in self.alone)
         return [
-            ("together", f"{metres(both.distance_m, both.sigma_m)} without its size; {missed}"),
+            together,
             (
                 "by size",
                 f"{metres(both.size_m, both.size_sigma_m)}; the left camera alone {left}, the right one {right}",
@@ -193,7 +197,7 @@ def _measure_both(
     if either is None:
         raise ValueError("a target is in one of two pictures at least")
     made = PairResult(**asdict(either) | {"file": files[0], "right_file": files[1], "parts": None})
-    if left is None or right is None or left.measurement.distance_m is None or right.measurement.distance_m is None:
+    if left is None or right is None or not (_is_located(left) and _is_located(right)):
         return replace(made, measurement=_in_one(left, right, files), direction_sigmas_rad=None)
     if left.seen is None or right.seen is None:
         return made
@@ -201,6 +205,10 @@ def _measure_both(
     sigmas_rad = None if figures is None else made.direction_sigmas_rad
     alone = left.measurement, right.measurement
     return replace(made, measurement=measurement, figures=figures, alone=alone, direction_sigmas_rad=sigmas_rad)
+
+
+def _is_located(result: TargetResult) -> bool:
+    return result.seen is not None and result.seen.measurement.distance_m is not None
 
 
 def _in_one(left: TargetResult | None, right: TargetResult | None, files: tuple[str, str]) -> Measurement:

@@ -59,7 +59,9 @@ SWITCHES: Mapping[str, tuple[OperatorAction, OperatorAction]] = {
 # What is not here cannot be asked for: to hold an output or change a simulated world moves something, and a restart
 # ends the connection that the answer would need.
 OFFERS: Mapping[str, _Offer] = {
-    **{action.value: _Offer(action.command, action.lets_outputs_act) for action in OperatorAction},
+    **{
+        action.value: _Offer(action.command, action.lets_outputs_act or action.writes_file) for action in OperatorAction
+    },
     **{op: _Offer(op) for op in ("status", "alarms", "explain", "calibrate")},
     **{op: _Offer(op, needs_all=True) for op in ("record", "reload")},
     SNAPSHOT: _Offer("frame", needs_all=True),

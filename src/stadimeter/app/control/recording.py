@@ -20,7 +20,8 @@ from msgspec import Struct, field
 from stadimeter.app.control.messages import RecordArgs, Reply
 from stadimeter.app.control.socket_server import Answer
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration, to_be_recorded
+from stadimeter.app.recordings.record_file import ENDING, delete_old
+from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
 from stadimeter.app.service_folders import state_directory
 from stadimeter.config.loader import is_demonstration
 from stadimeter.core.decide import State
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from stadimeter.app.recordings.recording import RecordingWriter
 
 FOLDER = "recordings"
-ENDING = ".mcap"
+CLIPS = "clips"
 
 # How often a recording looks how full the disk is.
 LOOK_EVERY_S = 2.0
@@ -181,7 +182,11 @@ class RecordingOnRequest:
 
     def _opened(self, answer: Answer) -> _Begun:
         from stadimeter.app.recordings.recorder import Recorder  # noqa: PLC0415 - it takes long, and few runs record
-        from stadimeter.app.recordings.recording import Recorded, RecordingWriter, require_mcap  # noqa: PLC0415
+        from stadimeter.app.recordings.recording import (  # noqa: PLC0415
+            RecordingWriter,
+            require_mcap,
+            what_is_recorded,
+        )
 
         require_mcap("recording to an MCAP file")
         self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -189,12 +194,7 @@ class RecordingOnRequest:
             delete_old(self._folder, self._bounds.keep_s, self._bounds.folder_bytes)
         self._check_room()
         parts, path = self._parts, self._new_path()
-        recorded = Recorded(
-            configuration=to_be_recorded(parts.configuration),
-            camera=parts.configuration.camera_model,
-            sizes={name: detector.target_shape for name, detector in parts.cycle.detectors.items()},
-        )
-        writer = RecordingWriter(path, recorded)
+        writer = RecordingWriter(path, what_is_recorded(parts.configuration, parts.cycle.detectors))
         recorder = Recorder(writer, is_live=True, deadline=self._deadline)
         return _Begun(path=path, writer=writer, recorder=recorder, answer=answer)
 
@@ -269,18 +269,6 @@ class RecordingOnRequest:
         begun.is_ended.set()
         begun.recorder.end()
         threading.Thread(target=_finish, args=(begun, answer), name="end recording", daemon=True).start()
-
-
-def delete_old(folder: Path, keep_s: float, folder_bytes: int) -> None:
-    """Delete the recordings of a folder that ended longer ago, and the oldest while all together are too large."""
-    newest_first = sorted(
-        ((file.stat(), file) for file in folder.glob(f"*{ENDING}")), key=lambda each: -each[0].st_mtime
-    )
-    total_bytes = 0
-    for about, file in newest_first:
-        total_bytes += about.st_size
-        if total_bytes > folder_bytes or time.time() - about.st_mtime > keep_s:
-            file.unlink(missing_ok=True)
 
 
 def _size_bytes(path: Path) -> int:

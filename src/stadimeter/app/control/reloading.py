@@ -32,6 +32,7 @@ ResultT = TypeVar("ResultT")
 
 _SECTIONS = {
     "camera_model": "camera.model",
+    "rig": "second_camera.stereo",
     "leases_s": "lease of an output",
     "stays_off": "after_fault",
     "button_tables": "buttons",
@@ -171,7 +172,7 @@ def needs_restart(running: Configuration, new: Configuration) -> tuple[str, ...]
     paths = {**running.drivers, **new.drivers}
     found = [str(at[0]) for at in paths if running.drivers.get(at) != new.drivers.get(at)]
     names = [name for name in Configuration.__struct_fields__ if name not in _LIVE]
-    found += [name for name in names if getattr(running, name) != getattr(new, name)]
+    found += [name for name in names if not getattr(running, name) == getattr(new, name)]  # noqa: SIM201 - of structs
     if running.plan.targets != new.plan.targets:
         found.append("targets")
     if running.plan.outputs != new.plan.outputs:

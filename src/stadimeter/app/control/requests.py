@@ -20,6 +20,7 @@ from stadimeter.core.message import NEWS_S
 from stadimeter.core.operator import AnyCommand
 from stadimeter.core.reload import ReloadedState
 from stadimeter.core.rules.explaining import Reasons, explain
+from stadimeter.operator_actions import OperatorAction
 
 # The decisions of this many seconds can be explained afterwards.
 REMEMBERED_S = 60.0
@@ -50,6 +51,8 @@ KEPT_WITHIN_S = 1.0
 NOT_KEPT = "this run keeps no state, so the next one begins without the stop"
 NOT_YET_KEPT = "the disk has not taken it yet, so if this run is killed, the next one may begin without the stop"
 
+NO_BLACK_BOX = "this run has no black box: add [black_box] to its configuration, and restart it"
+
 # Does what a request with these arguments asks for, and answers. Called between two cycles; it never waits.
 Act = Callable[[Any, Answer], None]
 
@@ -62,6 +65,7 @@ class Control:
         is_kept: Tells whether all that shall outlive the run is in its file; None if nothing outlives it.
 
     Attributes:
+        acts: What it does for the operations of that name.
         message_figures: Returns what came of requests that were messages; None if the run takes none.
     """
 
@@ -75,7 +79,7 @@ class Control:
         is_kept: Callable[[], bool | None] = lambda: True,
     ) -> None:
         self.message_figures: Callable[[], Mapping[str, Any] | None] = lambda: None
-        self._acts = acts or {}
+        self.acts = {**(acts or {})}
         self._is_kept = is_kept
         self._stops: list[tuple[float, Asked, dict[str, Any]]] = []
         self._requests = requests
@@ -128,15 +132,17 @@ class Control:
     def _dispatch(self, asked: Asked) -> AnyCommand | None:
         """Return the command that a request is; attend to it otherwise if it is none."""
         request = asked.request
-        if request.is_command:
+        if request.op in self.acts:
+            self.acts[request.op](request.args, asked.answer)
+        elif request.op == OperatorAction.CLIP.command:
+            asked.answer(Reply(error=NO_BLACK_BOX))
+        elif request.is_command:
             self._commands += 1
             number = f"asked-{self._commands}"
             self._waiting[number] = asked
             return operator_command(request, number)
-        if request.op == "reload":
+        elif request.op == "reload":
             self._reloader.ask(asked.answer)
-        elif request.op in self._acts:
-            self._acts[request.op](request.args, asked.answer)
         elif request.op not in {"explain", "status"}:
             asked.answer(Reply(error=f"this run cannot do that: {request.op}"))
         else:

@@ -10,6 +10,7 @@ import fcntl
 import os
 import stat
 import struct
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from io import FileIO
@@ -21,6 +22,9 @@ from stadimeter.errors import JournalError
 
 # The length of the beginning of a file that tells whose it is.
 HEAD_BYTES = 4096
+
+# Of recordings with pictures.
+ENDING = ".mcap"
 
 # The longest file name that Linux takes.
 NAME_BYTES_MAX = 255
@@ -163,6 +167,22 @@ def _numbered(path: Path, number: int) -> str:
     while len(stem) > 1 and len(os.fsencode(stem + ending)) > NAME_BYTES_MAX:
         stem = stem[:-1]
     return stem + ending
+
+
+def delete_old(folder: Path, keep_s: float, folder_bytes: float, names: str = f"*{ENDING}", newest: str = "") -> None:
+    """Delete the recordings of a folder that ended longer ago, and the oldest while all together are too large.
+
+    Args:
+        names: Which files are meant.
+        newest: The one that is being written, however the clock was set meanwhile.
+    """
+    found = ((file.stat(), file) for file in folder.glob(names))
+    newest_first = sorted(found, key=lambda each: (each[1].name != newest, -each[0].st_mtime))
+    total_bytes = 0
+    for about, file in newest_first:
+        total_bytes += about.st_size
+        if file.name != newest and (total_bytes > folder_bytes or time.time() - about.st_mtime > keep_s):
+            file.unlink(missing_ok=True)
 
 
 # The first bytes of an MCAP file, and its last ones if it was finished.

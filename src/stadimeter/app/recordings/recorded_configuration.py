@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 from msgspec import Struct, field
@@ -50,11 +51,11 @@ def load_recorded(recorded: RecordedConfiguration, source: Path) -> Configuratio
 
 
 def _camera_files(configuration: Configuration) -> dict[str, str]:
-    model = tomllib.loads(configuration.text).get("camera", {}).get("model")
-    if not isinstance(model, str):
-        return {}
-    try:
-        text = read_untrusted_text(path_from(configuration.path.parent, model), CAMERA_FILE_MAX_BYTES)
-    except UnreadableError:  # it was there when the configuration was loaded
-        return {}
-    return {model: words_for_people(text)}
+    table, texts = tomllib.loads(configuration.text), {}
+    for section, key in (("camera", "model"), ("second_camera", "stereo")):
+        name = table.get(section, {}).get(key)
+        if isinstance(name, str):
+            with suppress(UnreadableError):  # it was there when the configuration was loaded
+                text = read_untrusted_text(path_from(configuration.path.parent, name), CAMERA_FILE_MAX_BYTES)
+                texts[name] = words_for_people(text)
+    return texts

@@ -95,20 +95,22 @@ class Recorder:
 
     def __call__(self, record: CycleRecord, frame: Frame | None) -> None:
         """Take one cycle, and the frame that was new in it."""
-        if not self._writer.takes_pictures:
-            frame = None
-        if self._is_live and frame is not None and self._waiting.qsize() > IMAGES_WAITING_MAX:
-            self.images_left_out += 1
-            frame = None
-        self._put(partial(self._writer.write, record, frame))
+        self.put(partial(self._writer.write, record, self.admit(frame) if self._writer.takes_pictures else None))
+
+    def admit(self, frame: Frame | None) -> Frame | None:
+        """Return a frame if it can be recorded; None, and count it, if too much waits."""
+        if not self._is_live or frame is None or self._waiting.qsize() <= IMAGES_WAITING_MAX:
+            return frame
+        self.images_left_out += 1
+        return None
 
     def note_state(self, state: State) -> None:
         """Take in the state with which the recording begins, before its first cycle. The disk's thread writes it."""
-        self._put(lambda: self._writer.note_resumption(state_text(state)))
+        self.put(lambda: self._writer.note_resumption(state_text(state)))
 
     def note_reload(self, now_s: float, configuration: RecordedConfiguration) -> None:
         """Take in that another configuration was loaded, before the first cycle that it decides."""
-        self._put(partial(self._writer.note_reload, now_s, configuration))
+        self.put(partial(self._writer.note_reload, now_s, configuration))
 
     def older_file(self) -> str:
         """Return in words where an older file of that name is now; empty if there was none."""
@@ -134,8 +136,13 @@ class Recorder:
         if self._thread.is_alive():
             self._give_up()
 
-    def _put(self, step: Callable[[], None]) -> None:
-        """Hand a step over. This is the only producer, so the queue can only become shorter meanwhile."""
+    @property
+    def waiting(self) -> int:
+        """How many cycles wait for the thread."""
+        return self._waiting.qsize()
+
+    def put(self, step: Callable[[], None]) -> None:
+        """Have the thread do a step. This is the only producer, so the queue can only become shorter meanwhile."""
         began_s = time.monotonic()
         while not self.failure:
             if self._waiting.qsize() < self._room_for:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -25,12 +25,14 @@ from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.recordings import recording_messages as messages
 from stadimeter.app.recordings.cycle_json import CycleEncoder, cycle_schema, reload_json
 from stadimeter.app.recordings.record_file import LIBRARY, RecordFile, is_ours
-from stadimeter.app.recordings.recorded_configuration import FILE_NAME, RecordedConfiguration
+from stadimeter.app.recordings.recorded_configuration import FILE_NAME, RecordedConfiguration, to_be_recorded
 from stadimeter.config.extras import require
+from stadimeter.config.loader import Configuration
 from stadimeter.config.untrusted_file import sha256_of
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame
 from stadimeter.core.target import TargetShape
+from stadimeter.detectors.protocol import Detector
 
 if TYPE_CHECKING:
     from mcap.writer import Writer
@@ -46,6 +48,9 @@ LOG = "/log"
 TARGETS = "/targets/"
 METADATA = "stadimeter"
 CAMERA_FILE = "camera file: "
+
+# Begins the keys of the metadata that say what a clip was written for.
+CLIP_OF = "clip_"
 
 # The name of the attachment that holds what the run restored from an earlier one.
 RESUMED_NAME = "resumed.json"
@@ -75,15 +80,118 @@ class ImageOptions(Struct, frozen=True, kw_only=True):
 
 
 class Recorded(Struct, frozen=True, kw_only=True):
-    """What a recording says about its run once and for all."""
+    """What a recording says about its run once and for all.
+
+    Attributes:
+        clip_of: Of a clip, what it was written for: the kind of event, and the rule or source; empty for none.
+    """
 
     configuration: RecordedConfiguration
     camera: CameraModel | None = None
     sizes: Mapping[str, TargetShape] = field(default_factory=dict)
+    clip_of: Mapping[str, str] = field(default_factory=dict)
+
+
+def what_is_recorded(
+    configuration: Configuration, detectors: Mapping[str, Detector], recorded: RecordedConfiguration | None = None
+) -> Recorded:
+    """Return what the recordings of a run say about it."""
+    return Recorded(
+        configuration=recorded or to_be_recorded(configuration),
+        camera=configuration.camera_model,
+        sizes={name: detector.target_shape for name, detector in detectors.items()},
+    )
+
+
+class Entry(Struct, frozen=True, array_like=True):
+    """What a recording holds at one moment of one topic.
+
+    Attributes:
+        at_s: When, on the run's clock.
+        data: The message; of a picture its JPEG.
+        taken_s: Of a picture, when it was taken.
+    """
+
+    topic: str
+    schema: str
+    at_s: float
+    data: bytes
+    sequence: int = 0
+    taken_s: float = 0.0
+
+
+class EntryEncoder:
+    """Makes the entries of each cycle of a run.
+
+    Attributes:
+        anchor_ns: The wall-clock time, in nanoseconds since 1970, at which the run's clock showed 0.
+    """
+
+    def __init__(self, recorded: Recorded, options: ImageOptions) -> None:
+        self.anchor_ns = 0
+        self._recorded = recorded
+        self._choice = ImageChooser(options)
+        self._quality_percent = options.quality_percent
+        self._encoder = CycleEncoder(repeats_rules=True)
+        self._lens: CameraModel | None = None
+        self._cycles = 0
+
+    def begin(self, now_s: float, anchor_ns: int | None = None) -> None:
+        """Give the camera model again before the next picture, and label times by the wall clock of now or of then."""
+        self.anchor_ns = time.time_ns() - round(now_s * 1e9) if anchor_ns is None else anchor_ns
+        self._lens = None
+
+    def at_ns(self, at_s: float) -> int:
+        """Return a time of the run as nanoseconds since 1970; a time that is none becomes the beginning of time."""
+        return max(0, self.anchor_ns + round(at_s * 1e9)) if math.isfinite(at_s) else 0
+
+    def encode(self, record: CycleRecord, frame: Frame | None) -> Iterator[Entry]:
+        """Yield the entries of a cycle."""
+        now_s = record.observation.now_s
+        if frame is not None and self._choice.is_wanted(record, frame):
+            yield from self._picture(record, frame)
+        yield Entry(CYCLES, messages.CYCLE, now_s, self._encoder.encode(record), self._cycles)
+        self._cycles += 1
+        measured = {measurement.target: measurement for measurement in record.observation.measurements}
+        for track in record.decision.tracks:
+            data = messages.target(track, measured.get(track.target))
+            yield Entry(TARGETS + track.target, messages.TARGET, now_s, data)
+        for event in record.decision.events:
+            yield Entry(LOG, messages.LOG, now_s, messages.log(event, self.at_ns(event.at_s)))
+
+    def reload(self, now_s: float, configuration: RecordedConfiguration) -> Entry:
+        """Return that another configuration was loaded."""
+        return Entry(CONFIGURATION, messages.CONFIGURATION, now_s, reload_json(now_s, configuration))
+
+    def _picture(self, record: CycleRecord, frame: Frame) -> Iterator[Entry]:
+        """Yield a picture, and what was found in it. It stands before the cycle that it belongs to."""
+        now_s = record.observation.now_s
+        jpeg = messages.encode_jpeg(frame.image, self._quality_percent)
+        if jpeg is None:
+            return
+        yield from self._new_lens(frame, now_s)
+        yield Entry(IMAGES, messages.COMPRESSED_IMAGE, now_s, jpeg, frame.sequence, frame.captured_at_s)
+        if self._lens is not None:
+            taken_ns = self.at_ns(frame.captured_at_s)
+            found = messages.image_annotations(record, self._lens, self._recorded.sizes, taken_ns)
+            yield Entry(ANNOTATIONS, messages.IMAGE_ANNOTATIONS, now_s, found)
+
+    def _new_lens(self, frame: Frame, now_s: float) -> Iterator[Entry]:
+        """Yield the camera model at the frame's resolution whenever that is another one."""
+        lens, camera = self._lens, self._recorded.camera
+        if camera is None:
+            return
+        if lens is None or (lens.width_px, lens.height_px) != (frame.width_px, frame.height_px):
+            self._lens = camera.scaled_to(frame.width_px, frame.height_px)
+            message = messages.calibration(self._lens, self.at_ns(now_s))
+            yield Entry(CALIBRATION, messages.CAMERA_CALIBRATION, now_s, message)
 
 
 class RecordingWriter:
     """Writes a recording, in the thread of the caller. `Recorder` does so in a thread of its own.
+
+    Args:
+        anchor_ns: The wall-clock time at which the run's clock showed 0, if its beginning is past already.
 
     Raises:
         JournalError: The file cannot be written, or holds something else than a recording.
@@ -93,20 +201,18 @@ class RecordingWriter:
     kind = "recording"
     takes_pictures = True
 
-    def __init__(self, path: Path, recorded: Recorded, options: ImageOptions | None = None) -> None:
+    def __init__(
+        self, path: Path, recorded: Recorded, options: ImageOptions | None = None, anchor_ns: int | None = None
+    ) -> None:
         require_mcap("recording to an MCAP file")
         self._recorded = recorded
-        self._choice = _ImageChooser(options or ImageOptions())
-        self._quality_percent = (options or ImageOptions()).quality_percent
+        self._entries = EntryEncoder(recorded, options or ImageOptions())
+        self._anchor_ns = anchor_ns
         self._file = RecordFile(path, self.kind, is_ours)
-        self._encoder = CycleEncoder(repeats_rules=True)
         self._writer: Writer | None = None
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
-        self._anchor_ns = 0
         self._flushed_s = 0.0
-        self._lens: CameraModel | None = None
-        self._cycles = 0
         self._resumed = ""
 
     def write(self, record: CycleRecord, frame: Frame | None = None) -> None:
@@ -120,15 +226,27 @@ class RecordingWriter:
                 intact, and nothing more can be written.
         """
         now_s = record.observation.now_s
-        writer = self._writer or self._begin(now_s)
-        if frame is not None and self._choice.is_wanted(record, frame):
-            self._add_image(writer, record, frame)
-        self._add(writer, CYCLES, messages.CYCLE, now_s, self._encoder.encode(record), self._cycles)
-        self._cycles += 1
-        self._add_what_is_plotted(writer, record)
+        writer = self._ensure_begun(now_s)
+        self.add(self._entries.encode(record, frame))
         if not 0 <= now_s - self._flushed_s < FLUSH_S:
             writer.flush()
             self._flushed_s = now_s
+
+    def add(self, entries: Iterable[Entry]) -> None:
+        """Add entries; errors are those of `write`."""
+        for entry in entries:
+            writer = self._ensure_begun(entry.at_s)
+            data = entry.data
+            if entry.topic == IMAGES:
+                data = messages.compressed_image(data, self._entries.at_ns(entry.taken_s))
+            at_ns = self._entries.at_ns(entry.at_s)
+            channel = self._channels.get(entry.topic) or self._new_channel(writer, entry.topic, entry.schema)
+            writer.add_message(channel, at_ns, data, at_ns, entry.sequence % SEQUENCE_MAX)
+
+    def flush(self) -> None:
+        """Have what was added in the file; errors are those of `write`."""
+        if self._writer is not None:
+            self._writer.flush()
 
     def note_resumption(self, text: str) -> None:
         """Take in what the run restores from an earlier one. Only before the first cycle."""
@@ -140,8 +258,7 @@ class RecordingWriter:
 
     def note_reload(self, now_s: float, configuration: RecordedConfiguration) -> None:
         """Add that another configuration was loaded, before the first cycle that it decides."""
-        writer = self._writer or self._begin(now_s)
-        self._add(writer, CONFIGURATION, messages.CONFIGURATION, now_s, reload_json(now_s, configuration))
+        self.add([self._entries.reload(now_s, configuration)])
 
     @property
     def size_bytes(self) -> int:
@@ -166,12 +283,16 @@ class RecordingWriter:
         self._writer = None
         self._file.close()
 
-    def _begin(self, now_s: float) -> Writer:
+    def _ensure_begun(self, now_s: float) -> Writer:
+        if self._writer is None:
+            self._entries.begin(now_s, self._anchor_ns)
+            self._flushed_s = now_s
+            self._writer = self._begin(self._entries.at_ns(now_s))
+        return self._writer
+
+    def _begin(self, began_ns: int) -> Writer:
         from mcap.writer import Writer  # noqa: PLC0415 - only recordings need it
 
-        began_ns = time.time_ns()
-        self._anchor_ns = began_ns - round(now_s * 1e9)
-        self._flushed_s = now_s
         writer = Writer(self._file)  # type: ignore[arg-type] # it needs no more of a file than ours has
         writer.start(library=f"{LIBRARY} {stadimeter.__version__}")
         configuration = self._recorded.configuration
@@ -181,6 +302,7 @@ class RecordingWriter:
             "version": stadimeter.__version__,
             "began_at": began_at,
             "configuration_sha256": sha256_of(configuration.text),
+            **{CLIP_OF + key: value for key, value in self._recorded.clip_of.items()},
         }
         writer.add_metadata(METADATA, about)
         writer.add_attachment(began_ns, began_ns, FILE_NAME, "application/toml", configuration.text.encode())
@@ -188,13 +310,7 @@ class RecordingWriter:
             writer.add_attachment(began_ns, began_ns, CAMERA_FILE + name, "application/toml", text.encode())
         if self._resumed:
             writer.add_attachment(began_ns, began_ns, RESUMED_NAME, "application/json", self._resumed.encode())
-        self._writer = writer
         return writer
-
-    def _add(self, writer: Writer, topic: str, schema: str, at_s: float, data: bytes, sequence: int = 0) -> None:
-        at_ns = self._at_ns(at_s)
-        channel = self._channels.get(topic) or self._new_channel(writer, topic, schema)
-        writer.add_message(channel, at_ns, data, at_ns, sequence % SEQUENCE_MAX)
 
     def _new_channel(self, writer: Writer, topic: str, schema: str) -> int:
         if schema not in self._schemas:
@@ -204,46 +320,9 @@ class RecordingWriter:
         self._channels[topic] = channel
         return channel
 
-    def _add_image(self, writer: Writer, record: CycleRecord, frame: Frame) -> None:
-        """Add a picture, and what was found in it. It stands before the cycle that it belongs to."""
-        now_s = record.observation.now_s
-        taken_ns = self._at_ns(frame.captured_at_s)
-        image = messages.compressed_image(frame.image, taken_ns, self._quality_percent)
-        if image is None:
-            return
-        lens = self._lens_of(writer, frame, now_s)
-        self._add(writer, IMAGES, messages.COMPRESSED_IMAGE, now_s, image, frame.sequence)
-        if lens is not None:
-            found = messages.image_annotations(record, lens, self._recorded.sizes, taken_ns)
-            self._add(writer, ANNOTATIONS, messages.IMAGE_ANNOTATIONS, now_s, found)
 
-    def _lens_of(self, writer: Writer, frame: Frame, now_s: float) -> CameraModel | None:
-        """Return the camera model at the frame's resolution; write it whenever that is another one."""
-        lens, camera = self._lens, self._recorded.camera
-        if camera is None:
-            return None
-        if lens is None or (lens.width_px, lens.height_px) != (frame.width_px, frame.height_px):
-            lens = self._lens = camera.scaled_to(frame.width_px, frame.height_px)
-            message = messages.calibration(lens, self._at_ns(now_s))
-            self._add(writer, CALIBRATION, messages.CAMERA_CALIBRATION, now_s, message)
-        return lens
-
-    def _add_what_is_plotted(self, writer: Writer, record: CycleRecord) -> None:
-        now_s = record.observation.now_s
-        measured = {measurement.target: measurement for measurement in record.observation.measurements}
-        for track in record.decision.tracks:
-            data = messages.target(track, measured.get(track.target))
-            self._add(writer, TARGETS + track.target, messages.TARGET, now_s, data)
-        for event in record.decision.events:
-            self._add(writer, LOG, messages.LOG, now_s, messages.log(event, self._at_ns(event.at_s)))
-
-    def _at_ns(self, at_s: float) -> int:
-        """Return a time of the run as nanoseconds since 1970; a time that is none becomes the beginning of time."""
-        return max(0, self._anchor_ns + round(at_s * 1e9)) if math.isfinite(at_s) else 0
-
-
-class _ImageChooser:
-    """Says which pictures are recorded."""
+class ImageChooser:
+    """Chooses which pictures are recorded."""
 
     def __init__(self, options: ImageOptions) -> None:
         self._options = options
@@ -251,6 +330,7 @@ class _ImageChooser:
         self._statuses: tuple[object, ...] = ()
 
     def is_wanted(self, record: CycleRecord, frame: Frame) -> bool:
+        """Return whether the picture of a cycle is; called once for each frame."""
         if self._options.images == "none":
             return False
         if self._options.images == "events" and not self._has_changed(record):

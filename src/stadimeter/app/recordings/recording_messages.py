@@ -98,20 +98,23 @@ def stamp(time_ns: int) -> dict[str, int]:
     return {"sec": sec, "nsec": nsec}
 
 
-def compressed_image(image: Image, time_ns: int, quality_percent: int) -> bytes | None:
-    """Return a picture as a message; None if there is no JPEG of it. Quality is 1 to 100."""
+def encode_jpeg(image: Image, quality_percent: int) -> bytes | None:
+    """Return a picture as JPEG; None if there is none of it. Quality is 1 to 100."""
     try:
         is_done, jpeg = cv2.imencode(".jpg", image, [*_WHOLE_COLOUR, cv2.IMWRITE_JPEG_QUALITY, quality_percent])
     except cv2.error:  # an empty picture, or one that is larger than a JPEG can be
         return None
-    if not is_done:
-        return None
+    return jpeg.tobytes() if is_done else None
+
+
+def compressed_image(jpeg: bytes, time_ns: int) -> bytes:
+    """Return a picture as a message."""
     sec, nsec = divmod(time_ns, 1_000_000_000)
     return b'{"timestamp":{"sec":%d,"nsec":%d},"frame_id":"%b","format":"jpeg","data":"%b"}' % (
         sec,
         nsec,
         CAMERA_FRAME.encode(),
-        b64encode(jpeg.tobytes()),
+        b64encode(jpeg),
     )
 
 

@@ -14,7 +14,7 @@ from msgspec import Struct
 from stadimeter.config.draft import Draft
 from stadimeter.config.findings import Finding, did_you_mean_or_list
 from stadimeter.config.models import ButtonTable
-from stadimeter.config.rules.condition_tables import KEYS_OF_COMPARISONS
+from stadimeter.config.rules.condition_tables import KEYS_ABOUT_WHOM, KEYS_OF_COMPARISONS, KEYS_OF_GROUPS
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.core.rule import AlarmRule, gate_of
 from stadimeter.core.words import duration
@@ -106,9 +106,9 @@ def _named_in(path: KeyPath, table: Mapping[str, Any]) -> Iterator[_Name]:
     figure = table.get("figure")
     if isinstance(figure, Mapping) and isinstance(figure.get("name"), str):
         yield _Name("figure", figure["name"], (*path, "figure", "name"))
-    for key in ("rule", "target"):
+    for key in ("rule", *KEYS_ABOUT_WHOM):
         if isinstance(table.get(key), str):
-            yield _Name(key, table[key], (*path, key))
+            yield _Name("counted" if key in KEYS_OF_GROUPS else key, table[key], (*path, key))
     for key, kind in (("of", "counted" if path[-1] == "count" else "target"), ("rules", "rule")):
         names = table.get(key) if isinstance(table.get(key), list) else ()
         each = ((number, name) for number, name in enumerate(names or ()) if isinstance(name, str))

@@ -12,18 +12,21 @@ from typing import Any, NamedTuple
 from msgspec import Struct
 from msgspec.structs import replace
 
-from stadimeter.config.rules.condition_tables import kinds_in
+from stadimeter.config.rules.condition_tables import KEYS_OF_GROUPS, OfEach, kinds_in
 from stadimeter.config.rules.memory_tables import FigureTable
 from stadimeter.config.rules.tables import KINDS, RuleTable
 from stadimeter.config.toml_lines import KeyPath
 from stadimeter.config.toml_source import as_toml
-from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not, leaves, targets_of, with_leaves
+from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not, about, leaves, targets_of, with_leaves
 from stadimeter.core.conditions.discrete import CountCondition, RuleCondition
 from stadimeter.core.conditions.leaf import Leaf
 from stadimeter.core.conditions.remembered import RememberedCondition
 from stadimeter.core.rule import ALWAYS, AlarmRule, AnyRule, gate_of
 
 _MAX_LENGTH = 70
+
+# The keys that stand for several rules or targets, by what their conditions are parts of.
+_SEVERAL = {AnyOf: {"rule", "any_of"}, AllOf: {"all_of"}}
 
 
 class WrittenCondition(Struct, frozen=True, kw_only=True):
@@ -37,8 +40,9 @@ class WrittenCondition(Struct, frozen=True, kw_only=True):
     def parts(self) -> tuple[WrittenCondition, ...]:
         """Return the conditions that it is made of; none for a simple one."""
         match self.condition:
-            case AnyOf(conditions=members) if "rule" in self.table:  # one name for several rules
-                return tuple(replace(self, condition=member) for member in members)
+            case AnyOf() | AllOf() as whole if self.table.keys() & _SEVERAL[type(whole)]:
+                table = {key: value for key, value in self.table.items() if key not in KEYS_OF_GROUPS}
+                return tuple(replace(self, table=table, condition=member) for member in whole.conditions)
             case AllOf(conditions=conditions) if len(kinds := kinds_in(self.table)) > 1:  # short for all of them
                 each = zip(kinds, conditions, strict=True)
                 return tuple(replace(self, table=table, condition=condition) for table, condition in each)
@@ -172,10 +176,9 @@ class SeveralNames(NamedTuple):
 def _naming_members(compiled: CompiledRule, names: SeveralNames) -> CompiledRule:
     """Let conditions that ask for a table of several rules ask for its rules: it is active when one of them is.
 
-    Those on a figure note its quantity, and counts of a group count its members.
+    Those on a figure note its quantity, counts of a group count its members, and one on any or all of a group is made
+    of one on each.
     """
-    if not (names.rules or names.groups or names.figures):
-        return compiled
     rule, alarm = compiled.rule, gate_of(compiled.rule)
 
     def named(condition: Condition | None) -> Condition | None:
@@ -197,6 +200,9 @@ def _members_in(condition: Condition, names: SeveralNames) -> Condition:
                 return replace(leaf, quantity=names.figures[leaf.name].of)
             case RememberedCondition():
                 return replace(leaf, rules=tuple(one for rule in leaf.rules for one in names.rules.get(rule, (rule,))))
+            case OfEach():
+                members = names.groups.get(leaf.group, (leaf.group,))
+                return leaf.whole(conditions=tuple(_members_in(about(leaf.condition, each), names) for each in members))
             case RuleCondition() if leaf.rule in names.rules:
                 return AnyOf(conditions=tuple(RuleCondition(rule=name) for name in names.rules[leaf.rule]))
             case CountCondition() if names.groups:

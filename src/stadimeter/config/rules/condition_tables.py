@@ -8,6 +8,7 @@ each of them once more, whenever the program starts.
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any, ClassVar
 
+from msgspec import Struct
 from pydantic import BeforeValidator, Field, WithJsonSchema
 
 from stadimeter.config.models import DurationAboveZero
@@ -20,6 +21,7 @@ from stadimeter.core.conditions.compounds import AllOf, AnyOf, Condition, Not
 from stadimeter.core.conditions.discrete import PresenceCondition, RuleCondition
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.figures import Quantity
+from stadimeter.core.conditions.leaf import Leaf
 from stadimeter.core.conditions.measured import COMPARISONS, FigureCondition
 from stadimeter.core.conditions.of_base import BatteryCondition, ContactSensorCondition
 from stadimeter.core.conditions.quantities import STILL_WITHIN_M
@@ -36,6 +38,14 @@ def _only_true(value: object) -> bool:
     if value is not True:
         raise ValueError("only true can be written here; the opposite of 'seen = true' is 'lost = true'")
     return value
+
+
+class OfEach(Leaf, Struct, frozen=True, kw_only=True):
+    """A condition on any, or on all, of a group of targets; compiling puts its members in its place."""
+
+    group: str
+    condition: Condition
+    whole: type[AllOf | AnyOf]
 
 
 Flag = Annotated[bool, BeforeValidator(_only_true), WithJsonSchema({"const": True})]
@@ -63,6 +73,10 @@ class WhenTable(LimitsTable, LikelihoodTable):
     """In metres; how far the target must come back."""
     target: str | None = None
     """The target, if it is another one than the rule's."""
+    any_of: str | None = None
+    """Instead of a target, several of one kind: holds while it does for one of them at least."""
+    all_of: str | None = None
+    """Likewise; holds while it does for each of them."""
     seen: Flag | None = None
     """Holds while the target is tracked."""
     lost: Flag | None = None
@@ -150,7 +164,9 @@ class WhenTable(LimitsTable, LikelihoodTable):
         plans = [_CONVERSIONS[key](self, severity) for key in others]
         if not plans or any(limit is not None for limit in self.limits):
             plans.insert(0, self._distance(severity))
-        return plans[0] if len(plans) == 1 else AllOf(conditions=tuple(plans))
+        plan = plans[0] if len(plans) == 1 else AllOf(conditions=tuple(plans))
+        group = self.any_of or self.all_of
+        return OfEach(group=group, condition=plan, whole=AnyOf if self.any_of else AllOf) if group else plan
 
     def _distance(self, severity: Severity) -> DistanceCondition:
         above_m, below_m = self.limits
@@ -243,6 +259,10 @@ _CONVERSIONS = _OF_A_TARGET | _OF_NO_TARGET | _OF_OTHERS
 
 # The keys of conditions on one target, on several or none, and on other conditions.
 KEYS_OF_A_TARGET, KEYS_OF_NO_TARGET, KEYS_OF_OTHERS = map(tuple, (_OF_A_TARGET, _OF_NO_TARGET, _OF_OTHERS))
+
+# The keys that say whom a condition is about, of which one is written.
+KEYS_OF_GROUPS = ("any_of", "all_of")
+KEYS_ABOUT_WHOM = ("target", *KEYS_OF_GROUPS)
 
 # The key that belongs to `still_for`.
 KEY_ABOUT_STANDING = "still_within"

@@ -19,7 +19,7 @@ from pydantic import Field, model_validator
 
 from stadimeter.config.named_sizes import BallDiameter
 from stadimeter.config.plugins import Count, DriverContext, DriverOptions, numbered
-from stadimeter.config.units import Length
+from stadimeter.config.units import Tolerance
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame
@@ -40,7 +40,8 @@ from stadimeter.detectors.ball.gates import (
     scene_of,
 )
 from stadimeter.detectors.ball.limb import Limb, find_limb, within
-from stadimeter.detectors.hsv import HsvRange, HsvRangeText, loosen, other_ranges, parse_hsv_range
+from stadimeter.detectors.ball.setup import ball_kinds
+from stadimeter.detectors.hsv import HsvRange, HsvRangeText, other_ranges, parse_hsv_range
 from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView, Exercise
 from stadimeter.detectors.sampling import Region
 from stadimeter.ranging.ball import BallShape
@@ -83,7 +84,7 @@ class BallOptions(DriverOptions):
 
     diameter: BallDiameter
     """The ball's diameter, such as ``"6.4 cm"``, or its name, such as ``"tennis ball"``."""
-    tolerance: Length | None = None
+    tolerance: Tolerance | None = None
     """One standard deviation of the diameter, such as ``"1 mm"``; None if it is known well."""
     hsv: HsvRangeText | None = None
     """Its colours, lower and upper limit: ``"29,86,6:64,255,255"``; None if any round outline may be the ball."""
@@ -104,6 +105,8 @@ class BallOptions(DriverOptions):
     def members(self) -> tuple[str, ...]:
         """The numbers from 1 to `count`."""
         return numbered(self.count)
+
+    setup_kinds = staticmethod(ball_kinds)
 
     def build(self, context: DriverContext) -> BallDetector:
         """Return the detector."""
@@ -127,11 +130,6 @@ class BallOptions(DriverOptions):
     def view_colour(frame: Frame, colour: str) -> ColourView:
         """Return what a range shows in a frame; raises ValueError if it is none."""
         return view(frame, parse_hsv_range(colour), _detect_colour)
-
-    @staticmethod
-    def widen_colour(colour: str, steps: int) -> str:
-        """Return a range that covers more by a number of steps."""
-        return str(loosen(parse_hsv_range(colour), steps))
 
 
 class BallDetector:

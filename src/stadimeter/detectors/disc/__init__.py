@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import Field
 
 from stadimeter.config.plugins import DriverContext, DriverOptions
-from stadimeter.config.units import Length
+from stadimeter.config.units import Length, Tolerance
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate
 from stadimeter.core.drawing import Circle, Drawing
@@ -56,7 +56,7 @@ from stadimeter.detectors.disc.search import (
     pick_largest,
 )
 from stadimeter.detectors.hsv import HsvRangeText
-from stadimeter.detectors.protocol import ONE_OF_A_KIND, Exercise, check_image
+from stadimeter.detectors.protocol import ONE_OF_A_KIND, Exercise, SetupKind, check_image, size_question
 from stadimeter.detectors.sampling import Region, touches_border
 from stadimeter.ranging.flat import DiscShape
 
@@ -111,7 +111,7 @@ class DiscOptions(DriverOptions):
 
     diameter: Length
     """The disc's diameter, such as ``"12 cm"``."""
-    tolerance: Length | None = None
+    tolerance: Tolerance | None = None
     """One standard deviation of its diameter, such as ``"1 mm"``."""
     min_diameter_px: Annotated[float, Field(ge=8)] = 12.0
     """Discs whose larger diameter in the picture is smaller than this are not accepted."""
@@ -120,6 +120,13 @@ class DiscOptions(DriverOptions):
     hsv: HsvRangeText | None = None
     """Its colours, lower and upper limit of hue, saturation and value: ``"0,0,150:179,60,255"`` is white. With it a
     disc is found among many other things, any of which may be an ellipse."""
+
+    @staticmethod
+    def setup_kinds() -> tuple[SetupKind, ...]:
+        """Return the disc."""
+        size = size_question("disc", lambda size: {"diameter": size}, "12 cm", "its diameter, such as 12 cm")
+        meaning = "a flat disc of one brightness, such as a lid or a plate"
+        return (SetupKind("disc", meaning, (size,), rank=4, learns_size=True),)
 
     def build(self, context: DriverContext) -> DiscDetector:
         """Return the detector."""

@@ -7,6 +7,7 @@ time to time, and in between the box is followed from picture to picture: `stadi
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -21,7 +22,7 @@ from stadimeter.detectors.object.engines import EngineChoice
 from stadimeter.detectors.object.families import FAMILIES, FamilyName, recognise
 from stadimeter.detectors.object.model_file import load_model
 from stadimeter.detectors.object.network import USUAL_EVERY_S, Network, examine
-from stadimeter.detectors.protocol import NetworkReport
+from stadimeter.detectors.protocol import BY_NETWORK, NetworkReport, SetupKind, SetupQuestion
 from stadimeter.errors import DriverError, UnreadableError
 from stadimeter.ranging.upright import KnownLength, UprightShape
 
@@ -35,11 +36,28 @@ PLAUSIBLE_M: Mapping[str, tuple[float, float]] = {"person": (0.4, 2.6), "eye_dis
 _LENGTHS: tuple[KnownLength, ...] = ("height", "width", "eye_distance")
 
 
+_MODEL = (
+    "a file in the format ONNX, such as yolox_nano.onnx: `stadimeter models check FILE` says what it finds, "
+    "`stadimeter models fetch centerface` gets one for faces, and docs/objects.md lists others"
+)
+_SIZE = "the mean, and behind ± one standard deviation among all that may come"
+_CLASS = "its name or number as `stadimeter models check FILE` lists it, such as dog"
+
+
+def _model(what: str, ready: str = "") -> SetupQuestion:
+    text = f"Which network finds {what}?"
+    return SetupQuestion("model", text, lambda path: {"model": path}, ready, _MODEL, files="*.onnx")
+
+
+def _size(text: str, key: str, ready: str, **fixed: str) -> SetupQuestion:
+    return SetupQuestion("size", text, lambda size: {**fixed, key: size}, ready, f"{_SIZE}, such as {ready}")
+
+
 class ObjectOptions(DriverOptions):
     """What a ``[targets.…]`` table with ``driver = "object"`` may hold."""
 
-    model: FilePath
-    """The network: an ONNX file."""
+    model: FilePath | None = None
+    """The network: an ONNX file; None for the one that the camera runs on its sensor (``network`` in ``[camera]``)."""
     family: Annotated[FamilyName | None, Field(validate_default=True)] = None
     """What its outputs mean: ``yolox``, ``yolov8`` (and 11), ``nanodet``, ``yunet`` or ``centerface``. Without it, what
     its file says decides."""
@@ -111,11 +129,26 @@ class ObjectOptions(DriverOptions):
                 if written
                 else "no size is given; write height, width or eye_distance, such as height = '1.72 m ± 7 cm'"
             )
-        known = recognise(load_model(self.model), self.family) if is_file(self.model) else None
-        if written == ["eye_distance"] and known is not None and not known.family.has_eyes:
+        known = recognise(load_model(self.model), self.family) if self.model and is_file(self.model) else None
+        if written == ["eye_distance"] and not (known.family.has_eyes if known else self.model):
+            name = known.name if known else "a network on the sensor"
             faces = " and ".join(name for name, each in FAMILIES.items() if each.has_eyes)
-            raise ValueError(f"eye_distance: {known.name} finds no eyes, {faces} do; write height or width")
+            raise ValueError(f"eye_distance: {name} finds no eyes, {faces} do; write height or width")
         return self
+
+    @staticmethod
+    def setup_kinds() -> tuple[SetupKind, ...]:
+        """Return people, faces, and whatever else a network has a class for."""
+        person = _size("How tall are the people that may come?", "height", "1.70 m ± 9 cm", **{"class": "person"})
+        face = _size("How far apart are the pupils of the eyes?", "eye_distance", "63.4 mm ± 3.8 mm")
+        height = _size("How tall is it?", "height", "50 cm ± 5 cm")
+        other = SetupQuestion("class", "Which thing of the network is it?", lambda name: {"class": name}, "dog", _CLASS)
+        faces, any_ = _model("faces", "centerface.onnx"), "a dog, a car, or whatever else your network finds"
+        return (
+            SetupKind("person", "a person", (_model("people"), person), group=BY_NETWORK, rank=20),
+            SetupKind("face", "a face, by the distance of the eyes", (faces, face), group=BY_NETWORK, rank=21),
+            SetupKind("object", any_, (_model("it"), other, height), group=BY_NETWORK, rank=22),
+        )
 
     def build(self, context: DriverContext) -> ObjectDetector:
         """Return the detector. The network is loaded with the first picture."""
@@ -123,13 +156,14 @@ class ObjectOptions(DriverOptions):
             shape=self.shape,
             every_s=self.every,
             min_score=self.min_score,
-            load=lambda: self._load(context.name),
+            load=partial(self._load, context.name, self.model) if self.model else None,
+            class_name=self.class_name or "person",
         )
         return ObjectDetector(context.name, search)
 
-    def _load(self, name: str) -> LoadedNetwork:
+    def _load(self, name: str, model: Path) -> LoadedNetwork:
         try:
-            known = recognise(load_model(self.model), self.family)
+            known = recognise(load_model(model), self.family)
             number = known.number_of(self.class_name)
         except (UnreadableError, ValueError) as error:
             raise DriverError(f"the model of target '{name}' cannot be used: {error}") from error
@@ -138,7 +172,8 @@ class ObjectOptions(DriverOptions):
 
     def lacks(self) -> tuple[str, ...]:
         """Return that the model file or the engine is missing."""
-        file = () if is_file(self.model) else (f"the model file {self.model} is not there; a run would stop",)
+        is_there = self.model is None or is_file(self.model)
+        file = () if is_there else (f"the model file {self.model} is not there; a run would stop",)
         engine = missing("network") if self.engine == "onnxruntime" else ""
         return (*file, *([engine] if engine else []))
 

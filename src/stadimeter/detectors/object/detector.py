@@ -18,8 +18,8 @@ from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Prediction, RejectedCandidate
-from stadimeter.core.frame import Frame
-from stadimeter.detectors.object.boxes import Boxes, overlaps
+from stadimeter.core.frame import Frame, SensorBoxes
+from stadimeter.detectors.object.boxes import Boxes, one_each, overlaps
 from stadimeter.detectors.object.following import BoxPattern, BoxPlace, FollowedBox, follow_box, take_pattern
 from stadimeter.detectors.object.network import Network
 from stadimeter.detectors.protocol import check_image
@@ -60,13 +60,15 @@ class ObjectSearch(Struct, frozen=True, kw_only=True, eq=False):
     Attributes:
         every_s: The network looks once in this time of capture.
         min_score: Boxes of lower scores are not accepted.
-        load: Loads the network; a `DriverError` says why it cannot be.
+        load: Loads the network; a `DriverError` says why it cannot be. None for one on the camera's sensor.
+        class_name: What is looked for in what that one has found.
     """
 
     shape: UprightShape
     every_s: float
     min_score: float
-    load: Callable[[], LoadedNetwork]
+    load: Callable[[], LoadedNetwork] | None
+    class_name: str = ""
 
 
 class Thing(Struct, frozen=True, kw_only=True, eq=False):
@@ -136,7 +138,7 @@ class ObjectDetector:
 
     @property
     def _what(self) -> str:
-        return self._loaded.what if self._loaded else ""
+        return self._loaded.what if self._loaded else self._search.class_name
 
     @property
     def target_shape(self) -> UprightShape:
@@ -158,6 +160,8 @@ class ObjectDetector:
         check_image(frame)
         memory = self._memory
         if memory is None or memory.is_lost or memory.age_s(frame) >= self._search.every_s:
+            if self._search.load is None and frame.boxes is None:
+                return self._missing("the camera has no result of a network with this picture: set network in [camera]")
             return self._look(frame, prediction)
         if memory.thing is None:
             since = f"when the network last looked, {memory.age_s(frame):.2f} s before"
@@ -165,9 +169,8 @@ class ObjectDetector:
         return self._follow(frame, prediction, memory, memory.thing)
 
     def _look(self, frame: Frame, prediction: Prediction | None) -> Detection:
-        loaded = self._loaded = self._loaded or self._search.load()
         limit = self._search.min_score
-        boxes = loaded.network.find(frame.image, loaded.number, NEARLY * limit)
+        boxes = self._boxes(frame, NEARLY * limit)
         short_px = (boxes.corners[:, 2:] - boxes.corners[:, :2]).min(axis=1)
         is_likely = (boxes.scores >= limit) & (short_px >= MIN_SIDE_PX)
         likely, unlikely = (boxes.take(np.flatnonzero(which)) for which in (is_likely, ~is_likely))
@@ -189,6 +192,15 @@ class ObjectDetector:
             at_s=frame.captured_at_s, size_px=size_px, answer=answer, thing=thing if is_whole else None, pattern=pattern
         )
         return answer
+
+    def _boxes(self, frame: Frame, min_score: float) -> Boxes:
+        if self._search.load is not None:
+            loaded = self._loaded = self._loaded or self._search.load()
+            return loaded.network.find(frame.image, loaded.number, min_score)
+        found = frame.boxes or SensorBoxes(np.empty((0, 4)), np.empty(0), ())
+        is_meant = np.array(found.classes, object) == self._search.class_name
+        which = np.flatnonzero(is_meant & (found.scores >= min_score))
+        return one_each(Boxes(found.corners_px, found.scores).take(which))
 
     def _follow(self, frame: Frame, prediction: Prediction | None, memory: LastLook, thing: Thing) -> Detection:
         pattern = memory.pattern

@@ -16,14 +16,14 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from stadimeter.config.plugins import DriverContext, DriverOptions
-from stadimeter.config.units import FilePath, Length
+from stadimeter.config.units import FilePath, Length, Tolerance
 from stadimeter.config.untrusted_file import PICTURE_MAX_BYTES, checked_picture, read_untrusted
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction, RejectedCandidate
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.picture.alignment import Alignment, PictureLight, align
 from stadimeter.detectors.picture.features import MIN_AGREEING, PictureFeatures
-from stadimeter.detectors.protocol import check_image
+from stadimeter.detectors.protocol import SetupKind, SetupQuestion, check_image, size_question
 from stadimeter.detectors.sampling import Light, Region, grey_of, in_light, light_table, touches_border
 from stadimeter.detectors.sides import diagonals_meet, side_lengths, width_and_height
 from stadimeter.errors import PictureError, UnreadableError
@@ -59,7 +59,7 @@ class PictureOptions(DriverOptions):
     """Its width, such as ``"42 cm"``; the height follows from the file, unless it is given."""
     height: Length | None = None
     """Its height."""
-    tolerance: Length | None = None
+    tolerance: Tolerance | None = None
     """One standard deviation of its sides; None for exactly known ones."""
     min_side_px: Annotated[float, Field(ge=24)] = 32.0
     """Where its shorter side is smaller than this in the frame, it is not accepted."""
@@ -69,6 +69,17 @@ class PictureOptions(DriverOptions):
         if self.width is None and self.height is None:
             raise ValueError('give its width or its height, such as width = "42 cm"')
         return self
+
+    @staticmethod
+    def setup_kinds() -> tuple[SetupKind, ...]:
+        """Return the picture."""
+        text = "Which file shows the picture, from the front and with nothing around it?"
+        form = "a scan or what was printed, such as poster.jpg"
+        file = SetupQuestion("picture", text, lambda path: {"file": path}, "", form, files="*.[jp][pn]g")
+        form = "its width, such as 42 cm; the height follows from the file"
+        size = size_question("picture", lambda width: {"width": width}, "21 cm", form)
+        meaning = "a poster, a book cover or another picture, of which you have a file"
+        return (SetupKind("picture", meaning, (file, size), rank=5),)
 
     def build(self, context: DriverContext) -> PictureDetector:
         """Return the detector.

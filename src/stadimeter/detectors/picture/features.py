@@ -1,8 +1,8 @@
 """Finding a picture in a frame by its key points.
 
 Key points with SIFT descriptors (D. Lowe, "Distinctive image features from scale-invariant keypoints", 2004) of the
-picture, at some sizes and turned away to some sides, are matched with those of the frame. Four of them make a
-homography; the one that most of the others agree with says about where the picture is. `stadimeter.detectors.picture.
+picture, at some sizes and turned away to some sides, are matched with those of the frame. Three of them make an
+affine map; the one that most of the others agree with says about where the picture is. `stadimeter.detectors.picture.
 alignment` judges that, and measures it.
 """
 
@@ -13,6 +13,7 @@ import math
 import cv2
 import numpy as np
 from msgspec import Struct
+from numpy.typing import NDArray
 
 from stadimeter.core.detection import Points, Profiles
 from stadimeter.core.frame import Image
@@ -36,6 +37,9 @@ MATCH_RATIO = 0.8
 AGREE_PX = 4.0
 MIN_AGREEING = 5
 MAX_TRIALS = 5000
+
+# Matches are near an affine place within this share of the picture's size: what a tilt of 50 degrees tapers.
+NEAR_SHARE = 0.2
 
 # This number of places is tried, each without the matches of those before.
 PLACES = 3
@@ -73,17 +77,39 @@ class PictureFeatures:
         known, there = _matches(self._known, seen)
         places: list[Points] = []
         while len(places) < PLACES and len(known) >= MIN_AGREEING:
-            homography, agreeing = cv2.findHomography(
-                known, there, cv2.RANSAC, AGREE_PX, maxIters=MAX_TRIALS, confidence=0.999
-            )
-            chosen = agreeing is not None and agreeing.ravel().astype(bool)
-            if homography is None or int(np.sum(chosen)) < MIN_AGREEING:
+            homography, chosen = _likeliest_place(known, there)
+            if int(np.sum(chosen)) < MIN_AGREEING:
                 break
-            corners = mapped(np.asarray(homography, np.float64), UNIT_CORNERS)
-            if _is_a_view(np.asarray(homography, np.float64), corners):
+            corners = mapped(homography, UNIT_CORNERS)
+            if _is_a_view(homography, corners):
                 places.append(corners)
             known, there = known[~chosen], there[~chosen]
         return places
+
+
+def _likeliest_place(known: Points, there: Points) -> tuple[Matrix, NDArray[np.bool_]]:
+    """Return where most matches agree that the picture is, and which of them.
+
+    Affine first: four matches of a small picture, off by a pixel, make homographies that are far off between them. What
+    is near that then says how the picture tapers.
+    """
+    affine, inliers = cv2.estimateAffine2D(
+        known, there, method=cv2.RANSAC, ransacReprojThreshold=AGREE_PX, maxIters=MAX_TRIALS, confidence=0.999
+    )
+    if inliers is None or not inliers.any():  # OpenCV then gives no map either
+        return np.eye(3), np.zeros(len(known), bool)
+    flat, chosen = np.vstack((affine, (0, 0, 1))), inliers.ravel().astype(bool)
+    size_px = max(side_lengths(mapped(flat, UNIT_CORNERS)))
+    near = np.linalg.norm(mapped(flat, known) - there, axis=1) < max(AGREE_PX, NEAR_SHARE * size_px)
+    if int(near.sum()) > MIN_AGREEING:
+        tapered, inliers = cv2.findHomography(
+            known[near], there[near], cv2.RANSAC, AGREE_PX, maxIters=MAX_TRIALS, confidence=0.999
+        )
+        if tapered is not None and int(inliers.sum()) > int(chosen.sum()):
+            chosen = np.zeros(len(known), bool)
+            chosen[near] = inliers.ravel().astype(bool)
+            return np.asarray(tapered, np.float64), chosen
+    return flat, chosen
 
 
 def _view(grey: Image, size_px: int, squeeze: float, direction_deg: float) -> Descriptors:
@@ -139,8 +165,13 @@ def _matches(known: Descriptors, seen: Descriptors) -> tuple[Points, Points]:
     off, off_next = (
         np.sqrt(np.maximum(2 - 2 * alike[rows[:, 0], column], 0.0)) for column in (best[:, 0], best[rows[:, 0], second])
     )
-    is_match = off < MATCH_RATIO * off_next
-    return known.places[is_match], seen.places[best[is_match, 0]]
+    # Of all key points that match one of the frame, the most alike counts: else a place of clutter that many match
+    # would win, by a map that shrinks the picture to a point.
+    nearest_first = np.argsort(off, kind="stable")
+    nearest_first = nearest_first[(off < MATCH_RATIO * off_next)[nearest_first]]
+    _, firsts = np.unique(best[nearest_first, 0], return_index=True)
+    matched = nearest_first[np.sort(firsts)]
+    return known.places[matched], seen.places[best[matched, 0]]
 
 
 def _is_a_view(homography: Matrix, corners_px: Points) -> bool:

@@ -9,14 +9,14 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
-from stadimeter.config.named_sizes import Paper, paper_sides
+from stadimeter.config.named_sizes import PAPER, Paper, paper_sides
 from stadimeter.config.plugins import DriverContext, DriverOptions
-from stadimeter.config.units import Length, parse_length
+from stadimeter.config.units import Length, Tolerance, parse_length, split_quantities
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame, Image
 from stadimeter.detectors.hsv import HsvRange, HsvRangeText
-from stadimeter.detectors.protocol import ONE_OF_A_KIND, Exercise, Remedy, check_image
+from stadimeter.detectors.protocol import ONE_OF_A_KIND, Exercise, Remedy, SetupKind, check_image, size_question
 from stadimeter.detectors.sampling import Region
 from stadimeter.detectors.sheet.candidates import Findings, SheetCandidate
 from stadimeter.detectors.sheet.edges import SheetPicture
@@ -58,6 +58,11 @@ def _or_by_name(schema: dict[str, Any]) -> None:
     schema["anyOf"] = [{"required": ["size"]}, {"required": ["width", "height"]}]
 
 
+def _sides(size: str) -> Mapping[str, Any]:
+    width, *height = split_quantities(size.replace(" x ", ", "))
+    return {"width": width, "height": ", ".join(height)} if height else {"size": size}
+
+
 class SheetOptions(DriverOptions):
     """What a ``[targets.…]`` table with ``driver = "sheet"`` may hold."""
 
@@ -73,7 +78,7 @@ class SheetOptions(DriverOptions):
     """Which side the distance is computed from: ``auto``, ``width`` or ``height``."""
     min_side_px: Annotated[float, Field(ge=8)] = 8.0
     """Sheets whose shorter side is smaller than this in the picture are not accepted."""
-    tolerance: Length | None = None
+    tolerance: Tolerance | None = None
     """One standard deviation of its sides, such as ``"1 mm"``: how well its size is known."""
 
     hsv: HsvRangeText | None = None
@@ -105,6 +110,14 @@ class SheetOptions(DriverOptions):
             known_side=self.known_side,
             relative_sigma=tolerance_m / math.sqrt(self.width * self.height),
         )
+
+    @staticmethod
+    def setup_kinds() -> tuple[SetupKind, ...]:
+        """Return the sheet."""
+        names = tuple(PAPER)
+        form = f"width and height, such as 11 in, 8.5 in, or a name: {', '.join(names)}; cut by hand: A4 ± 3 mm"
+        size = size_question("sheet", _sides, "A4", form, names)
+        return (SetupKind("sheet", "a sheet of paper or a card, lying flat", (size,), rank=2),)
 
     def build(self, context: DriverContext) -> SheetDetector:
         """Return the detector."""

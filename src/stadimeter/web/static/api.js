@@ -13,13 +13,17 @@ const where = (path) => (path.startsWith("/") ? path : BASE + path);
 /** Ask, and return the response; `ApiError` for every answer that is none, and for no answer (status 0). */
 async function asked(path, { method = "GET", body, ...options } = {}) {
   const sent = { method, credentials: "same-origin", cache: "no-store", ...options };
-  if (method !== "GET") Object.assign(sent, { headers: { "Content-Type": "application/json" }, body: JSON.stringify(body ?? {}) });
+  if (method !== "GET")
+    Object.assign(sent, { headers: { "Content-Type": "application/json" }, body: JSON.stringify(body ?? {}) });
   let response;
   try {
     response = await fetch(where(path), sent);
   } catch (error) {
     if (error.name === "AbortError") throw error;
-    throw new ApiError(0, { code: "offline", message: "The page's server does not answer. Is the device on, and this phone in its network?" });
+    throw new ApiError(0, {
+      code: "offline",
+      message: "The page's server does not answer. Is the device on, and this phone in its network?",
+    });
   }
   if (response.status === 401) location.assign("/login");
   if (!response.ok) throw new ApiError(response.status, (await response.json().catch(() => ({}))).error);

@@ -5,10 +5,13 @@ import { ask } from "./dialog.js";
 import { h, icon, inCode, keyed, replace, write } from "./dom.js";
 import { old, span, UNITS } from "./format.js";
 import { Live } from "./live_stream.js";
+import { drawOthers, Others, stands } from "./others.js";
 
 const VIEWS = {
   live: { name: "Live", isOfRun: true, load: () => import("./views/live/index.js") },
+  timeline: { name: "Timeline", load: () => import("./views/timeline/index.js") },
   setup: { name: "Set-up", load: () => import("./views/setup/index.js"), right: "operate" },
+  certificate: { name: "Certificate", within: "setup", load: () => import("./views/certificate.js"), right: "operate" },
   edit: { name: "Edit", load: () => import("./views/edit/index.js"), right: "operate" },
   recordings: { name: "Recordings", load: () => import("./views/recordings.js") },
   alarms: { name: "Alarms", isOfRun: true, load: () => import("./views/alarms.js") },
@@ -20,12 +23,17 @@ const AGE_EVERY_MS = 100;
 const part = (id) => document.getElementById(id);
 const live = new Live();
 let session = null;
+let others = null;
 let takeDown = () => {};
 let opened = 0;
 
 /** Say something about what was done: good news goes by itself, the rest when it was read. */
 function say(words, kind = "good") {
-  const close = h("button", { type: "button", class: "button bare", "aria-label": "Close", onclick: () => said.remove() }, icon("close"));
+  const close = h(
+    "button",
+    { type: "button", class: "button bare", "aria-label": "Close", onclick: () => said.remove() },
+    icon("close"),
+  );
   const said = h("p", { class: `said is-${kind}` }, h("span", null, words), close);
   part("words").replaceChildren(...[...part("words").children].slice(-2), said);
   if (kind === "good") setTimeout(() => said.remove(), GOOD_MS);
@@ -45,7 +53,7 @@ async function open() {
   takeDown();
   takeDown = () => {};
   for (const tab of part("tabs").children) {
-    if (tab.view === view) tab.setAttribute("aria-current", "page");
+    if (tab.view === (VIEWS[view.within] ?? view)) tab.setAttribute("aria-current", "page");
     else tab.removeAttribute("aria-current");
   }
   document.title = `${view.name} · stadimeter`;
@@ -53,24 +61,37 @@ async function open() {
   const root = h("div", { class: view.isOfRun ? "view of-run" : "view" });
   replace(part("main"), root);
   try {
-    if (view.right === "operate" && session.right !== "operate") throw new Error("You are logged in to look. This page is for those who may operate.");
+    if (view.right === "operate" && session.right !== "operate")
+      throw new Error("You are logged in to look. This page is for those who may operate.");
     const { mount } = await view.load();
-    if (mine === opened) takeDown = mount(root, { session, api, live, unit: chosenUnit(), say }) ?? takeDown;
+    if (mine === opened) takeDown = mount(root, { session, api, live, others, unit: chosenUnit(), say }) ?? takeDown;
   } catch (error) {
     replace(root, h("p", { class: "banner is-error" }, error.message));
   }
 }
 
 function drawTabs() {
-  const shown = Object.entries(VIEWS).filter(([, { right }]) => !right || right === session.right);
-  replace(part("tabs"), shown.map(([key, view]) => Object.assign(h("a", { href: `#${key}`, class: "tab" }, icon(key), h("span", null, view.name)), { view })));
+  const shown = Object.entries(VIEWS).filter(([, { right, within }]) => !within && (!right || right === session.right));
+  replace(
+    part("tabs"),
+    shown.map(([key, view]) =>
+      Object.assign(h("a", { href: `#${key}`, class: "tab" }, icon(key), h("span", null, view.name)), { view }),
+    ),
+  );
 }
 
 function drawMenu() {
-  const unit = h("select", { onchange: () => (localStorage.setItem("unit", unit.value), open()) },
-    Object.keys(UNITS).map((symbol) => h("option", { value: symbol, selected: symbol === chosenUnit().symbol }, symbol)));
-  const leave = session.needs_password && h("button", { type: "button", class: "button bare", onclick: logOut }, "Log out");
-  const toLook = session.right !== "operate" && h("span", { class: "small quiet" }, "You are logged in to look, not to operate.");
+  const unit = h(
+    "select",
+    { onchange: () => (localStorage.setItem("unit", unit.value), open()) },
+    Object.keys(UNITS).map((symbol) =>
+      h("option", { value: symbol, selected: symbol === chosenUnit().symbol }, symbol),
+    ),
+  );
+  const leave =
+    session.needs_password && h("button", { type: "button", class: "button bare", onclick: logOut }, "Log out");
+  const toLook =
+    session.right !== "operate" && h("span", { class: "small quiet" }, "You are logged in to look, not to operate.");
   replace(part("menu"), toLook, h("label", { class: "small quiet" }, "Lengths in", unit), leave);
 }
 
@@ -83,13 +104,32 @@ async function logOut() {
 function drawState() {
   const { snapshot, state } = live;
   const isLive = state.status === "live" && snapshot && live.staleMs() === null;
-  const active = isLive ? snapshot.rules.filter((rule) => !rule.acknowledged || (rule.is_alarm && rule.active && !rule.inhibits.length)) : [];
+  const active = isLive ? snapshot.rules.filter((rule) => rule.is_alarm && stands(rule)) : [];
   const badges = [
     isLive && snapshot.recording && { key: "rec", kind: "alarm", words: "recording" },
-    active.length && { key: "alarms", kind: "alarm", words: `${active.length} ${active.length === 1 ? "alarm" : "alarms"}` },
-    { key: "state", kind: isLive ? "good" : "quiet", words: isLive ? "live" : state.status === "live" ? "standing still" : state.status === "lost" ? "not connected" : "connecting" },
+    active.length && {
+      key: "alarms",
+      kind: "alarm",
+      words: `${active.length} ${active.length === 1 ? "alarm" : "alarms"}`,
+    },
+    {
+      key: "state",
+      kind: isLive ? "good" : "quiet",
+      words: isLive
+        ? "live"
+        : state.status === "live"
+          ? "standing still"
+          : state.status === "lost"
+            ? "not connected"
+            : "connecting",
+    },
   ];
-  keyed(part("state"), badges.filter(Boolean), (each) => each.key, () => badge());
+  keyed(
+    part("state"),
+    badges.filter(Boolean),
+    (each) => each.key,
+    () => badge(),
+  );
   keyed(part("banners"), banners(isLive), (each) => each.key, banner);
   if (snapshot?.run) write(part("title"), snapshot.run.title ?? "");
 }
@@ -106,18 +146,50 @@ function badge() {
 function banners(isLive) {
   const { snapshot, state } = live;
   if (state.status === "lost" && route() === VIEWS.setup) return []; // it needs no run, and starts one at its end
-  if (state.code === "no-configuration") return [{ key: "new", kind: "warning", words: state.words, offersSetUp: session.right === "operate" }];
-  if (state.status === "lost") return [{ key: `lost ${state.code}`, kind: "error", words: state.words, offersStart: session.right === "operate" && state.code === "no-run" }];
-  if (live.staleMs() >= SILENT_MS) return [{ key: "silent", kind: "error", words: `Nothing has come from the run for ${span(live.staleMs() / 1000)}. What is shown is old.` }];
+  if (state.code === "no-configuration")
+    return [{ key: "new", kind: "warning", words: state.words, offersSetUp: session.right === "operate" }];
+  if (state.status === "lost")
+    return [
+      {
+        key: `lost ${state.code}`,
+        kind: "error",
+        words: state.words,
+        offersStart: session.right === "operate" && state.code === "no-run",
+      },
+    ];
+  if (live.staleMs() >= SILENT_MS)
+    return [
+      {
+        key: "silent",
+        kind: "error",
+        words: `Nothing has come from the run for ${span(live.staleMs() / 1000)}. What is shown is old.`,
+      },
+    ];
   if (!isLive) return [];
   const { safety, health } = snapshot;
   const offersConfirm = session.right === "operate" && health.mounting === "unconfirmed";
   const isStopped = safety.mode === "stopped";
   const isDisarmed = safety.mode === "disarmed";
   return [
-    isStopped && { key: "stopped", kind: "error", words: `Every output is at its safe value: ${safety.reason}`, offersRelease: session.right === "operate" },
-    isDisarmed && { key: "disarmed", kind: "warning", words: `Every output is at its safe value: ${safety.reason}`, offersArm: session.right === "operate" },
-    safety.mode !== "active" && !isStopped && !isDisarmed && { key: "safety", kind: safety.mode === "stale" ? "error" : "warning", words: `Outputs are at their safe values: ${safety.reason || safety.mode}` },
+    isStopped && {
+      key: "stopped",
+      kind: "error",
+      words: `Every output is at its safe value: ${safety.reason}`,
+      offersRelease: session.right === "operate",
+    },
+    isDisarmed && {
+      key: "disarmed",
+      kind: "warning",
+      words: `Every output is at its safe value: ${safety.reason}`,
+      offersArm: session.right === "operate",
+    },
+    safety.mode !== "active" &&
+      !isStopped &&
+      !isDisarmed && {
+        key: "safety",
+        kind: safety.mode === "stale" ? "error" : "warning",
+        words: `Outputs are at their safe values: ${safety.reason || safety.mode}`,
+      },
     health.trouble && { key: "trouble", kind: "warning", words: health.trouble, offersConfirm },
   ].filter(Boolean);
 }
@@ -134,10 +206,12 @@ function markAge() {
 function banner({ offersStart, offersSetUp, offersRelease, offersArm, offersConfirm }) {
   const words = h("span");
   const start = offersStart && h("button", { type: "button", class: "button", onclick: startRun }, "Start the run");
-  const release = offersRelease && h("button", { type: "button", class: "button", onclick: () => letAct(RELEASE) }, "Release");
+  const release =
+    offersRelease && h("button", { type: "button", class: "button", onclick: () => letAct(RELEASE) }, "Release");
   const arm = offersArm && h("button", { type: "button", class: "button", onclick: () => letAct(ARM) }, "Arm");
   const confirm =
-    offersConfirm && h("button", { type: "button", class: "button", onclick: () => letAct(CONFIRM) }, "Confirm the mounting");
+    offersConfirm &&
+    h("button", { type: "button", class: "button", onclick: () => letAct(CONFIRM) }, "Confirm the mounting");
   const setUp = offersSetUp && h("a", { href: "#setup", class: "button" }, "Set it up");
   const element = h("p", { class: "banner" }, words, start, setUp, release, arm, confirm);
   element.update = (each) => {
@@ -149,7 +223,12 @@ function banner({ offersStart, offersSetUp, offersRelease, offersArm, offersConf
 
 /** Stop everything, without a question. It never becomes the button that releases: two presses are one stop. */
 function drawStop() {
-  const stop = h("button", { type: "button", class: "button danger", "aria-label": "Stop every output", onclick: stopOutputs }, icon("stop"), "Stop");
+  const stop = h(
+    "button",
+    { type: "button", class: "button danger", "aria-label": "Stop every output", onclick: stopOutputs },
+    icon("stop"),
+    "Stop",
+  );
   replace(part("stop"), session.right === "operate" && stop);
 }
 
@@ -175,7 +254,13 @@ const CONFIRM = {
 async function letAct({ path, title, action, words = MOVES }) {
   const fields = [
     { name: "why", label: "Why", placeholder: "may be left empty", maxLength: 200 },
-    { name: "by", label: "Your name", value: localStorage.getItem("name") ?? "", placeholder: "may be left empty", maxLength: 60 },
+    {
+      name: "by",
+      label: "Your name",
+      value: localStorage.getItem("name") ?? "",
+      placeholder: "may be left empty",
+      maxLength: 60,
+    },
   ];
   const given = await ask({ title, words, fields, action });
   if (!given) return;
@@ -207,6 +292,8 @@ async function begin() {
   drawTabs();
   drawMenu();
   drawStop();
+  others = new Others(api, session);
+  others.watch((list) => drawOthers(part("others"), list));
   window.addEventListener("hashchange", open);
   await open(); // first: what it subscribes to decides whether the stream has pictures
   live.watch(drawState);

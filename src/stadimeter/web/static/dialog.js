@@ -7,13 +7,19 @@ import { h } from "./dom.js";
 export function ask({ title, words = "", fields = [], action, isDangerous = false }) {
   return new Promise((resolve) => {
     const asked = document.activeElement;
-    const form = h("form", { method: "dialog", class: "stack" },
+    const form = h(
+      "form",
+      { method: "dialog", class: "stack" },
       h("h2", null, title),
       words && h("p", { class: "quiet" }, words),
       fields.map(field),
-      h("div", { class: "row end" },
+      h(
+        "div",
+        { class: "row end" },
         h("button", { type: "button", class: "button", onclick: () => dialog.close() }, "Cancel"),
-        h("button", { type: "submit", class: `button ${isDangerous ? "danger" : "primary"}`, value: "yes" }, action)));
+        h("button", { type: "submit", class: `button ${isDangerous ? "danger" : "primary"}`, value: "yes" }, action),
+      ),
+    );
     const dialog = h("dialog", { "aria-label": title }, form);
     dialog.addEventListener("close", () => {
       resolve(dialog.returnValue === "yes" ? Object.fromEntries(new FormData(form)) : null);
@@ -27,7 +33,11 @@ export function ask({ title, words = "", fields = [], action, isDangerous = fals
 
 function field({ name, label, options, ...props }) {
   const control = options
-    ? h("select", { name, ...props }, options.map(([value, text]) => h("option", { value, selected: value === props.value }, text)))
+    ? h(
+        "select",
+        { name, ...props },
+        options.map(([value, text]) => h("option", { value, selected: value === props.value }, text)),
+      )
     : h("input", { name, autocomplete: "off", ...props });
   return h("label", { class: "field" }, h("span", null, label), control);
 }

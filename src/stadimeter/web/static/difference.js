@@ -25,7 +25,10 @@ function between(a, b) {
   const common = new Uint32Array((a.length + 1) * width);
   for (let i = a.length - 1; i >= 0; i -= 1)
     for (let j = b.length - 1; j >= 0; j -= 1)
-      common[i * width + j] = a[i] === b[j] ? common[(i + 1) * width + j + 1] + 1 : Math.max(common[(i + 1) * width + j], common[i * width + j + 1]);
+      common[i * width + j] =
+        a[i] === b[j]
+          ? common[(i + 1) * width + j + 1] + 1
+          : Math.max(common[(i + 1) * width + j], common[i * width + j + 1]);
   const lines = [];
   let [i, j] = [0, 0];
   while (i < a.length && j < b.length) {
@@ -44,7 +47,9 @@ export function differenceView(before, after, label) {
     if (sign !== " ") for (let each = at - CONTEXT; each <= at + CONTEXT; each += 1) near.add(each);
   });
   if (!near.size) return null;
-  const shown = lines.flatMap((line, at) => (near.has(at) ? [lineView(line)] : near.has(at - 1) ? [h("div", { class: "gap" }, "⋯")] : []));
+  const shown = lines.flatMap((line, at) =>
+    near.has(at) ? [lineView(line)] : near.has(at - 1) ? [h("div", { class: "gap" }, "⋯")] : [],
+  );
   return h("pre", { class: "difference", tabIndex: 0, role: "region", "aria-label": label }, shown);
 }
 

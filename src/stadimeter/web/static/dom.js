@@ -2,11 +2,15 @@
 
 const SVG = "http://www.w3.org/2000/svg";
 
-/** An HTML element. Props: `class`, `style` (an object), `onclick` and the like, `dataset`, properties, else attributes. */
+/** An HTML element. Props: `class`, `style` (an object), `onclick` etc., `dataset`, properties, else attributes. */
 export const h = (tag, props, ...children) => filled(document.createElement(tag), props, children);
 
 /** The same for SVG; every prop that is no listener is an attribute. */
 export const svg = (tag, props, ...children) => filled(document.createElementNS(SVG, tag), props, children);
+
+/** A button of words. */
+export const button = (words, onclick, kind = "", props = {}) =>
+  h("button", { type: "button", class: `button ${kind}`.trim(), onclick, ...props }, words);
 
 /** Put other children into an element. Texts, elements, arrays of them; null and false are left out. */
 export function replace(root, ...children) {
@@ -44,6 +48,7 @@ export const icon = (name) =>
 
 const ICONS = {
   live: "M3 12h4l3-8 4 16 3-8h4",
+  timeline: "M3 20h18M3 16l5-6 4 4 5-9 4 5",
   setup: "M12 8.5a3.5 3.5 0 1 0 0 7 3.5 3.5 0 0 0 0-7M12 2v4M12 18v4M2 12h4M18 12h4",
   edit: "M4 20h4L19 9l-4-4L4 16zM13 7l4 4",
   recordings: "M4 5h16v14H4zM10 9v6l5-3z",
@@ -64,8 +69,10 @@ function set(element, name, value) {
   else if (name === "style") for (const [key, text] of Object.entries(value)) element.style.setProperty(key, text);
   else if (name === "dataset") Object.assign(element.dataset, value);
   else if (name === "class") element.setAttribute("class", value);
-  else if (name in element && element.namespaceURI !== SVG && !name.includes("-") && name !== "list") element[name] = value;
+  else if (name in element && element.namespaceURI !== SVG && !name.includes("-") && name !== "list")
+    element[name] = value;
   else element.setAttribute(name, value === true ? "" : value);
 }
 
-const nodes = (children) => children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false && child !== "");
+const nodes = (children) =>
+  children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false && child !== "");

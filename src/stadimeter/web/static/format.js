@@ -9,7 +9,8 @@ export const UNITS = {
 };
 
 const isNumber = (value) => typeof value === "number" && Number.isFinite(value);
-const decimalsOf = (sigma, most) => (sigma > 0 ? Math.max(0, Math.min(most, -Number(sigma.toExponential(0).split("e")[1]))) : most);
+const decimalsOf = (sigma, most) =>
+  sigma > 0 ? Math.max(0, Math.min(most, -Number(sigma.toExponential(0).split("e")[1]))) : most;
 const fixed = (value, decimals) => (Math.round(value * 10 ** decimals) / 10 ** decimals + 0).toFixed(decimals);
 
 /** A distance as `{value, sigma, text}`: texts without the unit, and both with it. */
@@ -23,7 +24,8 @@ export function distance(distance_m, sigma_m, unit = UNITS.m) {
   return { value, sigma: about, text: `${value} ${unit.symbol} ± ${about}` };
 }
 
-export const speed = (mps, unit = UNITS.m) => (isNumber(mps) ? `${fixed(mps / unit.size_m, Math.min(2, unit.decimals))} ${unit.symbol}/s` : UNKNOWN);
+export const speed = (mps, unit = UNITS.m) =>
+  isNumber(mps) ? `${fixed(mps / unit.size_m, Math.min(2, unit.decimals))} ${unit.symbol}/s` : UNKNOWN;
 
 /** Speed of approach: `closing 0.21 m/s`, `leaving …` or `steady`; one that is not twice its ± counts as none. */
 export function closing(mps, sigma, unit) {
@@ -45,7 +47,8 @@ export const level = (part) => (part > 0 && part < 0.005 ? "<1 %" : `${Math.roun
 /** How long: `4 s`, `2 min`, `3 h`, `5 days`. */
 export function span(seconds) {
   if (!isNumber(seconds)) return UNKNOWN;
-  const [size, name] = seconds < 100 ? [1, "s"] : seconds < 6000 ? [60, "min"] : seconds < 172800 ? [3600, "h"] : [86400, "days"];
+  const [size, name] =
+    seconds < 100 ? [1, "s"] : seconds < 6000 ? [60, "min"] : seconds < 172800 ? [3600, "h"] : [86400, "days"];
   return `${Math.round(Math.max(0, seconds) / size)} ${name}`;
 }
 

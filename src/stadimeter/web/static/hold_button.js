@@ -1,4 +1,5 @@
-// A button that does something only while it is held: it asks again and again, and the device lets go 0.5 s after the last time.
+// A button that does something only while it is held: it asks again and again, and the device lets go 0.5 s after the
+// last time.
 
 import { h } from "./dom.js";
 
@@ -25,7 +26,10 @@ export function holdButton({ label, held = label, title, send, release, onWords 
     mine.isWaiting = true;
     const late = setTimeout(() => hold === mine && end("The connection is too slow to hold an output."), SLOW_MS);
     mine.asked = send()
-      .then((words) => hold === mine && onWords(words ?? ""), (error) => hold === mine && end(error.message))
+      .then(
+        (words) => hold === mine && onWords(words ?? ""),
+        (error) => hold === mine && end(error.message),
+      )
       .finally(() => (clearTimeout(late), (mine.isWaiting = false)));
   };
   const end = (words = "") => {
@@ -44,7 +48,8 @@ export function holdButton({ label, held = label, title, send, release, onWords 
     button.setPointerCapture(event.pointerId);
     begin();
   });
-  for (const name of ["pointerup", "pointercancel", "lostpointercapture", "blur"]) button.addEventListener(name, () => end());
+  for (const name of ["pointerup", "pointercancel", "lostpointercapture", "blur"])
+    button.addEventListener(name, () => end());
   button.addEventListener("contextmenu", (event) => event.preventDefault()); // a long touch
   button.addEventListener("keydown", (event) => {
     if (event.key !== " " && event.key !== "Enter") return end();
@@ -53,7 +58,11 @@ export function holdButton({ label, held = label, title, send, release, onWords 
   });
   button.addEventListener("keyup", () => end());
   const away = new AbortController();
-  for (const [target, name] of [[document, "visibilitychange"], [window, "blur"], [window, "pagehide"]]) {
+  for (const [target, name] of [
+    [document, "visibilitychange"],
+    [window, "blur"],
+    [window, "pagehide"],
+  ]) {
     target.addEventListener(name, () => end(), { signal: away.signal });
   }
   button.takeDown = () => (end(), away.abort());

@@ -8,12 +8,24 @@ const CURVE = 150;
 const LANE = 20;
 const SERIES = 4;
 
-/** `data` is `{from_s, to_s, samples: {target: [[at_s, distance_m|null, sigma_m]]}, thresholds_m, lanes: [{name, runs: [{name, spans: [{from_s, to_s, level}]}]}]}`, where
- *  a span without a level is all on. Returns an element; its slider and the pointer say what was at a moment, `onmoment(at_s)` hears of it. */
+/** `data` is `{from_s, to_s, samples: {target: [[at_s, distance_m|null, sigma_m]]}, thresholds_m,
+ *  lanes: [{name, runs: [{name, spans: [{from_s, to_s, level}]}]}]}`, where a span without a level is all on. Returns
+ *  an element; its slider and the pointer say what was at a moment, `onmoment(at_s)` hears of it. */
 export function lanes(data, unit, { title = "", onmoment = () => {} } = {}) {
-  const drawing = svg("svg", { class: "lanes", role: "img", "aria-label": [title, summary(data, unit)].filter(Boolean).join(". ") });
+  const drawing = svg("svg", {
+    class: "lanes",
+    role: "img",
+    "aria-label": [title, summary(data, unit)].filter(Boolean).join(". "),
+  });
   const words = h("output", { class: "moment" });
-  const slider = h("input", { type: "range", min: data.from_s, max: data.to_s, step: Math.max(0.05, (data.to_s - data.from_s) / 2000), "aria-label": ["Moment", title].filter(Boolean).join(": "), oninput: () => move(Number(slider.value)) });
+  const slider = h("input", {
+    type: "range",
+    min: data.from_s,
+    max: data.to_s,
+    step: Math.max(0.05, (data.to_s - data.from_s) / 2000),
+    "aria-label": ["Moment", title].filter(Boolean).join(": "),
+    oninput: () => move(Number(slider.value)),
+  });
   const element = h("div", { class: "stack" }, drawing, slider, words);
   let at_s = data.from_s;
   const move = (wanted) => {
@@ -42,7 +54,10 @@ export function lanes(data, unit, { title = "", onmoment = () => {} } = {}) {
   return element;
 }
 
-const place = (width, { from_s, to_s }) => (at_s) => LEFT + ((at_s - from_s) / Math.max(1e-9, to_s - from_s)) * Math.max(1, width - LEFT - 8);
+const place =
+  (width, { from_s, to_s }) =>
+  (at_s) =>
+    LEFT + ((at_s - from_s) / Math.max(1e-9, to_s - from_s)) * Math.max(1, width - LEFT - 8);
 
 function draw(root, data, unit) {
   const width = root.clientWidth;
@@ -57,21 +72,34 @@ function draw(root, data, unit) {
 
 /** The distances with their standard deviation as a band; where nothing was measured, both have a gap. */
 function curve({ samples, thresholds_m }, unit, x, width) {
-  const known = Object.values(samples).flat().filter(([, distance_m]) => distance_m !== null);
-  const most = Math.max(0.1, ...known.map(([, distance_m, sigma_m]) => distance_m + (sigma_m ?? 0)), ...thresholds_m.map((each) => each * 1.05)) * 1.05;
+  const known = Object.values(samples)
+    .flat()
+    .filter(([, distance_m]) => distance_m !== null);
+  const most =
+    Math.max(
+      0.1,
+      ...known.map(([, distance_m, sigma_m]) => distance_m + (sigma_m ?? 0)),
+      ...thresholds_m.map((each) => each * 1.05),
+    ) * 1.05;
   const y = (distance_m) => CURVE - 4 - (Math.max(0, distance_m) / most) * (CURVE - 12);
   const ticks = steps(most / unit.size_m, 4).map((value) => [
     svg("line", { class: "grid", x1: LEFT, x2: width, y1: y(value * unit.size_m), y2: y(value * unit.size_m) }),
     svg("text", { x: LEFT - 8, y: y(value * unit.size_m) + 4, "text-anchor": "end" }, `${value} ${unit.symbol}`),
   ]);
-  const limits = thresholds_m.map((each) => svg("line", { class: "threshold", x1: LEFT, x2: width, y1: y(each), y2: y(each) }));
+  const limits = thresholds_m.map((each) =>
+    svg("line", { class: "threshold", x1: LEFT, x2: width, y1: y(each), y2: y(each) }),
+  );
   const drawn = Object.values(samples).map((each, at) => {
     const parts = pieces(each);
     const point = ([at_s, distance_m]) => `${x(at_s).toFixed(1)},${y(distance_m).toFixed(1)}`;
-    const edge = (part, sign) => part.map(([at_s, distance_m, sigma_m]) => point([at_s, distance_m + sign * (sigma_m ?? 0)]));
-    return svg("g", { class: `series-${(at % SERIES) + 1}` },
+    const edge = (part, sign) =>
+      part.map(([at_s, distance_m, sigma_m]) => point([at_s, distance_m + sign * (sigma_m ?? 0)]));
+    return svg(
+      "g",
+      { class: `series-${(at % SERIES) + 1}` },
       parts.map((part) => svg("polygon", { points: [...edge(part, 1), ...edge(part, -1).reverse()].join(" ") })),
-      parts.map((part) => svg("polyline", { points: part.map(point).join(" ") })));
+      parts.map((part) => svg("polyline", { points: part.map(point).join(" ") })),
+    );
   });
   return svg("g", null, ticks, drawn, limits);
 }
@@ -87,7 +115,17 @@ function pieces(samples) {
 
 const times = ({ from_s, to_s }, x) => {
   const values = steps(to_s - from_s, 5);
-  return svg("g", null, values.map((value) => svg("text", { x: x(from_s + value) + (value ? 0 : 4), y: CURVE + 14, "text-anchor": value ? "middle" : "start" }, `${value} s`)));
+  return svg(
+    "g",
+    null,
+    values.map((value) =>
+      svg(
+        "text",
+        { x: x(from_s + value) + (value ? 0 : 4), y: CURVE + 14, "text-anchor": value ? "middle" : "start" },
+        `${value} s`,
+      ),
+    ),
+  );
 };
 
 function lanesOf(all, x, width) {
@@ -101,7 +139,15 @@ function lanesOf(all, x, width) {
       return [
         svg("text", { x: LEFT - 8, y: top + 13, "text-anchor": "end" }, run.name),
         svg("rect", { class: "lane", x: LEFT, y: top + 2, width: Math.max(0, width - LEFT - 8), height: LANE - 6 }),
-        run.spans.map(({ from_s, to_s, level: share = 1 }) => svg("rect", { class: `on run-${runs.length === 1 ? 2 : at + 1}`, x: x(from_s), y: top + 2 + (LANE - 6) * (1 - share), width: Math.max(1.5, x(to_s) - x(from_s)), height: (LANE - 6) * share })),
+        run.spans.map(({ from_s, to_s, level: share = 1 }) =>
+          svg("rect", {
+            class: `on run-${runs.length === 1 ? 2 : at + 1}`,
+            x: x(from_s),
+            y: top + 2 + (LANE - 6) * (1 - share),
+            width: Math.max(1.5, x(to_s) - x(from_s)),
+            height: (LANE - 6) * share,
+          }),
+        ),
       ];
     });
     return svg("g", null, title, drawn);
@@ -119,7 +165,10 @@ export function steps(most, count) {
 
 function atMoment(data, at_s, unit) {
   const measured = Object.entries(data.samples).map(([name, samples]) => `${name} ${measuredAt(samples, at_s, unit)}`);
-  const states = data.lanes.map(({ name, runs }) => `${name}: ${runs.map((run) => [run.name, state(run, at_s)].filter(Boolean).join(" ")).join(", ")}`);
+  const states = data.lanes.map(
+    ({ name, runs }) =>
+      `${name}: ${runs.map((run) => [run.name, state(run, at_s)].filter(Boolean).join(" ")).join(", ")}`,
+  );
   return [`${(at_s - data.from_s).toFixed(1)} s`, ...measured, ...states].join(" · ");
 }
 
@@ -136,9 +185,18 @@ function measuredAt(samples, at_s, unit) {
 
 /** What the picture shows, for those who cannot see it. */
 function summary({ lanes: all, samples, thresholds_m }, unit) {
-  const known = Object.values(samples).flat().map((each) => each[1]).filter((each) => each !== null);
-  const from = known.length ? `Distances from ${distance(Math.min(...known), 0, unit).text} to ${distance(Math.max(...known), 0, unit).text}.` : "No distances.";
-  const limits = thresholds_m.length ? `Thresholds: ${thresholds_m.map((each) => distance(each, 0, unit).text).join(", ")}.` : "";
-  const on = all.flatMap(({ name, runs }) => runs.map((run) => `${[name, run.name].filter(Boolean).join(", ")}: on ${run.spans.length} times.`));
+  const known = Object.values(samples)
+    .flat()
+    .map((each) => each[1])
+    .filter((each) => each !== null);
+  const from = known.length
+    ? `Distances from ${distance(Math.min(...known), 0, unit).text} to ${distance(Math.max(...known), 0, unit).text}.`
+    : "No distances.";
+  const limits = thresholds_m.length
+    ? `Thresholds: ${thresholds_m.map((each) => distance(each, 0, unit).text).join(", ")}.`
+    : "";
+  const on = all.flatMap(({ name, runs }) =>
+    runs.map((run) => `${[name, run.name].filter(Boolean).join(", ")}: on ${run.spans.length} times.`),
+  );
   return [from, limits, ...on].filter(Boolean).join(" ");
 }

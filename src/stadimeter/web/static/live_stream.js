@@ -5,10 +5,13 @@ import { api } from "./api.js";
 const HISTORY_S = 300;
 const EVENTS_MAX = 500;
 const RETRY_MS = [300, 1000, 2000, 5000];
-const STALE_MS = 800; // a run that is well tells something every 300 ms at least; it is checked every 100 ms, so all is grey within a second
-const SILENT_MAX_MS = 20000; // a device that lost its power ends no connection; also without a run it says so every few seconds
+// A run that is well tells something every 300 ms at least; it is checked every 100 ms, so all is grey within a second.
+const STALE_MS = 800;
+// A device that lost its power ends no connection; also without a run it says so every few seconds.
+const SILENT_MAX_MS = 20000;
 
-/** `subscribe(fn(snapshot, bitmap|null), {image})` opens the stream and returns what ends it. A bitmap is good until the next call.
+/** `subscribe(fn(snapshot, bitmap|null), {image})` opens the stream and returns what ends it. A bitmap is good
+ *  until the next call.
  *  `state` is `{status: "connecting"|"live"|"lost", words}`; `watch(fn)` is called when it changes. `history` has
  *  `samples` by target and `events`, newest first. `ageMs()` is how old the shown frame is now, `staleMs()` how old all
  *  the rest is, once it is too old to be taken for what is now. */
@@ -50,7 +53,8 @@ export class Live {
     return () => this.#watchers.delete(fn);
   }
 
-  /** How old the newest frame is: when it arrived, what it waited for on its way, and the time since; null before the first. */
+  /** How old the newest frame is: when it arrived, what it waited for on its way, and the time since; null before the
+   *  first. */
   ageMs() {
     return this.#received && performance.now() - this.#received.at + this.#received.age;
   }
@@ -90,7 +94,12 @@ export class Live {
         this.#tell("lost", "The run has ended.");
       } catch (error) {
         if (stop.signal.aborted) return;
-        if (connection.signal.aborted) this.#tell("lost", "Nothing comes from the device any more. Is it on, and this phone in its network?", "offline");
+        if (connection.signal.aborted)
+          this.#tell(
+            "lost",
+            "Nothing comes from the device any more. Is it on, and this phone in its network?",
+            "offline",
+          );
         else this.#tell("lost", error.message, error.code);
       } finally {
         stop.signal.removeEventListener("abort", end);
@@ -99,7 +108,7 @@ export class Live {
     }
   }
 
-  /** Takes what comes as fast as it comes, whatever the drawing costs: else it would pile up in the browser, and grow old. */
+  /** Takes what comes as fast as it comes, whatever the drawing costs: else it piles up in the browser, and ages. */
   async #read(reader, connection) {
     const messages = new Messages();
     this.#offset = null; // meanwhile a clock may have been set, or this device have slept
@@ -156,7 +165,9 @@ export class Live {
   }
 
   async #show({ snapshot, jpeg, at, transit }) {
-    const bitmap = jpeg.length ? await createImageBitmap(new Blob([jpeg], { type: "image/jpeg" })).catch(() => null) : null;
+    const bitmap = jpeg.length
+      ? await createImageBitmap(new Blob([jpeg], { type: "image/jpeg" })).catch(() => null)
+      : null;
     if (snapshot.frame) this.#received = { at, age: transit + (snapshot.now_s - snapshot.frame.captured_at_s) * 1000 };
     this.#failures = 0;
     this.#tell("live", "");
@@ -200,7 +211,10 @@ class Messages {
       const jpeg = json + view.getUint32(at);
       const end = jpeg + view.getUint32(at + 4);
       if (end > all.length) break;
-      whole.push({ snapshot: JSON.parse(new TextDecoder().decode(all.subarray(json, jpeg))), jpeg: all.slice(jpeg, end) });
+      whole.push({
+        snapshot: JSON.parse(new TextDecoder().decode(all.subarray(json, jpeg))),
+        jpeg: all.slice(jpeg, end),
+      });
       at = end;
     }
     this.#rest = all.slice(at);

@@ -9,10 +9,11 @@ from msgspec import Struct
 
 from stadimeter.app.detectors import build_detectors
 from stadimeter.config.plugins import DriverChoice
+from stadimeter.config.units import LENGTHS_M, parse_quantity, split_quantities
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection
 from stadimeter.core.frame import Frame
-from stadimeter.errors import CalibrationError, ConfigError
+from stadimeter.errors import CalibrationError, ConfigError, Problem
 from stadimeter.ranging.measure import measure
 from stadimeter.ranging.separation import SeenTarget
 from stadimeter.ranging.size_from_motion import LearntSize, StepView, Vector, view_of
@@ -29,6 +30,34 @@ from stadimeter.workbench.picture_quality import picture_remarks
 
 # What the options of a target call its size; a detector of another package that has none of them learns none.
 SIZE_KEYS = ("diameter", "side", "width", "height")
+
+
+# The directions of steps, in the camera frame: x right, y down, z ahead.
+DIRECTIONS: dict[str, Vector] = {
+    "nearer": (0.0, 0.0, 1.0),
+    "ahead": (0.0, 0.0, 1.0),
+    "back": (0.0, 0.0, -1.0),
+    "right": (1.0, 0.0, 0.0),
+    "left": (-1.0, 0.0, 0.0),
+    "down": (0.0, 1.0, 0.0),
+    "up": (0.0, -1.0, 0.0),
+}
+
+
+def parse_move(text: str, what: str) -> Vector:
+    """Return a move such as ``20cm`` or ``20cm,5cm:up`` in metres; the `ConfigError` names what it is the move of."""
+    x_m = y_m = z_m = 0.0
+    for part in split_quantities(text):
+        length, colon, word = part.partition(":")
+        direction = DIRECTIONS.get(word.strip().lower()) if colon else DIRECTIONS["ahead"]
+        if direction is None:
+            raise ConfigError(f"{what}: {word!r} is no direction; write one of {', '.join(DIRECTIONS)}")
+        try:
+            way_m = parse_quantity(length, LENGTHS_M, "20 cm")
+        except ValueError as error:
+            raise ConfigError([Problem(str(error), key=what)]) from error
+        x_m, y_m, z_m = x_m + way_m * direction[0], y_m + way_m * direction[1], z_m + way_m * direction[2]
+    return x_m, y_m, z_m
 
 
 class Looked(Struct, frozen=True, kw_only=True):

@@ -27,7 +27,7 @@ from stadimeter.errors import ConfigError
 POLICY = "fleet.toml"
 
 # What cannot make anything move, nor move it otherwise. Of the rest, some does so only where there is a base.
-_NEVER_MOVES = frozenset({"[messenger]", "[notifiers]", "[web]", "[recording]"})
+_NEVER_MOVES = frozenset({"[messenger]", "[notifiers]", "[web]", "[recording]", "[black_box]"})
 _MOVES_WITH_BASE = frozenset({"[camera]", "[camera.model]", "[targets]", "[tracking]", "[world]"})
 
 _SECTIONS = re.compile(r"^(?=[ \t]*\[)", re.MULTILINE)

@@ -6,7 +6,7 @@ import dataclasses
 import struct
 from base64 import b64decode
 from binascii import Error as Base64Error
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
@@ -23,6 +23,7 @@ from stadimeter.app.recordings.record_file import HEAD_BYTES, LIBRARY, MAGIC, wr
 from stadimeter.app.recordings.recorded_configuration import FILE_NAME, RecordedConfiguration
 from stadimeter.app.recordings.recording import (
     CAMERA_FILE,
+    CLIP_OF,
     CONFIGURATION,
     CYCLES,
     FORMAT,
@@ -88,10 +89,15 @@ class RecordedImage(Struct, frozen=True, eq=False):
 
 
 class McapRecording(Struct, frozen=True, kw_only=True):
-    """A recording that was opened."""
+    """A recording that was opened.
+
+    Attributes:
+        clip_of: Of a clip, the kind of event that it was written for, and the rule or source; None for no clip.
+    """
 
     path: Path
     header: JournalHeader
+    clip_of: Mapping[str, str] | None = None
 
     def cycles(self) -> Iterator[RecordedCycle]:
         """Yield every cycle, in order; raises JournalError if the file is damaged."""
@@ -158,7 +164,8 @@ def read_mcap(path: Path) -> McapRecording:
         resumed=files.pop(RESUMED_NAME, ""),
         files={name.removeprefix(CAMERA_FILE): text for name, text in files.items() if name.startswith(CAMERA_FILE)},
     )
-    return McapRecording(path=path, header=header)
+    clip_of = {key.removeprefix(CLIP_OF): value for key, value in about.items() if key.startswith(CLIP_OF)}
+    return McapRecording(path=path, header=header, clip_of=clip_of or None)
 
 
 def _about(path: Path) -> tuple[dict[str, str], dict[str, str]]:

@@ -105,6 +105,9 @@ def _build_watches(test: RuleTest, plan: Plan) -> Iterator[RuleTestWatch]:
     """Yield what looks for everything that is expected. A rule and an output may share a name."""
     motions = {} if test.input.journal is not None else test.input.motions(plan.targets)
     paths = {target: motion.path() for target, motion in motions.items()}
+    for which in plan.nearest:  # of several that move, none is the nearest throughout
+        moved = [paths[member] for member in which.members if member in paths]
+        paths[which.name] = moved[0] if len(moved) == 1 else ()
     for name, expected in test.expect.items():
         for index, rule in enumerate(plan.rules):
             if rule.name == name:

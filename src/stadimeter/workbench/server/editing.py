@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from stadimeter.app.control.client import HELLO_WAIT_S, ask, find
+from stadimeter.app.control.client import HELLO_WAIT_S, ask
 from stadimeter.app.control.reloading import needs_restart
 from stadimeter.app.exact_json import plain
 from stadimeter.app.feasibility import feasibility_warnings
@@ -26,6 +26,7 @@ from stadimeter.errors import ChangedMeanwhileError, ConfigError, ControlError, 
 from stadimeter.workbench.rule_tests.running import RuleTestResult, run_rule_test
 from stadimeter.workbench.saving import check_is_not_ours, difference_in_words, files_of, save_files, versions
 from stadimeter.workbench.server.operations import Desk, operation
+from stadimeter.workbench.server.run_of_desk import run_socket
 
 # No test of a configuration begins later than this: whoever asks waits, and so do all others.
 TESTS_MAX_S = 20.0
@@ -204,11 +205,6 @@ def _find_need(desk: Desk, files: Mapping[str, str]) -> str:
     if new is None or running is None or needs_restart(running, new):
         return "restart"
     return "nothing" if sha256_of(new.text) == digest else "reload"
-
-
-def run_socket(desk: Desk) -> Path:
-    """Return where the run of this configuration listens; `ControlError` if there is none."""
-    return desk.run_socket or find(desk.configuration, names_others=False)
 
 
 def _find_running(desk: Desk, digest: object) -> Configuration | None:

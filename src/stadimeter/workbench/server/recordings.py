@@ -12,15 +12,15 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from stadimeter.app.control.client import HELLO_WAIT_S, ask
-from stadimeter.app.control.recording import recordings_folder
+from stadimeter.app.control.recording import CLIPS
 from stadimeter.app.recordings.journal import Journal, JournalHeader
 from stadimeter.config.untrusted_file import JSON_MAX_BYTES, open_untrusted
-from stadimeter.errors import ControlError, JournalError, NotThereError, StadimeterError
+from stadimeter.errors import JournalError, NotThereError, StadimeterError
 from stadimeter.workbench.replay.recording_index import RecordingIndex, read_index
+from stadimeter.workbench.replay.recording_reader import McapRecording
 from stadimeter.workbench.replay.replay import read_recording
-from stadimeter.workbench.server.editing import run_socket
 from stadimeter.workbench.server.operations import Desk, operation
+from stadimeter.workbench.server.run_of_desk import folder_of
 
 # Of recordings with pictures, and of journals.
 ENDINGS = frozenset({".mcap", ".jsonl"})
@@ -35,9 +35,10 @@ _NOW_WITHIN = 120
 
 @operation
 def recordings(desk: Desk) -> dict[str, Any]:
-    """Answer the recordings that there are, newest first."""
+    """Answer the recordings and clips that there are, newest first."""
     folder = folder_of(desk)
-    found = {path: about_file for path in folder.glob("*") if path.suffix in ENDINGS and (about_file := _file(path))}
+    paths = (path for each in (folder, folder / CLIPS) for path in each.glob("*") if path.suffix in ENDINGS)
+    found = {path: about_file for path in paths if (about_file := _file(path))}
     newest = sorted(found, key=lambda path: found[path].st_mtime, reverse=True)
     listed = []
     for path in newest[:LISTED_MAX]:
@@ -70,26 +71,17 @@ def delete(desk: Desk, name: str) -> dict[str, Any]:
     return {"name": path.name}
 
 
-def folder_of(desk: Desk) -> Path:
-    """Return the folder of recordings: that which the run names, or did name, or else that which one would take."""
-    try:
-        named = ask(run_socket(desk), "hello", wait_s=HELLO_WAIT_S).get("recordings")
-    except ControlError:
-        named = None
-    if isinstance(named, str) and named:
-        desk.kept["recordings folder"] = named
-    return Path(desk.kept.get("recordings folder") or recordings_folder(desk.configuration))
-
-
 def path_of(desk: Desk, name: str) -> Path:
-    """Return where the recording is that is meant; never another file than one of that folder.
+    """Return where the recording or clip is that is meant; never another file than one of these folders.
 
     Raises:
         NotThereError: There is none of that name.
     """
     folder = folder_of(desk)
-    if name == Path(name).name and Path(name).suffix in ENDINGS and _file(folder / name):
-        return folder / name
+    if name == Path(name).name and Path(name).suffix in ENDINGS:
+        for path in (folder / name, folder / CLIPS / name):
+            if _file(path):
+                return path
     raise NotThereError(f"there is no recording {name!r} in {folder}")
 
 
@@ -135,6 +127,9 @@ def _look_into(path: Path) -> dict[str, Any]:
         "bytes": file_about.st_size,
         "unix_s": file_about.st_mtime,
         "seconds": None,
+        "began_unix_s": None,
+        "ended_unix_s": None,
+        "clip_of": None,
         "configuration": "",
         "damage": "",
         "is_growing": False,
@@ -143,8 +138,11 @@ def _look_into(path: Path) -> dict[str, Any]:
         with open_untrusted(path) as file:
             told["is_growing"] = _is_being_written(file)
         found = read_recording(path)
-        told |= {"unix_s": began_unix_s(found.header, file_about.st_mtime), "configuration": _in_words(found.header)}
+        began_s = began_unix_s(found.header, file_about.st_mtime)
+        told |= {"unix_s": began_s, "began_unix_s": began_s, "configuration": _in_words(found.header)}
+        told["clip_of"] = found.clip_of if isinstance(found, McapRecording) else None
         told["seconds"] = _journal_s(found) if isinstance(found, Journal) else read_index(path).seconds
+        told["ended_unix_s"] = began_s + told["seconds"]
         if not told["is_growing"] and found.is_cut_off():
             told["damage"] = "its end is missing, as after a power cut; what comes before can be used"
     except StadimeterError as error:

@@ -108,6 +108,7 @@ def picture(desk: Desk, draw: str = "target", file: str = "", width_px: int = 0)
     if draw == "mask" and setup.trial.colour:
         seen = colour_step.view_range(frame, setup.trial.colour)
         values = {**describe_picture(frame, seen.detection, None), "words": colour_step.describe_view(seen)}
+        values["range"] = setup.trial.figures(frame, seen)
         image = colour_picture(frame.image, seen, setup.trial.colour)
         return DeskReply(data=values, attached=encode_jpeg(image, width_px))
     target = None if draw == "plain" else target_so_far(setup.known, setup.trial.colour)
@@ -151,17 +152,16 @@ def camera(
 
 
 @operation
-def colour(  # noqa: PLR0913 - the keys of its request
+def colour(
     desk: Desk,
     clicks: tuple[tuple[float, float], ...] = (),
     forget: bool | int | None = None,
     range_: str | None = None,
-    widen: int | None = None,
     of: str = "newest",
     *,
     look: bool = False,
 ) -> dict[str, Any]:
-    """Try a range of colours: from clicks on the picture that was shown last, or a given one, widened or narrowed.
+    """Try a range of colours: from clicks on the picture that was shown last, or a given one.
 
     With ``look``, that of what stands out by itself, which takes seconds. ``forget`` takes back all clicks if it is
     true, or the one of that number, from 0, as the answer lists them.
@@ -179,16 +179,12 @@ def colour(  # noqa: PLR0913 - the keys of its request
     is_pointed_at = True
     if clicks:
         is_pointed_at = trial.point(frame, clicks, same_picture=of == "kept")
-    if widen is not None:
-        trial.widen(widen)
     if not trial.colour:
         return {"range": "", "found": False, "words": colour_step.CLICK, "others": [], "pictures": 0, "clicks": []}
     seen = colour_step.view_range((trial.seen_in if clicks else None) or frame, trial.colour)
     is_found = is_pointed_at and seen.detection.status is not DetectionStatus.NOT_FOUND
     return {
         "range": trial.colour,
-        "widen": trial.steps,
-        "widen_max": colour_step.MAX_STEPS,
         "found": is_found,
         "words": colour_step.describe_view(seen, is_pointed_at=is_pointed_at),
         "centre_px": list(seen.detection.centre_px) if is_found else None,

@@ -23,12 +23,12 @@ from stadimeter.workbench.setup.files import (
 )
 from stadimeter.workbench.setup.question import CONFIGURATION, Known
 from stadimeter.workbench.setup.trying import (
-    complete_answers,
     outlook,
     recent_observations,
     show_decisions,
     simulate_approach,
 )
+from stadimeter.workbench.setup.wish_steps import complete_answers
 from stadimeter.workbench.wiring import (
     circuits_picture,
     find_outputs,
@@ -111,9 +111,7 @@ def files(desk: Desk) -> dict[str, Any]:
 
 def _as_text(known: Known, answers: Mapping[str, str]) -> tuple[str, dict[str, str]]:
     """Return the configuration that answers come to, and the files beside it by their names."""
-    if known.camera_model is None:
-        raise ConfigError("the camera is not calibrated yet")
-    made = configuration_files(answers, known.camera_model, known.model_file)
+    made = configuration_files(answers, known.lens, known.model_file)
     return made.pop(CONFIGURATION), made
 
 

@@ -9,13 +9,12 @@ from pathlib import Path
 from pydantic.fields import FieldInfo
 from pydantic.json_schema import WithJsonSchema
 
-from stadimeter.config.driver_tables import BASE, read_driver_table
-from stadimeter.config.findings import Finding
+from stadimeter.config.driver_tables import BASE
 from stadimeter.config.plugins import DriverOptions, driver_names, load_driver
 from stadimeter.config.schema import documented_fields
 from stadimeter.config.toml_source import as_toml
-from stadimeter.config.units import PortMark, validation_context
-from stadimeter.errors import ConfigError, DriverError, Problem
+from stadimeter.config.units import PortMark
+from stadimeter.errors import ConfigError, DriverError
 from stadimeter.workbench.doctor.computer import Computer
 from stadimeter.workbench.setup.files import SCREEN, base_table
 from stadimeter.workbench.setup.question import Accepted, Known, Option, Question, SetupStep
@@ -100,12 +99,8 @@ class BaseOptionStep(SetupStep):
     def accept(self, known: Known, text: str) -> Accepted:
         """Check the option; the last one together with the others."""
         answers = {**known.answers, self.key: text}
-        findings: list[Finding] = []
-        read_driver_table(BASE, ("base",), base_table(answers), validation_context(known.file), findings)
         is_last = all(step.key in answers for step in option_steps(answers["base"]))
-        wrong = [each for each in findings if is_last or each.path[:2] == ("base", self.option)]
-        if wrong:
-            raise ConfigError(Problem(each.message, hint=each.hint) for each in wrong)
+        known.check(BASE, ("base",), base_table(answers), None if is_last else [self.option])
         return Accepted(answer=text)
 
 

@@ -38,7 +38,7 @@ from stadimeter.workbench.setup.question import (
     SetupStep,
     words_of,
 )
-from stadimeter.workbench.setup.target import build_target, look, target_shape, why_not_measured
+from stadimeter.workbench.setup.target import build_target, kind_of, look, target_shape, why_not_measured
 
 # The width of what a usual webcam sees.
 GUESS = "60 deg"
@@ -54,7 +54,7 @@ class CalibrationStep(SetupStep):
 
     def question(self, known: Known) -> Question:
         """Have the most certain way ready that there is."""
-        name = known.answers["target"]
+        name = kind_of(known.answers).thing
         put = f" Put the {name} into the middle of the picture." if known.is_live else ""
         options = tuple(_options(known))
         return Question(
@@ -64,7 +64,7 @@ class CalibrationStep(SetupStep):
             ready=options[0].answer,
             unattended=GUESS if known.is_live and options[0].answer != CAMERA_FILE else "",
             form=(
-                f"a distance to {_measured_to(name)}, such as 1 m, or 1 m ± 5 mm if you know how well; pictures with "
+                f"a distance to {_measured_to(known)}, such as 1 m, or 1 m ± 5 mm if you know how well; pictures with "
                 "their distances to its middle, such as near.jpg@50cm far.jpg@2m; a camera file; or the width of the "
                 "view, such as 60 deg"
             ),
@@ -98,7 +98,7 @@ class ProofStep(SetupStep):
 
     def question(self, known: Known) -> Question:
         """Ask for a distance several times as large."""
-        name, far = known.answers["target"], _far(known)
+        name, far = kind_of(known.answers).thing, _far(known)
         return Question(
             text=f"Now put the {name} farther away, which proves the first distance. How far away is it?",
             options=(Option(far, "three times as far"), Option(SKIP, "no proof")),
@@ -145,13 +145,14 @@ def _pictures(known: Known, text: str) -> list[str]:
     return [f"{paths.get(name, name)}{at}{distance}" for name, at, distance in named]
 
 
-def _measured_to(name: str) -> str:
-    return "its nearest point" if name == "ball" else f"the {name}"
+def _measured_to(known: Known) -> str:
+    has_limb = target_shape(build_target(known)).limb_radius_m
+    return "its nearest point" if has_limb else f"the {kind_of(known.answers).thing}"
 
 
 def _how_to_measure(known: Known) -> str:
     """Say between which points a distance is meant: to a ball, that with a picture is another than that alone."""
-    to = _measured_to(known.answers["target"])
+    to = _measured_to(known)
     if known.is_live or not target_shape(build_target(known)).limb_radius_m:
         return f"Measure from the lens to {to}."
     return f"Measure from the lens: to the ball's middle if you name a picture, to {to} if you give a distance alone."
@@ -183,7 +184,7 @@ def _options(known: Known) -> Iterator[Option]:
     if _is_usable(known, CAMERA_FILE):
         yield Option(CAMERA_FILE, "the camera file in this folder")
     if known.is_live:
-        yield Option("1 m", f"the {known.answers['target']} is 1 m from the lens now")
+        yield Option("1 m", f"the {kind_of(known.answers).thing} is 1 m from the lens now")
     named = {f"{known.relative(each.source)}@{Path(each.source).stem}" for each in known.frames if _is_named(each)}
     if named:
         yield Option(shlex.join(sorted(named)), "the distances to the middle that the names say")
@@ -236,7 +237,7 @@ def _picture_now(known: Known, text: str) -> tuple[str, tuple[str, ...]]:
         It as ``PICTURE@DEPTH``, and what was seen.
     """
     distance_m, relative_sigma = parse_distance(text)
-    frame, seen = _take_live(known, distance_m) if known.is_live else _take_shown(known)
+    frame, seen = _take_live(known, distance_m) if known.is_live else take_shown(known)
     picture = f"{PICTURES}/at-{distance_m:g}m.png"
     write_picture(known.path(picture), frame.image, frame.optics)
     depth_m = distance_m + target_shape(build_target(known)).limb_radius_m
@@ -254,7 +255,8 @@ def _take_live(known: Known, distance_m: float) -> tuple[Frame, str]:
     return take.frame, f"Found in {take.found} of {take.frames} frames, {take.size_px:.0f} px, {spread}."
 
 
-def _take_shown(known: Known) -> tuple[Frame, str]:
+def take_shown(known: Known) -> tuple[Frame, str]:
+    """Look for the target, and return the picture in which it is, with a sentence about it."""
     found, words = look(known, build_target(known))
     if found.status is not DetectionStatus.FOUND:
         raise ConfigError(words)
@@ -326,10 +328,9 @@ def fit_lens(pictures: Sequence[PictureAt], choice: DriverChoice) -> tuple[Camer
     _check_found(fit.left_out, choice)
     if fit.calibration is None:
         raise CalibrationError("no picture can be used")
-    made = fit.calibration
-    reads = [f"{Path(each.picture).name} reads {each.residual_share:+.1%}" for each in made.pictures]
+    reads = [f"{Path(each.picture).name} reads {each.residual_share:+.1%}" for each in fit.calibration.pictures]
     several = ("With this, " + ", ".join(reads) + ".",) if len(reads) > 1 else ()
-    return made.camera_model, (*notes, *several)
+    return fit.calibration.camera_model, (*notes, *several)
 
 
 def _check_agreement(pictures: Sequence[PictureAt], choice: DriverChoice) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from msgspec import Struct, field
 
@@ -21,18 +21,16 @@ from stadimeter.workbench.colour_aids import (
     colour_picture,
     colour_sample,
     is_where_pointed,
+    range_figures,
     split_places,
 )
 from stadimeter.workbench.measuring import open_picture
 from stadimeter.workbench.setup.camera_step import SHOWN
 from stadimeter.workbench.setup.question import PICTURES, Accepted, Known, Question, SetupStep, words_of
-from stadimeter.workbench.setup.target import ANY_COLOUR, build_target, is_doubtful, look
+from stadimeter.workbench.setup.target import ANY_COLOUR, build_target, is_doubtful, kind_of, look
 
 # Pictures that are kept with their clicks; the oldest makes room for another.
 MAX_PICTURES = 6
-
-# By how many steps a range can be widened or narrowed.
-MAX_STEPS = 12
 
 NOT_THERE = "No ball is seen where you point: point at another part of it, or bring it nearer."
 MISSED = "No ball is seen with this range."
@@ -45,21 +43,16 @@ class ColourTrial(Struct):
 
     Attributes:
         samples: The pictures that were clicked on, each with its clicks.
-        fitted: The range that follows from the clicks, or that was given; empty for none yet.
-        steps: By how much it is widened, or narrowed if below zero.
+        colour: The range that follows from the clicks, or that was given; empty for none yet.
         seen_in: The picture of the last click; None before the first.
+        finds: The range with which a ball was found last; it says where the ball is while another one finds none.
     """
 
     samples: list[ColourSample] = field(default_factory=list)
-    fitted: str = ""
-    steps: int = 0
+    colour: str = ""
     seen_in: Frame | None = None
+    finds: str = ""
     _missed: list[ColourSample] = field(default_factory=list)
-
-    @property
-    def colour(self) -> str:
-        """The range as it is tried."""
-        return ball_colours().widen_colour(self.fitted, self.steps) if self.fitted and self.steps else self.fitted
 
     def point(self, frame: Frame, places: Sequence[Place], *, same_picture: bool) -> bool:
         """Fit the range to further clicks on the ball, and return whether a ball is seen where they are.
@@ -83,8 +76,8 @@ class ColourTrial(Struct):
         if not fits:
             raise ConfigError(ONLY_BACKGROUND)
         best = max(fits, key=lambda fit: (fit.is_seen, not fit.others))
-        if best.is_seen or not self.fitted:
-            self.fitted, self.steps = best.colour, 0
+        if best.is_seen or not self.colour:
+            self.colour = best.colour
         if best.is_seen:
             self.samples, self._missed = list(best.samples)[-MAX_PICTURES:], []
         else:
@@ -97,17 +90,22 @@ class ColourTrial(Struct):
         fit = _fit_colour((ColourSample(frame),))
         if fit is None or not fit.is_seen:
             return False
-        self.fitted, self.steps = fit.colour, 0
+        self.colour = fit.colour
         return True
 
     def take(self, colour: str, frame: Frame) -> None:
         """Try a range that a person gives; a `ConfigError` if it is none."""
         view_range(frame, colour)
-        self.fitted, self.steps = colour, 0
+        self.colour = colour
 
-    def widen(self, steps: int) -> None:
-        """Widen the range by a number of steps, or narrow it by negative ones, counted from how it was fitted."""
-        self.steps = max(-MAX_STEPS, min(MAX_STEPS, steps))
+    def figures(self, frame: Frame, seen: ColourView) -> dict[str, Any]:
+        """Return what the range as it is tried gives on the ball and on the rest of a picture."""
+        ball = seen.detection
+        if ball.status is not DetectionStatus.NOT_FOUND:
+            self.finds = self.colour
+        elif self.finds:
+            ball = view_range(frame, self.finds).detection
+        return range_figures(seen, ball)
 
     @property
     def places(self) -> list[Place]:
@@ -133,11 +131,11 @@ class ColourTrial(Struct):
         fit = _fit_colour(tuple(left))
         if fit is None:
             raise ConfigError(ONLY_BACKGROUND)
-        self.samples, self.fitted, self.steps = left, fit.colour, 0
+        self.samples, self.colour = left, fit.colour
 
     def forget(self) -> None:
         """Begin again."""
-        self.samples, self.fitted, self.steps, self.seen_in, self._missed = [], "", 0, None, []
+        self.samples, self.colour, self.seen_in, self.finds, self._missed = [], "", None, "", []
 
 
 def ball_colours() -> type[ProposesColour]:
@@ -206,8 +204,8 @@ class ColourStep(SetupStep):
     names_files = True
 
     def is_asked(self, known: Known) -> bool:
-        """Return whether the target is a ball."""
-        return known.answers.get("target") == "ball"
+        """Return whether the target goes by colour."""
+        return "target" in known.answers and kind_of(known.answers).has_colour
 
     def question(self, known: Known) -> Question:
         """Propose the range of what stands out."""

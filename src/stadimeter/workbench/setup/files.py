@@ -12,6 +12,7 @@ from typing import Any
 from msgspec import Struct
 
 from stadimeter.config.camera_file import camera_file_text
+from stadimeter.config.driver_tables import TARGET
 from stadimeter.config.toml_source import as_toml, key_and_value
 from stadimeter.config.units import (
     ANGLES_RAD,
@@ -21,6 +22,7 @@ from stadimeter.config.units import (
     parse_length,
     parse_quantity,
     parse_time_of_day,
+    split_quantities,
 )
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.clock import DAY_S
@@ -28,7 +30,7 @@ from stadimeter.core.words import time_of_day
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.setup.camera_step import SIMULATED, table_of
 from stadimeter.workbench.setup.question import CAMERA_FILE, CONFIGURATION
-from stadimeter.workbench.setup.target import size_and_tolerance, target_table
+from stadimeter.workbench.setup.target import IN_ROOM, members_of, target_table
 
 # An output that only the views show.
 SCREEN = "screen"
@@ -45,6 +47,7 @@ USUAL_FAMILY = "36h11"
 
 _UNITS = {"m": LENGTHS_M, "s": DURATIONS_S, "m/s": SPEEDS_MPS, "rad": ANGLES_RAD}
 
+_MEMBER = re.compile(r".*\{member\}.*")
 _BLANK = re.compile(r"\{(\w+)(?::([+-]?[\d.]+)(/s)?)?\}")
 
 # A count is of at least two, since one is what the rule that is counted does; a rule counts up to a thousand.
@@ -58,7 +61,8 @@ class Blank(Struct, frozen=True, kw_only=True):
     """What a wish leaves open; its units are those of the ready answer.
 
     Attributes:
-        kind: A ``quantity``, ``count``, ``time`` of day, ``tag``, ``button`` or ``place``.
+        kind: A ``quantity``, ``count``, ``time`` of day, ``tag``, ``button``, ``place``, ``setting`` (what
+            stands in a table as it is written), ``metres`` (a length, which stands there as a number) or ``landmarks``.
         beyond: The blank before it that it must be above; empty if it may be anything.
         within: The blank before it that it must be below.
         holds: The blank before it that says how many visits it must be long enough for.
@@ -84,15 +88,24 @@ class Blank(Struct, frozen=True, kw_only=True):
 
 
 class Wish(Struct, frozen=True, kw_only=True):
-    """Something that people want to happen; ``wishes.toml`` says what its parts mean."""
+    """Something that people want to happen, or that is so; ``wishes.toml`` says what its parts mean."""
 
     key: str
     group: str
     title: str
     sentence: str
     blanks: tuple[Blank, ...]
-    output: str
-    rules: str
+    output: str = ""
+    rules: str = ""
+    camera: str = ""
+    target: str = ""
+    lens: str = ""
+    needs_several: bool = False
+
+    def fill(self, answers: Mapping[str, str]) -> dict[str, str]:
+        """Return what stands for each blank in its texts; the ready answer where there is none yet."""
+        texts = {each: " ".join(answers.get(f"{self.key}_{each.key}", each.ready).split()) for each in self.blanks}
+        return {blank.key: _WRITTEN.get(blank.kind, str)(text) for blank, text in texts.items()}
 
     @property
     def needs_output(self) -> bool:
@@ -157,12 +170,13 @@ def figure_si(text: str, blank: Blank) -> float:
     return value
 
 
-def ready_answers(wish: Wish, seen_up_to_m: float) -> dict[str, str]:
-    """Return the ready answers to the blanks, nearer where the camera would not see that far."""
+def ready_answers(wish: Wish, seen_up_to_m: float, whole_from_m: float = 0.0) -> dict[str, str]:
+    """Return the ready answers to the blanks, nearer or farther where the camera would not see the target there."""
     lengths = [parse_length(blank.ready) for blank in wish.blanks if blank.is_length]
     nearer = min(1.0, WITHIN_REACH * seen_up_to_m / max(lengths, default=1.0))
+    scale = max(nearer, whole_from_m / min(lengths, default=1.0))
     return {
-        blank.key: f"{nearer * parse_length(blank.ready):.2g} m" if nearer < 1 and blank.is_length else blank.ready
+        blank.key: f"{scale * parse_length(blank.ready):.2g} m" if scale != 1 and blank.is_length else blank.ready
         for blank in wish.blanks
     }
 
@@ -210,6 +224,15 @@ def place_table(text: str) -> dict[str, float]:
     return {"latitude": latitude, "longitude": longitude}
 
 
+def placed_tags(text: str) -> list[dict[str, Any]]:
+    """Return the tags of a text such as ``3: 0 m, 2 m, 50 cm, 0 deg; 5: …``: number, x, y, z, and where it faces."""
+    tags = []
+    for number, _, place in (each.partition(":") for each in text.split(";")):
+        *at, facing = split_quantities(place)
+        tags.append({"id": int(number) if number.strip().isdecimal() else number, "at": at, "facing": facing})
+    return tags
+
+
 def base_table(answers: Mapping[str, str]) -> dict[str, Any]:
     """Return the table ``[base]``: its driver, the options of the answers ``base_…``, and the limits of every base."""
     speed = next((answers[key] for key in answers if key.endswith("_speed") and not key.startswith("base_")), "0.5 m/s")
@@ -250,7 +273,14 @@ def configuration_files(answers: Mapping[str, str], camera_model: CameraModel, m
         model_file: The camera file that is there already; empty to write one.
     """
     files = {CONFIGURATION: _configuration(answers, model_file or CAMERA_FILE)}
-    return files if model_file else {CAMERA_FILE: camera_file_text(camera_model), **files}
+    lens = f"{_lines(_settings('lens', answers))}\n\n{camera_file_text(camera_model)}".lstrip()
+    return files if model_file else {CAMERA_FILE: lens, **files}
+
+
+def _settings(part: str, answers: Mapping[str, str]) -> dict[str, Any]:
+    """Return the keys that the wishes add to a table: ``camera``, ``target`` or ``lens``."""
+    texts = [fill_blanks(getattr(wish, part), wish.fill(answers)) for wish in find_wishes(answers)]
+    return tomllib.loads("\n".join(texts))
 
 
 def rule_names(answers: Mapping[str, str]) -> tuple[str, ...]:
@@ -262,8 +292,9 @@ def rule_names(answers: Mapping[str, str]) -> tuple[str, ...]:
 
 def _configuration(answers: Mapping[str, str], model_file: str) -> str:
     outputs = _outputs(answers)
-    tables: list[tuple[str, Mapping[str, Any]]] = [("camera", {**table_of(answers["camera"]), "model": model_file})]
-    tables.append((f"targets.{answers['target']}", target_table(answers)))
+    camera = {**table_of(answers["camera"]), "model": model_file, **_settings("camera", answers)}
+    target = {**target_table(answers), **_settings("target", answers)}
+    tables: list[tuple[str, Mapping[str, Any]]] = [("camera", camera), (f"targets.{answers['target']}", target)]
     tables += [(f"targets.{tag_name(tag)}", tag_table(tag)) for tag in blank_answers(answers, "tag").values()]
     tables += [(f"actuators.{name}", actuator_table(answer)) for name, answer in outputs.values() if name]
     if "base" in answers:
@@ -281,8 +312,8 @@ def _configuration(answers: Mapping[str, str], model_file: str) -> str:
 def _world(answers: Mapping[str, str]) -> list[tuple[str, Mapping[str, Any]]]:
     """Return the world for a camera or a base that is not there."""
     if answers["camera"] == SIMULATED:
-        size, _ = size_and_tolerance(answers["size"])
-        return [("world", {"ball_diameter": size} if answers["target"] == "ball" else {})]
+        target = target_table(answers)
+        return [("world", {"ball_diameter": target["diameter"]} if target[TARGET.key] == IN_ROOM else {})]
     return [("world", {})] if answers.get("base") == SCREEN else []
 
 
@@ -313,15 +344,21 @@ _WRITTEN: Mapping[str, Callable[[str], str]] = {
     "tag": tag_name,
     "button": lambda text: _lines(button_table(text)),
     "place": lambda text: _lines(place_table(text)),
+    "setting": as_toml,
+    "metres": lambda text: as_toml(parse_length(text)),
+    "landmarks": lambda text: "\n\n".join(f"[[landmarks.tags]]\n{_lines(each)}" for each in placed_tags(text)),
 }
 
 
 def _rules(wish: Wish, answers: Mapping[str, str], output: str) -> str:
-    given = {blank: " ".join(answers[f"{wish.key}_{blank.key}"].split()) for blank in wish.blanks}
-    figures = {blank.key: _WRITTEN.get(blank.kind, str)(text) for blank, text in given.items()}
+    figures = {**wish.fill(answers), "group": answers["target"]}
     if wish.key == "parking":
         nearest, farthest = (parse_length(answers[f"parking_{key}"]) for key in ("stop", "slow"))
         figures["middle"] = f"{(nearest + farthest) / 2:.4g} m"
-    target = answers["target"]
+    members, name = members_of(answers), answers["target"]
+    target = name if members == (name,) else f"{name}-nearest"
     drives = (f'actuator = "{output}"\n' if output else "") + f'target = "{target}"\n'
-    return fill_blanks(wish.rules.replace("{drives}", drives), {**figures, "target": target, "output": output})
+    rules, begins, tests = wish.rules.replace("{drives}", drives).partition("[[tests]]")
+    tests = _MEMBER.sub(lambda line: "\n".join(line[0].replace("{member}", each) for each in members), tests)
+    parts = ((rules, target), (begins + tests, members[0]))
+    return "".join(fill_blanks(part, {**figures, "target": about, "output": output}) for part, about in parts)

@@ -23,12 +23,14 @@ from stadimeter.workbench.setup.camera_step import CameraStep
 from stadimeter.workbench.setup.colour_step import ColourStep
 from stadimeter.workbench.setup.files import WISHES
 from stadimeter.workbench.setup.question import Accepted, Known, Question, SetupStep, words_of
-from stadimeter.workbench.setup.target import SizeStep, TagStep, TargetStep
+from stadimeter.workbench.setup.size_steps import KEYS, SizelessCalibrationStep, WayStep
+from stadimeter.workbench.setup.target import TargetStep, kind_steps, offered_kinds
 from stadimeter.workbench.setup.wish_steps import WishStep, wish_steps
 
-# The questions that come first, whatever the answers.
-_FIRST: tuple[type[SetupStep], ...] = (
-    CameraStep, TargetStep, SizeStep, TagStep, ColourStep, CalibrationStep, ProofStep, WishStep,
+# The questions that come first, whatever the answers; behind the first two stand those of the kind of target.
+_FIRST: tuple[SetupStep, ...] = (
+    CameraStep(), TargetStep(), ColourStep(), SizelessCalibrationStep(), CalibrationStep(), ProofStep(),
+    *map(WayStep, range(len(KEYS))), WishStep(),
 )  # fmt: skip
 
 # After another answer to one of these, later answers of an earlier interview mean nothing.
@@ -51,7 +53,6 @@ class Interview:
         self.known = known or Known(folder=folder)
         self.known.make_folder()
         self._earlier = dict(earlier or {})
-        self._first = [step() for step in _FIRST]
         self._doubted: dict[str, str] = {}
         self._asked: dict[str, Question] = {}
 
@@ -140,7 +141,8 @@ class Interview:
         return True
 
     def _next(self) -> SetupStep | None:
-        steps = (*self._first, *wish_steps(self.known.answers))
+        answers = self.known.answers
+        steps = (*_FIRST[:2], *kind_steps(answers), *_FIRST[2:], *wish_steps(answers))
         return next((each for each in steps if each.key not in self.known.answers and each.is_asked(self.known)), None)
 
 
@@ -148,7 +150,8 @@ def answer_keys() -> tuple[str, ...]:
     """Return the key of every question that may be asked."""
     wishes = " ".join(wish.key for wish in WISHES)
     steps = [step for base in base_drivers() for step in wish_steps({"wish": wishes, "base": base})]
-    return tuple(dict.fromkeys(step.key for step in (*(step() for step in _FIRST), *steps)))
+    of_kinds = [step for kind in offered_kinds() for step in kind_steps({"target": kind})]
+    return tuple(dict.fromkeys(step.key for step in (*_FIRST, *of_kinds, *steps)))
 
 
 def check_keys(answers: Mapping[str, str], file: str) -> None:

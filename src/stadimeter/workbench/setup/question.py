@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import shlex
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from msgspec import Struct, field
 
@@ -59,6 +59,13 @@ class Known(Struct, kw_only=True):
         """The picture that is shown to people."""
         return self.frames[0]
 
+    @property
+    def lens(self) -> CameraModel:
+        """The lens; a `ConfigError` before the calibration."""
+        if self.camera_model is None:
+            raise ConfigError("the camera is not calibrated yet")
+        return self.camera_model
+
     def shown_in(self, name: str) -> str:
         """Return the sentence that names a picture of what was found; empty for a face that shows it anyway."""
         return f" {name} shows it." if self.looks_ahead else ""
@@ -92,11 +99,25 @@ class Known(Struct, kw_only=True):
         Raises:
             ConfigError: It says everything that is wrong; where it stands is nothing that a person has written.
         """
+        return cast(DriverChoice, self.check(kind, at, table))
+
+    def check(
+        self, kind: DriverKind, at: tuple[str, ...], table: dict[str, Any], keys: Iterable[str] | None = None
+    ) -> DriverChoice | None:
+        """Return the driver of a table that may not be complete; None if it is not.
+
+        Args:
+            keys: Of these what is wrong counts; None for all that is wrong.
+
+        Raises:
+            ConfigError: As `choose`.
+        """
         findings: list[Finding] = []
         choice, _ = read_driver_table(kind, at, table, validation_context(self.file), findings)
-        if choice is None or findings:
-            raise ConfigError(Problem(each.message, hint=each.hint) for each in findings)
-        return choice
+        wrong = [each for each in findings if keys is None or {*each.path[len(at) :]} & {*keys}]
+        if wrong:
+            raise ConfigError(Problem(each.message, hint=each.hint) for each in wrong)
+        return None if findings else choice
 
 
 def words_of(text: str) -> list[str]:
@@ -132,8 +153,9 @@ class Question(Struct, frozen=True, kw_only=True):
         ready: The answer that is taken if none is given; empty if there is none.
         form: How an answer may look, for people who want another one.
         unattended: The answer that is taken where no person is there to put the target somewhere; empty for `ready`.
-        kind: What it asks for, for faces that show more than text: ``camera``, ``target``, ``size``, ``tag``,
-            ``colour``, ``calibration``, ``proof``, ``wish``, ``blank``, ``output``, ``base`` or ``broker``.
+        kind: What it asks for, for faces that show more than text: ``camera``, ``target``, ``size``, ``thing`` (what
+            else a kind of target needs), ``colour``, ``calibration``, ``proof``, ``way``, ``wish``, ``blank``,
+            ``output``, ``base`` or ``broker``.
         names: Sizes that have a name, of a `size`.
         sentence: The wish that a blank is of, with each of its blanks in braces.
         blanks: The blanks of that sentence: ``key``, ``text`` and the ``ready`` answer.

@@ -1,20 +1,25 @@
-"""The target of the answers so far: its questions (kind, size, which tag), and looking for it in pictures."""
+"""The target of the answers so far: its kind, what the detector asks about it, and looking for it in pictures."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from msgspec.structs import replace
+
 from stadimeter.app.detectors import build_detectors
-from stadimeter.config.driver_tables import TARGET
-from stadimeter.config.named_sizes import BALLS, PAPER, UNKNOWN_SIZE
-from stadimeter.config.plugins import DriverChoice
-from stadimeter.config.units import split_quantities, split_spread
+from stadimeter.config.driver_tables import TARGET, read_driver_table
+from stadimeter.config.named_sizes import UNKNOWN_SIZE
+from stadimeter.config.plugins import DriverChoice, ReportsLacks, driver_names, load_driver
+from stadimeter.config.units import split_spread, validation_context
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus
 from stadimeter.core.frame import Frame
 from stadimeter.core.target import TargetShape
-from stadimeter.errors import ConfigError, StadimeterError
+from stadimeter.detectors.protocol import AsksInSetup, SetupKind, SetupQuestion
+from stadimeter.errors import ConfigError, DriverError, StadimeterError
 from stadimeter.workbench.annotation import Mark, annotate, write_picture
 from stadimeter.workbench.frame_source import BALL, take_frame
 from stadimeter.workbench.measuring import remedies_for
@@ -26,39 +31,61 @@ FOUND = f"{PICTURES}/found.png"
 # The answer for a ball of which no range of colours is wanted.
 ANY_COLOUR = "any"
 
+# The detector whose ball the simulated room holds.
+IN_ROOM = "ball"
+
 # Sizes beyond these are written in another unit than was meant.
 MIN_SIZE_M, MAX_SIZE_M = 0.005, 3.0
 
+# Nearer than where a target fills this share of the picture's shorter side, it is cut off sooner or later.
+WHOLE_SHARE = 0.9
+
+# What is assumed of a size that is not known yet: any other is learnt as well.
+ASSUMED_SIZE = "10 cm"
+
+
+def offered_kinds() -> dict[str, SetupKind]:
+    """Return the kinds of target of every installed detector, by name, in the order of the list."""
+    found: list[SetupKind] = []
+    for driver in driver_names(TARGET.group):
+        try:
+            options = load_driver(TARGET.group, driver)
+        except DriverError:  # its library is missing
+            continue
+        if issubclass(options, AsksInSetup):
+            found += [replace(kind, driver=driver, thing=kind.thing or kind.name) for kind in options.setup_kinds()]
+    return {kind.name: kind for kind in sorted(found, key=lambda kind: kind.rank)}
+
+
+def kind_of(answers: Mapping[str, str]) -> SetupKind:
+    """Return the kind of the answers; a `ConfigError` if its detector is not installed any more."""
+    kinds = offered_kinds()
+    if answers["target"] not in kinds:
+        raise ConfigError(f"{answers['target']!r} is none of {', '.join(kinds)}")
+    return kinds[answers["target"]]
+
 
 def target_table(answers: Mapping[str, str]) -> dict[str, Any]:
-    """Return the table of the target, ``[targets.ball]`` for one, from complete answers."""
-    kind, (size, tolerance) = answers["target"], size_and_tolerance(answers["size"])
-    known_to = {"tolerance": tolerance} if tolerance else {}
-    if kind == "ball":
-        colour = answers.get("colour", ANY_COLOUR)
-        return {"detector": kind, "diameter": size, **known_to, **({} if colour == ANY_COLOUR else {"hsv": colour})}
-    if kind == "disc":
-        return {"detector": kind, "diameter": size, **known_to}
-    if kind == "tag":
-        return {"detector": kind, "side": size, **known_to, **_tag_keys(answers.get("tag", ""))}
-    width, *height = split_quantities(size.replace(" x ", ", "))
-    if not height:
-        return {"detector": kind, "size": size, **known_to}
-    return {"detector": kind, "width": width, "height": ", ".join(height), **known_to}
+    """Return the table of the target, such as ``[targets.ball]``, as far as the answers say it."""
+    kind = kind_of(answers)
+    table: dict[str, Any] = {TARGET.key: kind.driver}
+    for asked in kind.questions:
+        if (text := answers.get(asked.key)) is not None:
+            table |= asked.keys(ASSUMED_SIZE if is_unknown(text) else text)
+    colour = answers.get("colour", ANY_COLOUR) if kind.has_colour else ANY_COLOUR
+    return table if colour == ANY_COLOUR else {**table, "hsv": colour}
 
 
-def size_and_tolerance(text: str) -> tuple[str, str]:
-    """Return a size and how well it is known, from an answer such as ``A4 ± 3 mm``; the latter is empty mostly."""
-    return split_spread(text)
+def is_unknown(size: str) -> bool:
+    """Return whether an answer says that a size is not known."""
+    return size.lower() in UNKNOWN_SIZE
 
 
-def _tag_keys(text: str) -> dict[str, Any]:
-    """Return the keys for a family and, behind it, the number of a tag."""
-    family, _, number = text.strip().partition(" ")
-    keys: dict[str, Any] = {"family": family} if family else {}
-    if number:
-        keys["id"] = int(number) if number.strip().isdecimal() else number.strip()
-    return keys
+def members_of(answers: Mapping[str, str]) -> tuple[str, ...]:
+    """Return the targets that the answers make: one, or several of one kind."""
+    at = ("targets", answers["target"])
+    choice, _ = read_driver_table(TARGET, at, target_table(answers), validation_context(Path()), [])
+    return choice.members if choice else at[1:]
 
 
 def target_shape(choice: DriverChoice) -> TargetShape:
@@ -70,7 +97,7 @@ def target_shape(choice: DriverChoice) -> TargetShape:
 def build_target(known: Known, **answers: str) -> DriverChoice:
     """Return the target with further answers; a `ConfigError` says what is wrong with them, in people's units too."""
     table = target_table({**known.answers, **answers})
-    choice = known.choose(TARGET, ("targets", table["detector"]), table)
+    choice = known.choose(TARGET, ("targets", known.answers["target"]), table)
     size_m = target_shape(choice).shortest_m
     if not MIN_SIZE_M <= size_m <= MAX_SIZE_M:
         likely = "millimetres or inches" if size_m > MAX_SIZE_M else "centimetres or metres"
@@ -134,7 +161,7 @@ def _remedy_in_words(
 ) -> str:
     """Say which other answer for the size makes the target found; empty for none."""
     remedies = remedies_for(choice, refused, frame, lens and lens.for_frame(frame))
-    own, _ = size_and_tolerance(size)
+    own, _ = split_spread(size)
     answers = [f"{own} ± {each.value}" if each.key == "tolerance" else each.value for each in remedies]
     return f" It is found with the size {' or '.join(answers)}." if answers else ""
 
@@ -148,7 +175,7 @@ def describe_detection(name: str, found: Detection) -> str:
         case DetectionStatus.FOUND:
             size = (
                 f"{found.width_px:.0f} px across"
-                if number or name == "ball"
+                if number or found.width_px == found.height_px
                 else (f"{found.width_px:.0f} × {found.height_px:.0f} px")
             )
             return f"Found the {name}{number} at {x_px:.0f},{y_px:.0f}, {size}{reason}."
@@ -158,114 +185,89 @@ def describe_detection(name: str, found: Detection) -> str:
             return f"The {name} is not found{reason}."
 
 
-def family_in_view(known: Known) -> str:
-    """Return the family and the number of a tag in the pictures, or an empty text."""
-    for family in FAMILIES:
-        try:
-            choice = build_target(known, tag=family)
-        except StadimeterError:
-            continue
-        _, found = detect_in(known.frames, choice, None)
-        if found.status is DetectionStatus.FOUND:
-            return f"{family} {found.number}"
-    return ""
-
-
-# Families that are looked for, those that are least often seen in mere clutter first.
-FAMILIES = ("36h11", "5x5-50", "4x4-50", "6x6-50", "25h9", "16h5", "aruco-original")
-
-KINDS = (
-    Option("ball", "a ball of one colour"),
-    Option("sheet", "a sheet of paper or a card, lying flat"),
-    Option("tag", "a printed AprilTag or ArUco tag (`stadimeter print tag` makes one)"),
-    Option("disc", "a flat disc of one brightness, such as a lid or a plate"),
-)
-
-# The ready answer, and how one may look.
-_SIZES = {
-    "ball": ("tennis ball", f"its diameter, such as 6.4 cm, or a name: {', '.join(BALLS)}"),
-    "sheet": (
-        "A4",
-        f"width and height, such as 11 in, 8.5 in, or a name: {', '.join(PAPER)}; cut by hand or not flat: A4 ± 3 mm",
-    ),
-    "tag": ("8 cm", "the side of its black square, such as 8 cm"),
-    "disc": ("12 cm", "its diameter, such as 12 cm"),
-}
-
-
-_NAMES = {"ball": tuple(BALLS), "sheet": tuple(PAPER)}
-
-
 class TargetStep(SetupStep):
     """What to measure."""
 
     key = "target"
 
-    asked = Question(text="What shall be measured?", options=KINDS, ready="ball")
+    def question(self, known: Known) -> Question:  # noqa: ARG002
+        """List the kinds of every detector."""
+        options = tuple(Option(kind.name, kind.meaning, kind.group) for kind in offered_kinds().values())
+        return Question(text="What shall be measured?", options=options, ready=options[0].answer)
 
     def accept(self, known: Known, text: str) -> Accepted:  # noqa: ARG002
         """Take one of the kinds."""
-        kinds = [kind.answer for kind in KINDS]
-        if text.lower() not in kinds:
-            raise ConfigError(f"{text!r} is none of {', '.join(kinds)}")
-        return Accepted(answer=text.lower())
+        return Accepted(answer=kind_of({"target": text.lower()}).name)
 
 
-class SizeStep(SetupStep):
-    """How large the target is."""
+def kind_steps(answers: Mapping[str, str]) -> Iterator[KindStep]:
+    """Yield the questions of the kind that was chosen."""
+    if (kind := offered_kinds().get(answers.get("target", ""))) is not None:
+        yield from (KindStep(kind, asked) for asked in kind.questions)
 
-    key = "size"
+
+@dataclass
+class KindStep(SetupStep):
+    """A question that the detector asks about its kind of target."""
+
+    of: SetupKind
+    asked_by_kind: SetupQuestion
+
+    def __post_init__(self) -> None:
+        self.key = self.asked_by_kind.key
+        # A length that spreads among all that may come has no field for a number alone.
+        self.kind = "" if self.key == "size" and "±" not in self.asked_by_kind.ready else "thing"
+        self.names_files = bool(self.asked_by_kind.files)
 
     def question(self, known: Known) -> Question:
-        """Ask for the size that the kind of target has."""
-        kind = known.answers["target"]
-        ready, form = _SIZES[kind]
-        ready = BALL if kind == "ball" and known.answers["camera"] == SIMULATED else ready
+        """Ask for it, with what the picture shows or the folder holds as the ready answer."""
+        asked = self.asked_by_kind
+        seen = self._in_view(known)
+        shows = f"The picture shows {seen or f'no {self.of.thing}'}."
+        files = sorted(path.name for path in known.folder.glob(asked.files)) if asked.files else []
+        has_room = self.key == "size" and self.of.driver == IN_ROOM and known.answers["camera"] == SIMULATED
         return Question(
-            text=f"How large is the {kind}? The distances are as right as this is: measure it.",
-            ready=ready,
-            form=f"{form}; unknown if you do not know it",
-            names=_NAMES.get(kind, ()),
+            text=asked.text,
+            found=(shows,) if asked.tries else (),
+            options=tuple(Option(name, "a file in this folder") for name in files),
+            ready=BALL if has_room else seen or (files[0] if len(files) == 1 else asked.ready),
+            form=f"{asked.form}; unknown if you do not know it" if not self.kind else asked.form,
+            names=asked.names,
         )
 
+    def _in_view(self, known: Known) -> str:
+        """Return the first of the answers to try with which the target is found in the pictures, and its number."""
+        for text in self.asked_by_kind.tries:
+            try:
+                choice = build_target(known, **{self.key: text})
+            except StadimeterError:
+                continue
+            _, found = detect_in(known.frames, choice, None)
+            if found.status is DetectionStatus.FOUND:
+                return f"{text} {found.number}"
+        return ""
+
     def accept(self, known: Known, text: str) -> Accepted:
-        """Check the size, and look for what needs no more to be found."""
-        if text.lower() in UNKNOWN_SIZE:
+        """Check the answer, the last one with the others; then look for the target, if nothing else says what it is."""
+        if self.key == "size" and is_unknown(text):
+            if self.of.learns_size:
+                return Accepted(answer=text, notes=("It is learnt when the camera is calibrated, by moving it.",))
             raise ConfigError(
                 "it can be found out by moving the camera: answer with something of known size, such as a sheet of A4, "
                 "which calibrates the camera; then `stadimeter calibrate size` learns the size of this one"
             )
-        choice = build_target(known, size=text)
-        named = (_describe_size(choice.options),) if text[:1].isalpha() else ()
-        if known.answers["target"] not in {"sheet", "disc"}:
+        is_last = all(each.key in {*known.answers, self.key} for each in self.of.questions) and not self.of.has_colour
+        table, own = target_table({**known.answers, self.key: text}), self.asked_by_kind.keys(text)
+        if not known.check(TARGET, ("targets", self.of.name), table, None if is_last else own):
+            return Accepted(answer=text)
+        choice = build_target(known, **{self.key: text})
+        named = (_describe_size(choice.options),) if self.key == "size" and text[:1].isalpha() else ()
+        if not is_last:
             return Accepted(answer=text, notes=named)
-        found, words = look(known, choice, text)
+        if isinstance(choice.options, ReportsLacks) and (lacks := choice.options.lacks()):
+            raise ConfigError("; ".join(lacks))
+        found, words = look(known, choice, text if self.key == "size" else "")
         return Accepted(answer=text, notes=(*named, words), doubt=is_doubtful(found))
-
-
-class TagStep(SetupStep):
-    """Which tag it is."""
-
-    key = "tag"
-
-    def is_asked(self, known: Known) -> bool:
-        """Return whether the target is a tag."""
-        return known.answers.get("target") == "tag"
-
-    def question(self, known: Known) -> Question:
-        """Look for tags of several families."""
-        seen = family_in_view(known)
-        return Question(
-            text="Which family of tags, and which number?",
-            found=(f"The picture shows {seen}.",) if seen else ("The picture shows no tag.",),
-            ready=seen or "36h11",
-            form="a family such as 36h11 or 4x4-50, and the number unless any will do, such as 36h11 7",
-        )
-
-    def accept(self, known: Known, text: str) -> Accepted:
-        """Check the family, and look for the tag."""
-        found, words = look(known, build_target(known, tag=text))
-        return Accepted(answer=text, notes=(words,), doubt=is_doubtful(found))
 
 
 def _describe_size(options: Any) -> str:

@@ -30,10 +30,17 @@ from stadimeter.workbench.picture_quality import picture_remarks
 from stadimeter.workbench.replay.lanes import Lane, Point, thin_points
 from stadimeter.workbench.rule_tests.inputs import observations, wait_times
 from stadimeter.workbench.rule_tests.running import command_figures
-from stadimeter.workbench.setup.files import SCREEN, blank_answers, figure_si, find_wishes, tag_name
+from stadimeter.workbench.setup.files import blank_answers, figure_si, find_wishes, tag_name
 from stadimeter.workbench.setup.question import Known
-from stadimeter.workbench.setup.target import build_target, describe_detection, target_shape
-from stadimeter.workbench.setup.wish_steps import wish_steps
+from stadimeter.workbench.setup.target import (
+    WHOLE_SHARE,
+    build_target,
+    describe_detection,
+    kind_of,
+    kind_steps,
+    members_of,
+    target_shape,
+)
 
 # The rules are tried on this many seconds of the camera's past measurements.
 LAST_S = 60.0
@@ -53,23 +60,6 @@ EQUINOX = "2026-03-21"
 
 # Where nothing was seen for longer, time went on without frames.
 GAP_S = 1.0
-
-
-def complete_answers(known: Known, changed: Mapping[str, str]) -> dict[str, str]:
-    """Return answers that make a configuration: those given, those that are being changed, else the ready ones.
-
-    Outputs that are not chosen yet are shown on the screen only.
-
-    Raises:
-        ConfigError: There is no wish yet, or no lens.
-    """
-    if known.camera_model is None or "wish" not in known.answers:
-        raise ConfigError("first choose what shall happen")
-    answers = {**known.answers, **changed}
-    for step in wish_steps(answers):
-        is_output = step.kind == "output" or step.key == "base"
-        answers.setdefault(step.key, SCREEN if is_output else step.question(known).ready)
-    return answers
 
 
 def recent_observations(history: Sequence[Measurement]) -> Iterator[Observation]:
@@ -121,7 +111,7 @@ def simulate_approach(configuration: Configuration, answers: Mapping[str, str]) 
     hovering = {"hover": {"at": f"{second_m} m", "for": f"{end_s + gone_s} s"}}
     others = {tag_name(tag): hovering for tag in blank_answers(answers, "tag").values()}
     table = {
-        "targets": {answers["target"]: moving, **others},
+        "targets": {**dict.fromkeys(members_of(answers), moving), **others},
         "rate": "10 Hz",
         "clock": next(iter(blank_answers(answers, "time").values()), "00:00"),
         "date": EQUINOX,
@@ -139,9 +129,6 @@ def _figures(answers: Mapping[str, str]) -> Mapping[str, list[float]]:
     return figures
 
 
-# Nearer than where a target fills this share of the picture's shorter side, it is cut off sooner or later.
-WHOLE_SHARE = 0.9
-
 # Distances that people think in, for each power of ten.
 STEPS = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0)
 
@@ -154,9 +141,7 @@ def outlook(known: Known) -> dict[str, Any]:
     Raises:
         ConfigError: The camera is not calibrated yet.
     """
-    if known.camera_model is None:
-        raise ConfigError("the camera is not calibrated yet")
-    shape, lens = target_shape(build_target(known)), known.camera_model.for_frame(known.frame)
+    shape, lens = target_shape(build_target(known)), known.lens.for_frame(known.frame)
     nearest_m = farthest_m(shape, lens, WHOLE_SHARE * min(lens.width_px, lens.height_px))
     reaches_m = farthest_m(shape, lens)
     rows = [expect(shape, lens, each) for each in (nearest_m, *_between(nearest_m, reaches_m), reaches_m)]
@@ -188,12 +173,12 @@ def target_so_far(known: Known, colour: str = "") -> DriverChoice | None:
     """Return the target as far as the answers tell it; None before it can be looked for.
 
     Args:
-        colour: A range that is tried for a ball; empty for that of the answers.
+        colour: A range that is tried; empty for that of the answers.
     """
     answers = known.answers
-    if "target" not in answers or "size" not in answers:
+    if "target" not in answers or any(step.key not in answers for step in kind_steps(answers)):
         return None
-    if answers["target"] == "ball" and not (colour or "colour" in answers):
+    if kind_of(answers).has_colour and not (colour or "colour" in answers):
         return None
     try:
         return build_target(known, **({"colour": colour} if colour else {}))

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 from stadimeter.config.driver_tables import ACTUATOR, DRIVER_KINDS, MESSENGER, TARGET
 from stadimeter.config.extras import require
-from stadimeter.errors import ConfigError
-from stadimeter.ranging.similar_triangles import farthest_m
+from stadimeter.config.loader import load_configuration
+from stadimeter.errors import ConfigError, Problem
+from stadimeter.ranging.similar_triangles import RELIABLE_PX, farthest_m
 from stadimeter.workbench.doctor.computer import Computer
 from stadimeter.workbench.setup.base_steps import BaseStep, option_steps
 from stadimeter.workbench.setup.files import (
@@ -23,6 +24,7 @@ from stadimeter.workbench.setup.files import (
     actuator_table,
     blank_answers,
     button_table,
+    configuration_files,
     figure_si,
     find_wishes,
     messenger_table,
@@ -32,7 +34,7 @@ from stadimeter.workbench.setup.files import (
     tag_table,
 )
 from stadimeter.workbench.setup.question import Accepted, Known, Option, Question, SetupStep, words_of
-from stadimeter.workbench.setup.target import build_target, target_shape, target_table
+from stadimeter.workbench.setup.target import WHOLE_SHARE, build_target, kind_of, members_of, target_shape, target_table
 
 
 class WishStep(SetupStep):
@@ -47,16 +49,23 @@ class WishStep(SetupStep):
         form="several of them, by name or number, such as near far",
     )
 
-    def accept(self, known: Known, text: str) -> Accepted:  # noqa: ARG002
+    def accept(self, known: Known, text: str) -> Accepted:
         """Take wishes by their names."""
         names = list(dict.fromkeys(words_of(text.replace(",", " "))))
         possible = [wish.key for wish in WISHES]
         wrong = [name for name in names if name not in possible]
         if wrong or not names:
             raise ConfigError(f"{' '.join(wrong) or text!r} is none of {', '.join(possible)}")
-        robots = [wish.key for wish in find_wishes({"wish": " ".join(names)}) if wish.output == "base"]
+        chosen = find_wishes({"wish": " ".join(names)})
+        robots = [wish.key for wish in chosen if wish.output == "base"]
         if len(robots) > 1:
             raise ConfigError(f"{' and '.join(robots)} would drive one robot; choose one of them")
+        if not any(wish.rules for wish in chosen):
+            raise ConfigError(f"{' '.join(names)} alone does nothing; add what shall happen, such as near")
+        if known.model_file and any(wish.lens for wish in chosen):
+            raise ConfigError(f"write medium and port_m into {known.model_file} for that, if it was calibrated in air")
+        if any(wish.needs_several for wish in chosen) and len(members_of(known.answers)) == 1:
+            raise ConfigError("crowd is for several of one kind; go back to the target, and choose balls or tags")
         return Accepted(answer=" ".join(names))
 
 
@@ -64,16 +73,40 @@ def wish_steps(answers: Mapping[str, str]) -> Iterator[SetupStep]:
     """Yield the questions that the chosen wishes leave open."""
     for wish in find_wishes(answers):
         yield from (BlankStep(wish, blank) for blank in wish.blanks)
-        yield BaseStep() if wish.output == "base" else BrokerStep() if wish.output == "mqtt" else WishOutputStep(wish)
         if wish.output == "base":
-            yield from option_steps(answers.get("base", SCREEN))
+            yield from (BaseStep(), *option_steps(answers.get("base", SCREEN)))
+        elif wish.output:
+            yield BrokerStep() if wish.output == "mqtt" else WishOutputStep(wish)
 
 
-def reliable_range_m(known: Known) -> float:
-    """Return how far away the camera finds the target reliably."""
+def complete_answers(known: Known, changed: Mapping[str, str]) -> dict[str, str]:
+    """Return answers that make a configuration: those given, those that are being changed, else the ready ones.
+
+    Outputs that are not chosen yet are shown on the screen only.
+
+    Raises:
+        ConfigError: There is no wish yet, or no lens.
+    """
+    if known.camera_model is None or "wish" not in known.answers:
+        raise ConfigError("first choose what shall happen")
+    answers = {**known.answers, **changed}
+    for step in wish_steps(answers):
+        is_output = step.kind == "output" or step.key == "base"
+        answers.setdefault(step.key, SCREEN if is_output else step.question(known).ready)
+    return answers
+
+
+def reliable_range_m(known: Known, size_px: float = RELIABLE_PX) -> float:
+    """Return how far away the camera finds the target reliably; or, of another size, where it appears that large."""
     if known.camera_model is None:
         return math.inf
-    return farthest_m(target_shape(build_target(known)), known.camera_model.for_frame(known.frame))
+    return farthest_m(target_shape(build_target(known)), known.camera_model.for_frame(known.frame), size_px)
+
+
+def ready_for(wish: Wish, known: Known) -> dict[str, str]:
+    """Return the ready answers to the blanks that this camera can serve."""
+    whole_m = reliable_range_m(known, WHOLE_SHARE * min(known.frame.image.shape[:2])) if known.camera_model else 0.0
+    return ready_answers(wish, reliable_range_m(known), whole_m)
 
 
 # Second targets that are proposed where the usual one is the target itself.
@@ -119,8 +152,8 @@ class BlankStep(SetupStep):
     def question(self, known: Known) -> Question:
         """Ask for it, with an answer ready that this camera can serve."""
         seen_m = reliable_range_m(known)
-        reach = f"With this camera, the {known.answers['target']} is found reliably up to {seen_m:.2g} m."
-        ready = {**ready_answers(self.wish, seen_m), self.blank.key: self._ready(known, seen_m)}
+        reach = f"With this camera, the {kind_of(known.answers).thing} is found reliably up to {seen_m:.2g} m."
+        ready = {**ready_for(self.wish, known), self.blank.key: self._ready(known)}
         return Question(
             text=f"{self.wish.title[0].upper()}{self.wish.title[1:]}. {self.blank.text}",
             found=(reach,) if self.blank.is_length else (),
@@ -130,7 +163,7 @@ class BlankStep(SetupStep):
             blanks=tuple({"key": each.key, "text": each.text, "ready": ready[each.key]} for each in self.wish.blanks),
         )
 
-    def _ready(self, known: Known, seen_m: float) -> str:
+    def _ready(self, known: Known) -> str:
         """Return the ready answer; of tags the first that is not the target itself."""
         if self.blank.kind == "button":
             return self.blank.ready if Computer().is_pi else NO_BUTTON
@@ -138,7 +171,7 @@ class BlankStep(SetupStep):
             given = [answer for key, answer in blank_answers(known.answers, "tag").items() if key != self.key]
             others = (*given, self.blank.ready, *OTHER_TAGS)
             return next((each for each in others if not _is_seen_as_target(known, each)), "")
-        return ready_answers(self.wish, seen_m)[self.blank.key]
+        return ready_for(self.wish, known)[self.blank.key]
 
     def accept(self, known: Known, text: str) -> Accepted:
         """Check its unit, and whether the camera can serve it; of a part, whether there can be such a one."""
@@ -152,6 +185,8 @@ class BlankStep(SetupStep):
             case "place":
                 place_table(text)
                 require("sun", "the sun's times")
+            case "setting" | "metres" | "landmarks":
+                self._check_setting(known, text)
             case _:
                 return self._accept_figure(known, text)
         return Accepted(answer=text)
@@ -166,6 +201,15 @@ class BlankStep(SetupStep):
         others = {key: each for key, each in blank_answers(known.answers, "tag").items() if key != self.key}
         if other := next((each for each in others.values() if tag_name(each) == tag_name(text) and each != text), ""):
             raise ConfigError(f"{tag_name(text)} is {other!r} already")
+
+    def _check_setting(self, known: Known, text: str) -> None:
+        """Check what follows from it in the configuration that the answers make so far."""
+        try:
+            files = configuration_files(complete_answers(known, {self.key: text}), known.lens, known.model_file)
+            load_configuration(known.file, texts={known.path(name): each for name, each in files.items()})
+        except (ConfigError, ValueError) as error:  # where it stands is nothing that a person has written
+            problems = error.problems if isinstance(error, ConfigError) else (Problem(str(error)),)
+            raise ConfigError(Problem(each.message, hint=each.hint) for each in problems) from error
 
     def _accept_figure(self, known: Known, text: str) -> Accepted:
         value = figure_si(text, self.blank)
@@ -182,7 +226,7 @@ class BlankStep(SetupStep):
         seen_m = reliable_range_m(known)
         if not self.blank.is_length or value <= seen_m:
             return Accepted(answer=text)
-        far = f"That is farther than the {known.answers['target']} is found reliably, {seen_m:.2g} m."
+        far = f"That is farther than the {kind_of(known.answers).thing} is found reliably, {seen_m:.2g} m."
         return Accepted(answer=text, notes=(far,), doubt=True)
 
 

@@ -6,18 +6,55 @@ import * as format from "../format.js";
 const STEP_S = 0.1;
 
 export class Replay {
-  constructor({ name, seconds }, { api, unit }, onend) {
-    Object.assign(this, { name, seconds, api, unit, onend, wanted: 0, isBusy: false, isPlaying: false, isClosed: false, url: "" });
+  constructor({ name, seconds }, { api, unit }, onend, at_s = 0) {
+    Object.assign(this, {
+      name,
+      seconds,
+      api,
+      unit,
+      onend,
+      wanted: 0,
+      isBusy: false,
+      isPlaying: false,
+      isClosed: false,
+      url: "",
+    });
     this.picture = h("img", { alt: "The camera's picture at that moment" });
-    this.slider = h("input", { type: "range", min: 0, max: seconds, step: STEP_S, value: 0, "aria-label": "Moment of the recording", oninput: () => this.#moved() });
+    this.slider = h("input", {
+      type: "range",
+      min: 0,
+      max: seconds,
+      step: STEP_S,
+      value: 0,
+      "aria-label": "Moment of the recording",
+      oninput: () => this.#moved(),
+    });
     this.time = h("output");
     this.play = h("button", { type: "button", class: "button", onclick: () => this.#toggle() }, "Play");
     this.values = h("div", { class: "stack" });
-    this.element = h("section", { class: "panel stack", "aria-label": `Replay of ${name}` },
-      h("div", { class: "row" }, h("h2", { class: "grow" }, name), h("button", { type: "button", class: "button", onclick: () => this.end() }, "Close")),
-      h("div", { class: "replay" },
-        h("div", { class: "stack" }, h("figure", {}, this.picture), this.slider, h("div", { class: "row" }, this.play, this.time)), this.values));
-    this.show(0);
+    this.element = h(
+      "section",
+      { class: "panel stack", "aria-label": `Replay of ${name}` },
+      h(
+        "div",
+        { class: "row" },
+        h("h2", { class: "grow" }, name),
+        h("button", { type: "button", class: "button", onclick: () => this.end() }, "Close"),
+      ),
+      h(
+        "div",
+        { class: "replay" },
+        h(
+          "div",
+          { class: "stack" },
+          h("figure", {}, this.picture),
+          this.slider,
+          h("div", { class: "row" }, this.play, this.time),
+        ),
+        this.values,
+      ),
+    );
+    this.show(at_s);
   }
 
   /** Show a moment; while one is on its way, only the newest wish is kept. */
@@ -53,7 +90,9 @@ export class Replay {
 
   async #load(at_s) {
     try {
-      const { blob, values } = await this.api.picture(`recordings/${encodeURIComponent(this.name)}/frame.jpg?at_s=${at_s}`);
+      const { blob, values } = await this.api.picture(
+        `recordings/${encodeURIComponent(this.name)}/frame.jpg?at_s=${at_s}`,
+      );
       if (this.isClosed) return;
       URL.revokeObjectURL(this.url);
       this.url = blob.size ? URL.createObjectURL(blob) : "";
@@ -82,19 +121,45 @@ export class Replay {
   }
 }
 
-function describe({ unix_s, targets, rules, outputs, safety }, unit) {
-  const row = (name, value, why = "") => h("li", {}, h("strong", {}, name), ` ${value}`, why && h("p", { class: "quiet" }, format.words(why, unit)));
-  const part = (title, rows) => rows.length > 0 && h("section", {}, h("h3", {}, title), h("ul", { class: "list" }, rows));
+/** What was at a moment, as `recordings/NAME/frame.jpg` and `timeline/moment` tell it. */
+export function describe({ unix_s, targets, rules, outputs = [], events = [], safety = { mode: "active" } }, unit) {
+  const row = (name, value, why = "") =>
+    h("li", {}, h("strong", {}, name), ` ${value}`, why && h("p", { class: "quiet" }, format.words(why, unit)));
+  const part = (title, rows) =>
+    rows.length > 0 && h("section", {}, h("h3", {}, title), h("ul", { class: "list" }, rows));
   return [
     h("p", { class: "quiet" }, format.moment(unix_s)),
-    safety.mode !== "active" && h("p", { class: "damaged" }, `Outputs were at their safe values: ${safety.reason || safety.mode}`),
-    part("Measured", targets.map((each) => row(each.name, each.is_valid ? format.distance(each.distance_m, each.sigma_m, unit).text : each.status, each.reason))),
-    part("Rules", rules.map((each) => row(each.rule, each.status, each.reason))),
-    part("Outputs", outputs.map((each) => row(each.output, driven(each, unit), each.reason))),
+    safety.mode !== "active" &&
+      h("p", { class: "damaged" }, `Outputs were at their safe values: ${safety.reason || safety.mode}`),
+    part(
+      "Measured",
+      targets.map((each) =>
+        row(
+          each.name,
+          each.is_valid ? format.distance(each.distance_m, each.sigma_m, unit).text : each.status,
+          each.reason,
+        ),
+      ),
+    ),
+    part(
+      "Rules",
+      rules.map((each) => row(each.rule, each.status, each.reason)),
+    ),
+    part(
+      "Outputs",
+      outputs.map((each) => row(each.output, driven(each, unit), each.reason)),
+    ),
+    part(
+      "Events",
+      events.map((each) =>
+        row(format.moment(each.unix_s), `${each.source} ${each.kind.replaceAll("_", " ")}`, each.reason),
+      ),
+    ),
   ];
 }
 
 function driven({ kind, level, linear_mps, angular_radps }, unit) {
-  if (kind === "motion") return `${format.speed(linear_mps ?? 0, unit)}, turning ${Math.round(((angular_radps ?? 0) * 180) / Math.PI)}°/s`;
+  if (kind === "motion")
+    return `${format.speed(linear_mps ?? 0, unit)}, turning ${Math.round(((angular_radps ?? 0) * 180) / Math.PI)}°/s`;
   return format.level(level ?? 0);
 }

@@ -1,4 +1,4 @@
-// A field for TOML with line numbers, and marks at the lines that have problems. The field is the browser's own, so that
+// A field for TOML with line numbers, and marks at the lines with problems. The field is the browser's own, so that
 // undo, find, and the way of the Tab key stay as people know them.
 
 import { h, replace, write } from "../../dom.js";
@@ -11,8 +11,13 @@ export class Editor {
     this.numbers = h("pre", { class: "numbers", "aria-hidden": "true" });
     this.marks = h("div", { class: "marks", "aria-hidden": "true" });
     this.field = h("textarea", {
-      wrap: "off", spellcheck: false, autocapitalize: "off", autocomplete: "off", "aria-label": label,
-      oninput: () => this.#changed(), onscroll: () => this.#scrolled(),
+      wrap: "off",
+      spellcheck: false,
+      autocapitalize: "off",
+      autocomplete: "off",
+      "aria-label": label,
+      oninput: () => this.#changed(),
+      onscroll: () => this.#scrolled(),
     });
     this.element = h("div", { class: "editor" }, this.numbers, h("div", { class: "text" }, this.marks, this.field));
     this.problems = [];
@@ -40,7 +45,10 @@ export class Editor {
 
   show(problems) {
     this.problems = problems;
-    replace(this.marks, problems.filter(({ line }) => line).map((problem) => markOf(problem, this.text)));
+    replace(
+      this.marks,
+      problems.filter(({ line }) => line).map((problem) => markOf(problem, this.text)),
+    );
     this.#number();
   }
 
@@ -50,7 +58,8 @@ export class Editor {
     const start = lines.slice(0, line - 1).reduce((sum, each) => sum + each.length + 1, 0) + Math.max(0, column - 1);
     this.field.focus();
     this.field.setSelectionRange(start, start);
-    this.field.scrollTop = (line - 1) * parseFloat(getComputedStyle(this.field).lineHeight) - this.field.clientHeight / 3;
+    this.field.scrollTop =
+      (line - 1) * parseFloat(getComputedStyle(this.field).lineHeight) - this.field.clientHeight / 3;
   }
 
   #changed() {
@@ -62,7 +71,10 @@ export class Editor {
     const worst = new Map();
     for (const { line, severity } of this.problems) if (worst.get(line) !== "error") worst.set(line, severity);
     const count = this.text.split("\n").length;
-    write(this.numbers, Array.from({ length: count }, (_, at) => `${SIGNS[worst.get(at + 1)] ?? ""} ${at + 1}`).join("\n"));
+    write(
+      this.numbers,
+      Array.from({ length: count }, (_, at) => `${SIGNS[worst.get(at + 1)] ?? ""} ${at + 1}`).join("\n"),
+    );
     this.#scrolled();
   }
 
@@ -76,7 +88,11 @@ export class Editor {
 function markOf({ line, column, severity }, text) {
   const rest = (text.split("\n")[line - 1] ?? "").slice(Math.max(0, (column ?? 1) - 1));
   const length = Math.max(1, rest.match(/^(?:"[^"]*"|[^,}\]"#])+/)?.[0].trimEnd().length ?? 1);
-  const strip = h("div", { class: `strip ${severity}` }, column ? h("span", { style: { "--column": column - 1, "--length": length } }) : null);
+  const strip = h(
+    "div",
+    { class: `strip ${severity}` },
+    column ? h("span", { style: { "--column": column - 1, "--length": length } }) : null,
+  );
   strip.style.setProperty("--line", line - 1);
   return strip;
 }

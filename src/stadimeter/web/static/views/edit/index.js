@@ -1,4 +1,4 @@
-// The configuration as text: what is wrong and what it means while one types, what it would have done, saving, versions.
+// The configuration as text: problems and meaning while one types, what it would have done, saving, versions.
 
 import { ask } from "../../dialog.js";
 import { differenceView } from "../../difference.js";
@@ -22,14 +22,23 @@ class Desk {
     Object.assign(this, { root, api, say, unit, base: { text: "", version: "" }, path: "" });
     this.editor = new Editor("Configuration, as TOML", () => this.#changed());
     this.meaning = new Meaning(() => this.checker.now(this.editor.text, { tests: true }));
-    this.checker = new Checker(api, (answer, { tests }) => this.#checked(answer, tests), (error) => this.meaning.fail(error.message));
+    this.checker = new Checker(
+      api,
+      (answer, { tests }) => this.#checked(answer, tests),
+      (error) => this.meaning.fail(error.message),
+    );
     this.saving = new Saving(this);
     this.trying = new Trying(this);
     this.versions = new Versions(this);
     this.state = h("p", { class: "quiet grow", role: "status" });
     this.save = h("button", { type: "button", class: "button primary", onclick: () => this.#save() }, "Save");
     this.discard = h("button", { type: "button", class: "button", onclick: () => this.#discard() }, "Discard changes");
-    this.changes = h("details", { class: "changes", ontoggle: () => this.#showChanges() }, h("summary", {}, "What you changed"), h("div"));
+    this.changes = h(
+      "details",
+      { class: "changes", ontoggle: () => this.#showChanges() },
+      h("summary", {}, "What you changed"),
+      h("div"),
+    );
     this.leaving = (event) => this.isChanged && event.preventDefault();
     window.addEventListener("beforeunload", this.leaving);
   }
@@ -49,7 +58,13 @@ class Desk {
       this.#changed();
       this.versions.show(versions);
       this.trying.load();
-      if (draft) this.say(draft.base.version === version ? "Your text from before is here. It is not saved." : "Your text from before is here. The saved configuration has changed since: saving will show you how.", "warning");
+      if (draft)
+        this.say(
+          draft.base.version === version
+            ? "Your text from before is here. It is not saved."
+            : "Your text from before is here. The saved configuration has changed since: saving will show you how.",
+          "warning",
+        );
     } catch (error) {
       replace(this.root, h("p", { class: "banner is-error" }, error.message));
     }
@@ -103,7 +118,14 @@ class Desk {
   }
 
   async #discard() {
-    if (await ask({ title: "Discard your changes?", words: "The field shows what is saved. Undo brings your text back.", action: "Discard" })) this.editor.text = this.base.text;
+    if (
+      await ask({
+        title: "Discard your changes?",
+        words: "The field shows what is saved. Undo brings your text back.",
+        action: "Discard",
+      })
+    )
+      this.editor.text = this.base.text;
   }
 
   #changed() {
@@ -116,23 +138,40 @@ class Desk {
   }
 
   #showChanges() {
-    if (this.changes.open) replace(this.changes.lastChild, differenceView(this.base.text, this.editor.text, "What you changed") ?? h("p", { class: "quiet" }, "Nothing."));
+    if (this.changes.open)
+      replace(
+        this.changes.lastChild,
+        differenceView(this.base.text, this.editor.text, "What you changed") ?? h("p", { class: "quiet" }, "Nothing."),
+      );
   }
 
   #checked(answer, isTested = false) {
-    const problems = answer.problems.map((each) => ({ ...each, isElsewhere: Boolean(each.file) && each.file !== this.path }));
+    const problems = answer.problems.map((each) => ({
+      ...each,
+      isElsewhere: Boolean(each.file) && each.file !== this.path,
+    }));
     this.editor.show(problems.filter((each) => !each.isElsewhere));
     this.meaning.show({ ...answer, problems }, (line, column) => this.editor.goTo(line, column), isTested);
   }
 
   #draw() {
-    replace(this.root, h("div", { class: "edit" },
-      h("section", { class: "panel stack", "aria-label": "Text" },
-        h("h1", {}, "Configuration ", h("span", { class: "quiet small" }, this.path)),
-        this.editor.element,
-        h("div", { class: "row" }, this.state, this.discard, this.save),
-        this.saving.element, this.changes),
-      this.meaning.element,
-      h("div", { class: "stack wide" }, this.trying.element, this.versions.element)));
+    replace(
+      this.root,
+      h(
+        "div",
+        { class: "edit" },
+        h(
+          "section",
+          { class: "panel stack", "aria-label": "Text" },
+          h("h1", {}, "Configuration ", h("span", { class: "quiet small" }, this.path)),
+          this.editor.element,
+          h("div", { class: "row" }, this.state, this.discard, this.save),
+          this.saving.element,
+          this.changes,
+        ),
+        this.meaning.element,
+        h("div", { class: "stack wide" }, this.trying.element, this.versions.element),
+      ),
+    );
   }
 }

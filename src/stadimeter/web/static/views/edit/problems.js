@@ -37,25 +37,38 @@ export class Checker {
 
 /** A list of problems; each leads to its line. */
 export function problemList(problems, goTo) {
-  return h("ul", { class: "problems" }, problems.map((problem) => h("li", { class: problem.severity }, problemView(problem, goTo))));
+  return h(
+    "ul",
+    { class: "problems" },
+    problems.map((problem) => h("li", { class: problem.severity }, problemView(problem, goTo))),
+  );
 }
 
 function problemView({ message, hint, line, column, severity, file, isElsewhere }, goTo) {
   const sign = h("span", { class: "sign", "aria-hidden": "true" }, SIGNS[severity]);
   const where = [isElsewhere && file.split("/").at(-1), line && `line ${line}`].filter(Boolean).join(", ");
-  const words = [sign, h("span", { class: "sr" }, `${severity}: `), where && h("strong", {}, `${where}: `), inCode(message)];
-  const told = line && !isElsewhere ? h("button", { type: "button", class: "to-line", onclick: () => goTo(line, column) }, words) : h("p", {}, words);
+  const words = [
+    sign,
+    h("span", { class: "sr" }, `${severity}: `),
+    where && h("strong", {}, `${where}: `),
+    inCode(message),
+  ];
+  const told =
+    line && !isElsewhere
+      ? h("button", { type: "button", class: "to-line", onclick: () => goTo(line, column) }, words)
+      : h("p", {}, words);
   return [told, hint && h("p", { class: "hint" }, inCode(hint))];
 }
 
 const count = (number, one, many) => (number === 1 ? `1 ${one}` : `${number} ${many}`);
 
-
 /** One line that sums up: read aloud when it changes. */
 export function summed(problems) {
   const errors = problems.filter(({ severity }) => severity !== "warning").length;
   const warnings = problems.length - errors;
-  const found = [errors && count(errors, "error", "errors"), warnings && count(warnings, "warning", "warnings")].filter(Boolean);
+  const found = [errors && count(errors, "error", "errors"), warnings && count(warnings, "warning", "warnings")].filter(
+    Boolean,
+  );
   return found.length ? found.join(", ") : "No errors.";
 }
 
@@ -66,10 +79,19 @@ export class Meaning {
     this.problems = h("div");
     this.words = h("ul", { class: "words" });
     this.tests = h("div");
-    this.element = h("aside", { class: "meaning" },
+    this.element = h(
+      "aside",
+      { class: "meaning" },
       h("section", { class: "panel stack" }, h("h2", {}, "Check"), this.summary, this.problems),
       h("section", { class: "panel stack" }, h("h2", {}, "In words"), this.words),
-      h("section", { class: "panel stack" }, h("h2", {}, "Tests"), this.tests, h("button", { type: "button", class: "button", onclick: ontest }, "Run its tests")));
+      h(
+        "section",
+        { class: "panel stack" },
+        h("h2", {}, "Tests"),
+        this.tests,
+        h("button", { type: "button", class: "button", onclick: ontest }, "Run its tests"),
+      ),
+    );
     this.#showTests(null);
   }
 
@@ -78,7 +100,12 @@ export class Meaning {
     write(this.summary, summed(problems));
     replace(this.problems, problems.length ? problemList(problems, goTo) : null);
     const isWrong = problems.some(({ severity }) => severity !== "warning");
-    replace(this.words, words?.length ? words.map((each) => h("li", {}, inCode(each))) : h("li", {}, isWrong ? "What the rules do is said here when there is no error." : "No rules yet."));
+    replace(
+      this.words,
+      words?.length
+        ? words.map((each) => h("li", {}, inCode(each)))
+        : h("li", {}, isWrong ? "What the rules do is said here when there is no error." : "No rules yet."),
+    );
     this.#showTests(isTested ? tests : null);
   }
 
@@ -91,9 +118,27 @@ export class Meaning {
   }
 
   #showTests(tests) {
-    if (!tests) return replace(this.tests, h("p", { class: "quiet" }, "A configuration can hold tests of its own rules, under [[tests]]."));
+    if (!tests)
+      return replace(
+        this.tests,
+        h("p", { class: "quiet" }, "A configuration can hold tests of its own rules, under [[tests]]."),
+      );
     if (!tests.length) return replace(this.tests, h("p", {}, "This configuration has no tests."));
-    replace(this.tests, h("ul", { class: "tests" }, tests.map(({ name, ok, words }) =>
-      h("li", { class: ok ? "passed" : "failed" }, h("strong", {}, ok ? "✓ passed: " : "✕ failed: "), name, words ? h("p", { class: "hint" }, words) : null))));
+    replace(
+      this.tests,
+      h(
+        "ul",
+        { class: "tests" },
+        tests.map(({ name, ok, words }) =>
+          h(
+            "li",
+            { class: ok ? "passed" : "failed" },
+            h("strong", {}, ok ? "✓ passed: " : "✕ failed: "),
+            name,
+            words ? h("p", { class: "hint" }, words) : null,
+          ),
+        ),
+      ),
+    );
   }
 }

@@ -1,7 +1,7 @@
 // What the text in the field would have done on a recording: both runs, one above the other.
 
-import { h, replace } from "../../dom.js";
-import { span, words as inUnit } from "../../format.js";
+import { button, h, replace } from "../../dom.js";
+import { words as inUnit, span } from "../../format.js";
 import { lanes } from "../../lanes.js";
 
 const FOR_S = 3; // until there is something to show
@@ -11,20 +11,43 @@ export class Trying {
   constructor(desk) {
     this.desk = desk;
     this.recording = h("select", { "aria-label": "Recording" });
-    this.button = h("button", { type: "button", class: "button", onclick: () => this.#try() }, "What would this have done?");
+    this.button = button("What would this have done?", () => this.#try());
     this.result = h("div", { class: "stack", role: "status" });
     this.choice = h("div", { class: "row" });
-    this.element = h("section", { class: "panel stack", "aria-label": "On a recording" },
+    this.element = h(
+      "section",
+      { class: "panel stack", "aria-label": "On a recording" },
       h("h2", {}, "On a recording"),
-      h("p", { class: "quiet" }, "The rules in the field, on what the camera saw then, beside what was decided then. Nothing moves."), this.choice, this.result);
+      h(
+        "p",
+        { class: "quiet" },
+        "The rules in the field, on what the camera saw then, beside what was decided then. Nothing moves.",
+      ),
+      this.choice,
+      this.result,
+    );
   }
 
   async load() {
     try {
       const all = await this.desk.api.get("recordings");
       const whole = (all.recordings ?? all).filter((each) => each.seconds > 0);
-      replace(this.recording, whole.map(({ name, seconds }) => h("option", { value: name }, `${name} (${span(seconds)})`)));
-      replace(this.choice, whole.length ? [this.recording, this.button] : h("p", {}, "There is no recording yet: make one under ", h("a", { href: "#recordings" }, "Recordings"), "."));
+      replace(
+        this.recording,
+        whole.map(({ name, seconds }) => h("option", { value: name }, `${name} (${span(seconds)})`)),
+      );
+      replace(
+        this.choice,
+        whole.length
+          ? [this.recording, this.button]
+          : h(
+              "p",
+              {},
+              "There is no recording yet: make one under ",
+              h("a", { href: "#recordings" }, "Recordings"),
+              ".",
+            ),
+      );
     } catch (error) {
       replace(this.choice, h("p", {}, error.message));
     }
@@ -68,12 +91,31 @@ export class Trying {
   #show(answer) {
     const { unit } = this.desk;
     const changes = answer.differences.map((each) => h("li", {}, changed(each, unit)));
-    replace(this.result,
+    replace(
+      this.result,
       answer.progress < 1 && h("progress", { value: answer.progress, "aria-label": "Replayed" }),
-      h("ul", { class: "words" }, answer.words.map((each) => h("li", {}, inUnit(each, unit)))),
+      h(
+        "ul",
+        { class: "words" },
+        answer.words.map((each) => h("li", {}, inUnit(each, unit))),
+      ),
       lanes(seen(answer), unit),
-      h("p", { class: "row small" }, h("span", { class: "key run-1" }), "then: as it was recorded", h("span", { class: "key run-2" }), "now: with the text in the field"),
-      changes.length > 0 && h("details", {}, h("summary", {}, changes.length === 1 ? "1 event differs" : `${changes.length} events differ`), h("ul", { class: "list" }, changes)));
+      h(
+        "p",
+        { class: "row small" },
+        h("span", { class: "key run-1" }),
+        "then: as it was recorded",
+        h("span", { class: "key run-2" }),
+        "now: with the text in the field",
+      ),
+      changes.length > 0 &&
+        h(
+          "details",
+          {},
+          h("summary", {}, changes.length === 1 ? "1 event differs" : `${changes.length} events differ`),
+          h("ul", { class: "list" }, changes),
+        ),
+    );
   }
 }
 
@@ -81,10 +123,16 @@ const SIGNS = { added: "now, not then", lost: "then, not now" };
 
 function changed({ change, by_s, at_s, kind, source, reason }, unit) {
   const how = SIGNS[change] ?? `moved by ${by_s > 0 ? "+" : ""}${by_s.toFixed(2)} s`;
-  return [h("strong", {}, `${at_s.toFixed(2)} s, ${source}: ${kind.replaceAll("_", " ")}, ${how}. `), inUnit(reason, unit)];
+  return [
+    h("strong", {}, `${at_s.toFixed(2)} s, ${source}: ${kind.replaceAll("_", " ")}, ${how}. `),
+    inUnit(reason, unit),
+  ];
 }
 
 function seen({ from_s, to_s, samples, thresholds_m = [], lanes: rules }) {
-  const runs = ({ before, after }) => [{ name: "then", spans: before }, { name: "now", spans: after }];
+  const runs = ({ before, after }) => [
+    { name: "then", spans: before },
+    { name: "now", spans: after },
+  ];
   return { from_s, to_s, samples, thresholds_m, lanes: rules.map((each) => ({ name: each.rule, runs: runs(each) })) };
 }

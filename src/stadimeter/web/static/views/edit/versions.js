@@ -2,7 +2,7 @@
 
 import { ask } from "../../dialog.js";
 import { differenceView } from "../../difference.js";
-import { h, replace } from "../../dom.js";
+import { button, h, replace } from "../../dom.js";
 import { moment } from "../../format.js";
 
 /** `desk` is the view: its `api`, `say`, `base`, `editor` and `restored(answer)`. */
@@ -10,20 +10,44 @@ export class Versions {
   constructor(desk) {
     this.desk = desk;
     this.list = h("ul", { class: "list versions" });
-    this.element = h("section", { class: "panel", "aria-label": "Versions" }, h("h2", {}, "Former versions"), this.list);
+    this.element = h(
+      "section",
+      { class: "panel", "aria-label": "Versions" },
+      h("h2", {}, "Former versions"),
+      this.list,
+    );
   }
 
   show(versions) {
-    if (versions.length) replace(this.list, versions.map((each) => this.#row(each)));
+    if (versions.length)
+      replace(
+        this.list,
+        versions.map((each) => this.#row(each)),
+      );
     else replace(this.list, h("li", { class: "quiet" }, "None yet. Each save keeps the text that it replaces."));
   }
 
   #row({ id, unix_s, words }) {
     const difference = h("div");
     const title = moment(unix_s);
-    const look = h("button", { type: "button", class: "button", "aria-expanded": "false", "aria-label": `Compare the version of ${title}`, onclick: () => this.#look(id, look, difference) }, "Compare");
-    const bring = h("button", { type: "button", class: "button", "aria-label": `Bring back the version of ${title}`, onclick: () => this.#bring(id, title) }, "Bring back");
-    return h("li", { class: "stack" }, h("div", { class: "row" }, h("div", { class: "grow" }, h("strong", {}, title), h("p", { class: "quiet" }, words)), look, bring), difference);
+    const look = button("Compare", () => this.#look(id, look, difference), "", {
+      "aria-expanded": "false",
+      "aria-label": `Compare the version of ${title}`,
+    });
+    const named = { "aria-label": `Bring back the version of ${title}` };
+    const bring = button("Bring back", () => this.#bring(id, title), "", named);
+    return h(
+      "li",
+      { class: "stack" },
+      h(
+        "div",
+        { class: "row" },
+        h("div", { class: "grow" }, h("strong", {}, title), h("p", { class: "quiet" }, words)),
+        look,
+        bring,
+      ),
+      difference,
+    );
   }
 
   async #look(id, look, difference) {
@@ -43,7 +67,11 @@ export class Versions {
     const words = "It becomes the saved configuration. The one that is saved now is kept among the versions.";
     if (!(await ask({ title: `Bring back the version of ${title}?`, words, action: "Bring back" }))) return;
     try {
-      this.desk.restored(await this.desk.api.post(`configuration/versions/${encodeURIComponent(id)}/restore`, { base_version: this.desk.base.version }));
+      this.desk.restored(
+        await this.desk.api.post(`configuration/versions/${encodeURIComponent(id)}/restore`, {
+          base_version: this.desk.base.version,
+        }),
+      );
     } catch (error) {
       this.desk.say(error.message, "error");
     }

@@ -6,7 +6,16 @@ import * as format from "../../format.js";
 export function health() {
   const list = h("ul", { class: "list health" });
   const element = h("section", { class: "panel" }, h("h2", null, "Health"), list);
-  return { element, update: ({ health: now }) => keyed(list, now.notes, (note) => note.what, () => note()) };
+  return {
+    element,
+    update: ({ health: now }) =>
+      keyed(
+        list,
+        now.notes,
+        (note) => note.what,
+        () => note(),
+      ),
+  };
 }
 
 function note() {
@@ -23,22 +32,43 @@ function note() {
   return element;
 }
 
-export function messages(){
+export function messages() {
   const facts = h("ul", { class: "list health" });
   const topics = h("ul", { class: "list small" });
   const newest = h("ul", { class: "list small" });
   const folded = (words, list) => h("details", null, h("summary", null, words), list);
-  const element = h("section", { class: "panel" }, h("h2", null, "Messages to other programs"), facts,
-    folded("Topics, each with its newest message", topics), folded("The newest messages", newest));
+  const element = h(
+    "section",
+    { class: "panel" },
+    h("h2", null, "Messages to other programs"),
+    facts,
+    folded("Topics, each with its newest message", topics),
+    folded("The newest messages", newest),
+  );
   return {
     element,
     update({ messenger: link, messages: sent, now_s, unix_s }) {
       element.hidden = !link;
       if (!link) return;
-      keyed(facts, linkNotes(link), (each) => each.what, () => note());
+      keyed(
+        facts,
+        linkNotes(link),
+        (each) => each.what,
+        () => note(),
+      );
       const age = (each) => `${Math.max(0, now_s - each.at_s).toFixed(0)} s ago`;
-      keyed(topics, [...link.topics].sort((one, other) => (one.topic < other.topic ? -1 : 1)), (each) => each.topic, () => said(age));
-      keyed(newest, sent, (each) => `${each.at_s} ${each.topic}`, () => said((each) => format.moment(unix_s - now_s + each.at_s)));
+      keyed(
+        topics,
+        [...link.topics].sort((one, other) => (one.topic < other.topic ? -1 : 1)),
+        (each) => each.topic,
+        () => said(age),
+      );
+      keyed(
+        newest,
+        sent,
+        (each) => `${each.at_s} ${each.topic}`,
+        () => said((each) => format.moment(unix_s - now_s + each.at_s)),
+      );
     },
   };
 }
@@ -48,11 +78,23 @@ const MAY = { off: "none is taken", alarms: "alarms, and stopping outputs", all:
 function linkNotes(link) {
   const lost = link.given_up + link.dropped;
   return [
-    { what: "broker", words: `${link.broker} ${link.trouble ? `: ${link.trouble}` : "connected"}`.trim(), is_good: !link.trouble },
+    {
+      what: "broker",
+      words: `${link.broker} ${link.trouble ? `: ${link.trouble}` : "connected"}`.trim(),
+      is_good: !link.trouble,
+    },
     { what: "base topic", words: link.base, is_good: true },
-    { what: "not delivered", words: `${link.undelivered} waiting, ${link.given_up} given up, ${link.dropped} dropped`, is_good: !lost },
+    {
+      what: "not delivered",
+      words: `${link.undelivered} waiting, ${link.given_up} given up, ${link.dropped} dropped`,
+      is_good: !lost,
+    },
     { what: "commands", words: link.deafness || `${link.commands}: ${MAY[link.commands]}`, is_good: !link.deafness },
-    { what: "Home Assistant", words: link.home_assistant ? `discovers it by ${link.home_assistant}` : "is not told of it", is_good: true },
+    {
+      what: "Home Assistant",
+      words: link.home_assistant ? `discovers it by ${link.home_assistant}` : "is not told of it",
+      is_good: true,
+    },
   ];
 }
 

@@ -12,14 +12,23 @@ export function picture({ live, unit, api, session, say }) {
   const old = h("p", { class: "old", hidden: true });
   const caption = h("p", { class: "caption", hidden: true });
   const refused = h("ol", { class: "refused small", hidden: true });
-  const wanted = h("input", { type: "checkbox", checked: localStorage.getItem("refused") === "yes", onchange: () => {
-    localStorage.setItem("refused", wanted.checked ? "yes" : "no");
-    draw();
-  } });
+  const wanted = h("input", {
+    type: "checkbox",
+    checked: localStorage.getItem("refused") === "yes",
+    onchange: () => {
+      localStorage.setItem("refused", wanted.checked ? "yes" : "no");
+      draw();
+    },
+  });
   const record = recordButton({ api, session, say });
   const frame = h("div", { class: "frame" }, canvas, old);
   const element = h("section", { class: "panel picture", "aria-label": "Camera" }, frame, caption);
-  const tools = h("section", { class: "panel tools", "aria-label": "About the picture" }, h("div", { class: "row" }, h("label", { class: "row check" }, wanted, "Show what was refused"), record?.element), refused);
+  const tools = h(
+    "section",
+    { class: "panel tools", "aria-label": "About the picture" },
+    h("div", { class: "row" }, h("label", { class: "row check" }, wanted, "Show what was refused"), record?.element),
+    refused,
+  );
   let shown = null;
 
   // The bitmap is good until the next message: what has to be drawn again between two is kept in a canvas of its own.
@@ -79,7 +88,12 @@ function drawAll(canvas, kept, snapshot, unit, withRefused) {
   ink.font = `600 ${15 * sharp}px system-ui, sans-serif`;
   ink.lineJoin = "round";
   if (withRefused) numbered(snapshot).forEach((each, index) => drawRefused(ink, each, index + 1, scale, sharp));
-  snapshot.targets.forEach((target, index) => target.detection && target.detection.status !== "not_found" && drawTarget(ink, target, SERIES[index % SERIES.length], { scale, sharp, unit }));
+  snapshot.targets.forEach(
+    (target, index) =>
+      target.detection &&
+      target.detection.status !== "not_found" &&
+      drawTarget(ink, target, SERIES[index % SERIES.length], { scale, sharp, unit }),
+  );
 }
 
 function drawTarget(ink, { name, detection, distance_m, sigma_m, is_valid }, colour, { scale, sharp, unit }) {
@@ -88,7 +102,10 @@ function drawTarget(ink, { name, detection, distance_m, sigma_m, is_valid }, col
   const path = new Path2D();
   outline.forEach(([px, py], index) => (index ? path.lineTo(px, py) : path.moveTo(px, py)));
   if (outline.length) path.closePath();
-  for (const [dx, dy] of [[7, 0], [0, 7]]) {
+  for (const [dx, dy] of [
+    [7, 0],
+    [0, 7],
+  ]) {
     path.moveTo(x - dx * sharp, y - dy * sharp);
     path.lineTo(x + dx * sharp, y + dy * sharp);
   }
@@ -102,7 +119,9 @@ function drawRefused(ink, { centre_px, corners_px, size_px }, number, scale, sha
   const [x, y] = centre_px.map((each) => (each + 0.5) * scale);
   const path = new Path2D();
   if (corners_px?.length) {
-    corners_px.forEach(([px, py], index) => (index ? path.lineTo(px * scale, py * scale) : path.moveTo(px * scale, py * scale)));
+    corners_px.forEach(([px, py], index) =>
+      index ? path.lineTo(px * scale, py * scale) : path.moveTo(px * scale, py * scale),
+    );
     path.closePath();
   } else path.arc(x, y, Math.max(6 * sharp, (size_px / 2) * scale), 0, 2 * Math.PI);
   rimmed(ink, path, "#fff", sharp, true);
@@ -136,37 +155,60 @@ function label(ink, words, x, y, colour, sharp) {
   ink.fillText(words, left + 6 * sharp, top + height / 2 + sharp);
 }
 
-const numbered = (snapshot) => snapshot.targets.flatMap((target) => target.rejected.map((each) => ({ ...each, target: target.name }))).slice(0, 9);
+const numbered = (snapshot) =>
+  snapshot.targets.flatMap((target) => target.rejected.map((each) => ({ ...each, target: target.name }))).slice(0, 9);
 
 function listRefused(list, snapshot, isWanted, unit) {
   const refused = isWanted ? numbered(snapshot) : [];
   list.hidden = !isWanted;
   if (isWanted && !refused.length) refused.push({ reason: "" });
-  keyed(list, refused.map((each, index) => ({ ...each, index })), (each) => each.index, () => {
-    const item = h("li");
-    item.update = ({ index, target, size_px, reason }) => write(item, !target ? "Nothing was refused in this picture." : `${index + 1}  no ${target} (${Math.round(size_px)} px): ${format.words(reason, unit)}`);
-    return item;
-  });
+  keyed(
+    list,
+    refused.map((each, index) => ({ ...each, index })),
+    (each) => each.index,
+    () => {
+      const item = h("li");
+      item.update = ({ index, target, size_px, reason }) =>
+        write(
+          item,
+          !target
+            ? "Nothing was refused in this picture."
+            : `${index + 1}  no ${target} (${Math.round(size_px)} px): ${format.words(reason, unit)}`,
+        );
+      return item;
+    },
+  );
 }
 
 function recordButton({ api, session, say }) {
   if (session.right !== "operate") return null;
   let isRecording = false;
-  const element = h("button", { type: "button", class: "button record", onclick: async () => {
-    const wish = isRecording ? "stop" : "start"; // the run may say that it has stopped before it answers
-    try {
-      const answer = await api.post("recordings", { do: wish });
-      if (wish === "stop") say(`Recorded: ${answer?.file ?? ""}`);
-    } catch (error) {
-      say(error.message, "error");
-    }
-  } }, "Record");
+  const element = h(
+    "button",
+    {
+      type: "button",
+      class: "button record",
+      onclick: async () => {
+        const wish = isRecording ? "stop" : "start"; // the run may say that it has stopped before it answers
+        try {
+          const answer = await api.post("recordings", { do: wish });
+          if (wish === "stop") say(`Recorded: ${answer?.file ?? ""}`);
+        } catch (error) {
+          say(error.message, "error");
+        }
+      },
+    },
+    "Record",
+  );
   return {
     element,
     update(recording) {
       isRecording = Boolean(recording);
       element.classList.toggle("is-on", isRecording);
-      write(element, recording ? `Stop recording, ${format.span(recording.seconds)}, ${format.size(recording.bytes)}` : "Record");
+      write(
+        element,
+        recording ? `Stop recording, ${format.span(recording.seconds)}, ${format.size(recording.bytes)}` : "Record",
+      );
     },
   };
 }

@@ -16,13 +16,23 @@ export function room({ api, session, unit, say }) {
   const isOurs = session.right === "operate";
   const send = sender(api, say);
   const where = h("p", { class: "small number", role: "status" });
-  const plan = planOf(isOurs, send, (target, camera) => write(where, `${target.name}: ${seenFrom(camera, target, unit)}`));
+  const plan = planOf(isOurs, send, (target, camera) =>
+    write(where, `${target.name}: ${seenFrom(camera, target, unit)}`),
+  );
   const faults = h("div", { class: "faults" });
   const ways = isOurs && [
     h("p", { class: "small quiet" }, "Drag the ball, or move it with the arrow keys. The rings are 1 m apart."),
     h("button", { type: "button", class: "button", onclick: () => send({ release: true }) }, "Let it go on by itself"),
   ];
-  const element = h("section", { class: "panel room", hidden: true }, h("h2", null, "Simulated room"), plan.element, where, ways, faults);
+  const element = h(
+    "section",
+    { class: "panel room", hidden: true },
+    h("h2", null, "Simulated room"),
+    plan.element,
+    where,
+    ways,
+    faults,
+  );
   const toggle = ({ name }) => {
     let until = 0; // what was just wished counts for more than what the run says
     const wish = () => ((until = performance.now() + HELD_MS), send({ fault: name }));
@@ -36,17 +46,33 @@ export function room({ api, session, unit, say }) {
       element.hidden = !run?.world;
       if (!run?.world) return;
       plan.update(run.world);
-      keyed(faults, Object.entries(run.world.faults).map(([name, isOn]) => ({ name, isOn })), (fault) => fault.name, toggle);
+      keyed(
+        faults,
+        Object.entries(run.world.faults).map(([name, isOn]) => ({ name, isOn })),
+        (fault) => fault.name,
+        toggle,
+      );
     },
   };
 }
 
 /** The drawing: the camera where it is, and each target, which follows the hand at once. */
 function planOf(isOurs, send, tell) {
-  const robot = svg("g", null, svg("path", { d: "M0 0L-1.6-3H1.6Z", class: "sight" }), svg("path", { d: "M0-.3L.22.25H-.22Z", class: "robot" }));
+  const robot = svg(
+    "g",
+    null,
+    svg("path", { d: "M0 0L-1.6-3H1.6Z", class: "sight" }),
+    svg("path", { d: "M0-.3L.22.25H-.22Z", class: "robot" }),
+  );
   const balls = svg("g");
   const rings = Array.from({ length: 20 }, (_, index) => svg("circle", { r: index + 1, class: "ring" }));
-  const element = svg("svg", { class: "plan", role: "group", "aria-label": "The room from above" }, rings, robot, balls);
+  const element = svg(
+    "svg",
+    { class: "plan", role: "group", "aria-label": "The room from above" },
+    rings,
+    robot,
+    balls,
+  );
   let dragged = null;
   let reach = 0;
   let camera = { x_m: 0, y_m: 0, heading_rad: 0 };
@@ -63,7 +89,8 @@ function planOf(isOurs, send, tell) {
     dragged = { name: target, x_m: x, y_m: y, until: performance.now() + HELD_MS };
     balls.kept?.get(target)?.update(dragged);
   };
-  const make = ({ name }) => ball(name, isOurs ? (x_m, y_m) => move(name, x_m, y_m) : null, (target) => tell(target, camera));
+  const make = ({ name }) =>
+    ball(name, isOurs ? (x_m, y_m) => move(name, x_m, y_m) : null, (target) => tell(target, camera));
   return {
     element,
     update({ targets, camera: seen }) {
@@ -72,13 +99,24 @@ function planOf(isOurs, send, tell) {
       robot.setAttribute("transform", `translate(${x} ${y}) rotate(${(-camera.heading_rad * 180) / Math.PI})`);
       fit([...targets, camera]);
       const isHeld = dragged && performance.now() < dragged.until;
-      keyed(balls, targets.map((target) => (isHeld && target.name === dragged.name ? dragged : target)), (target) => target.name, make);
+      keyed(
+        balls,
+        targets.map((target) => (isHeld && target.name === dragged.name ? dragged : target)),
+        (target) => target.name,
+        make,
+      );
     },
   };
 }
 
 function ball(name, move, tell) {
-  const mark = svg("circle", { r: 0.28, class: "ball", tabindex: move && "0", role: move ? "button" : "img", "aria-label": `${name} in the room` });
+  const mark = svg("circle", {
+    r: 0.28,
+    class: "ball",
+    tabindex: move && "0",
+    role: move ? "button" : "img",
+    "aria-label": `${name} in the room`,
+  });
   let at = null;
   mark.update = (target) => {
     at = target;
@@ -91,7 +129,9 @@ function ball(name, move, tell) {
   mark.addEventListener("pointerdown", (event) => mark.setPointerCapture(event.pointerId));
   mark.addEventListener("pointermove", (event) => {
     if (!mark.hasPointerCapture(event.pointerId)) return;
-    const seen = new DOMPoint(event.clientX, event.clientY).matrixTransform(mark.ownerSVGElement.getScreenCTM().inverse());
+    const seen = new DOMPoint(event.clientX, event.clientY).matrixTransform(
+      mark.ownerSVGElement.getScreenCTM().inverse(),
+    );
     move(-seen.y, -seen.x);
   });
   mark.addEventListener("keydown", (event) => {
@@ -107,7 +147,8 @@ function ball(name, move, tell) {
 function seenFrom(camera, { x_m, y_m }, unit) {
   const [dx, dy] = [x_m - camera.x_m, y_m - camera.y_m];
   const left_rad = Math.atan2(dy, dx) - camera.heading_rad;
-  return `${format.distance(Math.hypot(dx, dy), 0.01, unit).value} ${unit.symbol} from the camera, ${format.bearing(-Math.atan2(Math.sin(left_rad), Math.cos(left_rad)))}`;
+  const away = `${format.distance(Math.hypot(dx, dy), 0.01, unit).value} ${unit.symbol} from the camera`;
+  return `${away}, ${format.bearing(-Math.atan2(Math.sin(left_rad), Math.cos(left_rad)))}`;
 }
 
 /** Sends the newest wish at most every 100 ms, one at a time: a ball that is dragged asks far more often. */

@@ -2,19 +2,37 @@
 
 import { ask } from "../../dialog.js";
 
-const SPANS = [["300", "5 minutes"], ["1800", "30 minutes"], ["7200", "2 hours"], ["28800", "8 hours"], ["", "as long as the rule allows"]];
+const SPANS = [
+  ["300", "5 minutes"],
+  ["1800", "30 minutes"],
+  ["7200", "2 hours"],
+  ["28800", "8 hours"],
+  ["", "as long as the rule allows"],
+];
 
 const ACTIONS = {
   ack: { label: "Acknowledge", words: "You have seen it. The alarm stays until its condition is over." },
   reset: { label: "Reset", words: "Ends an alarm that latched. Its condition must be over." },
   shelve: { label: "Shelve", words: "It goes on beneath, drives nothing and notifies nobody, until the time is over." },
   unshelve: { label: "Unshelve", words: "It acts again." },
-  "take-out": { label: "Take out", words: "It drives nothing and notifies nobody until it is put back, also after a restart." },
+  "take-out": {
+    label: "Take out",
+    words: "It drives nothing and notifies nobody until it is put back, also after a restart.",
+  },
   "put-back": { label: "Put back", words: "It acts again." },
-  observe: { label: "Observe", words: "It is judged and explained as before, but drives nothing and sends nothing, also after a restart." },
+  observe: {
+    label: "Observe",
+    words: "It is judged and explained as before, but drives nothing and sends nothing, also after a restart.",
+  },
   act: { label: "Act", words: "It drives its output and notifies again." },
-  "set-threshold": { label: "Set threshold", words: "It stays until it is withdrawn, also after a restart. The configuration is not changed." },
-  "withdraw-threshold": { label: "Withdraw threshold", words: "What was set is withdrawn: the configuration counts again." },
+  "set-threshold": {
+    label: "Set threshold",
+    words: "It stays until it is withdrawn, also after a restart. The configuration is not changed.",
+  },
+  "withdraw-threshold": {
+    label: "Withdraw threshold",
+    words: "What was set is withdrawn: the configuration counts again.",
+  },
 };
 
 const action = (op, more) => ({ op, ...ACTIONS[op], ...more });
@@ -48,13 +66,33 @@ async function thresholdsOf(rule, api) {
 
 /** Ask who and why, do it, and say what came of it. An empty rule means every one that it applies to. */
 export async function act({ op, label, words }, rule, { api, say }) {
-  const thresholds = op === "set-threshold" ? await thresholdsOf(rule, api).catch((error) => say(error.message, "error")) : [];
+  const thresholds =
+    op === "set-threshold" ? await thresholdsOf(rule, api).catch((error) => say(error.message, "error")) : [];
   if (!thresholds) return;
   const fields = [
-    thresholds.length > 1 && { name: "key", label: "Which", options: thresholds.map(([key, { value, unit }]) => [key, `${key}: ${inUnit(value, unit)}`]) },
-    thresholds.length > 0 && { name: "value", label: "Value, with its unit", value: thresholds.length > 1 ? "" : inUnit(thresholds[0][1].value, thresholds[0][1].unit), placeholder: "60 cm", maxLength: 40, required: true },
+    thresholds.length > 1 && {
+      name: "key",
+      label: "Which",
+      options: thresholds.map(([key, { value, unit }]) => [key, `${key}: ${inUnit(value, unit)}`]),
+    },
+    thresholds.length > 0 && {
+      name: "value",
+      label: "Value, with its unit",
+      value: thresholds.length > 1 ? "" : inUnit(thresholds[0][1].value, thresholds[0][1].unit),
+      placeholder: "60 cm",
+      maxLength: 40,
+      required: true,
+    },
     op === "shelve" && { name: "for_s", label: "For how long", options: SPANS, value: "1800" },
-    op === "shelve" && { name: "one_shot", label: "Ends early", options: [["", "no"], ["yes", "when it has returned to normal"]], value: "" },
+    op === "shelve" && {
+      name: "one_shot",
+      label: "Ends early",
+      options: [
+        ["", "no"],
+        ["yes", "when it has returned to normal"],
+      ],
+      value: "",
+    },
     { name: "why", label: "Why", placeholder: "may be left empty", maxLength: 200, autofocus: true },
     { name: "by", label: "Your name", value: localStorage.getItem("name") ?? "", placeholder: "page", maxLength: 60 },
   ].filter(Boolean);

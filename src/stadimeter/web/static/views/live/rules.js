@@ -2,7 +2,7 @@
 
 import { h, inCode, keyed, replace, write } from "../../dom.js";
 import * as format from "../../format.js";
-import { actionsOf, act } from "./rule_actions.js";
+import { act, actionsOf } from "./rule_actions.js";
 
 const LOOKS = { pending: "warning", clearing: "warning", returned: "warning", unknown: "unknown" };
 
@@ -11,7 +11,11 @@ export function lookOf({ status, severity, inhibits, acknowledged, is_alarm }) {
   if (status !== "active" && status !== "latched") return LOOKS[status] ?? "quiet";
   if (inhibits.length) return "warning";
   if (!is_alarm) return "good";
-  return severity === "alarm" || severity === "safety" || !acknowledged || status === "latched" ? "alarm" : severity === "info" ? "good" : "warning";
+  return severity === "alarm" || severity === "safety" || !acknowledged || status === "latched"
+    ? "alarm"
+    : severity === "info"
+      ? "good"
+      : "warning";
 }
 
 export function rules(context) {
@@ -22,7 +26,12 @@ export function rules(context) {
     element,
     update(snapshot) {
       none.hidden = snapshot.rules.length > 0;
-      keyed(list, snapshot.rules, (rule) => rule.rule, () => card(context));
+      keyed(
+        list,
+        snapshot.rules,
+        (rule) => rule.rule,
+        () => card(context),
+      );
     },
   };
 }
@@ -33,7 +42,12 @@ function card(context) {
   const drives = h("span", { class: "small quiet" });
   const why = h("p", { class: "small" });
   const actions = actionButtons(context);
-  const element = h("li", { class: "rule" }, h("div", { class: "row head" }, name, state, drives), h("div", { class: "body" }, why, actions));
+  const element = h(
+    "li",
+    { class: "rule" },
+    h("div", { class: "row head" }, name, state, drives),
+    h("div", { class: "body" }, why, actions),
+  );
   element.update = (rule) => {
     write(name, rule.rule);
     state.className = `badge is-${lookOf(rule)}`;
@@ -47,10 +61,16 @@ function card(context) {
 }
 
 /** The reason without what stands beside it. */
-const whyOnly = ({ reason, status, output }) => reason.replace(`${status}: `, "").replace(`; it commands '${output}'`, "");
+const whyOnly = ({ reason, status, output }) =>
+  reason.replace(`${status}: `, "").replace(`; it commands '${output}'`, "");
 
 export function stateInWords(rule) {
-  const extra = [...rule.inhibits, rule.acknowledged ? "" : "not acknowledged", rule.chattering ? "chattering" : "", rule.first_out ? "first" : ""];
+  const extra = [
+    ...rule.inhibits,
+    rule.acknowledged ? "" : "not acknowledged",
+    rule.chattering ? "chattering" : "",
+    rule.first_out ? "first" : "",
+  ];
   return [rule.status, ...extra].filter(Boolean).join(", ");
 }
 
@@ -60,15 +80,38 @@ export function actionButtons(context) {
   const lesser = h("div", { class: "lesser" });
   const more = h("details", { class: "more" }, h("summary", null, "More"), lesser);
   const element = h("div", { class: "acts" }, more, urgent);
-  const fill = (root, actions, rule) => keyed(root, actions, (action) => action.op, (action) => button(action, rule, context));
+  const fill = (root, actions, rule) =>
+    keyed(
+      root,
+      actions,
+      (action) => action.op,
+      (action) => button(action, rule, context),
+    );
   element.update = (rule) => {
     const actions = actionsOf(rule, context.session);
     element.hidden = !actions.length;
-    fill(urgent, actions.filter((action) => action.isUrgent), rule.rule);
-    fill(lesser, actions.filter((action) => !action.isUrgent), rule.rule);
+    fill(
+      urgent,
+      actions.filter((action) => action.isUrgent),
+      rule.rule,
+    );
+    fill(
+      lesser,
+      actions.filter((action) => !action.isUrgent),
+      rule.rule,
+    );
   };
   return element;
 }
 
 const button = (action, rule, context) =>
-  h("button", { type: "button", class: `button ${action.isUrgent ? "primary" : ""}`, onclick: () => act(action, rule, context), "aria-label": `${action.label}: ${rule}` }, action.label);
+  h(
+    "button",
+    {
+      type: "button",
+      class: `button ${action.isUrgent ? "primary" : ""}`,
+      onclick: () => act(action, rule, context),
+      "aria-label": `${action.label}: ${rule}`,
+    },
+    action.label,
+  );

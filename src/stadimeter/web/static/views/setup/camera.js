@@ -1,6 +1,6 @@
 // The camera: those that are there, with a picture of each; the one that is chosen is shown live, with its exposure.
 
-import { h, replace } from "../../dom.js";
+import { button, h, replace } from "../../dom.js";
 import { thumbnails } from "./pictures.js";
 import { choices } from "./question.js";
 
@@ -37,7 +37,13 @@ class Camera {
   #shown = ""; // the names of the pictures that have thumbnails
 
   constructor(step, views) {
-    Object.assign(this, { step, views, api: step.api, exposure: h("div", { class: "stack setup-exposure", role: "status" }), pictures: h("div") });
+    Object.assign(this, {
+      step,
+      views,
+      api: step.api,
+      exposure: h("div", { class: "stack setup-exposure", role: "status" }),
+      pictures: h("div"),
+    });
   }
 
   leave() {
@@ -55,7 +61,11 @@ class Camera {
         if (this.#isOver) return;
         const url = URL.createObjectURL(blob);
         this.#urls.push(url);
-        replace(view, h("img", { src: url, alt: `What ${answer} sees` }), h("span", null, `${width_px} × ${height_px} pixels`));
+        replace(
+          view,
+          h("img", { src: url, alt: `What ${answer} sees` }),
+          h("span", null, `${width_px} × ${height_px} pixels`),
+        );
       } catch (error) {
         replace(view, h("span", { class: "is-wrong" }, error.message));
       }
@@ -106,37 +116,64 @@ class Camera {
     const shown = told.pictures.join("\n");
     if (shown !== this.#shown) replace(this.pictures, shown && thumbnails(this.step.setup, told.pictures));
     this.#shown = shown;
-    replace(this.exposure,
+    replace(
+      this.exposure,
       told.played && this.#playing(told),
       [...told.remarks, ...told.settings].map((each) => h("p", { class: "small" }, each)),
       told.has_resolution && this.#resolution(told),
-      told.has_exposure && this.#exposure(told));
+      told.has_exposure && this.#exposure(told),
+    );
   }
 
   /** How a run plays files: the server keeps it in the answer. */
   #playing({ played }) {
-    const change = () => this.#chosen(this.step.answer, { played: { ...Object.fromEntries(Object.entries(inputs).map(([key, { value }]) => [key, value])), loop: loop.checked ? "yes" : "no" } });
+    const change = () =>
+      this.#chosen(this.step.answer, {
+        played: {
+          ...Object.fromEntries(Object.entries(inputs).map(([key, { value }]) => [key, value])),
+          loop: loop.checked ? "yes" : "no",
+        },
+      });
     const text = (key) => h("input", { type: "text", autocomplete: "off", value: played[key], onchange: change });
     const inputs = Object.fromEntries(["rate", "dwell"].filter((key) => key in played).map((key) => [key, text(key)]));
     const loop = h("input", { type: "checkbox", checked: played.loop, onchange: change });
-    return h("div", { class: "stack" },
+    return h(
+      "div",
+      { class: "stack" },
       inputs.rate && h("label", { class: "field" }, h("span", null, "Frame rate of a run"), inputs.rate),
       inputs.dwell && h("label", { class: "field" }, h("span", null, "How long each picture is shown"), inputs.dwell),
-      h("label", { class: "row check" }, loop, "It begins again after the last, until it is ended"));
+      h("label", { class: "row check" }, loop, "It begins again after the last, until it is ended"),
+    );
   }
 
   #resolution({ width_px, height_px }) {
-    const size = h("input", { type: "text", value: `${width_px}x${height_px}`, autocomplete: "off", "aria-label": "Resolution" });
-    const ask = h("button", { type: "button", class: "button", onclick: () => this.#chosen(this.step.answer, { resolution: size.value }) }, "Ask for it");
+    const size = h("input", {
+      type: "text",
+      value: `${width_px}x${height_px}`,
+      autocomplete: "off",
+      "aria-label": "Resolution",
+    });
+    const ask = button("Ask for it", () => this.#chosen(this.step.answer, { resolution: size.value }));
     return field("Resolution in pixels: it is measured at this one", size, ask);
   }
 
   #exposure({ is_locked, proposed_exposure_s, exposure_s }) {
     const now_s = proposed_exposure_s ?? exposure_s ?? 0.01;
-    const time = h("input", { type: "text", value: `${Number((1000 * now_s).toPrecision(2))} ms`, "aria-label": "Exposure" });
-    const lock = h("button", { type: "button", class: "button", onclick: () => this.#chosen(this.step.answer, { exposure: time.value }) }, is_locked ? "Change it" : "Lock it");
-    return field(is_locked ? "Exposure: locked" : "Exposure: automatic. Locked, the colours stay as they are", time, lock);
+    const time = h("input", {
+      type: "text",
+      value: `${Number((1000 * now_s).toPrecision(2))} ms`,
+      "aria-label": "Exposure",
+    });
+    const lock = button(is_locked ? "Change it" : "Lock it", () =>
+      this.#chosen(this.step.answer, { exposure: time.value }),
+    );
+    return field(
+      is_locked ? "Exposure: locked" : "Exposure: automatic. Locked, the colours stay as they are",
+      time,
+      lock,
+    );
   }
 }
 
-const field = (words, input, button) => h("div", { class: "field" }, h("span", null, words), h("div", { class: "setup-size" }, input, button));
+const field = (words, input, button) =>
+  h("div", { class: "field" }, h("span", null, words), h("div", { class: "setup-size" }, input, button));

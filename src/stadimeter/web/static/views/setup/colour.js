@@ -1,8 +1,13 @@
-// The colour of a ball: click on it, look at the mask, widen or narrow the range, and click again in another light.
+// The colour of a ball: click on it, look at the mask, move its sliders, and click again in another light.
 
-import { h, replace } from "../../dom.js";
+import { colourSliders } from "../../colour_sliders.js";
+import { button, h, replace } from "../../dom.js";
 
-const VIEWS = [["mask", "What has this colour"], ["candidates", "Ball, and what is refused"], ["plain", "Plain"]];
+const VIEWS = [
+  ["mask", "What has this colour"],
+  ["candidates", "Ball, and what is refused"],
+  ["plain", "Plain"],
+];
 const MARKED_MS = 1200; // the ball may move on
 
 export function widget(step) {
@@ -20,30 +25,55 @@ class Colour {
     const { question } = step;
     Object.assign(this, { step, picture: step.picture });
     this.words = h("p", { role: "status", class: "setup-found" }, question.ready ? "" : "Click on the ball.");
-    this.slider = h("input", { type: "range", min: -12, max: 12, step: 1, value: 0, disabled: !question.ready, "aria-label": "Range of colours: narrower to wider", oninput: () => this.#ask({ widen: Number(this.slider.value) }) });
-    this.again = h("button", { type: "button", class: "button", onclick: () => this.#forget() }, "Forget the clicks");
-    const look = h("button", { type: "button", class: "button", onclick: () => this.#ask({ look: true }) }, "Look for it");
+    this.sliders = colourSliders((range) => this.#ask({ range }));
+    this.again = button("Forget the clicks", () => this.#forget());
+    const look = button("Look for it", () => this.#ask({ look: true }));
     this.kept = h("div", { class: "row small" });
-    this.views = h("div", { class: "setup-views row", role: "group", "aria-label": "What the picture shows" },
-      VIEWS.map(([view, name]) => h("button", { type: "button", class: "button", "aria-pressed": String(view === this.#state.view), onclick: (event) => this.#show(view, event.currentTarget) }, name)));
+    this.views = h(
+      "div",
+      { class: "setup-views row", role: "group", "aria-label": "What the picture shows" },
+      VIEWS.map(([view, name]) =>
+        button(name, (event) => this.#show(view, event.currentTarget), "", {
+          "aria-pressed": String(view === this.#state.view),
+        }),
+      ),
+    );
     this.refused = h("ol", { class: "setup-refused small" });
-    this.element = h("div", { class: "stack" },
-      h("p", null, "Click on the ball in the picture. Click again where the light falls otherwise, and in another light: the clicks count together."),
-      this.words, this.kept,
-      h("label", { class: "field" }, h("span", null, "Narrower or wider"), this.slider),
-      h("div", { class: "row" }, look, this.again));
+    this.element = h(
+      "div",
+      { class: "stack" },
+      h(
+        "p",
+        null,
+        "Click on the ball in the picture. Click again where the light falls otherwise, and in another light: " +
+          "the clicks count together.",
+      ),
+      this.words,
+      this.kept,
+      h("div", { class: "row" }, look, this.again),
+      this.sliders.element,
+    );
   }
 
   /** Take the picture for clicks, and try the range that is ready. */
   begin() {
     const { step, picture } = this;
     const { ready } = step.question;
-    picture.mode({ draw: "mask", isSaid: true, onPlace: (x_px, y_px) => this.#clicked(x_px, y_px), onCross: () => this.#draw() });
+    picture.mode({
+      draw: "mask",
+      isSaid: true,
+      onPlace: (x_px, y_px) => this.#clicked(x_px, y_px),
+      onCross: () => this.#draw(),
+    });
     replace(picture.below, this.views, this.refused);
     picture.onValues((values) => {
       this.#draw();
-      const list = this.#state.view === "candidates" ? values.rejected ?? [] : [];
-      replace(this.refused, list.map((each) => h("li", null, each.reason)));
+      if (this.#state.view === "mask") this.sliders.tell(values.range);
+      const list = this.#state.view === "candidates" ? (values.rejected ?? []) : [];
+      replace(
+        this.refused,
+        list.map((each) => h("li", null, each.reason)),
+      );
     });
     step.text.addEventListener("change", () => this.#ask({ range: step.answer }));
     this.#ask(ready ? { range: ready } : {}, true);
@@ -84,12 +114,11 @@ class Colour {
   }
 
   #taken(answer, args) {
-    const { step, slider, words } = this;
+    const { step, words } = this;
     Object.assign(this.#state, { others: answer.others, pictures: answer.pictures, counted: answer.clicks });
     if (answer.range || args.forget !== undefined) step.set(answer.range);
+    if (!this.#waiting) this.sliders.show(answer.range);
     step.say("");
-    slider.disabled = !answer.range;
-    if (answer.widen !== undefined) Object.assign(slider, { value: answer.widen, min: -answer.widen_max, max: answer.widen_max });
     replace(words, answer.words);
     words.classList.toggle("is-good", answer.found && !answer.others.length);
     words.classList.toggle("is-warning", Boolean(answer.range) && (!answer.found || answer.others.length > 0));
@@ -100,10 +129,16 @@ class Colour {
   #tell() {
     const { pictures, counted } = this.#state;
     this.again.hidden = !pictures;
-    replace(this.kept,
-      pictures > 0 && h("span", { class: "quiet" }, `${pictures} ${pictures === 1 ? "picture counts" : "pictures count"}.`),
+    replace(
+      this.kept,
+      pictures > 0 &&
+        h("span", { class: "quiet" }, `${pictures} ${pictures === 1 ? "picture counts" : "pictures count"}.`),
       counted.map(([x_px, y_px], number) =>
-        h("button", { type: "button", class: "button small", "aria-label": `Forget click ${number + 1}, at ${x_px}, ${y_px}`, onclick: () => this.#ask({ forget: number }) }, `${x_px}, ${y_px} ✕`)));
+        button(`${x_px}, ${y_px} ✕`, () => this.#ask({ forget: number }), "small", {
+          "aria-label": `Forget click ${number + 1}, at ${x_px}, ${y_px}`,
+        }),
+      ),
+    );
   }
 
   #draw() {

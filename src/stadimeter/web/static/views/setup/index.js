@@ -124,13 +124,29 @@ class SetUp {
     const heading = h("h1", { tabindex: -1 }, title);
     const form = kind === "done" ? widget(this) : answerForm(this, widget);
     const side = h("aside", { class: "setup-side", hidden: !hasCamera }, this.picture.element, this.aside);
-    replace(this.#root,
-      h("div", { class: `setup is-${kind}${hasCamera ? "" : " is-alone"}` },
+    replace(
+      this.#root,
+      h(
+        "div",
+        { class: `setup is-${kind}${hasCamera ? "" : " is-alone"}` },
         drawRail(this, kind),
-        h("div", { class: "setup-head" }, heading, more.length > 0 && h("p", { class: "setup-lead" }, more.join(" ")), this.#notes(state)),
+        h(
+          "div",
+          { class: "setup-head" },
+          heading,
+          more.length > 0 && h("p", { class: "setup-lead" }, more.join(" ")),
+          this.#notes(state),
+        ),
         side,
         h("div", { class: "setup-ask" }, form),
-        hasCamera && h("p", { class: "setup-end" }, h("button", { type: "button", class: "button bare", onclick: () => this.beginAnew() }, "Begin anew"))));
+        hasCamera &&
+          h(
+            "p",
+            { class: "setup-end" },
+            h("button", { type: "button", class: "button bare", onclick: () => this.beginAnew() }, "Begin anew"),
+          ),
+      ),
+    );
     if (hasCamera) this.picture.start();
     (form.querySelector("[data-first]") ?? heading).focus({ preventScroll: true });
     scrollTo({ top: 0 });
@@ -149,7 +165,7 @@ class SetUp {
     this.picture.stop();
   }
 
-  /** Take up what another device, or a pause, has changed; return whether the question is still the one that is shown. */
+  /** Take up what another device, or a pause, has changed; return whether the question is still the one shown. */
   async #sync() {
     let state = await this.api.get("setup");
     if (!state.begun) state = await this.#begin(false);
@@ -168,7 +184,13 @@ class SetUp {
 
   #notes(state) {
     const last = state.answers.at(-1)?.notes ?? [];
-    const box = (kind, words) => words.length > 0 && h("div", { class: `setup-note ${kind}` }, words.map((each) => h("p", null, inCode(each))));
+    const box = (kind, words) =>
+      words.length > 0 &&
+      h(
+        "div",
+        { class: `setup-note ${kind}` },
+        words.map((each) => h("p", null, inCode(each))),
+      );
     return h("div", { role: "status" }, box("is-warning", state.trouble ? [state.trouble] : []), box("", last));
   }
 
@@ -180,10 +202,26 @@ class SetUp {
   #say(error, again) {
     this.picture.stop();
     const final = error.code === "demonstration" && error.problems[0];
-    if (final) return void replace(this.#root, h("div", { class: "panel stack" }, h("h1", null, "Set-up"), h("p", null, inCode(`${capital(final.message)}. ${capital(final.hint)}.`)), h("div", { class: "row" }, h("a", { href: "#live", class: "button primary" }, "Watch it"))));
-    replace(this.#root, h("div", { class: "panel stack" },
-      h("h1", null, "Set-up"),
-      h("p", { class: "setup-error", role: "alert" }, error.message),
-      h("div", { class: "row" }, h("button", { class: "button primary", onclick: again }, "Try again"))));
+    if (final)
+      return void replace(
+        this.#root,
+        h(
+          "div",
+          { class: "panel stack" },
+          h("h1", null, "Set-up"),
+          h("p", null, inCode(`${capital(final.message)}. ${capital(final.hint)}.`)),
+          h("div", { class: "row" }, h("a", { href: "#live", class: "button primary" }, "Watch it")),
+        ),
+      );
+    replace(
+      this.#root,
+      h(
+        "div",
+        { class: "panel stack" },
+        h("h1", null, "Set-up"),
+        h("p", { class: "setup-error", role: "alert" }, error.message),
+        h("div", { class: "row" }, h("button", { class: "button primary", onclick: again }, "Try again")),
+      ),
+    );
   }
 }

@@ -75,10 +75,18 @@ export class Picture {
   /** Show marks: `[{x_px, y_px, label, kind}]`, in the pixels of the camera. */
   mark(marks) {
     const unit = (this.values?.width_px ?? 640) / 100;
-    replace(this.marks, marks.map(({ x_px, y_px, label = "", kind = "click" }) =>
-      svg("g", { class: `is-${kind}`, transform: `translate(${x_px} ${y_px}) scale(${unit})` },
-        svg("path", { class: "halo", d: SHAPES[kind] }), svg("path", { d: SHAPES[kind] }),
-        label && svg("text", { x: 2.6, y: -1.6 }, label))));
+    replace(
+      this.marks,
+      marks.map(({ x_px, y_px, label = "", kind = "click" }) =>
+        svg(
+          "g",
+          { class: `is-${kind}`, transform: `translate(${x_px} ${y_px}) scale(${unit})` },
+          svg("path", { class: "halo", d: SHAPES[kind] }),
+          svg("path", { d: SHAPES[kind] }),
+          label && svg("text", { x: 2.6, y: -1.6 }, label),
+        ),
+      ),
+    );
   }
 
   async #next() {
@@ -96,7 +104,9 @@ export class Picture {
   }
 
   async #show(stop) {
-    const { blob, values } = await this.api.picture(`setup/picture.jpg?draw=${this.#mode.draw}&width_px=${WIDTH_PX}`, { signal: stop.signal });
+    const { blob, values } = await this.api.picture(`setup/picture.jpg?draw=${this.#mode.draw}&width_px=${WIDTH_PX}`, {
+      signal: stop.signal,
+    });
     if (stop.signal.aborted || this.isFrozen) return;
     const url = URL.createObjectURL(blob);
     this.image.src = url;
@@ -105,7 +115,11 @@ export class Picture {
     this.#url = url;
     this.values = values;
     this.marks.setAttribute("viewBox", `0 0 ${values.width_px} ${values.height_px}`);
-    this.#tell([this.#measured(values), this.#mode.isSaid ? "" : values.words, ...(values.remarks ?? [])].filter(Boolean).join(" "));
+    this.#tell(
+      [this.#measured(values), this.#mode.isSaid ? "" : values.words, ...(values.remarks ?? [])]
+        .filter(Boolean)
+        .join(" "),
+    );
     this.caption.classList.toggle("is-missing", Boolean(values.words) && !values.found);
     for (const fn of this.#listeners) fn(values);
   }
@@ -124,7 +138,11 @@ export class Picture {
     this.stage.onpointerdown = isIt ? (event) => this.#clicked(event) : null;
     this.stage.onkeydown = isIt ? (event) => this.#keyed(event) : null;
     this.cross = null;
-    for (const [name, value] of [["tabindex", "0"], ["role", "application"], ["aria-label", "The picture. Arrow keys move a cross, with shift by one pixel; Enter takes the place under it."]]) {
+    for (const [name, value] of [
+      ["tabindex", "0"],
+      ["role", "application"],
+      ["aria-label", "The picture. Arrow keys move a cross, with shift by one pixel; Enter takes the place under it."],
+    ]) {
       if (isIt) this.stage.setAttribute(name, value);
       else this.stage.removeAttribute(name);
     }
@@ -132,8 +150,11 @@ export class Picture {
 
   #clicked(event) {
     if (event.button || !this.values) return;
-    const { x: x_px, y: y_px } = new DOMPoint(event.clientX, event.clientY).matrixTransform(this.marks.getScreenCTM().inverse());
-    if (x_px >= 0 && y_px >= 0 && x_px < this.values.width_px && y_px < this.values.height_px) this.#mode.onPlace(Math.floor(x_px), Math.floor(y_px));
+    const { x: x_px, y: y_px } = new DOMPoint(event.clientX, event.clientY).matrixTransform(
+      this.marks.getScreenCTM().inverse(),
+    );
+    if (x_px >= 0 && y_px >= 0 && x_px < this.values.width_px && y_px < this.values.height_px)
+      this.#mode.onPlace(Math.floor(x_px), Math.floor(y_px));
   }
 
   #keyed(event) {
@@ -144,7 +165,10 @@ export class Picture {
     if (!way) return void this.#mode.onPlace(...this.cross);
     const step = event.shiftKey ? 1 : Math.max(1, Math.round(width_px / 64));
     const [x_px, y_px] = this.cross ?? [Math.round(width_px / 2), Math.round(height_px / 2)];
-    this.cross = [Math.min(width_px - 1, Math.max(0, x_px + step * way[0])), Math.min(height_px - 1, Math.max(0, y_px + step * way[1]))];
+    this.cross = [
+      Math.min(width_px - 1, Math.max(0, x_px + step * way[0])),
+      Math.min(height_px - 1, Math.max(0, y_px + step * way[1])),
+    ];
     this.#mode.onCross?.(...this.cross);
   }
 }

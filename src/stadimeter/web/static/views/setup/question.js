@@ -9,11 +9,27 @@ export function answerForm(setup, widget = choices) {
   const step = new Step(setup, question);
   const shown = widget(step);
   step.isBusy(false);
-  const doubted = doubt && h("div", { class: "setup-doubt", role: "alert" }, doubt.notes.map((each) => h("p", null, inCode(each))), h("p", null, "Change the answer, or go on with it as it is."));
+  const doubted =
+    doubt &&
+    h(
+      "div",
+      { class: "setup-doubt", role: "alert" },
+      doubt.notes.map((each) => h("p", null, inCode(each))),
+      h("p", null, "Change the answer, or go on with it as it is."),
+    );
   if (doubted) step.onAnswer((answer) => (doubted.hidden = answer !== question.ready)); // it is about that answer alone
-  const others = h("details", { class: "setup-text", open: !shown },
+  const others = h(
+    "details",
+    { class: "setup-text", open: !shown },
     h("summary", null, shown ? "Answer in words instead" : "Your answer"),
-    h("label", { class: "field" }, h("span", { class: "sr" }, question.text), step.text, question.form && h("span", { class: "quiet small" }, question.form)));
+    h(
+      "label",
+      { class: "field" },
+      h("span", { class: "sr" }, question.text),
+      step.text,
+      question.form && h("span", { class: "quiet small" }, question.form),
+    ),
+  );
   const found = !step.picture.isSaid && question.found.map(told);
   const send = async (event) => {
     event.preventDefault();
@@ -27,27 +43,36 @@ export function answerForm(setup, widget = choices) {
     }
     step.isBusy(false);
   };
-  const enter = (event) => event.key === "Enter" && event.target.tagName === "SELECT" && (event.preventDefault(), form.requestSubmit());
+  const enter = (event) =>
+    event.key === "Enter" && event.target.tagName === "SELECT" && (event.preventDefault(), form.requestSubmit());
   step.submit = (answer) => (step.set(answer), form.requestSubmit());
-  const form = h("form", { class: "panel stack", onsubmit: send, onkeydown: enter, novalidate: true },
+  const form = h(
+    "form",
+    { class: "panel stack", onsubmit: send, onkeydown: enter, novalidate: true },
     !step.below && found,
     shown,
     !step.below && others,
     doubted,
     step.error,
     step.progress,
-    h("div", { class: "row setup-way" },
+    h(
+      "div",
+      { class: "row setup-way" },
       answers.length > 0 && h("button", { type: "button", class: "button", onclick: () => setup.back() }, "Back"),
-      step.go),
+      step.go,
+    ),
     step.below,
-    step.below && [found, others]);
+    step.below && [found, others],
+  );
   return form;
 }
 
 /** What was found, in words. A drawing of a distance is in letters of one width, and what it is stands beside it. */
 function told(line) {
   const [, drawn, words] = /^(lens \|.*?) {3,}(.*)$/.exec(line) ?? [];
-  return drawn ? h("p", { class: "row small" }, h("code", { class: "setup-drawing" }, drawn), h("span", null, words)) : h("p", { class: "quiet" }, inCode(line));
+  return drawn
+    ? h("p", { class: "row small" }, h("code", { class: "setup-drawing" }, drawn), h("span", null, words))
+    : h("p", { class: "quiet" }, inCode(line));
 }
 
 class Step {
@@ -55,8 +80,22 @@ class Step {
   below = null; // what stands below the way on
 
   constructor(setup, question) {
-    Object.assign(this, { setup, question, api: setup.api, picture: setup.picture, goes: "Go on", busyWords: "One moment …" });
-    this.text = h("input", { type: "text", value: question.ready, autocomplete: "off", spellcheck: false, "data-first": "", oninput: () => this.#tell() });
+    Object.assign(this, {
+      setup,
+      question,
+      api: setup.api,
+      picture: setup.picture,
+      goes: "Go on",
+      busyWords: "One moment …",
+    });
+    this.text = h("input", {
+      type: "text",
+      value: question.ready,
+      autocomplete: "off",
+      spellcheck: false,
+      "data-first": "",
+      oninput: () => this.#tell(),
+    });
     this.error = h("p", { class: "setup-error", role: "alert", hidden: true });
     this.go = h("button", { type: "submit", class: "button primary" });
     this.progress = h("progress", { hidden: true, "aria-label": "Working" });
@@ -101,13 +140,20 @@ class Step {
   }
 }
 
-/** The answers that are suggested, as cards; nothing where there are none. `draw(option)` returns what a card shows more.
+/** The answers that are suggested, as cards; nothing where none are. `draw(option)` returns what a card shows more.
  *  Those of one group are folded away together, but for the first group and what is chosen. */
 export function choices(step, { draw = () => null, several = false } = {}) {
   const { options, key, text } = step.question;
   if (!options.length) return null;
-  const inputs = options.map((option) => h("input", { type: several ? "checkbox" : "radio", name: key, value: option.answer, onchange: chosen }));
-  const groups = [...new Set(options.map(({ group }) => group))].map((name, index) => ({ name, isFirst: index === 0, members: inputs.filter((_, at) => options[at].group === name), count: h("span", { class: "badge is-good" }) }));
+  const inputs = options.map((option) =>
+    h("input", { type: several ? "checkbox" : "radio", name: key, value: option.answer, onchange: chosen }),
+  );
+  const groups = [...new Set(options.map(({ group }) => group))].map((name, index) => ({
+    name,
+    isFirst: index === 0,
+    members: inputs.filter((_, at) => options[at].group === name),
+    count: h("span", { class: "badge is-good" }),
+  }));
   function chosen() {
     const mine = inputs.filter((each) => each.checked).map((each) => each.value);
     step.set(mine.join(" "));
@@ -115,11 +161,30 @@ export function choices(step, { draw = () => null, several = false } = {}) {
   const card = (input) => {
     const option = options[inputs.indexOf(input)];
     const [first, second] = option.group ? [option.meaning, option.answer] : [option.answer, option.meaning];
-    return h("label", { class: "setup-card" }, input, draw(option), h("span", { class: "setup-card-words" }, h("b", null, inCode(first)), " ", h("span", { class: "quiet" }, inCode(second))));
+    return h(
+      "label",
+      { class: "setup-card" },
+      input,
+      draw(option),
+      h(
+        "span",
+        { class: "setup-card-words" },
+        h("b", null, inCode(first)),
+        " ",
+        h("span", { class: "quiet" }, inCode(second)),
+      ),
+    );
   };
   for (const each of groups) {
     const cards = h("div", { class: "setup-cards" }, each.members.map(card));
-    each.element = each.name ? h("details", { class: "setup-group", open: each.isFirst }, h("summary", null, each.name, " ", each.count), cards) : cards;
+    each.element = each.name
+      ? h(
+          "details",
+          { class: "setup-group", open: each.isFirst },
+          h("summary", null, each.name, " ", each.count),
+          cards,
+        )
+      : cards;
   }
   step.onAnswer((answer) => {
     const words = several ? answer.split(/[\s,]+/) : [answer];
@@ -132,5 +197,10 @@ export function choices(step, { draw = () => null, several = false } = {}) {
     }
   });
   (inputs.find((each) => each.checked) ?? inputs[0]).dataset.first = "";
-  return h("fieldset", { class: "setup-cards" }, h("legend", { class: "sr" }, text), groups.map(({ element }) => element));
+  return h(
+    "fieldset",
+    { class: "setup-cards" },
+    h("legend", { class: "sr" }, text),
+    groups.map(({ element }) => element),
+  );
 }

@@ -4,36 +4,77 @@ import { h } from "../../dom.js";
 
 const STAGES = [
   ["Camera", ["camera"]],
-  ["Target", ["target", "size", "tag", "colour"]],
-  ["Calibration", ["calibration", "proof"]],
+  ["Target", ["target", "size", "thing", "colour"]],
+  ["Calibration", ["calibration", "proof", "way"]],
   ["What happens", ["wish", "blank"]],
   ["Outputs", ["output", "base", "broker"]],
   ["Save", ["done"]],
 ];
-const FIRST = ["camera", "target", "size", "tag", "colour", "calibration", "proof", "wish"];
+const FIRST = ["camera", "calibration", "proof", "wish"];
 
 function stageOf(key) {
-  const kind = FIRST.includes(key) ? key : key.endsWith("_output") ? "output" : /^(base|base_.*|broker)$/.test(key) ? "base" : "blank";
+  const kind = FIRST.includes(key)
+    ? key
+    : key.startsWith("way")
+      ? "way"
+      : key.endsWith("_output")
+        ? "output"
+        : /^(base|base_.*|broker)$/.test(key)
+          ? "base"
+          : "blank";
   return STAGES.findIndex(([, kinds]) => kinds.includes(kind));
 }
 
 export function drawRail(setup, kind) {
   const { answers, done, question } = setup.state;
-  const now = done ? STAGES.length - 1 : kind === "blank" ? stageOf(question.key) : STAGES.findIndex(([, kinds]) => kinds.includes(kind));
-  const given = answers.map((each, index) => ({ ...each, back: answers.length - index, stage: stageOf(each.key) }));
+  const now = done
+    ? STAGES.length - 1
+    : kind === "blank"
+      ? stageOf(question.key)
+      : STAGES.findIndex(([, kinds]) => kinds.includes(kind));
+  const lensAt = answers.findIndex(({ key }) => key === "calibration");
+  const isTarget = (index) => index > 0 && (lensAt < 0 || index < lensAt); // its detector says what is asked about it
+  const given = answers.map((each, index) => ({
+    ...each,
+    back: answers.length - index,
+    stage: isTarget(index) ? 1 : stageOf(each.key),
+  }));
   const stages = STAGES.map(([name], index) => {
     const mine = given.filter((each) => each.stage === index);
     const status = index === now ? "now" : mine.length ? "done" : "to come";
-    return h("li", { class: `is-${status.replace(" ", "-")}`, "aria-current": index === now ? "step" : null },
-      h("span", { class: "setup-stage" }, h("span", { class: "setup-dot", "aria-hidden": "true" }, status === "done" ? "✓" : index + 1), h("span", null, name), h("span", { class: "sr" }, `: ${status}`)),
-      mine.map((each) => answerButton(setup, each)));
+    return h(
+      "li",
+      { class: `is-${status.replace(" ", "-")}`, "aria-current": index === now ? "step" : null },
+      h(
+        "span",
+        { class: "setup-stage" },
+        h("span", { class: "setup-dot", "aria-hidden": "true" }, status === "done" ? "✓" : index + 1),
+        h("span", null, name),
+        h("span", { class: "sr" }, `: ${status}`),
+      ),
+      mine.map((each) => answerButton(setup, each)),
+    );
   });
-  return h("nav", { class: "setup-rail", "aria-label": "Steps of the set-up" },
-    h("ol", null, stages));
+  return h(
+    "nav",
+    { class: "setup-rail", "aria-label": "Steps of the set-up" },
+    h("ol", null, stages),
+    h("p", { class: "small" }, h("a", { href: "#certificate" }, "Certificate of the site")),
+  );
 }
 
 const answerButton = (setup, { key, answer, back }) =>
-  h("button", { type: "button", class: "setup-given", title: answer, "aria-label": `Change the answer to ${key.replace("_", ", ")}: ${answer}`, onclick: () => setup.back(back) }, inShort(answer));
+  h(
+    "button",
+    {
+      type: "button",
+      class: "setup-given",
+      title: answer,
+      "aria-label": `Change the answer to ${key.replace("_", ", ")}: ${answer}`,
+      onclick: () => setup.back(back),
+    },
+    inShort(answer),
+  );
 
 /** An answer as a person remembers it: of a picture that the set-up took itself, only how far away the target was. */
 const inShort = (answer) => answer.replace(/^init\/[^@]*@([\d.]+) ?(\w+)$/, "at $1 $2");

@@ -16,8 +16,16 @@ async function load(setup, root, words = "") {
     const made = await api.post("setup/files");
     draw(setup, root, made, await api.get("configuration"), words);
   } catch (error) {
-    replace(root, h("p", { class: "setup-error", role: "alert" }, error.message),
-      h("div", { class: "row" }, back(setup), h("button", { type: "button", class: "button", onclick: () => load(setup, root) }, "Try again")));
+    replace(
+      root,
+      h("p", { class: "setup-error", role: "alert" }, error.message),
+      h(
+        "div",
+        { class: "row" },
+        back(setup),
+        h("button", { type: "button", class: "button", onclick: () => load(setup, root) }, "Try again"),
+      ),
+    );
   }
 }
 
@@ -31,7 +39,13 @@ function draw(setup, root, made, there, words) {
     try {
       await saved(setup, made, there.version, runs);
     } catch (error) {
-      if (error.code === "conflict") return void load(setup, root, `${error.message}. Below is what yours changes in theirs; save again to go on with yours. Theirs is kept as a former version.`);
+      if (error.code === "conflict")
+        return void load(
+          setup,
+          root,
+          `${error.message}. Below is what yours changes in theirs; save again to go on with yours. ` +
+            "Theirs is kept as a former version.",
+        );
       said.hidden = false;
       replace(said, error.message);
     }
@@ -39,18 +53,57 @@ function draw(setup, root, made, there, words) {
     event.target.focus();
   };
   const isSame = there.exists && there.text === configuration.text;
-  replace(root,
-    made.words.length > 0 && h("section", null, h("h2", null, "What it does"), h("ul", { class: "setup-words" }, made.words.map((each) => h("li", null, inCode(each))))),
-    made.findings.length > 0 && h("section", null, h("h2", null, "What was found in it"), h("ul", { class: "setup-findings" }, made.findings.map(finding))),
+  replace(
+    root,
+    made.words.length > 0 &&
+      h(
+        "section",
+        null,
+        h("h2", null, "What it does"),
+        h(
+          "ul",
+          { class: "setup-words" },
+          made.words.map((each) => h("li", null, inCode(each))),
+        ),
+      ),
+    made.findings.length > 0 &&
+      h(
+        "section",
+        null,
+        h("h2", null, "What was found in it"),
+        h("ul", { class: "setup-findings" }, made.findings.map(finding)),
+      ),
     tests(made.tests),
     said,
-    h("div", { class: "row setup-way" }, back(setup),
+    h(
+      "div",
+      { class: "row setup-way" },
+      back(setup),
       h("button", { type: "button", class: "button", disabled: errors.length > 0, onclick: save(false) }, "Save only"),
-      h("button", { type: "button", class: "button primary", "data-first": "", disabled: errors.length > 0, onclick: save(true) }, "Save, and run it")),
-    h("details", { open: there.exists && !isSame }, h("summary", null, !there.exists ? `The configuration: ${configuration.name}` : isSame ? "The configuration is as it was" : "What changes in the configuration"),
-      (there.exists && differenceView(there.text, configuration.text, "What changes in the configuration")) || text(configuration)),
+      h(
+        "button",
+        { type: "button", class: "button primary", "data-first": "", disabled: errors.length > 0, onclick: save(true) },
+        "Save, and run it",
+      ),
+    ),
+    h(
+      "details",
+      { open: there.exists && !isSame },
+      h(
+        "summary",
+        null,
+        !there.exists
+          ? `The configuration: ${configuration.name}`
+          : isSame
+            ? "The configuration is as it was"
+            : "What changes in the configuration",
+      ),
+      (there.exists && differenceView(there.text, configuration.text, "What changes in the configuration")) ||
+        text(configuration),
+    ),
     others.map((each) => h("details", null, h("summary", null, each.name), text(each))),
-    versions(setup, root, there));
+    versions(setup, root, there),
+  );
   root.querySelector("[data-first]")?.focus({ preventScroll: true });
 }
 
@@ -58,7 +111,11 @@ function draw(setup, root, made, there, words) {
 async function saved(setup, made, version, runs) {
   const { api, context } = setup;
   const [configuration, ...others] = made.files;
-  const { needs } = await api.put("configuration", { text: configuration.text, base_version: version, files: Object.fromEntries(others.map(({ name, text }) => [name, text])) });
+  const { needs } = await api.put("configuration", {
+    text: configuration.text,
+    base_version: version,
+    files: Object.fromEntries(others.map(({ name, text }) => [name, text])),
+  });
   if (!runs) return void context.say("It is saved. The run goes by it when it is started, or reloaded.");
   setup.picture.stop(); // it would take the camera again
   await api.post("setup/leave", { camera_only: true });
@@ -79,13 +136,36 @@ const text = (file) => h("pre", { class: "setup-file", tabindex: 0, "aria-label"
 const back = (setup) => h("button", { type: "button", class: "button", onclick: () => setup.back() }, "Back");
 
 const finding = ({ severity, message, line, hint }) =>
-  h("li", { class: severity === "error" ? "is-wrong" : "" }, h("b", null, severity === "error" ? "Error" : "Warning", line ? `, line ${line}: ` : ": "), inCode(message), hint && h("span", { class: "quiet" }, " (", inCode(hint), ")"));
+  h(
+    "li",
+    { class: severity === "error" ? "is-wrong" : "" },
+    h("b", null, severity === "error" ? "Error" : "Warning", line ? `, line ${line}: ` : ": "),
+    inCode(message),
+    hint && h("span", { class: "quiet" }, " (", inCode(hint), ")"),
+  );
 
 function tests(all) {
   const failed = all.filter(({ ok }) => !ok);
   if (!all.length) return null;
-  return h("section", null, h("h2", null, failed.length ? `${failed.length} of ${all.length} tests fail` : `All ${all.length} tests pass`),
-    h("ul", { class: "setup-tests" }, all.map(({ name, ok, words }) => h("li", { class: ok ? "is-good" : "is-wrong" }, h("span", { "aria-hidden": "true" }, ok ? "✓ " : "✗ "), name, h("span", { class: "sr" }, ok ? ": passes" : ": fails"), !ok && h("span", null, `: ${words}`)))));
+  return h(
+    "section",
+    null,
+    h("h2", null, failed.length ? `${failed.length} of ${all.length} tests fail` : `All ${all.length} tests pass`),
+    h(
+      "ul",
+      { class: "setup-tests" },
+      all.map(({ name, ok, words }) =>
+        h(
+          "li",
+          { class: ok ? "is-good" : "is-wrong" },
+          h("span", { "aria-hidden": "true" }, ok ? "✓ " : "✗ "),
+          name,
+          h("span", { class: "sr" }, ok ? ": passes" : ": fails"),
+          !ok && h("span", null, `: ${words}`),
+        ),
+      ),
+    ),
+  );
 }
 
 function versions(setup, root, { versions: kept, version }) {
@@ -99,6 +179,23 @@ function versions(setup, root, { versions: kept, version }) {
       setup.context.say(error.message, "error");
     }
   };
-  return h("details", null, h("summary", null, "Former versions"), h("ul", { class: "list" }, kept.slice(0, 10).map(({ id, unix_s, words }) =>
-    h("li", { class: "row" }, h("span", null, h("b", null, moment(unix_s)), " ", h("span", { class: "quiet" }, words)), h("button", { type: "button", class: "button", onclick: bringBack(id) }, "Bring it back")))));
+  return h(
+    "details",
+    null,
+    h("summary", null, "Former versions"),
+    h(
+      "ul",
+      { class: "list" },
+      kept
+        .slice(0, 10)
+        .map(({ id, unix_s, words }) =>
+          h(
+            "li",
+            { class: "row" },
+            h("span", null, h("b", null, moment(unix_s)), " ", h("span", { class: "quiet" }, words)),
+            h("button", { type: "button", class: "button", onclick: bringBack(id) }, "Bring it back"),
+          ),
+        ),
+    ),
+  );
 }

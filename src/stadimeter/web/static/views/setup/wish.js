@@ -12,8 +12,11 @@ export function widget(step) {
   const mover = room(step.setup);
   if (mover) replace(step.picture.below, mover);
   if (step.question.key === "wish") {
-    outlook(step.setup).then((drawn) => replace(step.setup.aside, drawn), () => {});
-    return choices(step, { several: true, draw: ({ answer }) => null });
+    outlook(step.setup).then(
+      (drawn) => replace(step.setup.aside, drawn),
+      () => {},
+    );
+    return choices(step, { several: true, draw: () => null });
   }
   const tried = h("div", { class: "stack setup-tried", "aria-live": "off" });
   tryIt(step, tried);
@@ -35,7 +38,14 @@ function sentence(step) {
     const key = `${wish}_${part}`;
     if (key in given) return h("b", null, given[key]);
     const blank = question.blanks.find((each) => each.key === part);
-    const input = h("input", { type: "text", class: "setup-blank", autocomplete: "off", value: key === question.key ? step.answer : blank.ready, "aria-label": blank.text, oninput: changed });
+    const input = h("input", {
+      type: "text",
+      class: "setup-blank",
+      autocomplete: "off",
+      value: key === question.key ? step.answer : blank.ready,
+      "aria-label": blank.text,
+      oninput: changed,
+    });
     input.size = Math.max(6, input.value.length);
     if (key === question.key) input.dataset.first = "";
     fields[key] = input;
@@ -52,7 +62,12 @@ function sentence(step) {
 }
 
 function twin(step) {
-  const input = h("input", { type: "text", autocomplete: "off", "data-first": "", oninput: () => step.set(input.value) });
+  const input = h("input", {
+    type: "text",
+    autocomplete: "off",
+    "data-first": "",
+    oninput: () => step.set(input.value),
+  });
   step.onAnswer((answer) => document.activeElement !== input && (input.value = answer));
   return input;
 }
@@ -65,14 +80,18 @@ function tryIt(step, root) {
   const ask = async () => {
     const mine = ++asked;
     try {
-      const { words, seen, made_up } = await api.post("setup/try", { answers: step.more?.() ?? { [question.key]: step.answer } });
+      const { words, seen, made_up } = await api.post("setup/try", {
+        answers: step.more?.() ?? { [question.key]: step.answer },
+      });
       if (mine !== asked) return;
       root.classList.remove("is-old");
       const { unit } = setup.context;
-      replace(root,
+      replace(
+        root,
         words.map((each) => h("p", { class: "small" }, inCode(each))),
         seen && drawn("On the last minute", seen, unit),
-        drawn("If it came, went, and was gone", made_up, unit));
+        drawn("If it came, went, and was gone", made_up, unit),
+      );
     } catch (error) {
       if (mine !== asked) return;
       root.classList.remove("is-old");
@@ -87,11 +106,24 @@ function tryIt(step, root) {
 /** What rules and outputs would do, in one run. */
 function drawn(title, { seconds, rules, outputs, samples }, unit) {
   const alone = (name, spans) => ({ name, runs: [{ name: "", spans }] });
-  const all = [...rules.map(({ rule, active }) => alone(rule, active)), ...outputs.map(({ output, steps }) => alone(output, levels(steps, seconds)))];
-  return h("section", null, h("b", null, title), lanes({ from_s: 0, to_s: seconds, samples, thresholds_m: [], lanes: all }, unit, { title }));
+  const all = [
+    ...rules.map(({ rule, active }) => alone(rule, active)),
+    ...outputs.map(({ output, steps }) => alone(output, levels(steps, seconds))),
+  ];
+  return h(
+    "section",
+    null,
+    h("b", null, title),
+    lanes({ from_s: 0, to_s: seconds, samples, thresholds_m: [], lanes: all }, unit, { title }),
+  );
 }
 
 /** Steps as spans; of a base, the larger of both speeds. */
-const levels = (steps, seconds) => steps
-  .map(([at_s, first, second = 0], index) => ({ from_s: at_s, to_s: steps[index + 1]?.[0] ?? seconds, level: Math.min(1, Math.max(Math.abs(first), Math.abs(second))) }))
-  .filter((each) => each.level > 0);
+const levels = (steps, seconds) =>
+  steps
+    .map(([at_s, first, second = 0], index) => ({
+      from_s: at_s,
+      to_s: steps[index + 1]?.[0] ?? seconds,
+      level: Math.min(1, Math.max(Math.abs(first), Math.abs(second))),
+    }))
+    .filter((each) => each.level > 0);

@@ -1,0 +1,1 @@
+"""The timeline of a run: what each second was like, kept for days."""

@@ -1,0 +1,196 @@
+"""Keeps the timeline of a run, as a listener of the loop: a row a second in memory, on the disk once a minute.
+
+The loop hands cycles over; all else is done in a thread. A memory card is written to as seldom as for the event log:
+what a kill or a power cut costs is a minute.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+import uuid
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from stadimeter.app.control.recording import recordings_folder
+from stadimeter.app.cycle import CycleRecord
+from stadimeter.app.recordings.record_file import delete_old
+from stadimeter.app.recordings.recorded_configuration import RecordedConfiguration
+from stadimeter.app.timeline.rows import LEVELS_S, STATES, Names, Rows, merge_rows, timeline_folder
+from stadimeter.config.atomic_file import append_whole
+from stadimeter.core.clock import DAY_S
+from stadimeter.core.decide import State
+from stadimeter.core.decision import RuleTrace
+from stadimeter.core.frame import Frame
+from stadimeter.core.track import Track
+
+LOOK_EVERY_S = 1.0
+WRITE_EVERY_S = 60.0
+
+# The cycles that wait for the thread while a disk hangs, the newest; and the seconds that wait for one that is full.
+CYCLES_MAX = 4096
+SECONDS_MAX = 3600
+
+# A week of three targets and six rules takes 0.05 GB. This bound is for many targets, and for a clock that was wrong.
+FOLDER_BYTES = 500_000_000
+
+CLOSE_WAIT_S = 0.5
+
+_RANKS = {state: rank for rank, state in enumerate(STATES)}
+
+# When it was, what was tracked, and what the rules did.
+_Cycle = tuple[int, Sequence[Track], Sequence[RuleTrace]]
+
+
+class TimelineKeeper:
+    """Keeps the timeline of a run; a `stadimeter.app.loop.RecordingSink`.
+
+    Args:
+        keep_s: What is older is deleted, a day at a time.
+        unix_s: The computer's clock. Where it is set back, a new segment begins.
+    """
+
+    def __init__(self, folder: Path, keep_s: float, unix_s: Callable[[], float] = time.time) -> None:
+        self._folder = folder
+        self._keep_s = keep_s
+        self._unix_s = unix_s
+        self._cycles: deque[_Cycle] = deque(maxlen=CYCLES_MAX)
+        self._disk = threading.Lock()
+        self._ended = threading.Event()
+        self._names = Names((), ())
+        self._segment: Path | None = None
+        self._begun: set[int] = set()
+        self._rows: Rows = np.zeros(0, self._names.row)  # of the segment: what is not in its coarser files yet
+        self._written = 0  # of these
+        self._last_s = 0
+        self._due_s = 0.0
+        self._trouble = ""
+
+    def __call__(self, record: CycleRecord, _frame: Frame | None = None) -> None:
+        """Take in a cycle."""
+        self._cycles.append((int(self._unix_s()), record.decision.tracks, record.decision.rules))
+
+    def note_state(self, state: State) -> None:
+        """Take in that the run goes on from an earlier one, which is no matter here."""
+
+    def note_reload(self, now_s: float, configuration: RecordedConfiguration) -> None:
+        """Take in a reload: its targets and rules are seen in the cycles."""
+
+    def trouble(self) -> str:
+        """Return why nothing is written at present; empty if all is well."""
+        return self._trouble
+
+    def start(self) -> None:
+        """Begin to gather and write, in a thread of its own."""
+        threading.Thread(target=self._keep, name="timeline", daemon=True).start()
+
+    def close(self) -> None:
+        """Write what waits, and end. Does not wait long for a disk that hangs."""
+        self._ended.set()
+        if self._disk.acquire(timeout=CLOSE_WAIT_S):
+            try:
+                self.step(is_end=True)
+            finally:
+                self._disk.release()
+
+    def _keep(self) -> None:
+        while not self._ended.wait(LOOK_EVERY_S):
+            with self._disk:
+                self.step()
+
+    def step(self, *, is_end: bool = False) -> None:
+        """Make rows of the seconds that are over, and write what is due."""
+        while self._cycles and (is_end or self._cycles[0][0] != self._cycles[-1][0]):
+            second = [self._cycles.popleft()]
+            unix_s, names = second[0][0], _names_of(second[0])
+            while self._cycles and self._cycles[0][0] == unix_s and _names_of(self._cycles[0]) == names:
+                second.append(self._cycles.popleft())
+            self._add(names, unix_s, np.array([_row_of(cycle) for cycle in second], names.row))
+            if not self._due_s - WRITE_EVERY_S <= unix_s < self._due_s:
+                self._write()
+                self._due_s = unix_s + WRITE_EVERY_S
+        if is_end:
+            self._write(is_whole=True)
+
+    def _add(self, names: Names, unix_s: int, cycles: Rows) -> None:
+        is_next = self._last_s < unix_s and self._last_s // DAY_S == unix_s // DAY_S
+        if self._segment is None or names != self._names or not is_next:
+            self._write(is_whole=True)
+            name = f"{datetime.fromtimestamp(unix_s, UTC):%Y%m%dT%H%M%SZ}-{uuid.uuid4().hex[:8]}"
+            self._segment, self._names, self._begun = self._folder / name, names, set()
+            self._rows, self._written = np.zeros(0, names.row), 0
+        self._rows = np.concatenate([self._rows, merge_rows(cycles, 1)])[-SECONDS_MAX:]
+        self._last_s = unix_s
+
+    def _write(self, *, is_whole: bool = False) -> None:
+        """Write the seconds, and the coarser rows of every ten minutes that are over, or of the whole segment.
+
+        Where the disk takes the seconds alone, another segment begins: of this one, the reader makes what is missing at
+        the end of a level.
+        """
+        if self._segment is None:
+            return
+        try:
+            self._append(self._segment, 1, self._rows[self._written :])
+            self._written = len(self._rows)
+            until_s = math.inf if is_whole else self._last_s // LEVELS_S[-1] * LEVELS_S[-1]
+            over = self._rows[self._rows["unix_s"] < until_s]
+            self._rows, self._written = self._rows[len(over) :], self._written - len(over)
+            for level_s in LEVELS_S[1:]:
+                self._append(self._segment, level_s, merge_rows(over, level_s))
+            self._trouble = ""
+        except OSError as error:
+            self._trouble = f"the timeline {self._folder} is not written: {error.strerror or error}"
+            if self._written == len(self._rows):
+                self._segment = None
+
+    def _append(self, segment: Path, level_s: int, rows: Rows) -> None:
+        """Append to a file of the segment, which begins with the names; before that, what is too old goes."""
+        if not len(rows):
+            return
+        head = b""
+        if level_s not in self._begun:
+            self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            delete_old(self._folder, self._keep_s, FOLDER_BYTES, "*.*")
+            head = self._names.head
+        append_whole(segment.with_name(f"{segment.name}.{level_s}"), head + rows.tobytes(), is_lasting=False)
+        self._begun.add(level_s)
+
+
+def _names_of(cycle: _Cycle) -> Names:
+    _, tracks, rules = cycle
+    return Names(tuple([track.target for track in tracks]), tuple([trace.rule for trace in rules]))
+
+
+def _row_of(cycle: _Cycle) -> tuple[int, list[tuple[float, ...]], list[int]]:
+    unix_s, tracks, rules = cycle
+    return unix_s, [_figures_of(track) for track in tracks], [_RANKS[trace.status] for trace in rules]
+
+
+def _figures_of(track: Track) -> tuple[float, ...]:
+    if not track.is_valid or track.distance_m is None:
+        return math.nan, math.nan, math.nan, math.nan, 0.0
+    return track.distance_m, track.sigma_m or 0.0, track.distance_m, track.distance_m, 1.0
+
+
+@contextmanager
+def keep_timeline(
+    listeners: list[Callable[[CycleRecord, Frame | None], None]], configuration: Path, keep_s: float
+) -> Iterator[Path]:
+    """Keep the timeline of a run while in the context; give its folder, which is there unless the disk takes none."""
+    folder = timeline_folder(recordings_folder(configuration), configuration)
+    with suppress(OSError):  # the first write says so
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    keeper = TimelineKeeper(folder, keep_s)
+    listeners.append(keeper)
+    keeper.start()
+    try:
+        yield folder
+    finally:
+        keeper.close()

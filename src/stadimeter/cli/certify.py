@@ -1,0 +1,128 @@
+"""The command ``certify``: how right distances are at this place, in this light, and which rules that carries."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from stadimeter.app.certificate import CERTIFICATE
+from stadimeter.cli.exits import DONE, NOT_FOUND, ConfigArgument, configuration_path, plain_errors, say_note
+from stadimeter.cli.target_options import parse_known_length
+from stadimeter.config.loader import load_configuration
+from stadimeter.config.units import split_spread
+from stadimeter.errors import CalibrationError, ConfigError
+from stadimeter.ranging.site_fit import Placement
+from stadimeter.workbench.certificate.page import describe_placement, summary_of
+from stadimeter.workbench.certificate.session import WATCH_S, SiteSession
+
+SKIP = "skip"
+
+
+def certify(
+    config: ConfigArgument = None,
+    *,
+    at: Annotated[
+        list[str] | None,
+        typer.Option("--at", metavar="DISTANCE", help="Where to put the target: --at 50cm,1m,2m, or given repeatedly."),
+    ] = None,
+    pictures: Annotated[
+        list[Path] | None,
+        typer.Option("--pictures", metavar="PATH", help="Pictures taken at each --at: a folder or a pattern for each."),
+    ] = None,
+    tape: Annotated[
+        str, typer.Option("--tape", metavar="LENGTH", help="How well a placement is known: one standard deviation.")
+    ] = "2mm",
+    seconds: Annotated[
+        float, typer.Option("--seconds", min=0.1, max=60.0, help="How long to watch at each distance.")
+    ] = WATCH_S,
+    target: Annotated[
+        str, typer.Option("--target", metavar="NAME", help="The target to certify with; else the first one.")
+    ] = "",
+    correct: Annotated[
+        bool, typer.Option("--correct", help="Write a focal length with the right scale into the camera file.")
+    ] = False,
+    anew: Annotated[bool, typer.Option("--anew", help="Forget what an earlier, unfinished measurement left.")] = False,
+) -> None:
+    """Certify how right distances are at this place, in this light, and which thresholds that carries.
+
+    Asks for the target at five distances, from 50 cm to the farthest that a rule uses. Measure each with a tape, from
+    the lens to the target's nearest point, and keep everything still while the camera watches for some seconds; a run
+    that has the camera goes on. From all of them follow an error of the scale, an offset, the scatter, the frame rate,
+    the latency and the farthest reliable distance.
+
+    Writes CONFIG.certificate.json, .html and .pdf beside the configuration. `stadimeter check` then says which
+    threshold the site does not carry, and when the lens or the size of the target has changed since. What was measured
+    is kept after each distance; the same command goes on after an interruption.
+
+    Before a simulated camera the program places the target itself.
+
+    **Examples**
+
+    - `stadimeter certify stadimeter.toml`
+
+    - `stadimeter certify stadimeter.toml --at 50cm,1m,2m --pictures near --pictures middle --pictures far`
+
+    **Exit code**: 0 the certificate was written; 1 the target was not seen at a distance, or moved, or it was stopped;
+    2 an option or a file is wrong, or the distances are too few.
+    """
+    with plain_errors():
+        path = configuration_path(config)
+        session = SiteSession(load_configuration(path), target, anew=anew, again=correct)
+        distances = [part.strip() for text in at or [] for part in text.split(",")]
+        tape_m = parse_known_length(tape, "--tape")
+        for each in session.certificate.placements:
+            say_note(f"going on; {each.tape_m:g} m was measured before {session.certificate.date}: --anew forgets it")
+        is_seen = _take_all(session, distances, pictures or [], tape_m, seconds)
+        for words in summary_of(session.finish(correct=correct)):
+            typer.echo(words)
+        typer.echo(f"wrote {path.with_suffix(CERTIFICATE)}, and .html and .pdf beside it")
+    raise typer.Exit(DONE if is_seen else NOT_FOUND)
+
+
+def _take_all(
+    session: SiteSession, asked: Sequence[str], pictures: Sequence[Path], tape_m: float, for_s: float
+) -> bool:
+    """Measure at every distance that is left; return whether the target was seen at each."""
+    wanted_m = [parse_known_length(each, "--at") for each in asked] or session.propose_m()
+    if pictures and len(pictures) != len(asked):
+        raise ConfigError(f"--pictures is given {len(pictures)} times and --at names {len(asked)} distances")
+    if len(set(wanted_m)) < len(wanted_m):
+        raise ConfigError("--at names a distance twice, and it says the same each time; give each once")
+    if pictures or session.is_simulated:
+        folders: Sequence[Path | None] = pictures or [None] * len(wanted_m)
+        pairs = zip(wanted_m, folders, strict=True)
+        seen = [_say(session.take(each_m, tape_m, for_s, folder)) for each_m, folder in pairs]
+    else:
+        typer.echo("Measure with a tape, from the lens to the target's nearest point. Keep the camera still.")
+        seen = [_take_asking(session, each_m, tape_m, for_s) for each_m in wanted_m]
+    return all(seen)
+
+
+def _take_asking(session: SiteSession, asked_m: float, tape_m: float, for_s: float) -> bool:
+    """Ask for the target at a distance until it is seen there, or the person goes on without."""
+    while True:
+        typer.echo(f"Put it at {asked_m:g} m.")
+        try:
+            answer = input("Enter when it is there; or type its distance, such as 1.52 m ± 3 mm; or skip: ").strip()
+            if answer == SKIP:
+                return False
+            length, sigma = split_spread(answer)
+            asked_m = parse_known_length(length, "the distance") if length else asked_m
+            sigma_m = parse_known_length(sigma, "the ±") if sigma else tape_m
+            if _say(session.take(asked_m, sigma_m, for_s)):
+                return True
+        except (EOFError, KeyboardInterrupt):
+            typer.echo("\nstopped; what was measured is kept, and the same command goes on", err=True)
+            raise typer.Exit(NOT_FOUND) from None
+        except (ConfigError, CalibrationError) as error:
+            typer.echo(f"error: {error}", err=True)
+
+
+def _say(placed: Placement) -> bool:
+    """Print what was seen at a distance; return whether that says where it is."""
+    words = describe_placement(placed)
+    typer.echo(words if placed.is_read else f"error: {words}", err=not placed.is_read)
+    return placed.is_read

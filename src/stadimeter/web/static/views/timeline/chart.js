@@ -1,0 +1,344 @@
+// The chart of the timeline, by uPlot: distances with their bands, thresholds, events and clips; below, a lane a rule.
+
+import { h } from "../../dom.js";
+import uPlot from "../../vendor/uplot/uPlot.js";
+
+const LANE = 30; // px: a name, and its bar below
+const TOP = 34; // px above the plot, for clips and events
+const PLOT = 280;
+const LABEL = "Timeline: arrow keys read it, with Shift they scroll, plus and minus zoom, Enter explains";
+const AXIS = 44;
+const SPAN_MIN_S = 10;
+const SPAN_MAX_S = 32 * 86400;
+const ZOOM = 1.25;
+const TAP_PX = 6; // a pointer that moves less selects
+const LOOKS = {
+  active: "alarm",
+  latched: "alarm",
+  clearing: "warn",
+  pending: "warn",
+  returned: "warn",
+  unknown: "unknown",
+  idle: "line",
+};
+const BAD = new Set(["raised", "fault", "target_lost", "stopped", "disarmed", "measurement_lost"]);
+
+/**
+ * `setData({times, targets, lanes, events, clips})` draws: `times` in seconds since 1970, ascending; `targets` by name
+ * `{mean_m, sigma_m, low_m, high_m}` with a figure or null for each time; `lanes` `[{rule, spans: [[from_s, to_s,
+ * state]]}]`; `events` `[{unix_s, kind, severity, source}]`; `clips` `[{name, from_s, to_s}]`.
+ * `thresholds` is a list of `{rule, target, key, value_m}` to be changed in place or replaced; `redraw()` shows it.
+ * `overlays` is a set of `draw({ink, x, y, laneOf, lane, colour})`, called last: `x(unix_s)`, `y(metres)` and
+ * `laneOf(rule)` (the upper edge of its bar, or undefined) are in pixels of the canvas, `lane` is a bar's height there.
+ * `timeAt(clientX)` and `metresAt(clientY)` read a pointer; `area` is the element over the plot that gets them.
+ * `onview(from_s, to_s)` hears of a view that a person chose, `onselect(unix_s)` of a click, a tap, or Enter; without
+ * them the chart can only be read. `onread(unix_s)` returns what is at a moment in words, and at null, if none is read.
+ */
+export class TimelineChart {
+  thresholds = [];
+  overlays = new Set();
+  #data = { times: [], targets: {}, lanes: [], events: [], clips: [] };
+  #pointers = new Map();
+  #moved = 0;
+  #drawn = 0;
+
+  constructor({ unit, onread, onview = null, onselect = null, label = LABEL, height = PLOT }) {
+    Object.assign(this, { unit, onview, onselect, onread, height, from_s: 0, to_s: 1, at_s: null });
+    this.element = h("div", {
+      class: "timeline-chart",
+      tabIndex: 0,
+      role: "slider",
+      "aria-valuemin": 0,
+      "aria-valuenow": 0,
+      "aria-label": label,
+    });
+    this.element.addEventListener("keydown", (event) => this.#key(event));
+    this.scheme = matchMedia("(prefers-color-scheme: dark)");
+    this.scheme.addEventListener("change", this.redraw);
+    this.watch = new ResizeObserver(() => this.#fit());
+    this.watch.observe(this.element);
+  }
+
+  takeDown() {
+    this.watch.disconnect();
+    this.scheme.removeEventListener("change", this.redraw);
+    this.plot?.destroy();
+  }
+
+  redraw = () => this.plot?.redraw(true, true);
+
+  setView(from_s, to_s) {
+    Object.assign(this, { from_s, to_s });
+    this.plot?.setScale("x", { min: from_s, max: to_s });
+  }
+
+  setData(data) {
+    const kind = ({ targets, lanes }) => JSON.stringify([Object.keys(targets), lanes.length]);
+    const isOther = !this.plot || kind(data) !== kind(this.#data);
+    this.#data = data;
+    if (isOther) this.#begin();
+    else this.plot.setData(this.#columns(), false);
+    this.setView(this.from_s, this.to_s);
+  }
+
+  /** The time below a pointer, and the distance. */
+  timeAt = (clientX) => this.plot.posToVal(clientX - this.area.getBoundingClientRect().left, "x");
+  metresAt = (clientY) => this.plot.posToVal(clientY - this.area.getBoundingClientRect().top, "y") * this.unit.size_m;
+
+  #begin() {
+    this.plot?.destroy();
+    const names = Object.keys(this.#data.targets);
+    const colour = (at) => () => this.#colour(`series-${(at % 4) + 1}`);
+    const part = (fill) => ({ show: true, stroke: null, points: { show: false }, fill: undefined, label: fill });
+    const series = names.flatMap((name, at) => [
+      ...["highest", "lowest", "above", "below"].map((edge) => part(`${name} ${edge}`)),
+      { label: name, stroke: colour(at), width: 1.5, points: { size: 3 } },
+    ]);
+    const bands = names.flatMap((_, at) =>
+      [0, 2].map((edge) => ({
+        series: [5 * at + 1 + edge, 5 * at + 2 + edge],
+        fill: () => faint(this.#colour(`series-${(at % 4) + 1}`), edge ? 0.3 : 0.16),
+      })),
+    );
+    const axis = {
+      stroke: () => this.#colour("quiet"),
+      font: "12px system-ui, sans-serif",
+      grid: { stroke: () => this.#colour("line"), width: 1 },
+      ticks: { show: false },
+    };
+    this.plot = new uPlot(
+      {
+        ...this.#size(),
+        bands,
+        series: [{}, ...series],
+        legend: { show: false },
+        padding: [TOP, 10, this.#lanesHeight(), 0],
+        cursor: { drag: { x: false, y: false }, y: false, points: { show: false } },
+        scales: { x: { time: true }, y: { range: (_, low, high) => this.#range(low, high) } },
+        axes: [
+          { ...axis, size: AXIS, space: 76, values: timeLabels },
+          { ...axis, size: 50, values: (_, values) => values.map((each) => `${each} ${this.unit.symbol}`) },
+        ],
+        hooks: {
+          draw: [() => this.#draw()],
+          setCursor: [(plot) => this.#read(plot.cursor.left >= 0 ? plot.posToVal(plot.cursor.left, "x") : this.at_s)],
+        },
+      },
+      this.#columns(),
+      this.element,
+    );
+    this.area = this.plot.over;
+    if (!this.onview) return;
+    for (const kind of ["pointerdown", "pointermove", "pointerup", "pointercancel"]) {
+      this.area.addEventListener(kind, (event) => this.#pointer(event));
+    }
+    this.area.addEventListener("wheel", (event) => this.#wheel(event), { passive: false });
+  }
+
+  #columns() {
+    const scale = (value) => (value === null ? null : value / this.unit.size_m);
+    const columns = Object.values(this.#data.targets).flatMap(({ mean_m, sigma_m, low_m, high_m }) => [
+      high_m.map(scale),
+      low_m.map(scale),
+      mean_m.map((mean, at) => (mean === null ? null : scale(mean + sigma_m[at]))),
+      mean_m.map((mean, at) => (mean === null ? null : scale(mean - sigma_m[at]))),
+      mean_m.map(scale),
+    ]);
+    return [this.#data.times, ...columns];
+  }
+
+  #lanesHeight = () => this.#data.lanes.length * LANE + 6;
+  #size = () => ({
+    width: Math.max(200, this.element.clientWidth),
+    height: TOP + this.height + AXIS + this.#lanesHeight(),
+  });
+  #colour = (name) => getComputedStyle(this.element).getPropertyValue(`--${name}`);
+
+  #fit() {
+    if (this.plot && this.element.clientWidth) this.plot.setSize(this.#size());
+  }
+
+  /** All that is in view, and the thresholds that are near enough to matter. */
+  #range(low, high) {
+    const thresholds = this.thresholds.map(({ value_m }) => value_m / this.unit.size_m);
+    if (low === null)
+      [low, high] = thresholds.length ? [Math.min(...thresholds), Math.max(...thresholds)] : [0, 3 / this.unit.size_m];
+    const reach = Math.max(high - low, 0.25 / this.unit.size_m);
+    const near = thresholds.filter((each) => each > low - 2 * reach && each < high + 2 * reach);
+    const room = reach * 0.1;
+    return [Math.max(0, Math.min(low, ...near) - room), Math.max(high, ...near) + room];
+  }
+
+  #draw() {
+    const { plot } = this;
+    const { ctx: ink, bbox } = plot;
+    const sharp = devicePixelRatio;
+    const x = (unix_s) => plot.valToPos(unix_s, "x", true);
+    const y = (metres) => plot.valToPos(metres / this.unit.size_m, "y", true);
+    const lanesTop = bbox.top + bbox.height + AXIS * sharp;
+    const colour = (name) => this.#colour(name);
+    ink.save();
+    ink.beginPath();
+    ink.rect(bbox.left, 0, bbox.width, ink.canvas.height);
+    ink.clip();
+    ink.font = `${12 * sharp}px system-ui, sans-serif`;
+    this.#drawThresholds(ink, y, sharp);
+    const bar = (from_s, to_s, top, height, fill) => {
+      ink.fillStyle = fill;
+      ink.fillRect(x(from_s), top, Math.max(2 * sharp, x(to_s) - x(from_s)), height);
+    };
+    for (const { from_s, to_s, clip_of } of this.#data.clips) {
+      bar(from_s, to_s, 2 * sharp, 8 * sharp, colour(clip_of ? "accent" : "edge"));
+    }
+    for (const event of this.#data.events) drawEvent(ink, x(event.unix_s), event, colour, sharp);
+    this.#data.lanes.forEach(({ rule, spans }, at) => {
+      const top = lanesTop + at * LANE * sharp;
+      ink.fillStyle = colour("quiet");
+      ink.textAlign = "left";
+      ink.textBaseline = "top";
+      ink.fillText(rule, bbox.left + 2 * sharp, top);
+      for (const [from_s, to_s, state] of spans) {
+        const height = (state === "idle" ? 2 : 12) * sharp;
+        if (to_s > this.from_s && from_s < this.to_s)
+          bar(from_s, to_s, top + 27 * sharp - height, height, colour(LOOKS[state] ?? "line"));
+      }
+    });
+    if (this.at_s !== null) bar(this.at_s, this.at_s, 0, ink.canvas.height, colour("ink"));
+    const rules = new Map(this.#data.lanes.map(({ rule }, at) => [rule, lanesTop + (at * LANE + 15) * sharp]));
+    for (const draw of this.overlays) draw({ ink, x, y, laneOf: (rule) => rules.get(rule), lane: 12 * sharp, colour });
+    ink.restore();
+    Object.assign(this.element.dataset, { drawn: ++this.#drawn, from: this.from_s, to: this.to_s });
+  }
+
+  #drawThresholds(ink, y, sharp) {
+    const { left, width } = this.plot.bbox;
+    ink.strokeStyle = ink.fillStyle = this.#colour("alarm");
+    ink.lineWidth = 1.5 * sharp;
+    ink.textAlign = "right";
+    ink.textBaseline = "bottom";
+    for (const { rule, value_m } of this.thresholds) {
+      ink.setLineDash([6 * sharp, 4 * sharp]);
+      ink.beginPath();
+      ink.moveTo(left, y(value_m));
+      ink.lineTo(left + width, y(value_m));
+      ink.stroke();
+      ink.setLineDash([]);
+      ink.fillText(
+        `${rule} ${+(value_m / this.unit.size_m).toFixed(this.unit.decimals)} ${this.unit.symbol}`,
+        left + width - 4 * sharp,
+        y(value_m) - 2 * sharp,
+      );
+    }
+  }
+
+  /** Change the view by a person: `part` of it stays where it is. */
+  zoom(by, part = 0.5) {
+    const span_s = Math.min(SPAN_MAX_S, Math.max(SPAN_MIN_S, (this.to_s - this.from_s) * by));
+    const still_s = this.from_s + part * (this.to_s - this.from_s);
+    this.#choose(still_s - part * span_s, still_s + (1 - part) * span_s);
+  }
+
+  scroll(parts) {
+    const by_s = parts * (this.to_s - this.from_s);
+    this.#choose(this.from_s + by_s, this.to_s + by_s);
+  }
+
+  select(unix_s) {
+    this.#move(unix_s);
+    this.onselect(unix_s);
+  }
+
+  #move(unix_s) {
+    this.at_s = unix_s;
+    this.#read(unix_s);
+    this.redraw();
+  }
+
+  #choose(from_s, to_s) {
+    this.setView(from_s, to_s);
+    this.onview(from_s, to_s);
+  }
+
+  #read(unix_s) {
+    const words = this.onread(unix_s);
+    this.element.setAttribute("aria-valuenow", Math.round(unix_s ?? this.to_s));
+    this.element.setAttribute("aria-valuetext", words);
+  }
+
+  #wheel(event) {
+    event.preventDefault();
+    const { left, width } = this.area.getBoundingClientRect();
+    if (Math.abs(event.deltaX) > Math.abs(event.deltaY)) this.scroll(event.deltaX / width);
+    else this.zoom(ZOOM ** Math.max(-3, Math.min(3, event.deltaY / 100)), (event.clientX - left) / width);
+  }
+
+  /** One pointer drags, two zoom, and one that hardly moves selects. */
+  #pointer(event) {
+    const { type, pointerId, clientX } = event;
+    const before = [...this.#pointers.values()];
+    if (event.defaultPrevented) return;
+    if (type === "pointerdown") {
+      if (event.button) return;
+      this.area.setPointerCapture(pointerId);
+      if (!before.length) this.#moved = 0;
+      this.#pointers.set(pointerId, clientX);
+    } else if (!this.#pointers.has(pointerId)) {
+      return;
+    } else if (type === "pointermove") {
+      const was = this.#pointers.get(pointerId);
+      this.#moved += Math.abs(clientX - was);
+      this.#pointers.set(pointerId, clientX);
+      const { left, width } = this.area.getBoundingClientRect();
+      const [one, two] = this.#pointers.values();
+      if (before.length > 1) this.zoom(apart(before) / apart([one, two]), ((one + two) / 2 - left) / width);
+      else if (this.#moved > TAP_PX) this.scroll((was - clientX) / width);
+    } else {
+      this.#pointers.delete(pointerId);
+      if (type === "pointerup" && !this.#pointers.size && this.#moved <= TAP_PX) this.select(this.timeAt(clientX));
+    }
+  }
+
+  #key(event) {
+    const step = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 }[event.key];
+    const [at_s, span_s] = [this.at_s ?? this.to_s, this.to_s - this.from_s];
+    if (event.key === "Escape") this.#move(null);
+    else if (step && !(event.shiftKey && this.onview)) {
+      this.#move(Math.min(this.to_s, Math.max(this.from_s, at_s + (step * span_s) / 120)));
+    } else if (!this.onview) return;
+    else if (step) this.scroll(step / 4);
+    else if (event.key === "PageUp" || event.key === "PageDown") this.scroll(event.key === "PageUp" ? -1 : 1);
+    else if (event.key === "+" || event.key === "-")
+      this.zoom(event.key === "+" ? 1 / ZOOM : ZOOM, this.at_s === null ? 0.5 : (at_s - this.from_s) / span_s);
+    else if (event.key === "Enter") this.select(at_s);
+    else return;
+    event.preventDefault();
+  }
+}
+
+const apart = ([one, two]) => Math.max(10, Math.abs(one - two));
+
+const faint = (colour, share) => `color-mix(in srgb, ${colour} ${share * 100}%, transparent)`;
+
+/** Times of this device's clock: with seconds where they differ, and the date where a day begins. */
+function timeLabels(_, times, __, ___, step_s) {
+  const clock = { hour: "2-digit", minute: "2-digit", ...(step_s < 60 && { second: "2-digit" }) };
+  return times.map((unix_s) => {
+    const at = new Date(unix_s * 1000);
+    const isDay = at.getHours() + at.getMinutes() + at.getSeconds() === 0;
+    return isDay ? at.toLocaleDateString([], { day: "numeric", month: "short" }) : at.toLocaleTimeString([], clock);
+  });
+}
+
+/** A mark above: pointing up where something was raised or went wrong, down where it was over. */
+function drawEvent(ink, at, { kind, severity }, colour, sharp) {
+  const isBad = BAD.has(kind);
+  ink.fillStyle = isBad
+    ? colour(severity === "info" ? "quiet" : severity === "warning" ? "warn" : "alarm")
+    : colour(kind ? "good" : "quiet");
+  const [tip, base] = isBad ? [14, 26] : [26, 14];
+  ink.beginPath();
+  ink.moveTo(at, tip * sharp);
+  ink.lineTo(at - 5 * sharp, base * sharp);
+  ink.lineTo(at + 5 * sharp, base * sharp);
+  ink.fill();
+}

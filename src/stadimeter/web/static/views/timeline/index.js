@@ -1,0 +1,187 @@
+// The timeline: hours of distances, states of rules, events and clips; a click says what there is to know of a moment.
+
+import { h, replace, write } from "../../dom.js";
+import { describe } from "../replay.js";
+import { TimelineChart } from "./chart.js";
+import { dataOf, noteStates, readAt } from "./data.js";
+
+const SPANS = [
+  [600, "10 min"],
+  [3600, "1 h"],
+  [21600, "6 h"],
+  [86400, "24 h"],
+  [604800, "7 days"],
+];
+const POINTS_MAX = 1600;
+const MARGIN = 0.5; // as much of the view is loaded beside it, so that scrolling shows something at once
+const FOLLOW_MS = 1000;
+const RELOAD_MS = 60_000; // the run writes as often
+const QUIET_MS = 600;
+const NOT_KEPT =
+  "This run keeps no timeline: only what is live is shown. A table [timeline] in its configuration lets it keep one.";
+
+const TOLD_BY = {
+  run: "By the run itself.",
+  recording: "By a recording of that time.",
+  timeline: "No recording holds this moment: this is what the timeline and the event log know.",
+};
+
+export function mount(root, context) {
+  const view = new Timeline(context);
+  replace(root, view.element);
+  view.begin();
+  const leave = context.live.subscribe((snapshot) => view.update(snapshot), { image: false });
+  return () => {
+    leave();
+    view.takeDown();
+  };
+}
+
+class Timeline {
+  #wish = null;
+  #isAsking = false;
+  #answer = null;
+  #marks = { clips: [], thresholds: [] };
+  #states = new Map(); // of the rules, since this view was opened
+  #last_ms = 0;
+
+  constructor({ api, live, unit, say }) {
+    Object.assign(this, { api, live, unit, say, follows: true });
+    this.chart = new TimelineChart({
+      unit,
+      onview: (_, to_s) => this.#seen(to_s),
+      onselect: (unix_s) => this.#explain(unix_s),
+      onread: (unix_s) => this.#read(unix_s),
+    });
+    this.read = h("p", { class: "small number read", role: "status" });
+    this.moment = h("section", { class: "panel stack moment-told", "aria-label": "The moment", hidden: true });
+    const button = (words, label, onclick) =>
+      h("button", { type: "button", class: "button", "aria-label": label, onclick }, words);
+    const now = () => Date.now() / 1000;
+    this.spans = SPANS.map(([span_s, words]) => button(words, `Show ${words}`, () => this.show(now() - span_s, now())));
+    this.element = h(
+      "div",
+      { class: "stack timeline" },
+      h(
+        "section",
+        { class: "panel stack of-run", "aria-label": "Timeline" },
+        h("div", { class: "row" }, h("h1", { class: "grow" }, "Timeline"), this.spans),
+        this.chart.element,
+        this.read,
+        h(
+          "div",
+          { class: "row" },
+          button("−", "Zoom out", () => this.chart.zoom(2)),
+          button("+", "Zoom in", () => this.chart.zoom(0.5)),
+          button("◀", "Earlier", () => this.chart.scroll(-0.5)),
+          button("▶", "Later", () => this.chart.scroll(0.5)),
+          button("Now", "To now", () => this.show(now() - (this.chart.to_s - this.chart.from_s), now())),
+        ),
+      ),
+      this.moment,
+    );
+  }
+
+  begin() {
+    const now = Date.now() / 1000;
+    this.show(now - 86400, now);
+    this.timer = setInterval(() => this.#load(), RELOAD_MS);
+  }
+
+  takeDown() {
+    clearInterval(this.timer);
+    clearTimeout(this.quiet);
+    this.chart.takeDown();
+  }
+
+  show(from_s, to_s) {
+    this.chart.setView(from_s, to_s);
+    this.#seen(to_s);
+  }
+
+  /** Live values go on at the right edge, which moves with them while it is in sight. */
+  update(snapshot) {
+    if (performance.now() - this.#last_ms < FOLLOW_MS) return;
+    this.#last_ms = performance.now();
+    noteStates(this.#states, snapshot);
+    if (this.follows && snapshot.unix_s > this.chart.to_s) {
+      this.chart.setView(this.chart.from_s + snapshot.unix_s - this.chart.to_s, snapshot.unix_s);
+    }
+    this.#draw();
+  }
+
+  #seen(to_s) {
+    this.follows = to_s >= Date.now() / 1000 - 2;
+    this.#load();
+  }
+
+  #draw() {
+    if (!this.#answer) return;
+    this.chart.setData({ ...dataOf(this.#answer, this.live, this.#states), clips: this.#marks.clips });
+  }
+
+  /** Ask for what is in view; while an answer is on its way, only the newest wish is kept. */
+  async #load() {
+    const span_s = this.chart.to_s - this.chart.from_s;
+    const points = Math.round(Math.min(POINTS_MAX, (this.chart.element.clientWidth || 1000) * (1 + 2 * MARGIN)));
+    const [from_s, to_s] = [Math.max(0, this.chart.from_s - MARGIN * span_s), this.chart.to_s + MARGIN * span_s];
+    this.#wish = `from=${from_s}&to=${to_s}&points=${points}`;
+    if (this.#isAsking) return;
+    this.#isAsking = true;
+    try {
+      for (let asked = null; asked !== this.#wish; ) {
+        asked = this.#wish;
+        this.#answer = await this.api.get(`timeline?${asked}`);
+        this.chart.element.dataset.step = this.#answer.step_s;
+        this.#draw();
+      }
+    } catch (error) {
+      this.say(error.message, "error");
+    }
+    this.#isAsking = false;
+    if (!this.#answer?.is_kept) write(this.read, NOT_KEPT);
+    clearTimeout(this.quiet);
+    this.quiet = setTimeout(() => this.#loadMarks(), QUIET_MS);
+  }
+
+  /** Clips and thresholds, once the view has come to rest: the server answers one question after the other. */
+  async #loadMarks() {
+    const { from_s, step_s, count } = this.#answer ?? { from_s: 0, step_s: 1, count: 1 };
+    const found = await this.api.get(`timeline/marks?from=${from_s}&to=${from_s + step_s * count}`).catch(() => null);
+    if (found) this.#marks = found;
+    this.chart.thresholds = this.#marks.thresholds;
+    this.#draw();
+  }
+
+  #read(unix_s) {
+    if (unix_s === null) return this.read.textContent;
+    const words = this.#answer ? readAt(dataOf(this.#answer, this.live, this.#states), unix_s, this.unit) : "";
+    write(this.read, words);
+    return words;
+  }
+
+  async #explain(unix_s) {
+    const head = h(
+      "div",
+      { class: "row" },
+      h("h2", { class: "grow" }, "The moment"),
+      h("button", { type: "button", class: "button", onclick: () => (this.moment.hidden = true) }, "Close"),
+    );
+    this.moment.hidden = false;
+    replace(this.moment, head, h("p", { class: "quiet" }, "One moment …"));
+    const told = await this.api.get(`timeline/moment?at=${unix_s}`).then(
+      (found) => [
+        h(
+          "p",
+          { class: "quiet small" },
+          TOLD_BY[found.by],
+          " ",
+          found.recording && h("a", { href: "#recordings" }, found.recording),
+        ),
+        describe(found, this.unit),
+      ],
+      (error) => h("p", null, error.message),
+    );
+    replace(this.moment, head, told);
+  }
+}

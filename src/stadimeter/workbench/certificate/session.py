@@ -1,0 +1,247 @@
+"""Certifying a site: the target is put at taped distances, the camera watches it, and all of them give the certificate.
+
+What was measured is kept after each distance, in a file beside the configuration, so that one may go on later.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from statistics import fmean, median
+from typing import Any
+
+from msgspec.structs import replace
+
+from stadimeter.app.bootstrap import build
+from stadimeter.app.capture import Capture
+from stadimeter.app.certificate import CERTIFICATE, PLACEMENTS, Certificate, Site, load_certificate, save_certificate
+from stadimeter.app.clock import MonotonicClock
+from stadimeter.config.camera_file import load_camera_model, save_camera_model
+from stadimeter.config.loader import Configuration, is_demonstration, load_configuration
+from stadimeter.config.plugins import CAMERAS, DriverChoice, load_driver
+from stadimeter.config.toml_source import read_toml
+from stadimeter.config.units import path_from
+from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES
+from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX
+from stadimeter.core.frame import Frame
+from stadimeter.core.measurement import Measurement
+from stadimeter.errors import CalibrationError, ConfigError, EndOfFramesError
+from stadimeter.ranging.similar_triangles import farthest_m
+from stadimeter.ranging.site_fit import Placement, find_reach, fit_site, read_placement
+from stadimeter.workbench.certificate.page import blocks_of, html_of, pages_of
+from stadimeter.workbench.drawing import pdf_of
+from stadimeter.workbench.frame_source import SETTLING_WAIT_S, Source, open_source
+from stadimeter.workbench.measuring import Measuring
+from stadimeter.workbench.run_camera import choice_of, is_same_camera, list_cameras, source_beside_run
+
+# How many distances are proposed, from which on, and up to where if no rule says.
+PROPOSED, NEAREST_M, USUAL_FARTHEST_M = 5, 0.5, 3.0
+
+# Tapes do not reach farther, and nothing is measured nearer.
+MIN_TAPE_M, MAX_TAPE_M = 0.05, 50.0
+
+# One standard deviation of a tape as people hold it, and the largest that still certifies anything, as a share.
+TAPE_M, MAX_TAPE_SHARE = 0.002, 0.1
+
+# Distances nearer to each other than this share are one: the later one counts.
+SAME_SHARE = 0.02
+
+# A camera is watched for this long; a slow one until there are this many frames, a fast one for no more than that many.
+WATCH_S, MIN_FRAMES, MAX_FRAMES = 5.0, 20, 1000
+
+
+class SiteSession:
+    """Measures at one distance after the other.
+
+    Args:
+        anew: Whether what was measured before is forgotten.
+        again: Whether a finished certificate counts as measured before, where nothing newer is.
+
+    Attributes:
+        site: What is certified.
+        certificate: What was measured so far.
+    """
+
+    def __init__(
+        self, configuration: Configuration, target: str = "", *, anew: bool = False, again: bool = False
+    ) -> None:
+        if is_demonstration(configuration.path):
+            raise ConfigError("nothing is written beside the demonstration: certify a copy of config/demo.toml")
+        self.site, self._newest = Site(configuration, target), list[Frame]()
+        self.certificate = Certificate(target=self.site.target.name, about=self.site.about)
+        begun = None if anew else load_certificate(configuration.path, PLACEMENTS)
+        if begun is None and again and not anew:
+            begun = load_certificate(configuration.path)
+        if begun is not None and begun.target == self.certificate.target and not self.site.outdated(begun):
+            self.certificate = replace(begun, about=self.site.about)
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether the target is in a simulated world, so that the program puts it where it belongs."""
+        return self.site.configuration.camera.options.needs_world
+
+    def propose_m(self) -> list[float]:
+        """Return distances for the tape, from near to the farthest that a rule uses; those that are done left out."""
+        model, shape = self.site.model, self.site.shape
+        ends_m = [limit_m + (leaf.deadband_m if leaf else 0.0) for _, _, limit_m, leaf in self.site.distances()]
+        # The nearest at which it is whole in the picture, with a tenth of room.
+        near_m = max(NEAREST_M, 1.1 * farthest_m(shape, model, min(model.width_px, model.height_px)))
+        far_m = min(MAX_TAPE_M, max(2 * near_m, *ends_m, 0.0 if ends_m else USUAL_FARTHEST_M))
+        steps = (near_m * (far_m / near_m) ** (number / (PROPOSED - 1)) for number in range(PROPOSED))
+        whole_m = (math.ceil(20 * each - 1e-9) / 20 for each in steps)  # whole steps of 5 cm
+        return [each for each in whole_m if len(self._others(each)) == len(self.certificate.placements)]
+
+    def take(
+        self, tape_m: float, sigma_m: float = TAPE_M, for_s: float = WATCH_S, pictures: Path | None = None
+    ) -> Placement:
+        """Watch the target where it is now; before a simulated camera it is put there.
+
+        Another placement at the same distance is replaced.
+
+        Args:
+            pictures: A file, a folder or a pattern whose pictures are taken in place of a camera's.
+
+        Raises:
+            ConfigError: No tape measures that.
+            CalibrationError: The target moved, or there was no picture.
+            DriverError: The camera gives no frames.
+            PictureError: There is no such picture.
+        """
+        if not MIN_TAPE_M <= tape_m <= MAX_TAPE_M:
+            raise ConfigError(f"{tape_m:g} m is no distance for a tape: {MIN_TAPE_M:g} to {MAX_TAPE_M:g} m")
+        if not 0 < sigma_m <= MAX_TAPE_SHARE * tape_m:
+            raise ConfigError(f"a distance of {tape_m:g} m that is known to ± {sigma_m:g} m certifies nothing")
+        true_m = tape_m + self.site.shape.limb_radius_m
+        placed = Placement(tape_m=tape_m, true_m=true_m, tape_sigma_m=sigma_m)
+        source = self._source(true_m, pictures)
+        try:
+            source.settle()
+            is_timed = source.is_live and not self.is_simulated
+            placed = self._watch(_frames(source.capture, for_s), placed, is_timed=is_timed)
+        finally:
+            source.capture.close()
+        placements = sorted((*self._others(tape_m), placed), key=lambda each: each.tape_m)
+        self.certificate = replace(self.certificate, date=_now(), placements=tuple(placements))
+        save_certificate(self.site.configuration.path, self.certificate, PLACEMENTS, {})
+        return placed
+
+    def _source(self, true_m: float, pictures: Path | None) -> Source:
+        configuration = self.site.configuration
+        if pictures is not None:
+            options = load_driver(CAMERAS, "images").model_validate({"paths": [str(pictures)]})
+            return open_source(DriverChoice(name="camera", driver="images", options=options))
+        if not self.is_simulated:
+            return source_beside_run(configuration.camera, configuration.path, None)
+        parts = build(configuration, speed=None)
+        if parts.world is not None:
+            parts.world.place_target(*parts.world.in_world_m(0.0, true_m))
+        return Source(capture=parts.capture, is_live=True)  # the first frames show it on its way
+
+    def _others(self, tape_m: float) -> list[Placement]:
+        return [each for each in self.certificate.placements if abs(each.tape_m / tape_m - 1) > SAME_SHARE]
+
+    def _watch(self, frames: Iterator[Frame], placed: Placement, *, is_timed: bool) -> Placement:
+        measuring, clock = Measuring((self.site.named,), self.site.model), MonotonicClock()
+        seen: list[Measurement] = []
+        ages_s, levels, watched, reason = [], [], list[Frame](), ""
+        for frame in frames:
+            results = [each.measurement for each in measuring.measure(frame, "").targets]
+            found = [each for each in results if each.distance_m is not None]
+            # Of several tags the one that is where the tape says.
+            seen += sorted(found, key=lambda each: abs((each.distance_m or 0.0) - placed.true_m))[:1]
+            reason = reason or ("" if found else results[0].reason)
+            ages_s.append(clock.now_s() - frame.captured_at_s)
+            levels.append(float(frame.image[::8, ::8].mean()))
+            watched = self._newest = [*watched[:1], frame]
+        if not watched:
+            raise CalibrationError(f"at {placed.tape_m:g} m there was no picture")
+        first, last = watched[0], watched[-1]
+        lasted_s = last.captured_at_s - first.captured_at_s if is_timed else 0.0
+        # A table of a configuration states no edge bias, which is not to say that there is none.
+        edge_px = self.site.model.for_frame(last).edge_bias_sigma_px or UNKNOWN_EDGE_BIAS_SIGMA_PX
+        placed = replace(
+            placed,
+            frames=len(levels),
+            found=len(seen),
+            size_px=median(each.size_share or 0.0 for each in seen) * last.width_px if seen else 0.0,
+            rate_hz=(last.sequence - first.sequence) / lasted_s if lasted_s else None,
+            latency_s=median(ages_s) if lasted_s else None,
+            brightness=fmean(levels),
+            exposure_s=last.exposure_s,
+            reason=reason,
+        )
+        return read_placement(placed, seen, edge_px)
+
+    def finish(self, *, correct: bool = False) -> Certificate:
+        """Write the certificate and its pages from all placements, and return it.
+
+        Args:
+            correct: Whether to write another focal length into the camera file, where the scale is wrong.
+
+        Raises:
+            CalibrationError: There are too few placements.
+            ConfigError: A file cannot be written, or there is nothing to correct.
+        """
+        made = _fitted(self._correct(_fitted(self.certificate)) if correct else self.certificate)
+        background = remember_background(self._newest)
+        camera = _camera_name(self.site.configuration.camera)
+        made = replace(made, date=_now(), camera=camera, background=background)
+        path = self.site.configuration.path
+        pages = pages_of(blocks_of(path.name, made, list(self.site.reliances(made))))
+        files = {".certificate.html": html_of(pages, path.name).encode(), ".certificate.pdf": pdf_of(pages)}
+        save_certificate(path, made, CERTIFICATE, files)
+        path.with_suffix(PLACEMENTS).unlink(missing_ok=True)
+        return made
+
+    def _correct(self, made: Certificate) -> Certificate:
+        """Write a focal length with which the scale is right, and return what was measured as if by that."""
+        path, fit = self.site.configuration.path, made.fit
+        written = read_toml(path, CONFIGURATION_MAX_BYTES).table["camera"].get("model")
+        if fit is None or not (fit.has_wrong_scale and fit.is_consistent):
+            raise ConfigError("there is no error of the scale that is significant, from placements that agree")
+        if not isinstance(written, str) or self.site.model.pupil_ahead_m:
+            raise ConfigError("only a camera file for air can be corrected: name one as model in [camera]")
+        file = path_from(path.parent, written)
+        model, times = load_camera_model(file), 1 / (1 + fit.scale)
+        note = f"focal length times {times:.5f} ± {fit.scale_sigma:.5f} by the certificate of {path.name}, {_now()}"
+        kept = replace(model.provenance, notes=(*model.provenance.notes, note))
+        model = replace(model, fx_px=model.fx_px * times, fy_px=model.fy_px * times, uncertainty=None, provenance=kept)
+        save_camera_model(file, replace(model, focal_relative_sigma=fit.scale_sigma))
+        self.site = Site(load_configuration(path), made.target)
+        placements = tuple(replace(each, read_m=each.read_m * times) for each in made.placements)
+        return replace(made, about=self.site.about, placements=placements, corrected=times - 1)
+
+
+def _fitted(certificate: Certificate) -> Certificate:
+    fit = fit_site([each for each in certificate.placements if each.is_read])
+    return replace(certificate, fit=fit, reach=find_reach(certificate.placements, fit))
+
+
+def remember_background(newest: list[Frame]) -> Any:  # noqa: ARG001 - the place for it
+    """Return what a certificate keeps of the newest picture, by which a camera that was moved is found: nothing yet."""
+    return None
+
+
+def _frames(capture: Capture, for_s: float) -> Iterator[Frame]:
+    """Yield the frames of some seconds; of a recording as far as it goes."""
+    try:
+        frame = first = capture.latest(SETTLING_WAIT_S)
+        for count in range(MAX_FRAMES):
+            if frame.captured_at_s - first.captured_at_s > for_s and count >= MIN_FRAMES:
+                return
+            yield frame
+            frame = capture.latest(SETTLING_WAIT_S)
+    except EndOfFramesError:
+        return
+
+
+def _camera_name(choice: DriverChoice) -> str:
+    """Return the camera's name and the path that stays right, which has its serial number where it has one."""
+    same = (each for each in list_cameras() if is_same_camera(choice_of(each), choice))
+    return next((f"{each.name}, {each.path}" for each in same), choice.driver)
+
+
+def _now() -> str:
+    return dt.datetime.now().astimezone().isoformat(" ", "minutes")

@@ -1,0 +1,68 @@
+"""Certifying the site on the page: one placement after the other, and what the certificate says.
+
+What was measured is in a file beside the configuration, so the page, a phone and the terminal go on with the same.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from stadimeter.app.certificate import Site, load_certificate
+from stadimeter.config.loader import load_configuration
+from stadimeter.config.units import parse_length
+from stadimeter.errors import ConfigError, NotThereError
+from stadimeter.workbench.certificate.page import blocks_of, describe_placement, pages_of, summary_of
+from stadimeter.workbench.certificate.session import SiteSession
+from stadimeter.workbench.drawing import pdf_of
+from stadimeter.workbench.server.operations import Desk, DeskReply, operation
+
+
+@operation
+def state(desk: Desk) -> dict[str, Any]:
+    """Answer the distances that are left, what was measured, and what the certificate says that there is."""
+    session = SiteSession(load_configuration(desk.configuration))
+    made = load_certificate(desk.configuration)
+    rules = [{"words": each.words, "trouble": each.trouble} for each in session.site.reliances(made)] if made else []
+    return {
+        "left_m": session.propose_m(),
+        "placements": [
+            {"tape_m": each.tape_m, "is_read": each.is_read, "words": describe_placement(each)}
+            for each in session.certificate.placements
+        ],
+        "certificate": {
+            "date": made.date,
+            "outdated": session.site.outdated(made),
+            "words": list(summary_of(made)),
+            "can_correct": made.fit is not None and made.fit.has_wrong_scale,
+            "rules": rules,
+        }
+        if made
+        else None,
+    }
+
+
+@operation
+def take(desk: Desk, distance: str, sigma: str = "2 mm") -> dict[str, Any]:
+    """Watch the target where it is now, for some seconds."""
+    try:
+        tape_m, sigma_m = parse_length(distance), parse_length(sigma)
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
+    SiteSession(load_configuration(desk.configuration)).take(tape_m, sigma_m)
+    return state(desk)
+
+
+@operation
+def finish(desk: Desk, *, correct: bool = False) -> dict[str, Any]:
+    """Write the certificate from what was measured; with ``correct``, another focal length too."""
+    SiteSession(load_configuration(desk.configuration), again=correct).finish(correct=correct)
+    return state(desk)
+
+
+@operation
+def page(desk: Desk) -> DeskReply:
+    """Answer the certificate as a PDF."""
+    made, site = load_certificate(desk.configuration), Site(load_configuration(desk.configuration))
+    if made is None:
+        raise NotThereError("there is no certificate of this site yet")
+    return DeskReply(attached=pdf_of(pages_of(blocks_of(desk.configuration.name, made, list(site.reliances(made))))))

@@ -1,0 +1,77 @@
+"""The range of colours of a running configuration's ball: tried on the picture of the run, and saved."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from msgspec.structs import replace
+
+from stadimeter.app.detectors import build_detectors
+from stadimeter.config.loader import Configuration
+from stadimeter.core.detection import Detection, DetectionStatus
+from stadimeter.core.frame import Frame
+from stadimeter.core.measurement import Measurement
+from stadimeter.detectors.protocol import ProposesColour
+from stadimeter.errors import ConfigError
+from stadimeter.workbench.colour_aids import colour_picture, range_figures, with_range
+from stadimeter.workbench.frame_source import SETTLING_WAIT_S
+from stadimeter.workbench.measuring import Measuring
+from stadimeter.workbench.run_camera import RunCamera
+from stadimeter.workbench.server.editing import load_text, save, saved_text, version_of
+from stadimeter.workbench.server.operations import Desk, DeskReply, operation
+from stadimeter.workbench.server.run_of_desk import run_socket
+from stadimeter.workbench.setup.trying import describe_picture, encode_jpeg
+
+
+@operation
+def picture(desk: Desk, target: str, range_: str = "", width_px: int = 0) -> DeskReply:
+    """Answer the run's picture with what has a range of colours, and what the ball and the rest would give.
+
+    Without a range, that of the saved configuration. ``colour`` in the answer is the one that is shown, ``range`` what
+    it gives.
+    """
+    text = saved_text(desk) or ""
+    saved, tried = _load_tried(desk, text, target, range_)
+    options: object = next((each.options for each in tried.targets if each.name == target), None)
+    colour = str(getattr(options, "hsv", None) or "")
+    if not isinstance(options, ProposesColour) or not colour or tried.camera_model is None:
+        raise ConfigError(f"there is no target {target!r} that is measured by its colour")
+    camera = RunCamera(run_socket(desk))
+    camera.open()
+    frame = camera.latest(SETTLING_WAIT_S)
+    found, measured = _look(tried, target, frame)
+    view = replace(options.view_colour(frame, colour), detection=found)
+    # Where the tried range finds no ball, the saved one says where it is.
+    ball = found if found.status is not DetectionStatus.NOT_FOUND else _look(saved, target, frame)[0]
+    shown = {"colour": colour, "version": version_of(text), "range": range_figures(view, ball)}
+    values = {**describe_picture(frame, found, measured), **shown}
+    return DeskReply(data=values, attached=encode_jpeg(colour_picture(frame.image, view, colour), width_px))
+
+
+@operation
+def keep(desk: Desk, target: str, range_: str, base_version: str = "") -> dict[str, Any]:
+    """Save a range into the configuration; what was there is kept as a version."""
+    text = saved_text(desk) or ""
+    changed = with_range(text, load_text(desk, text).spans, target, range_)
+    reply: dict[str, Any] = save(desk, changed, base_version=base_version)
+    return reply
+
+
+def _load_tried(desk: Desk, text: str, target: str, colour: str) -> tuple[Configuration, Configuration]:
+    """Return the saved configuration, and that with the range which is tried; loaded anew where one has changed."""
+    wanted = (text, target, colour)
+    if desk.kept.get("colours", ((), ()))[0] != wanted:
+        saved = load_text(desk, text)
+        tried = load_text(desk, with_range(text, saved.spans, target, colour)) if colour else saved
+        desk.kept["colours"] = wanted, (saved, tried)
+    found: tuple[Configuration, Configuration] = desk.kept["colours"][1]
+    return found
+
+
+def _look(configuration: Configuration, target: str, frame: Frame) -> tuple[Detection, Measurement]:
+    """Look for a target as a run of a configuration does that knows nothing of the frames before."""
+    choices, lens = [each for each in configuration.targets if each.name == target], configuration.camera_model
+    assert lens is not None  # noqa: S101 - see `picture`
+    result = Measuring(build_detectors(choices, lens, configuration.footings), lens).measure(frame, "").targets[0]
+    assert result.detection is not None  # noqa: S101 - the frame could be read
+    return result.detection, result.measurement

@@ -1,0 +1,183 @@
+"""By the certificate beside a configuration, `check` says which thresholds the site does not carry."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from msgspec.structs import replace
+
+from stadimeter.app.certificate import (
+    CERTIFICATE,
+    Certificate,
+    Reliance,
+    Site,
+    load_certificate,
+    save_certificate,
+)
+from stadimeter.app.feasibility import feasibility_warnings
+from stadimeter.config.loader import Configuration, load_configuration
+from stadimeter.errors import ConfigError, Problem
+from stadimeter.ranging.site_fit import Placement, find_reach, fit_site
+from support.simulated_run import LENS
+
+BALL = f"""
+[camera]
+driver = "simulated"
+{LENS}
+[targets.ball]
+detector = "ball"
+diameter = "20 cm"
+hsv = "29,86,6:64,255,255"
+
+[actuators.motor]
+driver = "simulated"
+"""
+WORLD = """
+[world]
+path = [{ at = "0 s", x = "2 m", y = "0 m" }]
+"""
+NEAR = '[rules.near]\nactuator = "motor"\nwhen = { below = "1 m", deadband = "10 cm" }\n'
+PLACES_M = (0.5, 1.0, 2.0, 3.0)
+
+
+def loaded(folder: Path, rules: str = NEAR, text: str = BALL) -> Configuration:
+    (folder / "site.toml").write_text(text + rules + WORLD)
+    return load_configuration(folder / "site.toml")
+
+
+def certified(configuration: Configuration, noise_m: float = 0.002, scale: float = 0.0) -> Certificate:
+    """Return a certificate of placements from 0.5 to 3 m, and save it."""
+    placements = [
+        Placement(
+            tape_m=at_m, true_m=at_m, tape_sigma_m=0.002, frames=50, found=50, size_px=100 / at_m,
+            read_m=(1 + scale) * at_m, read_sigma_m=0.001, spread_m=noise_m * at_m**2, noise_m=noise_m * at_m**2,
+        )
+        for at_m in PLACES_M
+    ]  # fmt: skip
+    fit = fit_site(placements)
+    made = Certificate(
+        target="ball",
+        about=Site(configuration).about,
+        date="2026-01-01 12:00",
+        placements=tuple(placements),
+        fit=fit,
+        reach=find_reach(placements, fit),
+    )
+    save_certificate(configuration.path, made, CERTIFICATE, {})
+    return made
+
+
+def warnings(configuration: Configuration) -> tuple[Problem, ...]:
+    return tuple(each for each in feasibility_warnings(configuration) if "certificate" in each.message)
+
+
+def near_of(configuration: Configuration, made: Certificate) -> Reliance:
+    (found,) = Site(configuration).reliances(made)
+    return found
+
+
+def test_without_a_certificate_there_is_nothing_to_say(tmp_path: Path) -> None:
+    assert warnings(loaded(tmp_path)) == ()
+
+
+def test_a_threshold_within_what_was_measured_is_carried(tmp_path: Path) -> None:
+    configuration = loaded(tmp_path)
+    made = certified(configuration)
+    assert warnings(configuration) == ()
+    assert load_certificate(configuration.path) == made
+
+
+@pytest.mark.parametrize(
+    "rule",
+    [
+        'when = { above = "6 m" }',
+        'when = { any = [{ below = "1 m" }, { below = "6 m" }] }',
+        'when = { below = "1 m" }\nsuppress_when = { above = "6 m" }',
+        'ramp = { from = "1 m", to = "6 m" }',
+    ],
+)
+def test_a_threshold_beyond_the_farthest_placement_is_not_carried(tmp_path: Path, rule: str) -> None:
+    configuration = loaded(tmp_path, f'[rules.far]\nactuator = "motor"\n{rule}\n')
+    certified(configuration)
+    (far,) = warnings(configuration)
+    assert far.code == "not-carried"
+    assert "6.00 m: by the certificate of 2026-01-01 12:00, distances were found reliable to 3.00 m" in far.message
+    assert "by the error model to 8.3" in far.message
+    assert far.key.startswith("rules.far")
+    assert far.line > 0
+
+
+def test_a_deadband_smaller_than_the_scatter_is_not_carried(tmp_path: Path) -> None:
+    rule = 'when = { below = "1 m", deadband = "1 cm", deadband_sigmas = 0 }'
+    configuration = loaded(tmp_path, f'[rules.near]\nactuator = "motor"\n{rule}\n')
+    certified(configuration, noise_m=0.02)
+    (narrow,) = warnings(configuration)
+    assert "the deadband of 1.0 cm is smaller than the scatter, ± 2.0 cm" in narrow.message
+
+
+def test_another_lens_makes_it_out_of_date_and_another_rule_does_not(tmp_path: Path) -> None:
+    certified(loaded(tmp_path))
+    assert warnings(loaded(tmp_path, NEAR.replace("1 m", "2 m"))) == ()
+    (outdated,) = warnings(loaded(tmp_path, text=BALL.replace("fx_px = 600.0", "fx_px = 610.0")))
+    assert outdated.code == "certificate-outdated"
+    assert "out of date: the camera model changed since" in outdated.message
+
+
+def test_another_size_makes_it_out_of_date(tmp_path: Path) -> None:
+    certified(loaded(tmp_path))
+    assert warnings(loaded(tmp_path, text=BALL.replace("29,86,6", "30,86,6"))) == ()
+    (outdated,) = warnings(loaded(tmp_path, text=BALL.replace("20 cm", "21 cm")))
+    assert "the size of the target changed since" in outdated.message
+
+
+def test_a_target_that_is_gone_makes_it_useless(tmp_path: Path) -> None:
+    configuration = loaded(tmp_path)
+    save_certificate(configuration.path, replace(certified(configuration), target="cube"), CERTIFICATE, {})
+    (gone,) = warnings(configuration)
+    assert "there is no target 'cube'" in gone.message
+
+
+@pytest.mark.parametrize("text", [b"{", b"\xff", b"[]", b'{"target": 5}', b""])
+def test_a_damaged_certificate_is_a_warning_and_no_crash(tmp_path: Path, text: bytes) -> None:
+    configuration = loaded(tmp_path)
+    configuration.path.with_suffix(CERTIFICATE).write_bytes(text)
+    (damaged,) = warnings(configuration)
+    assert "cannot be read" in damaged.message
+
+
+def test_a_certificate_that_cannot_be_written_says_where(tmp_path: Path) -> None:
+    configuration = loaded(tmp_path)
+    configuration.path.with_suffix(CERTIFICATE).mkdir()
+    with pytest.raises(ConfigError, match="the certificate cannot be written beside"):
+        certified(configuration)
+
+
+def test_a_deadband_of_many_sigmas_leaves_no_false_alarm_and_no_miss(tmp_path: Path) -> None:
+    configuration = loaded(tmp_path)
+    odds = near_of(configuration, certified(configuration)).odds
+    assert odds is not None
+    assert odds[0] == pytest.approx(0.1)
+    assert max(odds[1:]) < 1e-6
+
+
+def test_readings_that_are_too_short_raise_false_alarms_and_too_long_ones_miss(tmp_path: Path) -> None:
+    configuration = loaded(tmp_path)
+    short, long = (
+        near_of(configuration, certified(configuration, scale=scale, noise_m=0.02)) for scale in (-0.08, 0.08)
+    )
+    assert short.odds is not None
+    assert long.odds is not None
+    assert short.odds[1] > 0.05 > long.odds[1]
+    assert long.odds[2] > 0.05 > short.odds[2]
+    assert short.bias_m == pytest.approx(-0.08, abs=0.001)
+
+
+def test_without_a_deadband_a_reading_at_the_threshold_begins_it_as_rarely_as_its_probability_says(
+    tmp_path: Path,
+) -> None:
+    rule = 'when = { below = "1 m", deadband_sigmas = 0, probability = 0.9, probability_off = 0.5 }'
+    configuration = loaded(tmp_path, f'[rules.near]\nactuator = "motor"\n{rule}\n')
+    odds = near_of(configuration, certified(configuration)).odds
+    assert odds is not None
+    assert odds[1:] == pytest.approx((0.1, 0.9), abs=0.001)

@@ -1,0 +1,288 @@
+"""The timeline of a run, on a clock that is stepped, in real files."""
+
+from __future__ import annotations
+
+import errno
+import itertools
+import math
+import os
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stadimeter.app.loop import RecordingSink
+from stadimeter.app.timeline import keeper
+from stadimeter.app.timeline.keeper import CYCLES_MAX, TimelineKeeper
+from stadimeter.app.timeline.rows import HIGH, LEVELS_S, LOW, MEAN, SEEN, STATES, Names, merge_rows, read_rows
+from stadimeter.core.decision import RuleStatus, RuleTrace
+from stadimeter.core.track import Track, TrackStatus
+
+NOON_S = 1_782_907_200
+"""2026-07-01 12:00 UTC."""
+
+DAY_S = 86400
+
+
+class Rig:
+    """A timeline whose clock we hold. The thread that writes is played by `write`."""
+
+    def __init__(self, folder: Path, keep_s: float = 7 * DAY_S) -> None:
+        self.folder = folder
+        self.now_s = float(NOON_S)
+        self.keeper = TimelineKeeper(folder, keep_s, lambda: self.now_s)
+
+    def see(
+        self, distance_m: float | None, status: RuleStatus = RuleStatus.IDLE, for_s: float = 0.5, **also: float
+    ) -> None:
+        tracks = [
+            Track(
+                target=name,
+                status=TrackStatus.TRACKING if metres is not None else TrackStatus.LOST,
+                distance_m=metres,
+                sigma_m=0.02,
+            )
+            for name, metres in {"ball": distance_m, **also}.items()
+        ]
+        decision = SimpleNamespace(tracks=tuple(tracks), rules=(RuleTrace(rule="near", status=status),))
+        self.keeper(SimpleNamespace(decision=decision))  # type: ignore[arg-type]
+        self.now_s += for_s
+
+    def read(self, step_s: int = 1, from_s: float = 0, to_s: float = 2**32) -> list[tuple[Names, np.ndarray]]:
+        return list(read_rows(self.folder, from_s, to_s, step_s))
+
+    def rows(self, step_s: int = 1, from_s: float = 0, to_s: float = 2**32) -> np.ndarray:
+        ((_, rows),) = self.read(step_s, from_s, to_s)
+        return rows
+
+
+def _track(name: str, distance_m: float | None) -> Track:
+    status = TrackStatus.LOST if distance_m is None else TrackStatus.TRACKING
+    return Track(target=name, status=status, distance_m=distance_m, sigma_m=0.02)
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Rig:
+    return Rig(tmp_path / "timeline" / "room")
+
+
+def test_a_second_keeps_mean_extremes_and_the_state_that_matters_most(rig: Rig) -> None:
+    rig.see(1.0, for_s=0.25)
+    rig.see(0.4, RuleStatus.ACTIVE, for_s=0.25)
+    rig.see(1.6, for_s=0.25)
+    rig.see(None, for_s=0.25)
+    rig.keeper.close()
+    (row,) = rig.rows()
+    assert row["unix_s"] == NOON_S
+    assert row["figures"][0] == pytest.approx([1.0, 0.02, 0.4, 1.6, 0.75])
+    assert STATES[row["states"][0]] == RuleStatus.ACTIVE
+
+
+def test_what_is_not_seen_has_no_figures(rig: Rig) -> None:
+    rig.see(None, RuleStatus.UNKNOWN)
+    rig.keeper.close()
+    (row,) = rig.rows()
+    assert np.isnan(row["figures"][0][:SEEN]).all()
+    assert row["figures"][0][SEEN] == 0
+
+
+def test_the_loop_writes_nothing_and_the_thread_once_a_minute(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    writes: list[str] = []
+    append = keeper.append_whole
+
+    def note(path: Path, data: bytes, *, is_lasting: bool) -> None:
+        writes.append(path.suffix)
+        append(path, data, is_lasting=is_lasting)
+
+    monkeypatch.setattr(keeper, "append_whole", note)
+    rig.see(1.0)
+    assert not rig.folder.exists()
+    for number in range(1199):
+        rig.see(1.0 + number)
+        rig.keeper.step()
+    assert [writes.count(suffix) for suffix in (".1", ".10", ".60", ".600")] == [10, 0, 0, 0]
+    for number in range(120):
+        rig.see(1.0 + number)
+        rig.keeper.step()
+    assert [writes.count(suffix) for suffix in (".1", ".10", ".60", ".600")] == [11, 1, 1, 1]
+
+
+def test_a_night_is_read_by_each_level_and_a_glimpse_of_a_second_is_in_all(rig: Rig) -> None:
+    for second in range(4000):
+        rig.see(0.3 if second == 2000 else 2.0, RuleStatus.ACTIVE if second == 2000 else RuleStatus.IDLE, for_s=1.0)
+        rig.keeper.step()
+    rig.keeper.step(is_end=True)
+    for step_s in (*LEVELS_S, 30, 3600):
+        rows = rig.rows(step_s)
+        assert len(rows) == math.ceil(4000 / step_s)
+        assert rows["figures"][:, 0, LOW].min() == pytest.approx(0.3), step_s
+        assert (rows["states"] == STATES.index(RuleStatus.ACTIVE)).sum() == 1, step_s
+        assert (np.diff(rows["unix_s"].astype(int)) == step_s).all()
+    assert len(rig.rows(60, NOON_S + 600, NOON_S + 1200)) == 10
+
+
+def test_a_run_that_was_killed_lacks_a_minute_and_nothing_before_it(rig: Rig) -> None:
+    """Nothing is closed: the coarser files end before the seconds do, and are continued by these when they are read."""
+    for _ in range(1000):
+        rig.see(2.0, for_s=1.0)
+        rig.keeper.step()
+    assert 1000 - 60 <= len(rig.rows(1)) < 1000
+    assert rig.rows(60)["unix_s"][-1] == rig.rows(1)["unix_s"][-1] // 60 * 60
+
+
+@given(cut=st.integers(0, 400))
+def test_a_file_that_a_power_cut_shortened_is_read_up_to_there(
+    tmp_path_factory: pytest.TempPathFactory, cut: int
+) -> None:
+    rig = Rig(tmp_path_factory.mktemp("cut"))
+    for number in range(10):
+        rig.see(1.0 + number, for_s=1.0)
+    rig.keeper.close()
+    (file,) = rig.folder.glob("*.1")
+    data = file.read_bytes()
+    file.write_bytes(data[:cut])
+    for other in rig.folder.glob("*.[16]0*"):
+        other.unlink()
+    head, row = len(Names(("ball",), ("near",)).head), Names(("ball",), ("near",)).row.itemsize
+    expected = max(0, min(10, (cut - head) // row))
+    found = rig.read()
+    assert sum(len(rows) for _, rows in found) == expected
+    assert all((rows["figures"][:, 0, MEAN] == np.arange(1, 1 + expected)).all() for _, rows in found)
+
+
+def test_zeros_that_a_power_cut_left_at_the_end_are_no_rows(rig: Rig) -> None:
+    for _ in range(5):
+        rig.see(1.0, for_s=1.0)
+    rig.keeper.close()
+    (file,) = rig.folder.glob("*.1")
+    with file.open("ab") as more:
+        more.write(bytes(1000))
+    assert len(rig.rows()) == 5
+
+
+@pytest.mark.parametrize("jump_s", [-3600.0, 0.0, DAY_S])
+def test_another_target_a_new_day_or_a_clock_that_is_set_back_begins_a_segment(rig: Rig, jump_s: float) -> None:
+    rig.see(1.0, for_s=1.0)
+    rig.now_s += jump_s
+    if not jump_s:
+        rig.keeper.note_reload(0.0, None)  # type: ignore[arg-type]
+        rig.see(1.0, for_s=1.0, box=3.0)
+    else:
+        rig.see(1.0, for_s=1.0)
+    rig.keeper.close()
+    assert len(list(rig.folder.glob("*.1"))) == 2
+    assert [len(rows) for _, rows in rig.read()] == [1, 1]
+
+
+def test_a_full_disk_is_said_and_what_it_did_not_take_is_written_later(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    append = keeper.append_whole
+
+    def refuse(path: Path, _data: bytes, **_: bool) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", path)
+
+    monkeypatch.setattr(keeper, "append_whole", refuse)
+    for _ in range(100):
+        rig.see(1.0, for_s=1.0)
+        rig.keeper.step()
+    assert "No space left" in rig.keeper.trouble()
+    monkeypatch.setattr(keeper, "append_whole", append)
+    rig.keeper.close()
+    assert rig.keeper.trouble() == ""
+    assert len(rig.rows()) == 100
+
+
+def test_a_disk_that_is_full_between_two_levels_costs_no_peak(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    append, count = keeper.append_whole, itertools.count()
+
+    def refuse_some(path: Path, data: bytes, *, is_lasting: bool) -> None:
+        if path.suffix == ".60" and next(count) < 2:
+            raise OSError(errno.ENOSPC, "No space left on device", path)
+        append(path, data, is_lasting=is_lasting)
+
+    monkeypatch.setattr(keeper, "append_whole", refuse_some)
+    for second in range(3000):
+        rig.see(0.3 if second % 700 == 50 else 2.0, for_s=1.0)
+        rig.keeper.step()
+    rig.keeper.close()
+    for step_s in LEVELS_S[:3]:
+        rows = np.concatenate([rows for _, rows in rig.read(step_s)])
+        assert (rows["figures"][:, 0, LOW] < 0.31).sum() == 5, step_s
+    assert sum(len(rows) for _, rows in rig.read()) == 3000
+
+
+def test_a_disk_that_stays_full_costs_the_oldest_seconds(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    append = keeper.append_whole
+    monkeypatch.setattr(keeper, "SECONDS_MAX", 50)
+    monkeypatch.setattr(keeper, "append_whole", lambda *_args, **_: (_ for _ in ()).throw(OSError(errno.EIO, "broken")))
+    for _ in range(200):
+        rig.see(1.0, for_s=1.0)
+        rig.keeper.step()
+    monkeypatch.setattr(keeper, "append_whole", append)
+    rig.keeper.close()
+    assert list(rig.rows()["unix_s"]) == list(range(NOON_S + 150, NOON_S + 200))
+
+
+def test_a_disk_that_hangs_costs_the_oldest_and_not_the_memory(rig: Rig) -> None:
+    for _ in range(CYCLES_MAX + 100):
+        rig.see(1.0, for_s=1.0)
+    rig.keeper.close()
+    assert list(rig.rows()["unix_s"]) == list(range(NOON_S + 100, NOON_S + 100 + CYCLES_MAX))
+
+
+def test_what_is_too_old_goes_when_a_segment_begins(rig: Rig) -> None:
+    rig.see(1.0, for_s=1.0)
+    rig.keeper.close()
+    for file in rig.folder.iterdir():
+        os.utime(file, (0, 0))
+    later = Rig(rig.folder)
+    later.now_s += 5.0
+    later.see(2.0, for_s=1.0)
+    later.keeper.close()
+    assert later.rows()["figures"][0, 0, MEAN] == 2.0
+
+
+def test_a_file_of_something_else_is_passed_over(rig: Rig) -> None:
+    rig.see(1.0, for_s=1.0)
+    rig.keeper.close()
+    (rig.folder / "mine.1").write_text("no timeline\n")
+    (rig.folder / "folder.1").mkdir()
+    (rig.folder / "odd.1").write_bytes(Names(("x",) * 3, ()).head + b"half a row")
+    assert len(rig.read()) == 1
+
+
+def test_it_is_a_sink_of_the_loop_whose_trouble_is_told(rig: Rig) -> None:
+    assert isinstance(rig.keeper, RecordingSink)
+
+
+SECONDS = st.tuples(
+    st.integers(1, 50), st.one_of(st.none(), st.floats(0.125, 50.0, width=32)), st.integers(1, len(STATES) - 1)
+)
+
+
+@given(seconds=st.lists(SECONDS, min_size=1, max_size=80))
+def test_merging_loses_no_extreme_and_no_state_and_keeps_means_between(
+    seconds: list[tuple[int, float | None, int]],
+) -> None:
+    rows = np.zeros(len(seconds), Names(("ball",), ("near",)).row)
+    rows["unix_s"] = NOON_S + np.cumsum([gap for gap, _, _ in seconds])
+    for row, (_, metres, state) in zip(rows, seconds, strict=True):
+        row["figures"] = [[math.nan] * 4 + [0.0]] if metres is None else [[metres, 0.1, metres, metres, 1.0]]
+        row["states"] = state
+    seen = [metres for _, metres, _ in seconds if metres is not None]
+    by_tens = merge_rows(rows, 10)
+    for merged in (merge_rows(rows, 600), merge_rows(by_tens, 600)):
+        assert merged["states"].max() == max(state for *_, state in seconds)
+        if seen:
+            assert np.nanmin(merged["figures"][:, 0, LOW]) == np.float32(min(seen))
+            assert np.nanmax(merged["figures"][:, 0, HIGH]) == np.float32(max(seen))
+            means = merged["figures"][:, 0, MEAN]
+            known = ~np.isnan(means)
+            assert (means[known] >= merged["figures"][known, 0, LOW] - 1e-3).all()
+            assert (means[known] <= merged["figures"][known, 0, HIGH] + 1e-3).all()
+        else:
+            assert np.isnan(merged["figures"][..., :SEEN]).all()

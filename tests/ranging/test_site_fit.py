@@ -1,0 +1,221 @@
+"""What is wrong at a site follows from taped distances, as sure as it is said to be."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from msgspec.structs import replace
+
+from stadimeter.core.measurement import Measurement, MeasurementStatus
+from stadimeter.errors import CalibrationError
+from stadimeter.ranging.site_fit import (
+    RELIABLE_RATE,
+    SIGMAS_95,
+    Placement,
+    find_reach,
+    fit_site,
+    noise_at_m,
+    read_placement,
+)
+from support.certified_sites import MIN_FOUND, claims, covered, draw_site, render_site
+
+PLACES_M = (0.5, 1.0, 2.0, 3.0, 4.0)
+UNREAD = Placement(tape_m=1.0, true_m=1.0, tape_sigma_m=0.002, frames=40, found=40, size_px=60.0)
+
+
+def placements(scale: float = 0.0, offset_m: float = 0.0, noise_m: float = 0.001) -> list[Placement]:
+    """Return placements that are read exactly as an error of the scale and an offset say; noise as at 1 m."""
+    return [
+        Placement(
+            tape_m=at_m,
+            true_m=at_m,
+            tape_sigma_m=0.002,
+            frames=50,
+            found=50,
+            read_m=(1 + scale) * at_m + offset_m,
+            read_sigma_m=0.0005 * at_m**2,
+            spread_m=noise_m * at_m**2,
+            noise_m=noise_m * at_m**2,
+            size_px=100 / at_m,
+        )
+        for at_m in PLACES_M
+    ]
+
+
+def seen(distances_m: list[float], noise_m: float = 0.002) -> list[Measurement]:
+    return [
+        Measurement(
+            target="ball",
+            status=MeasurementStatus.MEASURED,
+            captured_at_s=0.0,
+            distance_m=each,
+            sigma_m=2 * noise_m,
+            noise_m=noise_m,
+        )
+        for each in distances_m
+    ]
+
+
+@given(scale=st.floats(-0.3, 0.3), offset_m=st.floats(-0.2, 0.2))
+def test_exact_readings_give_exactly_the_scale_and_the_offset(scale: float, offset_m: float) -> None:
+    fit = fit_site(placements(scale, offset_m))
+    assert (fit.scale, fit.offset_m) == pytest.approx((scale, offset_m), abs=1e-9)
+    assert fit.is_consistent
+    assert fit.has_wrong_scale == (abs(fit.scale) > SIGMAS_95 * fit.scale_sigma)
+    assert fit.bias_m(2.5)[0] == pytest.approx(2.5 * scale + offset_m, abs=1e-9)
+
+
+@given(order=st.permutations(range(len(PLACES_M))), noise_m=st.floats(0.0, 0.02))
+@settings(max_examples=20)
+def test_the_order_in_which_distances_were_measured_does_not_matter(order: list[int], noise_m: float) -> None:
+    read = [
+        replace(each, read_m=each.read_m + 0.001 * (-1) ** at)
+        for at, each in enumerate(placements(0.02, 0.01, noise_m))
+    ]
+    fit, other = fit_site(read), fit_site([read[at] for at in order])
+    assert (other.scale, other.offset_m, other.scale_sigma) == pytest.approx((fit.scale, fit.offset_m, fit.scale_sigma))
+    assert find_reach([read[at] for at in order], other).reliable_m == pytest.approx(find_reach(read, fit).reliable_m)
+
+
+@given(times=st.floats(1.5, 10.0))
+@settings(max_examples=20)
+def test_a_worse_tape_makes_nothing_surer(times: float) -> None:
+    worse = [replace(each, tape_sigma_m=times * each.tape_sigma_m) for each in placements()]
+    assert fit_site(worse).scale_sigma > fit_site(placements()).scale_sigma
+    assert fit_site(worse).offset_sigma_m > fit_site(placements()).offset_sigma_m
+
+
+def test_the_zero_of_the_tape_widens_the_offset_and_not_the_scale() -> None:
+    fit = fit_site([replace(each, read_sigma_m=0.0) for each in placements()])
+    assert fit.offset_sigma_m > 0.002
+    assert fit.covariance[1][1] == pytest.approx(fit.offset_sigma_m**2)
+
+
+def test_an_edge_bias_that_is_not_known_makes_the_scale_less_sure() -> None:
+    unsure = [replace(each, edge_m=-0.01 * each.true_m**2) for each in placements()]
+    assert fit_site(unsure).scale_sigma > 2 * fit_site(placements()).scale_sigma
+
+
+def test_a_bias_that_grows_with_the_square_of_the_distance_is_laid_to_the_edges() -> None:
+    edges = [
+        replace(each, edge_m=-0.004 * each.true_m**2, read_m=each.true_m - 0.006 * each.true_m**2)
+        for each in placements()
+    ]
+    fit = fit_site(edges)
+    assert fit.edge == pytest.approx(1.5, abs=0.2)
+    assert not fit.has_wrong_scale
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_fewer_than_three_placements_say_how_many_are_needed(count: int) -> None:
+    with pytest.raises(CalibrationError, match=f"seen at {count} distances: 3 or more are needed"):
+        fit_site(placements()[:count])
+
+
+def test_placements_beside_each_other_tell_no_scale_from_an_offset() -> None:
+    near = [replace(each, true_m=1 + each.true_m / 20) for each in placements()]
+    with pytest.raises(CalibrationError, match=r"1\.5 times as far as the nearest"):
+        fit_site(near)
+
+
+def test_a_mistyped_distance_is_a_contradiction_and_is_named() -> None:
+    wrong = placements()
+    wrong[3] = replace(wrong[3], read_m=wrong[3].read_m + 0.2)
+    fit, right = fit_site(wrong), fit_site(placements())
+    assert not fit.is_consistent
+    assert fit.worst == 3
+    assert fit.scale_sigma > 5 * right.scale_sigma
+
+
+def test_readings_give_their_median_scatter_and_share_within_what_is_stated() -> None:
+    rng = np.random.default_rng(5)
+    readings = rng.normal(1.01, 0.001, 200).tolist()
+    readings[7] = 3.0
+    read = read_placement(replace(UNREAD, frames=200, found=200), seen(readings), 0.1)
+    assert read.read_m == pytest.approx(1.01, abs=0.0003)
+    assert 0.1 < read.spread_m < 0.2, "an outlier counts for the scatter, and not for where it is"
+    assert read.edge_m == pytest.approx(-2 * 0.1 / 60)
+    assert read.covered == (0.0, pytest.approx(0.02, abs=0.1)), "1 cm off, and ± 4.5 mm stated"
+
+
+def test_a_target_that_moved_meanwhile_is_refused() -> None:
+    with pytest.raises(CalibrationError, match=r"at 1 m the distance changed by 2\.0 cm meanwhile"):
+        read_placement(UNREAD, seen([1.0] * 20 + [1.02] * 20), 0.1)
+
+
+def test_a_target_that_is_seen_in_a_third_of_frames_is_not_read() -> None:
+    rare = replace(UNREAD, found=13)
+    assert read_placement(rare, seen([1.0] * 13), 0.1) == rare
+    assert not rare.is_read
+
+
+def test_noise_with_a_memory_leaves_the_median_less_sure() -> None:
+    rng = np.random.default_rng(9)
+    fresh = rng.normal(0, 0.001, 400)
+    slow = np.zeros(400)
+    for at in range(1, 400):
+        slow[at] = 0.8 * slow[at - 1] + 0.6 * fresh[at]
+    many = replace(UNREAD, frames=400, found=400)
+    sure, unsure = (read_placement(many, seen((1 + each).tolist(), 1e-6), 0.1) for each in (fresh, slow))
+    # (1 + r) / (1 - r) = 9 for r = 0.8: three times the standard deviation of independent readings.
+    assert unsure.read_sigma_m / unsure.spread_m == pytest.approx(3 * sure.read_sigma_m / sure.spread_m, rel=0.3)
+
+
+def test_noise_between_placements_goes_by_the_square_of_the_distance() -> None:
+    assert noise_at_m(placements(noise_m=0.003), 2.5) == pytest.approx(0.003 * 2.5**2)
+    assert noise_at_m(placements(noise_m=0.003), 8.0) == pytest.approx(0.003 * 64)
+
+
+def test_what_was_not_measured_is_not_reliable_though_the_model_goes_on() -> None:
+    reach = find_reach(placements(), fit_site(placements()))
+    assert reach.reliable_m == 4.0
+    assert reach.expected_m == pytest.approx(100 / 12, rel=0.02)
+    assert "smaller than 12 px" in reach.limit
+
+
+def test_reliable_ends_where_the_error_is_a_tenth() -> None:
+    noisy = placements(noise_m=0.03)
+    reach = find_reach(noisy, fit_site(noisy))
+    assert SIGMAS_95 * 0.03 * reach.reliable_m == pytest.approx(0.1, rel=0.05)
+    assert "more than 10%" in reach.limit
+
+
+def test_reliable_ends_where_the_target_is_seen_too_rarely() -> None:
+    rare = placements()
+    rare[-1] = replace(rare[-1], found=30)
+    reach = find_reach(rare, fit_site([each for each in rare if each.is_read]))
+    # From 100 % at 3 m to 60 % at 4 m.
+    assert reach.reliable_m == pytest.approx(3 + (1 - RELIABLE_RATE) / 0.4, rel=0.02)
+    assert "fewer than 95% of frames" in reach.limit
+
+
+def test_a_target_too_large_for_the_picture_when_near_is_reliable_from_farther_on() -> None:
+    large = placements()
+    large[0] = replace(large[0], found=0)
+    reach = find_reach(large, fit_site(large[1:]))
+    assert (reach.nearest_m, reach.reliable_m) == (1.0, 4.0)
+
+
+def test_of_sites_of_the_error_model_the_truth_is_within_the_interval_as_often_as_stated() -> None:
+    sites = [draw_site(seed, is_large=bool(seed % 2)) for seed in range(100)]
+    # 95 of 100, less three standard deviations of a count.
+    assert all(share >= 0.95 - 3 * math.sqrt(0.95 * 0.05 / 100) for share in covered(sites).values())
+
+
+def test_of_large_targets_every_error_of_the_scale_from_the_limit_on_is_found() -> None:
+    sites = [draw_site(1000 + seed, is_large=True) for seed in range(60)]
+    assert all(claims(sites, MIN_FOUND))
+    wrongly = claims([draw_site(2000 + seed, is_right=True, is_large=True) for seed in range(60)])
+    assert sum(wrongly) <= 9  # 3 are expected, and 9 are three standard deviations more
+
+
+@pytest.mark.long
+@pytest.mark.vision
+def test_of_rendered_sites_the_scale_is_within_its_interval() -> None:
+    sites = [render_site(seed) for seed in range(12)]
+    assert covered(sites)["scale"] >= 10 / 12
+    assert all(claims(sites, MIN_FOUND))

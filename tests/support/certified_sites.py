@@ -1,0 +1,259 @@
+"""Simulated sites to certify: how often the truth is within what is stated, and which errors of the scale are found.
+
+``python -m support.certified_sites`` in ``tests`` prints the figures of docs/certificate.md, from seeds that nothing
+was chosen by. `draw_site` draws what was read from the error model; `render_site` renders placements and measures them.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+
+from stadimeter.app.detectors import build_detectors
+from stadimeter.config.plugins import DETECTORS, DriverChoice, load_driver
+from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.frame import Frame
+from stadimeter.core.measurement import Measurement, MeasurementStatus
+from stadimeter.ranging.site_fit import LASTING_SHARE, SIGMAS_95, Placement, SiteFit, fit_site, read_placement
+from stadimeter.workbench.measuring import Measuring
+from support.scenes.backdrop import Backdrop, ClutterBackdrop, PlainBackdrop
+from support.scenes.ball import BallTarget
+from support.scenes.blur import Blur
+from support.scenes.plane import Pose, SheetTarget, TagTarget
+from support.scenes.render import render
+from support.scenes.room import RoomBackdrop
+from support.scenes.scene import Scene
+from support.scenes.sensor import Sensor
+from support.scenes.target import Target
+
+LENS = CameraModel.with_focal_length(600.0, 640, 480)
+FRAMES = 8
+FRAME_NOISE = 1.2
+"""Noise that differs between the frames of one rendered placement, in levels; the scene has its own, which stays."""
+
+LIKE_FITTED_PX = 0.03
+"""The edge bias of a camera file that was made from near and from far, in pixels: one standard deviation."""
+
+TAPE_M = 0.002
+FOCAL_PX = 600.0
+
+
+class Site(Struct, frozen=True, kw_only=True):
+    """What is truly wrong at a site.
+
+    Attributes:
+        scale: By which share distances are too long: through the focal length, and through the size of the target.
+        shift_m: How much farther the target's centre truly is than the tape and the stated size say: the lens behind
+            the mark, and the radius of a ball whose size is wrong.
+        edge: By how many standard deviations the edge bias is off.
+        size_px_m: How large it appears in pixels, times its distance.
+    """
+
+    scale: float
+    shift_m: float
+    size_px_m: float
+    placements: tuple[Placement, ...]
+    edge: float = 0.0
+    edge_sigma_px: float = 0.0
+
+    @property
+    def fit(self) -> SiteFit:
+        """What is found out about it."""
+        return fit_site(self.placements)
+
+    @property
+    def offset_m(self) -> float:
+        """By how much every distance is truly measured too long."""
+        return (1 + self.scale) * self.shift_m
+
+    def bias_m(self, distance_m: float) -> float:
+        """Return by how much a distance is truly measured too long."""
+        edge_m = -2 * self.edge * self.edge_sigma_px * distance_m**2 / self.size_px_m
+        return self.scale * distance_m + self.offset_m + edge_m
+
+
+def draw_site(seed: int, *, is_right: bool = False, is_large: bool = False) -> Site:
+    """Draw a site by the error model: five placements from 0.5 m to where the ball is 15 to 40 px large.
+
+    The readings of a placement have noise with a memory, an error that stays, and the tape's two errors. Half of the
+    error of the scale is the ball's size, half the focal length's.
+
+    Args:
+        is_right: Whether the scale is exactly right.
+        is_large: A ball of 20 cm to 3 m or farther before a camera whose edge bias is known to 0.03 px; else balls of
+            6.7 to 20 cm to 1.5 m or farther, and edge biases known to 0.02 to 0.1 px.
+    """
+    rng = np.random.default_rng((seed, 380))
+    radius_m = 0.1 if is_large else float(rng.choice([0.0335, 0.05, 0.1]))
+    far_m = max(1.5, FOCAL_PX * 2 * radius_m / float(rng.uniform(15, 40)))
+    places_m = np.geomspace(0.5, far_m, 5)
+    scale = 0.0 if is_right else float(rng.uniform(0.0, 0.05) * rng.choice([-1, 1]))
+    focal, size = ((1 + scale) ** share - 1 for share in (0.5, 0.5))
+    offset_m, edge = float(rng.normal(0, 0.02)), float(rng.normal())
+    edge_sigma_px = LIKE_FITTED_PX if is_large else float(rng.uniform(0.02, 0.1))
+    zero_m, memory = float(rng.normal(0, TAPE_M)), float(rng.uniform(0, 0.9))
+    share = float(rng.uniform(0.003, 0.012))  # as detectors state at 40 to 15 px
+    placements = []
+    for tape_m in places_m.tolist():
+        stands_m = tape_m + zero_m + float(rng.normal(0, TAPE_M)) + offset_m + radius_m / (1 + size)
+        stated_m = share * stands_m**2 / far_m
+        noise_m = np.zeros(60)
+        for number in range(len(noise_m)):
+            fresh_m = float(rng.normal(0, 0.3 * stated_m * math.sqrt(1 - memory**2)))
+            noise_m[number] = memory * noise_m[number - 1] + fresh_m if number else float(rng.normal(0, 0.3 * stated_m))
+        size_px = FOCAL_PX * 2 * radius_m / stands_m
+        constant_m = float(rng.normal(0, LASTING_SHARE * stated_m)) - 2 * edge * edge_sigma_px / size_px * stands_m
+        read_m = (1 + focal) * (1 + size) * stands_m + constant_m + noise_m
+        seen = [
+            Measurement(
+                target="ball", status=MeasurementStatus.MEASURED, captured_at_s=0.0,
+                distance_m=each, sigma_m=stated_m, noise_m=stated_m,
+            )
+            for each in read_m.tolist()
+        ]  # fmt: skip
+        placed = Placement(
+            tape_m=tape_m, true_m=tape_m + radius_m, tape_sigma_m=TAPE_M, frames=60, found=60, size_px=size_px
+        )
+        placements.append(read_placement(placed, seen, edge_sigma_px))
+    return Site(
+        scale=scale,
+        shift_m=offset_m + radius_m / (1 + size) - radius_m,
+        size_px_m=FOCAL_PX * 2 * radius_m,
+        placements=tuple(placements),
+        edge=edge,
+        edge_sigma_px=edge_sigma_px,
+    )
+
+
+KINDS = ("small ball", "large ball", "sheet", "tag")
+FAR_M = (2.0, 5.0, 4.5, 2.5)
+
+
+def render_site(seed: int, *, is_right: bool = False) -> Site:
+    """Render a site: five placements, each one scene of which eight frames differ by noise, measured as a run does.
+
+    The camera that renders and the target in the scene are true; the camera model and the size that are measured with
+    are wrong by half of the error of the scale each. The edge bias is the detectors' own.
+    """
+    rng = np.random.default_rng((seed, 381))
+    number = seed % len(KINDS)
+    scale = 0.0 if is_right else float(rng.uniform(0.0, 0.05) * rng.choice([-1, 1]))
+    half = (1 + scale) ** 0.5
+    lens = replace(LENS, fx_px=FOCAL_PX * half, fy_px=FOCAL_PX * half, edge_bias_sigma_px=LIKE_FITTED_PX)
+    choice = _assumed(KINDS[number], half)
+    measuring = Measuring(build_detectors((choice,), lens), lens)
+    offset_m, zero_m = float(rng.normal(0, 0.02)), float(rng.normal(0, TAPE_M))
+    true_radius_m = (0.0335, 0.1, 0.0, 0.0)[number]
+    backdrop: Backdrop = (PlainBackdrop(), RoomBackdrop(things=6), ClutterBackdrop())[int(rng.integers(3))]
+    sensor = Sensor(noise=float(rng.uniform(0.5, 2)), shot_noise=float(rng.uniform(0.005, 0.03)))
+    placements = []
+    for step, tape_m in enumerate(np.geomspace(0.5, FAR_M[number], 5).tolist()):
+        stands_m = tape_m + zero_m + float(rng.normal(0, TAPE_M)) + offset_m + true_radius_m
+        aside_m, up_m = (float(each) for each in rng.uniform(-0.03, 0.03, 2) * stands_m)
+        position_m = (aside_m, up_m, math.sqrt(stands_m**2 - aside_m**2 - up_m**2))
+        scene = Scene(
+            camera=LENS,
+            target=_target(KINDS[number], position_m, rng),
+            seed=10 * seed + step,
+            backdrop=backdrop,
+            blur=Blur(sigma_px=float(rng.uniform(0.5, 1))),
+            sensor=sensor,
+        )
+        rendered = render(scene)
+        seen: list[Measurement] = []
+        for frame in range(FRAMES):
+            levels = rendered.image + rng.normal(0, FRAME_NOISE, rendered.image.shape)
+            image = np.clip(np.rint(levels), 0, 255).astype(np.uint8)
+            results = measuring.measure(Frame(image, 0.0, frame, subsampling=rendered.subsampling), "").targets
+            found = [each.measurement for each in results if each.measurement.distance_m is not None]
+            seen += sorted(found, key=lambda each: abs(each.distance_m - stands_m))[:1]
+        placed = Placement(
+            tape_m=tape_m,
+            true_m=tape_m + true_radius_m * half,
+            tape_sigma_m=TAPE_M,
+            frames=FRAMES,
+            found=len(seen),
+            size_px=float(np.median([each.size_share for each in seen])) * 640 if seen else 0.0,
+        )
+        placements.append(read_placement(placed, seen, LIKE_FITTED_PX))
+    return Site(
+        scale=scale,
+        shift_m=offset_m + true_radius_m * (1 - half),
+        size_px_m=1.0,
+        placements=tuple(each for each in placements if each.is_read),
+    )
+
+
+def _assumed(kind: str, half: float) -> DriverChoice:
+    driver, table = {
+        "small ball": ("ball", {"diameter": f"{6.7 * half:.6f} cm", "hsv": "25,60,40:50,255,255"}),
+        "large ball": ("ball", {"diameter": f"{20 * half:.6f} cm", "hsv": "25,60,40:50,255,255"}),
+        "sheet": ("sheet", {"width": f"{29.7 * half:.6f} cm", "height": f"{21 * half:.6f} cm"}),
+        "tag": ("tag", {"side": f"{10 * half:.6f} cm", "family": "36h11"}),
+    }[kind]
+    return DriverChoice(name=driver, driver=driver, options=load_driver(DETECTORS, driver).model_validate(table))
+
+
+def _target(kind: str, position_m: tuple[float, float, float], rng: np.random.Generator) -> Target:
+    if kind.endswith("ball"):
+        return BallTarget(position_m=position_m, diameter_m=0.067 if kind == "small ball" else 0.2)
+    pose = Pose(
+        position_m=position_m,
+        tilt_rad=float(rng.uniform(0, 0.15)),
+        tilt_towards_rad=float(rng.uniform(0, 6)),
+        roll_rad=float(rng.uniform(-0.1, 0.1)),
+    )
+    return SheetTarget(pose=pose, width_m=0.297, height_m=0.21) if kind == "sheet" else TagTarget(pose=pose, side_m=0.1)
+
+
+def covered(sites: list[Site]) -> dict[str, float]:
+    """Return in which shares of sites the truth is within the stated 95 % interval, the bias at the middle distance."""
+    found: dict[str, list[bool]] = {"bias": [], "scale": [], "offset": []}
+    for site in sites:
+        fit, middle_m = site.fit, site.placements[len(site.placements) // 2].true_m
+        bias_m, sigma_m = fit.bias_m(middle_m)
+        found["bias"].append(abs(bias_m - site.bias_m(middle_m)) <= SIGMAS_95 * sigma_m)
+        found["scale"].append(abs(fit.scale - site.scale) <= SIGMAS_95 * fit.scale_sigma)
+        found["offset"].append(abs(fit.offset_m - site.offset_m) <= SIGMAS_95 * fit.offset_sigma_m)
+    return {what: float(np.mean(each)) for what, each in found.items()}
+
+
+def claims(sites: list[Site], over: float = 0.0) -> list[bool]:
+    """Return of each site whose scale is off by at least that whether it is found to be."""
+    return [site.fit.has_wrong_scale for site in sites if abs(site.scale) >= over]
+
+
+MIN_FOUND = 0.015
+"""From this error of the scale on, it must be found."""
+
+
+def main() -> None:
+    """Print the figures."""
+    wanted = sys.argv[1:]
+    kinds = {
+        "error model, large": lambda seed, is_right: draw_site(seed, is_right=is_right, is_large=True),
+        "error model, any": lambda seed, is_right: draw_site(seed, is_right=is_right),
+        "rendered": lambda seed, is_right: render_site(seed, is_right=is_right),
+    }
+    for name, draw in kinds.items():
+        if wanted and name not in wanted:
+            continue
+        sites = [draw(700_000 + seed, False) for seed in range(200)]
+        right = [draw(800_000 + seed, True) for seed in range(40 if name == "rendered" else 200)]
+        found = claims(sites, MIN_FOUND)
+        sigmas = np.quantile([site.fit.scale_sigma for site in sites], (0.5, 0.95))
+        print(
+            name,
+            covered(sites),
+            f"found {sum(found)} of {len(found)}",
+            f"claimed wrongly {sum(claims(right))} of {len(right)}",
+        )
+        print("  scale sigma: median, p95:", sigmas, "inconsistent", sum(not site.fit.is_consistent for site in sites))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,53 @@
+"""A day of a timeline, as a run would have kept it: for tests in a browser, pictures and measurements."""
+
+from __future__ import annotations
+
+import math
+import uuid
+from pathlib import Path
+
+import numpy as np
+
+from stadimeter.app.timeline.rows import LEVELS_S, STATES, Names, merge_rows
+from stadimeter.core.decision import RuleStatus
+
+DAY_S = 86400
+VISIT_S, AWAY_S = 900, 5400
+"""Each target comes near for this long, this often."""
+
+
+def keep_day(
+    folder: Path,
+    end_s: float,
+    targets: tuple[str, ...] = ("ball",),
+    rules: tuple[str, ...] = ("far", "near"),
+    seed: int = 1,
+) -> None:
+    """Write a day that ends at a time. Each rule is active while a target is nearer than a metre.
+
+    Args:
+        folder: That of the timeline.
+    """
+    names = Names(targets, rules)
+    rng = np.random.default_rng(1)
+    rows = np.zeros(DAY_S, names.row)
+    rows["unix_s"] = at_s = int(end_s) - DAY_S + np.arange(DAY_S)
+    for number in range(len(targets)):
+        phase = (at_s + number * 1700) % AWAY_S
+        near = np.exp(-(((phase - AWAY_S / 2) / VISIT_S) ** 2))
+        metres = 3.0 - 2.3 * near + 0.3 * np.sin(at_s / 2000 + number) + rng.normal(0, 0.02, DAY_S)
+        is_lost = phase < 400
+        spread = rng.exponential(0.03, (2, DAY_S))
+        figures = np.stack([metres, 0.01 * metres**2, metres - spread[0], metres + spread[1], np.ones(DAY_S)], 1)
+        figures[is_lost] = [math.nan] * 4 + [0.0]
+        rows["figures"][:, number] = figures
+    for number in range(len(rules)):
+        metres = rows["figures"][:, number % len(targets), 0]
+        state = np.where(metres < 1.0 + 0.1 * number, STATES.index(RuleStatus.ACTIVE), STATES.index(RuleStatus.IDLE))
+        rows["states"][:, number] = np.where(np.isnan(metres), STATES.index(RuleStatus.UNKNOWN), state)
+    folder.mkdir(parents=True, exist_ok=True)
+    for day in np.unique(at_s // DAY_S):
+        segment = rows[at_s // DAY_S == day]
+        for level_s in LEVELS_S:
+            path = folder / f"{int(segment['unix_s'][0])}-{uuid.uuid4().hex[:8]}.{level_s}"
+            path.write_bytes(names.head + merge_rows(segment, level_s).tobytes())

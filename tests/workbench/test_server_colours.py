@@ -1,0 +1,156 @@
+"""The range of colours of a run's ball on the page: its mask, what it gives, and saving it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from stadimeter.config.loader import load_configuration
+from stadimeter.core.detection import Detection, DetectionStatus
+from stadimeter.detectors.protocol import ColourView
+from stadimeter.errors import ChangedMeanwhileError, ConfigError, StadimeterError
+from stadimeter.workbench.colour_aids import range_figures, with_range
+from stadimeter.workbench.saving import versions
+from stadimeter.workbench.server.editing import saved_text, version_of
+from stadimeter.workbench.server.operations import Desk, DeskReply, find_operation
+from support.browser import STILL, Served, served
+
+REST = """
+[camera]
+driver = "simulated"
+[world]
+path = [{ at = "0 s", x = "2 m", y = "0 m" }]
+"""
+GREEN, RED = "29,86,6:64,255,255", "170,120,70:10,255,255"
+
+
+@pytest.fixture(scope="module")
+def still(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    with served(tmp_path_factory.mktemp("still"), STILL) as serving:
+        yield serving
+
+
+@pytest.fixture
+def desk(still: Served) -> Desk:
+    (socket,) = Path(still.environment["XDG_RUNTIME_DIR"]).rglob("*.sock")
+    still.configuration.write_text(STILL)
+    return Desk(configuration=still.configuration, run_socket=socket)
+
+
+def ask(desk: Desk, op: str, **args: object) -> DeskReply:
+    return find_operation(f"colours.{op}")(desk, {"target": "ball", **args})
+
+
+def test_the_saved_range_is_shown_with_what_the_ball_and_the_rest_give(desk: Desk) -> None:
+    reply = ask(desk, "picture", width_px=320)
+    values = reply.data
+    assert values["colour"] == GREEN
+    assert values["distance_m"] == pytest.approx(3.2, rel=0.05)
+    given = values["range"]
+    assert given["is_found"]
+    assert given["ball_share"] > 0.8
+    assert given["elsewhere_share"] < 0.01
+    assert 0 < given["sigma_share"] < 0.05
+    image = cv2.imdecode(np.frombuffer(reply.attached, np.uint8), cv2.IMREAD_COLOR)
+    assert image.shape[1] == 320
+
+
+def test_a_range_of_another_colour_finds_nothing_and_the_saved_one_says_where_the_ball_is(desk: Desk) -> None:
+    given = ask(desk, "picture", range=RED).data["range"]
+    assert not given["is_found"]
+    assert given["ball_share"] == pytest.approx(0.0, abs=0.05)
+    assert given["sigma_share"] is None
+
+
+def test_every_colour_is_on_the_ball_and_on_the_rest(desk: Desk) -> None:
+    given = ask(desk, "picture", range="0,0,0:179,255,255").data["range"]
+    assert given["ball_share"] == given["elsewhere_share"] == 1.0
+
+
+def test_a_range_is_saved_like_any_text_and_the_former_one_is_kept(desk: Desk) -> None:
+    before = len(versions(desk.configuration))
+    answer = ask(desk, "keep", range=RED, base_version=version_of(STILL)).data
+    text = saved_text(desk)
+    assert text == STILL.replace(GREEN, RED)
+    assert answer["version"] == version_of(text)
+    assert answer["needs"] == "restart"
+    assert len(versions(desk.configuration)) == before + 1
+    with pytest.raises(ChangedMeanwhileError):
+        ask(desk, "keep", range=GREEN, base_version=version_of(STILL))
+
+
+@pytest.mark.parametrize(
+    "wrong", ["red", "1,2,3", "200,0,0:10,255,255", '29,86,6:64,255,255"\nport = "', "9,9,9:1,1,1"]
+)
+def test_a_range_that_is_none_changes_nothing(desk: Desk, wrong: str) -> None:
+    with pytest.raises(ConfigError):
+        ask(desk, "picture", range=wrong)
+    with pytest.raises(ConfigError):
+        ask(desk, "keep", range=wrong, base_version=version_of(STILL))
+    assert saved_text(desk) == STILL
+
+
+def test_without_a_run_or_a_target_it_says_so(desk: Desk, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="'disc'"):
+        find_operation("colours.picture")(desk, {"target": "disc"})
+    nowhere = Desk(configuration=desk.configuration, run_socket=tmp_path / "none.sock")
+    with pytest.raises(StadimeterError, match="gives no picture"):
+        ask(nowhere, "picture")
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        '[targets.ball]\ndetector = "ball"\nhsv = "{}"  # in daylight\ndiameter = "20 cm"\n',
+        "[targets.ball]\ndetector = 'ball'\nhsv='{}'\ndiameter = '20 cm'\n",
+        '[targets]\nball = {{ detector = "ball", hsv = "{}", diameter = "20 cm" }}\n',
+        'targets.ball.detector = "ball"\ntargets.ball.hsv = "{}"\ntargets.ball.diameter = "20 cm"\n',
+    ],
+)
+def test_only_the_range_changes_however_it_is_written(tmp_path: Path, table: str) -> None:
+    path = tmp_path / "stadimeter.toml"
+    text = (
+        table.format(GREEN) + '[camera]\ndriver = "simulated"\n[world]\npath = [{ at = "0 s", x = "2 m", y = "0 m" }]\n'
+    )
+    path.write_text(text)
+    changed = with_range(text, load_configuration(path).spans, "ball", RED)
+    assert changed.replace(RED, GREEN).replace('"', "'") == text.replace('"', "'")
+    path.write_text(changed)
+    assert str(load_configuration(path).targets[0].options.hsv) == RED  # type: ignore[attr-defined]
+
+
+def test_a_target_without_a_range_is_left_alone() -> None:
+    with pytest.raises(ConfigError, match="no range of colours stands"):
+        with_range("[targets.ball]\n", {}, "ball", RED)
+
+
+def view(mask: Any, *, outline: Any = ()) -> ColourView:
+    status = DetectionStatus.FOUND if len(outline) else DetectionStatus.NOT_FOUND
+    found = Detection(
+        target="ball",
+        status=status,
+        outline_px=np.array(outline, float).reshape(-1, 2),
+        width_px=40.0,
+        size_sigma_px=0.2,
+    )
+    return ColourView(detection=found, mask=mask, others=())
+
+
+def test_pixels_are_counted_on_the_ball_and_beside_it() -> None:
+    mask = np.zeros((100, 100), np.uint8)
+    mask[20:40, 20:41] = 255  # half of the ball
+    mask[90:, :5] = 255  # 50 pixels elsewhere
+    square = [[20, 20], [60, 20], [60, 60], [20, 60]]
+    given = range_figures(view(mask, outline=square), view(mask, outline=square).detection)
+    assert given["ball_share"] == pytest.approx(20 * 21 / 41**2)
+    assert given["elsewhere_px"] == 50
+    assert given["sigma_share"] == pytest.approx(0.2 / 40)
+    unknown = range_figures(view(mask), view(mask).detection)
+    assert unknown["ball_share"] is None
+    assert not unknown["is_found"]
+    assert unknown["elsewhere_px"] == np.count_nonzero(mask)
