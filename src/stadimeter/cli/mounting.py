@@ -9,8 +9,7 @@ from pathlib import Path
 import typer
 
 from stadimeter.app.detectors import build_detectors
-from stadimeter.app.mounting import APART_S
-from stadimeter.app.mounting_file import PAIR, PAIRS, load_reference, make_reference, save_reference
+from stadimeter.app.mounting_file import PAIR, PAIRS, keep_apart, load_reference, make_reference, save_reference
 from stadimeter.cli.exits import DONE, NOT_FOUND, ConfigArgument, configuration_path, plain_errors
 from stadimeter.cli.operate import confirm
 from stadimeter.config.loader import Configuration, load_configuration
@@ -52,7 +51,7 @@ def save(config: ConfigArgument = None) -> None:
     with plain_errors(), _pictures(config, PAIR * PAIRS) as (configuration, lens, frames):
         reference = make_reference(frames, lens, _targets(configuration, lens, frames[0]))
         path = save_reference(configuration.path, reference)
-        typer.echo(f"{path}: {reference.views[0].count} features that stand still")
+        typer.echo(f"{path}: {len(reference.views[0].features)} features that stand still")
 
 
 @mounting.command()
@@ -78,9 +77,9 @@ def check(config: ConfigArgument = None) -> None:
         found = MountingJudge(list(reference.views), limits).judge(
             look_at([each.image for each in frames], lens, _targets(configuration, lens, frames[0]))
         )
-        words = f"not as saved ({', '.join(sorted(found.kinds))})" if found.kinds else found.not_judged or "as saved"
+        words = f"not as saved ({', '.join(found.found)})" if found.found else found.not_judged or "as saved"
         typer.echo(f"{words}: {found.best.in_words()}" if found.best is not None else words)
-    raise typer.Exit(NOT_FOUND if found.kinds or found.not_judged else DONE)
+    raise typer.Exit(NOT_FOUND if found.found or found.not_judged else DONE)
 
 
 mounting.command("confirm", help=confirm.__doc__)(confirm)
@@ -105,11 +104,9 @@ def _spaced(source: Source, count: int) -> list[Frame]:
     frames: list[Frame] = []
     while len(frames) < count:
         try:
-            frame = source.capture.latest(SETTLING_WAIT_S)
+            frames = keep_apart(frames, source.capture.latest(SETTLING_WAIT_S))
         except EndOfFramesError:
             raise CalibrationError(f"the recording ends after {len(frames)} of {count} pictures") from None
-        if not frames or frame.captured_at_s - frames[-1].captured_at_s >= APART_S:
-            frames.append(frame)
     return frames
 
 
