@@ -82,7 +82,7 @@ def test_too_few_pictures_save_nothing(site) -> None:
         (site.parent / "shots" / name).unlink()
     refused = typed("mounting", "save", site)
     assert refused.returncode == 2
-    assert "4 of 6 pictures" in refused.stderr
+    assert "ends before 6 pictures" in refused.stderr
     assert not site.with_suffix(".mounting").exists()
 
 

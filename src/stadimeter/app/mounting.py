@@ -11,7 +11,6 @@ import math
 import os
 import threading
 from contextlib import suppress
-from pathlib import Path
 from queue import SimpleQueue
 
 import numpy as np
@@ -25,6 +24,7 @@ from stadimeter.app.mounting_file import (
     PAIR,
     PAIRS,
     MountingReference,
+    judge_by,
     load_reference,
     make_reference,
     save_reference,
@@ -36,7 +36,7 @@ from stadimeter.core.frame import Frame
 from stadimeter.core.mounting import MOUNTING, Mounting, MountingStatus
 from stadimeter.errors import StadimeterError, StateError
 from stadimeter.perception.background import look_at
-from stadimeter.perception.mounting import Judgement, MountingJudge, MountingLimits, limits_for
+from stadimeter.perception.mounting import Judgement
 
 EVERY_S = 60.0
 
@@ -63,22 +63,12 @@ class MountingWatch:
 
     Attributes:
         mounting: What the newest check says.
-        stops_outputs: Whether nothing may move while the mounting is unconfirmed.
     """
 
-    def __init__(
-        self,
-        configuration: Path,
-        lens: CameraModel,
-        reference: MountingReference,
-        limits: MountingLimits,
-        *,
-        stops_outputs: bool = False,
-    ) -> None:
+    def __init__(self, configuration: Configuration, lens: CameraModel, reference: MountingReference) -> None:
         self.mounting = Mounting(status=MountingStatus.NOT_JUDGED, reason="not looked at yet")
-        self.stops_outputs = stops_outputs
-        self._configuration, self._lens, self._limits = configuration, lens, limits
-        self._reference, self._judge = reference, MountingJudge(list(reference.views), limits)
+        self._configuration, self._lens = configuration, lens
+        self._reference, self._judge = reference, judge_by(reference, configuration, lens)
         self._due_s = self._last_s = -math.inf
         self._next = _MountingWork()
         self._in_hand: _MountingWork | None = None
@@ -95,7 +85,7 @@ class MountingWatch:
 
     def why_not_for_motion(self) -> str:
         """Return why nothing may move on the camera's frames, in words; empty if it may."""
-        is_stopped = self.stops_outputs and self.mounting.is_unconfirmed
+        is_stopped = self.mounting.is_unconfirmed and self._configuration.mounting.when_moved == "stop"
         return f"the mounting is unconfirmed: {self.mounting.reason}" if is_stopped else ""
 
     def trouble(self) -> str:
@@ -145,7 +135,7 @@ class MountingWatch:
                     self._in_hand = None
 
     def _attend(self, work: _MountingWork) -> None:
-        saved = load_reference(self._configuration)
+        saved = load_reference(self._configuration.path)
         if saved is not None and saved.saved_unix_s != self._reference.saved_unix_s:  # by the command, meanwhile
             self._use(saved)
             self.mounting = Mounting()
@@ -158,32 +148,28 @@ class MountingWatch:
             self._take_in(work, self._judge.judge(look_at([each.image for each in work.frames], lens, work.hidden)))
 
     def _take_in(self, work: _MountingWork, judgement: Judgement) -> None:
-        if judgement.settled:
-            self._say(work, MountingStatus.UNCONFIRMED, "; ".join(judgement.settled.values()))
-        elif judgement.not_judged:
-            self._say(work, MountingStatus.NOT_JUDGED, judgement.not_judged)
-        else:
-            self._say(work, MountingStatus.AS_SAVED)
+        otherwise = MountingStatus.NOT_JUDGED if judgement.not_judged else MountingStatus.AS_SAVED
+        status = MountingStatus.UNCONFIRMED if judgement.settled else otherwise
+        self._say(work, status, "; ".join(judgement.settled.values()) or judgement.not_judged)
         if judgement.has_learnt:
             self._reference = replace(self._reference, views=list(self._judge.views))
             with suppress(StadimeterError):  # it is learnt again after a restart
-                save_reference(self._configuration, self._reference)
+                save_reference(self._configuration.path, self._reference)
 
     def _save_anew(self, work: _MountingWork) -> None:
         """Save the view that a person has confirmed. If it cannot be, the mounting is unconfirmed again."""
         try:
             reference = make_reference(work.frames, self._lens, work.hidden)
-            save_reference(self._configuration, reference)
+            save_reference(self._configuration.path, reference)
         except StadimeterError as error:
             self._say(work, MountingStatus.UNCONFIRMED, f"confirmed, but not saved: {error}")
         else:
             self._use(reference)
 
     def _use(self, reference: MountingReference) -> None:
-        self._reference = reference
-        self._judge = MountingJudge(list(reference.views), self._limits)
+        self._reference, self._judge = reference, judge_by(reference, self._configuration, self._lens)
 
-    def _say(self, work: _MountingWork, status: MountingStatus, reason: str = "") -> None:
+    def _say(self, work: _MountingWork, status: MountingStatus, reason: str) -> None:
         """Say how the mounting is, unless a person has confirmed it meanwhile, or has yet to."""
         if self._in_hand is work and (status is MountingStatus.UNCONFIRMED or not self.mounting.is_unconfirmed):
             self.mounting = Mounting(status=status, reason=reason)
@@ -195,13 +181,11 @@ def watch_of(configuration: Configuration) -> tuple[MountingWatch | None, str]:
         reference = load_reference(configuration.path)
     except StateError as error:
         return None, f"the mounting of the camera is not watched: {error}"
-    lens, table = configuration.camera_model, configuration.mounting
+    lens = configuration.camera_model
     if reference is None or lens is None:
         wanted = "no view of the camera was saved; `stadimeter mounting save` does (mounting.watch = true)"
-        return None, wanted if table.watch else ""
-    limits = limits_for(lens, configuration.tilt_sigma_rad, is_on_robot=configuration.base is not None)
-    stops = table.when_moved == "stop"
-    return MountingWatch(configuration.path, lens, reference, limits, stops_outputs=stops), ""
+        return None, wanted if configuration.mounting.watch else ""
+    return MountingWatch(configuration, lens, reference), ""
 
 
 def _is_confirmed(record: CycleRecord) -> bool:

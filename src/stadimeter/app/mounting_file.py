@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 
 from stadimeter.app.service_folders import mounting_places
 from stadimeter.config.atomic_file import write_atomically
+from stadimeter.config.loader import Configuration
 from stadimeter.config.untrusted_file import is_file, read_untrusted
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame
 from stadimeter.errors import StateError, UnreadableError
 from stadimeter.perception.background import FEATURE, BackgroundView, keep_still, look_at
+from stadimeter.perception.mounting import MountingJudge, limits_for
 
 # Eight views of 480 features take 240 kB.
 MAX_BYTES = 1_000_000
@@ -64,6 +66,12 @@ class MountingReference(Struct, frozen=True, kw_only=True):
         elif lens_figures(lens) != self.lens:
             why = "the view was saved with another camera file"
         return f"{why}; save it anew with `stadimeter mounting save`" if why else ""
+
+
+def judge_by(reference: MountingReference, configuration: Configuration, lens: CameraModel) -> MountingJudge:
+    """Return what judges the views of a configuration's camera by a saved one."""
+    limits = limits_for(lens, configuration.tilt_sigma_rad, is_on_robot=configuration.base is not None)
+    return MountingJudge(list(reference.views), limits)
 
 
 def lens_figures(lens: CameraModel) -> tuple[float, ...]:

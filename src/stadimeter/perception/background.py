@@ -143,14 +143,15 @@ def look_at(pair: Sequence[Image], lens: CameraModel, hidden: Sequence[NDArray[n
     for outline in hidden:
         x, y, width, height = cv2.boundingRect((outline * scale).astype(np.float32))
         cv2.rectangle(mask, (x - 10, y - 10), (x + width + 10, y + height + 10), 0, -1)
-    found = _find_features(np.asarray(cv2.addWeighted(one, 0.5, other, 0.5, 0), np.uint8), mask)
+    found, bits = _find_features(np.asarray(cv2.addWeighted(one, 0.5, other, 0.5, 0), np.uint8), mask)
     features, slope = np.zeros(len(found), FEATURE), -1.0
     if found:
-        cells, points, bits = (np.array(each) for each in zip(*found, strict=True))
+        points = np.array([each.pt for each in found])
+        features["cell"], features["bits"] = [each.class_id for each in found], bits
         planes = [each.astype(np.float32) for each in (one, other)]
         blurred = [cv2.GaussianBlur(each, (0, 0), TRIED_BLUR_PX2**0.5) for each in planes]
         column, row = points.round().astype(np.intp).T
-        features["place"], features["bits"], features["cell"] = small.directions(points), bits, cells
+        features["place"] = small.directions(points)
         features["sharpness"] = _sharpness(*planes)[row, column]
         change = float(np.median(_sharpness(*blurred)[row, column] - features["sharpness"]))
         slope = min(change / TRIED_BLUR_PX2, -0.1)
@@ -198,10 +199,8 @@ def match_features(then: NDArray[Any], now: NDArray[Any], within: float) -> tupl
     return one[is_mutual], nearest[is_mutual]
 
 
-def _find_features(
-    grey: NDArray[np.uint8], mask: NDArray[np.uint8]
-) -> list[tuple[int, tuple[float, ...], NDArray[np.uint8]]]:
-    """Return the strongest features of each cell: its number, the place in pixels, and the descriptor."""
+def _find_features(grey: NDArray[np.uint8], mask: NDArray[np.uint8]) -> tuple[Sequence[cv2.KeyPoint], Any]:
+    """Return the strongest features of each cell, whose number is their class, and their descriptors."""
     orb = cv2.ORB.create(nfeatures=4000, scaleFactor=1.2, nlevels=4, fastThreshold=FAST_LEVELS)
     height_px, width_px = grey.shape
     cells: dict[int, list[cv2.KeyPoint]] = {}
@@ -210,8 +209,7 @@ def _find_features(
         each.class_id = column + CELLS_ACROSS * row  # which travels with it
         cells.setdefault(each.class_id, []).append(each)
     chosen = [each for strongest in cells.values() for each in strongest[:FEATURES_PER_CELL]]
-    points, bits = orb.compute(grey, chosen)
-    return [(each.class_id, tuple(each.pt), row) for each, row in zip(points, bits, strict=True)] if points else []
+    return orb.compute(grey, chosen)
 
 
 def _sharpness(one: Any, other: Any) -> Plane:

@@ -105,17 +105,11 @@ def fit_view_motion(
         normal = np.einsum("nak,nal,n->kl", slopes, slopes, weights)
         step = np.linalg.solve(normal, np.einsum("nak,na,n->k", slopes, residuals, weights))
         rotation, zoom = _rotation_matrix(*step[:3]) @ rotation, zoom + step[3]
-    sigmas = CORRELATION_FACTOR * scale * np.sqrt(np.diag(np.linalg.inv(normal)))
+    of_tilt, of_pan, of_roll, of_zoom = (CORRELATION_FACTOR * scale * np.sqrt(np.diag(np.linalg.inv(normal)))).tolist()
     # Things move against the camera.
     tilt, pan, roll = (-float(each) for each in cv2.Rodrigues(rotation)[0].ravel())
-    motion = ViewMotion(
-        pan_rad=pan,
-        tilt_rad=tilt,
-        roll_rad=roll,
-        zoom=math.expm1(zoom),
-        sigmas=(float(sigmas[1]), float(sigmas[0]), float(sigmas[2]), float(sigmas[3])),
-        inliers=inliers,
-    )
+    sigmas, zoom = (of_pan, of_tilt, of_roll, of_zoom), math.expm1(zoom)
+    motion = ViewMotion(pan_rad=pan, tilt_rad=tilt, roll_rad=roll, zoom=zoom, sigmas=sigmas, inliers=inliers)
     return motion, weights > 0
 
 
@@ -132,10 +126,5 @@ def _turned(directions: Directions, rotation: NDArray[np.float64], log_zoom: flo
 def _slopes(at: Directions) -> NDArray[np.float64]:
     """Return how directions change with three angles and the logarithm of the zoom, shape (n, 2, 4)."""
     x, y = at.T
-    return np.stack(
-        (
-            np.stack((-x * y, 1 + x**2, -y, x), axis=-1),
-            np.stack((-(1 + y**2), x * y, x, y), axis=-1),
-        ),
-        axis=1,
-    )
+    along = (-x * y, 1 + x**2, -y, x), (-(1 + y**2), x * y, x, y)
+    return np.stack([np.stack(each, axis=-1) for each in along], axis=1)
