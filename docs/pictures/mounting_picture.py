@@ -7,7 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from stadimeter.perception.background import NEAR, _matches, look_at
+from stadimeter.perception.background import MIN_INLIERS, NEAR, look_at, match_features
+from stadimeter.ranging.view_motion import fit_view_motion
 from support.watched_room import LENS, Pose, WatchedRoom
 
 SEED, NOON = 3, 720
@@ -22,10 +23,9 @@ def make_mounting_picture(path: Path) -> None:
     pose = Pose(pan_deg=0.5, roll_deg=0.3)
     pairs = room.pair(NOON), room.pair(NOON + 1, pose)
     then, now = (look_at(pair, LENS) for pair in pairs)
-    motion = now.compare(then.view).motion
-    theirs, ours = _matches(then.view.features, now.view.features, NEAR)
-    before, after = then.view.features["place"][theirs], now.view.features["place"][ours]
-    agrees = np.hypot(*(motion.apply(before) - after).T) * LENS.fx_px < 2
+    theirs, ours = match_features(then.features, now.features, NEAR)
+    before, after = then.features["place"][theirs], now.features["place"][ours]
+    motion, agrees = fit_view_motion(before, after, LENS.fx_px, MIN_INLIERS)
     saved, turned = (pair[0].copy() for pair in pairs)
     for at, to in zip(LENS.project(before[agrees]), LENS.project(after[agrees]), strict=True):
         cv2.circle(saved, at.round().astype(int), 3, GREEN, 1, cv2.LINE_AA)

@@ -262,7 +262,7 @@ class OperatorAction(StrEnum):
         "Confirm that the camera may be as it is now",
         """Confirm that the camera of a running instance may be as it is now: its present view is saved.
 
-        A check of the mounting has found that it was turned, zoomed, refocused or made dirty, so its distances count
+        A check of the mounting has found that it was turned, zoomed or refocused, so its distances count
         as unconfirmed. Measure one of them by tape before you confirm, and calibrate anew if it was zoomed or
         refocused.
 

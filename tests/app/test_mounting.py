@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.mounting import EVERY_S, MountingWatch
+from stadimeter.app.mounting import EVERY_S, watch_of
 from stadimeter.app.mounting_file import load_reference, make_reference, save_reference
+from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.frame import Frame, Optics
@@ -21,10 +22,23 @@ from stadimeter.core.operator import OperatorCommand
 from stadimeter.core.plan import Plan
 from stadimeter.errors import CalibrationError, StateError
 from stadimeter.operator_actions import OperatorAction
-from stadimeter.perception.mounting import MountingLimits
-from support.watched_room import LENS, Pose, WatchedRoom
+from support.watched_room import FOCAL_PX, LENS, Pose, WatchedRoom
 
 NOON = 720
+CONFIGURATION = f"""
+[camera]
+driver = "images"
+paths = "shots"
+model = {{{{ width_px = 640, height_px = 480, fx_px = {FOCAL_PX} }}}}
+
+[targets.tag]
+detector = "tag"
+side = "10 cm"
+id = 1
+
+[mounting]
+when_moved = "{{when_moved}}"
+"""
 CONFIRM = OperatorCommand(id="7", action=OperatorAction.CONFIRM_MOUNTING, by="zoe")
 
 
@@ -48,10 +62,11 @@ def reference(pictures):
 class Rig:
     """A watch without a thread of its own, and a core: each picture is one cycle."""
 
-    def __init__(self, folder: Path, reference, **how) -> None:
+    def __init__(self, folder: Path, reference, when_moved: str = "mark") -> None:
         self.configuration = folder / "run.toml"
+        self.configuration.write_text(CONFIGURATION.format(when_moved=when_moved))
         save_reference(self.configuration, reference)
-        self.watch = MountingWatch(self.configuration, LENS, reference, MountingLimits(), **how)
+        self.watch, _ = watch_of(load_configuration(self.configuration))
         self.state = initial_state(Plan(targets=(), rules=(), outputs=()))
         self.now_s = 0.0
         self.events = []
@@ -154,8 +169,8 @@ def test_between_checks_nothing_is_handed_over_and_after_a_gap_it_is_at_once(tmp
 
 
 def test_outputs_stand_only_where_the_configuration_says_so(tmp_path, pictures, reference) -> None:
-    for stops in (False, True):
-        rig = Rig(tmp_path, reference, stops_outputs=stops)
+    for when_moved, stops in (("mark", False), ("stop", True)):
+        rig = Rig(tmp_path, reference, when_moved)
         rig.check(pictures["turned"])
         rig.check(pictures["turned"])
         assert bool(rig.watch.why_not_for_motion()) is stops

@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
+from stadimeter.app.mounting_file import load_reference
 from stadimeter.cli.main import app
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
-from support.scenes.backdrop import PlainBackdrop
+from support.scenes.backdrop import Backdrop, PlainBackdrop
 from support.scenes.ball import BallTarget
 from support.scenes.render import render
+from support.scenes.room import RoomBackdrop
 from support.scenes.scene import Scene
 
 pytestmark = pytest.mark.vision
@@ -48,17 +50,20 @@ FRAMES = 6
 
 
 @cache
-def ball_at(near_side_m: float) -> Image:
+def ball_at(near_side_m: float, backdrop: Backdrop) -> Image:
     ball = BallTarget(position_m=(0.0, 0.0, near_side_m + 0.1), diameter_m=0.2)
     lens = CameraModel.with_focal_length(600.0, 640, 480)
-    return render(Scene(camera=lens, target=ball, seed=1, backdrop=PlainBackdrop())).image
+    return render(Scene(camera=lens, target=ball, seed=1, backdrop=backdrop)).image
 
 
-def pictures_at(folder: Path, near_side_m: float | None) -> Path:
+PLAIN = PlainBackdrop()
+
+
+def pictures_at(folder: Path, near_side_m: float | None, backdrop: Backdrop = PLAIN) -> Path:
     """Write pictures that differ by noise only, of a ball at a distance, or of nothing."""
     rng = np.random.default_rng(3)
-    folder.mkdir()
-    image = np.full((480, 640, 3), 90, np.uint8) if near_side_m is None else ball_at(near_side_m)
+    folder.mkdir(exist_ok=True)
+    image = np.full((480, 640, 3), 90, np.uint8) if near_side_m is None else ball_at(near_side_m, backdrop)
     for frame in range(FRAMES):
         noisy = np.clip(np.rint(image + rng.normal(0, 1, image.shape)), 0, 255).astype(np.uint8)
         cv2.imwrite(str(folder / f"{frame}.png"), noisy)
@@ -161,3 +166,20 @@ def test_a_target_that_is_not_there_is_asked_for_again(site: Path) -> None:
     result = run(site, "--at", "60cm", answers="\n\nskip\n")
     assert result.stdout.count("Put it at 0.6 m.") == 3
     assert result.stderr.count("seen in 0 of 6 frames") == 2
+
+
+def test_the_view_of_a_fixed_camera_is_saved_or_the_certificate_says_why_it_cannot_be(site: Path) -> None:
+    options = ("--at", "60cm,1m,2m", *given(site, "near", "middle", "far"))
+    plain = run(site, *options)
+    assert plain.exit_code == 0, plain.output
+    assert "not saved, the view has" in plain.stdout
+    assert load_reference(site) is None
+    pictures_at(site.parent / "far", 2.0, RoomBackdrop())
+    before_a_room = run(site, *options)
+    assert "it was moved: saved as site.mounting." in before_a_room.stdout
+    assert "saved as" in json.loads(site.with_suffix(".certificate.json").read_text())["background"]
+    (saved,) = load_reference(site).views
+    ball_px = np.hypot(
+        *(CameraModel.with_focal_length(600.0, 640, 480).project(saved.features["place"]) - (319.5, 239.5)).T
+    )
+    assert ball_px.min() > 600 * 0.1 / 2.1, "the target is no background"

@@ -34,8 +34,6 @@ class Pose:
     zoom: float = 0.0
     blur_px: float = 0.0
     """Diameter of the disc that a point becomes, beyond a sharp picture."""
-    smear: tuple[float, float, float] | None = None
-    """Dirt on the lens: x, y and radius as shares of the width."""
 
 
 @dataclass(slots=True)
@@ -62,8 +60,9 @@ class WatchedRoom:
     def pair(self, minute: float, pose: Pose | None = None) -> list[NDArray[np.uint8]]:
         """Return two pictures of a minute of the day, 0.3 s apart."""
         pose = pose or Pose()
-        view = self._seen(self._lit(minute), pose)
-        self._add_people(view, minute)
+        scene = self._lit(minute)
+        self._add_people(scene, minute)
+        view = self._seen(scene, pose)
         return [self._exposed(view, minute, pose) for _ in range(2)]
 
     def _lit(self, minute: float) -> NDArray[np.float32]:
@@ -100,39 +99,30 @@ class WatchedRoom:
         double = cv2.GaussianBlur(double, (0, 0), 1.1)  # a sharp lens: a standard deviation of 0.55 px
         if pose.blur_px:
             double = cv2.filter2D(double, -1, _disc(2 * pose.blur_px))
-        view = cv2.resize(double, (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_AREA)
-        if pose.smear is not None:  # a drop close to the lens: a wide blur with a soft rim
-            x, y, radius = (each * WIDTH_PX for each in pose.smear)
-            mask = np.zeros(view.shape[:2], np.float32)
-            cv2.circle(mask, (int(x), int(y)), int(radius), 1.0, -1)
-            mask = cv2.GaussianBlur(mask, (0, 0), radius / 6)
-            view = view * (1 - mask) + cv2.GaussianBlur(view, (0, 0), 12) * mask
-        return view
+        return cv2.resize(double, (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_AREA)
 
-    def _add_people(self, view: NDArray[np.float32], minute: float) -> None:
+    def _add_people(self, scene: NDArray[np.float32], minute: float) -> None:
         """Draw who is about: from 7:00 to 23:00 one to three people, who stand for some minutes and then walk on."""
         if not 7 <= minute / 60 <= 23:
             return
-        level = float(view.mean())
+        level = float(scene.mean())
         for number, (phase, speed, tone, seed) in enumerate(self.people):
             stop = int(minute / (3 + 9 * speed) + 10 * phase)
             rng = np.random.default_rng((seed, stop))
             if rng.random() < 0.4 + 0.2 * number:
                 continue
-            x, height = rng.uniform(0, WIDTH_PX), rng.uniform(200, 380)
-            width = int(height / 3)
+            x, height = MARGIN_PX + rng.uniform(0, WIDTH_PX), int(CANVAS_SCALE * rng.uniform(200, 380))
+            width = height // 3
             rough = rng.uniform(0.3, 1.0, (24, 12)).astype(np.float32) * np.float32(level * (0.3 + tone))
-            person = cv2.resize(rough, (width, int(height)), interpolation=cv2.INTER_CUBIC)
+            person = cv2.resize(rough, (width, height), interpolation=cv2.INTER_CUBIC)
             shape = np.zeros(person.shape[:2], np.float32)
-            cv2.ellipse(shape, (width // 2, int(height / 2)), (width // 2 - 2, int(height / 2) - 2), 0, 0, 360, 1.0, -1)
-            left, top = int(x) - width // 2, HEIGHT_PX - int(height)
-            from_x, to_x = max(0, left), min(WIDTH_PX, left + width)
-            if to_x <= from_x:
-                continue
-            cut = slice(from_x - left, to_x - left)
-            part = shape[:, cut]
-            view[top : top + int(height), from_x:to_x] *= 1 - part
-            view[top : top + int(height), from_x:to_x] += part * person[:, cut]
+            cv2.ellipse(shape, (width // 2, height // 2), (width // 2 - 2, height // 2 - 2), 0, 0, 360, 1.0, -1)
+            # Feet at the lower rim of the picture; as wide as the margin is, all of it is on the canvas.
+            left, top = max(0, int(CANVAS_SCALE * x) - width // 2), CANVAS_SCALE * (MARGIN_PX + HEIGHT_PX) - height
+            part = scene[top : top + height, left : left + width]
+            shape, person = (each[:, : part.shape[1]] for each in (shape, person))
+            part *= 1 - shape
+            part += shape * person
 
     def _exposed(self, view: NDArray[np.float32], minute: float, pose: Pose) -> NDArray[np.uint8]:
         """Return a picture: exposure as far as the camera can, noise that grows with its gain, sRGB, and JPEG."""

@@ -10,7 +10,6 @@ import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from statistics import NormalDist
-from typing import Any
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -46,7 +45,8 @@ class Certificate(Struct, frozen=True, kw_only=True):
         date: When, in local time.
         camera: The camera, with its serial number where that is known.
         corrected: By which share the focal length was corrected in the end; 0 for not.
-        background: What tells later whether the camera was moved; None where that was not looked for.
+        background: Whether the view was saved that tells later whether the camera was moved, in words; None where
+            that was not tried.
     """
 
     target: str
@@ -57,7 +57,7 @@ class Certificate(Struct, frozen=True, kw_only=True):
     fit: SiteFit | None = None
     reach: Reach | None = None
     corrected: float = 0.0
-    background: Any = None
+    background: str | None = None
 
 
 class Reliance(Struct, frozen=True, kw_only=True):

@@ -18,17 +18,22 @@ from numpy.typing import NDArray
 
 from stadimeter.app.service_folders import mounting_places
 from stadimeter.config.atomic_file import write_atomically
+from stadimeter.config.loader import Configuration
 from stadimeter.config.untrusted_file import is_file, read_untrusted
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame
 from stadimeter.errors import StateError, UnreadableError
-from stadimeter.perception.background import CELLS, FEATURE, BackgroundView, keep_still, look_at
+from stadimeter.perception.background import FEATURE, BackgroundView, keep_still, look_at
+from stadimeter.perception.mounting import MountingJudge, limits_for
 
 # Eight views of 480 features take 240 kB.
 MAX_BYTES = 1_000_000
 
 # Pictures are compared in pairs; features that are in each of some pairs stand still.
 PAIR, PAIRS = 2, 3
+
+# The two of a pair: so far apart that their noise differs, so near that the light does not.
+APART_S = 0.1
 
 Outlines = Sequence[NDArray[np.float64]]
 
@@ -41,7 +46,6 @@ class MountingReference(Struct, frozen=True, kw_only=True):
         sensor: The camera's sensor, if its driver knows.
         lens: Focal lengths, optical axis and distortion that gave the directions.
         views: The saved view, and those learnt since, each checked to be whole.
-        steadiness: Of each cell of the picture, how often it agreed.
     """
 
     v: int = 1
@@ -50,7 +54,6 @@ class MountingReference(Struct, frozen=True, kw_only=True):
     sensor: str
     lens: tuple[float, ...]
     views: list[BackgroundView]
-    steadiness: list[float]
 
     def why_not_for(self, frame: Frame, lens: CameraModel) -> str:
         """Return why pictures cannot be compared with it, in words; empty if they can."""
@@ -65,9 +68,22 @@ class MountingReference(Struct, frozen=True, kw_only=True):
         return f"{why}; save it anew with `stadimeter mounting save`" if why else ""
 
 
+def judge_by(reference: MountingReference, configuration: Configuration, lens: CameraModel) -> MountingJudge:
+    """Return what judges the views of a configuration's camera by a saved one."""
+    limits = limits_for(lens, configuration.tilt_sigma_rad, is_on_robot=configuration.base is not None)
+    return MountingJudge(list(reference.views), limits)
+
+
 def lens_figures(lens: CameraModel) -> tuple[float, ...]:
     """Return what decides where a pixel looks to."""
     return (lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px, *lens.distortion)
+
+
+def keep_apart(frames: list[Frame], frame: Frame) -> list[Frame]:
+    """Return the newest pictures, as many as a reference is made of, with one more if it is a while after the last."""
+    if frames and frame.captured_at_s - frames[-1].captured_at_s < APART_S:
+        return frames
+    return [*frames, frame][-PAIR * PAIRS :]
 
 
 def make_reference(frames: Sequence[Frame], lens: CameraModel, hidden: Outlines = ()) -> MountingReference:
@@ -92,7 +108,6 @@ def make_reference(frames: Sequence[Frame], lens: CameraModel, hidden: Outlines 
         sensor=first.optics.sensor if first.optics is not None else "",
         lens=lens_figures(small),
         views=[view],
-        steadiness=[0.0] * CELLS,
     )
 
 
@@ -129,7 +144,7 @@ def _read(path: Path) -> MountingReference:
     except (msgspec.MsgspecError, UnreadableError) as error:
         why = error.reason if isinstance(error, UnreadableError) else "it is damaged"
         raise StateError(f"{path}: {why}; save the view anew with `stadimeter mounting save`") from error
-    if found.v != 1 or not found.views or len(found.steadiness) != CELLS or not all(map(_is_whole, found.views)):
+    if found.v != 1 or not found.views or not all(map(_is_whole, found.views)):
         raise StateError(f"{path}: it is damaged; save the view anew with `stadimeter mounting save`")
     return found
 
@@ -137,9 +152,5 @@ def _read(path: Path) -> MountingReference:
 def _is_whole(view: BackgroundView) -> bool:
     if not view.data or len(view.data) % FEATURE.itemsize:
         return False
-    numbers = [
-        view.blur_px2,
-        view.blur_slope,
-        *(view.features[name].sum() for name in ("place", "contrast", "sharpness")),
-    ]
-    return view.blur_slope < 0 and all(map(math.isfinite, numbers))
+    sums = (view.features[name].sum() for name in ("place", "sharpness"))
+    return view.blur_slope < 0 and all(map(math.isfinite, (view.blur_px2, view.blur_slope, *sums)))

@@ -9,8 +9,15 @@ from pathlib import Path
 import typer
 
 from stadimeter.app.detectors import build_detectors
-from stadimeter.app.mounting import APART_S
-from stadimeter.app.mounting_file import PAIR, PAIRS, load_reference, make_reference, save_reference
+from stadimeter.app.mounting_file import (
+    PAIR,
+    PAIRS,
+    judge_by,
+    keep_apart,
+    load_reference,
+    make_reference,
+    save_reference,
+)
 from stadimeter.cli.exits import DONE, NOT_FOUND, ConfigArgument, configuration_path, plain_errors
 from stadimeter.cli.operate import confirm
 from stadimeter.config.loader import Configuration, load_configuration
@@ -19,9 +26,8 @@ from stadimeter.core.detection import Points
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CalibrationError, ConfigError, EndOfFramesError, StateError
 from stadimeter.perception.background import look_at
-from stadimeter.perception.mounting import MountingJudge, limits_for
 from stadimeter.perception.perceiver import Perceiver
-from stadimeter.workbench.frame_source import SETTLING_WAIT_S, Source
+from stadimeter.workbench.frame_source import SETTLING_WAIT_S
 from stadimeter.workbench.run_camera import source_beside_run
 
 mounting = typer.Typer(no_args_is_help=True, rich_markup_mode="markdown")
@@ -52,7 +58,7 @@ def save(config: ConfigArgument = None) -> None:
     with plain_errors(), _pictures(config, PAIR * PAIRS) as (configuration, lens, frames):
         reference = make_reference(frames, lens, _targets(configuration, lens, frames[0]))
         path = save_reference(configuration.path, reference)
-        typer.echo(f"{path}: {reference.views[0].count} features that stand still")
+        typer.echo(f"{path}: {len(reference.views[0].features)} features that stand still")
 
 
 @mounting.command()
@@ -74,13 +80,11 @@ def check(config: ConfigArgument = None) -> None:
             raise StateError(f"{configuration.path}: no view of its camera was saved; `stadimeter mounting save` does")
         if why := reference.why_not_for(frames[0], lens):
             raise CalibrationError(why)
-        limits = limits_for(lens, configuration.tilt_sigma_rad, is_on_robot=configuration.base is not None)
-        found = MountingJudge(list(reference.views), limits).judge(
-            look_at([each.image for each in frames], lens, _targets(configuration, lens, frames[0]))
-        )
-        words = f"not as saved ({', '.join(sorted(found.kinds))})" if found.kinds else found.not_judged or "as saved"
+        view = look_at([each.image for each in frames], lens, _targets(configuration, lens, frames[0]))
+        found = judge_by(reference, configuration, lens).judge(view)
+        words = f"not as saved ({', '.join(found.found)})" if found.found else found.not_judged or "as saved"
         typer.echo(f"{words}: {found.best.in_words()}" if found.best is not None else words)
-    raise typer.Exit(NOT_FOUND if found.kinds or found.not_judged else DONE)
+    raise typer.Exit(NOT_FOUND if found.found or found.not_judged else DONE)
 
 
 mounting.command("confirm", help=confirm.__doc__)(confirm)
@@ -94,23 +98,14 @@ def _pictures(config: Path | None, count: int) -> Iterator[tuple[Configuration, 
     source = source_beside_run(configuration.camera, configuration.path, None)
     try:
         source.settle()
-        frames = _spaced(source, count)
+        frames: list[Frame] = []
+        while len(frames) < count:
+            frames = keep_apart(frames, source.capture.latest(SETTLING_WAIT_S))
         yield configuration, configuration.camera_model.for_frame(frames[0]), frames
+    except EndOfFramesError:
+        raise CalibrationError(f"the recording ends before {count} pictures") from None
     finally:
         source.capture.close()
-
-
-def _spaced(source: Source, count: int) -> list[Frame]:
-    """Return some frames, each a while after the last."""
-    frames: list[Frame] = []
-    while len(frames) < count:
-        try:
-            frame = source.capture.latest(SETTLING_WAIT_S)
-        except EndOfFramesError:
-            raise CalibrationError(f"the recording ends after {len(frames)} of {count} pictures") from None
-        if not frames or frame.captured_at_s - frames[-1].captured_at_s >= APART_S:
-            frames.append(frame)
-    return frames
 
 
 def _targets(configuration: Configuration, lens: CameraModel, frame: Frame) -> list[Points]:

@@ -1,6 +1,6 @@
 """Whether the camera is still mounted as it was when its view was saved, and how a person confirms that it may be so.
 
-A camera that was turned, zoomed, refocused or dirtied measures on, and wrongly: nothing in a single measurement shows
+A camera that was turned, zoomed or refocused measures on, and wrongly: nothing in a single measurement shows
 it. Distances count as *unconfirmed* from then on. They drive outputs as before, unless the configuration says
 otherwise: an alarm that falls silent because its camera was touched would be the greater harm.
 """

@@ -1,4 +1,4 @@
-"""Judges whether a camera is still where it was, in focus and clean: from views of its background.
+"""Judges whether a camera is still where it was and in focus, from views of its background.
 
 The view that was saved is the measure. By day and by night other things of a room can be seen, so further views are
 learnt while the mounting agrees with the first one. Their directions are turned back to it, and their blur is kept
@@ -11,12 +11,11 @@ moved, zoomed       a turn or a zoom beyond its limit                         2
 refocused           a variance of the blur that differs by more than its      2
                     limit and one standard deviation
 unrecognised        features enough, and none of any view are among them      3
-dirty               cells that agreed for hours lost their contrast           15
 (not judged)        too dark, too few features, or too large a σ              never a finding
 ==================  ========================================================  =====================================
 
-A camera on a robot sees another background all the time. Only focus and dirt are judged, from what the views of a while
-have in common, and none counts that shows nearly the same as the one before: a robot that stands before a wall.
+A camera on a robot sees another background all the time. Only focus is judged, from the median of many views, and none
+counts that shows nearly the same as the one before: a robot that stands before a wall.
 """
 
 from __future__ import annotations
@@ -31,15 +30,7 @@ from msgspec import Struct, field
 from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
-from stadimeter.perception.background import (
-    AGREEING_PER_CELL,
-    CELLS,
-    MIN_FEATURES,
-    NEAR,
-    BackgroundComparison,
-    BackgroundLook,
-    BackgroundView,
-)
+from stadimeter.perception.background import MIN_FEATURES, NEAR, BackgroundComparison, BackgroundView
 from stadimeter.ranging.view_motion import ViewMotion
 
 # What is certain to be found by features at whole pixels, and no more than a camera needs: 0.12 degrees are a pixel of
@@ -52,12 +43,11 @@ BLUR_PX2 = 0.15
 # A result whose σ is more than this share of its limit decides nothing.
 SIGMA_SHARE = 0.5
 
-CHECKS_IN_A_ROW = {"moved": 2, "zoomed": 2, "refocused": 2, "unrecognised": 3, "dirty": 15}
+# The saved view decides alone where its σ is at most this share. What is measured by way of a learnt view has that
+# one's errors, and those of the one by which it was learnt: on a rendered day they grew to 0.02 degrees in three hours.
+ALONE_SHARE = 0.25
 
-# Dirt covers two cells of 48 at least. Each must have agreed in this share of the checks of the last hours, and so
-# through changes of the light: the rim of a patch of sunlight has features too, and moves on with the sun. People who
-# stand about for a quarter of an hour are rarely that plain.
-DIRTY_CELLS, STEADY_SHARE, STEADY_CHECKS = 2, 0.8, 60
+CHECKS_IN_A_ROW = {"moved": 2, "zoomed": 2, "refocused": 2, "unrecognised": 3}
 
 # On a robot, what is seen makes the sharpness differ as much as a blur of half a pixel does: the median of an hour's
 # views counts, and only a blur of a pixel, such as a disc of 4 px.
@@ -80,7 +70,6 @@ class MountingLimits(Struct, frozen=True, kw_only=True):
 
     rotation_rad: float = MIN_ROTATION_RAD
     zoom: float = MIN_ZOOM
-    blur_px2: float = BLUR_PX2
     judges_place: bool = True
 
 
@@ -88,17 +77,15 @@ class Judgement(Struct, frozen=True, kw_only=True):
     """What one check says.
 
     Attributes:
-        kinds: The findings of this check alone.
+        found: The findings of this check alone, each in words.
         settled: Those of them that were found often enough to be believed.
-        words: What is wrong, of those; else empty.
         not_judged: Why nothing can be said; else empty.
-        best: How the view differs from the one that is most like it.
+        best: How the view differs from the saved one, by itself or by way of the one that is most like it.
         has_learnt: Whether a view was learnt, which should be kept.
     """
 
-    kinds: frozenset[str] = frozenset()
-    settled: frozenset[str] = frozenset()
-    words: str = ""
+    found: dict[str, str] = field(default_factory=dict)
+    settled: dict[str, str] = field(default_factory=dict)
     not_judged: str = ""
     best: BackgroundComparison | None = None
     has_learnt: bool = False
@@ -108,106 +95,88 @@ class MountingJudge(Struct):
     """Judges one view after the other.
 
     Attributes:
-        views: The view that was saved, and those learnt since.
-        steadiness: Of each cell of the picture, in which share of the last checks it agreed.
+        views: The view that was saved, and those learnt since, the one that was longest of no use first.
     """
 
     views: list[BackgroundView]
     limits: MountingLimits = field(default_factory=MountingLimits)
-    steadiness: list[float] = field(default_factory=lambda: [0.0] * CELLS)
     _in_a_row: dict[str, int] = field(default_factory=dict)
-    _seen_at: list[int] = field(default_factory=list)
-    _checks: int = 0
     _last: BackgroundView | None = None
     _sharpness: deque[float] = field(default_factory=lambda: deque(maxlen=ROBOT_CHECKS))
 
-    def judge(self, look: BackgroundLook) -> Judgement:
+    def judge(self, view: BackgroundView) -> Judgement:
         """Take in a view; return what it says."""
-        self._checks += 1
-        self._seen_at += [0] * (len(self.views) - len(self._seen_at))
-        if look.view.brightness < DARK or look.view.count < MIN_FEATURES:
-            few = f"{look.view.count} features in sight, {MIN_FEATURES} are needed"
-            return Judgement(not_judged="the picture is too dark" if look.view.brightness < DARK else few)
-        return self._judge_place(look) if self.limits.judges_place else self._judge_on_robot(look)
+        if view.brightness < DARK:
+            return Judgement(not_judged="the picture is too dark")
+        if (count := len(view.features)) < MIN_FEATURES:
+            return Judgement(not_judged=f"{count} features in sight, {MIN_FEATURES} are needed")
+        return self._judge_place(view) if self.limits.judges_place else self._judge_on_robot(view)
 
-    def _judge_place(self, look: BackgroundLook) -> Judgement:
-        compared = [look.compare(each) for each in self.views]
-        at = max(range(len(compared)), key=lambda each: compared[each].matched)
-        best = compared[at]
-        self._seen_at[at] = self._checks
-        blur_px2 = best.blur_px2 + self.views[at].blur_px2
-        found = {} if best.motion is None else dict(self._off(best.motion, blur_px2, best.blur_sigma_px2))
-        if best.motion is None:
-            found["unrecognised"] = "nothing of the saved view is recognised: turned far, covered, or the room changed"
-        agreeing = {cell for each in compared for cell in each.agreeing_cells}
-        lost = {cell for each in compared for cell in each.lost_cells}
-        found |= self._dirt(agreeing, lost, compared[0].agreeing_cells)
-        not_judged = "" if found or best.motion is None else _too_uncertain(best.motion, self.limits)
-        has_learnt = not found and not not_judged and self._learn(look.view, best, blur_px2)
-        return self._settle(found, not_judged, best=best, has_learnt=has_learnt)
+    def _judge_place(self, view: BackgroundView) -> Judgement:
+        compared = [(result, each) for each in self.views if (result := view.compare(each)) is not None]
+        if not compared:
+            words = "nothing of the saved view is recognised: turned far, covered, or the room changed"
+            return self._settle({"unrecognised": words})
+        best, like = max(compared, key=lambda each: each[0].motion.inliers)
+        known = best.motion.inliers
+        if like is not self.views[0]:
+            self.views.append(self.views.pop(self.views.index(like)))
+            if compared[0][1] is self.views[0] and not self._too_uncertain(compared[0][0].motion, ALONE_SHARE):
+                best = compared[0][0]
+        found = dict(self._off(best))
+        not_judged = "" if found else self._too_uncertain(best.motion)
+        has_learnt = not found and not not_judged and self._learn(view, known, best)
+        return self._settle(found, not_judged=not_judged, best=best, has_learnt=has_learnt)
 
-    def _judge_on_robot(self, look: BackgroundLook) -> Judgement:
-        same = None if self._last is None else look.compare(self._last).motion
-        if same is not None and same.rotation_rad < NEAR:
+    def _judge_on_robot(self, view: BackgroundView) -> Judgement:
+        same = None if self._last is None else view.compare(self._last)
+        if same is not None and same.motion.rotation_rad < NEAR:
             return Judgement(not_judged="the robot stands where it stood at the last check")
-        self._last = look.view
-        self._sharpness.append(float(np.median(look.view.features["sharpness"])))
-        found: dict[str, str] = {}
-        if len(self._sharpness) == self._sharpness.maxlen:
-            saved = self.views[0]
-            change = float(np.median(self._sharpness)) - float(np.median(saved.features["sharpness"]))
-            found = dict(self._refocused(change / saved.blur_slope, ROBOT_BLUR_PX2))
-        agreeing = set(look.cells_with(look.view.features["place"], AGREEING_PER_CELL))
-        return self._settle(found | self._dirt(agreeing, {*range(CELLS)}, agreeing), "")
+        self._last, saved = view, self.views[0]
+        self._sharpness.append(float(np.median(view.features["sharpness"])))
+        if len(self._sharpness) < ROBOT_CHECKS:
+            return self._settle({})
+        change = float(np.median(self._sharpness)) - float(np.median(saved.features["sharpness"]))
+        return self._settle(dict(_refocused(change / saved.blur_slope, ROBOT_BLUR_PX2)))
 
-    def _settle(self, found: dict[str, str], not_judged: str, **more: Any) -> Judgement:
+    def _settle(self, found: dict[str, str], **more: Any) -> Judgement:
         self._in_a_row = {kind: self._in_a_row.get(kind, 0) + 1 for kind in found}
-        settled = frozenset(kind for kind in found if self._in_a_row[kind] >= CHECKS_IN_A_ROW[kind])
-        words = "; ".join(found[kind] for kind in found if kind in settled)
-        return Judgement(kinds=frozenset(found), settled=settled, words=words, not_judged=not_judged, **more)
+        settled = {kind: found[kind] for kind, times in self._in_a_row.items() if times >= CHECKS_IN_A_ROW[kind]}
+        return Judgement(found=found, settled=settled, **more)
 
-    def _off(self, motion: ViewMotion, blur_px2: float, blur_sigma_px2: float) -> Iterator[tuple[str, str]]:
+    def _off(self, compared: BackgroundComparison) -> Iterator[tuple[str, str]]:
         """Yield what is beyond its limit, in words."""
-        limits = self.limits
-        if not _too_uncertain(motion, limits) and motion.rotation_rad > limits.rotation_rad:
+        limits, motion = self.limits, compared.motion
+        is_sure = not self._too_uncertain(motion)
+        if is_sure and motion.rotation_rad > limits.rotation_rad:
             turn, most = math.degrees(motion.rotation_rad), math.degrees(limits.rotation_rad)
             yield "moved", f"turned by {turn:.2f}°, limit {most:.2f}°: {motion.in_words()}"
-        if not _too_uncertain(motion, limits) and abs(motion.zoom) > limits.zoom:
+        if is_sure and abs(motion.zoom) > limits.zoom:
             yield "zoomed", f"zoomed by {motion.zoom:+.1%}, limit {limits.zoom:.1%}: distances are off by as much"
-        yield from self._refocused(blur_px2, limits.blur_px2 + blur_sigma_px2)
+        yield from _refocused(compared.blur_px2, BLUR_PX2 + compared.blur_sigma_px2)
 
-    def _refocused(self, blur_px2: float, limit_px2: float) -> Iterator[tuple[str, str]]:
-        if abs(blur_px2) > limit_px2:
-            way = "out of focus" if blur_px2 > 0 else "sharper than when it was saved"
-            yield "refocused", f"{way} (a blur of {math.sqrt(abs(blur_px2)):.1f} px at 640 px across)"
+    def _too_uncertain(self, motion: ViewMotion, share: float = SIGMA_SHARE) -> str:
+        """Return why a motion decides nothing; empty if it does."""
+        angle, zoom = float(np.hypot(*motion.sigmas[:2])), motion.sigmas[3]
+        if angle <= share * self.limits.rotation_rad and zoom <= share * self.limits.zoom:
+            return ""
+        return f"{motion.inliers} features agree, too few to be sure to {math.degrees(angle):.2f}° and {zoom:.1%}"
 
-    def _dirt(self, agreeing: set[int], lost: set[int], steady: frozenset[int] | set[int]) -> dict[str, str]:
-        """Return what is to be said of cells that always agreed, and have lost their contrast and agree no more.
+    def _learn(self, view: BackgroundView, known: int, best: BackgroundComparison) -> bool:
+        """Keep a view that is little like any other, if the mounting is well within its limits; return whether.
 
         Args:
-            steady: Those that agree with the saved view: later ones know the light of their hour, and its rims.
+            known: How many of its features agree with the view that is most like it.
         """
-        dirty = sum(self.steadiness[cell] >= STEADY_SHARE for cell in lost - agreeing)
-        if not dirty:  # else what dirt covers would soon count as plain
-            changes = ((cell in steady) - share for cell, share in enumerate(self.steadiness))
-            self.steadiness = [s + c / STEADY_CHECKS for s, c in zip(self.steadiness, changes, strict=True)]
-        words = f"dirt or something before the lens: {dirty} of {CELLS} parts of the picture lost contrast"
-        return {"dirty": words} if dirty >= DIRTY_CELLS else {}
-
-    def _learn(self, view: BackgroundView, best: BackgroundComparison, blur_px2: float) -> bool:
-        """Keep a view that is little like any other, if the mounting is well within its limits; return whether."""
-        motion = best.motion
-        if motion is None or best.matched > LEARN_BELOW * view.count:
+        motion, features, limits = best.motion, view.features.copy(), self.limits
+        if known > LEARN_BELOW * len(features):
             return False
-        if motion.rotation_rad > self.limits.rotation_rad / 2 or abs(motion.zoom) > self.limits.zoom / 2:
+        if motion.rotation_rad > limits.rotation_rad / 2 or abs(motion.zoom) > limits.zoom / 2:
             return False
-        if len(self.views) >= VIEWS_MAX:  # in place of the one that was longest of no use; never of the saved one
-            oldest = min(range(1, len(self.views)), key=self._seen_at.__getitem__)
-            del self.views[oldest], self._seen_at[oldest]
-        features = view.features.copy()
+        if len(self.views) >= VIEWS_MAX:
+            del self.views[1]  # never the saved one
         features["place"] = motion.undo(features["place"])
-        self.views.append(replace(view, data=features.tobytes(), blur_px2=blur_px2))
-        self._seen_at.append(self._checks)
+        self.views.append(replace(view, data=features.tobytes(), blur_px2=best.blur_px2))
         return True
 
 
@@ -224,9 +193,7 @@ def limits_for(lens: CameraModel, tilt_sigma_rad: float | None, *, is_on_robot: 
     )
 
 
-def _too_uncertain(motion: ViewMotion, limits: MountingLimits) -> str:
-    """Return why a motion decides nothing; empty if it does."""
-    angle, zoom = float(np.hypot(*motion.sigmas[:2])), motion.sigmas[3]
-    if angle <= SIGMA_SHARE * limits.rotation_rad and zoom <= SIGMA_SHARE * limits.zoom:
-        return ""
-    return f"{motion.inliers} features agree, too few to be sure to {math.degrees(angle):.2f}° and {zoom:.1%}"
+def _refocused(blur_px2: float, limit_px2: float) -> Iterator[tuple[str, str]]:
+    if abs(blur_px2) > limit_px2:
+        way = "out of focus" if blur_px2 > 0 else "sharper than when it was saved"
+        yield "refocused", f"{way} (a blur of {math.sqrt(abs(blur_px2)):.1f} px at 640 px across)"

@@ -7,7 +7,7 @@ Ronchetti, "Robust Statistics", 2009), from a start that RANSAC finds.
 
 A shift of the principal point looks like a turn of the camera to within the second order of the angle, so the two are
 not distinguished: either makes bearings wrong by as much. A camera that was moved sideways shifts near things further
-than far ones: no turn explains that, and it shows in the residual.
+than far ones: no turn explains that, and fewer features agree.
 """
 
 from __future__ import annotations
@@ -46,7 +46,6 @@ class ViewMotion(Struct, frozen=True, kw_only=True):
         roll_rad: How far its right side went down.
         zoom: By which share its focal length grew; 0.01 makes everything appear 1 % larger.
         sigmas: The standard deviations of these four.
-        residual_px: Robust standard deviation of what is left, along each axis.
         inliers: How many features agree.
     """
 
@@ -55,19 +54,12 @@ class ViewMotion(Struct, frozen=True, kw_only=True):
     roll_rad: float
     zoom: float
     sigmas: tuple[float, float, float, float]
-    residual_px: float
     inliers: int
-
-    def apply(self, directions: Directions) -> Directions:
-        """Return where directions of the earlier view are now."""
-        return _turned(directions, self._rotation(), math.log1p(self.zoom))
 
     def undo(self, directions: Directions) -> Directions:
         """Return where directions of now were in the earlier view."""
-        return _turned(directions / (1 + self.zoom), self._rotation().T, 0.0)
-
-    def _rotation(self) -> NDArray[np.float64]:
-        return rotation_matrix(-self.tilt_rad, -self.pan_rad, -self.roll_rad)
+        back = _rotation_matrix(self.tilt_rad, self.pan_rad, self.roll_rad)
+        return _turned(directions / (1 + self.zoom), back, 0.0)
 
     def in_words(self) -> str:
         """Return what moved by how much, with standard deviations."""
@@ -98,7 +90,7 @@ def fit_view_motion(
     # The start: a similarity is a roll, a zoom, and a shift by the pan and the tilt.
     zoom = math.log(math.hypot(start[0, 0], start[1, 0]))
     roll = math.atan2(start[1, 0], start[0, 0])
-    rotation = rotation_matrix(-start[1, 2] / focal_px, start[0, 2] / focal_px, roll)
+    rotation = _rotation_matrix(-start[1, 2] / focal_px, start[0, 2] / focal_px, roll)
     weights = np.asarray(chosen, np.float64).ravel()
     scale = RANSAC_PX / focal_px / 2
     for _ in range(ROUNDS):
@@ -112,23 +104,16 @@ def fit_view_motion(
             return None
         normal = np.einsum("nak,nal,n->kl", slopes, slopes, weights)
         step = np.linalg.solve(normal, np.einsum("nak,na,n->k", slopes, residuals, weights))
-        rotation, zoom = rotation_matrix(*step[:3]) @ rotation, zoom + step[3]
-    sigmas = CORRELATION_FACTOR * scale * np.sqrt(np.diag(np.linalg.inv(normal)))
+        rotation, zoom = _rotation_matrix(*step[:3]) @ rotation, zoom + step[3]
+    of_tilt, of_pan, of_roll, of_zoom = (CORRELATION_FACTOR * scale * np.sqrt(np.diag(np.linalg.inv(normal)))).tolist()
     # Things move against the camera.
     tilt, pan, roll = (-float(each) for each in cv2.Rodrigues(rotation)[0].ravel())
-    motion = ViewMotion(
-        pan_rad=pan,
-        tilt_rad=tilt,
-        roll_rad=roll,
-        zoom=math.expm1(zoom),
-        sigmas=(float(sigmas[1]), float(sigmas[0]), float(sigmas[2]), float(sigmas[3])),
-        residual_px=scale * focal_px,
-        inliers=inliers,
-    )
+    sigmas, zoom = (of_pan, of_tilt, of_roll, of_zoom), math.expm1(zoom)
+    motion = ViewMotion(pan_rad=pan, tilt_rad=tilt, roll_rad=roll, zoom=zoom, sigmas=sigmas, inliers=inliers)
     return motion, weights > 0
 
 
-def rotation_matrix(x_rad: float, y_rad: float, z_rad: float) -> NDArray[np.float64]:
+def _rotation_matrix(x_rad: float, y_rad: float, z_rad: float) -> NDArray[np.float64]:
     """Return the matrix of a rotation vector."""
     return np.asarray(cv2.Rodrigues(np.array([x_rad, y_rad, z_rad]))[0], np.float64)
 
@@ -141,10 +126,5 @@ def _turned(directions: Directions, rotation: NDArray[np.float64], log_zoom: flo
 def _slopes(at: Directions) -> NDArray[np.float64]:
     """Return how directions change with three angles and the logarithm of the zoom, shape (n, 2, 4)."""
     x, y = at.T
-    return np.stack(
-        (
-            np.stack((-x * y, 1 + x**2, -y, x), axis=-1),
-            np.stack((-(1 + y**2), x * y, x, y), axis=-1),
-        ),
-        axis=1,
-    )
+    along = (-x * y, 1 + x**2, -y, x), (-(1 + y**2), x * y, x, y)
+    return np.stack([np.stack(each, axis=-1) for each in along], axis=1)

@@ -70,6 +70,8 @@ def summary_of(made: Certificate) -> Iterator[str]:
     yield f"Reliable {near}to {length(reach.reliable_m)}: {RELIABLE}."
     on = f"by the error model it goes on to {length(reach.expected_m)}; there {reach.limit}"
     yield f"Nothing was measured beyond the farthest placement; {on}."
+    if made.background is not None:
+        yield f"View of the camera, by which a run tells whether it was moved: {made.background}."
 
 
 def describe_placement(each: Placement) -> str:

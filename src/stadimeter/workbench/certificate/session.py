@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import datetime as dt
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from statistics import fmean, median
-from typing import Any
 
 from msgspec.structs import replace
 
@@ -18,6 +17,7 @@ from stadimeter.app.bootstrap import build
 from stadimeter.app.capture import Capture
 from stadimeter.app.certificate import CERTIFICATE, PLACEMENTS, Certificate, Site, load_certificate, save_certificate
 from stadimeter.app.clock import MonotonicClock
+from stadimeter.app.mounting_file import PAIR, keep_apart, make_reference, save_reference
 from stadimeter.config.camera_file import load_camera_model, save_camera_model
 from stadimeter.config.loader import Configuration, is_demonstration, load_configuration
 from stadimeter.config.plugins import CAMERAS, DriverChoice, load_driver
@@ -25,9 +25,10 @@ from stadimeter.config.toml_source import read_toml
 from stadimeter.config.units import path_from
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES
 from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX
+from stadimeter.core.detection import Points
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement
-from stadimeter.errors import CalibrationError, ConfigError, EndOfFramesError
+from stadimeter.errors import CalibrationError, ConfigError, EndOfFramesError, StadimeterError
 from stadimeter.ranging.similar_triangles import farthest_m
 from stadimeter.ranging.site_fit import Placement, find_reach, fit_site, read_placement
 from stadimeter.workbench.certificate.page import blocks_of, html_of, pages_of
@@ -69,7 +70,7 @@ class SiteSession:
     ) -> None:
         if is_demonstration(configuration.path):
             raise ConfigError("nothing is written beside the demonstration: certify a copy of config/demo.toml")
-        self.site, self._newest = Site(configuration, target), list[Frame]()
+        self.site, self._newest, self._outlines = Site(configuration, target), list[Frame](), list[Points]()
         self.certificate = Certificate(target=self.site.target.name, about=self.site.about)
         begun = None if anew else load_certificate(configuration.path, PLACEMENTS)
         if begun is None and again and not anew:
@@ -147,14 +148,17 @@ class SiteSession:
         seen: list[Measurement] = []
         ages_s, levels, watched, reason = [], [], list[Frame](), ""
         for frame in frames:
-            results = [each.measurement for each in measuring.measure(frame, "").targets]
+            targets = measuring.measure(frame, "").targets
+            results = [each.measurement for each in targets]
             found = [each for each in results if each.distance_m is not None]
             # Of several tags the one that is where the tape says.
             seen += sorted(found, key=lambda each: abs((each.distance_m or 0.0) - placed.true_m))[:1]
             reason = reason or ("" if found else results[0].reason)
             ages_s.append(clock.now_s() - frame.captured_at_s)
             levels.append(float(frame.image[::8, ::8].mean()))
-            watched = self._newest = [*watched[:1], frame]
+            watched = [*watched[:1], frame]
+            self._newest = keep_apart(self._newest if len(levels) > 1 else [], frame)
+            self._outlines = [each.detection.outline_px for each in targets if each.detection]
         if not watched:
             raise CalibrationError(f"at {placed.tape_m:g} m there was no picture")
         first, last = watched[0], watched[-1]
@@ -185,7 +189,7 @@ class SiteSession:
             ConfigError: A file cannot be written, or there is nothing to correct.
         """
         made = _fitted(self._correct(_fitted(self.certificate)) if correct else self.certificate)
-        background = remember_background(self._newest)
+        background = None if self.is_simulated else remember_background(self.site, self._newest, self._outlines)
         camera = _camera_name(self.site.configuration.camera)
         made = replace(made, date=_now(), camera=camera, background=background)
         path = self.site.configuration.path
@@ -219,9 +223,20 @@ def _fitted(certificate: Certificate) -> Certificate:
     return replace(certificate, fit=fit, reach=find_reach(certificate.placements, fit))
 
 
-def remember_background(newest: list[Frame]) -> Any:  # noqa: ARG001 - the place for it
-    """Return what a certificate keeps of the newest picture, by which a camera that was moved is found: nothing yet."""
-    return None
+def remember_background(site: Site, newest: list[Frame], outlines: Sequence[Points]) -> str | None:
+    """Save the view of a fixed camera, by which a run finds that it was moved; return what became of it, in words.
+
+    Args:
+        outlines: Where targets are in the view.
+    """
+    configuration = site.configuration
+    if configuration.base is not None or len(newest) < PAIR:
+        return None
+    try:
+        reference = make_reference(newest, site.model, [each for each in outlines if len(each)])
+        return f"saved as {save_reference(configuration.path, reference).name}"
+    except StadimeterError as error:
+        return f"not saved, {error}"
 
 
 def _frames(capture: Capture, for_s: float) -> Iterator[Frame]:
