@@ -62,7 +62,7 @@ def test_every_row_of_the_table_of_actions_can_be_asked_for_and_nothing_that_mov
     assert {offer.op for offer in OFFERS.values()} <= set(ARGS)
     assert not {"hold-output", "world", "restart"} & {offer.op for offer in OFFERS.values()}
     assert {name for name, offer in OFFERS.items() if offer.needs_all} == {
-        "arm", "clip", "release-outputs", "record", "reload", "snapshot",
+        "arm", "clip", "confirm-mounting", "release-outputs", "record", "reload", "snapshot",
     }  # fmt: skip
 
 
@@ -94,6 +94,7 @@ def test_every_action_is_done_and_answered_and_journaled_with_who_asked(protocol
     assert "words" in asker.ask("arm")
     eventually(lambda: run.level() > 0)
     assert "add [black_box]" in asker.ask("clip")
+    assert "mounting" in str(asker.ask("confirm-mounting"))
     assert asker.ask("explain", rule="near")["rules"][0]["rule"] == "near"
     assert [each["rule"] for each in asker.ask("alarms")["alarms"]]
     assert asker.ask("calibrate", distance="1 m")["focal_px"] == pytest.approx(300, rel=0.04)

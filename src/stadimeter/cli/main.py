@@ -59,7 +59,7 @@ PANELS: Mapping[str, Mapping[str, str]] = {
         "stop-outputs": "Put every output of a running instance at its safe value, until they are released.",
         "arm": "Arm a running instance: from now on its outputs may act.",
         "disarm": "Disarm a running instance: every output is at its safe value until it is armed.",
-        "clip": "Have a running instance write a clip of the last seconds, with pictures.",
+        "clip": "Have a running instance write a clip: the seconds before now, and those after it, with pictures.",
         "safe": "Make every output of a configuration safe by hand, when no run drives it.",
         "alarm": "Acknowledge, reset or shelve an alarm of a running instance, and more.",
         "fleet": "Show every device at a broker, and one list of standing alarms.",
