@@ -16,7 +16,7 @@ from stadimeter.workbench.server.operations import Desk, find_operation
 from support.false_alarm import BY_S, CONFIGURATION, STAYED_S, record
 
 BEGAN_S = 1_700_000_000.0
-BY, STAYED = f"evening.jsonl@{BY_S}s no", f"evening.jsonl@{STAYED_S}s fire"
+BY, STAYED = f"evening.mcap@{BY_S}s no", f"evening.mcap@{STAYED_S}s fire"
 
 
 @pytest.fixture(scope="module")
@@ -91,10 +91,10 @@ def test_a_dragged_threshold_is_saved_with_the_alarms_that_went(desk: Desk) -> N
 
 def test_marks_that_contradict_each_other_are_refused_by_name(desk: Desk) -> None:
     with pytest.raises(ConfigError) as refused:
-        ask(desk, "teach", marks=["evening.jsonl@92s no", "evening.jsonl@31.5s fire"])
+        ask(desk, "teach", marks=["evening.mcap@92s no", "evening.mcap@31.5s fire"])
     words = str(refused.value)
     assert "contradict each other" in words
-    assert "evening.jsonl@31.5s fire" in words
+    assert "evening.mcap@31.5s fire" in words
     assert "the distance reached 0.4" in words or "the distance reached 0.5" in words
 
 
@@ -116,4 +116,4 @@ def test_a_recording_that_holds_a_moment_is_found(tmp_path: Path) -> None:
     record(tmp_path, time.time() - 1000)
     desk = Desk(configuration=tmp_path / "stadimeter.toml", run_socket=tmp_path / "none.sock")
     found = ask(desk, "what_if", at_s=[time.time() - 900])
-    assert [each["name"] for each in found["recordings"]] == ["evening.jsonl"]
+    assert [each["name"] for each in found["recordings"]] == ["evening.mcap"]

@@ -42,8 +42,7 @@ def what_if(
     lesson = lesson_of(desk, at_s or [])
     is_done = lesson.go_on(for_s)
     answers = lesson.answer(lesson.load(rule, changes or {}).plan)
-    settings = {key: {"value": each.value, "unit": each.unit} for key, each in lesson.settings(rule).items()}
-    return {"settings": settings, "is_done": is_done, **answer_fields(lesson, rule, answers)}
+    return {"is_done": is_done, **answer_fields(lesson, rule, answers)}
 
 
 @operation
@@ -117,6 +116,7 @@ def answer_fields(lesson: Lesson, rule: str, answers: Sequence[Answer]) -> dict[
     """Return answers as JSON has them."""
     _, alarm = alarm_named(lesson.configuration, rule)
     return {
+        "settings": {key: {"value": each.value, "unit": each.unit} for key, each in lesson.settings(rule).items()},
         "words": in_words(alarm.name, answers),
         "recordings": [
             {

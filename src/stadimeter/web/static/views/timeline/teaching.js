@@ -1,12 +1,11 @@
 // An alarm that fired wrongly, mended on its chart: drag its threshold, or mark what it should have done; then save it.
 
-import { h, replace, write } from "../../dom.js";
+import { button, h, replace, write } from "../../dom.js";
 import { Saving } from "../edit/saving.js";
 
 const NEAR_PX = 8; // a pointer this near to a threshold drags it
 const QUIET_MS = 120;
 const FOR_S = 2; // until there is something to show
-const button = (words, onclick, kind = "") => h("button", { type: "button", class: `button ${kind}`, onclick }, words);
 
 /** `view` is the timeline: its `api`, `unit`, `say` and `chart`. */
 export class Teaching {
@@ -20,7 +19,7 @@ export class Teaching {
     this.fields = h("div", { class: "row" });
     this.words = h("p", { role: "status" });
     this.list = h("ul", { class: "list" });
-    this.keep = button("Save with its test", () => this.#save(), "primary");
+    this.keep = button("Save with its test", () => this.#save(), "primary", { disabled: true });
     this.element = h(
       "section",
       { class: "panel stack of-run", "aria-label": "What if", hidden: true },
@@ -67,6 +66,12 @@ export class Teaching {
     if (!rules.includes(this.rule)) this.rule = rules[0];
   }
 
+  async #hasRule() {
+    if (!this.rule) await this.view.loadMarks();
+    if (!this.rule) this.view.say("None of the rules is an alarm on a distance.", "error");
+    return Boolean(this.rule);
+  }
+
   /** Begin anew with a rule. */
   use(rule) {
     Object.assign(this, { rule, changes: {}, marks: [] });
@@ -86,7 +91,7 @@ export class Teaching {
   }
 
   async #mark(unix_s, fire) {
-    if (!this.rule) return this.view.say("The rules are not known yet, or none is on a distance.", "error");
+    if (!(await this.#hasRule())) return;
     if (!this.#at(unix_s)) await this.#ask(unix_s);
     const found = this.#at(unix_s);
     if (!found) return this.view.say("No recording holds this moment, so nothing can be tried on it.", "error");
@@ -126,47 +131,38 @@ export class Teaching {
     );
   }
 
-  #showFields(settings) {
-    replace(
-      this.fields,
-      Object.entries(settings).map(([key, { value, unit }]) => {
-        const [size, symbol] = unit === "m" ? [this.view.unit.size_m, this.view.unit.symbol] : [1, unit];
-        const now = Number(((this.changes[key] ?? value) / size).toFixed(3));
-        const most = Math.max(2 * now, (unit === "s" ? 10 : 1) / size);
-        const put = ({ target }) => {
-          for (const each of [slider, number]) each.value = target.value;
-          this.#set(key, Number(target.value) * size);
-        };
-        const slider = h("input", {
-          type: "range",
-          min: 0,
-          max: most,
-          step: most / 200,
-          value: now,
-          "aria-label": `${key}, slider`,
-          oninput: put,
-        });
-        const number = h("input", {
-          type: "number",
-          min: 0,
-          step: "any",
-          value: now,
-          "aria-label": key,
-          onchange: put,
-        });
-        return h(
-          "label",
-          { class: "stack small" },
-          `${key.replaceAll("_", " ")} ${symbol && `(${symbol})`}`,
-          slider,
-          number,
-        );
-      }),
-    );
+  /** Fields of the rule's settings; that which a person is in keeps what is typed. */
+  #showFields() {
+    if (this.shown !== this.rule) replace(this.fields, Object.keys(this.settings).map(this.#field));
+    this.shown = this.rule;
+    for (const input of this.fields.querySelectorAll("input")) {
+      const { size } = this.#scale(input.name);
+      const now = Number(((this.changes[input.name] ?? this.settings[input.name].value) / size).toFixed(3));
+      if (input.type === "range") input.max = Math.max(input.max, now);
+      if (input !== document.activeElement) input.value = now;
+    }
   }
+
+  #scale(key) {
+    const { value, unit } = this.settings[key];
+    const { size_m, symbol } = this.view.unit;
+    const size = unit === "m" ? size_m : 1;
+    return { size, symbol: unit === "m" ? symbol : unit, most: Math.max(2 * value, unit === "s" ? 10 : 1) / size };
+  }
+
+  #field = (key) => {
+    const { size, symbol, most } = this.#scale(key);
+    const input = (given) => h("input", { name: key, min: 0, ...given });
+    const put = ({ target }) => this.#set(key, Number(target.value) * size);
+    const slider = { type: "range", max: most, step: most / 200, "aria-label": `${key}, slider`, oninput: put };
+    const number = { type: "number", step: "any", "aria-label": key, onchange: put };
+    const words = `${key.replaceAll("_", " ")} ${symbol && `(${symbol})`}`;
+    return h("label", { class: "stack small" }, words, input(slider), input(number));
+  };
 
   #set(key, value) {
     this.changes[key] = value;
+    if (this.shown === this.rule) this.#showFields();
     this.view.chart.redraw();
     clearTimeout(this.quiet);
     this.quiet = setTimeout(() => this.#ask(), QUIET_MS);
@@ -180,6 +176,7 @@ export class Teaching {
 
   async #answer(op, body) {
     const mine = ++this.#wish;
+    this.keep.disabled = true; // until there is something that its marks agree with
     write(this.words, this.#known.length ? this.words.textContent : "Reading the recordings …");
     try {
       const found = await this.view.api.post(`rules/${encodeURIComponent(this.rule)}/${op}`, {
@@ -189,13 +186,14 @@ export class Teaching {
       if (mine !== this.#wish) return false;
       this.#known = found.recordings;
       if (found.changes) this.changes = found.changes;
-      if (found.settings) this.settings = found.settings;
+      this.settings = found.settings;
       const changed = Object.entries(this.changes).map(
         ([key, value]) => `${key.replaceAll("_", " ")} ${Number(value.toPrecision(4))} ${this.settings[key].unit}`,
       );
       write(this.words, `${changed.length ? `With ${changed.join(", ")}: ` : ""}${found.words}`);
-      if (!this.fields.contains(document.activeElement)) this.#showFields(this.settings);
+      this.#showFields();
       this.view.chart.redraw();
+      this.keep.disabled = !changed.length && !this.marks.length;
       return found.is_done === false;
     } catch (error) {
       if (mine === this.#wish) write(this.words, error.message);
@@ -216,6 +214,7 @@ export class Teaching {
         `Saved, with ${saved.tests.length} ${saved.tests.length === 1 ? "test" : "tests"}, ${passed} of them passed.`,
       );
       Object.assign(this, { changes: {}, marks: [] });
+      this.keep.disabled = true;
       this.#showMarks();
       this.saving.offer(saved);
     } catch (error) {
