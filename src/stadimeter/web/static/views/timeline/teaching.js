@@ -271,7 +271,7 @@ export class Teaching {
       if (this.changes[key]) ink.fillRect(0, y(value_m), ink.canvas.width, 2);
       this.element.dataset.lineY = y(value_m) / devicePixelRatio; // below the upper edge of the canvas
     }
-    ink.textAlign = "center";
-    for (const { unix_s, fire } of this.marks) ink.fillText(fire ? "✓" : "✗", x(unix_s), top - lane);
+    ink.textAlign = "left";
+    for (const { unix_s, fire } of this.marks) ink.fillText(fire ? "✓" : "✗", x(unix_s) + lane / 3, top - lane);
   }
 }
