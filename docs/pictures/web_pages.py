@@ -137,6 +137,7 @@ def _taught(page: Any, began_s: float, path: Path) -> None:
     page.mouse.click(box["x"] + box["width"] * part, box["y"] + 8)
     page.get_by_role("button", name="Should not have fired").click()
     page.get_by_text("1 of yours missed").wait_for()
+    page.get_by_role("region", name="The moment").get_by_role("button", name="Close").click()
     save(page, path)
 
 
