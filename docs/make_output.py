@@ -27,7 +27,7 @@ BLOCK = re.compile(
     r"|(?:^<!-- file: (?P<name>[\w./-]+) -->\n)?^```(?P<kind>\w*)\n(?P<text>.*?)^```$",
     re.MULTILINE | re.DOTALL,
 )
-MILLISECONDS = re.compile(r"[\d.]+(?= (?:ms|s\b.* took))")
+FROM_RUN_TO_RUN = re.compile(r"[\d.]+(?= (?:ms|s\b.* took))|\d{8}T\d{6}Z")  # how long it took, and when it was
 
 
 def with_output(guide: str, folder: Path) -> str:
@@ -75,7 +75,7 @@ def printed(command: str, folder: Path) -> str:
 
 def comparable(text: str) -> list[str]:
     """Return the lines of a guide without what differs from run to run."""
-    return MILLISECONDS.sub("…", text).splitlines()
+    return FROM_RUN_TO_RUN.sub("…", text).splitlines()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -40,12 +40,13 @@ def make_pages(folder: Path) -> None:
         keep_day(Path(room) / "timeline" / "stadimeter", time.time())
         with _at(browser, Path(room), STILL, WIDE) as page:
             _timeline(page, folder / "web-timeline.png")
+        with _at(browser, Path(room), STILL, PHONE, "dark") as page:
+            _live(page, folder / "web-phone.png")
+    with tempfile.TemporaryDirectory() as room, chromium() as browser:
         began_s = time.time() - 400
         false_alarm.record(Path(room), began_s)
         with _at(browser, Path(room), false_alarm.CONFIGURATION, TALL) as page:
             _taught(page, began_s, folder / "web-teaching.png")
-        with _at(browser, Path(room), STILL, PHONE, "dark") as page:
-            _live(page, folder / "web-phone.png")
     with tempfile.TemporaryDirectory() as room, chromium() as browser:
         _two_cameras(browser, Path(room), folder / "web-others.png")
     with tempfile.TemporaryDirectory() as empty, chromium() as browser, _at(browser, Path(empty), None, WIDE) as page:
@@ -129,13 +130,14 @@ def _taught(page: Any, began_s: float, path: Path) -> None:
     page.goto(f"{page.home}/#timeline")
     page.locator(".timeline-chart[data-step]").wait_for()
     page.get_by_role("button", name="Show 10 min").click()
-    page.wait_for_timeout(4000)  # until the thresholds are there
+    page.locator(".timeline-chart[data-step='1']").wait_for()
     box = page.locator(".u-over").bounding_box()
     view = [page.evaluate(f"Number(document.querySelector('.timeline-chart').dataset.{end})") for end in ("from", "to")]
     part = (began_s + false_alarm.BY_S - view[0]) / (view[1] - view[0])
     page.mouse.click(box["x"] + box["width"] * part, box["y"] + 8)
     page.get_by_role("button", name="Should not have fired").click()
-    page.get_by_text("With ").wait_for()
+    page.get_by_text("1 of yours missed").wait_for()
+    page.get_by_role("region", name="The moment").get_by_role("button", name="Close").click()
     save(page, path)
 
 

@@ -30,7 +30,7 @@ def invoked(folder: Path, monkeypatch: pytest.MonkeyPatch):
     return invoke
 
 
-RUN = "recordings/evening.jsonl"
+RUN = "recordings/evening.mcap"
 MARKS = ("--mark", f"{RUN}@{BY_S}s no", "--mark", f"{RUN}@{STAYED_S}s fire")
 
 

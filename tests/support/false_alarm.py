@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import math
+import os
 import random
-from datetime import UTC, datetime
+from collections.abc import Callable
 from pathlib import Path
 
 from stadimeter.app.cycle import CycleRecord
-from stadimeter.app.recordings.journal import JournalWriter
 from stadimeter.app.recordings.recorded_configuration import to_be_recorded
+from stadimeter.app.recordings.recording import Recorded, RecordingWriter
+from stadimeter.app.timeline.keeper import TimelineKeeper
 from stadimeter.config.loader import load_configuration
+from stadimeter.core.clock import DAY_S
 from stadimeter.core.decision import Decision
 from stadimeter.core.observation import Observation
+from stadimeter.core.plan import Plan
 from support.browser import STILL
 from support.observing import Rehearsal
 
@@ -38,24 +42,35 @@ def distance_m(at_s: float) -> float:
 
 
 def record(folder: Path, began_unix_s: float) -> Path:
-    """Write the configuration, and the recording of a run by it that began at a time."""
+    """Write the configuration, and the recording and the timeline of a run by it that began at a time."""
     place = folder / "stadimeter.toml"
     place.write_text(CONFIGURATION)
     configuration = load_configuration(place)
     (folder / "recordings").mkdir(exist_ok=True)
-    began_at = datetime.fromtimestamp(began_unix_s, UTC).isoformat(timespec="milliseconds")
-    path = folder / "recordings" / "evening.jsonl"
-    writer = JournalWriter(path, to_be_recorded(configuration), began_at)
-
-    class Recorded(Rehearsal):
-        def cycle(self, observation: Observation) -> Decision:
-            decision = super().cycle(observation)
-            writer.write(CycleRecord(observation=observation, decision=decision, applied=(), timings_s={}))
-            return decision
-
+    path = folder / "recordings" / "evening.mcap"
+    written = Recorded(configuration=to_be_recorded(configuration))
+    writer = RecordingWriter(path, written, anchor_ns=round(began_unix_s * 1e9))
+    watched = _Watched(configuration.plan, FRAME_S)
+    keeper = TimelineKeeper(folder / "timeline" / place.stem, DAY_S, lambda: began_unix_s + watched.now_s)
+    watched.listeners += [writer.write, keeper]
     random_ = random.Random(1)  # noqa: S311 - noise of a measurement
-    noise = (random_.gauss(0, 0.01) for _ in iter(int, 1))
     frames = range(round(SECONDS / FRAME_S))
-    Recorded(configuration.plan, FRAME_S).see(*(distance_m(each * FRAME_S) + next(noise) for each in frames))
+    watched.see(*(distance_m(each * FRAME_S) + random_.gauss(0, 0.01) for each in frames))
     writer.close()
+    keeper.close()
+    os.utime(path, (began_unix_s + SECONDS, began_unix_s + SECONDS))
     return path
+
+
+class _Watched(Rehearsal):
+    """A rehearsal whose cycles are written down."""
+
+    def __init__(self, plan: Plan, frame_s: float) -> None:
+        super().__init__(plan, frame_s)
+        self.listeners: list[Callable[[CycleRecord], None]] = []
+
+    def cycle(self, observation: Observation) -> Decision:
+        decision = super().cycle(observation)
+        for listener in self.listeners:
+            listener(CycleRecord(observation=observation, decision=decision, applied=(), timings_s={}))
+        return decision

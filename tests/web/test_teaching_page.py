@@ -13,7 +13,6 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.workbench.rule_tests.running import run_rule_test
 from support.browser import Served, served, tab, until
 from support.false_alarm import BY_S, CONFIGURATION, STAYED_S, record
-from support.timeline_day import keep_day
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -48,7 +47,6 @@ def began_s() -> float:
 def here(tmp_path: Path, began_s: float) -> Iterator[Served]:
     """Serve a run, and what it recorded some minutes ago."""
     record(tmp_path, began_s)
-    keep_day(tmp_path / "timeline" / "stadimeter", time.time() - 60)
     with served(tmp_path, CONFIGURATION) as serving:
         yield serving
 
@@ -67,10 +65,9 @@ def test_a_newcomer_mends_a_rule_that_fired_wrongly(browser: Any, here: Served, 
         until(page, f"{CHART}.step === '1'")
         newcomer.click_moment(began_s + BY_S)
         newcomer.click("button", "Should not have fired")
-        shown(page, "missed")
+        shown(page, "1 of yours missed")
         newcomer.click_moment(began_s + STAYED_S)
         newcomer.click("button", "Should have fired")
-        shown(page, "With ")
         newcomer.click("button", "Save with its test")
         shown(page, "1 of them passed")
         newcomer.click("button", "Reload the run")
@@ -92,8 +89,9 @@ def test_a_threshold_is_dragged_and_its_alarms_are_counted_at_once(browser: Any,
         field.fill("0.8")
         field.press("Tab")
         shown(page, "near would have fired 2 times")
-        field.blur()
-        canvas = page.locator(".timeline-chart canvas").bounding_box()
+        chart = page.locator(".timeline-chart canvas")
+        chart.scroll_into_view_if_needed()
+        canvas = chart.bounding_box()
         y = canvas["y"] + until(page, "Number(document.querySelector('[data-line-y]').dataset.lineY)")
         page.mouse.move(canvas["x"] + 300, y)
         page.mouse.down()

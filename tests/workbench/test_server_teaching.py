@@ -13,10 +13,10 @@ from stadimeter.errors import ConfigError
 from stadimeter.workbench.rule_tests.running import run_rule_test
 from stadimeter.workbench.saving import versions
 from stadimeter.workbench.server.operations import Desk, find_operation
-from support.false_alarm import BY_S, CONFIGURATION, STAYED_S, record
+from support.false_alarm import BY_S, CONFIGURATION, FRAME_S, STAYED_S, record
 
 BEGAN_S = 1_700_000_000.0
-BY, STAYED = f"evening.jsonl@{BY_S}s no", f"evening.jsonl@{STAYED_S}s fire"
+BY, STAYED = f"evening.mcap@{BY_S}s no", f"evening.mcap@{STAYED_S}s fire"
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def test_a_dragged_threshold_says_how_many_alarms_come_and_go(desk: Desk) -> Non
     )
     (recording,) = found["recordings"]
     assert (len(recording["before"]), len(recording["after"])) == (4, 2)
-    assert recording["began_unix_s"] == BEGAN_S
+    assert recording["began_unix_s"] == pytest.approx(BEGAN_S + FRAME_S, abs=0.01), "its first cycle"
     assert found["settings"]["below"] == {"value": 1.0, "unit": "m"}
     assert found["is_done"]
 
@@ -53,6 +53,15 @@ def test_what_is_asked_again_reads_no_recording_again(desk: Desk, monkeypatch: p
     ask(desk, "what_if", changes={"below": 0.8})
     monkeypatch.setattr("stadimeter.workbench.teaching.lesson.read_recording", None)
     assert "1 of them new" not in ask(desk, "what_if", changes={"below": "70 cm", "off_delay": 3.0})["words"]
+
+
+def test_a_desk_at_rest_keeps_no_recording_and_reads_it_again_when_it_is_asked(desk: Desk) -> None:
+    for _ in range(2):
+        told = ask(desk, "what_if", changes={"below": 0.8})["words"]
+        (rest,) = desk.at_rest
+        rest()
+        assert desk.kept["lesson"] is None
+        assert "2 of yours missed" in told
 
 
 def test_before_anything_is_read_the_answer_says_that_more_is_to_come(desk: Desk) -> None:
@@ -91,10 +100,10 @@ def test_a_dragged_threshold_is_saved_with_the_alarms_that_went(desk: Desk) -> N
 
 def test_marks_that_contradict_each_other_are_refused_by_name(desk: Desk) -> None:
     with pytest.raises(ConfigError) as refused:
-        ask(desk, "teach", marks=["evening.jsonl@92s no", "evening.jsonl@31.5s fire"])
+        ask(desk, "teach", marks=["evening.mcap@92s no", "evening.mcap@31.5s fire"])
     words = str(refused.value)
     assert "contradict each other" in words
-    assert "evening.jsonl@31.5s fire" in words
+    assert "evening.mcap@31.5s fire" in words
     assert "the distance reached 0.4" in words or "the distance reached 0.5" in words
 
 
@@ -116,4 +125,10 @@ def test_a_recording_that_holds_a_moment_is_found(tmp_path: Path) -> None:
     record(tmp_path, time.time() - 1000)
     desk = Desk(configuration=tmp_path / "stadimeter.toml", run_socket=tmp_path / "none.sock")
     found = ask(desk, "what_if", at_s=[time.time() - 900])
-    assert [each["name"] for each in found["recordings"]] == ["evening.jsonl"]
+    assert [each["name"] for each in found["recordings"]] == ["evening.mcap"]
+
+
+def test_a_moment_that_no_recording_holds_is_looked_for_once(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    ask(desk, "what_if", at_s=[BEGAN_S - 5000])
+    monkeypatch.setattr("stadimeter.workbench.teaching.lesson.read_recording", None)
+    assert ask(desk, "what_if", at_s=[BEGAN_S - 5000])["is_done"]

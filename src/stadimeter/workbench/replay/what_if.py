@@ -28,7 +28,7 @@ from stadimeter.core.rules.layout import asks_for
 from stadimeter.core.rules.quiescence import MAX_WOKEN
 from stadimeter.core.rules.scheduler import EvaluatedRules, judge, with_steps
 from stadimeter.errors import JournalError
-from stadimeter.workbench.replay.lanes import Lane, Point, ReplaySide
+from stadimeter.workbench.replay.lanes import Lane, ReplaySide
 from stadimeter.workbench.replay.replay import AnyRecording, decisions, first_state, without_collector
 from stadimeter.workbench.replay.replay_figures import Tally
 
@@ -67,7 +67,6 @@ class KeptRecording:
     is_done: bool = False
     damage: str = ""
     cycles: list[KeptCycle] = field(default_factory=list)
-    samples: dict[str, list[Point]] = field(default_factory=dict)
     side: ReplaySide = field(init=False)
     _steps: Iterator[None] = field(init=False)
 
@@ -106,9 +105,6 @@ class KeptRecording:
             by = judged_by(state, observation, decision.reasons.inputs, after.safety)
             self.cycles.append(KeptCycle(at_s, by, observation.frame is not None))
             self.side.add(at_s, observation, decision)
-            for track in decision.tracks:
-                distance_m = track.distance_m if track.is_valid else None
-                self.samples.setdefault(track.target, []).append((at_s, distance_m, track.sigma_m or 0.0))
             state = after
             yield
 

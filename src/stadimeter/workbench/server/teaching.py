@@ -42,8 +42,7 @@ def what_if(
     lesson = lesson_of(desk, at_s or [])
     is_done = lesson.go_on(for_s)
     answers = lesson.answer(lesson.load(rule, changes or {}).plan)
-    settings = {key: {"value": each.value, "unit": each.unit} for key, each in lesson.settings(rule).items()}
-    return {"settings": settings, "is_done": is_done, **answer_fields(lesson, rule, answers)}
+    return {"is_done": is_done, **answer_fields(lesson, rule, answers)}
 
 
 @operation
@@ -76,33 +75,48 @@ def save(
 
 
 def lesson_of(desk: Desk, moments_s: Sequence[float]) -> Lesson:
-    """Return what is kept for the configuration as it is saved: recordings of these moments, and the newest."""
+    """Return what is kept for the configuration as it is saved: recordings of these moments, and the newest.
+
+    It takes up to 90 MB, so it is freed when nothing was asked for a while.
+    """
     text = editing.saved_text(desk) or ""
-    kept: tuple[str, Lesson] | None = desk.kept.get("lesson")
+    if "lesson" not in desk.kept:
+        desk.at_rest.append(lambda: desk.kept.update(lesson=None))
+    kept: tuple[str, Lesson, set[float]] | None = desk.kept.get("lesson")
     if kept is None or kept[0] != text:
-        kept = text, Lesson(configuration=load_configuration(desk.configuration), text=text)
+        kept = text, Lesson(configuration=load_configuration(desk.configuration), text=text), set()
         desk.kept["lesson"] = kept
-    lesson = kept[1]
-    if lesson.recordings and all(any(_holds(each, at_s) for each in lesson.recordings.values()) for at_s in moments_s):
-        return lesson
-    found = recordings_of(desk)
-    newest = sorted(found, key=lambda name: found[name].stat().st_mtime, reverse=True)[:NEWEST_MAX]
-    lesson.recordings.clear()
-    for at_s in moments_s:
-        for name, path in found.items():
-            told = about(desk, path)
-            if told["unix_s"] <= at_s <= told["unix_s"] + (told["seconds"] or 0.0):
-                lesson.add(name, path, max(0.0, at_s - told["unix_s"] - LONG_S))
-    for name in newest:
-        told = about(desk, found[name])
-        if name not in lesson.recordings and told["seconds"]:
-            lesson.add(name, found[name], max(0.0, told["seconds"] - LONG_S))
+    _, lesson, asked_s = kept
+    missing = (at_s for at_s in moments_s if at_s not in asked_s)  # what no recording holds is looked for once
+    if not lesson.recordings or not all(
+        any(_holds(each, at_s) for each in lesson.recordings.values()) for at_s in missing
+    ):
+        _choose_recordings(desk, lesson, sorted(moments_s))
+        asked_s.clear()
+    asked_s.update(moments_s)
     return lesson
 
 
+def _choose_recordings(desk: Desk, lesson: Lesson, moments_s: Sequence[float]) -> None:
+    """Let a lesson have those that hold moments from some time before the first one on, and the ends of the newest."""
+    found = recordings_of(desk)
+    told = {name: each for name, path in found.items() if (each := about(desk, path))["seconds"]}
+    wanted = [
+        (name, since_s)
+        for at_s in moments_s
+        for name, each in told.items()
+        if 0 <= (since_s := at_s - each["unix_s"]) <= each["seconds"]
+    ]
+    newest = sorted(told, key=lambda name: told[name]["unix_s"], reverse=True)[:NEWEST_MAX]
+    lesson.recordings.clear()
+    for name, since_s in [*wanted, *((name, told[name]["seconds"]) for name in newest)]:
+        if name not in lesson.recordings:
+            lesson.add(name, found[name], max(0.0, since_s - LONG_S))
+
+
 def _holds(kept: KeptRecording, at_s: float) -> bool:
-    began_s = began_unix_s(kept.recording.header, math.inf)
-    return began_s + kept.from_s <= at_s and (not kept.is_done or at_s <= began_s + kept.seconds)
+    since_s = at_s - began_unix_s(kept.recording.header, math.inf)
+    return kept.from_s <= since_s and (not kept.is_done or since_s <= kept.seconds)
 
 
 def recordings_of(desk: Desk) -> dict[str, Path]:
@@ -117,6 +131,7 @@ def answer_fields(lesson: Lesson, rule: str, answers: Sequence[Answer]) -> dict[
     """Return answers as JSON has them."""
     _, alarm = alarm_named(lesson.configuration, rule)
     return {
+        "settings": {key: {"value": each.value, "unit": each.unit} for key, each in lesson.settings(rule).items()},
         "words": in_words(alarm.name, answers),
         "recordings": [
             {

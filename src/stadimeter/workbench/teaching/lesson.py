@@ -259,4 +259,4 @@ def _contradiction(search: SettingSearch, file: str) -> Problem:
     else:
         message = "no settings that were tried meet all marks together, though any two of them"
     why = "; ".join(search.describe(mark) for mark in marks)
-    return Problem(message, file, hint=why or "take one back", code="contradiction")
+    return Problem(message, file, hint=why or "take one back")

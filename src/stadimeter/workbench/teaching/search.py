@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise, product
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -88,7 +89,7 @@ class SettingSearch(Struct, kw_only=True):
         """Yield settings that meet all marks, the smallest change first."""
         for least in (APART, 0.0):
             self._try_all(least)
-            good = sorted((each for each in self.tried.values() if not each.score.unmet), key=_score)[:BEST_MAX]
+            good = [each for each in self._best(BEST_MAX) if not each.score.unmet]
             if good:
                 break
         for each in good:
@@ -96,28 +97,22 @@ class SettingSearch(Struct, kw_only=True):
         yield from (each.values for each in good)
 
     def _try_all(self, least: float) -> None:
-        for values in ({}, *self._beginnings({}, least)):
-            self.attempt(values)
+        self.attempt({})
+        for values in self._other_thresholds({}, least):
+            for delay_s in self._delays("on_delay", values, least):
+                self.attempt({**values, "on_delay": delay_s})
         for tried in self._best(BEST_MAX):
-            for off_s, band in product(self._off_delays(tried.values, least), self._deadbands(tried.values, least)):
+            off_delays = self._delays("off_delay", tried.values, least)
+            for off_s, band in product(off_delays, self._deadbands(tried.values, least)):
                 self.attempt({**tried.values, "off_delay": off_s, **band})
         for tried in self._best(BEST_MAX // 2):  # once more around what came out, one setting after the other
-            for key, value in self._singly(tried.values, least):
-                self.attempt({**tried.values, key: value})
+            for values in self._other_thresholds(tried.values, least):
+                self.attempt(values)
+            for delay_s in self._delays("on_delay", tried.values, least):
+                self.attempt({**tried.values, "on_delay": delay_s})
 
     def _best(self, count: int) -> list[Tried]:
-        return sorted(self.tried.values(), key=_score)[:count]
-
-    def _beginnings(self, values: Values, least: float) -> Iterator[Values]:
-        for key in thresholds_of(self.rule):
-            for value in self._thresholds(key, least):
-                here = {**values, key: value}
-                yield from ({**here, "on_delay": delay_s} for delay_s in self._on_delays(here, least))
-
-    def _singly(self, values: Values, least: float) -> Iterator[tuple[str, float]]:
-        for key in thresholds_of(self.rule):
-            yield from ((key, value) for value in self._thresholds(key, least))
-        yield from (("on_delay", delay_s) for delay_s in self._on_delays(values, least))
+        return sorted(self.tried.values(), key=attrgetter("score"))[:count]
 
     def attempt(self, values: Values) -> Tried:
         """Return how good settings are; those that are the rule's own do not count as changed."""
@@ -173,9 +168,12 @@ class SettingSearch(Struct, kw_only=True):
             return math.log(max(value, 0.0) + (scales.get(key) or limits[0] or 1.0))
         return math.log(value)
 
+    def _other_thresholds(self, values: Values, least: float) -> Iterator[Values]:
+        return ({**values, key: at} for key in thresholds_of(self.rule) for at in self._thresholds(key, least))
+
     def _thresholds(self, key: str, least: float) -> list[float]:
         """Return a threshold between each two figures at which alarms change, and the rule's own."""
-        side = 1.0 if self._is_upper(key) else -1.0
+        side = 1.0 if thresholds_of(self.rule)[key].place.field == self.condition.ends[1] else -1.0
         turns: set[float] = set()
         for each in self.taught:
             crossed = each.signal.crossed_at(self.condition, side)
@@ -185,23 +183,18 @@ class SettingSearch(Struct, kw_only=True):
             turns |= {side * float(lowest) for lowest in _turning_points(each.signal.at_s, crossed)}
         return [self._own[key], *_thin(_between(turns, least, is_open=True), THRESHOLDS_MAX)]
 
-    def _is_upper(self, key: str) -> bool:
-        return thresholds_of(self.rule)[key].place.field == self.condition.ends[1]
-
-    def _on_delays(self, values: Values, least: float) -> list[float]:
+    def _delays(self, key: str, values: Values, least: float) -> list[float]:
+        """Return delays between the lengths of visits; off-delays, of the gaps within one, and one beyond each end."""
         rule, condition = self._with(values)
+        is_off = key == "off_delay"
         lengths: set[float] = set()
         for each in self.taught:
-            lengths |= each.signal.lengths(each.signal.within(condition, is_on=False), rule.delay_tolerance)
-        return [self._own["on_delay"], 0.0, *_thin(_between(lengths, least), ON_DELAYS_MAX)]
-
-    def _off_delays(self, values: Values, least: float) -> list[float]:
-        rule, condition = self._with(values)
-        lengths: set[float] = set()
-        for each in self.taught:
-            lengths |= each.signal.lengths(~each.signal.within(condition, is_on=True), rule.delay_tolerance)
-        found = _between({length for length in lengths if length < JOINED_S}, least, is_open=True)
-        return [self._own["off_delay"], *_thin(found, OFF_DELAYS_MAX)]
+            flags = each.signal.within(condition, is_on=is_off) != is_off
+            lengths |= each.signal.lengths(flags, rule.delay_tolerance)
+        if not is_off:
+            return [self._own[key], 0.0, *_thin(_between(lengths, least), ON_DELAYS_MAX)]
+        gaps = {length for length in lengths if length < JOINED_S}
+        return [self._own[key], *_thin(_between(gaps, least, is_open=True), OFF_DELAYS_MAX)]
 
     def _deadbands(self, values: Values, least: float) -> list[Values]:
         """Return deadbands between the ways that the figure went off from one alarm to the next."""
@@ -265,10 +258,6 @@ class SettingSearch(Struct, kw_only=True):
         return (
             f"at {mark.words} the {self.condition.noun} reached {far}, and was within the threshold for {for_s:.1f} s"
         )
-
-
-def _score(tried: Tried) -> Score:
-    return tried.score
 
 
 def _count_elsewhere(taught: Taught, after: Sequence[Firing]) -> int:

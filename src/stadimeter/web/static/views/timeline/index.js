@@ -144,11 +144,11 @@ class Timeline {
     this.#isAsking = false;
     if (!this.#answer?.is_kept) write(this.read, NOT_KEPT);
     clearTimeout(this.quiet);
-    this.quiet = setTimeout(() => this.#loadMarks(), QUIET_MS);
+    this.quiet = setTimeout(() => this.loadMarks(), QUIET_MS);
   }
 
   /** Clips and thresholds, once the view has come to rest: the server answers one question after the other. */
-  async #loadMarks() {
+  async loadMarks() {
     const { from_s, step_s, count } = this.#answer ?? { from_s: 0, step_s: 1, count: 1 };
     const found = await this.api.get(`timeline/marks?from=${from_s}&to=${from_s + step_s * count}`).catch(() => null);
     if (found) this.#marks = found;

@@ -1,12 +1,14 @@
 // An alarm that fired wrongly, mended on its chart: drag its threshold, or mark what it should have done; then save it.
 
-import { h, replace, write } from "../../dom.js";
+import { button, h, replace, write } from "../../dom.js";
 import { Saving } from "../edit/saving.js";
 
 const NEAR_PX = 8; // a pointer this near to a threshold drags it
 const QUIET_MS = 120;
 const FOR_S = 2; // until there is something to show
-const button = (words, onclick, kind = "") => h("button", { type: "button", class: `button ${kind}`, onclick }, words);
+const HOW =
+  "Drag a threshold on the chart, or click a moment and say whether the rule should have fired. The upper bars in its lane are what it would have done on the recordings.";
+const row = (...children) => h("div", { class: "row" }, children);
 
 /** `view` is the timeline: its `api`, `unit`, `say` and `chart`. */
 export class Teaching {
@@ -17,35 +19,17 @@ export class Teaching {
     Object.assign(this, { view, thresholds: [], rule: "", changes: {}, marks: [] });
     this.saving = new Saving(view);
     this.choice = h("select", { "aria-label": "Rule", onchange: () => this.use(this.choice.value) });
-    this.fields = h("div", { class: "row" });
+    this.fields = row();
     this.words = h("p", { role: "status" });
     this.list = h("ul", { class: "list" });
-    this.keep = button("Save with its test", () => this.#save(), "primary");
-    this.element = h(
-      "section",
-      { class: "panel stack of-run", "aria-label": "What if", hidden: true },
-      h(
-        "div",
-        { class: "row" },
-        h("h2", { class: "grow" }, "What if"),
-        this.choice,
-        button("Try other settings", () => this.use(this.rule)),
-      ),
-      h(
-        "p",
-        { class: "quiet" },
-        "Drag a threshold on the chart, or click a moment and say whether the rule should have fired. The upper bars in its lane are what it would have done on the recordings.",
-      ),
-      this.fields,
-      this.words,
-      this.list,
-      h(
-        "div",
-        { class: "row" },
-        this.keep,
-        button("Undo", () => this.use(this.rule)),
-      ),
-      this.saving.element,
+    this.keep = button("Save with its test", () => this.#save(), "primary", { disabled: true });
+    const undo = () => this.use(this.rule);
+    this.element = h("section", { class: "panel stack of-run", "aria-label": "What if", hidden: true });
+    replace(
+      this.element,
+      row(h("h2", { class: "grow" }, "What if"), this.choice, button("Try other settings", undo)),
+      h("p", { class: "quiet" }, HOW),
+      [this.fields, this.words, this.list, row(this.keep, button("Undo", undo)), this.saving.element],
     );
     for (const kind of ["pointerdown", "pointermove", "pointerup", "pointercancel"]) {
       view.chart.element.addEventListener(kind, (event) => this.#drag(event), { capture: true });
@@ -60,11 +44,15 @@ export class Teaching {
     this.element.hidden = !rules.length;
     if (rules.join() === this.rules?.join()) return;
     this.rules = rules;
-    replace(
-      this.choice,
-      rules.map((rule) => h("option", { value: rule }, rule)),
-    );
+    const options = rules.map((rule) => h("option", { value: rule }, rule));
+    replace(this.choice, options);
     if (!rules.includes(this.rule)) this.rule = rules[0];
+  }
+
+  async #hasRule() {
+    if (!this.rule) await this.view.loadMarks();
+    if (!this.rule) this.view.say("None of the rules is an alarm on a distance.", "error");
+    return Boolean(this.rule);
   }
 
   /** Begin anew with a rule. */
@@ -77,24 +65,17 @@ export class Teaching {
 
   /** The buttons below a moment. */
   buttons(unix_s) {
-    return h(
-      "div",
-      { class: "row" },
-      button("Should have fired", () => this.#mark(unix_s, true)),
-      button("Should not have fired", () => this.#mark(unix_s, false)),
-    );
+    const [yes, no] = [true, false].map((fire) => () => this.#mark(unix_s, fire));
+    return row(button("Should have fired", yes), button("Should not have fired", no));
   }
 
   async #mark(unix_s, fire) {
-    if (!this.rule) return this.view.say("The rules are not known yet, or none is on a distance.", "error");
+    if (!(await this.#hasRule())) return;
     if (!this.#at(unix_s)) await this.#ask(unix_s);
     const found = this.#at(unix_s);
     if (!found) return this.view.say("No recording holds this moment, so nothing can be tried on it.", "error");
-    this.marks.push({
-      unix_s,
-      fire,
-      text: `${found.name}@${(unix_s - found.began_unix_s).toFixed(3)}s ${fire ? "fire" : "no"}`,
-    });
+    const text = `${found.name}@${(unix_s - found.began_unix_s).toFixed(3)}s ${fire ? "fire" : "no"}`;
+    this.marks.push({ unix_s, fire, text });
     this.#showMarks();
     await this.#answer("teach", { marks: this.#texts() });
   }
@@ -105,68 +86,55 @@ export class Teaching {
     this.#known.find((each) => each.began_unix_s + each.from_s <= unix_s && unix_s <= each.began_unix_s + each.to_s);
 
   #showMarks() {
-    replace(
-      this.list,
-      this.marks.map((mark) =>
-        h(
-          "li",
-          { class: "row" },
-          h(
-            "span",
-            { class: "grow" },
-            `${mark.fire ? "✓ should have fired" : "✗ should not have fired"}: ${new Date(mark.unix_s * 1000).toLocaleTimeString()}`,
-          ),
-          button("Take back", () => {
-            this.marks.splice(this.marks.indexOf(mark), 1);
-            this.#showMarks();
-            this.marks.length ? this.#answer("teach", { marks: this.#texts() }) : this.use(this.rule);
-          }),
-        ),
-      ),
-    );
+    const takeBack = (mark) => {
+      this.marks = this.marks.filter((each) => each !== mark);
+      this.#showMarks();
+      return this.marks.length ? this.#answer("teach", { marks: this.#texts() }) : this.use(this.rule);
+    };
+    const item = (mark) => {
+      const words = `${mark.fire ? "✓ should" : "✗ should not"} have fired: ${new Date(mark.unix_s * 1000).toLocaleTimeString()}`;
+      return h(
+        "li",
+        { class: "row" },
+        h("span", { class: "grow" }, words),
+        button("Take back", () => takeBack(mark)),
+      );
+    };
+    replace(this.list, this.marks.map(item));
   }
 
-  #showFields(settings) {
-    replace(
-      this.fields,
-      Object.entries(settings).map(([key, { value, unit }]) => {
-        const [size, symbol] = unit === "m" ? [this.view.unit.size_m, this.view.unit.symbol] : [1, unit];
-        const now = Number(((this.changes[key] ?? value) / size).toFixed(3));
-        const most = Math.max(2 * now, (unit === "s" ? 10 : 1) / size);
-        const put = ({ target }) => {
-          for (const each of [slider, number]) each.value = target.value;
-          this.#set(key, Number(target.value) * size);
-        };
-        const slider = h("input", {
-          type: "range",
-          min: 0,
-          max: most,
-          step: most / 200,
-          value: now,
-          "aria-label": `${key}, slider`,
-          oninput: put,
-        });
-        const number = h("input", {
-          type: "number",
-          min: 0,
-          step: "any",
-          value: now,
-          "aria-label": key,
-          onchange: put,
-        });
-        return h(
-          "label",
-          { class: "stack small" },
-          `${key.replaceAll("_", " ")} ${symbol && `(${symbol})`}`,
-          slider,
-          number,
-        );
-      }),
-    );
+  /** Fields of the rule's settings; that which a person is in keeps what is typed. */
+  #showFields() {
+    if (this.shown !== this.rule) replace(this.fields, Object.keys(this.settings).map(this.#field));
+    this.shown = this.rule;
+    for (const input of this.fields.querySelectorAll("input")) {
+      const { size } = this.#scale(input.name);
+      const now = Number(((this.changes[input.name] ?? this.settings[input.name].value) / size).toFixed(3));
+      if (input.type === "range") input.max = Math.max(input.max, now);
+      if (input !== document.activeElement) input.value = now;
+    }
   }
+
+  #scale(key) {
+    const { value, unit } = this.settings[key];
+    const { size_m, symbol } = this.view.unit;
+    const size = unit === "m" ? size_m : 1;
+    return { size, symbol: unit === "m" ? symbol : unit, most: Math.max(2 * value, unit === "s" ? 10 : 1) / size };
+  }
+
+  #field = (key) => {
+    const { size, symbol, most } = this.#scale(key);
+    const input = (given) => h("input", { name: key, min: 0, ...given });
+    const put = ({ target }) => this.#set(key, Number(target.value) * size);
+    const slider = { type: "range", max: most, step: most / 200, "aria-label": `${key}, slider`, oninput: put };
+    const number = { type: "number", step: "any", "aria-label": key, onchange: put };
+    const words = `${key.replaceAll("_", " ")} ${symbol && `(${symbol})`}`;
+    return h("label", { class: "stack small" }, words, input(slider), input(number));
+  };
 
   #set(key, value) {
     this.changes[key] = value;
+    if (this.shown === this.rule) this.#showFields();
     this.view.chart.redraw();
     clearTimeout(this.quiet);
     this.quiet = setTimeout(() => this.#ask(), QUIET_MS);
@@ -178,24 +146,26 @@ export class Teaching {
     while (await this.#answer("what-if", { changes: this.changes, at_s, for_s: FOR_S }));
   }
 
+  #post = (op, body) =>
+    this.view.api.post(`rules/${encodeURIComponent(this.rule)}/${op}`, { at_s: this.#moments(), ...body });
+
   async #answer(op, body) {
     const mine = ++this.#wish;
+    this.keep.disabled = true; // until there is something that its marks agree with
     write(this.words, this.#known.length ? this.words.textContent : "Reading the recordings …");
     try {
-      const found = await this.view.api.post(`rules/${encodeURIComponent(this.rule)}/${op}`, {
-        at_s: this.#moments(),
-        ...body,
-      });
+      const found = await this.#post(op, body);
       if (mine !== this.#wish) return false;
       this.#known = found.recordings;
       if (found.changes) this.changes = found.changes;
-      if (found.settings) this.settings = found.settings;
+      this.settings = found.settings;
       const changed = Object.entries(this.changes).map(
         ([key, value]) => `${key.replaceAll("_", " ")} ${Number(value.toPrecision(4))} ${this.settings[key].unit}`,
       );
       write(this.words, `${changed.length ? `With ${changed.join(", ")}: ` : ""}${found.words}`);
-      if (!this.fields.contains(document.activeElement)) this.#showFields(this.settings);
+      this.#showFields();
       this.view.chart.redraw();
+      this.keep.disabled = !changed.length && !this.marks.length;
       return found.is_done === false;
     } catch (error) {
       if (mine === this.#wish) write(this.words, error.message);
@@ -205,17 +175,11 @@ export class Teaching {
 
   async #save() {
     try {
-      const saved = await this.view.api.post(`rules/${encodeURIComponent(this.rule)}/taught`, {
-        changes: this.changes,
-        marks: this.#texts(),
-        at_s: this.#moments(),
-      });
-      const passed = saved.tests.filter(({ ok }) => ok).length;
-      write(
-        this.words,
-        `Saved, with ${saved.tests.length} ${saved.tests.length === 1 ? "test" : "tests"}, ${passed} of them passed.`,
-      );
+      const saved = await this.#post("taught", { changes: this.changes, marks: this.#texts() });
+      const [count, passed] = [saved.tests.length, saved.tests.filter(({ ok }) => ok).length];
+      write(this.words, `Saved, with ${count} ${count === 1 ? "test" : "tests"}, ${passed} of them passed.`);
       Object.assign(this, { changes: {}, marks: [] });
+      this.keep.disabled = true;
       this.#showMarks();
       this.saving.offer(saved);
     } catch (error) {
@@ -227,14 +191,10 @@ export class Teaching {
   #drag(event) {
     const { chart } = this.view;
     if (event.type === "pointerdown" && event.target === chart.area) {
-      const { top, height } = chart.area.getBoundingClientRect();
-      const apart = ({ value_m }) =>
-        (Math.abs(chart.metresAt(event.clientY) - value_m) /
-          Math.abs(chart.metresAt(top) - chart.metresAt(top + height))) *
-        height;
-      const found = this.thresholds
-        .filter((each) => apart(this.#dragged(each)) < NEAR_PX)
-        .sort((one, other) => apart(one) - apart(other))[0];
+      const m_per_px = chart.metresAt(0) - chart.metresAt(1);
+      const apart_px = ({ value_m }) => Math.abs(chart.metresAt(event.clientY) - value_m) / m_per_px;
+      const near = this.thresholds.map(this.#dragged).filter((each) => apart_px(each) < NEAR_PX);
+      const [found] = near.sort((one, two) => apart_px(one) - apart_px(two));
       if (!found) return;
       if (found.rule !== this.rule) this.use(found.rule);
       this.held = found.key;
@@ -252,27 +212,18 @@ export class Teaching {
   #draw({ ink, x, y, laneOf, lane, colour }) {
     const top = laneOf(this.rule);
     if (top === undefined) return;
-    ink.fillStyle = ink.strokeStyle = colour("accent");
+    ink.fillStyle = colour("accent");
+    const bar = (from_s, to_s, up, height) =>
+      ink.fillRect(x(from_s), top - up, Math.max(2, x(to_s) - x(from_s)), height);
     for (const { began_unix_s, from_s, to_s, after } of this.#known) {
-      ink.fillRect(
-        x(began_unix_s + from_s),
-        top - lane / 8,
-        x(began_unix_s + to_s) - x(began_unix_s + from_s),
-        lane / 12,
-      );
-      for (const [begin_s, end_s] of after)
-        ink.fillRect(
-          x(began_unix_s + begin_s),
-          top - lane / 2,
-          Math.max(2, x(began_unix_s + end_s) - x(began_unix_s + begin_s)),
-          lane / 2,
-        );
+      bar(began_unix_s + from_s, began_unix_s + to_s, lane / 8, lane / 12);
+      for (const [begin_s, end_s] of after) bar(began_unix_s + begin_s, began_unix_s + end_s, lane / 2, lane / 2);
     }
     for (const { key, value_m } of this.thresholds.filter(({ rule }) => rule === this.rule).map(this.#dragged)) {
       if (this.changes[key]) ink.fillRect(0, y(value_m), ink.canvas.width, 2);
       this.element.dataset.lineY = y(value_m) / devicePixelRatio; // below the upper edge of the canvas
     }
-    ink.textAlign = "center";
-    for (const { unix_s, fire } of this.marks) ink.fillText(fire ? "✓" : "✗", x(unix_s), top - lane);
+    ink.textAlign = "left";
+    for (const { unix_s, fire } of this.marks) ink.fillText(fire ? "✓" : "✗", x(unix_s) + lane / 3, top - lane);
   }
 }
