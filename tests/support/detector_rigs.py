@@ -23,6 +23,7 @@ from stadimeter.testing.detector_contract import DetectorRig, KnownTarget
 from stadimeter.testing.rig import ManualClock
 from support.scenes.backdrop import PlainBackdrop
 from support.scenes.ball import BallTarget
+from support.scenes.circles import CirclesTarget
 from support.scenes.plane import DiscTarget, Pose, SheetTarget, TagTarget
 from support.scenes.poster import PosterTarget, poster
 from support.scenes.render import render
@@ -62,6 +63,11 @@ def poster_at(position_m: Vector) -> Target:
     return PosterTarget(pose=Pose(position_m=position_m, tilt_rad=0.3, tilt_towards_rad=2.0), number=POSTER)
 
 
+def circles_at(position_m: Vector) -> Target:
+    """Return three discs of 5 cm, 10 cm apart."""
+    return CirclesTarget(pose=Pose(position_m=position_m, tilt_rad=0.3, tilt_towards_rad=2.0))
+
+
 @cache
 def poster_file(number: int) -> Path:
     """Return a file that shows what is on a poster."""
@@ -74,6 +80,7 @@ SCENES: dict[str, tuple[dict[str, Any], Place, Vector]] = {
     "ball": ({"diameter": "6.7 cm", "hsv": "29,86,6:64,255,255"}, ball_at, (-0.51, 0.05, 1.0)),
     "sheet": ({"width": "29.7 cm", "height": "21 cm"}, sheet_at, (-0.45, 0.05, 1.0)),
     "disc": ({"diameter": "12 cm"}, disc_at, (-0.50, 0.05, 1.0)),
+    "circles": ({"diameter": "5 cm", "spacing": "10 cm"}, circles_at, (-0.50, 0.05, 1.0)),
     "tag": ({"side": "10 cm"}, tag_at, (-0.485, 0.05, 1.0)),
     "picture": ({"width": "40 cm"}, poster_at, (-0.42, 0.05, 1.0)),
 }

@@ -184,7 +184,7 @@ class DiscDetector:
         region = Region.around(prediction.centre_px, reach, picture.image)
         if region is None:
             return None
-        lens, judged = picture.lens, self._judge_all(picture, region)
+        lens, judged = picture.lens, self.judge_all(picture, region)
 
         def unlike_px(disc: Disc) -> float:
             apart_px = np.abs(lens.bent(disc.edges.ellipse.centre_px) - expected).max()
@@ -195,7 +195,7 @@ class DiscDetector:
         return None if found is None or found.truncated else self._report_found(found, judged, lens)
 
     def _search_anywhere(self, picture: EdgePicture) -> Detection:
-        lens, judged = picture.lens, self._judge_all(picture, Region.whole(picture.image))
+        lens, judged = picture.lens, self.judge_all(picture, Region.whole(picture.image))
         found = self._pick_first(judged.ranked(), picture, judged)
         if found is None:
             return self._report_not_found(judged, lens)
@@ -206,15 +206,19 @@ class DiscDetector:
         """Return the first disc that is one still when it is measured thoroughly."""
         for disc in discs:
             judged.discs.remove(disc)
-            # Two efforts: 48 lines and 4 looks tell which ellipses may be discs; only the one that is taken is worth
-            # 144 lines and a hundredth of a pixel.
-            exact = self._measure(picture, disc.edges.ellipse, REACH_AGAIN_PX, disc.is_bright, THOROUGHLY)
+            exact = self.measure_exactly(picture, disc)
             if isinstance(exact, Disc):
                 return exact
             judged.refused.append(exact)
         return None
 
-    def _judge_all(self, picture: EdgePicture, region: Region) -> Judged:
+    def measure_exactly(self, picture: EdgePicture, disc: Disc) -> Disc | RefusedDisc:
+        """Measure a disc thoroughly."""
+        # Two efforts: 48 lines and 4 looks tell which ellipses may be discs; only the one that is taken is worth
+        # 144 lines and a hundredth of a pixel.
+        return self._measure(picture, disc.edges.ellipse, REACH_AGAIN_PX, disc.is_bright, THOROUGHLY)
+
+    def judge_all(self, picture: EdgePicture, region: Region) -> Judged:
         """Judge what is elliptical in a region; if none of that is a whole disc, then what is partly hidden too."""
         view = View.of(picture.image, region)
         min_px = max(MIN_SEARCH_PX, MIN_SEARCH_SHARE * self._min_px * view.scale)
