@@ -119,9 +119,10 @@ def test_a_run_in_which_nothing_happens_writes_nothing(tmp_path: Path) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("seed", range(1000, 1000 + RUNS))
 def test_clips_are_whole_after_alarms_faults_a_full_disk_and_the_end_of_the_page(seed: int) -> None:
-    if black_box_runs.KINDS[seed % len(black_box_runs.KINDS)] == "disk" and os.geteuid() != 0:
-        pytest.skip("only root may mount a small disk")
-    assert black_box_runs.try_seed(seed) == []
+    try:
+        assert black_box_runs.try_seed(seed) == []
+    except PermissionError as error:
+        pytest.skip(str(error))
 
 
 def test_what_happens_during_a_clip_makes_it_longer_and_after_a_minute_another_one_begins(tmp_path: Path) -> None:
