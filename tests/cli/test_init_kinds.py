@@ -240,6 +240,7 @@ def test_a_detector_of_another_package_is_offered_with_its_own_question(
     monkeypatch.setattr(plugins, "installed", lambda group: known if group == plugins.DETECTORS else ())
     cv2.imwrite(str(tmp_path / "1m.png"), balls(NEAR))
     told = init(tmp_path, target="cube")
-    assert "'cube' is none of ball, sheet, tag, disc, picture, circles, person, face, object, balls, tags, coin" in told.stderr
+    kinds = "ball, sheet, tag, disc, picture, circles, person, face, object, balls, tags, coin"
+    assert f"'cube' is none of {kinds}" in told.stderr
     told = init(tmp_path, target="coin", size="20 cm")
     assert load_configuration(tmp_path / "stadimeter.toml").targets[0].driver == "coin", told.output
