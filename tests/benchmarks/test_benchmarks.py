@@ -26,7 +26,7 @@ def run_benchmarks(*arguments: str) -> str:
         [sys.executable, str(RUN), "--workers", "1", "--tuning", *arguments],
         capture_output=True,
         text=True,
-        timeout=55,
+        timeout=300,
         check=False,
         env={**os.environ, "PYTHONWARNINGS": "error"},
     )
