@@ -18,7 +18,7 @@ from support.simulated_run import SIMULATED_BALL
 
 WORLD = '\n[world]\npath = [{ at = "0 s", x = "2 m", y = "0 m" }]\nloop = false\n'
 RULE = '\n[rules.near]\nactuator = "motor"\nwhen = { below = "1 m" }\n'
-BOX = '\n[black_box]\nbefore = "30 s"\nafter = "60 s"\n'
+BOX = '\n[black_box]\nbefore = "30 s"\nafter = "60 s"\non = ["fault"]\n'
 
 
 @pytest.mark.long
