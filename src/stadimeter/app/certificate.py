@@ -95,7 +95,9 @@ class Site:
     def __init__(self, configuration: Configuration, name: str = "") -> None:
         known = {each.name: each for each in configuration.targets if each.options.needs_pixels}
         model = configuration.camera_model
-        if model is None or not known or (name and name not in known):
+        if model is None or not known:
+            raise ConfigError(f"{configuration.path} has no camera model, or no target that is measured in pictures")
+        if name and name not in known:
             raise ConfigError(f"there is no target {name!r} that a camera measures; there are: {', '.join(known)}")
         self.configuration, self.model = configuration, model
         self.target = known[name or next(iter(known))]

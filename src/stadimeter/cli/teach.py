@@ -133,6 +133,7 @@ def _tell(
         _, alarm = alarm_named(lesson.configuration, rule)
         new, missed = each.counts(alarm.name)
         damage = f" It is damaged: {each.kept.damage}" if each.kept.damage else ""
+        damage = damage or (" Its end is missing." if each.kept.recording.is_cut_off() else "")
         typer.echo(f"{each.name}: {new} new, {missed} missed, in {each.difference.minutes:.1f} minutes.{damage}")
     typer.echo(in_words(rule, answers))
 

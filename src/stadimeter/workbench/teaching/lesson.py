@@ -25,7 +25,7 @@ from stadimeter.workbench.replay.lanes import ReplaySide
 from stadimeter.workbench.replay.replay import read_recording
 from stadimeter.workbench.replay.what_if import KEPT_CYCLES_MAX, KeptRecording
 from stadimeter.workbench.rule_settings import RuleSetting, alarm_named, settings_of, with_settings
-from stadimeter.workbench.teaching.marks import Firing, FiringMark, is_met
+from stadimeter.workbench.teaching.marks import MOMENT_S, Firing, FiringMark, is_met
 from stadimeter.workbench.teaching.search import SettingSearch, Taught, Values
 from stadimeter.workbench.teaching.signal import signal_of
 
@@ -135,6 +135,9 @@ class Lesson:
             raise ConfigError([Problem(message, str(self.configuration.path), hint=hint)])
         if missing := [mark.words for mark in marks if mark.recording not in self.recordings]:
             raise NotThereError(f"there is no such recording here: {', '.join(missing)}")
+        for mark in marks:
+            if mark.from_s > (end_s := self.recordings[mark.recording].seconds) + MOMENT_S:
+                raise NotThereError(f"{mark.words!r} is after the end of what was read of it, {end_s:.1f} s")
         taught = [
             Taught(
                 signal=signal_of(kept.cycles, alarm, condition),
@@ -158,6 +161,8 @@ class Lesson:
             if here := here or ([] if marks else list(changes_as_marks(name, each))):
                 added, journal = write_test(name, each, here, self.configuration.path.parent)
                 text, names = text + added, [*names, journal]
+        path = self.configuration.path
+        load_configuration(path, texts={path: text})  # what cannot be used is not given out to be saved
         return text, names
 
     def whole(self, rule: str, marks: Sequence[FiringMark]) -> list[FiringMark]:
@@ -169,10 +174,10 @@ def in_words(rule: str, answers: Sequence[Answer]) -> str:
     """Say how often a rule would have fired, how many of that are new, and how many of its alarms are missed."""
     raised = sum(each.raised(rule) for each in answers)
     new, missed = (sum(each.counts(rule)[place] for each in answers) for place in (0, 1))
-    minutes = sum(each.difference.minutes for each in answers)
-    times, recordings = ("" if count == 1 else "s" for count in (raised, len(answers)))
+    minutes = round(sum(each.difference.minutes for each in answers))
+    times, ends, recordings = ("" if count == 1 else "s" for count in (raised, minutes, len(answers)))
     return (
-        f"{rule} would have fired {raised} time{times} in {minutes:.0f} minutes of {len(answers)} "
+        f"{rule} would have fired {raised} time{times} in {minutes} minute{ends} of {len(answers)} "
         f"recording{recordings}: {new} of them new, {missed} of yours missed."
     )
 
@@ -215,7 +220,10 @@ def write_test(rule: str, answer: Answer, marks: Sequence[FiringMark], folder: P
     begin_s = min([begin_s, *(first - BEFORE_S for first, last in firings if first < begin_s <= last)])
     end_s = max(mark.to_s for mark in marks) + AFTER_S
     recording = answer.kept.recording
-    stem = f"{rule.replace(':', '-')}-{Path(answer.name).stem}-{max(0.0, begin_s):.0f}s"
+    begins = f"{rule.replace(':', '-')}-{Path(answer.name).stem}-{max(0.0, begin_s):.0f}s"
+    # What was taught before keeps its test, and the journal of that.
+    names = (begins, *(f"{begins}-{number}" for number in range(2, 1000)))
+    stem = next(each for each in names if not (folder / f"tests/{each}.jsonl").exists())
     name = f"tests/{stem}.jsonl"
     (folder / name).parent.mkdir(exist_ok=True)
     writer = JournalWriter(folder / name, recording.header.recorded_configuration, recording.header.began_at)
