@@ -189,8 +189,9 @@ def match_features(then: NDArray[Any], now: NDArray[Any], within: float) -> tupl
     """
     if not len(then) or not len(now):
         return np.empty(0, np.intp), np.empty(0, np.intp)
-    words = [np.ascontiguousarray(each["bits"]).view(np.uint64) for each in (then, now)]
-    differing = np.bitwise_count(words[0][:, None] ^ words[1]).sum(axis=2, dtype=np.uint16)
+    # Bits that differ are those of either less twice those of both.
+    theirs, ours = (np.unpackbits(each["bits"], axis=1).astype(np.float32) for each in (then, now))
+    differing = theirs.sum(axis=1)[:, None] + ours.sum(axis=1) - 2 * theirs @ ours.T
     for axis in (0, 1) if within < math.inf else ():
         apart = then["place"][:, axis, None].astype(np.float32) - now["place"][:, axis].astype(np.float32)
         differing[np.abs(apart) > within] = HAMMING_MAX
