@@ -226,7 +226,7 @@ def _adjust(pairs: Sequence[PairView], fit: _StereoFit, movable: Flags) -> _Ster
         root = inverse_root(np.sum([jacobian[:, movable].T @ jacobian[:, movable] for jacobian, _ in reduced], axis=0))
         step = np.zeros(len(movable))
         step[movable] = root @ (root.T @ np.sum([one[:, movable].T @ off_px for one, off_px in reduced], axis=0))
-        moves = [np.linalg.lstsq(each.board, each.off_px - each.shared @ step)[0] for each in systems]
+        moves = [np.linalg.lstsq(each.board, each.off_px - each.shared @ step, rcond=None)[0] for each in systems]
         fit = _StereoFit(
             fit.lenses + step[: 2 * OF_LENS].reshape(2, -1),
             fit.pose + step[OF_POSE],
@@ -240,7 +240,7 @@ def _settle(pair: PairView, board: Values, fit: _StereoFit) -> Values:
     """Return the pose of a board that explains both pictures best."""
     for _ in range(_SETTLE_STEPS):
         system = _linearise(pair, board, fit)
-        board = board + np.linalg.lstsq(system.board, system.off_px)[0]
+        board = board + np.linalg.lstsq(system.board, system.off_px, rcond=None)[0]
     return board
 
 
