@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import ours
+from by_row import facts_by_row, table_by_row
 from msgspec.structs import replace
-from part import Part, table
-from samples import Sample, grouped, ours_of, rate, summarise
+from part import Part
+from samples import Sample, ours_of
 from workload import over_seeds
 
 from stadimeter.core.camera_model import CameraModel
@@ -15,7 +16,6 @@ from stadimeter.core.refraction import REFRACTIONS, behind_flat_port
 from support.scenes import draw
 from support.scenes.render import render
 
-GROSS = 0.05
 INDEX = REFRACTIONS["water"].n
 TAG_PX = (40.0, 150.0)
 MAX_TILT_RAD = 0.7
@@ -53,19 +53,12 @@ TOLD = behind_flat_port(draw.CAMERA, "water", 0.0)
 def run(frames: int, workers: int, first_seed: int = draw.REPORT_SEEDS.start) -> Part:
     """Measure so many balls, sheets and tags."""
     samples = over_seeds(samples_of, range(first_seed, first_seed + frames), workers)
-    head = ("target", "frames", "median / p95 %", "bias px", "found %", "95 % interval holds %")
-    rows, facts = [], {}
-    for name, of_row in grouped(samples, lambda sample: sample.row).items():
-        each = summarise(of_row, GROSS)
-        answered = round(each.found * each.count)
-        shares = (rate(each.found, each.count), rate(each.coverage, answered))
-        rows.append((name, str(each.count), each.percents, f"{each.bias_px:+.3f}", *shares))
-        facts |= {f"water {name} median": each.median, f"water {name} held": each.coverage}
     text = (
         "Scenes as in the tables of balls, sheets and tags, on clutter, with rays turned at a flat window "
         f'(n = {INDEX}): the camera is described as in air, with `medium = "water"`.\n\n'
     )
-    return Part(title="Under water", text=text + table(head, rows), facts=facts)
+    table = table_by_row("target", samples)
+    return Part(title="Under water", text=text + table, facts=facts_by_row("water", samples))
 
 
 def samples_of(seed: int) -> list[Sample]:
