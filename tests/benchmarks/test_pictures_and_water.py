@@ -35,6 +35,8 @@ def test_circles_are_counted_by_size_and_those_of_another_spacing_are_not_found(
 def test_rays_through_the_window_come_back_to_their_pixels() -> None:
     import under_water
 
+    from support.scenes.water import CAMERA, INDEX
+
     pixels = np.array([[10.0, 20.0], [319.5, 239.5], [600.0, 470.0]])
-    assert under_water.CAMERA.project(under_water.CAMERA.directions(pixels)) == pytest.approx(pixels)
-    assert under_water.TOLD.fx_px == pytest.approx(under_water.INDEX * draw.CAMERA.fx_px)
+    assert CAMERA.project(CAMERA.directions(pixels)) == pytest.approx(pixels)
+    assert under_water.TOLD.fx_px == pytest.approx(INDEX * draw.CAMERA.fx_px)

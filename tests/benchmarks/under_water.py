@@ -10,42 +10,15 @@ from part import Part
 from samples import Sample, ours_of
 from workload import over_seeds
 
-from stadimeter.core.camera_model import CameraModel
-from stadimeter.core.detection import Points
-from stadimeter.core.refraction import REFRACTIONS, behind_flat_port
+from stadimeter.core.refraction import behind_flat_port
 from support.scenes import draw
 from support.scenes.render import render
+from support.scenes.water import CAMERA, INDEX
 
-INDEX = REFRACTIONS["water"].n
 TAG_PX = (40.0, 150.0)
 MAX_TILT_RAD = 0.7
 
 
-class WaterCamera(CameraModel, frozen=True):
-    """A camera in air whose rays are turned at a thin window by Snell's law, ray by ray."""
-
-    def directions(self, points_px: Points) -> Points:
-        """Return where pixels look to in water."""
-        air = CameraModel.directions(self, points_px)
-        sine = air / np.sqrt(1 + (air**2).sum(axis=1, keepdims=True)) / INDEX
-        return sine / np.sqrt(1 - (sine**2).sum(axis=1, keepdims=True))
-
-    def direction(self, x_px: float, y_px: float) -> tuple[float, float]:
-        """Return where one pixel looks to in water."""
-        x, y = self.directions(np.array([[x_px, y_px]]))[0]
-        return float(x), float(y)
-
-    def project(self, directions: Points) -> Points:
-        """Return at which pixels directions in water appear."""
-        sine = directions / np.sqrt(1 + (directions**2).sum(axis=1, keepdims=True)) * INDEX
-        air = sine / np.sqrt(1 - (sine**2).sum(axis=1, keepdims=True))
-        return CameraModel.project(self, air)
-
-
-# A distortion of zeros, so that the scenes' lens asks for directions.
-CAMERA = replace(
-    WaterCamera.with_focal_length(draw.CAMERA.fx_px, draw.CAMERA.width_px, draw.CAMERA.height_px), distortion=(0.0,) * 4
-)
 TOLD = behind_flat_port(draw.CAMERA, "water", 0.0)
 """What the detectors are told of it."""
 
