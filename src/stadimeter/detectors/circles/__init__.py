@@ -19,7 +19,15 @@ from stadimeter.config.units import Length, Tolerance
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame
-from stadimeter.detectors.disc import BORDER_PX, OUTLINE_POINTS, SIGMA_HIDDEN, DiscDetector, DiscOptions, Shade
+from stadimeter.detectors.disc import (
+    AROUND_PX,
+    BORDER_PX,
+    OUTLINE_POINTS,
+    SIGMA_HIDDEN,
+    DiscDetector,
+    DiscOptions,
+    Shade,
+)
 from stadimeter.detectors.disc.choice import Disc, Judged, list_rejected
 from stadimeter.detectors.disc.edges import quality
 from stadimeter.detectors.disc.ellipse import EdgePicture, Lens, turns
@@ -35,8 +43,8 @@ MAX_OFF, MIN_BEHIND = 0.15, 0.03
 # Discs that nearly touch are not told apart: the largest diameter as a share of the spacing.
 MAX_DIAMETER_SHARE = 0.8
 
-# Reach of the search around a prediction: in spacings, standard deviations and pixels.
-AROUND_SPACINGS, AROUND_SIGMAS, AROUND_PX = 1.5, 4.0, 8.0
+# Reach of the search around a prediction, in spacings.
+AROUND_SPACINGS = 1.5
 
 # The standard deviation of the side is the root of the sum of the squares of 0.8 s, 0.3 b and a floor, where s is what
 # follows from the scatter of a disc's edges and b how far its outline is from an ellipse. Fitted on rendered circles
@@ -129,8 +137,7 @@ class CirclesDetector:
         return near or self._search_anywhere(picture)
 
     def _search_near(self, picture: EdgePicture, prediction: Prediction) -> Detection | None:
-        reach = AROUND_SPACINGS * prediction.size_px + AROUND_SIGMAS * prediction.sigma_px + AROUND_PX
-        region = Region.around(prediction.centre_px, reach, picture.image)
+        region = Region.expected(prediction, picture.image, sizes=AROUND_SPACINGS, margin_px=AROUND_PX)
         if region is None:
             return None
         expected, judged = np.array(prediction.centre_px), self._discs.judge_all(picture, region)
