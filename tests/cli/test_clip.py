@@ -63,7 +63,7 @@ def test_a_configuration_says_what_its_black_box_takes_and_what_is_wrong_with_it
 
     path = tmp_path / "door.toml"
     path.write_text(SIMULATED_BALL + RULE + BOX + 'memory = "16 MB"\n' + WORLD)
-    words = "Keeps the last 30 s with pictures in at most 16 MB of memory, and writes a clip on each alarm and fault: "
+    words = "Keeps the last 30 s with pictures in at most 16 MB of memory, and writes a clip on each fault: "
     assert words + "500 MB of clips at most." in describe(load_configuration(path))
     wrong = 'before = "0.5 s"\nafter = "1 h"\nrate = "0 Hz"\nquality = 101\nmemory = "1 MB"\nmax_total = "5"\n'
     wrong += 'on = ["all"]\n'

@@ -17,11 +17,13 @@ from stadimeter.cli.main import app
 from stadimeter.config import plugins
 from stadimeter.config.camera_file import save_camera_model
 from stadimeter.config.loader import Configuration, load_configuration
+from stadimeter.config.stereo_file import stereo_file_text
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
 from stadimeter.detectors.disc import DiscOptions
 from stadimeter.detectors.protocol import SetupKind, size_question
 from stadimeter.workbench.setup.interview import save_answers
+from support import two_cameras
 from support.detector_rigs import poster_file
 from support.networks import EYES, bright_figure, put_figure, write_network
 from support.scenes.backdrop import PlainBackdrop
@@ -209,6 +211,23 @@ def test_what_is_known_of_floor_water_and_places_is_asked_for_and_written(tmp_pa
     assert configuration.footings["ball"].height_m == pytest.approx(0.3)
     assert len(configuration.landmarks.tags) == 2
     assert configuration.camera_model.fx_px == pytest.approx(1.334 * 600, rel=0.01)
+
+
+def test_a_second_camera_is_asked_for_and_measures_in_the_run_that_follows(tmp_path: Path) -> None:
+    (tmp_path / "stereo.toml").write_text(stereo_file_text(two_cameras.BESIDE))
+    given = {
+        "camera": "simulated",
+        "calibration": "60 deg",
+        "target": "ball",
+        "size": "7 cm",
+        "wish": "floor stereo near",
+    }
+    refused = init(tmp_path, **given, stereo_file="other.toml")
+    assert "stereo_file" in refused.stderr, "it is refused at its own question"
+    told = init(tmp_path, **given, stereo_camera="simulated,baseline=12cm")
+    configuration = works(tmp_path, told)
+    assert configuration.second_camera is not None
+    assert configuration.camera_model.fx_px == two_cameras.LENS.fx_px
 
 
 @pytest.mark.long

@@ -43,15 +43,15 @@ def test_a_run_that_is_killed_has_kept_its_first_second_and_its_events(tmp_path:
     else:
         run = start(tmp_path, '[timeline]\nkeep = "1 d"\n')
     folder = (state if is_service else tmp_path) / "timeline" / "room"
+    log = state / "room.log" if is_service else event_log_beside(folder)
     try:
-        eventually(lambda: list(read_rows(folder, 0, 2**32, 1)))
+        eventually(lambda: list(read_rows(folder, 0, 2**32, 1)) and list(read_events(log, 0, 2**32)))
     finally:
         run.send_signal(signal.SIGKILL)
         run.wait()
     ((names, rows),) = read_rows(folder, 0, 2**32, 1)
     assert (names.targets, names.rules) == (("ball",), ("near",))
     assert rows["figures"][0, 0, MEAN] == pytest.approx(2.0, abs=0.1)
-    log = state / "room.log" if is_service else event_log_beside(folder)
     assert [each.reason[:7] for each in read_events(log, 0, 2**32)][-1] == "started"
 
 

@@ -321,3 +321,8 @@ def test_a_long_page_begins_with_a_table_of_its_contents():
         linked = set(re.findall(r"\]\(#([^)]+)\)", start))
         names = {re.sub(r"[^\w\- ]", "", each.partition("\n")[0].lower()).replace(" ", "-") for each in sections}
         assert names - linked == set(), page
+
+
+def test_no_page_holds_the_marks_of_an_unfinished_merge():
+    pages = {*PAGES, ROOT / "CHANGELOG.md"}
+    assert [page.name for page in pages if re.search(r"^(<{7}|>{7}) ", page.read_text(), re.MULTILINE)] == []

@@ -84,7 +84,7 @@ def test_one_writable_folder_is_enough_and_nothing_else_is_tried(folder: Path) -
     assert "warning" not in done.stderr
     tried = [line for line in (folder / "refused").read_text().splitlines() if "EROFS" in line]
     assert [line for line in tried if "__pycache__" not in line] == [], "Python's own copies may be left out"
-    of_the_service = {"stadimeter.log", "safe-outputs.conf"}
+    of_the_service = {"stadimeter.log", "safe-outputs.conf", "timeline"}
     assert {file.name for file in folder.iterdir()} - before == {"refused", "run.sqlite3", "run.jsonl"} | of_the_service
 
 

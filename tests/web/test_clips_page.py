@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from stadimeter.testing.rig import eventually
 from support.browser import ROOM, Served, served, tab, until
 
 BOX = '\n[black_box]\nbefore = "3 s"\nafter = "1 s"\n'
@@ -48,11 +48,6 @@ def test_the_last_seconds_are_kept_by_a_button_and_the_clip_says_what_it_is_of(b
         page.get_by_text("will hold the last 3 s and the next 1 s").wait_for()
         name = page.get_by_text("will hold the last").inner_text().split()[0]
 
-        def says_of_what() -> bool:
-            page.reload()
-            page.get_by_role("listitem").first.wait_for()
-            row = page.get_by_role("listitem").filter(has_text=name)
-            return row.count() > 0 and any(f" {kind}: " in row.inner_text() for kind in ("order", "raised"))
-
-        eventually(says_of_what)
+        row = page.get_by_role("listitem").filter(has_text=name).filter(has_text=re.compile(" (order|raised): "))
+        row.wait_for()  # the list is shown anew when the clip is whole
         assert (folder / name).exists()

@@ -113,6 +113,8 @@ def test_places_alone_make_a_configuration_without_a_warning(tmp_path: Path) -> 
         ("water", "medium", 'a "b', "air, water, sea water"),
         ("water", "port", "-1 cm", "is not a length above zero"),
         ("water", "port", "1", "'1' has no unit"),
+        ("stereo", "file", "nothing.toml", "stereo"),
+        ("stereo", "camera", "/dev/video0,width_px=some", "'some'"),
         ("places", "tags", "3: 0 m, 2 m, 50 cm", "unknown unit 'cm'"),
         ("places", "tags", "seven: 0 m, 2 m, 50 cm, 0 deg", "'seven' is not a whole number"),
         ("places", "tags", "3: 0 m, 2 m, 50 cm, 0 deg; 3: 1 m, 2 m, 50 cm, 0 deg", "tag 3 is listed twice"),
@@ -128,6 +130,13 @@ def test_what_cannot_be_so_is_refused_at_its_question(key: str, blank: str, wron
 def test_water_alone_does_nothing_and_is_refused() -> None:
     with pytest.raises(ConfigError, match="water alone does nothing"):
         WishStep().accept(known_of(TARGETS["ball"]), "water")
+
+
+def test_a_second_camera_alone_does_nothing_and_into_water_its_file_says_so() -> None:
+    with pytest.raises(ConfigError, match="stereo alone does nothing"):
+        WishStep().accept(known_of(TARGETS["ball"]), "stereo")
+    with pytest.raises(ConfigError, match="write medium and port_m into the stereo file"):
+        WishStep().accept(known_of(TARGETS["ball"]), "near water stereo")
 
 
 def test_a_camera_file_that_is_there_already_is_not_changed_for_water() -> None:

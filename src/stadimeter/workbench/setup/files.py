@@ -62,7 +62,8 @@ class Blank(Struct, frozen=True, kw_only=True):
 
     Attributes:
         kind: A ``quantity``, ``count``, ``time`` of day, ``tag``, ``button``, ``place``, ``setting`` (what
-            stands in a table as it is written), ``metres`` (a length, which stands there as a number) or ``landmarks``.
+            stands in a table as it is written), ``metres`` (a length, which stands there as a number), ``camera`` or
+            ``landmarks``.
         beyond: The blank before it that it must be above; empty if it may be anything.
         within: The blank before it that it must be below.
         holds: The blank before it that says how many visits it must be long enough for.
@@ -88,7 +89,11 @@ class Blank(Struct, frozen=True, kw_only=True):
 
 
 class Wish(Struct, frozen=True, kw_only=True):
-    """Something that people want to happen, or that is so; ``wishes.toml`` says what its parts mean."""
+    """Something that people want to happen, or that is so; ``wishes.toml`` says what its parts mean.
+
+    Attributes:
+        brings_lens: Whether a file that it names has the lens, so that the camera has no `model`.
+    """
 
     key: str
     group: str
@@ -100,6 +105,7 @@ class Wish(Struct, frozen=True, kw_only=True):
     camera: str = ""
     target: str = ""
     lens: str = ""
+    brings_lens: bool = False
     needs_several: bool = False
 
     def fill(self, answers: Mapping[str, str]) -> dict[str, str]:
@@ -272,7 +278,9 @@ def configuration_files(answers: Mapping[str, str], camera_model: CameraModel, m
     Args:
         model_file: The camera file that is there already; empty to write one.
     """
-    files = {CONFIGURATION: _configuration(answers, model_file or CAMERA_FILE)}
+    if any(wish.brings_lens for wish in find_wishes(answers)):
+        return {CONFIGURATION: _configuration(answers, {})}
+    files = {CONFIGURATION: _configuration(answers, {"model": model_file or CAMERA_FILE})}
     lens = f"{_lines(_settings('lens', answers))}\n\n{camera_file_text(camera_model)}".lstrip()
     return files if model_file else {CAMERA_FILE: lens, **files}
 
@@ -290,9 +298,9 @@ def rule_names(answers: Mapping[str, str]) -> tuple[str, ...]:
     )
 
 
-def _configuration(answers: Mapping[str, str], model_file: str) -> str:
+def _configuration(answers: Mapping[str, str], lens: Mapping[str, str]) -> str:
     outputs = _outputs(answers)
-    camera = {**table_of(answers["camera"]), "model": model_file, **_settings("camera", answers)}
+    camera = {**table_of(answers["camera"]), **lens, **_settings("camera", answers)}
     target = {**target_table(answers), **_settings("target", answers)}
     tables: list[tuple[str, Mapping[str, Any]]] = [("camera", camera), (f"targets.{answers['target']}", target)]
     tables += [(f"targets.{tag_name(tag)}", tag_table(tag)) for tag in blank_answers(answers, "tag").values()]
@@ -345,6 +353,7 @@ _WRITTEN: Mapping[str, Callable[[str], str]] = {
     "button": lambda text: _lines(button_table(text)),
     "place": lambda text: _lines(place_table(text)),
     "setting": as_toml,
+    "camera": lambda text: _lines(table_of(text)),
     "metres": lambda text: as_toml(parse_length(text)),
     "landmarks": lambda text: "\n\n".join(f"[[landmarks.tags]]\n{_lines(each)}" for each in placed_tags(text)),
 }

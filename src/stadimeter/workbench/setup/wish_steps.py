@@ -60,10 +60,11 @@ class WishStep(SetupStep):
         robots = [wish.key for wish in chosen if wish.output == "base"]
         if len(robots) > 1:
             raise ConfigError(f"{' and '.join(robots)} would drive one robot; choose one of them")
-        if not any(wish.rules for wish in chosen):
+        if not any(wish.rules and not wish.brings_lens for wish in chosen):
             raise ConfigError(f"{' '.join(names)} alone does nothing; add what shall happen, such as near")
-        if known.model_file and any(wish.lens for wish in chosen):
-            raise ConfigError(f"write medium and port_m into {known.model_file} for that, if it was calibrated in air")
+        file = "the stereo file" if any(wish.brings_lens for wish in chosen) else known.model_file
+        if file and any(wish.lens for wish in chosen):
+            raise ConfigError(f"write medium and port_m into {file} for that, if it was calibrated in air")
         if any(wish.needs_several for wish in chosen) and len(members_of(known.answers)) == 1:
             raise ConfigError("crowd is for several of one kind; go back to the target, and choose balls or tags")
         return Accepted(answer=" ".join(names))
@@ -185,7 +186,7 @@ class BlankStep(SetupStep):
             case "place":
                 place_table(text)
                 require("sun", "the sun's times")
-            case "setting" | "metres" | "landmarks":
+            case "setting" | "metres" | "landmarks" | "camera":
                 self._check_setting(known, text)
             case _:
                 return self._accept_figure(known, text)
@@ -204,8 +205,10 @@ class BlankStep(SetupStep):
 
     def _check_setting(self, known: Known, text: str) -> None:
         """Check what follows from it in the configuration that the answers make so far."""
+        before, _, _ = f"{known.answers['wish']} ".partition(f"{self.wish.key} ")  # what is behind is asked later
+        changed = {self.key: text, "wish": before + self.wish.key}
         try:
-            files = configuration_files(complete_answers(known, {self.key: text}), known.lens, known.model_file)
+            files = configuration_files(complete_answers(known, changed), known.lens, known.model_file)
             load_configuration(known.file, texts={known.path(name): each for name, each in files.items()})
         except (ConfigError, ValueError) as error:  # where it stands is nothing that a person has written
             problems = error.problems if isinstance(error, ConfigError) else (Problem(str(error)),)

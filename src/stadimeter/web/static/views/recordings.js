@@ -22,6 +22,7 @@ export function mount(root, context) {
 class Recordings {
   constructor(context) {
     Object.assign(this, { context, canOperate: context.session.right === "operate", isRecording: false, replay: null });
+    this.listedAgain_ms = Infinity; // when a clip under way is whole
     this.record = button("Record", () => this.#record(), "primary", { hidden: !this.canOperate });
     const keep = () => this.#order("recordings/clip", { by: localStorage.getItem("name") || undefined });
     this.keep = button("Save clip", keep, "", { hidden: !this.canOperate });
@@ -70,7 +71,10 @@ class Recordings {
         ? `Recording: ${format.span(recording.seconds)}, ${format.size(recording.bytes)}.`
         : "A recording can be replayed here, and changed rules be tried on it.",
     );
-    if (was !== this.isRecording) this.load();
+    if (was !== this.isRecording || Date.now() > this.listedAgain_ms) {
+      this.listedAgain_ms = Infinity;
+      this.load();
+    }
   }
 
   connected(status) {
@@ -86,8 +90,9 @@ class Recordings {
 
   async #order(path, body) {
     try {
-      const { words } = await this.context.api.post(path, body);
+      const { words, seconds } = await this.context.api.post(path, body);
       if (words) this.context.say(words);
+      if (seconds) this.listedAgain_ms = Date.now() + 1000 * (seconds + 2); // it is finished within a second or so
     } catch (error) {
       this.context.say(error.message, "error");
     }

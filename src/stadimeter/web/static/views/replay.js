@@ -122,7 +122,11 @@ export class Replay {
 }
 
 /** What was at a moment, as `recordings/NAME/frame.jpg` and `timeline/moment` tell it. */
-export function describe({ unix_s, targets, rules, outputs = [], events = [], safety = { mode: "active" } }, unit) {
+export function describe(
+  { unix_s, targets, rules, outputs = [], events = [], safety = { mode: "active" } },
+  unit,
+  measured = "Measured",
+) {
   const row = (name, value, why = "") =>
     h("li", {}, h("strong", {}, name), ` ${value}`, why && h("p", { class: "quiet" }, format.words(why, unit)));
   const part = (title, rows) =>
@@ -132,7 +136,7 @@ export function describe({ unix_s, targets, rules, outputs = [], events = [], sa
     safety.mode !== "active" &&
       h("p", { class: "damaged" }, `Outputs were at their safe values: ${safety.reason || safety.mode}`),
     part(
-      "Measured",
+      measured,
       targets.map((each) =>
         row(
           each.name,

@@ -116,7 +116,7 @@ export class TimelineChart {
         cursor: { drag: { x: false, y: false }, y: false, points: { show: false } },
         scales: { x: { time: true }, y: { range: (_, low, high) => this.#range(low, high) } },
         axes: [
-          { ...axis, size: AXIS, space: 76, values: timeLabels },
+          { ...axis, size: AXIS, space: 96, values: timeLabels },
           { ...axis, size: 50, values: (_, values) => values.map((each) => `${each} ${this.unit.symbol}`) },
         ],
         hooks: {

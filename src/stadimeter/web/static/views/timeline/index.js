@@ -182,7 +182,7 @@ class Timeline {
           " ",
           found.recording && h("a", { href: "#recordings" }, found.recording),
         ),
-        describe(found, this.unit),
+        describe(found, this.unit, "Measured, mean of that second"),
       ],
       (error) => h("p", null, error.message),
     );
