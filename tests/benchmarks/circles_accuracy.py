@@ -1,4 +1,4 @@
-"""How well three equal circles on paper are measured, by how large they are and by troubles of the picture."""
+"""How well three equal circles on paper are measured, by how far apart they appear."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from part import Part
 from samples import Sample, ours_of
 from workload import over_seeds
 
-from support.scenes import draw, nuisances
+from support.scenes import draw
 from support.scenes.circles import circles_scene
 from support.scenes.render import render
 
@@ -18,8 +18,6 @@ SIZES_PX = (60, 100, 200)
 MAX_TILT_DEG = 50
 SEEDS_OF_TILT = 7
 """Tilts are spread evenly over so many seeds."""
-
-TROUBLED_PX, NOISE = 100, 8
 
 
 def run(frames: int, workers: int, first_seed: int = draw.REPORT_SEEDS.start) -> Part:
@@ -37,14 +35,9 @@ def run(frames: int, workers: int, first_seed: int = draw.REPORT_SEEDS.start) ->
 def samples_of(seed: int) -> list[Sample]:
     """Measure one triangle in every row."""
     tilt_rad = math.radians(MAX_TILT_DEG * (seed % SEEDS_OF_TILT) / (SEEDS_OF_TILT - 1))
-    scenes = {f"{size_px} px": circles_scene(seed, size_px, tilt_rad) for size_px in SIZES_PX}
-    troubled = f"{TROUBLED_PX} px"
-    scenes |= {
-        f"{troubled}, noise {NOISE}": nuisances.noise(NOISE)(scenes[troubled]),
-        f"{troubled}, JPEG 80": nuisances.jpeg(80)(scenes[troubled]),
-    }
-    pictures = {name: render(scene) for name, scene in scenes.items()}
-    asked = {name: (made, "10 cm") for name, made in pictures.items()} | {"14 cm apart": (pictures[troubled], "14 cm")}
+    pictures = {size_px: render(circles_scene(seed, size_px, tilt_rad)) for size_px in SIZES_PX}
+    asked = {f"{size_px} px": (made, "10 cm") for size_px, made in pictures.items()}
+    asked["14 cm apart"] = (pictures[SIZES_PX[0]], "14 cm")
     found = []
     for name, (made, spacing) in asked.items():
         finder = ours.detector("circles", draw.CAMERA, diameter="5 cm", spacing=spacing)
