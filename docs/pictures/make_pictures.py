@@ -12,6 +12,7 @@ import camera_table
 import fleet_picture
 import floor_picture
 from certificate_pictures import make_certificate_pictures
+from circles_picture import circles_picture
 from gallery import make_gallery
 from how_it_measures import make_steps
 from how_several import make_several
@@ -22,6 +23,7 @@ from mounting_picture import make_mounting_picture
 from picture_steps import picture_steps
 from stereo_picture import make_stereo_picture
 from unknown_size import unknown_size_picture
+from water_picture import water_picture
 from web_pages import make_pages
 
 from stadimeter.app.bootstrap import build, demo_configuration
@@ -139,6 +141,8 @@ if __name__ == "__main__":
     make_several(HERE)
     make_round_pictures(HERE)
     picture_steps(HERE / "measuring-picture.jpg")
+    circles_picture(HERE / "measuring-circles.jpg")
+    water_picture(HERE / "how-water.jpg")
     make_stereo_picture(HERE)
     make_object_picture(HERE)
     floor_picture.make_floor_picture(HERE / "how-floor.jpg")

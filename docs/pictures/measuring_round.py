@@ -29,10 +29,10 @@ from support.scenes.scene import Scene
 from support.scenes.target import Target
 
 ENLARGED = 4
-"""Each pixel of the camera is this many wide."""
+"""Each pixel of the camera is this many wide, unless a panel says otherwise."""
 
 PANEL_PX = 90
-"""Side of the part of the picture that is shown, in pixels of the camera."""
+"""Side of the part of the picture that is shown then, in pixels of the camera."""
 
 REACH_PX = 8.0
 """The limb is looked for this far inside and outside of the first circle."""
@@ -45,14 +45,15 @@ BALL_RANGE = parse_hsv_range("29,86,6:64,255,255")
 class Panel:
     """A part of a picture, enlarged, to draw upon in pixels of the whole picture."""
 
-    def __init__(self, image: Image, centre_px: tuple[float, float]) -> None:
-        self._left, self._top = (round(each) - PANEL_PX // 2 for each in centre_px)
-        part = image[self._top : self._top + PANEL_PX, self._left : self._left + PANEL_PX]
-        self.pixels = cv2.resize(part, None, fx=ENLARGED, fy=ENLARGED, interpolation=cv2.INTER_NEAREST)
+    def __init__(self, image: Image, centre_px: tuple[float, float], enlarged: int = ENLARGED) -> None:
+        side_px, self._enlarged = PANEL_PX * ENLARGED // enlarged, enlarged
+        self._left, self._top = (round(each) - side_px // 2 for each in centre_px)
+        part = image[self._top : self._top + side_px, self._left : self._left + side_px]
+        self.pixels = cv2.resize(part, None, fx=enlarged, fy=enlarged, interpolation=cv2.INTER_NEAREST)
 
     def places(self, points_px: Points) -> np.ndarray:
         """Return where points of the picture are on the panel: a pixel's centre is in the middle of its square."""
-        shown = (points_px - (self._left, self._top) + 0.5) * ENLARGED
+        shown = (points_px - (self._left, self._top) + 0.5) * self._enlarged
         return np.rint(shown).astype(np.int32)
 
     def dots(self, points_px: Points, colour: tuple[int, int, int]) -> None:
@@ -63,6 +64,11 @@ class Panel:
     def loop(self, points_px: Points, colour: tuple[int, int, int]) -> None:
         """Draw a closed line through points."""
         cv2.polylines(self.pixels, [self.places(points_px)], True, colour, 1, cv2.LINE_AA)
+
+    def write(self, words: str, place_px: Points, colour: tuple[int, int, int]) -> None:
+        """Write words that begin at a place of the picture."""
+        x, y = self.places(place_px).tolist()
+        cv2.putText(self.pixels, words, (x, y), cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, 1, cv2.LINE_AA)
 
     def lines(self, starts_px: Points, ends_px: Points, colour: tuple[int, int, int]) -> None:
         """Draw a line between each pair of points."""
@@ -86,7 +92,7 @@ def ball_picture(path: Path) -> None:
     spokes.lines(*_spokes(blob.circle), YELLOW)
     fitted.loop(scene.camera.project(limb.cone.outline(90)), RED)
     fitted.dots(limb.points_px, YELLOW)
-    _save(path, search, spokes, fitted)
+    save(path, search, spokes, fitted)
 
 
 def disc_picture(path: Path) -> None:
@@ -108,7 +114,7 @@ def disc_picture(path: Path) -> None:
     lines.lines(rim.points_px - 5.0 * rim.outward, rim.points_px + 5.0 * rim.outward, YELLOW)
     fitted.loop(edges.ellipse.rim(180).points_px, RED)
     fitted.dots(_ends(edges.ellipse), BLUE)
-    _save(path, shape, lines, fitted)
+    save(path, shape, lines, fitted)
 
 
 def make_round_pictures(folder: Path) -> None:
@@ -143,7 +149,8 @@ def _ends(ellipse: Ellipse) -> Points:
     return ellipse.centre_px + half_px * np.outer((1.0, -1.0), along)
 
 
-def _save(path: Path, *panels: Panel) -> None:
+def save(path: Path, *panels: Panel) -> None:
+    """Write panels beside each other."""
     gap = np.full((PANEL_PX * ENLARGED, 8, 3), 255, np.uint8)
     row = [each for panel in panels for each in (panel.pixels, gap)][:-1]
     cv2.imwrite(str(path), np.concatenate(row, axis=1), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])

@@ -13,6 +13,7 @@ HELD = (0.90, 0.99)
 ENDS = ("least", "most")
 UNKNOWN = ("ball", "disc", "sheet", "tag")
 """The kinds of things whose size is learnt."""
+IN_WATER = ("ball", "sheet", "tag")
 
 REAL = (
     at_most(
@@ -217,6 +218,32 @@ PLAIN = (
     ),
 )
 
+WAYS = (
+    *(
+        goal
+        for what, part, rows in (
+            ("picture of 60 / 120 / 300 px, tilt 0–50°", "picture", ("60 px", "120 px", "300 px")),
+            ("three circles 60 / 100 / 200 px apart, tilt 0–50°", "circles", ("60 px", "100 px", "200 px")),
+        )
+        for goal in (
+            at_most(f"{what}: median", "≤ 0.5 % each", percent, {f"{part} {row} median": 0.005 for row in rows}),
+            at_least(f"{what}: found", "≥ 95 % each", percent, {f"{part} {row} found": 0.95 for row in rows}),
+            Goal(f"{what}: 95 % interval", "90–99 % each", percent, {f"{part} {row} held": HELD for row in rows}),
+        )
+    ),
+    Goal(
+        "under water, described as in air: ball / sheet / tag, bias",
+        "within 0.5 % each",
+        percent,
+        {f"water {target} bias": (-0.005, 0.005) for target in IN_WATER},
+    ),
+    Goal(
+        "under water: ball / sheet / tag, 95 % interval",
+        "90–99 % each",
+        percent,
+        {f"water {target} held": HELD for target in IN_WATER},
+    ),
+)
 
 STEREO = (
     at_most(
@@ -309,7 +336,7 @@ FLOOR = (
     ),
 )
 
-GOALS = (*REAL, *HARD, *FLOOR, *PLAIN, *STEREO, *TIME)
+GOALS = (*REAL, *HARD, *FLOOR, *PLAIN, *WAYS, *STEREO, *TIME)
 WITH_COVERAGE = {f"{part} coverage" for part in ("ball", "sheet", "disc", "tag")}
 """Of every part whose intervals the last two lines tell of, a figure that it has."""
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 import ours
-from part import Part, table
-from samples import Sample, grouped, ours_of, rate, summarise
+from by_row import facts_by_row, table_by_row
+from part import Part
+from samples import Sample, ours_of
 from workload import over_seeds
 
 from support.detector_rigs import poster_file
@@ -14,7 +15,6 @@ from support.scenes import draw
 from support.scenes.poster import poster_scene
 from support.scenes.render import render
 
-GROSS = 0.05
 SIZES_PX = (60, 120, 300)
 MAX_TILT_DEG = 50
 SEEDS_OF_TILT = 7
@@ -29,17 +29,7 @@ def run(frames: int, workers: int, first_seed: int = draw.REPORT_SEEDS.start) ->
         "A row's size is the longer side as if it were not tilted. In the last row the detector looks for another "
         "poster than the one that is there.\n\n"
     )
-    head = ("size", "frames", "median / p95 %", "found %", "95 % interval holds %")
-    rows = []
-    facts: dict[str, float] = {}
-    for name, of_row in grouped(samples, lambda sample: sample.row).items():
-        each = summarise(of_row, GROSS)
-        answered = round(each.found * each.count)
-        shares = (rate(each.found, each.count), rate(each.coverage, answered))
-        rows.append((name, str(each.count), each.percents, *shares))
-        facts |= {f"picture {name} {what}": getattr(each, what) for what in ("median", "p95", "found")}
-        facts[f"picture {name} held"] = each.coverage
-    return Part(title="Picture", text=text + table(head, rows), facts=facts)
+    return Part(title="Picture", text=text + table_by_row("size", samples), facts=facts_by_row("picture", samples))
 
 
 def samples_of(seed: int) -> list[Sample]:

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import ball_accuracy
 import camera_place
+import circles_accuracy
 import false_alarms
 import flat_accuracy
 import floor
@@ -53,6 +54,7 @@ JOBS: dict[str, Job] = {
     "disc": _accuracy(flat_accuracy.run_disc, 60),
     "tag": _accuracy(tag_accuracy.run, 48),
     "picture": _accuracy(picture_accuracy.run, 210),
+    "circles": _accuracy(circles_accuracy.run, 210),
     "under water": _accuracy(under_water.run, 210),
     "camera place": _accuracy(camera_place.run, 200),
     "stereo": _accuracy(stereo.run, 220),

@@ -75,6 +75,7 @@ class Summary(Struct, frozen=True, kw_only=True):
         found: The share with an answer.
         median: Median of the absolute relative error, of those with an answer.
         p95: Its 95th percentile.
+        bias: Median of the signed relative error.
         gross: The share of all with an answer that is wrong beyond the limit.
         bias_px: Median of the signed error in pixels.
         coverage: The share of answers whose 95 % interval holds the truth; NaN if none has an interval.
@@ -84,6 +85,7 @@ class Summary(Struct, frozen=True, kw_only=True):
     found: float
     median: float
     p95: float
+    bias: float
     gross: float
     bias_px: float
     coverage: float
@@ -117,6 +119,7 @@ def summarise(samples: Sequence[Sample], gross_limit: float) -> Summary:
         found=len(answered) / len(samples) if samples else math.nan,
         median=_quantile(errors, 0.5),
         p95=_quantile(errors, 0.95),
+        bias=_quantile(np.array([sample.error for sample in answered]), 0.5),
         gross=float((errors > gross_limit).sum()) / len(samples) if samples else math.nan,
         bias_px=_quantile(np.array([sample.bias_px for sample in answered]), 0.5),
         coverage=sum(sample.is_covered for sample in stated) / len(stated) if stated else math.nan,

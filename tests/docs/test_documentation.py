@@ -133,6 +133,7 @@ def test_every_recipe_keeps_what_its_tests_promise(recipe, tmp_path):
     path = tmp_path / "recipe.toml"
     path.write_text(completed(recipe))
     cv2.imwrite(str(tmp_path / "poster.jpg"), poster(1))
+    (tmp_path / "stereo.toml").write_text(stereo_file_text(BESIDE))
     configuration = load_configuration(path)
     assert [warning.code for warning in configuration.warnings if warning.key.startswith("rules")] == []
     results = [run_rule_test(configuration, test) for test in configuration.tests]

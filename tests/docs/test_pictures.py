@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -78,3 +79,15 @@ def test_the_view_of_a_fleet_is_what_the_program_shows_now(tmp_path: Path) -> No
     fleet_picture.draw(tmp_path / "fleet-view.svg")
     kept = (ROOT / "docs" / "pictures" / "fleet-view.svg").read_text(encoding="utf-8")
     assert kept == (tmp_path / "fleet-view.svg").read_text(encoding="utf-8"), "run make pictures"
+
+
+def test_each_way_of_measuring_has_a_section_and_a_picture_that_a_script_makes() -> None:
+    page = (ROOT / "docs" / "how-it-measures.md").read_text(encoding="utf-8")
+    sections = dict(part.split("\n", 1) for part in page.split("\n## ")[1:])
+    scripts = "".join(each.read_text(encoding="utf-8") for each in (ROOT / "docs" / "pictures").glob("*.py"))
+    ways = sections.keys() - {"The four steps", "From measurements to a track"}
+    assert {"Three circles", "Under water", "Picture", "On the floor"} <= ways
+    for way in ways:
+        pictures = re.findall(r"^!\[[^]]+\]\(pictures/([^)]+)\)$", sections[way], re.MULTILINE)
+        assert pictures, way
+        assert all(f'"{name}"' in scripts for name in pictures), pictures

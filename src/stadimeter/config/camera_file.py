@@ -165,18 +165,21 @@ def load_camera_model(path: Path, texts: Texts | None = None) -> CameraModel:
 
 
 def save_camera_model(path: Path, model: CameraModel) -> None:
-    """Write or replace a camera file, or leave what was there as it was: never half a file.
+    """Write or replace a camera file, or leave what was there as it was: never half a file; see `save_as`."""
+    save_as(path, camera_file_text(model), "camera file")
+
+
+def save_as(path: Path, text: str, what: str) -> None:
+    """Write or replace a file that a calibration made, or leave what was there as it was.
 
     Raises:
         ConfigError: It cannot be written there.
     """
     try:
-        write_atomically(path, camera_file_text(model).encode())
+        write_atomically(path, text.encode())
     except OSError as error:
-        problem = Problem(
-            f"the camera file cannot be written: {reason_of(error)}", str(path), hint="choose another with -o"
-        )
-        raise ConfigError([problem]) from error
+        message = f"the {what} cannot be written: {reason_of(error)}"
+        raise ConfigError([Problem(message, str(path), hint="choose another with -o")]) from error
 
 
 def camera_file_text(model: CameraModel) -> str:

@@ -8,8 +8,7 @@ import numpy as np
 from msgspec.structs import replace
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from stadimeter.config.atomic_file import write_atomically
-from stadimeter.config.camera_file import CameraModelTable, Correlation, camera_file_text, date_text
+from stadimeter.config.camera_file import CameraModelTable, Correlation, camera_file_text, date_text, save_as
 from stadimeter.config.findings import Finding, findings_of, problems
 from stadimeter.config.toml_lines import KeyPath, SourceSpan
 from stadimeter.config.toml_source import Texts, as_toml, read_toml
@@ -17,7 +16,7 @@ from stadimeter.config.untrusted_file import CAMERA_FILE_MAX_BYTES
 from stadimeter.core.camera_model import CameraModel, Provenance
 from stadimeter.core.lens_uncertainty import are_contradictory, join_covariance, split_covariance
 from stadimeter.core.stereo_rig import UNKNOWNS, StereoRig, with_uncertainties
-from stadimeter.errors import CalibrationError, ConfigError, Problem, reason_of
+from stadimeter.errors import CalibrationError, ConfigError, Problem
 
 _HOW_TO_MAKE_ONE = "make it with `stadimeter calibrate stereo LEFT/*.jpg RIGHT/*.jpg --board 9x6 --square 25mm -o FILE`"
 _PAIRS = UNKNOWNS * (UNKNOWNS - 1) // 2
@@ -94,16 +93,8 @@ def _rig(table: Mapping[str, Any], file: str, spans: Mapping[KeyPath, SourceSpan
 
 
 def save_stereo_rig(path: Path, rig: StereoRig) -> None:
-    """Write or replace a stereo file, or leave what was there as it was.
-
-    Raises:
-        ConfigError: It cannot be written there.
-    """
-    try:
-        write_atomically(path, stereo_file_text(rig).encode())
-    except OSError as error:
-        message = f"the stereo file cannot be written: {reason_of(error)}"
-        raise ConfigError([Problem(message, str(path), hint="choose another with -o")]) from error
+    """Write or replace a stereo file, or leave what was there as it was; see `save_as`."""
+    save_as(path, stereo_file_text(rig), "stereo file")
 
 
 def stereo_file_text(rig: StereoRig) -> str:

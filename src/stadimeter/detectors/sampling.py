@@ -20,8 +20,11 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import ToneCurve
-from stadimeter.core.detection import Flags, Plane, Points
+from stadimeter.core.detection import Flags, Plane, Points, Prediction
 from stadimeter.core.frame import Image
+
+# How far a target may be from where it is expected, in standard deviations.
+REGION_SIGMAS = 4.0
 
 
 class Region(Struct, frozen=True, kw_only=True):
@@ -55,6 +58,22 @@ class Region(Struct, frozen=True, kw_only=True):
         if right <= left or bottom <= top:
             return None
         return cls(left=left, top=top, right=right, bottom=bottom)
+
+    @classmethod
+    def expected(
+        cls,
+        prediction: Prediction | None,
+        image: Image,
+        *,
+        sizes: float,
+        margin_px: float = 0.0,
+        outwards: bool = False,
+    ) -> Region | None:
+        """Return where a target is expected: that many of its sizes, and four standard deviations, to each side."""
+        if prediction is None:
+            return None
+        half_px = sizes * prediction.size_px + REGION_SIGMAS * prediction.sigma_px + margin_px
+        return cls.around(prediction.centre_px, half_px, image, outwards=outwards)
 
     @property
     def left_top_px(self) -> Points:

@@ -33,7 +33,7 @@ SETTLED = 1e-8
 DIFFERENCE = 1e-6
 
 # The detector's standard deviation of the side, on sharp rendered pictures.
-_SIGMA_FLOOR_PX = 0.006
+_SIGMA_FLOOR_PX = 0.005
 
 
 class CirclesShape(FlatShape, Struct, frozen=True, kw_only=True):

@@ -26,6 +26,7 @@ from stadimeter.core.rules.follow import FollowStep, describe_follow
 from stadimeter.core.rules.ramp import describe_ramp
 from stadimeter.core.rules.report import ReportStep, describe_report
 from stadimeter.core.rules.scheduler import EvaluatedRules
+from stadimeter.core.track import TrackStatus
 from stadimeter.core.words import rounded_duration
 
 
@@ -112,7 +113,8 @@ def explain(decision: Decision, name: str, *, with_probability: bool = True) -> 
 
     Args:
         decision: What was decided at that moment, as `stadimeter.core.decide.decide` returned it.
-        with_probability: Whether the sentence says how likely its condition is: for `explain`, and for no view.
+        with_probability: Whether the sentence says how likely its condition is, and what is remarked on the newest
+            measurement, such as which cameras made it: for `explain`, and for no view, which has both elsewhere.
 
     Raises:
         KeyError: There is no such rule.
@@ -141,7 +143,7 @@ def explain(decision: Decision, name: str, *, with_probability: bool = True) -> 
         quiet = [f"kept quiet: {', '.join(inhibits)}"] if inhibits else []
         does = _consequence(rule, step, decision, inputs, output)
         clauses = [f"{step.trace.status.value}: {reasons[name]}", *quiet, *does, *are_set]
-    clauses += _noisiness(inputs, rule)
+    clauses += _about_target(inputs, rule, with_remark=with_probability)
     return Explanation(
         rule=name,
         at_s=inputs.now_s,
@@ -160,9 +162,13 @@ def explain(decision: Decision, name: str, *, with_probability: bool = True) -> 
 NOISY_FACTOR = 1.5
 
 
-def _noisiness(inputs: RuleInputs, rule: AnyRule) -> Iterator[str]:
+def _about_target(inputs: RuleInputs, rule: AnyRule, *, with_remark: bool) -> Iterator[str]:
     track = inputs.tracks.get(rule.target)
-    if track is not None and track.is_valid and track.noise_factor >= NOISY_FACTOR:
+    if track is None:
+        return
+    if with_remark and track.status is TrackStatus.TRACKING and track.reason:
+        yield f"newest measurement of `{rule.target}`: {track.reason}"
+    if track.is_valid and track.noise_factor >= NOISY_FACTOR:
         yield f"`{rule.target}` was found to be {track.noise_factor:.1f} times as noisy as its measurements state"
 
 

@@ -43,7 +43,7 @@ from stadimeter.detectors.ball.limb import Limb, find_limb, within
 from stadimeter.detectors.ball.setup import ball_kinds
 from stadimeter.detectors.hsv import HsvRange, HsvRangeText, other_ranges, parse_hsv_range
 from stadimeter.detectors.protocol import ColourProposal, ColourSample, ColourView, Exercise
-from stadimeter.detectors.sampling import Region
+from stadimeter.detectors.sampling import REGION_SIGMAS, Region
 from stadimeter.ranging.ball import BallShape
 
 # Reach of the search for the limb on either side of a blob's circle: pixels, or cells and a half of the search.
@@ -59,8 +59,6 @@ COARSE_CELLS = 3
 # With a prediction that is less sure, the blobs near the expected place are looked at instead.
 CERTAIN_PX, REACH_SIGMAS = 2.0, 2.5
 MAX_RING_PX = 16.0
-
-REGION_SIGMAS = 4.0
 
 # Greatest radius of a ball that the search within and around a blob finds, in half sizes of the blob.
 WITHIN_REACH, AROUND_REACH = 1.2, 2.0

@@ -19,9 +19,17 @@ from stadimeter.config.units import Length, Tolerance
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.detection import Detection, DetectionStatus, Points, Prediction
 from stadimeter.core.frame import Frame
-from stadimeter.detectors.disc import BORDER_PX, OUTLINE_POINTS, SIGMA_HIDDEN, DiscDetector, DiscOptions, Shade
+from stadimeter.detectors.disc import (
+    AROUND_PX,
+    BORDER_PX,
+    OUTLINE_POINTS,
+    SIGMA_HIDDEN,
+    DiscDetector,
+    DiscOptions,
+    Shade,
+)
 from stadimeter.detectors.disc.choice import Disc, Judged, list_rejected
-from stadimeter.detectors.disc.edges import quality
+from stadimeter.detectors.disc.edges import BEND_PARTS, THOROUGHLY, quality
 from stadimeter.detectors.disc.ellipse import EdgePicture, Lens, turns
 from stadimeter.detectors.hsv import HsvRangeText
 from stadimeter.detectors.protocol import ONE_OF_A_KIND, SetupKind, SetupQuestion, check_image, size_question
@@ -35,13 +43,8 @@ MAX_OFF, MIN_BEHIND = 0.15, 0.03
 # Discs that nearly touch are not told apart: the largest diameter as a share of the spacing.
 MAX_DIAMETER_SHARE = 0.8
 
-# Reach of the search around a prediction: in spacings, standard deviations and pixels.
-AROUND_SPACINGS, AROUND_SIGMAS, AROUND_PX = 1.5, 4.0, 8.0
-
-# The standard deviation of the side is the root of the sum of the squares of 0.8 s, 0.3 b and a floor, where s is what
-# follows from the scatter of a disc's edges and b how far its outline is from an ellipse. Fitted on rendered circles
-# 60, 100 and 200 px apart, tilted by 0 to 50 degrees: clean, with noise of 6 and 12 levels, moved by 4 px, in JPEG.
-SIGMA_FACTOR, SIGMA_BEND, SIGMA_FLOOR_PX = 0.8, 0.3, 0.002
+# Reach of the search around a prediction, in spacings.
+AROUND_SPACINGS = 1.5
 
 SIXTH = math.pi / 3
 
@@ -129,8 +132,7 @@ class CirclesDetector:
         return near or self._search_anywhere(picture)
 
     def _search_near(self, picture: EdgePicture, prediction: Prediction) -> Detection | None:
-        reach = AROUND_SPACINGS * prediction.size_px + AROUND_SIGMAS * prediction.sigma_px + AROUND_PX
-        region = Region.around(prediction.centre_px, reach, picture.image)
+        region = Region.expected(prediction, picture.image, sizes=AROUND_SPACINGS, margin_px=AROUND_PX)
         if region is None:
             return None
         expected, judged = np.array(prediction.centre_px), self._discs.judge_all(picture, region)
@@ -226,7 +228,14 @@ def _apart(one: Disc, other: Disc) -> tuple[Points, Points]:
 def _sigma_px(disc: Disc) -> float:
     """Return the standard deviation of the side that follows from the noise of one disc's edges."""
     # Blur and brightness move all edges of a disc outwards or inwards, so not its centre: what is left of the disc
-    # detector's causes is scatter and what is hidden.
+    # detector's causes is scatter and what is hidden. Of n edges that err by σ each on its own, the diameter has the
+    # variance 12 σ²/n, and the distance of two centres 4 σ²/n.
     edges = disc.edges
-    noise_px = math.hypot(SIGMA_FACTOR * edges.sigma_px, SIGMA_BEND * edges.bend_px, SIGMA_FLOOR_PX)
-    return (1 + SIGMA_HIDDEN * (1 - edges.support)) * noise_px
+    alone_px = edges.sigma_px / math.sqrt(3)
+    # Neighbouring edges err together, by either of two estimates, of which the larger one counts. They share pixels:
+    # read bilinearly, two that are d px apart are correlated by (2 - d)³/4, from 1 px on. And the outline may be bent
+    # by b, in each of `BEND_PARTS` parts.
+    apart_px = min(max(edges.ellipse.perimeter_px() / THOROUGHLY.max_lines, 1.0), 2.0)
+    shared_px = alone_px * math.sqrt(1 + (2 - apart_px) ** 3 / 2)
+    bent_px = math.hypot(alone_px, 2 * edges.bend_px / math.sqrt(BEND_PARTS))
+    return (1 + SIGMA_HIDDEN * (1 - edges.support)) * max(shared_px, bent_px)

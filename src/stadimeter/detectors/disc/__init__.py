@@ -77,8 +77,8 @@ REACH_PX, REACH_SHARE = 2.5, 0.04
 # Reach around where it was measured roughly.
 REACH_AGAIN_PX = 2.5
 
-# Reach of the search around a prediction: in sizes, standard deviations and pixels.
-AROUND_SIZES, AROUND_SIGMAS, AROUND_PX = 0.75, 4.0, 8.0
+# Reach of the search around a prediction: in sizes and pixels.
+AROUND_SIZES, AROUND_PX = 0.75, 8.0
 
 # The standard deviation of the larger diameter is the root of the sum of the squares of ``1.4 s``, ``0.004``, ``0.6
 # b``, ``min(0.008 e⁴, 0.03 e)``, ``0.05 e² k`` and q in px, times ``1 + 2.5 h``: s is what follows from the scatter of
@@ -180,8 +180,7 @@ class DiscDetector:
         # Largest difference along an axis in place, or difference in size, in pixels; the most similar whole ellipse is
         # measured first. One at the border goes to the search of the whole picture.
         expected = np.array(prediction.centre_px)
-        reach = AROUND_SIZES * prediction.size_px + AROUND_SIGMAS * prediction.sigma_px + AROUND_PX
-        region = Region.around(prediction.centre_px, reach, picture.image)
+        region = Region.expected(prediction, picture.image, sizes=AROUND_SIZES, margin_px=AROUND_PX)
         if region is None:
             return None
         lens, judged = picture.lens, self.judge_all(picture, region)

@@ -43,8 +43,8 @@ MIN_FILE_FEATURES = 60
 # Least and greatest ratio of a file's sides to those that are stated.
 MAX_ASPECT_OFF = 0.1
 
-# Reach of the search around a prediction, to each side: in longer sides and standard deviations.
-REGION_SIDES, REGION_SIGMAS = 0.8, 4.0
+# Reach of the search around a prediction, to each side: in longer sides.
+REGION_SIDES = 0.8
 
 # Standard deviation of the apparent size at its best.
 SIGMA_FLOOR_PX = 0.015
@@ -131,7 +131,7 @@ class PictureDetector:
             followed = self._align_at(light, prediction.outline_px, lens)
             if isinstance(followed, Detection) and followed.status is DetectionStatus.FOUND:
                 return followed
-        near = None if prediction is None else _around(prediction, frame.image)
+        near = Region.expected(prediction, frame.image, sizes=REGION_SIDES, outwards=True)
         if near is not None:
             places = self._features.places_in(near.of(grey))
             found, _ = self._best([corners + near.left_top_px for corners in places], light, lens)
@@ -188,12 +188,6 @@ class PictureDetector:
             size_sigma_px=math.hypot(SIGMA_FLOOR_PX, _size_sigma_px(found)),
             quality=float(np.clip(found.correlation, 0, 1)),
         )
-
-
-def _around(prediction: Prediction, image: Image) -> Region | None:
-    """Return the part of the frame where the picture is expected; None if there is none."""
-    reach_px = REGION_SIDES * prediction.size_px + REGION_SIGMAS * prediction.sigma_px
-    return Region.around(prediction.centre_px, reach_px, image, outwards=True)
 
 
 def _size_sigma_px(found: Alignment) -> float:

@@ -36,9 +36,8 @@ from stadimeter.detectors.sides import diagonals_meet, grown, side_lengths, widt
 from stadimeter.ranging.flat import KnownSide, SheetShape
 from stadimeter.ranging.plane_pose import rectangle_poses
 
-# Reach of the search around a prediction, to each side: in longer sides, standard deviations and pixels.
+# Reach of the search around a prediction, to each side: in longer sides and pixels.
 REGION_SIDES = 0.8
-REGION_SIGMAS = 4.0
 REGION_MARGIN_PX = 12.0
 
 # Tolerances to try for a sheet whose corners are too far off, as shares of its size: 1, 2 and 3 mm for A4. At more it
@@ -162,8 +161,8 @@ class SheetDetector:
             if followed is not None:
                 return self._found(followed, Findings(), lens)
         search = SheetSearch(frame.image, self._size, self._min_side_px, lens, self._colour)
-        near = None if prediction is None else _around(prediction, frame.image)
-        if near is not None and prediction is not None:
+        near = Region.expected(prediction, frame.image, sizes=REGION_SIDES, margin_px=REGION_MARGIN_PX, outwards=True)
+        if near is not None:
             findings = search.look(near, prediction)
             if findings.best is not None and findings.doubt is None:
                 return self._found(findings.best, findings, lens)
@@ -244,12 +243,6 @@ def _others_text(findings: Findings) -> str:
     if rival is not None:
         return f"the largest of several sheets; another one is {rival.where}"
     return "" if twin is None else f"several fit alike; another one is {twin.where}"
-
-
-def _around(prediction: Prediction, image: Image) -> Region | None:
-    """Return the part of the picture where a sheet is expected; None if there is none."""
-    reach_px = REGION_SIDES * prediction.size_px + REGION_SIGMAS * prediction.sigma_px + REGION_MARGIN_PX
-    return Region.around(prediction.centre_px, reach_px, image, outwards=True)
 
 
 def _without_bias(best: SheetCandidate, bias_px: float) -> Points:
