@@ -47,6 +47,7 @@ class Certificate(Struct, frozen=True, kw_only=True):
         corrected: By which share the focal length was corrected in the end; 0 for not.
         background: Whether the view was saved that tells later whether the camera was moved, in words; None where
             that was not tried.
+        view: Until that is saved, the view: a `MountingReference` as msgpack.
     """
 
     target: str
@@ -58,6 +59,7 @@ class Certificate(Struct, frozen=True, kw_only=True):
     reach: Reach | None = None
     corrected: float = 0.0
     background: str | None = None
+    view: bytes = b""
 
 
 class Reliance(Struct, frozen=True, kw_only=True):

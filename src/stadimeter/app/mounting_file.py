@@ -14,6 +14,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from stadimeter.app.service_folders import mounting_places
@@ -109,6 +110,19 @@ def make_reference(frames: Sequence[Frame], lens: CameraModel, hidden: Outlines 
         lens=lens_figures(small),
         views=[view],
     )
+
+
+def seen_through(reference: MountingReference, lens: CameraModel, other: CameraModel) -> MountingReference:
+    """Return a view, saved with a lens, as with another model of that lens; as it is if it was saved with a third."""
+    before, after = (each.scaled_to(*reference.size_px) for each in (lens, other))
+    if reference.lens != lens_figures(before):
+        return reference
+    views = []
+    for view in reference.views:
+        features, focal_px = view.features.copy(), view.focal_px * after.fx_px / before.fx_px
+        features["place"] = after.directions(before.project(features["place"]))
+        views.append(replace(view, data=features.tobytes(), focal_px=focal_px))
+    return replace(reference, lens=lens_figures(after), views=views)
 
 
 def save_reference(configuration: Path, reference: MountingReference) -> Path:

@@ -11,7 +11,7 @@ from stadimeter.app.certificate import Site, load_certificate
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.units import parse_length
 from stadimeter.errors import ConfigError, NotThereError
-from stadimeter.workbench.certificate.page import blocks_of, describe_placement, pages_of, summary_of
+from stadimeter.workbench.certificate.page import MORE, blocks_of, describe_placement, pages_of, summary_of
 from stadimeter.workbench.certificate.session import SiteSession
 from stadimeter.workbench.drawing import pdf_of
 from stadimeter.workbench.server.operations import Desk, DeskReply, operation
@@ -22,9 +22,11 @@ def state(desk: Desk) -> dict[str, Any]:
     """Answer the distances that are left, what was measured, and what the certificate says that there is."""
     session = SiteSession(load_configuration(desk.configuration))
     made = load_certificate(desk.configuration)
+    left_m, further_m = session.propose_m(), session.propose_further_m()
     rules = [{"words": each.words, "trouble": each.trouble} for each in session.site.reliances(made)] if made else []
     return {
-        "left_m": session.propose_m(),
+        "left_m": left_m or further_m,
+        "remark": MORE if further_m and not left_m else "",
         "placements": [
             {"tape_m": each.tape_m, "is_read": each.is_read, "words": describe_placement(each)}
             for each in session.certificate.placements
