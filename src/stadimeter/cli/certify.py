@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from stadimeter.app.certificate import CERTIFICATE
+from stadimeter.app.certificate_stamp import CERTIFICATE
 from stadimeter.cli.exits import DONE, NOT_FOUND, ConfigArgument, configuration_path, plain_errors, say_note
 from stadimeter.cli.target_options import parse_known_length
 from stadimeter.config.loader import load_configuration

@@ -17,7 +17,8 @@ from msgspec.structs import replace
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.capture import Capture
-from stadimeter.app.certificate import CERTIFICATE, PLACEMENTS, Certificate, Site, load_certificate, save_certificate
+from stadimeter.app.certificate import Certificate, Site, load_certificate, save_certificate
+from stadimeter.app.certificate_stamp import CERTIFICATE, PLACEMENTS
 from stadimeter.app.clock import MonotonicClock
 from stadimeter.app.mounting_file import (
     PAIR,
