@@ -127,7 +127,7 @@ class Site:
             elif isinstance(rule, FollowRule | RampRule) and rule.target in names:
                 key = "follow" if isinstance(rule, FollowRule) else "ramp"
                 yield from (
-                    (each.at(key), f"{rule.name}: {key} {at:.2f} m", at, None) for at in _ends_of(rule) if at > 0
+                    (each.at(key), f"{rule.name}: {key} {at:.2f} m", at, None) for at in ends_of(rule) if at > 0
                 )
 
     def reliances(self, certificate: Certificate) -> Iterator[Reliance]:
@@ -175,7 +175,8 @@ def save_certificate(configuration: Path, made: Certificate, ending: str, pages:
         raise ConfigError(f"the certificate cannot be written beside {configuration}: {reason_of(error)}") from error
 
 
-def _ends_of(rule: FollowRule | RampRule) -> tuple[float, ...]:
+def ends_of(rule: FollowRule | RampRule) -> tuple[float, ...]:
+    """Return the distances that a rule goes by; nothing of a ramp over something else."""
     if isinstance(rule, FollowRule):
         return (rule.distance_m,)
     is_distance = rule.quantity in {"distance", "depth"}

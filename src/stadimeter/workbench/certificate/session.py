@@ -78,6 +78,10 @@ SAME_SHARE = 0.02
 WATCH_S, MIN_FRAMES, MAX_FRAMES = 5.0, 20, 1000
 
 
+# The endings of the pages.
+HTML, PDF = ".certificate.html", ".certificate.pdf"
+
+
 class SiteSession:
     """Measures at one distance after the other.
 
@@ -159,9 +163,8 @@ class SiteSession:
             raise ConfigError(f"{tape_m:g} m is no distance for a tape: {MIN_TAPE_M:g} to {MAX_TAPE_M:g} m")
         if not 0 < sigma_m <= MAX_TAPE_SHARE * tape_m:
             raise ConfigError(f"a distance of {tape_m:g} m that is known to ± {sigma_m:g} m certifies nothing")
-        true_m = tape_m + self.site.shape.limb_radius_m
-        placed = Placement(tape_m=tape_m, true_m=true_m, tape_sigma_m=sigma_m)
-        source = self._source(true_m, pictures)
+        placed = Placement(tape_m=tape_m, true_m=tape_m + self.site.shape.limb_radius_m, tape_sigma_m=sigma_m)
+        source = self._source(placed.true_m, pictures)
         try:
             source.settle()
             is_timed = source.is_live and not self.is_simulated
@@ -252,7 +255,7 @@ class SiteSession:
         camera = _camera_name(self.site.configuration.camera)
         made = replace(made, date=_now(), camera=camera, background=background, view=b"")
         pages = pages_of(blocks_of(path.name, made, list(self.site.reliances(made))))
-        files = {".certificate.html": html_of(pages, path.name).encode(), ".certificate.pdf": pdf_of(pages)}
+        files = {HTML: html_of(pages, path.name).encode(), PDF: pdf_of(pages)}
         save_certificate(path, made, CERTIFICATE, files)
         path.with_suffix(PLACEMENTS).unlink(missing_ok=True)
         return made
