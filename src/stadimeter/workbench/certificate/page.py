@@ -40,7 +40,7 @@ CORRECT = "If that is right, certify again with --correct, which writes the foca
 RELIABLE = (
     f"an error within {RELIABLE_SHARE:.0%} in 95 of 100 readings, the target seen in {RELIABLE_RATE:.0%} of frames"
 )
-MORE = f"An error of the scale of {WANTED_SCALE:.1%} might go unnoticed so far: one more distance makes it surer."
+MORE = f"An error of the scale of {WANTED_SCALE:.1%} might go unnoticed so far: further distances make it surer."
 ODDS = (
     "False alarm: one reading begins the condition while the target is a deadband outside of the threshold. Miss: one"
     " reading does not begin it a deadband inside. A run filters readings, and its delays forgive single ones."
