@@ -101,8 +101,8 @@ def _take_all(
     seen = [take(each_m, folder) for each_m, folder in zip(wanted_m, folders, strict=True)]
     if not asked and session.propose_further_m():
         typer.echo(MORE)
-        for further_m in iter(session.propose_further_m, []):
-            if not take(*further_m):
+        for (further_m,) in iter(session.propose_further_m, []):
+            if not take(further_m):
                 break
     return all(seen)
 

@@ -55,5 +55,8 @@ const drawCertificate = ({ date, outdated, words, rules, can_correct }, correct)
     outdated && h("p", { class: "banner is-warning" }, `Out of date: ${outdated}.`),
     words.map((each) => h("p", null, each)),
     list(rules.map((each) => `${each.words}: ${each.trouble || "carried"}`)),
-    row(h("a", { href: "/api/v1/certificate.pdf", target: "_blank", class: "button" }, "As a PDF"), can_correct && correct),
+    row(
+      h("a", { href: "/api/v1/certificate.pdf", target: "_blank", class: "button" }, "As a PDF"),
+      can_correct && correct,
+    ),
   );
