@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 
 from stadimeter.app.capture import Capture
 from stadimeter.app.certificate import load_certificate
+from stadimeter.app.certificate_stamp import PLACEMENTS
 from stadimeter.app.mounting_file import lens_figures, load_reference
 from stadimeter.config.camera_file import load_camera_model, save_camera_model
 from stadimeter.config.loader import load_configuration
@@ -103,9 +105,7 @@ def test_the_frame_rate_is_the_cameras_and_the_latency_is_the_age_of_a_measured_
     assert placed.frames == placed.found >= MIN_FRAMES
 
 
-def test_a_live_camera_is_certified_on_the_page_its_view_is_saved_and_a_correction_keeps_that_view_valid(
-    site: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def measure_at_three(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     camera = V4l2Double.plugged_in(site.parent / "video0", ball_at(0.6), monkeypatch)
     for at_m in (0.6, 1.0, 2.0):
         camera.show(ball_at(at_m))
@@ -114,6 +114,25 @@ def test_a_live_camera_is_certified_on_the_page_its_view_is_saved_and_a_correcti
         assert placed.rate_hz > 0
         assert placed.latency_s is not None
         assert placed.latency_s > 0
+
+
+def test_a_kept_view_that_is_damaged_is_not_saved_and_the_certificate_says_so(
+    site: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    measure_at_three(site, monkeypatch)
+    kept = json.loads(site.with_suffix(PLACEMENTS).read_text())
+    site.with_suffix(PLACEMENTS).write_text(json.dumps(kept | {"view": "gaFh"}))
+    made = SiteSession(load_configuration(site)).finish()
+    assert made.background is not None
+    assert made.background.startswith("not saved")
+    assert "it is damaged" in made.background
+    assert load_reference(site) is None
+
+
+def test_a_live_camera_is_certified_on_the_page_its_view_is_saved_and_a_correction_keeps_that_view_valid(
+    site: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    measure_at_three(site, monkeypatch)
     assert load_reference(site) is None, "nothing is saved before it is finished"
     desk = Desk(configuration=site)
     words = find_operation("certifying.finish")(desk, {}).data["certificate"]["words"]

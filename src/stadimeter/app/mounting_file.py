@@ -30,6 +30,8 @@ from stadimeter.perception.mounting import MountingJudge, limits_for
 # Eight views of 480 features take 240 kB.
 MAX_BYTES = 1_000_000
 
+ANEW = "save the view anew with `stadimeter mounting save`"
+
 # Pictures are compared in pairs; features that are in each of some pairs stand still.
 PAIR, PAIRS = 2, 3
 
@@ -154,12 +156,23 @@ def load_reference(configuration: Path) -> MountingReference | None:
 
 def _read(path: Path) -> MountingReference:
     try:
-        found = msgspec.msgpack.decode(read_untrusted(path, MAX_BYTES), type=MountingReference)
-    except (msgspec.MsgspecError, UnreadableError) as error:
-        why = error.reason if isinstance(error, UnreadableError) else "it is damaged"
-        raise StateError(f"{path}: {why}; save the view anew with `stadimeter mounting save`") from error
+        return unpack_reference(read_untrusted(path, MAX_BYTES), path)
+    except UnreadableError as error:
+        raise StateError(f"{path}: {error.reason}; {ANEW}") from error
+
+
+def unpack_reference(data: bytes, path: Path) -> MountingReference:
+    """Return a view from the bytes that a file holds.
+
+    Raises:
+        StateError: They are damaged.
+    """
+    try:
+        found = msgspec.msgpack.decode(data, type=MountingReference)
+    except msgspec.MsgspecError as error:
+        raise StateError(f"{path}: it is damaged; {ANEW}") from error
     if found.v != 1 or not found.views or not all(map(_is_whole, found.views)):
-        raise StateError(f"{path}: it is damaged; save the view anew with `stadimeter mounting save`")
+        raise StateError(f"{path}: it is damaged; {ANEW}")
     return found
 
 

@@ -22,12 +22,12 @@ from stadimeter.app.certificate_stamp import CERTIFICATE, PLACEMENTS
 from stadimeter.app.clock import MonotonicClock
 from stadimeter.app.mounting_file import (
     PAIR,
-    MountingReference,
     keep_apart,
     load_reference,
     make_reference,
     save_reference,
     seen_through,
+    unpack_reference,
 )
 from stadimeter.config.camera_file import load_camera_model, save_camera_model
 from stadimeter.config.loader import Configuration, is_demonstration, load_configuration
@@ -251,7 +251,11 @@ class SiteSession:
         made = _fitted(self._correct(_fitted(self.certificate)) if correct else self.certificate)
         path, background = self.site.configuration.path, made.background
         if made.view:
-            background = _save_view(path, msgpack.decode(made.view, type=MountingReference))
+            try:
+                file = save_reference(path, unpack_reference(made.view, path.with_suffix(PLACEMENTS)))
+                background = f"saved as {file.name}"
+            except StateError as error:
+                background = f"not saved, {error}"
         camera = _camera_name(self.site.configuration.camera)
         made = replace(made, date=_now(), camera=camera, background=background, view=b"")
         pages = pages_of(blocks_of(path.name, made, list(self.site.reliances(made))))
@@ -273,7 +277,8 @@ class SiteSession:
         note = f"focal length times {times:.5f} ± {fit.scale_sigma:.5f} by the certificate of {path.name}, {_now()}"
         kept = replace(model.provenance, notes=(*model.provenance.notes, note))
         right = replace(model, fx_px=model.fx_px * times, fy_px=model.fy_px * times, uncertainty=None, provenance=kept)
-        reference = msgpack.decode(made.view, type=MountingReference) if made.view else load_reference(path)
+        kept_in = path.with_suffix(PLACEMENTS)
+        reference = unpack_reference(made.view, kept_in) if made.view else load_reference(path)
         view = msgpack.encode(seen_through(reference, model, right)) if reference is not None else b""
         save_camera_model(file, replace(right, focal_relative_sigma=fit.scale_sigma))
         self.site = Site(load_configuration(path), made.target)
@@ -284,14 +289,6 @@ class SiteSession:
 def _fitted(certificate: Certificate) -> Certificate:
     fit = fit_site([each for each in certificate.placements if each.is_read])
     return replace(certificate, fit=fit, reach=find_reach(certificate.placements, fit))
-
-
-def _save_view(configuration: Path, reference: MountingReference) -> str:
-    """Save the view by which a run finds that the camera was moved; return what became of it, in words."""
-    try:
-        return f"saved as {save_reference(configuration, reference).name}"
-    except StateError as error:
-        return f"not saved, {error}"
 
 
 def _frames(capture: Capture, for_s: float) -> Iterator[Frame]:
