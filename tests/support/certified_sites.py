@@ -268,20 +268,24 @@ MIN_FOUND = WANTED_SCALE
 
 MOST = PROPOSED + MAX_FURTHER
 
+RIGHT = 100_000
+"""What the seeds of sites whose scale is right are ahead of those of others."""
+
 
 def main() -> None:
     """Print the figures."""
     wanted = sys.argv[1:]
-    kinds: dict[str, tuple[int, Callable[..., Site]]] = {
-        "large": (200, partial(draw_site, is_large=True)),
-        "any": (200, draw_site),
-        "rendered": (100, render_site),
+    kinds: dict[str, tuple[int, int, int, Callable[..., Site]]] = {
+        "large": (700_000, 200, 200, partial(draw_site, is_large=True)),
+        "any": (700_000, 200, 200, draw_site),
+        "many": (10_000_000, 4000, 4000, draw_site),
+        "rendered": (700_000, 200, 100, render_site),
     }
-    for name, (rights, draw) in kinds.items():
+    for name, (seed, count_of_wrong, count_of_right, draw) in kinds.items():
         if wanted and name not in wanted:
             continue
-        sites = [draw(700_000 + seed, most=MOST) for seed in range(200)]
-        right = [draw(800_000 + seed, is_right=True, most=MOST) for seed in range(rights)]
+        sites = [draw(seed + number, most=MOST) for number in range(count_of_wrong)]
+        right = [draw(RIGHT + seed + number, is_right=True, most=MOST) for number in range(count_of_right)]
         _print(f"{name}, five placements", [site.of_five for site in sites], [site.of_five for site in right])
         _print(f"{name}, {MOST} at most", sites, right)
 
