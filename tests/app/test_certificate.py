@@ -8,13 +8,13 @@ import pytest
 from msgspec.structs import replace
 
 from stadimeter.app.certificate import (
-    CERTIFICATE,
     Certificate,
     Reliance,
     Site,
     load_certificate,
     save_certificate,
 )
+from stadimeter.app.certificate_stamp import CERTIFICATE
 from stadimeter.app.feasibility import feasibility_warnings
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.errors import ConfigError, Problem

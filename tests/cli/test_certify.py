@@ -107,6 +107,23 @@ def test_pictures_at_three_distances_give_a_certificate(site: Path) -> None:
     assert [each["code"] for each in json.loads(strict.stdout)["warnings"]] == ["not-carried"]
 
 
+def test_further_distances_are_asked_for_while_a_small_error_might_go_unnoticed_until_one_is_skipped(
+    site: Path,
+) -> None:
+    site.write_text(site.read_text().replace("edge_bias_sigma_px = 0.03", "edge_bias_sigma_px = 0.5"))
+    run(site, "--at", "60cm,1m", *given(site, "near", "middle"))
+    kept = json.loads(site.with_suffix(".placements.json").read_text())
+    farther = {"tape_m": 2.0, "true_m": 2.1, "read_m": 2.1, "edge_m": 4 * kept["placements"][-1]["edge_m"]}
+    kept["placements"].append(kept["placements"][-1] | farther)
+    site.with_suffix(".placements.json").write_text(json.dumps(kept))
+    result = run(site, answers="skip\n" * 20)
+    assert result.stdout.count("An error of the scale of 1.5% might go unnoticed so far") == 1
+    asked_m = [float(line.split()[3]) for line in result.stdout.splitlines() if line.startswith("Put it at")]
+    assert 0.3 <= asked_m[-1] <= 2.0
+    assert asked_m[:-1] == sorted(asked_m[:-1]), "the usual distances first"
+    assert "% on is found in 95 of 100 cases" in result.stdout
+
+
 def test_a_wrong_focal_length_is_significant_and_named(site: Path) -> None:
     site.write_text(site.read_text().replace("fx_px = 600.0", "fx_px = 630.0"))
     result = run(site, "--at", "60cm,1m,2m", *given(site, "near", "middle", "far"))

@@ -18,10 +18,11 @@ from stadimeter.ranging.site_fit import (
     Placement,
     find_reach,
     fit_site,
+    further_place_m,
     noise_at_m,
     read_placement,
 )
-from support.certified_sites import MIN_FOUND, claims, covered, draw_site, render_site
+from support.certified_sites import MIN_FOUND, MOST, claims, covered, draw_site, render_site
 
 PLACES_M = (0.5, 1.0, 2.0, 3.0, 4.0)
 UNREAD = Placement(tape_m=1.0, true_m=1.0, tape_sigma_m=0.002, frames=40, found=40, size_px=60.0)
@@ -170,6 +171,24 @@ def test_noise_between_placements_goes_by_the_square_of_the_distance() -> None:
     assert noise_at_m(placements(noise_m=0.003), 8.0) == pytest.approx(0.003 * 64)
 
 
+def test_the_smallest_error_that_is_found_is_what_leaves_the_interval_in_95_of_100_cases() -> None:
+    fit = fit_site(placements())
+    readings = np.random.default_rng(4).normal(fit.least_scale, fit.scale_sigma, 20_000)
+    assert np.mean(readings > SIGMAS_95 * fit.scale_sigma) == pytest.approx(0.95, abs=0.006)
+
+
+def test_a_further_placement_is_proposed_where_it_makes_the_scale_surest() -> None:
+    five = [replace(each, edge_m=-0.01 * each.true_m**2) for each in placements()]
+    places_m = [0.3, 0.75, 1.5, 3.5]
+
+    def sigma_with(at_m: float) -> float:
+        noise_m = noise_at_m(five, at_m)
+        more = replace(five[0], tape_m=at_m, true_m=at_m, read_m=at_m, read_sigma_m=noise_m, edge_m=-0.01 * at_m**2)
+        return fit_site([*five, more]).scale_sigma
+
+    assert further_place_m(five, fit_site(five), places_m) == min(places_m, key=sigma_with)
+
+
 def test_what_was_not_measured_is_not_reliable_though_the_model_goes_on() -> None:
     reach = find_reach(placements(), fit_site(placements()))
     assert reach.reliable_m == 4.0
@@ -204,6 +223,16 @@ def test_of_sites_of_the_error_model_the_truth_is_within_the_interval_as_often_a
     sites = [draw_site(seed, is_large=bool(seed % 2)) for seed in range(100)]
     # 95 of 100, less three standard deviations of a count.
     assert all(share >= 0.95 - 3 * math.sqrt(0.95 * 0.05 / 100) for share in covered(sites).values())
+
+
+def test_placements_that_are_proposed_find_what_five_of_a_small_ball_miss_and_the_rest_is_stated() -> None:
+    sites = [draw_site(3000 + seed, most=MOST) for seed in range(60)]
+    of_five = [site.of_five for site in sites]
+    assert sum(claims(sites, MIN_FOUND)) > sum(claims(of_five, MIN_FOUND))
+    assert covered(sites)["scale"] >= 0.95 - 3 * math.sqrt(0.95 * 0.05 / 60)
+    missed = [each for each in sites if abs(each.scale) >= MIN_FOUND and not each.fit.has_wrong_scale]
+    assert len(missed) <= 2, "0.5 % are expected"
+    assert all(abs(each.scale) < each.fit.least_scale for each in missed)
 
 
 def test_of_large_targets_every_error_of_the_scale_from_the_limit_on_is_found() -> None:

@@ -8,6 +8,9 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Callable
+from functools import partial
+from itertools import count
 
 import numpy as np
 from msgspec import Struct
@@ -18,7 +21,17 @@ from stadimeter.config.plugins import DETECTORS, DriverChoice, load_driver
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement, MeasurementStatus
-from stadimeter.ranging.site_fit import LASTING_SHARE, SIGMAS_95, Placement, SiteFit, fit_site, read_placement
+from stadimeter.ranging.site_fit import (
+    LASTING_SHARE,
+    SIGMAS_95,
+    WANTED_SCALE,
+    Placement,
+    SiteFit,
+    fit_site,
+    further_place_m,
+    read_placement,
+)
+from stadimeter.workbench.certificate.session import MAX_FURTHER, PROPOSED, SAME_SHARE
 from stadimeter.workbench.measuring import Measuring
 from support.scenes.backdrop import Backdrop, ClutterBackdrop, PlainBackdrop
 from support.scenes.ball import BallTarget
@@ -47,6 +60,7 @@ class Site(Struct, frozen=True, kw_only=True):
 
     Attributes:
         scale: By which share distances are too long: through the focal length, and through the size of the target.
+        placements: Those that are read, in the order in which they were made.
         shift_m: How much farther the target's centre truly is than the tape and the stated size say: the lens behind
             the mark, and the radius of a ball whose size is wrong.
         edge: By how many standard deviations the edge bias is off.
@@ -66,6 +80,11 @@ class Site(Struct, frozen=True, kw_only=True):
         return fit_site(self.placements)
 
     @property
+    def of_five(self) -> Site:
+        """It with its first five placements."""
+        return replace(self, placements=self.placements[:5])
+
+    @property
     def offset_m(self) -> float:
         """By how much every distance is truly measured too long."""
         return (1 + self.scale) * self.shift_m
@@ -76,7 +95,7 @@ class Site(Struct, frozen=True, kw_only=True):
         return self.scale * distance_m + self.offset_m + edge_m
 
 
-def draw_site(seed: int, *, is_right: bool = False, is_large: bool = False) -> Site:
+def draw_site(seed: int, *, is_right: bool = False, is_large: bool = False, most: int = 5) -> Site:
     """Draw a site by the error model: five placements from 0.5 m to where the ball is 15 to 40 px large.
 
     The readings of a placement have noise with a memory, an error that stays, and the tape's two errors. Half of the
@@ -84,21 +103,21 @@ def draw_site(seed: int, *, is_right: bool = False, is_large: bool = False) -> S
 
     Args:
         is_right: Whether the scale is exactly right.
+        most: How many placements there may be: more than five are made as `certify` proposes them.
         is_large: A ball of 20 cm to 3 m or farther before a camera whose edge bias is known to 0.03 px; else balls of
             6.7 to 20 cm to 1.5 m or farther, and edge biases known to 0.02 to 0.1 px.
     """
     rng = np.random.default_rng((seed, 380))
     radius_m = 0.1 if is_large else float(rng.choice([0.0335, 0.05, 0.1]))
     far_m = max(1.5, FOCAL_PX * 2 * radius_m / float(rng.uniform(15, 40)))
-    places_m = np.geomspace(0.5, far_m, 5)
     scale = 0.0 if is_right else float(rng.uniform(0.0, 0.05) * rng.choice([-1, 1]))
     focal, size = ((1 + scale) ** share - 1 for share in (0.5, 0.5))
     offset_m, edge = float(rng.normal(0, 0.02)), float(rng.normal())
     edge_sigma_px = LIKE_FITTED_PX if is_large else float(rng.uniform(0.02, 0.1))
     zero_m, memory = float(rng.normal(0, TAPE_M)), float(rng.uniform(0, 0.9))
     share = float(rng.uniform(0.003, 0.012))  # as detectors state at 40 to 15 px
-    placements = []
-    for tape_m in places_m.tolist():
+
+    def place(tape_m: float) -> Placement:
         stands_m = tape_m + zero_m + float(rng.normal(0, TAPE_M)) + offset_m + radius_m / (1 + size)
         stated_m = share * stands_m**2 / far_m
         noise_m = np.zeros(60)
@@ -118,22 +137,36 @@ def draw_site(seed: int, *, is_right: bool = False, is_large: bool = False) -> S
         placed = Placement(
             tape_m=tape_m, true_m=tape_m + radius_m, tape_sigma_m=TAPE_M, frames=60, found=60, size_px=size_px
         )
-        placements.append(read_placement(placed, seen, edge_sigma_px))
+        return read_placement(placed, seen, edge_sigma_px)
+
+    placements = go_on([place(each) for each in np.geomspace(0.5, far_m, 5).tolist()], place, most)
     return Site(
         scale=scale,
         shift_m=offset_m + radius_m / (1 + size) - radius_m,
         size_px_m=FOCAL_PX * 2 * radius_m,
-        placements=tuple(placements),
+        placements=placements,
         edge=edge,
         edge_sigma_px=edge_sigma_px,
     )
+
+
+def go_on(placements: list[Placement], place: Callable[[float], Placement], most: int) -> tuple[Placement, ...]:
+    """Return those that are read, with what a session proposes after them while an error could go unnoticed."""
+    read = [each for each in placements if each.is_read]
+    while len(placements) < most and (fit := fit_site(read)).least_scale > WANTED_SCALE:
+        done_m = [each.tape_m for each in placements]
+        steps_m = (np.arange(6, 20 * max(each.tape_m for each in read) + 1e-6) / 20).tolist()
+        left_m = [at for at in steps_m if all(abs(each / at - 1) > SAME_SHARE for each in done_m)]
+        placements = [*placements, place(further_place_m(read, fit, left_m))]
+        read = [each for each in placements if each.is_read]
+    return tuple(read)
 
 
 KINDS = ("small ball", "large ball", "sheet", "tag")
 FAR_M = (2.0, 5.0, 4.5, 2.5)
 
 
-def render_site(seed: int, *, is_right: bool = False) -> Site:
+def render_site(seed: int, *, is_right: bool = False, most: int = 5) -> Site:
     """Render a site: five placements, each one scene of which eight frames differ by noise, measured as a run does.
 
     The camera that renders and the target in the scene are true; the camera model and the size that are measured with
@@ -150,15 +183,16 @@ def render_site(seed: int, *, is_right: bool = False) -> Site:
     true_radius_m = (0.0335, 0.1, 0.0, 0.0)[number]
     backdrop: Backdrop = (PlainBackdrop(), RoomBackdrop(things=6), ClutterBackdrop())[int(rng.integers(3))]
     sensor = Sensor(noise=float(rng.uniform(0.5, 2)), shot_noise=float(rng.uniform(0.005, 0.03)))
-    placements = []
-    for step, tape_m in enumerate(np.geomspace(0.5, FAR_M[number], 5).tolist()):
+    steps = count()
+
+    def place(tape_m: float) -> Placement:
         stands_m = tape_m + zero_m + float(rng.normal(0, TAPE_M)) + offset_m + true_radius_m
         aside_m, up_m = (float(each) for each in rng.uniform(-0.03, 0.03, 2) * stands_m)
         position_m = (aside_m, up_m, math.sqrt(stands_m**2 - aside_m**2 - up_m**2))
         scene = Scene(
             camera=LENS,
             target=_target(KINDS[number], position_m, rng),
-            seed=10 * seed + step,
+            seed=20 * seed + next(steps),
             backdrop=backdrop,
             blur=Blur(sigma_px=float(rng.uniform(0.5, 1))),
             sensor=sensor,
@@ -179,12 +213,14 @@ def render_site(seed: int, *, is_right: bool = False) -> Site:
             found=len(seen),
             size_px=float(np.median([each.size_share for each in seen])) * 640 if seen else 0.0,
         )
-        placements.append(read_placement(placed, seen, LIKE_FITTED_PX))
+        return read_placement(placed, seen, LIKE_FITTED_PX)
+
+    placements = go_on([place(each) for each in np.geomspace(0.5, FAR_M[number], 5).tolist()], place, most)
     return Site(
         scale=scale,
         shift_m=offset_m + true_radius_m * (1 - half),
         size_px_m=1.0,
-        placements=tuple(each for each in placements if each.is_read),
+        placements=placements,
     )
 
 
@@ -214,7 +250,7 @@ def covered(sites: list[Site]) -> dict[str, float]:
     """Return in which shares of sites the truth is within the stated 95 % interval, the bias at the middle distance."""
     found: dict[str, list[bool]] = {"bias": [], "scale": [], "offset": []}
     for site in sites:
-        fit, middle_m = site.fit, site.placements[len(site.placements) // 2].true_m
+        fit, middle_m = site.fit, sorted(each.true_m for each in site.placements)[len(site.placements) // 2]
         bias_m, sigma_m = fit.bias_m(middle_m)
         found["bias"].append(abs(bias_m - site.bias_m(middle_m)) <= SIGMAS_95 * sigma_m)
         found["scale"].append(abs(fit.scale - site.scale) <= SIGMAS_95 * fit.scale_sigma)
@@ -227,32 +263,48 @@ def claims(sites: list[Site], over: float = 0.0) -> list[bool]:
     return [site.fit.has_wrong_scale for site in sites if abs(site.scale) >= over]
 
 
-MIN_FOUND = 0.015
+MIN_FOUND = WANTED_SCALE
 """From this error of the scale on, it must be found."""
+
+MOST = PROPOSED + MAX_FURTHER
+
+RIGHT = 100_000
+"""What the seeds of sites whose scale is right are ahead of those of others."""
 
 
 def main() -> None:
     """Print the figures."""
     wanted = sys.argv[1:]
-    kinds = {
-        "error model, large": lambda seed, is_right: draw_site(seed, is_right=is_right, is_large=True),
-        "error model, any": lambda seed, is_right: draw_site(seed, is_right=is_right),
-        "rendered": lambda seed, is_right: render_site(seed, is_right=is_right),
+    kinds: dict[str, tuple[int, int, int, Callable[..., Site]]] = {
+        "large": (700_000, 200, 200, partial(draw_site, is_large=True)),
+        "any": (700_000, 200, 200, draw_site),
+        "many": (10_000_000, 4000, 4000, draw_site),
+        "rendered": (700_000, 200, 100, render_site),
     }
-    for name, draw in kinds.items():
+    for name, (seed, count_of_wrong, count_of_right, draw) in kinds.items():
         if wanted and name not in wanted:
             continue
-        sites = [draw(700_000 + seed, False) for seed in range(200)]
-        right = [draw(800_000 + seed, True) for seed in range(40 if name == "rendered" else 200)]
-        found = claims(sites, MIN_FOUND)
-        sigmas = np.quantile([site.fit.scale_sigma for site in sites], (0.5, 0.95))
-        print(
-            name,
-            covered(sites),
-            f"found {sum(found)} of {len(found)}",
-            f"claimed wrongly {sum(claims(right))} of {len(right)}",
-        )
-        print("  scale sigma: median, p95:", sigmas, "inconsistent", sum(not site.fit.is_consistent for site in sites))
+        sites = [draw(seed + number, most=MOST) for number in range(count_of_wrong)]
+        right = [draw(RIGHT + seed + number, is_right=True, most=MOST) for number in range(count_of_right)]
+        _print(f"{name}, five placements", [site.of_five for site in sites], [site.of_five for site in right])
+        _print(f"{name}, {MOST} at most", sites, right)
+
+
+def _print(name: str, sites: list[Site], right: list[Site]) -> None:
+    found, wrongly, fits = claims(sites, MIN_FOUND), claims(right), [site.fit for site in sites]
+    missed = [site for site in sites if abs(site.scale) >= MIN_FOUND and not site.fit.has_wrong_scale]
+    within = sum(abs(site.scale) < site.fit.least_scale for site in missed)
+    stated = [fit.has_wrong_scale for site, fit in zip(sites, fits, strict=True) if abs(site.scale) >= fit.least_scale]
+    print(f"{name}: {covered(sites)}")
+    print(f"  found {sum(found)} of {len(found)}; {within} of those missed are below the least that is stated")
+    print(
+        f"  from the stated least on {sum(stated)} of {len(stated)}; claimed wrongly {sum(wrongly)} of {len(wrongly)}"
+    )
+    print("  scale sigma: median, p95:", np.quantile([fit.scale_sigma for fit in fits], (0.5, 0.95)))
+    print("  least: median, p95, to 1.5 %:", *np.quantile([fit.least_scale for fit in fits], (0.5, 0.95)),
+          sum(fit.least_scale <= WANTED_SCALE for fit in fits))  # fmt: skip
+    print("  placements", sum(len(site.placements) for site in sites), end=" ")
+    print("contradict", sum(not fit.is_consistent for fit in fits))
 
 
 if __name__ == "__main__":

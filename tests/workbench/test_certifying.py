@@ -6,8 +6,10 @@ import json
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
-from stadimeter.app.certificate import PLACEMENTS, Site, load_certificate
+from stadimeter.app.certificate import Site, load_certificate
+from stadimeter.app.certificate_stamp import PLACEMENTS
 from stadimeter.app.feasibility import feasibility_warnings
 from stadimeter.config.camera_file import load_camera_model, save_camera_model
 from stadimeter.config.loader import DEMONSTRATION, load_configuration
@@ -81,6 +83,15 @@ def too_long(path: Path, times: float) -> None:
     file.write_text(json.dumps(kept))
 
 
+def edges_known(path: Path, times: float) -> None:
+    """Let the edge bias of what was measured be known to so many times its standard deviation."""
+    file = path.with_suffix(PLACEMENTS)
+    kept = json.loads(file.read_text())
+    for each in kept["placements"]:
+        each["edge_m"] *= times
+    file.write_text(json.dumps(kept))
+
+
 def session_of(path: Path, **how: bool) -> SiteSession:
     return SiteSession(load_configuration(path), **how)
 
@@ -90,6 +101,23 @@ def test_distances_are_proposed_from_near_to_the_farthest_that_a_rule_uses(path:
     assert len(proposed_m) == 5
     assert proposed_m == sorted(proposed_m)
     assert (proposed_m[0], proposed_m[-1]) == (0.5, 4.0)
+
+
+def test_a_further_distance_is_proposed_only_while_an_error_of_the_scale_might_go_unnoticed(measured: Path) -> None:
+    edges_known(measured, 0.1)
+    assert session_of(measured).propose_further_m() == [], "a ball of 20 cm to 4 m says enough"
+    edges_known(measured, 100)
+    session = session_of(measured)
+    (further_m,) = session.propose_further_m()
+    assert 0.3 <= further_m <= 4.0
+    assert further_m not in PLACES_M
+    session.certificate = replace(session.certificate, placements=session.certificate.placements * 3)
+    assert len(session.certificate.placements) > 10
+    assert session.propose_further_m() == [], "ten are enough"
+
+
+def test_too_few_placements_propose_no_further_one(path: Path) -> None:
+    assert session_of(path).propose_further_m() == []
 
 
 def test_a_simulated_target_is_put_where_it_belongs_and_read_there(path: Path) -> None:
@@ -229,6 +257,7 @@ def test_the_page_goes_on_with_what_the_terminal_began(measured: Path) -> None:
     state = find_operation("certifying.state")(desk, {}).data
     assert [each["tape_m"] for each in state["placements"]] == [*PLACES_M]
     assert state["certificate"] is None
+    assert (state["left_m"][0], state["remark"]) == (0.85, "")
     with pytest.raises(NotThereError):
         find_operation("certifying.page")(desk, {})
     with pytest.raises(ConfigError, match="unit"):

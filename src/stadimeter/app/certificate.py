@@ -14,50 +14,46 @@ from statistics import NormalDist
 from msgspec import Struct
 from msgspec.structs import replace
 
+from stadimeter.app.certificate_stamp import CERTIFICATE, CONFIGURATION, FINGERPRINT, CertificateStamp, read_beside
 from stadimeter.app.detectors import build_detectors
-from stadimeter.app.exact_json import decode, encode
+from stadimeter.app.exact_json import encode
 from stadimeter.config.atomic_file import write_all_atomically
 from stadimeter.config.findings import Finding
 from stadimeter.config.loader import Configuration
 from stadimeter.config.toml_lines import KeyPath
-from stadimeter.config.untrusted_file import JSON_MAX_BYTES, read_untrusted_text, sha256_of
+from stadimeter.config.untrusted_file import sha256_of
 from stadimeter.core.camera_model import Provenance
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.figures import probability_below
 from stadimeter.core.rule import AlarmRule, FollowRule, RampRule
 from stadimeter.core.words import length
-from stadimeter.errors import ConfigError, StadimeterError, UnreadableError, reason_of
+from stadimeter.errors import ConfigError, StadimeterError, reason_of
 from stadimeter.ranging.site_fit import Placement, Reach, SiteFit, noise_at_m
 
 # How far beyond what was measured a threshold may be and still count as there.
 ROUNDING_M = 0.005
 
-# The endings of the two files: the certificate, and what was measured for one that is not finished.
-CERTIFICATE, PLACEMENTS = ".certificate.json", ".placements.json"
 
-
-class Certificate(Struct, frozen=True, kw_only=True):
+class Certificate(CertificateStamp, frozen=True, kw_only=True):
     """What was found out about a site; without a fit, what has been measured so far.
 
     Attributes:
         target: The name of the target in the configuration.
-        about: Fingerprints of the camera model, of the target's size and of the whole configuration.
-        date: When, in local time.
         camera: The camera, with its serial number where that is known.
         corrected: By which share the focal length was corrected in the end; 0 for not.
         background: Whether the view was saved that tells later whether the camera was moved, in words; None where
             that was not tried.
+        view: Until that is saved, the view: a `MountingReference` as msgpack.
     """
 
     target: str
-    about: dict[str, str]
-    date: str = ""
     camera: str = ""
     placements: tuple[Placement, ...] = ()
     fit: SiteFit | None = None
     reach: Reach | None = None
     corrected: float = 0.0
     background: str | None = None
+    view: bytes = b""
 
 
 class Reliance(Struct, frozen=True, kw_only=True):
@@ -105,8 +101,8 @@ class Site:
         self.shape = self.named.detector.target_shape
         lens = encode(replace(model, provenance=Provenance())).decode()
         size = repr((self.shape.longest_m, self.shape.shortest_m))
-        texts = {"camera model": lens, "size of the target": size, "configuration": configuration.text}
-        self.about = {what: sha256_of(text)[:16] for what, text in texts.items()}
+        texts = {"camera model": lens, "size of the target": size, CONFIGURATION: configuration.text}
+        self.about = {what: sha256_of(text)[:FINGERPRINT] for what, text in texts.items()}
 
     def outdated(self, certificate: Certificate) -> str:
         """Return why a certificate is no longer about this site; empty if it is. Other parts may change."""
@@ -131,7 +127,7 @@ class Site:
             elif isinstance(rule, FollowRule | RampRule) and rule.target in names:
                 key = "follow" if isinstance(rule, FollowRule) else "ramp"
                 yield from (
-                    (each.at(key), f"{rule.name}: {key} {at:.2f} m", at, None) for at in _ends_of(rule) if at > 0
+                    (each.at(key), f"{rule.name}: {key} {at:.2f} m", at, None) for at in ends_of(rule) if at > 0
                 )
 
     def reliances(self, certificate: Certificate) -> Iterator[Reliance]:
@@ -163,13 +159,7 @@ def load_certificate(configuration: Path, ending: str = CERTIFICATE) -> Certific
     Raises:
         ConfigError: It cannot be read.
     """
-    file = configuration.with_suffix(ending)
-    try:
-        return decode(read_untrusted_text(file, JSON_MAX_BYTES), Certificate)
-    except (UnreadableError, ValueError) as error:
-        if isinstance(error.__cause__, FileNotFoundError):
-            return None
-        raise ConfigError(f"{file} cannot be read: {error}; delete it, or certify with --anew") from error
+    return read_beside(configuration, ending, Certificate)
 
 
 def save_certificate(configuration: Path, made: Certificate, ending: str, pages: Mapping[str, bytes]) -> None:
@@ -185,7 +175,8 @@ def save_certificate(configuration: Path, made: Certificate, ending: str, pages:
         raise ConfigError(f"the certificate cannot be written beside {configuration}: {reason_of(error)}") from error
 
 
-def _ends_of(rule: FollowRule | RampRule) -> tuple[float, ...]:
+def ends_of(rule: FollowRule | RampRule) -> tuple[float, ...]:
+    """Return the distances that a rule goes by; nothing of a ramp over something else."""
     if isinstance(rule, FollowRule):
         return (rule.distance_m,)
     is_distance = rule.quantity in {"distance", "depth"}

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 
 from stadimeter.app.bootstrap import build
-from stadimeter.app.certificate import certificate_findings
+from stadimeter.app.certificate import certificate_findings, ends_of
 from stadimeter.app.detectors import build_detectors
 from stadimeter.config.cross_checks import MAX_BLIND_S
 from stadimeter.config.draft import BASE_NAME
@@ -18,7 +18,7 @@ from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.conditions.figures import probability_between
 from stadimeter.core.conditions.measured import FigureCondition
-from stadimeter.core.rule import AlarmRule, FollowRule, RampRule, ReportRule
+from stadimeter.core.rule import AlarmRule, RampRule, ReportRule
 from stadimeter.core.target import TargetShape
 from stadimeter.core.words import length
 from stadimeter.errors import Problem, StadimeterError
@@ -129,9 +129,9 @@ def _rule_findings(compiled: CompiledRule, sizes: Mapping[str, TargetShape], cam
         yield from _condition_findings(when, sizes, camera)
     elif isinstance(rule, ReportRule):
         return
-    elif rule.target in sizes and getattr(rule, "quantity", "distance") in {"distance", "depth"}:
+    elif rule.target in sizes and (ends_m := ends_of(rule)):
         path = compiled.at("ramp" if isinstance(rule, RampRule) else "follow")
-        yield from _too_small(path, _farthest_limit_m(rule), rule.target, sizes[rule.target], camera)
+        yield from _too_small(path, max(ends_m), rule.target, sizes[rule.target], camera)
 
 
 def _condition_findings(
@@ -145,12 +145,6 @@ def _condition_findings(
                 yield from direction_findings(written.limits_path, leaf, camera)
             case _:
                 pass
-
-
-def _farthest_limit_m(rule: RampRule | FollowRule) -> float:
-    if isinstance(rule, FollowRule):
-        return rule.distance_m
-    return max(rule.start, rule.full, *(at_m for at_m, _ in rule.points), 0.0)
 
 
 def _distance_findings(

@@ -14,6 +14,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from stadimeter.app.service_folders import mounting_places
@@ -28,6 +29,8 @@ from stadimeter.perception.mounting import MountingJudge, limits_for
 
 # Eight views of 480 features take 240 kB.
 MAX_BYTES = 1_000_000
+
+ANEW = "save the view anew with `stadimeter mounting save`"
 
 # Pictures are compared in pairs; features that are in each of some pairs stand still.
 PAIR, PAIRS = 2, 3
@@ -111,6 +114,19 @@ def make_reference(frames: Sequence[Frame], lens: CameraModel, hidden: Outlines 
     )
 
 
+def seen_through(reference: MountingReference, lens: CameraModel, other: CameraModel) -> MountingReference:
+    """Return a view, saved with a lens, as with another model of that lens; as it is if it was saved with a third."""
+    before, after = (each.scaled_to(*reference.size_px) for each in (lens, other))
+    if reference.lens != lens_figures(before):
+        return reference
+    views = []
+    for view in reference.views:
+        features, focal_px = view.features.copy(), view.focal_px * after.fx_px / before.fx_px
+        features["place"] = after.directions(before.project(features["place"]))
+        views.append(replace(view, data=features.tobytes(), focal_px=focal_px))
+    return replace(reference, lens=lens_figures(after), views=views)
+
+
 def save_reference(configuration: Path, reference: MountingReference) -> Path:
     """Write the view of a configuration's camera; return the file.
 
@@ -140,12 +156,23 @@ def load_reference(configuration: Path) -> MountingReference | None:
 
 def _read(path: Path) -> MountingReference:
     try:
-        found = msgspec.msgpack.decode(read_untrusted(path, MAX_BYTES), type=MountingReference)
-    except (msgspec.MsgspecError, UnreadableError) as error:
-        why = error.reason if isinstance(error, UnreadableError) else "it is damaged"
-        raise StateError(f"{path}: {why}; save the view anew with `stadimeter mounting save`") from error
+        return unpack_reference(read_untrusted(path, MAX_BYTES), path)
+    except UnreadableError as error:
+        raise StateError(f"{path}: {error.reason}; {ANEW}") from error
+
+
+def unpack_reference(data: bytes, path: Path) -> MountingReference:
+    """Return a view from the bytes that a file holds.
+
+    Raises:
+        StateError: They are damaged.
+    """
+    try:
+        found = msgspec.msgpack.decode(data, type=MountingReference)
+    except msgspec.MsgspecError as error:
+        raise StateError(f"{path}: it is damaged; {ANEW}") from error
     if found.v != 1 or not found.views or not all(map(_is_whole, found.views)):
-        raise StateError(f"{path}: it is damaged; save the view anew with `stadimeter mounting save`")
+        raise StateError(f"{path}: it is damaged; {ANEW}")
     return found
 
 

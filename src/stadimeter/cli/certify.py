@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from stadimeter.app.certificate import CERTIFICATE
+from stadimeter.app.certificate_stamp import CERTIFICATE
 from stadimeter.cli.exits import DONE, NOT_FOUND, ConfigArgument, configuration_path, plain_errors, say_note
 from stadimeter.cli.target_options import parse_known_length
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.units import split_spread
 from stadimeter.errors import CalibrationError, ConfigError
-from stadimeter.ranging.site_fit import Placement
-from stadimeter.workbench.certificate.page import describe_placement, summary_of
+from stadimeter.workbench.certificate.page import MORE, describe_placement, summary_of
 from stadimeter.workbench.certificate.session import WATCH_S, SiteSession
 
 SKIP = "skip"
@@ -48,10 +48,11 @@ def certify(
 ) -> None:
     """Certify how right distances are at this place, in this light, and which thresholds that carries.
 
-    Asks for the target at five distances, from 50 cm to the farthest that a rule uses. Measure each with a tape, from
-    the lens to the target's nearest point, and keep everything still while the camera watches for some seconds; a run
-    that has the camera goes on. From all of them follow an error of the scale, an offset, the scatter, the frame rate,
-    the latency and the farthest reliable distance.
+    Asks for the target at five distances, from 50 cm to the farthest that a rule uses, and at up to five more while an
+    error of the scale of 1.5 % might go unnoticed. Measure each with a tape, from the lens to the target's nearest
+    point, and keep everything still while the camera watches for some seconds; a run that has the camera goes on.
+    From all of them follow an error of the scale, the smallest one that would have been found, an offset, the scatter,
+    the frame rate, the latency and the farthest reliable distance.
 
     Writes CONFIG.certificate.json, .html and .pdf beside the configuration. `stadimeter check` then says which
     threshold the site does not carry, and when the lens or the size of the target has changed since. What was measured
@@ -92,37 +93,42 @@ def _take_all(
     if len(set(wanted_m)) < len(wanted_m):
         raise ConfigError("--at names a distance twice, and it says the same each time; give each once")
     if pictures or session.is_simulated:
-        folders: Sequence[Path | None] = pictures or [None] * len(wanted_m)
-        pairs = zip(wanted_m, folders, strict=True)
-        seen = [_say(session.take(each_m, tape_m, for_s, folder)) for each_m, folder in pairs]
+        take = partial(_take, session, tape_m, for_s)
     else:
         typer.echo("Measure with a tape, from the lens to the target's nearest point. Keep the camera still.")
-        seen = [_take_asking(session, each_m, tape_m, for_s) for each_m in wanted_m]
+        take = partial(_take_asking, session, tape_m, for_s)
+    folders: Sequence[Path | None] = pictures or [None] * len(wanted_m)
+    seen = [take(each_m, folder) for each_m, folder in zip(wanted_m, folders, strict=True)]
+    if not asked and session.propose_further_m():
+        typer.echo(MORE)
+        for (further_m,) in iter(session.propose_further_m, []):
+            if not take(further_m):
+                break
     return all(seen)
 
 
-def _take_asking(session: SiteSession, asked_m: float, tape_m: float, for_s: float) -> bool:
+def _take(session: SiteSession, tape_m: float, for_s: float, at_m: float, pictures: Path | None = None) -> bool:
+    """Measure at a distance and print what was seen; return whether that says where the target is."""
+    placed = session.take(at_m, tape_m, for_s, pictures)
+    words = describe_placement(placed)
+    typer.echo(words if placed.is_read else f"error: {words}", err=not placed.is_read)
+    return placed.is_read
+
+
+def _take_asking(session: SiteSession, tape_m: float, for_s: float, at_m: float, _: Path | None = None) -> bool:
     """Ask for the target at a distance until it is seen there, or the person goes on without."""
     while True:
-        typer.echo(f"Put it at {asked_m:g} m.")
+        typer.echo(f"Put it at {at_m:g} m.")
         try:
             answer = input("Enter when it is there; or type its distance, such as 1.52 m ± 3 mm; or skip: ").strip()
             if answer == SKIP:
                 return False
             length, sigma = split_spread(answer)
-            asked_m = parse_known_length(length, "the distance") if length else asked_m
-            sigma_m = parse_known_length(sigma, "the ±") if sigma else tape_m
-            if _say(session.take(asked_m, sigma_m, for_s)):
+            at_m = parse_known_length(length, "the distance") if length else at_m
+            if _take(session, parse_known_length(sigma, "the ±") if sigma else tape_m, for_s, at_m):
                 return True
         except (EOFError, KeyboardInterrupt):
             typer.echo("\nstopped; what was measured is kept, and the same command goes on", err=True)
             raise typer.Exit(NOT_FOUND) from None
         except (ConfigError, CalibrationError) as error:
             typer.echo(f"error: {error}", err=True)
-
-
-def _say(placed: Placement) -> bool:
-    """Print what was seen at a distance; return whether that says where it is."""
-    words = describe_placement(placed)
-    typer.echo(words if placed.is_read else f"error: {words}", err=not placed.is_read)
-    return placed.is_read

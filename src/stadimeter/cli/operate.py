@@ -13,6 +13,7 @@ from typing import Annotated, Any
 
 import typer
 
+from stadimeter.app.certificate_stamp import certificate_status
 from stadimeter.app.control.client import ANSWER_WAIT_S, Instance, ask, describe_reload, find, introduce
 from stadimeter.app.control.places import running
 from stadimeter.cli.exits import plain_errors, read_option
@@ -179,7 +180,8 @@ def reload(config: ConfigOption = None, socket: SocketOption = None, as_json: Js
 def status(config: ConfigOption = None, socket: SocketOption = None, as_json: JsonOption = False) -> None:
     """Print the state of every rule of a running instance, and the reason.
 
-    The first line names its configuration, how long ago that was loaded, and whether the file has changed since.
+    The first line names its configuration, how long ago that was loaded, and whether the file has changed since. Of a
+    site that was certified it says when, and whether the configuration is the same since.
 
     **Example**
 
@@ -189,7 +191,11 @@ def status(config: ConfigOption = None, socket: SocketOption = None, as_json: Js
     """
     with plain_errors():
         data, who_answers = ask_and_introduce("status", {}, config, socket)
-    print_answer(data, "\n".join((who_answers, *_lines(data))), as_json=as_json)
+    instance = data["instance"]
+    certificate = certificate_status(Path(instance["configuration"]), instance["digest"])
+    certified = (certificate["words"],) if certificate is not None else ()
+    words = "\n".join((who_answers, *certified, *_lines(data)))
+    print_answer({**data, "certificate": certificate}, words, as_json=as_json)
 
 
 def _rule(rule: str | None, *, every: bool) -> str:
@@ -263,6 +269,7 @@ def ask_and_introduce(
     told = {
         "configuration": str(instance.configuration),
         "configuration_age_s": instance.configuration_age_s,
+        "digest": instance.digest,
         "is_file_changed": (is_changed := _is_file_changed(instance)),
         "pid": instance.pid,
     }

@@ -7,17 +7,28 @@ from __future__ import annotations
 
 import datetime as dt
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from statistics import fmean, median
+from typing import Any
 
+from msgspec import msgpack
 from msgspec.structs import replace
 
 from stadimeter.app.bootstrap import build
 from stadimeter.app.capture import Capture
-from stadimeter.app.certificate import CERTIFICATE, PLACEMENTS, Certificate, Site, load_certificate, save_certificate
+from stadimeter.app.certificate import Certificate, Site, load_certificate, save_certificate
+from stadimeter.app.certificate_stamp import CERTIFICATE, PLACEMENTS
 from stadimeter.app.clock import MonotonicClock
-from stadimeter.app.mounting_file import PAIR, keep_apart, make_reference, save_reference
+from stadimeter.app.mounting_file import (
+    PAIR,
+    keep_apart,
+    load_reference,
+    make_reference,
+    save_reference,
+    seen_through,
+    unpack_reference,
+)
 from stadimeter.config.camera_file import load_camera_model, save_camera_model
 from stadimeter.config.loader import Configuration, is_demonstration, load_configuration
 from stadimeter.config.plugins import CAMERAS, DriverChoice, load_driver
@@ -28,9 +39,16 @@ from stadimeter.core.camera_model import UNKNOWN_EDGE_BIAS_SIGMA_PX
 from stadimeter.core.detection import Points
 from stadimeter.core.frame import Frame
 from stadimeter.core.measurement import Measurement
-from stadimeter.errors import CalibrationError, ConfigError, EndOfFramesError, StadimeterError
+from stadimeter.errors import CalibrationError, ConfigError, EndOfFramesError, StateError
 from stadimeter.ranging.similar_triangles import farthest_m
-from stadimeter.ranging.site_fit import Placement, find_reach, fit_site, read_placement
+from stadimeter.ranging.site_fit import (
+    WANTED_SCALE,
+    Placement,
+    find_reach,
+    fit_site,
+    further_place_m,
+    read_placement,
+)
 from stadimeter.workbench.certificate.page import blocks_of, html_of, pages_of
 from stadimeter.workbench.drawing import pdf_of
 from stadimeter.workbench.frame_source import SETTLING_WAIT_S, Source, open_source
@@ -39,6 +57,13 @@ from stadimeter.workbench.run_camera import choice_of, is_same_camera, list_came
 
 # How many distances are proposed, from which on, and up to where if no rule says.
 PROPOSED, NEAREST_M, USUAL_FARTHEST_M = 5, 0.5, 3.0
+
+# How many more are proposed where an error of the scale would go unnoticed, and from which distance on. Nearer, many
+# lenses are out of focus.
+MAX_FURTHER, FURTHER_FROM_M = 5, 0.3
+
+# Distances are proposed in whole steps of 5 cm.
+STEPS_PER_M = 20
 
 # Tapes do not reach farther, and nothing is measured nearer.
 MIN_TAPE_M, MAX_TAPE_M = 0.05, 50.0
@@ -51,6 +76,10 @@ SAME_SHARE = 0.02
 
 # A camera is watched for this long; a slow one until there are this many frames, a fast one for no more than that many.
 WATCH_S, MIN_FRAMES, MAX_FRAMES = 5.0, 20, 1000
+
+
+# The endings of the pages.
+HTML, PDF = ".certificate.html", ".certificate.pdf"
 
 
 class SiteSession:
@@ -70,13 +99,13 @@ class SiteSession:
     ) -> None:
         if is_demonstration(configuration.path):
             raise ConfigError("nothing is written beside the demonstration: certify a copy of config/demo.toml")
-        self.site, self._newest, self._outlines = Site(configuration, target), list[Frame](), list[Points]()
+        self.site = Site(configuration, target)
         self.certificate = Certificate(target=self.site.target.name, about=self.site.about)
-        begun = None if anew else load_certificate(configuration.path, PLACEMENTS)
-        if begun is None and again and not anew:
-            begun = load_certificate(configuration.path)
-        if begun is not None and begun.target == self.certificate.target and not self.site.outdated(begun):
-            self.certificate = replace(begun, about=self.site.about)
+        for ending in () if anew else (PLACEMENTS, CERTIFICATE)[: 1 + again]:
+            begun = load_certificate(configuration.path, ending)
+            if begun is not None and begun.target == self.certificate.target and not self.site.outdated(begun):
+                self.certificate = replace(begun, about=self.site.about)
+                break
 
     @property
     def is_simulated(self) -> bool:
@@ -85,14 +114,34 @@ class SiteSession:
 
     def propose_m(self) -> list[float]:
         """Return distances for the tape, from near to the farthest that a rule uses; those that are done left out."""
-        model, shape = self.site.model, self.site.shape
         ends_m = [limit_m + (leaf.deadband_m if leaf else 0.0) for _, _, limit_m, leaf in self.site.distances()]
-        # The nearest at which it is whole in the picture, with a tenth of room.
-        near_m = max(NEAREST_M, 1.1 * farthest_m(shape, model, min(model.width_px, model.height_px)))
+        near_m = self._near_m(NEAREST_M)
         far_m = min(MAX_TAPE_M, max(2 * near_m, *ends_m, 0.0 if ends_m else USUAL_FARTHEST_M))
         steps = (near_m * (far_m / near_m) ** (number / (PROPOSED - 1)) for number in range(PROPOSED))
-        whole_m = (math.ceil(20 * each - 1e-9) / 20 for each in steps)  # whole steps of 5 cm
-        return [each for each in whole_m if len(self._others(each)) == len(self.certificate.placements)]
+        return self._left_m(math.ceil(STEPS_PER_M * each - 1e-9) for each in steps)
+
+    def propose_further_m(self) -> list[float]:
+        """Return where one more placement makes the scale surest; nothing where that need not be, or cannot be."""
+        placements = [each for each in self.certificate.placements if each.is_read]
+        try:
+            fit = fit_site(placements)
+        except CalibrationError:
+            return []
+        if fit.least_scale <= WANTED_SCALE or len(self.certificate.placements) >= PROPOSED + MAX_FURTHER:
+            return []
+        near, far = (STEPS_PER_M * each for each in (self._near_m(FURTHER_FROM_M), placements[-1].tape_m))
+        left_m = self._left_m(range(math.ceil(near - 1e-9), math.floor(far + 1e-9) + 1))
+        return [further_place_m(placements, fit, left_m)] if left_m else []
+
+    def _near_m(self, least_m: float) -> float:
+        """Return the nearest distance at which the target is whole in the picture, with a tenth of room."""
+        model = self.site.model
+        return max(least_m, 1.1 * farthest_m(self.site.shape, model, min(model.width_px, model.height_px)))
+
+    def _left_m(self, steps: Iterable[int]) -> list[float]:
+        """Return distances that are whole steps, without those where something was measured."""
+        places_m = (step / STEPS_PER_M for step in steps)
+        return [each for each in places_m if len(self._others(each)) == len(self.certificate.placements)]
 
     def take(
         self, tape_m: float, sigma_m: float = TAPE_M, for_s: float = WATCH_S, pictures: Path | None = None
@@ -114,17 +163,16 @@ class SiteSession:
             raise ConfigError(f"{tape_m:g} m is no distance for a tape: {MIN_TAPE_M:g} to {MAX_TAPE_M:g} m")
         if not 0 < sigma_m <= MAX_TAPE_SHARE * tape_m:
             raise ConfigError(f"a distance of {tape_m:g} m that is known to ± {sigma_m:g} m certifies nothing")
-        true_m = tape_m + self.site.shape.limb_radius_m
-        placed = Placement(tape_m=tape_m, true_m=true_m, tape_sigma_m=sigma_m)
-        source = self._source(true_m, pictures)
+        placed = Placement(tape_m=tape_m, true_m=tape_m + self.site.shape.limb_radius_m, tape_sigma_m=sigma_m)
+        source = self._source(placed.true_m, pictures)
         try:
             source.settle()
             is_timed = source.is_live and not self.is_simulated
-            placed = self._watch(_frames(source.capture, for_s), placed, is_timed=is_timed)
+            placed, view = self._watch(_frames(source.capture, for_s), placed, is_timed=is_timed)
         finally:
             source.capture.close()
         placements = sorted((*self._others(tape_m), placed), key=lambda each: each.tape_m)
-        self.certificate = replace(self.certificate, date=_now(), placements=tuple(placements))
+        self.certificate = replace(self.certificate, date=_now(), placements=tuple(placements), **view)
         save_certificate(self.site.configuration.path, self.certificate, PLACEMENTS, {})
         return placed
 
@@ -143,10 +191,12 @@ class SiteSession:
     def _others(self, tape_m: float) -> list[Placement]:
         return [each for each in self.certificate.placements if abs(each.tape_m / tape_m - 1) > SAME_SHARE]
 
-    def _watch(self, frames: Iterator[Frame], placed: Placement, *, is_timed: bool) -> Placement:
+    def _watch(self, frames: Iterator[Frame], placed: Placement, *, is_timed: bool) -> tuple[Placement, dict[str, Any]]:
+        """Return what was measured, and what the certificate keeps of the view behind the target."""
         measuring, clock = Measuring((self.site.named,), self.site.model), MonotonicClock()
         seen: list[Measurement] = []
-        ages_s, levels, watched, reason = [], [], list[Frame](), ""
+        ages_s, levels, watched, newest, reason = [], [], list[Frame](), list[Frame](), ""
+        outlines: list[Points] = []
         for frame in frames:
             targets = measuring.measure(frame, "").targets
             results = [each.measurement for each in targets]
@@ -157,8 +207,8 @@ class SiteSession:
             ages_s.append(clock.now_s() - frame.captured_at_s)
             levels.append(float(frame.image[::8, ::8].mean()))
             watched = [*watched[:1], frame]
-            self._newest = keep_apart(self._newest if len(levels) > 1 else [], frame)
-            self._outlines = [each.detection.outline_px for each in targets if each.detection]
+            newest = keep_apart(newest, frame)
+            outlines = [each.detection.outline_px for each in targets if each.detection]
         if not watched:
             raise CalibrationError(f"at {placed.tape_m:g} m there was no picture")
         first, last = watched[0], watched[-1]
@@ -176,7 +226,17 @@ class SiteSession:
             exposure_s=last.exposure_s,
             reason=reason,
         )
-        return read_placement(placed, seen, edge_px)
+        return read_placement(placed, seen, edge_px), self._view(newest, outlines)
+
+    def _view(self, newest: Sequence[Frame], outlines: Sequence[Points]) -> dict[str, Any]:
+        """Return what the certificate keeps of the view of a fixed, real camera; of another nothing."""
+        if self.is_simulated or self.site.configuration.base is not None or len(newest) < PAIR:
+            return {}
+        try:
+            reference = make_reference(newest, self.site.model, [each for each in outlines if len(each)])
+        except CalibrationError as error:
+            return {"view": b"", "background": f"not saved, {error}"}
+        return {"view": msgpack.encode(reference), "background": None}
 
     def finish(self, *, correct: bool = False) -> Certificate:
         """Write the certificate and its pages from all placements, and return it.
@@ -189,12 +249,17 @@ class SiteSession:
             ConfigError: A file cannot be written, or there is nothing to correct.
         """
         made = _fitted(self._correct(_fitted(self.certificate)) if correct else self.certificate)
-        background = None if self.is_simulated else remember_background(self.site, self._newest, self._outlines)
+        path, background = self.site.configuration.path, made.background
+        if made.view:
+            try:
+                file = save_reference(path, unpack_reference(made.view, path.with_suffix(PLACEMENTS)))
+                background = f"saved as {file.name}"
+            except StateError as error:
+                background = f"not saved, {error}"
         camera = _camera_name(self.site.configuration.camera)
-        made = replace(made, date=_now(), camera=camera, background=background)
-        path = self.site.configuration.path
+        made = replace(made, date=_now(), camera=camera, background=background, view=b"")
         pages = pages_of(blocks_of(path.name, made, list(self.site.reliances(made))))
-        files = {".certificate.html": html_of(pages, path.name).encode(), ".certificate.pdf": pdf_of(pages)}
+        files = {HTML: html_of(pages, path.name).encode(), PDF: pdf_of(pages)}
         save_certificate(path, made, CERTIFICATE, files)
         path.with_suffix(PLACEMENTS).unlink(missing_ok=True)
         return made
@@ -211,32 +276,19 @@ class SiteSession:
         model, times = load_camera_model(file), 1 / (1 + fit.scale)
         note = f"focal length times {times:.5f} ± {fit.scale_sigma:.5f} by the certificate of {path.name}, {_now()}"
         kept = replace(model.provenance, notes=(*model.provenance.notes, note))
-        model = replace(model, fx_px=model.fx_px * times, fy_px=model.fy_px * times, uncertainty=None, provenance=kept)
-        save_camera_model(file, replace(model, focal_relative_sigma=fit.scale_sigma))
+        right = replace(model, fx_px=model.fx_px * times, fy_px=model.fy_px * times, uncertainty=None, provenance=kept)
+        kept_in = path.with_suffix(PLACEMENTS)
+        reference = unpack_reference(made.view, kept_in) if made.view else load_reference(path)
+        view = msgpack.encode(seen_through(reference, model, right)) if reference is not None else b""
+        save_camera_model(file, replace(right, focal_relative_sigma=fit.scale_sigma))
         self.site = Site(load_configuration(path), made.target)
         placements = tuple(replace(each, read_m=each.read_m * times) for each in made.placements)
-        return replace(made, about=self.site.about, placements=placements, corrected=times - 1)
+        return replace(made, about=self.site.about, placements=placements, corrected=times - 1, view=view)
 
 
 def _fitted(certificate: Certificate) -> Certificate:
     fit = fit_site([each for each in certificate.placements if each.is_read])
     return replace(certificate, fit=fit, reach=find_reach(certificate.placements, fit))
-
-
-def remember_background(site: Site, newest: list[Frame], outlines: Sequence[Points]) -> str | None:
-    """Save the view of a fixed camera, by which a run finds that it was moved; return what became of it, in words.
-
-    Args:
-        outlines: Where targets are in the view.
-    """
-    configuration = site.configuration
-    if configuration.base is not None or len(newest) < PAIR:
-        return None
-    try:
-        reference = make_reference(newest, site.model, [each for each in outlines if len(each)])
-        return f"saved as {save_reference(configuration.path, reference).name}"
-    except StadimeterError as error:
-        return f"not saved, {error}"
 
 
 def _frames(capture: Capture, for_s: float) -> Iterator[Frame]:

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from stadimeter.app.certificate import Site, load_certificate
+from stadimeter.app.certificate import load_certificate
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.units import parse_length
-from stadimeter.errors import ConfigError, NotThereError
-from stadimeter.workbench.certificate.page import blocks_of, describe_placement, pages_of, summary_of
-from stadimeter.workbench.certificate.session import SiteSession
-from stadimeter.workbench.drawing import pdf_of
+from stadimeter.config.untrusted_file import PICTURE_MAX_BYTES, read_untrusted
+from stadimeter.errors import ConfigError, NotThereError, UnreadableError
+from stadimeter.workbench.certificate.page import MORE, describe_placement, summary_of
+from stadimeter.workbench.certificate.session import PDF, SiteSession
 from stadimeter.workbench.server.operations import Desk, DeskReply, operation
 
 
@@ -22,9 +22,10 @@ def state(desk: Desk) -> dict[str, Any]:
     """Answer the distances that are left, what was measured, and what the certificate says that there is."""
     session = SiteSession(load_configuration(desk.configuration))
     made = load_certificate(desk.configuration)
-    rules = [{"words": each.words, "trouble": each.trouble} for each in session.site.reliances(made)] if made else []
+    left_m, further_m = session.propose_m(), session.propose_further_m()
     return {
-        "left_m": session.propose_m(),
+        "left_m": left_m or further_m,
+        "remark": MORE if further_m and not left_m else "",
         "placements": [
             {"tape_m": each.tape_m, "is_read": each.is_read, "words": describe_placement(each)}
             for each in session.certificate.placements
@@ -34,7 +35,7 @@ def state(desk: Desk) -> dict[str, Any]:
             "outdated": session.site.outdated(made),
             "words": list(summary_of(made)),
             "can_correct": made.fit is not None and made.fit.has_wrong_scale,
-            "rules": rules,
+            "rules": [{"words": each.words, "trouble": each.trouble} for each in session.site.reliances(made)],
         }
         if made
         else None,
@@ -61,8 +62,8 @@ def finish(desk: Desk, *, correct: bool = False) -> dict[str, Any]:
 
 @operation
 def page(desk: Desk) -> DeskReply:
-    """Answer the certificate as a PDF."""
-    made, site = load_certificate(desk.configuration), Site(load_configuration(desk.configuration))
-    if made is None:
-        raise NotThereError("there is no certificate of this site yet")
-    return DeskReply(attached=pdf_of(pages_of(blocks_of(desk.configuration.name, made, list(site.reliances(made))))))
+    """Answer the certificate as a PDF, as it was written."""
+    try:
+        return DeskReply(attached=read_untrusted(desk.configuration.with_suffix(PDF), PICTURE_MAX_BYTES))
+    except UnreadableError as error:
+        raise NotThereError(f"there is no certificate of this site to show: {error}") from error

@@ -1,6 +1,6 @@
 // The certificate of the site: the target at taped distances, one after the other, and what came of it.
 
-import { h, replace } from "../dom.js";
+import { button, h, replace } from "../dom.js";
 
 const HOW = "Put the target at a distance, measured with a tape from the lens to its nearest point. Keep all still.";
 const WATCHING = "Watching for some seconds: keep all still …";
@@ -24,39 +24,28 @@ export function mount(root, { api, say }) {
     }
   }
 
-  function draw({ left_m, placements, certificate }) {
+  function draw({ left_m, remark, placements, certificate }) {
     const distance = h("input", { value: left_m.length ? `${left_m[0]} m` : "" });
     const sigma = h("input", { value: "2 mm" });
     const field = (words, input) => h("label", { class: "field" }, h("span", null, words), input);
     const take = () => api.post("certificate/take", { distance: distance.value, sigma: sigma.value });
     const finish = (correct) => ask("Writing …", () => api.post("certificate/finish", { correct }));
-    const button = (words, onclick) => h("button", { type: "button", class: "button", onclick }, words);
     replace(
       form,
       h("p", null, HOW),
-      h("div", { class: "row" }, field("Distance", distance), field("Known to ±", sigma)),
-      h(
-        "div",
-        { class: "row" },
-        button("Measure", () => ask(WATCHING, take)),
-      ),
-      h(
-        "ul",
-        { class: "list" },
-        placements.map(({ words }) => h("li", null, words)),
-      ),
+      remark && h("p", null, remark),
+      row(field("Distance", distance), field("Known to ±", sigma)),
+      row(button("Measure", () => ask(WATCHING, take))),
+      list(placements.map(({ words }) => words)),
       placements.filter((each) => each.is_read).length > 2 && button("Write the certificate", () => finish(false)),
     );
-    replace(
-      found,
-      certificate &&
-        drawCertificate(
-          certificate,
-          button("Correct the focal length", () => finish(true)),
-        ),
-    );
+    const correct = button("Correct the focal length", () => finish(true));
+    replace(found, certificate && drawCertificate(certificate, correct));
   }
 }
+
+const row = (...children) => h("div", { class: "row" }, children);
+const list = (sentences) => h("ul", { class: "list" }, ...sentences.map((words) => h("li", null, words)));
 
 const drawCertificate = ({ date, outdated, words, rules, can_correct }, correct) =>
   h(
@@ -65,14 +54,8 @@ const drawCertificate = ({ date, outdated, words, rules, can_correct }, correct)
     h("h2", null, `Measured ${date}`),
     outdated && h("p", { class: "banner is-warning" }, `Out of date: ${outdated}.`),
     words.map((each) => h("p", null, each)),
-    h(
-      "ul",
-      { class: "list" },
-      rules.map((each) => h("li", null, `${each.words}: ${each.trouble || "carried"}`)),
-    ),
-    h(
-      "div",
-      { class: "row" },
+    list(rules.map((each) => `${each.words}: ${each.trouble || "carried"}`)),
+    row(
       h("a", { href: "/api/v1/certificate.pdf", target: "_blank", class: "button" }, "As a PDF"),
       can_correct && correct,
     ),
