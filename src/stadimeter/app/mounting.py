@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.mounting_file import (
     APART_S,
-    PAIR,
-    PAIRS,
+    MOMENTS,
+    PICTURES,
     MountingReference,
     judge_by,
     load_reference,
@@ -113,7 +113,7 @@ class MountingWatch:
             return
         work.frames.append(frame)
         work.hidden += [each.outline_px for each in record.detections if len(each.outline_px)]
-        if len(work.frames) >= (PAIR * PAIRS if work.is_confirmed else PAIR):
+        if len(work.frames) >= (PICTURES * MOMENTS if work.is_confirmed else PICTURES):
             self._in_hand = work
             self._works.put(work)
             self._begin(_MountingWork(), now_s + EVERY_S)

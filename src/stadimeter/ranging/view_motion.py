@@ -72,6 +72,14 @@ class ViewMotion(Struct, frozen=True, kw_only=True):
         """The angle of the whole turn."""
         return math.hypot(self.pan_rad, self.tilt_rad, self.roll_rad)
 
+    @property
+    def rotation_sigma_rad(self) -> float:
+        """Its standard deviation; that of the roll is some three times the others."""
+        turns = (self.pan_rad, self.tilt_rad, self.roll_rad)
+        return math.hypot(*(by * sigma for by, sigma in zip(turns, self.sigmas, strict=False))) / max(
+            self.rotation_rad, 1e-9
+        )
+
 
 def fit_view_motion(
     before: Directions, now: Directions, focal_px: float, min_inliers: int

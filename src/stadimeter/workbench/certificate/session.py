@@ -17,7 +17,7 @@ from stadimeter.app.bootstrap import build
 from stadimeter.app.capture import Capture
 from stadimeter.app.certificate import CERTIFICATE, PLACEMENTS, Certificate, Site, load_certificate, save_certificate
 from stadimeter.app.clock import MonotonicClock
-from stadimeter.app.mounting_file import PAIR, keep_apart, make_reference, save_reference
+from stadimeter.app.mounting_file import PICTURES, keep_apart, make_reference, save_reference
 from stadimeter.config.camera_file import load_camera_model, save_camera_model
 from stadimeter.config.loader import Configuration, is_demonstration, load_configuration
 from stadimeter.config.plugins import CAMERAS, DriverChoice, load_driver
@@ -230,7 +230,7 @@ def remember_background(site: Site, newest: list[Frame], outlines: Sequence[Poin
         outlines: Where targets are in the view.
     """
     configuration = site.configuration
-    if configuration.base is not None or len(newest) < PAIR:
+    if configuration.base is not None or len(newest) < PICTURES:
         return None
     try:
         reference = make_reference(newest, site.model, [each for each in outlines if len(each)])
