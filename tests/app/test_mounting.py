@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from concurrent.futures import Future
 from pathlib import Path
 
 import msgspec
@@ -58,6 +59,23 @@ def reference(pictures):
     return make_reference(frames(pictures["saved"]), LENS)
 
 
+class Waiting:
+    """In place of the thread: what it is to do waits until it is asked for."""
+
+    def __init__(self) -> None:
+        self.works = []
+
+    def submit(self, work, *args):
+        self.works.append((future := Future(), work, args))
+        return future
+
+    def attend(self) -> int:
+        works, self.works = self.works, []
+        for future, work, args in works:
+            future.set_result(work(*args))
+        return len(works)
+
+
 class Rig:
     """A watch without a thread of its own, and a core: each picture is one cycle."""
 
@@ -66,10 +84,11 @@ class Rig:
         self.configuration.write_text(CONFIGURATION.format(when_moved=when_moved))
         save_reference(self.configuration, reference)
         self.watch, _ = watch_of(load_configuration(self.configuration))
+        self.watch.close()
+        self.watch._thread = self.thread = Waiting()
         self.state = initial_state(Plan(targets=(), rules=(), outputs=()))
         self.now_s = 0.0
         self.events = []
-        self.handed = 0
 
     def cycle(self, image=None, *commands):
         self.now_s += 0.2
@@ -87,11 +106,9 @@ class Rig:
         return record
 
     def attend(self):
-        """Do what the thread does with what was handed over."""
-        self.watch.close()
-        waiting = self.watch._works.qsize() - 1
-        self.watch._run()
-        self.handed += waiting
+        """Do what was handed over to the thread, and let the loop see it."""
+        waiting = self.thread.attend()
+        self.cycle()
         return waiting
 
     def check(self, images):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from pathlib import Path
 
 import cv2
@@ -128,15 +127,10 @@ def test_the_thread_of_a_run_judges_its_pictures(site) -> None:
     assert not why
     loop.parts.cycle.mounting_watch = watch
     loop.listeners.append(watch)
-    judged = threading.Event()
-    found, take_in = [], watch._take_in
-    watch._take_in = lambda work, judgement: (take_in(work, judgement), found.append(judgement), judged.set())
-    watch.start()
     loop.run()
-    assert judged.wait(60)
+    assert watch._check.result(60).status is MountingStatus.AS_SAVED, "one finding is none"
+    assert [*watch._judge._in_a_row] == ["moved"]
     watch.close()
-    assert [*found[0].found] == ["moved"]
-    assert watch.mounting.status is not MountingStatus.UNCONFIRMED, "one finding is none"
     assert load_reference(site) is not None
 
 

@@ -146,7 +146,7 @@ def look_at(pictures: Sequence[Image], lens: CameraModel, hidden: Sequence[NDArr
     greys = [
         cv2.resize(cv2.cvtColor(each, cv2.COLOR_BGR2GRAY), size, interpolation=cv2.INTER_AREA) for each in pictures
     ]
-    planes = [np.mean(greys[half::2], axis=0, dtype=np.float32) for half in (0, 1)]
+    planes = [np.asarray(np.mean(greys[half::2], axis=0), np.float32) for half in (0, 1)]
     sharpness, alike = _sharpness(*planes)
     mask = np.where(alike > ALIKE_MIN, 255, 0).astype(np.uint8)
     for outline in hidden:
@@ -157,7 +157,7 @@ def look_at(pictures: Sequence[Image], lens: CameraModel, hidden: Sequence[NDArr
     if found:
         points = np.array([each.pt for each in found])
         features["cell"], features["bits"] = [each.class_id for each in found], bits
-        blurred = [cv2.GaussianBlur(each, (0, 0), TRIED_BLUR_PX2**0.5) for each in planes]
+        blurred = [np.asarray(cv2.GaussianBlur(each, (0, 0), TRIED_BLUR_PX2**0.5), np.float32) for each in planes]
         column, row = points.round().astype(np.intp).T
         features["place"] = small.directions(points)
         features["sharpness"] = sharpness[row, column]
