@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import CalibrationError
 from stadimeter.perception.background import keep_still, look_at
-from stadimeter.perception.mounting import MIN_ROTATION_RAD, MountingJudge, MountingLimits, limits_for
+from stadimeter.perception.mounting import MIN_ROTATION_RAD, ROBOT_CHECKS, MountingJudge, MountingLimits, limits_for
 from stadimeter.ranging.view_motion import ViewMotion, fit_view_motion
 from support.watched_room import FOCAL_PX, LENS, LIGHT_AGAIN_AT, Pose, WatchedRoom
 
@@ -137,6 +137,20 @@ def test_on_a_robot_another_place_is_no_finding_and_standing_still_counts_as_non
     looks = [look_at(WatchedRoom(seed=40 + each).pictures(NOON), LENS) for each in range(2)]
     assert not any(judge.judge(looks[each % 2]).settled for each in range(4))
     assert "stands where it stood" in judge.judge(looks[1]).not_judged
+
+
+def test_on_a_robot_a_blur_is_found_against_what_its_first_views_were_like(saved) -> None:
+    looks = {
+        blur_px: [look_at(WatchedRoom(seed).pictures(NOON, Pose(blur_px=blur_px)), LENS) for seed in (40, 41)]
+        for blur_px in (0.0, 4.0)
+    }
+    judge = MountingJudge([saved], MountingLimits(judges_place=False))
+    judged = [judge.judge(looks[0.0][each % 2]) for each in range(2 * ROBOT_CHECKS)]
+    assert [each.has_learnt for each in judged].index(True) == ROBOT_CHECKS - 1
+    assert not any(each.settled for each in judged)
+    later = MountingJudge([*judge.views], MountingLimits(judges_place=False))  # after a restart
+    judged = [later.judge(looks[4.0][each % 2]) for each in range(ROBOT_CHECKS + 1)]
+    assert "out of focus" in judged[-1].settled["refocused"]
 
 
 def test_a_view_is_learnt_as_seen_from_the_saved_place(room, saved) -> None:

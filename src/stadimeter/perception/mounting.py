@@ -50,8 +50,9 @@ ALONE_SHARE = 0.25
 CHECKS_IN_A_ROW = {"moved": 2, "zoomed": 2, "refocused": 2, "unrecognised": 3}
 
 # What a robot sees makes the sharpness of a view differ as much as 0.46 px² of blur do, by the standard deviation of 70
-# rendered rooms: the median of so many views counts, against that of the first ones.
-ROBOT_CHECKS, ROBOT_BLUR_PX2 = 120, 0.2
+# rendered rooms: the median of an hour's views counts, against that of the first ones. It differs by 0.3 px² from hour
+# to hour, as the light does: only a blur of more, such as a disc of 4 px, stands out from that.
+ROBOT_CHECKS, ROBOT_BLUR_PX2 = 60, 0.5
 
 # A view is learnt when fewer features than this share of those in sight agree with any that is known, and not again
 # for half an hour: at night a third of the features are new in each picture.
