@@ -45,9 +45,9 @@ def _mounting() -> None:
 def save(config: ConfigArgument = None) -> None:
     """Save the view that the camera has now, as that of its mounting.
 
-    Takes a dozen pictures, through the run if one has the camera, and keeps a few hundred features of what stands still:
-    where each is and how it looks in 256 bits. No picture is kept. The file stands beside the configuration, with the
-    ending `.mounting`, and a run watches from its next start on.
+    Takes a dozen pictures, through the run if one has the camera, and keeps a few hundred features of what stands
+    still: where each is and how it looks in 256 bits. No picture is kept. The file stands beside the configuration,
+    with the ending `.mounting`, and a run watches from its next start on.
 
     **Example**
 
