@@ -110,7 +110,7 @@ class MountingWatch:
         self._is_confirmed, self._due_s, self._frames, self._hidden = is_confirmed, due_s, [], []
 
     def _take_in(self, check: Future[Mounting]) -> None:
-        """Take over what a check says, unless a person has yet to confirm what an earlier one did."""
+        """Keep what a check says, unless a person has yet to confirm what an earlier one did."""
         self._check = None
         try:
             found = check.result()
