@@ -21,12 +21,12 @@ def make_mounting_picture(path: Path) -> None:
     """Write both views side by side, with the ways of the features in the second."""
     room = WatchedRoom(SEED)
     pose = Pose(pan_deg=0.5, roll_deg=0.3)
-    pairs = room.pair(NOON), room.pair(NOON + 1, pose)
-    then, now = (look_at(pair, LENS) for pair in pairs)
+    taken = room.pictures(NOON), room.pictures(NOON + 1, pose)
+    then, now = (look_at(each, LENS) for each in taken)
     theirs, ours = match_features(then.features, now.features, NEAR)
     before, after = then.features["place"][theirs], now.features["place"][ours]
     motion, agrees = fit_view_motion(before, after, LENS.fx_px, MIN_INLIERS)
-    saved, turned = (pair[0].copy() for pair in pairs)
+    saved, turned = (each[0].copy() for each in taken)
     for at, to in zip(LENS.project(before[agrees]), LENS.project(after[agrees]), strict=True):
         cv2.circle(saved, at.round().astype(int), 3, GREEN, 1, cv2.LINE_AA)
         far = to + TIMES_LONGER * (to - at)

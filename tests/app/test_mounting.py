@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from concurrent.futures import Future
 from pathlib import Path
 
 import msgspec
@@ -11,7 +12,7 @@ import pytest
 
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.mounting import EVERY_S, watch_of
-from stadimeter.app.mounting_file import load_reference, make_reference, save_reference
+from stadimeter.app.mounting_file import PICTURES, load_reference, make_reference, save_reference
 from stadimeter.config.loader import load_configuration
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.decide import decide, initial_state
@@ -44,10 +45,9 @@ CONFIRM = OperatorCommand(id="7", action=OperatorAction.CONFIRM_MOUNTING, by="zo
 
 @pytest.fixture(scope="module")
 def pictures():
-    """Six pictures of a camera where it was saved, and six after it was turned by a degree."""
+    """A dozen pictures of a camera where it was saved, and a dozen after it was turned by a degree."""
     room = WatchedRoom(seed=51)
-    one, other = (room.pair(NOON, pose) + room.pair(NOON, pose) for pose in (Pose(), Pose(pan_deg=1.0)))
-    return {"saved": one + one[:2], "turned": other + other[:2]}
+    return {name: room.pictures(NOON, Pose(pan_deg=pan), count=12) for name, pan in (("saved", 0.0), ("turned", 1.0))}
 
 
 def frames(images, from_s=0.0, optics=None):
@@ -59,6 +59,23 @@ def reference(pictures):
     return make_reference(frames(pictures["saved"]), LENS)
 
 
+class Waiting:
+    """In place of the thread: what it is to do waits until it is asked for."""
+
+    def __init__(self) -> None:
+        self.works = []
+
+    def submit(self, work, *args):
+        self.works.append((future := Future(), work, args))
+        return future
+
+    def attend(self) -> int:
+        works, self.works = self.works, []
+        for future, work, args in works:
+            future.set_result(work(*args))
+        return len(works)
+
+
 class Rig:
     """A watch without a thread of its own, and a core: each picture is one cycle."""
 
@@ -67,10 +84,11 @@ class Rig:
         self.configuration.write_text(CONFIGURATION.format(when_moved=when_moved))
         save_reference(self.configuration, reference)
         self.watch, _ = watch_of(load_configuration(self.configuration))
+        self.watch.close()
+        self.watch._thread = self.thread = Waiting()
         self.state = initial_state(Plan(targets=(), rules=(), outputs=()))
         self.now_s = 0.0
         self.events = []
-        self.handed = 0
 
     def cycle(self, image=None, *commands):
         self.now_s += 0.2
@@ -88,11 +106,9 @@ class Rig:
         return record
 
     def attend(self):
-        """Do what the thread does with what was handed over."""
-        self.watch.close()
-        waiting = self.watch._works.qsize() - 1
-        self.watch._run()
-        self.handed += waiting
+        """Do what was handed over to the thread, and let the loop see it."""
+        waiting = self.thread.attend()
+        self.cycle()
         return waiting
 
     def check(self, images):
@@ -136,7 +152,7 @@ def test_a_confirmation_of_a_view_that_cannot_be_saved_leaves_it_unconfirmed(tmp
     rig.check(pictures["turned"])
     white = np.full((480, 640, 3), 200, np.uint8)
     rig.cycle(white, CONFIRM)
-    for _ in range(6):
+    for _ in range(12):
         rig.cycle(white)
     rig.attend()
     assert "confirmed, but not saved" in rig.watch.mounting.reason
@@ -148,7 +164,7 @@ def test_what_was_found_before_a_confirmation_does_not_come_after_it(tmp_path, p
     rig.check(pictures["turned"])
     rig.check(pictures["turned"])
     rig.now_s += EVERY_S
-    for image in pictures["turned"][:2]:
+    for image in pictures["turned"][:PICTURES]:
         rig.cycle(image)
     rig.cycle(pictures["turned"][0], CONFIRM)
     assert rig.attend() == 1
@@ -163,7 +179,7 @@ def test_between_checks_nothing_is_handed_over_and_after_a_gap_it_is_at_once(tmp
     assert rig.attend() == 0
     for _ in range(15):
         rig.cycle(None)
-    for image in pictures["saved"][:2]:
+    for image in pictures["saved"][:PICTURES]:
         rig.cycle(image)
     assert rig.attend() == 1
 

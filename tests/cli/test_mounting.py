@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from pathlib import Path
 
 import cv2
@@ -43,7 +42,7 @@ id = 1
 
 @pytest.fixture
 def site(tmp_path: Path) -> Path:
-    """A configuration whose camera shows six pictures of a room."""
+    """A configuration whose camera shows a dozen pictures of a room."""
     shots = tmp_path / "shots"
     shots.mkdir()
     write(shots, Pose())
@@ -54,8 +53,8 @@ def site(tmp_path: Path) -> Path:
 def write(shots: Path, pose: Pose) -> None:
     room = WatchedRoom(seed=61)
     for at in range(3):
-        for each, image in enumerate(room.pair(720, pose)):
-            cv2.imwrite(str(shots / f"{2 * at + each}.png"), image)
+        for each, image in enumerate(room.pictures(720, pose)):
+            cv2.imwrite(str(shots / f"{4 * at + each:02}.png"), image)
 
 
 def test_a_view_is_saved_beside_the_configuration_and_compared_with(site) -> None:
@@ -78,11 +77,11 @@ def test_without_a_saved_view_the_answer_names_the_command_that_saves_one(site) 
 
 
 def test_too_few_pictures_save_nothing(site) -> None:
-    for name in ("4.png", "5.png"):
+    for name in ("10.png", "11.png"):
         (site.parent / "shots" / name).unlink()
     refused = typed("mounting", "save", site)
     assert refused.returncode == 2
-    assert "ends before 6 pictures" in refused.stderr
+    assert "ends before 12 pictures" in refused.stderr
     assert not site.with_suffix(".mounting").exists()
 
 
@@ -128,15 +127,10 @@ def test_the_thread_of_a_run_judges_its_pictures(site) -> None:
     assert not why
     loop.parts.cycle.mounting_watch = watch
     loop.listeners.append(watch)
-    judged = threading.Event()
-    found, take_in = [], watch._take_in
-    watch._take_in = lambda work, judgement: (take_in(work, judgement), found.append(judgement), judged.set())
-    watch.start()
     loop.run()
-    assert judged.wait(60)
+    assert watch._check.result(60).status is MountingStatus.AS_SAVED, "one finding is none"
+    assert [*watch._judge._in_a_row] == ["moved"]
     watch.close()
-    assert [*found[0].found] == ["moved"]
-    assert watch.mounting.status is not MountingStatus.UNCONFIRMED, "one finding is none"
     assert load_reference(site) is not None
 
 

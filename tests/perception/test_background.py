@@ -6,15 +6,16 @@ import math
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.errors import CalibrationError
 from stadimeter.perception.background import keep_still, look_at
-from stadimeter.perception.mounting import MIN_ROTATION_RAD, MountingJudge, MountingLimits, limits_for
+from stadimeter.perception.mounting import MIN_ROTATION_RAD, ROBOT_CHECKS, MountingJudge, MountingLimits, limits_for
 from stadimeter.ranging.view_motion import ViewMotion, fit_view_motion
-from support.watched_room import FOCAL_PX, LENS, Pose, WatchedRoom
+from support.watched_room import FOCAL_PX, LENS, LIGHT_AGAIN_AT, Pose, WatchedRoom
 
-NOON, NIGHT = 720, 1400
+NOON, NIGHT, DARK = 720, 1400, 120
 
 
 @pytest.fixture(scope="module")
@@ -24,16 +25,16 @@ def room() -> WatchedRoom:
 
 @pytest.fixture(scope="module")
 def saved(room):
-    return keep_still([look_at(room.pair(NOON + each / 100), LENS) for each in range(3)])
+    return keep_still([look_at(room.pictures(NOON + each / 100), LENS) for each in range(3)])
 
 
 def judged(judge, room, minute, pose, times):
-    return [judge.judge(look_at(room.pair(minute + each, pose), LENS)) for each in range(times)][-1]
+    return [judge.judge(look_at(room.pictures(minute + each, pose), LENS)) for each in range(times)][-1]
 
 
 def test_a_turn_and_a_zoom_are_measured_within_three_of_their_sigmas(room, saved) -> None:
     pose = Pose(pan_deg=0.6, tilt_deg=-0.4, roll_deg=0.8, zoom=0.012)
-    motion = look_at(room.pair(NOON + 5, pose), LENS).compare(saved).motion
+    motion = look_at(room.pictures(NOON + 5, pose), LENS).compare(saved).motion
     measured = (*(math.degrees(each) for each in (motion.pan_rad, motion.tilt_rad, motion.roll_rad)), motion.zoom)
     sigmas = (*(math.degrees(each) for each in motion.sigmas[:3]), motion.sigmas[3])
     for value, truth, sigma in zip(measured, (0.6, -0.4, 0.8, 0.012), sigmas, strict=True):
@@ -81,6 +82,28 @@ def test_in_the_dark_it_is_not_judged(saved) -> None:
     assert not found.found
 
 
+def test_a_night_with_next_to_no_light_is_noise_and_not_judged(room, saved) -> None:
+    found = MountingJudge([saved]).judge(look_at(room.pictures(DARK), LENS))
+    assert "too dark" in found.not_judged
+    assert not found.found
+
+
+def test_a_camera_that_saw_nothing_for_a_day_and_a_night_is_darkened(saved) -> None:
+    judge, black = MountingJudge([saved]), look_at([np.zeros((480, 640, 3), np.uint8)] * 4, LENS)
+    assert not any(judge.judge(black).settled for _ in range(24 * 60 - 1))
+    assert "for a day and a night" in judge.judge(black).settled["darkened"]
+    judge = MountingJudge([saved])
+    for _ in range(3):
+        assert not any(judge.judge(black).settled for _ in range(12 * 60))
+        judge.judge(saved)
+
+
+def test_a_turn_is_found_as_soon_as_there_is_light_again(room, saved) -> None:
+    judge, pose = MountingJudge([saved]), Pose(tilt_deg=0.2)
+    assert judged(judge, room, LIGHT_AGAIN_AT - 3, pose, 3).not_judged
+    assert "moved" in judged(judge, room, LIGHT_AGAIN_AT, pose, 2).settled
+
+
 def test_another_room_is_not_recognised_after_three_checks(saved) -> None:
     other, judge = WatchedRoom(seed=77), MountingJudge([saved])
     assert not judged(judge, other, NOON, None, 2).settled
@@ -95,14 +118,14 @@ def test_a_white_wall_is_refused_when_it_is_to_be_saved() -> None:
 
 
 def test_what_moves_is_not_kept(room) -> None:
-    looks = [look_at(room.pair(NOON), LENS), look_at(room.pair(NOON, Pose(pan_deg=1.0)), LENS)]
+    looks = [look_at(room.pictures(NOON), LENS), look_at(room.pictures(NOON, Pose(pan_deg=1.0)), LENS)]
     with pytest.raises(CalibrationError, match="that stand still"):
         keep_still(looks)
 
 
 def test_no_feature_of_a_target_is_kept(room) -> None:
     target = np.array([[200.0, 100.0], [400.0, 100.0], [400.0, 300.0], [200.0, 300.0]])
-    places = LENS.project(look_at(room.pair(NOON), LENS, [target]).features["place"])
+    places = LENS.project(look_at(room.pictures(NOON), LENS, [target]).features["place"])
     inside = (places > (205, 105)).all(axis=1) & (places < (395, 295)).all(axis=1)
     assert len(places)
     assert not inside.any()
@@ -111,24 +134,39 @@ def test_no_feature_of_a_target_is_kept(room) -> None:
 def test_on_a_robot_another_place_is_no_finding_and_standing_still_counts_as_none(saved) -> None:
     limits = MountingLimits(judges_place=False)
     judge = MountingJudge([saved], limits)
-    looks = [look_at(WatchedRoom(seed=40 + each).pair(NOON), LENS) for each in range(2)]
+    looks = [look_at(WatchedRoom(seed=40 + each).pictures(NOON), LENS) for each in range(2)]
     assert not any(judge.judge(looks[each % 2]).settled for each in range(4))
     assert "stands where it stood" in judge.judge(looks[1]).not_judged
 
 
+def test_on_a_robot_a_blur_is_found_against_what_its_first_views_were_like(saved) -> None:
+    looks = {
+        blur_px: [look_at(WatchedRoom(seed).pictures(NOON, Pose(blur_px=blur_px)), LENS) for seed in (40, 41)]
+        for blur_px in (0.0, 4.0)
+    }
+    judge = MountingJudge([saved], MountingLimits(judges_place=False))
+    judged = [judge.judge(looks[0.0][each % 2]) for each in range(2 * ROBOT_CHECKS)]
+    assert [each.has_learnt for each in judged].index(True) == ROBOT_CHECKS - 1
+    assert not any(each.settled for each in judged)
+    later = MountingJudge([*judge.views], MountingLimits(judges_place=False))  # after a restart
+    judged = [later.judge(looks[4.0][each % 2]) for each in range(ROBOT_CHECKS + 1)]
+    assert "out of focus" in judged[-1].settled["refocused"]
+
+
 def test_a_view_is_learnt_as_seen_from_the_saved_place(room, saved) -> None:
-    judge = MountingJudge([saved], MountingLimits(rotation_rad=math.radians(1)))
+    sparse = replace(saved, data=saved.features[::3].tobytes())  # too little of it is in sight to decide alone
+    judge = MountingJudge([sparse], MountingLimits(rotation_rad=math.radians(1), zoom=0.002))
     for minute in (960, 1290, NIGHT):
         judged(judge, room, minute, Pose(pan_deg=0.4), 1)
     assert len(judge.views) > 1
-    again = look_at(room.pair(NIGHT + 2), LENS).compare(judge.views[-1]).motion
+    again = look_at(room.pictures(NIGHT + 2), LENS).compare(judge.views[-1]).motion
     assert math.degrees(again.rotation_rad) < 0.1, "the turn of 0.4° is taken out of what was learnt"
 
 
 def test_where_enough_of_the_saved_view_is_in_sight_it_decides_alone(room, saved) -> None:
-    turned = look_at(room.pair(NOON + 1, Pose(pan_deg=0.1)), LENS)  # as if learnt with an error of 0.1 degrees
+    turned = look_at(room.pictures(NOON + 1, Pose(pan_deg=0.1)), LENS)  # as if learnt with an error of 0.1 degrees
     judge = MountingJudge([saved, turned])
-    best = judge.judge(look_at(room.pair(NOON + 2, Pose(pan_deg=0.2)), LENS)).best
+    best = judge.judge(look_at(room.pictures(NOON + 2, Pose(pan_deg=0.2)), LENS)).best
     assert math.degrees(best.motion.pan_rad) == pytest.approx(0.2, abs=0.05)
 
 

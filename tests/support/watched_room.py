@@ -1,8 +1,9 @@
 """A room in front of a fixed camera, day and night, with exact truth of how the camera was turned, zoomed and focused.
 
 The room is a flat canvas at two pixels for each of the camera's, painted from a seed: furniture, pictures, writing,
-bookcases. Light comes from a window whose patch wanders over the room, from a lamp in the evening, and from nowhere
-much at night. People stand and walk about. The camera has a point spread, automatic exposure, noise and JPEG.
+bookcases. Light comes from a window whose patch wanders over the room, from a lamp in the evening, and from the street
+at night, but from 1:00 to 5:00, when it is as good as dark. People stand and walk about. The camera has a point spread,
+automatic exposure, noise and JPEG.
 """
 
 from __future__ import annotations
@@ -19,6 +20,9 @@ from stadimeter.core.camera_model import CameraModel
 WIDTH_PX, HEIGHT_PX = 640, 480
 FOCAL_PX = 540.0
 LENS = CameraModel.with_focal_length(FOCAL_PX, WIDTH_PX, HEIGHT_PX)
+
+# The minutes of the day between which it is dark.
+DARK_FROM, LIGHT_AGAIN_AT = 60, 300
 
 CANVAS_SCALE = 2
 MARGIN_PX = 120
@@ -57,21 +61,24 @@ class WatchedRoom:
         self.canvas = cv2.cvtColor(painted, cv2.COLOR_BGR2GRAY).astype(np.float32)
         self.people = [(*self.rng.uniform(0, 1, 3), int(self.rng.integers(1 << 30))) for _ in range(3)]
 
-    def pair(self, minute: float, pose: Pose | None = None) -> list[NDArray[np.uint8]]:
-        """Return two pictures of a minute of the day, 0.3 s apart."""
+    def pictures(self, minute: float, pose: Pose | None = None, count: int = 4) -> list[NDArray[np.uint8]]:
+        """Return some pictures of a moment of the day."""
         pose = pose or Pose()
         scene = self._lit(minute)
         self._add_people(scene, minute)
         view = self._seen(scene, pose)
-        return [self._exposed(view, minute, pose) for _ in range(2)]
+        return [self._exposed(view, minute, pose) for _ in range(count)]
 
     def _lit(self, minute: float) -> NDArray[np.float32]:
-        """Return the canvas in the light of a minute: of the sun from 6:00 to 20:00, of a lamp from 18:00 to 23:00."""
+        """Return the canvas in the light of a minute.
+
+        The sun shines from 6:00 to 20:00, a lamp from 18:00 to 23:00, and the street's lights but from 1:00 to 5:00.
+        """
         height, width = self.canvas.shape[:2]
         y, x = np.mgrid[0 : height // 8, 0 : width // 8].astype(np.float32) / np.float32(height // 8)
         sun = max(0.0, math.sin(math.pi * (minute / 60 - 6) / 14)) if 6 <= minute / 60 <= 20 else 0.0
         cloud = 0.75 + 0.25 * math.sin(0.11 * minute + self.seed) * math.sin(0.023 * minute)
-        light = np.full_like(x, 0.012 + 0.55 * sun * cloud)
+        light = np.full_like(x, (0.0001 if is_dark(minute) else 0.012) + 0.55 * sun * cloud)
         light += 0.25 * sun * cloud * (1 - x / 2)  # from the window at the left
         if 18 <= minute / 60 <= 23:
             light += 0.45 / (1 + 3 * ((x - 1.2) ** 2 + (y - 0.1) ** 2))
@@ -133,6 +140,11 @@ class WatchedRoom:
         levels = 255 * np.clip(light, 0, 1) ** (1 / 1.8)
         coded = cv2.imencode(".jpg", levels.astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, 80])[1]
         return np.asarray(cv2.imdecode(coded, cv2.IMREAD_COLOR), np.uint8)  # three alike: it is looked at in grey
+
+
+def is_dark(minute: float) -> bool:
+    """Return whether a camera sees nothing at a minute of the day."""
+    return DARK_FROM <= minute < LIGHT_AGAIN_AT
 
 
 def _disc(diameter: float) -> NDArray[np.float32]:

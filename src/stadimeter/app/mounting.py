@@ -1,6 +1,6 @@
 """Watches whether the camera of a run is still where it was: once a minute, and after each gap of the camera.
 
-The loop hands over two of its pictures and goes on; a thread of low priority compares them with the saved view.
+The loop hands over some of its pictures and goes on; a thread of low priority compares them with the saved view.
 What it finds is there from the next cycle on, and stays until a person confirms it: then the present view is saved in
 place of the former one.
 """
@@ -10,21 +10,20 @@ from __future__ import annotations
 import math
 import os
 import threading
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from queue import SimpleQueue
 
 import numpy as np
-from msgspec import Struct, field
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from stadimeter.app.cycle import CycleRecord
 from stadimeter.app.mounting_file import (
-    APART_S,
-    PAIR,
-    PAIRS,
+    MOMENTS,
+    PICTURES,
     MountingReference,
     judge_by,
+    keep_apart,
     load_reference,
     make_reference,
     save_reference,
@@ -36,7 +35,6 @@ from stadimeter.core.frame import Frame
 from stadimeter.core.mounting import MOUNTING, Mounting, MountingStatus
 from stadimeter.errors import StadimeterError, StateError
 from stadimeter.perception.background import look_at
-from stadimeter.perception.mounting import Judgement
 
 EVERY_S = 60.0
 
@@ -45,14 +43,6 @@ GAP_S = 2.0
 
 # How low the priority of the thread is: it gets a tenth of the time of the loop where both want all.
 NICE = 10
-
-
-class _MountingWork(Struct, eq=False):
-    """Pictures to look at, as they come; those after a confirmation become the saved view."""
-
-    is_confirmed: bool = False
-    frames: list[Frame] = field(default_factory=list)
-    hidden: list[NDArray[np.float64]] = field(default_factory=list)
 
 
 class MountingWatch:
@@ -69,19 +59,16 @@ class MountingWatch:
         self.mounting = Mounting(status=MountingStatus.NOT_JUDGED, reason="not looked at yet")
         self._configuration, self._lens = configuration, lens
         self._reference, self._judge = reference, judge_by(reference, configuration, lens)
-        self._due_s = self._last_s = -math.inf
-        self._next = _MountingWork()
-        self._in_hand: _MountingWork | None = None
-        self._works: SimpleQueue[_MountingWork | None] = SimpleQueue()
-        self._thread = threading.Thread(target=self._run, name="mounting", daemon=True)
-
-    def start(self) -> None:
-        """Begin to look at pictures."""
-        self._thread.start()
+        self._last_s = self._due_s = -math.inf
+        self._is_confirmed = False
+        self._frames: list[Frame] = []
+        self._hidden: list[NDArray[np.float64]] = []
+        self._check: Future[Mounting] | None = None
+        self._thread = ThreadPoolExecutor(1, "mounting", _lower_priority)
 
     def close(self) -> None:
         """Look at no more pictures."""
-        self._works.put(None)
+        self._thread.shutdown(wait=False, cancel_futures=True)
 
     def why_not_for_motion(self) -> str:
         """Return why nothing may move on the camera's frames, in words; empty if it may."""
@@ -100,79 +87,74 @@ class MountingWatch:
     def __call__(self, record: CycleRecord, frame: Frame | None) -> None:
         """Take in a cycle. Costs nothing but once a minute, and then a few references to pictures."""
         if record.mark and _is_confirmed(record):
-            self.mounting, self._in_hand = Mounting(), None  # what is in hand shows what was confirmed
-            self._begin(_MountingWork(is_confirmed=True))
+            self.mounting, self._check = Mounting(), None  # what is in hand shows what was confirmed
+            self._begin(is_confirmed=True)
+        if self._check is not None and self._check.done():
+            self._take_in(self._check)
         if frame is None:
             return
-        now_s, work = frame.captured_at_s, self._next
-        if now_s - self._last_s > GAP_S:
-            work = self._begin(_MountingWork(is_confirmed=work.is_confirmed))
-        self._last_s = now_s
-        is_too_soon = work.frames and now_s - work.frames[-1].captured_at_s < APART_S
-        if self._in_hand is not None or now_s < self._due_s or is_too_soon:
+        now_s, before_s, self._last_s = frame.captured_at_s, self._last_s, frame.captured_at_s
+        if now_s - before_s > GAP_S:
+            self._begin(is_confirmed=self._is_confirmed)
+        if self._check is not None or now_s < self._due_s:
             return
-        work.frames.append(frame)
-        work.hidden += [each.outline_px for each in record.detections if len(each.outline_px)]
-        if len(work.frames) >= (PAIR * PAIRS if work.is_confirmed else PAIR):
-            self._in_hand = work
-            self._works.put(work)
-            self._begin(_MountingWork(), now_s + EVERY_S)
+        self._frames = keep_apart(self._frames, frame)
+        self._hidden += [each.outline_px for each in record.detections if len(each.outline_px)]
+        if len(self._frames) >= (PICTURES * MOMENTS if self._is_confirmed else PICTURES):
+            work = self._save_anew if self._is_confirmed else self._look
+            self._check = self._thread.submit(work, self._frames, self._hidden)
+            self._begin(due_s=now_s + EVERY_S)
 
-    def _begin(self, work: _MountingWork, due_s: float = -math.inf) -> _MountingWork:
-        self._next, self._due_s = work, due_s
-        return work
+    def _begin(self, *, is_confirmed: bool = False, due_s: float = -math.inf) -> None:
+        """Gather pictures from some time on; those after a confirmation become the saved view."""
+        self._is_confirmed, self._due_s, self._frames, self._hidden = is_confirmed, due_s, [], []
 
-    def _run(self) -> None:
-        with suppress(OSError):
-            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
-        while (work := self._works.get()) is not None:
-            try:
-                self._attend(work)
-            except Exception as error:  # noqa: BLE001 - a defect here must not end the watch, nor stay unsaid
-                self._say(work, MountingStatus.NOT_JUDGED, f"the check failed: {error}")
-            finally:
-                if self._in_hand is work:
-                    self._in_hand = None
+    def _take_in(self, check: Future[Mounting]) -> None:
+        """Keep what a check says, unless a person has yet to confirm what an earlier one did."""
+        self._check = None
+        try:
+            found = check.result()
+        except Exception as error:  # noqa: BLE001 - a defect there must not end the run, nor stay unsaid
+            found = Mounting(status=MountingStatus.NOT_JUDGED, reason=f"the check failed: {error}")
+        if found.is_unconfirmed or not self.mounting.is_unconfirmed:
+            self.mounting = found
 
-    def _attend(self, work: _MountingWork) -> None:
+    def _look(self, frames: list[Frame], hidden: list[NDArray[np.float64]]) -> Mounting:
+        """Return what some pictures say. Runs in the thread."""
         saved = load_reference(self._configuration.path)
         if saved is not None and saved.saved_unix_s != self._reference.saved_unix_s:  # by the command, meanwhile
             self._use(saved)
             self.mounting = Mounting()
-        lens = self._lens.for_frame(work.frames[0])
-        if work.is_confirmed:
-            self._save_anew(work)
-        elif why := self._reference.why_not_for(work.frames[0], lens):
-            self._say(work, MountingStatus.NOT_JUDGED, why)
-        else:
-            self._take_in(work, self._judge.judge(look_at([each.image for each in work.frames], lens, work.hidden)))
-
-    def _take_in(self, work: _MountingWork, judgement: Judgement) -> None:
-        otherwise = MountingStatus.NOT_JUDGED if judgement.not_judged else MountingStatus.AS_SAVED
-        status = MountingStatus.UNCONFIRMED if judgement.settled else otherwise
-        self._say(work, status, "; ".join(judgement.settled.values()) or judgement.not_judged)
+        lens = self._lens.for_frame(frames[0])
+        if why := self._reference.why_not_for(frames[0], lens):
+            return Mounting(status=MountingStatus.NOT_JUDGED, reason=why)
+        judgement = self._judge.judge(look_at([each.image for each in frames], lens, hidden))
         if judgement.has_learnt:
             self._reference = replace(self._reference, views=list(self._judge.views))
             with suppress(StadimeterError):  # it is learnt again after a restart
                 save_reference(self._configuration.path, self._reference)
+        if judgement.settled:
+            return Mounting(status=MountingStatus.UNCONFIRMED, reason="; ".join(judgement.settled.values()))
+        status = MountingStatus.NOT_JUDGED if judgement.not_judged else MountingStatus.AS_SAVED
+        return Mounting(status=status, reason=judgement.not_judged)
 
-    def _save_anew(self, work: _MountingWork) -> None:
-        """Save the view that a person has confirmed. If it cannot be, the mounting is unconfirmed again."""
+    def _save_anew(self, frames: list[Frame], hidden: list[NDArray[np.float64]]) -> Mounting:
+        """Save the view that a person has confirmed; if it cannot be, the mounting is unconfirmed again."""
         try:
-            reference = make_reference(work.frames, self._lens, work.hidden)
+            reference = make_reference(frames, self._lens, hidden)
             save_reference(self._configuration.path, reference)
         except StadimeterError as error:
-            self._say(work, MountingStatus.UNCONFIRMED, f"confirmed, but not saved: {error}")
-        else:
-            self._use(reference)
+            return Mounting(status=MountingStatus.UNCONFIRMED, reason=f"confirmed, but not saved: {error}")
+        self._use(reference)
+        return Mounting()
 
     def _use(self, reference: MountingReference) -> None:
         self._reference, self._judge = reference, judge_by(reference, self._configuration, self._lens)
 
-    def _say(self, work: _MountingWork, status: MountingStatus, reason: str) -> None:
-        """Say how the mounting is, unless a person has confirmed it meanwhile, or has yet to."""
-        if self._in_hand is work and (status is MountingStatus.UNCONFIRMED or not self.mounting.is_unconfirmed):
-            self.mounting = Mounting(status=status, reason=reason)
+
+def _lower_priority() -> None:
+    with suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
 
 
 def watch_of(configuration: Configuration) -> tuple[MountingWatch | None, str]:

@@ -32,10 +32,10 @@ MAX_BYTES = 1_000_000
 
 ANEW = "save the view anew with `stadimeter mounting save`"
 
-# Pictures are compared in pairs; features that are in each of some pairs stand still.
-PAIR, PAIRS = 2, 3
+# A view takes more than one picture, for their noise; features that are in each of some moments stand still.
+PICTURES, MOMENTS = 4, 3
 
-# The two of a pair: so far apart that their noise differs, so near that the light does not.
+# Two pictures of a moment: so far apart that their noise differs, so near that the light does not.
 APART_S = 0.1
 
 Outlines = Sequence[NDArray[np.float64]]
@@ -86,11 +86,11 @@ def keep_apart(frames: list[Frame], frame: Frame) -> list[Frame]:
     """Return the newest pictures, as many as a reference is made of, with one more if it is a while after the last."""
     if frames and frame.captured_at_s - frames[-1].captured_at_s < APART_S:
         return frames
-    return [*frames, frame][-PAIR * PAIRS :]
+    return [*frames, frame][-PICTURES * MOMENTS :]
 
 
 def make_reference(frames: Sequence[Frame], lens: CameraModel, hidden: Outlines = ()) -> MountingReference:
-    """Return the view that a camera has now, from six pictures of some moments.
+    """Return the view that a camera has now, from a dozen pictures: some of each of a few moments.
 
     `stadimeter mounting save` calls it, a run whose mounting is confirmed, and whatever certifies a site.
 
@@ -103,8 +103,9 @@ def make_reference(frames: Sequence[Frame], lens: CameraModel, hidden: Outlines 
     """
     first = frames[0]
     small = lens.for_frame(first)
-    pairs = [frames[at : at + PAIR] for at in range(0, len(frames) - 1, PAIR)]
-    view = keep_still([look_at([each.image for each in pair], small, hidden) for pair in pairs])
+    images = [each.image for each in frames]
+    moments = [images[at - PICTURES : at] for at in range(PICTURES, len(images) + 1, PICTURES)]
+    view = keep_still([look_at(each, small, hidden) for each in moments])
     return MountingReference(
         saved_unix_s=time.time(),
         size_px=(first.width_px, first.height_px),

@@ -10,8 +10,8 @@ import typer
 
 from stadimeter.app.detectors import build_detectors
 from stadimeter.app.mounting_file import (
-    PAIR,
-    PAIRS,
+    MOMENTS,
+    PICTURES,
     judge_by,
     keep_apart,
     load_reference,
@@ -45,9 +45,9 @@ def _mounting() -> None:
 def save(config: ConfigArgument = None) -> None:
     """Save the view that the camera has now, as that of its mounting.
 
-    Takes six pictures, through the run if one has the camera, and keeps a few hundred features of what stands still:
-    where each is and how it looks in 256 bits. No picture is kept. The file stands beside the configuration, with the
-    ending `.mounting`, and a run watches from its next start on.
+    Takes a dozen pictures, through the run if one has the camera, and keeps a few hundred features of what stands
+    still: where each is and how it looks in 256 bits. No picture is kept. The file stands beside the configuration,
+    with the ending `.mounting`, and a run watches from its next start on.
 
     **Example**
 
@@ -55,7 +55,7 @@ def save(config: ConfigArgument = None) -> None:
 
     **Exit code**: 0 saved; 2 the view has too little to go by, such as a white wall, or the camera gives no picture.
     """
-    with plain_errors(), _pictures(config, PAIR * PAIRS) as (configuration, lens, frames):
+    with plain_errors(), _pictures(config, PICTURES * MOMENTS) as (configuration, lens, frames):
         reference = make_reference(frames, lens, _targets(configuration, lens, frames[0]))
         path = save_reference(configuration.path, reference)
         typer.echo(f"{path}: {len(reference.views[0].features)} features that stand still")
@@ -74,7 +74,7 @@ def check(config: ConfigArgument = None) -> None:
 
     **Exit code**: 0 as saved; 1 not so, or it cannot be judged; 2 no view was saved, or the camera gives no picture.
     """
-    with plain_errors(), _pictures(config, PAIR) as (configuration, lens, frames):
+    with plain_errors(), _pictures(config, PICTURES) as (configuration, lens, frames):
         reference = load_reference(configuration.path)
         if reference is None:
             raise StateError(f"{configuration.path}: no view of its camera was saved; `stadimeter mounting save` does")

@@ -216,7 +216,6 @@ def _watch_mounting(loop: Loop) -> Iterator[None]:
         return
     parts.cycle.mounting_watch = watch
     loop.listeners.append(watch)
-    watch.start()
     try:
         yield
     finally:

@@ -14,6 +14,7 @@ the ratio into pixels of blur.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -33,8 +34,9 @@ Plane = NDArray[np.float32]
 # Pictures are looked at with this width at most. All pixels here are of that size.
 WIDTH_MAX_PX = 640
 
-# The picture is divided so, and each cell gives its strongest features: else a bookcase would give all.
-CELLS_ACROSS, CELLS_DOWN, FEATURES_PER_CELL = 8, 6, 10
+# The picture is divided so, and the cells give their features in turn, the strongest first: else a bookcase would give
+# all.
+CELLS_ACROSS, CELLS_DOWN, FEATURES_MAX = 8, 6, 480
 
 # The lowest difference of grey levels of a corner. A picture by night has few stronger ones.
 FAST_LEVELS = 8
@@ -42,18 +44,23 @@ FAST_LEVELS = 8
 # A view with fewer features in fewer cells cannot be compared: a white wall has none, a wall with one picture too few.
 MIN_FEATURES, MIN_CELLS = 60, 8
 
-# With fewer agreeing matches nothing is concluded. Wrong matches agree by chance on a turn with 8 at most.
-MIN_INLIERS = 15
+# With fewer agreeing matches nothing is concluded. Wrong matches agree by chance on a turn with 8 at most, but where a
+# bookcase makes many alike: those that agree are never this share of all.
+MIN_INLIERS, AGREEING_SHARE = 15, 0.35
 
 # A camera that hardly moved is looked for first: features within this of where they were, some 3 degrees. So few are
-# left to be confused that faint ones count too.
-NEAR = 0.05
+# left to be confused that faint ones count too, and fewer that agree show that it looks the same way.
+NEAR, MIN_INLIERS_NEAR = 0.05, 8
 
-# Two descriptors of 256 bits of one feature differ by less. Those of two features differ by 128 on average.
-HAMMING_MAX = 64
+# Two descriptors of 256 bits of one feature differ by less, in another light too where it is looked for nearby. Those
+# of two features differ by 128 on average.
+HAMMING_MAX, HAMMING_MAX_NEAR = 64, 80
 
 # What is seen beside a feature counts within this half width.
 SURROUNDINGS_PX = 6
+
+# Where two pictures of one moment correlate less, most is noise. In the dark some 7 of 480 features are left.
+ALIKE_MIN = 0.5
 
 # A feature stands still that moves by less than this from one moment to the next.
 STILL_PX = 1.5
@@ -93,14 +100,12 @@ class BackgroundView(Struct, frozen=True, kw_only=True):
         data: The features, each as `FEATURE`.
         focal_px: The focal length at the resolution that is looked at.
         blur_slope: How the median sharpness changes with the variance of the blur, per px²; below zero.
-        brightness: Mean grey level.
         blur_px2: By how much its blur's variance differs from that of the view that was saved.
     """
 
     data: bytes
     focal_px: float
     blur_slope: float
-    brightness: float
     blur_px2: float = 0.0
 
     @property
@@ -111,9 +116,10 @@ class BackgroundView(Struct, frozen=True, kw_only=True):
     def compare(self, earlier: BackgroundView) -> BackgroundComparison | None:
         """Return what differs from an earlier view; None if too few features agree."""
         then, now = earlier.features, self.features
-        for within in (NEAR, math.inf):
+        for within, fewest in ((NEAR, MIN_INLIERS_NEAR), (math.inf, MIN_INLIERS)):
             theirs, ours = match_features(then, now, within)
-            found = fit_view_motion(then["place"][theirs], now["place"][ours], self.focal_px, MIN_INLIERS)
+            least = max(fewest, round(AGREEING_SHARE * len(theirs)))
+            found = fit_view_motion(then["place"][theirs], now["place"][ours], self.focal_px, least)
             if found is not None:
                 break
         else:
@@ -126,37 +132,38 @@ class BackgroundView(Struct, frozen=True, kw_only=True):
         return BackgroundComparison(motion=motion, blur_px2=earlier.blur_px2 + blur_px2, blur_sigma_px2=blur_sigma_px2)
 
 
-def look_at(pair: Sequence[Image], lens: CameraModel, hidden: Sequence[NDArray[np.float64]] = ()) -> BackgroundView:
-    """Return the view that two pictures of one moment show.
+def look_at(pictures: Sequence[Image], lens: CameraModel, hidden: Sequence[NDArray[np.float64]] = ()) -> BackgroundView:
+    """Return the view that some pictures of one moment show.
 
     Args:
+        pictures: An even number. Every other one is averaged, and so are the others: two with noise of their own.
         lens: The camera model at their resolution.
         hidden: Outlines in their pixels of what does not belong to the background, such as targets.
     """
     scale = min(1.0, WIDTH_MAX_PX / lens.width_px)
     size = (round(lens.width_px * scale), round(lens.height_px * scale))
     small = lens.scaled_to(*size)
-    one, other = (
-        cv2.resize(cv2.cvtColor(each, cv2.COLOR_BGR2GRAY), size, interpolation=cv2.INTER_AREA) for each in pair
-    )
-    mask = np.full(one.shape, 255, np.uint8)
+    greys = [
+        cv2.resize(cv2.cvtColor(each, cv2.COLOR_BGR2GRAY), size, interpolation=cv2.INTER_AREA) for each in pictures
+    ]
+    planes = [np.asarray(np.mean(greys[half::2], axis=0), np.float32) for half in (0, 1)]
+    sharpness, alike = _sharpness(*planes)
+    mask = np.where(alike > ALIKE_MIN, 255, 0).astype(np.uint8)
     for outline in hidden:
         x, y, width, height = cv2.boundingRect((outline * scale).astype(np.float32))
         cv2.rectangle(mask, (x - 10, y - 10), (x + width + 10, y + height + 10), 0, -1)
-    found, bits = _find_features(np.asarray(cv2.addWeighted(one, 0.5, other, 0.5, 0), np.uint8), mask)
+    found, bits = _find_features(np.mean(planes, axis=0).astype(np.uint8), mask)
     features, slope = np.zeros(len(found), FEATURE), -1.0
     if found:
         points = np.array([each.pt for each in found])
         features["cell"], features["bits"] = [each.class_id for each in found], bits
-        planes = [each.astype(np.float32) for each in (one, other)]
-        blurred = [cv2.GaussianBlur(each, (0, 0), TRIED_BLUR_PX2**0.5) for each in planes]
+        blurred = [np.asarray(cv2.GaussianBlur(each, (0, 0), TRIED_BLUR_PX2**0.5), np.float32) for each in planes]
         column, row = points.round().astype(np.intp).T
         features["place"] = small.directions(points)
-        features["sharpness"] = _sharpness(*planes)[row, column]
-        change = float(np.median(_sharpness(*blurred)[row, column] - features["sharpness"]))
+        features["sharpness"] = sharpness[row, column]
+        change = float(np.median(_sharpness(*blurred)[0][row, column] - features["sharpness"]))
         slope = min(change / TRIED_BLUR_PX2, -0.1)
-    brightness = float(one.mean())
-    return BackgroundView(data=features.tobytes(), focal_px=small.fx_px, blur_slope=slope, brightness=brightness)
+    return BackgroundView(data=features.tobytes(), focal_px=small.fx_px, blur_slope=slope)
 
 
 def keep_still(views: Sequence[BackgroundView]) -> BackgroundView:
@@ -194,30 +201,33 @@ def match_features(then: NDArray[Any], now: NDArray[Any], within: float) -> tupl
     differing = theirs.sum(axis=1)[:, None] + ours.sum(axis=1) - 2 * theirs @ ours.T
     for axis in (0, 1) if within < math.inf else ():
         apart = then["place"][:, axis, None].astype(np.float32) - now["place"][:, axis].astype(np.float32)
-        differing[np.abs(apart) > within] = HAMMING_MAX
+        differing[np.abs(apart) > within] = 256
+    most = HAMMING_MAX_NEAR if within < math.inf else HAMMING_MAX
     nearest, back, one = differing.argmin(axis=1), differing.argmin(axis=0), np.arange(len(then))
-    is_mutual = (back[nearest] == one) & (differing[one, nearest] < HAMMING_MAX)
+    is_mutual = (back[nearest] == one) & (differing[one, nearest] < most)
     return one[is_mutual], nearest[is_mutual]
 
 
 def _find_features(grey: NDArray[np.uint8], mask: NDArray[np.uint8]) -> tuple[Sequence[cv2.KeyPoint], Any]:
     """Return the strongest features of each cell, whose number is their class, and their descriptors."""
-    orb = cv2.ORB.create(nfeatures=4000, scaleFactor=1.2, nlevels=4, fastThreshold=FAST_LEVELS)
+    orb = cv2.ORB.create(nfeatures=4000, scaleFactor=1.2, nlevels=2, fastThreshold=FAST_LEVELS)
     height_px, width_px = grey.shape
-    cells: dict[int, list[cv2.KeyPoint]] = {}
+    ranked: list[tuple[int, cv2.KeyPoint]] = []
+    stronger: Counter[int] = Counter()
     for each in sorted(orb.detect(grey, mask), key=lambda each: -each.response):
         column, row = int(each.pt[0] * CELLS_ACROSS // width_px), int(each.pt[1] * CELLS_DOWN // height_px)
         each.class_id = column + CELLS_ACROSS * row  # which travels with it
-        cells.setdefault(each.class_id, []).append(each)
-    chosen = [each for strongest in cells.values() for each in strongest[:FEATURES_PER_CELL]]
-    return orb.compute(grey, chosen)
+        ranked.append((stronger[each.class_id], each))
+        stronger[each.class_id] += 1
+    return orb.compute(grey, [each for _, each in sorted(ranked, key=lambda each: each[0])[:FEATURES_MAX]])
 
 
-def _sharpness(one: Any, other: Any) -> Plane:
-    """Return the logarithm of the sharpness at each pixel, from two pictures of one moment."""
+def _sharpness(one: Plane, other: Plane) -> tuple[Plane, Plane]:
+    """Return at each pixel the logarithm of the sharpness, and how far two pictures of one moment correlate."""
     near, far = ([cv2.GaussianBlur(each, (0, 0), sigma) for each in (one, other)] for sigma in (1.0, 3.0))
-    fine, coarse = (one - near[0]) * (other - near[1]), (near[0] - far[0]) * (near[1] - far[1])
+    fine, coarse = ([a - b for a, b in zip(*each, strict=True)] for each in (((one, other), near), (near, far)))
+    pairs = (fine, coarse, coarse[:1] * 2, coarse[1:] * 2)
     # A grey level of 0.1 is below all that noise leaves: no logarithm of nothing.
     size = (2 * SURROUNDINGS_PX + 1,) * 2
-    energies = [np.maximum(cv2.boxFilter(each, -1, size), 0.01) for each in (fine, coarse)]
-    return np.asarray(np.log(energies[0]) - np.log(energies[1]), np.float32)
+    of_fine, of_coarse, *alone = (np.maximum(cv2.boxFilter(a * b, -1, size), 0.01) for a, b in pairs)
+    return np.log(of_fine / of_coarse), of_coarse / np.sqrt(alone[0] * alone[1])

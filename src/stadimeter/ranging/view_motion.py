@@ -59,7 +59,7 @@ class ViewMotion(Struct, frozen=True, kw_only=True):
     def undo(self, directions: Directions) -> Directions:
         """Return where directions of now were in the earlier view."""
         back = _rotation_matrix(self.tilt_rad, self.pan_rad, self.roll_rad)
-        return _turned(directions / (1 + self.zoom), back, 0.0)
+        return _moved(directions / (1 + self.zoom), back)
 
     def in_words(self) -> str:
         """Return what moved by how much, with standard deviations."""
@@ -71,6 +71,14 @@ class ViewMotion(Struct, frozen=True, kw_only=True):
     def rotation_rad(self) -> float:
         """The angle of the whole turn."""
         return math.hypot(self.pan_rad, self.tilt_rad, self.roll_rad)
+
+    @property
+    def rotation_sigma_rad(self) -> float:
+        """Its standard deviation; that of the roll is some three times the others."""
+        turns = (self.pan_rad, self.tilt_rad, self.roll_rad)
+        return math.hypot(*(by * sigma for by, sigma in zip(turns, self.sigmas, strict=False))) / max(
+            self.rotation_rad, 1e-9
+        )
 
 
 def fit_view_motion(
@@ -94,7 +102,7 @@ def fit_view_motion(
     weights = np.asarray(chosen, np.float64).ravel()
     scale = RANSAC_PX / focal_px / 2
     for _ in range(ROUNDS):
-        predicted = _turned(before, rotation, zoom)
+        predicted = _moved(before, np.diag((math.exp(zoom), math.exp(zoom), 1.0)) @ rotation)
         slopes, residuals = _slopes(predicted), now - predicted
         scale = max(1.4826 * float(np.median(np.abs(residuals[weights > 0]))), ROUNDED_PX / focal_px)
         off = np.hypot(*residuals.T) / (TUKEY * scale)
@@ -118,9 +126,8 @@ def _rotation_matrix(x_rad: float, y_rad: float, z_rad: float) -> NDArray[np.flo
     return np.asarray(cv2.Rodrigues(np.array([x_rad, y_rad, z_rad]))[0], np.float64)
 
 
-def _turned(directions: Directions, rotation: NDArray[np.float64], log_zoom: float) -> Directions:
-    points = np.column_stack((directions, np.ones(len(directions)))) @ rotation.T
-    return np.asarray(points[:, :2] / points[:, 2:] * math.exp(log_zoom))
+def _moved(directions: Directions, by: NDArray[np.float64]) -> Directions:
+    return np.asarray(cv2.perspectiveTransform(directions[None], by)[0], np.float64)
 
 
 def _slopes(at: Directions) -> NDArray[np.float64]:

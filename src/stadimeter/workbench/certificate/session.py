@@ -21,7 +21,7 @@ from stadimeter.app.certificate import Certificate, Site, load_certificate, save
 from stadimeter.app.certificate_stamp import CERTIFICATE, PLACEMENTS
 from stadimeter.app.clock import MonotonicClock
 from stadimeter.app.mounting_file import (
-    PAIR,
+    PICTURES,
     keep_apart,
     load_reference,
     make_reference,
@@ -230,7 +230,7 @@ class SiteSession:
 
     def _view(self, newest: Sequence[Frame], outlines: Sequence[Points]) -> dict[str, Any]:
         """Return what the certificate keeps of the view of a fixed, real camera; of another nothing."""
-        if self.is_simulated or self.site.configuration.base is not None or len(newest) < PAIR:
+        if self.is_simulated or self.site.configuration.base is not None or len(newest) < PICTURES:
             return {}
         try:
             reference = make_reference(newest, self.site.model, [each for each in outlines if len(each)])
