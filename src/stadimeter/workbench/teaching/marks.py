@@ -60,9 +60,9 @@ class FiringMark(Struct, frozen=True, kw_only=True):
             return False
         return self.touches(firing) if self.is_moment else self.from_s <= firing[0] <= self.to_s
 
-    def off_s(self, firing: Firing) -> float:
-        """Return how far from the middle of a span an alarm was raised; a moment says nothing of that."""
-        return 0.0 if self.is_moment else abs(firing[0] - (self.from_s + self.to_s) / 2)
+    def off(self, firing: Firing) -> float:
+        """Return how far from the middle of a span an alarm was raised, as a share of half of it; 0 for a moment."""
+        return 0.0 if self.is_moment else abs(2 * firing[0] - self.from_s - self.to_s) / (self.to_s - self.from_s)
 
 
 def parse_mark(text: str) -> FiringMark:
