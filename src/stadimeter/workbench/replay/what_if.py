@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -79,11 +79,11 @@ class KeptRecording:
         """Up to where it is decided on."""
         return self.cycles[-1].at_s if self.cycles else 0.0
 
-    def go_on(self, for_s: float, clock: Callable[[], float] = time.monotonic) -> None:
+    def go_on(self, for_s: float) -> None:
         """Go on for this long, or to the end; damage ends it as well."""
-        until_s = clock() + for_s
+        until_s = time.monotonic() + for_s
         with without_collector():
-            while not self.is_done and clock() < until_s:
+            while not self.is_done and time.monotonic() < until_s:
                 try:
                     self.is_done = next(self._steps, self) is self
                 except JournalError as error:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -83,13 +83,13 @@ class Lesson:
             recording=read_recording(path), configuration=self.configuration, from_s=from_s
         )
 
-    def go_on(self, for_s: float, clock: Callable[[], float] = time.monotonic) -> bool:
+    def go_on(self, for_s: float) -> bool:
         """Read on for this long; return whether all are read, as far as they are kept."""
-        until_s = clock() + for_s
+        until_s = time.monotonic() + for_s
         room = KEPT_CYCLES_MAX // max(1, len(self.configuration.plan.targets))
         for each in self.recordings.values():
             each.cycles_max = room
-            each.go_on(until_s - clock(), clock)
+            each.go_on(until_s - time.monotonic())
             room -= len(each.cycles)
         return all(each.is_done for each in self.recordings.values())
 
@@ -167,7 +167,13 @@ class Lesson:
 
     def whole(self, rule: str, marks: Sequence[FiringMark]) -> list[FiringMark]:
         """Return marks, those on a moment that should not have fired as one on all of the alarm that stood there."""
-        return [_whole(mark, self.recordings[mark.recording].side.rules[rule].spans) for mark in marks]
+        found = []
+        for mark in marks:
+            firings = self.recordings[mark.recording].side.rules[rule].spans
+            stood = (firing for firing in firings if mark.is_moment and not mark.should_fire and mark.touches(firing))
+            from_s, to_s = next(stood, (mark.from_s, mark.to_s))
+            found.append(replace(mark, from_s=from_s, to_s=to_s))
+        return found
 
 
 def in_words(rule: str, answers: Sequence[Answer]) -> str:
@@ -193,14 +199,6 @@ def changes_as_marks(rule: str, answer: Answer) -> Iterator[FiringMark]:
         if is_alarm_of(rule, change) and change.change != "moved":
             at_s = change.event.at_s - answer.kept.began_s
             yield FiringMark(recording=answer.name, from_s=at_s, to_s=at_s, should_fire=change.change == "added")
-
-
-def _whole(mark: FiringMark, firings: Sequence[Firing]) -> FiringMark:
-    """Return a mark on a moment that should not have fired as one on all of the alarm that stood there."""
-    if mark.should_fire or not mark.is_moment:
-        return mark
-    found = next((firing for firing in firings if mark.touches(firing)), (mark.from_s, mark.to_s))
-    return replace(mark, from_s=found[0], to_s=found[1])
 
 
 def _meets(answer: Answer, rule: str, marks: Sequence[FiringMark]) -> bool:

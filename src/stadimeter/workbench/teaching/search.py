@@ -180,14 +180,14 @@ class SettingSearch(Struct, kw_only=True):
 
     def _candidates(self, key: str, values: Values, least: float) -> list[float]:
         """Return values of a setting between which alarms change, and the rule's own; see the module."""
+        own = self._own[key]
         if key in thresholds_of(self.rule):
-            found = _thin(_between(self._crossings(key), least), THRESHOLDS_MAX)
-        elif key == self._sigmas_key:
-            found = [0.0]
-        else:
-            of_key = {"on_delay": self._stays, "off_delay": self._gaps}.get(key, self._ways_off)
-            found = [0.0, *(max(0.0, each) for each in _thin(_between(of_key(values), least), DELAYS_MAX))]
-        return [self._own[key], *found]
+            return [own, *_thin(_between(self._crossings(key), least), THRESHOLDS_MAX)]
+        if key == self._sigmas_key:
+            return [own, 0.0]
+        is_band = key == self._band_key
+        figures = self._ways_off(values) if is_band else self._lengths(values, is_off=key == "off_delay")
+        return [own, 0.0, *(max(0.0, each) for each in _thin(_between(figures, least), DELAYS_MAX))]
 
     def _crossings(self, key: str) -> set[float]:
         side = 1.0 if thresholds_of(self.rule)[key].place.field == self.condition.ends[1] else -1.0
@@ -199,18 +199,17 @@ class SettingSearch(Struct, kw_only=True):
             found |= {side * float(lowest) for lowest in _turning_points(each.signal.at_s, crossed)}
         return found
 
-    def _stays(self, values: Values) -> set[float]:
+    def _lengths(self, values: Values, *, is_off: bool) -> set[float]:
+        """Return for how long the figure stayed within the threshold, or off it between two alarms."""
         rule, condition = self._with(values)
-        signals = [each.signal for each in self.taught]
-        flags = [signal.within(condition, is_on=False) for signal in signals]
-        return set().union(*map(Signal.lengths, signals, flags, [rule.delay_tolerance] * len(flags)))
-
-    def _gaps(self, values: Values) -> set[float]:
-        rule, condition = self._with(values)
-        signals = [each.signal for each in self.taught]
-        flags = [~signal.within(condition, is_on=True) for signal in signals]
-        lengths = set[float]().union(*map(Signal.lengths, signals, flags, [rule.delay_tolerance] * len(flags)))
-        return {length for length in lengths if length < JOINED_S}
+        return {
+            length
+            for each in self.taught
+            for length in each.signal.lengths(
+                each.signal.within(condition, is_on=is_off) != is_off, rule.delay_tolerance
+            )
+            if not is_off or length < JOINED_S
+        }
 
     def _ways_off(self, values: Values) -> set[float]:
         """Return how far the figure went off from one alarm to the next."""
@@ -224,14 +223,15 @@ class SettingSearch(Struct, kw_only=True):
 
     def _nearest(self, found: Tried) -> Tried:
         """Return settings that are as good, each as near to the rule's own as it may be."""
-        for key, far in found.values.items():
-            near = self._own[key]
+        for key in found.values:
+            near, far = self._own[key], found.values[key]
             for _ in range(_BISECTIONS):
-                middle = self.attempt({**found.values, key: (near + far) / 2})
-                if middle.score[:2] == found.score[:2] and middle.off <= found.off:
-                    far, found = (near + far) / 2, middle
+                middle = (near + far) / 2
+                tried = self.attempt({**found.values, key: middle})
+                if tried.score[:2] == found.score[:2] and tried.off <= found.off:
+                    far, found = middle, tried
                 else:
-                    near = (near + far) / 2
+                    near = middle
         return found
 
     def _centre(self, found: Tried) -> Values:
