@@ -6,8 +6,8 @@ alarms are off the middle of marked spans, as a share of half a span. Of setting
 rounded as far as they allow: the furthest from being wrong on any side.
 
 Thresholds come from the order statistics of the signal: alarms change only where the threshold passes a figure that the
-signal keeps to for as long as the delay. Delays come from how long the signal stayed, deadbands and off-delays from how
-far and for how long it left between two alarms.
+signal keeps to for as long as the delay. On-delays come from how long the signal stayed, and had stayed in the middle
+of a mark; deadbands and off-delays from how far and for how long it left between two alarms.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from stadimeter.workbench.teaching.signal import Floats, Signal
 # How many values of each kind are tried: thresholds and on-delays all with each other; then each setting by itself
 # around the best of these, and once more around the best of those. These 600 settings, and 500 to find the centre, take
 # 1.3 s for three recordings of eight minutes at five frames a second (x86, 3 GHz).
-THRESHOLDS_MAX, DELAYS_MAX, BEST_MAX, ROUNDS = 40, 12, 12, 2
+THRESHOLDS_MAX, DELAYS_MAX, MARKED_MAX, BEST_MAX, ROUNDS = 40, 12, 4, 12, 2
 
 # Thresholds are sought once in this time of the signal, if it is a turning point there.
 BLOCK_S = 2.0
@@ -187,7 +187,10 @@ class SettingSearch(Struct, kw_only=True):
             return [own, 0.0]
         is_band = key == self._band_key
         figures = self._ways_off(values) if is_band else self._lengths(values, is_off=key == "off_delay")
-        return [own, 0.0, *(max(0.0, each) for each in _thin(_between(figures, least), DELAYS_MAX))]
+        found = _thin(_between(figures, least), DELAYS_MAX)
+        if key == "on_delay":
+            found += _thin(sorted(self._waited(values)), MARKED_MAX)
+        return [own, 0.0, *(max(0.0, each) for each in found)]
 
     def _crossings(self, key: str) -> set[float]:
         side = 1.0 if thresholds_of(self.rule)[key].place.field == self.condition.ends[1] else -1.0
@@ -210,6 +213,17 @@ class SettingSearch(Struct, kw_only=True):
             )
             if not is_off or length < JOINED_S
         }
+
+    def _waited(self, values: Values) -> set[float]:
+        """Return for how long the figure had been within the threshold in the middle of each span that should fire."""
+        rule, condition = self._with(values)
+        found = set[float]()
+        for each in self.taught:
+            middles_s = [(mark.from_s + mark.to_s) / 2 for mark in each.marks if mark.should_fire]
+            for first, last in each.signal.runs(each.signal.within(condition, is_on=False), rule.delay_tolerance):
+                begin_s, end_s = map(float, each.signal.at_s[[first, last]])
+                found |= {at_s - begin_s for at_s in middles_s if begin_s <= at_s <= end_s}
+        return found
 
     def _ways_off(self, values: Values) -> set[float]:
         """Return how far the figure went off from one alarm to the next."""
