@@ -26,7 +26,7 @@ from stadimeter.core.rule import AlarmRule, FollowRule, conditions_of
 from stadimeter.core.rules.explaining import Reasons
 from stadimeter.core.rules.layout import asks_for
 from stadimeter.core.rules.quiescence import MAX_WOKEN
-from stadimeter.core.rules.scheduler import EvaluatedRules, judge, with_steps
+from stadimeter.core.rules.scheduler import judge, with_steps
 from stadimeter.errors import JournalError
 from stadimeter.workbench.replay.lanes import Lane, ReplaySide
 from stadimeter.workbench.replay.replay import AnyRecording, decisions, first_state, without_collector
@@ -128,7 +128,8 @@ class KeptRecording:
         some = replace(plan, rules=tuple(plan.rules[index] for index in rules))
         names = frozenset(rule.name for rule in some.rules)
         side = ReplaySide(Tally(some), {name: lane for name, lane in self.side.rules.items() if name not in names})
-        before = _first_rules(self._first_state(plan), some, rules)
+        first = self._first_state(plan).rules
+        before = with_steps(some, tuple(first.steps[index] for index in rules), first.first_out, first.raised_at_s)
         active: tuple[bool | None, ...] = ()
         with without_collector():
             for at_s, by, has_frame in self.cycles:
@@ -146,12 +147,6 @@ class KeptRecording:
 
 def _new_side(plan: Plan) -> ReplaySide:
     return ReplaySide(Tally(plan), {rule.name: Lane() for rule in plan.rules})
-
-
-def _first_rules(state: State, plan: Plan, rules: tuple[int, ...]) -> EvaluatedRules:
-    """Return some rules of a state as they are before the first cycle."""
-    steps = tuple(state.rules.steps[index] for index in rules)
-    return with_steps(plan, steps, state.rules.first_out, state.rules.raised_at_s)
 
 
 def judged_apart(old: Plan, new: Plan) -> tuple[int, ...] | None:

@@ -24,7 +24,7 @@ from stadimeter.workbench.replay.comparison import EventChange, ReplayDiff, comp
 from stadimeter.workbench.replay.lanes import ReplaySide
 from stadimeter.workbench.replay.replay import read_recording
 from stadimeter.workbench.replay.what_if import KEPT_CYCLES_MAX, KeptRecording
-from stadimeter.workbench.rule_settings import RuleSetting, alarm_named, settings_of, with_settings
+from stadimeter.workbench.rule_settings import alarm_named, with_settings
 from stadimeter.workbench.teaching.marks import MOMENT_S, Firing, FiringMark, is_met
 from stadimeter.workbench.teaching.search import SettingSearch, Taught, Values
 from stadimeter.workbench.teaching.signal import signal_of
@@ -93,10 +93,6 @@ class Lesson:
             room -= len(each.cycles)
         return all(each.is_done for each in self.recordings.values())
 
-    def settings(self, rule: str) -> dict[str, RuleSetting]:
-        """Return what may be changed of a rule."""
-        return settings_of(self.configuration, rule)
-
     def load(self, rule: str, values: Mapping[str, float | str]) -> Configuration:
         """Return the configuration with other settings of a rule; `ConfigError` if it cannot be used."""
         text = with_settings(self.configuration, self.text, rule, values)
@@ -122,7 +118,8 @@ class Lesson:
         for values in search.best():
             new = self.load(rule, values)
             answers = self.answer(new.plan)
-            if all(_meets(each, search.rule.name, marks) for each in answers):
+            firings = {each.name: each.after.rules[search.rule.name].spans for each in answers}
+            if all(is_met(mark, firings[mark.recording], marks) for mark in marks):
                 return TaughtSettings(values=values, marks=marks, answers=answers)
         raise ConfigError([_contradiction(search, str(self.configuration.path))])
 
@@ -199,11 +196,6 @@ def changes_as_marks(rule: str, answer: Answer) -> Iterator[FiringMark]:
         if is_alarm_of(rule, change) and change.change != "moved":
             at_s = change.event.at_s - answer.kept.began_s
             yield FiringMark(recording=answer.name, from_s=at_s, to_s=at_s, should_fire=change.change == "added")
-
-
-def _meets(answer: Answer, rule: str, marks: Sequence[FiringMark]) -> bool:
-    here = [mark for mark in marks if mark.recording == answer.name]
-    return all(is_met(mark, answer.after.rules[rule].spans, here) for mark in here)
 
 
 def write_test(rule: str, answer: Answer, marks: Sequence[FiringMark], folder: Path) -> tuple[str, str]:

@@ -84,9 +84,11 @@ def is_met(mark: FiringMark, firings: Sequence[Firing], marks: Sequence[FiringMa
     """Return whether an alarm did what a mark says.
 
     Args:
-        marks: All of its recording.
+        firings: Those in its recording.
+        marks: All marks.
     """
     if mark.should_fire:
         return any(mark.wants(firing) for firing in firings)
-    before = [each for each in marks if mark.from_s - JOINED_S <= each.from_s < mark.from_s]
+    here = [each for each in marks if each.recording == mark.recording]
+    before = [each for each in here if mark.from_s - JOINED_S <= each.from_s < mark.from_s]
     return not any(mark.touches(firing) and not any(each.wants(firing) for each in before) for firing in firings)
