@@ -213,9 +213,9 @@ def write_test(rule: str, answer: Answer, marks: Sequence[FiringMark], folder: P
     begins = f"{rule.replace(':', '-')}-{Path(answer.name).stem}-{max(0.0, begin_s):.0f}s"
     # What was taught before keeps its test, and the journal of that.
     names = (begins, *(f"{begins}-{number}" for number in range(2, 1000)))
-    stem = next(each for each in names if not (folder / f"tests/{each}.jsonl").exists())
+    (folder / "tests").mkdir(exist_ok=True)
+    stem = next(each for each in names if _is_created(folder / f"tests/{each}.jsonl"))
     name = f"tests/{stem}.jsonl"
-    (folder / name).parent.mkdir(exist_ok=True)
     writer = JournalWriter(folder / name, recording.header.recorded_configuration, recording.header.began_at)
     first_s = math.nan
     for cycle in recording.cycles():
@@ -229,6 +229,15 @@ def write_test(rule: str, answer: Answer, marks: Sequence[FiringMark], folder: P
     test = f"{rule} as taught: {stem}"
     heading = f"\n[[tests]]\nname = {json.dumps(test)}\ninput = {{ journal = {json.dumps(name)} }}\n"
     return heading + "\n".join([*_expected(rule, inside, moved), ""]), test
+
+
+def _is_created(path: Path) -> bool:
+    """Create a file, unless there is one already."""
+    try:
+        path.touch(exist_ok=False)
+    except FileExistsError:
+        return False
+    return True
 
 
 def _expected(rule: str, firings: Sequence[Firing], marks: Sequence[FiringMark]) -> Iterator[str]:

@@ -6,8 +6,8 @@ alarms are off the middle of marked spans, as a share of half a span. Of setting
 rounded as far as they allow: the furthest from being wrong on any side.
 
 Thresholds come from the order statistics of the signal: alarms change only where the threshold passes a figure that the
-signal keeps to for as long as the delay. On-delays come from how long the signal stayed, and had stayed in the middle
-of a mark; deadbands and off-delays from how far and for how long it left between two alarms.
+signal keeps to for as long as the delay. On-delays come from how long the signal stayed, and had stayed halfway through
+a mark; deadbands and off-delays from how far and for how long it left between two alarms.
 """
 
 from __future__ import annotations
@@ -215,7 +215,7 @@ class SettingSearch(Struct, kw_only=True):
         }
 
     def _waited(self, values: Values) -> set[float]:
-        """Return for how long the figure had been within the threshold in the middle of each span that should fire."""
+        """Return for how long the figure had been within the threshold halfway through each mark that should fire."""
         rule, condition = self._with(values)
         found = set[float]()
         for each in self.taught:
