@@ -20,7 +20,7 @@ import random
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
 from tempfile import mkdtemp
@@ -32,8 +32,9 @@ from stadimeter.app.recordings.journal import JournalHeader
 from stadimeter.config.camera_file import camera_file_text
 from stadimeter.config.loader import Configuration, load_configuration
 from stadimeter.core.camera_model import CameraModel
+from stadimeter.core.conditions.distance import DistanceCondition
 from stadimeter.core.observation import FrameStamp, Observation
-from stadimeter.core.rule import AlarmRule
+from stadimeter.core.rule import AlarmRule, OnDelay
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.replay.comparison import SAME_WITHIN_S
 from stadimeter.workbench.replay.what_if import KeptRecording
@@ -175,9 +176,6 @@ def is_sure(visit: Sequence[float], hidden: Settings) -> bool:
 
 
 def load_rule(settings: Settings) -> AlarmRule:
-    from stadimeter.core.conditions.distance import DistanceCondition
-    from stadimeter.core.rule import OnDelay
-
     condition = DistanceCondition(below_m=settings.below, deadband_m=settings.deadband)
     delay = OnDelay(hold_s=settings.on_delay)
     return AlarmRule(name=RULE, target="ball", condition=condition, on_delay=delay, off_delay_s=settings.off_delay)
@@ -270,9 +268,14 @@ def contradict(lesson: Lesson, hidden: Configuration, marks: Sequence[FiringMark
     return [*marks, *no]
 
 
-def measure_all(seeds: Sequence[int]) -> list[Result]:
-    """Try scenes; return what came of each."""
-    return [try_scene(seed) for seed in seeds]
+def measure_all(seeds: Iterable[int]) -> list[Result]:
+    """Try scenes, and tell of each on stderr; return what came of each."""
+    found = []
+    for seed in seeds:
+        found.append(result := try_scene(seed))
+        settings = result.settings if result.outcome != "equal" else ""
+        print(seed, f"{result.took_s:.1f} s", result.outcome, settings, file=sys.stderr, flush=True)
+    return found
 
 
 def markdown(results: Sequence[Result]) -> str:
@@ -289,15 +292,4 @@ if __name__ == "__main__":
     parser.add_argument("--first", type=int, default=1)
     parser.add_argument("--count", type=int, default=100)
     given = parser.parse_args()
-    found = []
-    for seed in range(given.first, given.first + given.count):
-        result = try_scene(seed)
-        found.append(result)
-        print(
-            seed,
-            f"{result.took_s:.1f} s",
-            result.outcome,
-            result.settings if result.outcome != "equal" else "",
-            file=sys.stderr,
-        )
-    print(markdown(found))
+    print(markdown(measure_all(range(given.first, given.first + given.count))))

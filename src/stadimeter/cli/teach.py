@@ -15,7 +15,7 @@ from stadimeter.cli.progress import working
 from stadimeter.config.loader import load_configuration
 from stadimeter.config.untrusted_file import CONFIGURATION_MAX_BYTES, read_untrusted_text
 from stadimeter.core.words import figure_in_words
-from stadimeter.workbench.rule_settings import alarm_named
+from stadimeter.workbench.rule_settings import alarm_named, settings_of
 from stadimeter.workbench.saving import save_files
 from stadimeter.workbench.server.teaching import answer_fields
 from stadimeter.workbench.teaching.lesson import Answer, Lesson, in_words
@@ -125,7 +125,7 @@ def _tell(
     if as_json:
         typer.echo(json.dumps({"changes": dict(values), **answer_fields(lesson, rule, answers)}, ensure_ascii=False))
         return
-    was = lesson.settings(rule)
+    was = settings_of(lesson.configuration, rule)
     for key, value in values.items():
         now = value if isinstance(value, str) else figure_in_words(value, was[key].unit)
         typer.echo(f"{key}: {now}; it was {figure_in_words(was[key].value, was[key].unit)}")

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -26,7 +26,7 @@ from stadimeter.core.rule import AlarmRule, FollowRule, conditions_of
 from stadimeter.core.rules.explaining import Reasons
 from stadimeter.core.rules.layout import asks_for
 from stadimeter.core.rules.quiescence import MAX_WOKEN
-from stadimeter.core.rules.scheduler import EvaluatedRules, judge, with_steps
+from stadimeter.core.rules.scheduler import judge, with_steps
 from stadimeter.errors import JournalError
 from stadimeter.workbench.replay.lanes import Lane, ReplaySide
 from stadimeter.workbench.replay.replay import AnyRecording, decisions, first_state, without_collector
@@ -79,11 +79,11 @@ class KeptRecording:
         """Up to where it is decided on."""
         return self.cycles[-1].at_s if self.cycles else 0.0
 
-    def go_on(self, for_s: float, clock: Callable[[], float] = time.monotonic) -> None:
+    def go_on(self, for_s: float) -> None:
         """Go on for this long, or to the end; damage ends it as well."""
-        until_s = clock() + for_s
+        until_s = time.monotonic() + for_s
         with without_collector():
-            while not self.is_done and clock() < until_s:
+            while not self.is_done and time.monotonic() < until_s:
                 try:
                     self.is_done = next(self._steps, self) is self
                 except JournalError as error:
@@ -128,7 +128,8 @@ class KeptRecording:
         some = replace(plan, rules=tuple(plan.rules[index] for index in rules))
         names = frozenset(rule.name for rule in some.rules)
         side = ReplaySide(Tally(some), {name: lane for name, lane in self.side.rules.items() if name not in names})
-        before = _first_rules(self._first_state(plan), some, rules)
+        first = self._first_state(plan).rules
+        before = with_steps(some, tuple(first.steps[index] for index in rules), first.first_out, first.raised_at_s)
         active: tuple[bool | None, ...] = ()
         with without_collector():
             for at_s, by, has_frame in self.cycles:
@@ -146,12 +147,6 @@ class KeptRecording:
 
 def _new_side(plan: Plan) -> ReplaySide:
     return ReplaySide(Tally(plan), {rule.name: Lane() for rule in plan.rules})
-
-
-def _first_rules(state: State, plan: Plan, rules: tuple[int, ...]) -> EvaluatedRules:
-    """Return some rules of a state as they are before the first cycle."""
-    steps = tuple(state.rules.steps[index] for index in rules)
-    return with_steps(plan, steps, state.rules.first_out, state.rules.raised_at_s)
 
 
 def judged_apart(old: Plan, new: Plan) -> tuple[int, ...] | None:

@@ -10,7 +10,7 @@ from typing import Any
 from stadimeter.app.control.last_recording import FOLDER as LAST
 from stadimeter.config.loader import load_configuration
 from stadimeter.workbench.replay.what_if import KeptRecording
-from stadimeter.workbench.rule_settings import alarm_named
+from stadimeter.workbench.rule_settings import alarm_named, settings_of
 from stadimeter.workbench.server import editing
 from stadimeter.workbench.server.operations import Desk, operation
 from stadimeter.workbench.server.recordings import ENDINGS, about, began_unix_s
@@ -130,8 +130,9 @@ def recordings_of(desk: Desk) -> dict[str, Path]:
 def answer_fields(lesson: Lesson, rule: str, answers: Sequence[Answer]) -> dict[str, Any]:
     """Return answers as JSON has them."""
     _, alarm = alarm_named(lesson.configuration, rule)
+    settings = settings_of(lesson.configuration, rule)
     return {
-        "settings": {key: {"value": each.value, "unit": each.unit} for key, each in lesson.settings(rule).items()},
+        "settings": {key: {"value": each.value, "unit": each.unit} for key, each in settings.items()},
         "words": in_words(alarm.name, answers),
         "recordings": [
             {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -24,7 +24,7 @@ from stadimeter.workbench.replay.comparison import EventChange, ReplayDiff, comp
 from stadimeter.workbench.replay.lanes import ReplaySide
 from stadimeter.workbench.replay.replay import read_recording
 from stadimeter.workbench.replay.what_if import KEPT_CYCLES_MAX, KeptRecording
-from stadimeter.workbench.rule_settings import RuleSetting, alarm_named, settings_of, with_settings
+from stadimeter.workbench.rule_settings import alarm_named, with_settings
 from stadimeter.workbench.teaching.marks import MOMENT_S, Firing, FiringMark, is_met
 from stadimeter.workbench.teaching.search import SettingSearch, Taught, Values
 from stadimeter.workbench.teaching.signal import signal_of
@@ -83,19 +83,15 @@ class Lesson:
             recording=read_recording(path), configuration=self.configuration, from_s=from_s
         )
 
-    def go_on(self, for_s: float, clock: Callable[[], float] = time.monotonic) -> bool:
+    def go_on(self, for_s: float) -> bool:
         """Read on for this long; return whether all are read, as far as they are kept."""
-        until_s = clock() + for_s
+        until_s = time.monotonic() + for_s
         room = KEPT_CYCLES_MAX // max(1, len(self.configuration.plan.targets))
         for each in self.recordings.values():
             each.cycles_max = room
-            each.go_on(until_s - clock(), clock)
+            each.go_on(until_s - time.monotonic())
             room -= len(each.cycles)
         return all(each.is_done for each in self.recordings.values())
-
-    def settings(self, rule: str) -> dict[str, RuleSetting]:
-        """Return what may be changed of a rule."""
-        return settings_of(self.configuration, rule)
 
     def load(self, rule: str, values: Mapping[str, float | str]) -> Configuration:
         """Return the configuration with other settings of a rule; `ConfigError` if it cannot be used."""
@@ -122,7 +118,8 @@ class Lesson:
         for values in search.best():
             new = self.load(rule, values)
             answers = self.answer(new.plan)
-            if all(_meets(each, search.rule.name, marks) for each in answers):
+            firings = {each.name: each.after.rules[search.rule.name].spans for each in answers}
+            if all(is_met(mark, firings[mark.recording], marks) for mark in marks):
                 return TaughtSettings(values=values, marks=marks, answers=answers)
         raise ConfigError([_contradiction(search, str(self.configuration.path))])
 
@@ -167,7 +164,13 @@ class Lesson:
 
     def whole(self, rule: str, marks: Sequence[FiringMark]) -> list[FiringMark]:
         """Return marks, those on a moment that should not have fired as one on all of the alarm that stood there."""
-        return [_whole(mark, self.recordings[mark.recording].side.rules[rule].spans) for mark in marks]
+        found = []
+        for mark in marks:
+            firings = self.recordings[mark.recording].side.rules[rule].spans
+            stood = (firing for firing in firings if mark.is_moment and not mark.should_fire and mark.touches(firing))
+            from_s, to_s = next(stood, (mark.from_s, mark.to_s))
+            found.append(replace(mark, from_s=from_s, to_s=to_s))
+        return found
 
 
 def in_words(rule: str, answers: Sequence[Answer]) -> str:
@@ -195,19 +198,6 @@ def changes_as_marks(rule: str, answer: Answer) -> Iterator[FiringMark]:
             yield FiringMark(recording=answer.name, from_s=at_s, to_s=at_s, should_fire=change.change == "added")
 
 
-def _whole(mark: FiringMark, firings: Sequence[Firing]) -> FiringMark:
-    """Return a mark on a moment that should not have fired as one on all of the alarm that stood there."""
-    if mark.should_fire or not mark.is_moment:
-        return mark
-    found = next((firing for firing in firings if mark.touches(firing)), (mark.from_s, mark.to_s))
-    return replace(mark, from_s=found[0], to_s=found[1])
-
-
-def _meets(answer: Answer, rule: str, marks: Sequence[FiringMark]) -> bool:
-    here = [mark for mark in marks if mark.recording == answer.name]
-    return all(is_met(mark, answer.after.rules[rule].spans, here) for mark in here)
-
-
 def write_test(rule: str, answer: Answer, marks: Sequence[FiringMark], folder: Path) -> tuple[str, str]:
     """Cut what a test needs out of a recording, without pictures; return the test as TOML, and its name.
 
@@ -223,9 +213,9 @@ def write_test(rule: str, answer: Answer, marks: Sequence[FiringMark], folder: P
     begins = f"{rule.replace(':', '-')}-{Path(answer.name).stem}-{max(0.0, begin_s):.0f}s"
     # What was taught before keeps its test, and the journal of that.
     names = (begins, *(f"{begins}-{number}" for number in range(2, 1000)))
-    stem = next(each for each in names if not (folder / f"tests/{each}.jsonl").exists())
+    (folder / "tests").mkdir(exist_ok=True)
+    stem = next(each for each in names if _is_created(folder / f"tests/{each}.jsonl"))
     name = f"tests/{stem}.jsonl"
-    (folder / name).parent.mkdir(exist_ok=True)
     writer = JournalWriter(folder / name, recording.header.recorded_configuration, recording.header.began_at)
     first_s = math.nan
     for cycle in recording.cycles():
@@ -239,6 +229,15 @@ def write_test(rule: str, answer: Answer, marks: Sequence[FiringMark], folder: P
     test = f"{rule} as taught: {stem}"
     heading = f"\n[[tests]]\nname = {json.dumps(test)}\ninput = {{ journal = {json.dumps(name)} }}\n"
     return heading + "\n".join([*_expected(rule, inside, moved), ""]), test
+
+
+def _is_created(path: Path) -> bool:
+    """Create a file, unless there is one already."""
+    try:
+        path.touch(exist_ok=False)
+    except FileExistsError:
+        return False
+    return True
 
 
 def _expected(rule: str, firings: Sequence[Firing], marks: Sequence[FiringMark]) -> Iterator[str]:

@@ -60,9 +60,9 @@ class FiringMark(Struct, frozen=True, kw_only=True):
             return False
         return self.touches(firing) if self.is_moment else self.from_s <= firing[0] <= self.to_s
 
-    def off_s(self, firing: Firing) -> float:
-        """Return how far from the middle of a span an alarm was raised; a moment says nothing of that."""
-        return 0.0 if self.is_moment else abs(firing[0] - (self.from_s + self.to_s) / 2)
+    def off(self, firing: Firing) -> float:
+        """Return how far from the middle of a span an alarm was raised, as a share of half of it; 0 for a moment."""
+        return 0.0 if self.is_moment else abs(2 * firing[0] - self.from_s - self.to_s) / (self.to_s - self.from_s)
 
 
 def parse_mark(text: str) -> FiringMark:
@@ -84,9 +84,11 @@ def is_met(mark: FiringMark, firings: Sequence[Firing], marks: Sequence[FiringMa
     """Return whether an alarm did what a mark says.
 
     Args:
-        marks: All of its recording.
+        firings: Those in its recording.
+        marks: All marks.
     """
     if mark.should_fire:
         return any(mark.wants(firing) for firing in firings)
-    before = [each for each in marks if mark.from_s - JOINED_S <= each.from_s < mark.from_s]
+    here = [each for each in marks if each.recording == mark.recording]
+    before = [each for each in here if mark.from_s - JOINED_S <= each.from_s < mark.from_s]
     return not any(mark.touches(firing) and not any(each.wants(firing) for each in before) for firing in firings)

@@ -1,20 +1,20 @@
 """The smallest change of a rule's threshold, delays and deadband that meets all marks.
 
 Smallest means, in this order: the fewest alarms that change where nothing is marked, in the recordings with marks; the
-fewest settings that change; and the least change of these: the sum of the logarithms of their ratios, and of the mean
-time in seconds by which alarms are off the middle of marked spans. Of all values of a setting that give the same
-alarms, the central one is taken, rounded as far as they allow: the furthest from being wrong on either side.
+fewest settings that change; and the least change of these: the sum of the logarithms of their ratios, and of how far
+alarms are off the middle of marked spans, as a share of half a span. Of settings that do as well, the centre is taken,
+rounded as far as they allow: the furthest from being wrong on any side.
 
 Thresholds come from the order statistics of the signal: alarms change only where the threshold passes a figure that the
-signal keeps to for as long as the delay. Delays come from how long the signal stayed, deadbands and off-delays from how
-far and for how long it left between two alarms.
+signal keeps to for as long as the delay. On-delays come from how long the signal stayed, and had stayed halfway through
+a mark; deadbands and off-delays from how far and for how long it left between two alarms.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from itertools import pairwise, product
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import pairwise
 from operator import attrgetter
 from typing import NamedTuple
 
@@ -31,23 +31,27 @@ from stadimeter.workbench.replay.comparison import SAME_WITHIN_S
 from stadimeter.workbench.teaching.marks import JOINED_S, MOMENT_S, Firing, FiringMark, is_met
 from stadimeter.workbench.teaching.signal import Floats, Signal
 
-# How many values of each kind are tried: thresholds and on-delays all with each other, then off-delays and deadbands
-# with the best of these. These 1,000 settings take 4 s on a recording of ten minutes (x86, 3 GHz).
-THRESHOLDS_MAX, ON_DELAYS_MAX, OFF_DELAYS_MAX, DEADBANDS_MAX, BEST_MAX = 40, 12, 6, 6, 12
+# How many values of each kind are tried: thresholds and on-delays all with each other; then each setting by itself
+# around the best of these, and once more around the best of those. These 600 settings, and 500 to find the centre, take
+# 1.3 s for three recordings of eight minutes at five frames a second (x86, 3 GHz).
+THRESHOLDS_MAX, DELAYS_MAX, MARKED_MAX, BEST_MAX, ROUNDS = 40, 12, 4, 12, 2
 
 # Thresholds are sought once in this time of the signal, if it is a turning point there.
 BLOCK_S = 2.0
 
-# Delays (s) and deadbands (as a share of the threshold) are compared as if they were longer by this: from 0 to a tenth
-# of it is no larger a change than of a threshold from 1 m to 1.1 m.
-DELAY_SIZE_S, BAND_SIZE = 1.0, 0.1
+# Delays (s), deadbands (as a share of the threshold) and standard deviations are compared as if they were larger by
+# this: from 0 to a tenth of it is no larger a change than of a threshold from 1 m to 1.1 m.
+DELAY_SIZE_S, BAND_SIZE, SIGMAS_SIZE = 1.0, 0.1, 1.0
 
 # Figures and times that differ by less than this share are not separated, unless the marks leave no other way: noise
 # would decide between them.
 APART = 0.05
 
-DELAYS = ("on_delay", "off_delay")
+# The centre is sought among this many settings, drawn this many times from a box that shrinks around the best. It ends
+# where a setting changes by this many times what is needed: where nothing speaks against more, there is a limit.
+DRAWS, SHRINKS, NEEDED_TIMES = 60, 8, 3
 _BISECTIONS = 9
+
 Values = Mapping[str, float]
 SoughtCondition = DistanceCondition | FigureCondition
 
@@ -75,6 +79,8 @@ class Tried(NamedTuple):
     values: Values
     score: Score
     met: tuple[bool, ...]
+    off: float
+    """How far alarms are off the middle of marked spans, as a share of half a span, on average."""
 
 
 class SettingSearch(Struct, kw_only=True):
@@ -87,29 +93,29 @@ class SettingSearch(Struct, kw_only=True):
 
     def best(self) -> Iterator[Values]:
         """Yield settings that meet all marks, the smallest change first."""
+        good: list[Tried] = []
         for least in (APART, 0.0):
-            self._try_all(least)
-            good = [each for each in self._best(BEST_MAX) if not each.score.unmet]
-            if good:
-                break
-        for each in good:
-            yield self._centred(each)
-        yield from (each.values for each in good)
+            if not good:
+                self._try_all(least)
+                good = [each for each in self._best(len(self.tried)) if not each.score.unmet]
+        by_keys = {tuple(sorted(each.values)): each for each in reversed(good)}
+        smallest = sorted(map(self._nearest, by_keys.values()), key=attrgetter("score"))
+        for each in smallest:
+            yield self._centre(each)
+        yield from (each.values for each in (*smallest, *good[:BEST_MAX]))
 
     def _try_all(self, least: float) -> None:
         self.attempt({})
-        for values in self._other_thresholds({}, least):
-            for delay_s in self._delays("on_delay", values, least):
-                self.attempt({**values, "on_delay": delay_s})
-        for tried in self._best(BEST_MAX):
-            off_delays = self._delays("off_delay", tried.values, least)
-            for off_s, band in product(off_delays, self._deadbands(tried.values, least)):
-                self.attempt({**tried.values, "off_delay": off_s, **band})
-        for tried in self._best(BEST_MAX // 2):  # once more around what came out, one setting after the other
-            for values in self._other_thresholds(tried.values, least):
-                self.attempt(values)
-            for delay_s in self._delays("on_delay", tried.values, least):
-                self.attempt({**tried.values, "on_delay": delay_s})
+        thresholds = list(thresholds_of(self.rule))
+        for key in thresholds:
+            for at in self._candidates(key, {}, least):
+                for delay_s in self._candidates("on_delay", {key: at}, least):
+                    self.attempt({key: at, "on_delay": delay_s})
+        for _ in range(ROUNDS):
+            for tried in self._best(BEST_MAX):
+                for key in (*thresholds, "on_delay", "off_delay", self._band_key, self._sigmas_key):
+                    for value in self._candidates(key, tried.values, least):
+                        self.attempt({**tried.values, key: value})
 
     def _best(self, count: int) -> list[Tried]:
         return sorted(self.tried.values(), key=attrgetter("score"))[:count]
@@ -121,16 +127,16 @@ class SettingSearch(Struct, kw_only=True):
         if asked not in self.tried:
             rule, condition = self._with(changed)
             met: list[bool] = []
-            elsewhere, off_s = 0, [0.0]
+            elsewhere, offs = 0, [0.0]
             for each in self.taught:
                 firings = each.signal.firings(rule, condition)
                 met += [is_met(mark, firings, each.marks) for mark in each.marks]
                 elsewhere += _count_elsewhere(each, firings)
-                off_s += [mark.off_s(firing) for mark in each.marks for firing in firings if mark.wants(firing)]
+                offs += [mark.off(firing) for mark in each.marks for firing in firings if mark.wants(firing)]
             size = sum(abs(self._place(key, value) - self._place(key, self._own[key])) for key, value in asked)
-            self.tried[asked] = Tried(
-                changed, Score(met.count(False), elsewhere, len(changed), size + sum(off_s) / len(off_s)), tuple(met)
-            )
+            off = sum(offs) / len(offs)
+            score = Score(met.count(False), elsewhere, len(changed), size + off)
+            self.tried[asked] = Tried(changed, score, tuple(met), off)
         return self.tried[asked]
 
     @property
@@ -147,6 +153,13 @@ class SettingSearch(Struct, kw_only=True):
         found |= {"on_delay": self.rule.on_delay.hold_s, "off_delay": self.rule.off_delay_s}
         return found | {self._band_key: self.condition.deadband, self._sigmas_key: self.condition.deadband_sigmas}
 
+    @property
+    def _sizes(self) -> dict[str, float]:
+        """By what settings that may be 0 are compared as if they were larger."""
+        limit = next(abs(limit) for limit in self.condition.limits if math.isfinite(limit))
+        delays = dict.fromkeys(("on_delay", "off_delay"), DELAY_SIZE_S)
+        return {**delays, self._band_key: BAND_SIZE * (limit or 1.0), self._sigmas_key: SIGMAS_SIZE}
+
     def _with(self, values: Values) -> tuple[AlarmRule, SoughtCondition]:
         rule = move(self.rule, values)
         if "on_delay" in values:
@@ -162,74 +175,101 @@ class SettingSearch(Struct, kw_only=True):
 
     def _place(self, key: str, value: float) -> float:
         """Return where a value is on the scale on which changes are compared: that of ratios."""
-        limits = [abs(limit) for limit in self.condition.limits if math.isfinite(limit)]
-        scales = {**dict.fromkeys(DELAYS, DELAY_SIZE_S), self._sigmas_key: 1.0, self._band_key: BAND_SIZE * limits[0]}
-        if key in scales or value <= 0:
-            return math.log(max(value, 0.0) + (scales.get(key) or limits[0] or 1.0))
-        return math.log(value)
+        size = self._sizes.get(key, 0.0 if value > 0 else abs(self._own[key]) or 1.0)
+        return math.log(max(value, 0.0) + size)
 
-    def _other_thresholds(self, values: Values, least: float) -> Iterator[Values]:
-        return ({**values, key: at} for key in thresholds_of(self.rule) for at in self._thresholds(key, least))
+    def _candidates(self, key: str, values: Values, least: float) -> list[float]:
+        """Return values of a setting between which alarms change, and the rule's own; see the module."""
+        own = self._own[key]
+        if key in thresholds_of(self.rule):
+            return [own, *_thin(_between(self._crossings(key), least), THRESHOLDS_MAX)]
+        if key == self._sigmas_key:
+            return [own, 0.0]
+        is_band = key == self._band_key
+        figures = self._ways_off(values) if is_band else self._lengths(values, is_off=key == "off_delay")
+        found = _thin(_between(figures, least), DELAYS_MAX)
+        if key == "on_delay":
+            found += _thin(sorted(self._waited(values)), MARKED_MAX)
+        return [own, 0.0, *(max(0.0, each) for each in found)]
 
-    def _thresholds(self, key: str, least: float) -> list[float]:
-        """Return a threshold between each two figures at which alarms change, and the rule's own."""
+    def _crossings(self, key: str) -> set[float]:
         side = 1.0 if thresholds_of(self.rule)[key].place.field == self.condition.ends[1] else -1.0
-        turns: set[float] = set()
+        found: set[float] = set()
         for each in self.taught:
             crossed = each.signal.crossed_at(self.condition, side)
-            for mark in each.marks:
-                marked = crossed[_in_span(each.signal.at_s, mark)]
-                turns |= {side * float(marked.min())} if len(marked) else set()
-            turns |= {side * float(lowest) for lowest in _turning_points(each.signal.at_s, crossed)}
-        return [self._own[key], *_thin(_between(turns, least, is_open=True), THRESHOLDS_MAX)]
+            marked = (crossed[_in_span(each.signal.at_s, mark)] for mark in each.marks)
+            found |= {side * float(figures.min()) for figures in marked if len(figures)}
+            found |= {side * float(lowest) for lowest in _turning_points(each.signal.at_s, crossed)}
+        return found
 
-    def _delays(self, key: str, values: Values, least: float) -> list[float]:
-        """Return delays between the lengths of visits; off-delays, of the gaps within one, and one beyond each end."""
+    def _lengths(self, values: Values, *, is_off: bool) -> set[float]:
+        """Return for how long the figure stayed within the threshold, or off it between two alarms."""
         rule, condition = self._with(values)
-        is_off = key == "off_delay"
-        lengths: set[float] = set()
+        return {
+            length
+            for each in self.taught
+            for length in each.signal.lengths(
+                each.signal.within(condition, is_on=is_off) != is_off, rule.delay_tolerance
+            )
+            if not is_off or length < JOINED_S
+        }
+
+    def _waited(self, values: Values) -> set[float]:
+        """Return for how long the figure had been within the threshold halfway through each mark that should fire."""
+        rule, condition = self._with(values)
+        found = set[float]()
         for each in self.taught:
-            flags = each.signal.within(condition, is_on=is_off) != is_off
-            lengths |= each.signal.lengths(flags, rule.delay_tolerance)
-        if not is_off:
-            return [self._own[key], 0.0, *_thin(_between(lengths, least), ON_DELAYS_MAX)]
-        gaps = {length for length in lengths if length < JOINED_S}
-        return [self._own[key], *_thin(_between(gaps, least, is_open=True), OFF_DELAYS_MAX)]
+            middles_s = [(mark.from_s + mark.to_s) / 2 for mark in each.marks if mark.should_fire]
+            for first, last in each.signal.runs(each.signal.within(condition, is_on=False), rule.delay_tolerance):
+                begin_s, end_s = map(float, each.signal.at_s[[first, last]])
+                found |= {at_s - begin_s for at_s in middles_s if begin_s <= at_s <= end_s}
+        return found
 
-    def _deadbands(self, values: Values, least: float) -> list[Values]:
-        """Return deadbands between the ways that the figure went off from one alarm to the next."""
-        none: Values = {self._band_key: 0.0, self._sigmas_key: 0.0}
-        rule, condition = self._with({**values, **none})
-        ways: set[float] = set()
-        for each in self.taught:
-            for (_, cleared_s), (raised_s, _) in pairwise(each.signal.firings(rule, condition)):
-                if raised_s - cleared_s < JOINED_S:
-                    ways.add(each.signal.way_off(condition, cleared_s - rule.off_delay_s, raised_s))
-        found = _thin(_between(ways, least, is_open=True), DEADBANDS_MAX)
-        return [{}, none, {self._band_key: 0.0}, *({self._band_key: max(0.0, way)} for way in found)]
+    def _ways_off(self, values: Values) -> set[float]:
+        """Return how far the figure went off from one alarm to the next."""
+        rule, condition = self._with({**values, self._band_key: 0.0})
+        return {
+            each.signal.way_off(condition, cleared_s - rule.off_delay_s, raised_s)
+            for each in self.taught
+            for (_, cleared_s), (raised_s, _) in pairwise(each.signal.firings(rule, condition))
+            if raised_s - cleared_s < JOINED_S
+        }
 
-    def _centred(self, found: Tried) -> Values:
-        """Return the same settings with each value central among those that give the same alarms."""
-        values = dict(found.values)
-        for key, value in found.values.items():
-            if key == self._sigmas_key:
-                continue
-            floor = 0.0 if key in {*DELAYS, self._band_key} else value - abs(value) / 2
+    def _nearest(self, found: Tried) -> Tried:
+        """Return settings that are as good, each as near to the rule's own as it may be."""
+        for key in found.values:
+            near, far = self._own[key], found.values[key]
+            for _ in range(_BISECTIONS):
+                middle = (near + far) / 2
+                tried = self.attempt({**found.values, key: middle})
+                if tried.score[:2] == found.score[:2] and tried.off <= found.off:
+                    far, found = middle, tried
+                else:
+                    near = middle
+        return found
 
-            def is_same(other: float, key: str = key) -> bool:
-                return self.attempt({**values, key: other}).score[:2] == found.score[:2]
+    def _centre(self, found: Tried) -> Values:
+        """Return the centre of the settings that are as good, and best in time."""
+        keys, random = list(found.values), np.random.default_rng(0)
+        own, value = (np.array([source[key] for key in keys]) for source in (self._own, found.values))
+        floor, ceiling = np.sort([own, own + NEEDED_TIMES * (value - own)], axis=0)
+        low, high, centre = floor, ceiling, dict(found.values)
+        good = [found]
+        for _ in range(SHRINKS if keys else 0):
+            tried = [self._attempt_at(keys, draw) for draw in random.uniform(low, high, (DRAWS, len(keys)))]
+            good += [each for each in tried if each.score[:3] == found.score[:3]]
+            best = [each for each in good if each.off == min(map(attrgetter("off"), good))]
+            near = np.array([[each.values[key] for key in keys] for each in best])
+            wider = (high - low) / 4
+            low, high = np.maximum(floor, near.min(0) - wider), np.minimum(ceiling, near.max(0) + wider)
+            centre = dict(zip(keys, map(_roundest, near.mean(0), near.max(0) - near.min(0)), strict=True))
+        is_good = self.attempt(centre).score[:2] == found.score[:2]
+        return centre if is_good else best[0].values
 
-            low, is_low_open = _edge(is_same, value, floor)
-            high, is_high_open = _edge(is_same, value, value + abs(value) + DELAY_SIZE_S / 10)
-            own = self._own[key]
-            if is_high_open and own < low:  # nothing speaks against more, so no more is taken than half as much again
-                high = min(high, low + (low - own))
-            if is_low_open and own > high and key not in DELAYS:
-                low = max(low, high - (own - high))
-            rounded = _roundest(low, high)
-            if is_same(rounded):
-                values[key] = rounded
-        return values
+    def _attempt_at(self, keys: Sequence[str], draw: Floats) -> Tried:
+        """Try settings that were drawn; what may not be below 0 is 0 then."""
+        values = zip(keys, map(float, draw), strict=True)
+        return self.attempt({key: max(value, 0.0) if key in self._sizes else value for key, value in values})
 
     def contradiction(self) -> list[FiringMark]:
         """Return two marks that no settings that were tried meet both; or one; none if it is more than two."""
@@ -284,36 +324,25 @@ def _turning_points(at_s: Floats, crossed: Floats) -> Iterator[float]:
         yield from least[(padded[1:-1] <= padded[:-2]) & (padded[1:-1] <= padded[2:])]
 
 
-def _between(values: Iterable[float], least: float, *, is_open: bool = False) -> list[float]:
-    """Return a value between each two that follow each other and are apart; if `is_open`, one beyond each end too.
+def _between(values: Iterable[float], least: float) -> list[float]:
+    """Return a value between each two that follow each other and are apart, and one beyond each end.
 
     Args:
         least: How far apart at least, as a share of the larger.
     """
     found = sorted(values)
     between = [(low + high) / 2 for low, high in pairwise(found) if high - low > least * abs(high)]
-    return [found[0] - abs(found[0]) / 20, *between, found[-1] + abs(found[-1]) / 20] if is_open and found else between
+    return [found[0] - abs(found[0]) / 20, *between, found[-1] + abs(found[-1]) / 20] if found else []
 
 
 def _thin(values: Sequence[float], most: int) -> list[float]:
     """Return at most this number of some values, evenly out of their order."""
-    if len(values) <= most:
-        return list(values)
-    return [values[round(each)] for each in np.linspace(0, len(values) - 1, most)]
+    return (
+        list(values) if len(values) <= most else [values[round(each)] for each in np.linspace(0, len(values) - 1, most)]
+    )
 
 
-def _edge(is_same: Callable[[float], bool], inside: float, outside: float) -> tuple[float, bool]:
-    """Return up to where a value may go on the way outside, and whether that is all the way."""
-    if is_same(outside):
-        return outside, True
-    for _ in range(_BISECTIONS):
-        middle = (inside + outside) / 2
-        inside, outside = (middle, outside) if is_same(middle) else (inside, middle)
-    return inside, False
-
-
-def _roundest(low: float, high: float) -> float:
-    """Return the number with the fewest digits in the central third of a range."""
-    middle, third = (low + high) / 2, abs(high - low) / 6
+def _roundest(middle: float, width: float) -> float:
+    """Return the number with the fewest digits in the central third of a range; none has more than six."""
     rounded = (float(f"{middle:.{digits}g}") for digits in range(1, 7))
-    return next((each for each in rounded if abs(each - middle) <= third), middle)
+    return next((each for each in rounded if abs(each - middle) <= width / 6), float(f"{middle:.6g}"))

@@ -140,8 +140,10 @@ def signal_of(cycles: Sequence[KeptCycle], rule: AlarmRule, condition: LimitsCon
         if by.sample is None:
             continue
         known = condition.uncertain(by.inputs)
-        if known is None or by.inputs.tracks[rule.target].rejected > 0:
+        if known is None:
             was_known, unknown_s = False, unknown_s + by.sample.since_s
+            continue
+        if by.inputs.tracks[rule.target].rejected > 0:  # passed over: its own time counts for no delay
             continue
         judged_s += by.sample.since_s if was_known else 0.0
         if unknown_s > rule.lost.grace_s:
