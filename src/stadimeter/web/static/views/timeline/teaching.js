@@ -7,7 +7,8 @@ const NEAR_PX = 8; // a pointer this near to a threshold drags it
 const QUIET_MS = 120;
 const FOR_S = 2; // until there is something to show
 const HOW =
-  "Drag a threshold on the chart, or click a moment and say whether the rule should have fired. The upper bars in its lane are what it would have done on the recordings.";
+  "Drag a threshold on the chart, or click a moment and say whether the rule should have fired. " +
+  "The upper bars in its lane are what it would have done on the recordings.";
 const row = (...children) => h("div", { class: "row" }, children);
 
 /** `view` is the timeline: its `api`, `unit`, `say` and `chart`. */
@@ -92,7 +93,8 @@ export class Teaching {
       return this.marks.length ? this.#answer("teach", { marks: this.#texts() }) : this.use(this.rule);
     };
     const item = (mark) => {
-      const words = `${mark.fire ? "✓ should" : "✗ should not"} have fired: ${new Date(mark.unix_s * 1000).toLocaleTimeString()}`;
+      const should = mark.fire ? "✓ should" : "✗ should not";
+      const words = `${should} have fired: ${new Date(mark.unix_s * 1000).toLocaleTimeString()}`;
       return h(
         "li",
         { class: "row" },
