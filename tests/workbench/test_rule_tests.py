@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from statistics import median
 
 import pytest
 
@@ -13,8 +14,10 @@ from stadimeter.app.recordings.journal import JournalWriter, read_journal
 from stadimeter.app.recordings.recorded_configuration import to_be_recorded
 from stadimeter.app.recordings.recorder import Recorder
 from stadimeter.config.loader import Configuration, load_configuration
+from stadimeter.workbench.rule_tests.inputs import sensor_models
 from stadimeter.workbench.rule_tests.running import RuleTestResult, run_rule_test
 from stadimeter.workbench.rule_tests.watches import Failure
+from support import two_cameras
 from support.recordings import records_of
 from support.simulated_run import SIMULATED_BALL
 
@@ -433,3 +436,18 @@ def test_a_rule_about_a_range_sensor_is_tested_without_it(load: Load) -> None:
     motion = '{ target = "front", approach = { from = "3 m", to = "50 cm", speed = "1 m/s" } }'
     configuration = load(f"[[tests]]\ninput = {motion}\nexpect.close = {{ raised = 1 }}\n", SONAR + RULES)
     assert not run_rule_test(configuration, configuration.tests[0]).failures
+
+
+@pytest.mark.vision
+def test_two_cameras_are_as_sure_of_a_ball_of_unknown_size_in_a_test_as_in_a_run(tmp_path: Path) -> None:
+    configuration = two_cameras.load(tmp_path, targets_ball='tolerance = "unknown"')
+    model = sensor_models(configuration)["ball"]
+    watched = two_cameras.Watched(configuration, 2.0).run()
+    ratios = [
+        model.sigmas_m(measured.distance_m)[0] / measured.sigma_m
+        for record, _ in watched.cycles
+        for measured in record.observation.measurements
+        if measured.distance_m is not None and measured.sigma_m
+    ]
+    assert len(ratios) > 20
+    assert 0.6 < median(ratios) < 1.2, "where pictures are apart in time, a run is less sure"

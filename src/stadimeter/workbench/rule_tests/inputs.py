@@ -30,9 +30,11 @@ from stadimeter.core.clock import DAY_S
 from stadimeter.core.measurement import Measurement, MeasurementStatus
 from stadimeter.core.observation import FrameStamp, Observation, WallTime
 from stadimeter.core.operator import OperatorCommand
+from stadimeter.core.stereo_rig import StereoRig
 from stadimeter.core.target import TargetShape
 from stadimeter.errors import ConfigError, JournalError, Problem, StadimeterError
 from stadimeter.ranging.similar_triangles import expect
+from stadimeter.ranging.stereo import straight_ahead_share
 from stadimeter.workbench.replay.replay import read_recording
 
 # The frame rate where neither the test nor the camera names one.
@@ -175,6 +177,24 @@ class SensorModel:
         return expect(self._size, self._exact, distance_m).size_px >= MIN_SIZE_PX
 
 
+class TwoCameraModel(SensorModel):
+    """Two cameras that look at a target whose size is only a guess: how sure they are follows from their baseline."""
+
+    def __init__(self, size: TargetShape, rig: StereoRig) -> None:
+        super().__init__(size, rig.left)
+        self._rig = rig
+
+    def sigmas_m(self, distance_m: float) -> tuple[float, float]:
+        """Return how sure triangulation is straight ahead.
+
+        Noise moves the middle of an outline by half of what it adds to its size, in each of two pictures; and an error
+        of the disparity counts as one of the size does, by the baseline in place of the size.
+        """
+        of_size_m = expect(self._size, self._exact, distance_m).noise_m
+        noise_m = of_size_m * self._size.shortest_m / self._rig.baseline_m / math.sqrt(2)
+        return math.hypot(noise_m, straight_ahead_share(self._rig, distance_m) * distance_m), noise_m
+
+
 class RangeSensorModel(SensorModel):
     """A range sensor: as sure as those that there are, in the middle of their range, and no further."""
 
@@ -215,7 +235,10 @@ def sensor_models(configuration: Configuration) -> Mapping[str, SensorModel]:
         for choice in configuration.targets:
             try:
                 shape = _build(choice, camera, shared).target_shape
-                models |= dict.fromkeys(choice.members, SensorModel(shape, camera))
+                rig = configuration.rig if math.isinf(shape.relative_sigma) else None
+                models |= dict.fromkeys(
+                    choice.members, SensorModel(shape, camera) if rig is None else TwoCameraModel(shape, rig)
+                )
             except StadimeterError as error:
                 message = f"how large the target is cannot be known: {error}"
                 raise ConfigError([Problem(message, str(configuration.path), key=f"targets.{choice.name}")]) from error
