@@ -30,6 +30,7 @@ def opened(page: Any, here: Served, view: str) -> None:
         page.locator(".setup-way .primary").wait_for()  # the question is there, and has the focus
     if view == "timeline":
         page.locator(".timeline-chart[data-step]").wait_for()
+        page.get_by_role("region", name="What if").wait_for()  # it comes with the thresholds, a moment later
     if view == "live":
         page.locator("canvas[data-drawn]").wait_for()
         page.get_by_text("Show what was refused").click()
