@@ -136,7 +136,7 @@ class MountingWatch:
         if is_due and not judgement.found and self._configuration.base is None:
             self._dirt_s = frames[0].captured_at_s
             parts = look_at_parts(images, lens, hidden)
-            self._dirt.judge(np.full_like(parts, np.inf) if judgement.is_dark else parts)
+            self._dirt.judge(np.full_like(parts, np.inf) if judgement.not_judged else parts)
         if judgement.has_learnt:
             self._reference = replace(self._reference, views=list(self._judge.views))
             with suppress(StadimeterError):  # it is learnt again after a restart

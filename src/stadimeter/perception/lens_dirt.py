@@ -9,7 +9,6 @@ All figures here were chosen on two rendered days (seeds 501 and 502).
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 
 import cv2
@@ -54,9 +53,8 @@ def look_at_parts(pictures: Sequence[Image], lens: CameraModel, hidden: Sequence
         x, y, width, height = cv2.boundingRect((outline * small.width_px / lens.width_px).astype(np.float32))
         cv2.rectangle(covered, (x - 10, y - 10), (x + width + 10, y + height + 10), 1.0, -1)
     size = (small.width_px // PART_PX, small.height_px // PART_PX)
-    energy, level, share = (
-        cv2.resize(each, size, interpolation=cv2.INTER_AREA) for each in (fine[0] * fine[1], one, covered)
-    )
+    planes = np.dstack([fine[0] * fine[1], one, covered])
+    energy, level, share = cv2.split(cv2.resize(planes, size, interpolation=cv2.INTER_AREA))
     parts = np.log(np.maximum([energy, level], [[[0.05]], [[1.0]]]))
     return np.where(share > WHITE_SHARE, np.inf, parts).astype(np.float32)
 
@@ -70,7 +68,7 @@ class DirtJudge(Struct):
 
     words: str = ""
     _checks: list[Plane] = field(default_factory=list)
-    _least: deque[Plane] = field(default_factory=lambda: deque(maxlen=HALF_HOURS))
+    _least: list[Plane] = field(default_factory=list)
 
     def judge(self, parts: Plane) -> str:
         """Take in the parts of a view, all of them infinite in the dark; return the words."""
@@ -80,18 +78,20 @@ class DirtJudge(Struct):
             if len(self._least) == HALF_HOURS and np.isfinite(checks[:, 1]).mean() > LASTING / 2:
                 self.words = _fallen(checks, np.min(self._least, axis=0))
             if not self.words:
-                self._least.append(np.median(checks, axis=0))
+                self._least = [*self._least, np.median(checks, axis=0)][-HALF_HOURS:]
         return self.words
 
 
 def _fallen(checks: Plane, least: Plane) -> str:
     """Return where parts show less than the least that they showed before; empty for nowhere."""
-    shows = np.isfinite(least) & ((least > np.log(ENERGY_MIN)) | (np.arange(2) == 1)[:, None, None])
-    falls = np.mean([_falls(each, least, shows) for each in checks], axis=0) >= LASTING
-    count, _, boxes, middles = cv2.connectedComponentsWithStats(falls.any(axis=0).astype(np.uint8), connectivity=8)
+    least = np.where(np.isfinite(least), least, -np.inf)  # from which nothing falls
+    least[0, least[0] < np.log(ENERGY_MIN)] = -np.inf
+    falls = [[_falls(*each) for each in zip(check - least, FALLS, strict=True)] for check in checks]
+    is_fallen = (np.mean(falls, axis=0) >= LASTING).any(axis=0)
+    count, _, boxes, middles = cv2.connectedComponentsWithStats(is_fallen.astype(np.uint8), connectivity=8)
     largest = max(range(1, count), key=lambda each: int(boxes[each, cv2.CC_STAT_AREA]), default=0)
-    rows, columns = falls.shape[1:]
-    if not largest or not PARTS_MIN <= boxes[largest, cv2.CC_STAT_AREA] <= SHARE_MAX * rows * columns:
+    rows, columns = is_fallen.shape
+    if not largest or not PARTS_MIN <= boxes[largest, cv2.CC_STAT_AREA] <= SHARE_MAX * is_fallen.size:
         return ""
     column, row = middles[largest]
     down = ("upper", "middle", "lower")[int(3 * (row + 0.5) / rows)]
@@ -99,14 +99,10 @@ def _fallen(checks: Plane, least: Plane) -> str:
     return f"dirt on the lens or something new before it, at the {down} {across} of the picture"
 
 
-def _falls(parts: Plane, least: Plane, shows: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _falls(change: Plane, limit: float) -> NDArray[np.bool_]:
     """Return which parts fell, relative to the middle of the picture's and to the mean of their neighbours."""
-    seen = shows & np.isfinite(parts)
-    change = np.where(seen, np.subtract(parts, least, where=seen, out=np.zeros_like(parts)), 0.0)
-    falls = np.zeros(parts.shape, np.bool_)
-    for kind, (each, mask) in enumerate(zip(change, seen, strict=True)):
-        weight = np.maximum(cv2.blur(mask.astype(np.float32), NEIGHBOURS), 1e-3)
-        nearby = cv2.blur(np.clip(each, -3, 3).astype(np.float32), NEIGHBOURS) / weight
-        usual = np.minimum(nearby, np.median(each[mask]) if mask.any() else 0.0)
-        falls[kind] = mask & (each - usual < -FALLS[kind])
-    return falls
+    seen = np.isfinite(change)
+    known = np.clip(np.where(seen, change, 0), -3, 3).astype(np.float32)
+    nearby = cv2.blur(known, NEIGHBOURS) / np.maximum(cv2.blur(seen.astype(np.float32), NEIGHBOURS), 1e-3)
+    middle = np.median(known[seen]) if seen.any() else 0.0
+    return np.asarray(change < np.minimum(nearby, middle) - limit)

@@ -82,7 +82,6 @@ class Judgement(Struct, frozen=True, kw_only=True):
         found: The findings of this check alone, each in words.
         settled: Those of them that were found often enough to be believed.
         not_judged: Why nothing can be said; else empty.
-        is_dark: Whether that is for want of light or of things to see.
         best: How the view differs from the saved one, by itself or by way of the one that is most like it.
         has_learnt: Whether a view was learnt, which should be kept.
     """
@@ -90,7 +89,6 @@ class Judgement(Struct, frozen=True, kw_only=True):
     found: dict[str, str] = field(default_factory=dict)
     settled: dict[str, str] = field(default_factory=dict)
     not_judged: str = ""
-    is_dark: bool = False
     best: BackgroundComparison | None = None
     has_learnt: bool = False
 
@@ -118,7 +116,7 @@ class MountingJudge(Struct):
         self._dark_checks += 1
         words = f"too dark or too plain: {count} features in sight, {MIN_FEATURES} are needed"
         found = {"darkened": f"{words}, for a day and a night"} if self._dark_checks >= DARKENED_CHECKS else {}
-        return Judgement(found=found, settled=found, not_judged=words, is_dark=True)
+        return Judgement(found=found, settled=found, not_judged=words)
 
     def _judge_place(self, view: BackgroundView) -> Judgement:
         self._checks_since_learnt += 1
