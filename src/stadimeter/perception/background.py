@@ -140,13 +140,8 @@ def look_at(pictures: Sequence[Image], lens: CameraModel, hidden: Sequence[NDArr
         lens: The camera model at their resolution.
         hidden: Outlines in their pixels of what does not belong to the background, such as targets.
     """
-    scale = min(1.0, WIDTH_MAX_PX / lens.width_px)
-    size = (round(lens.width_px * scale), round(lens.height_px * scale))
-    small = lens.scaled_to(*size)
-    greys = [
-        cv2.resize(cv2.cvtColor(each, cv2.COLOR_BGR2GRAY), size, interpolation=cv2.INTER_AREA) for each in pictures
-    ]
-    planes = [np.asarray(np.mean(greys[half::2], axis=0), np.float32) for half in (0, 1)]
+    planes, small = average_in_two(pictures, lens)
+    scale = small.width_px / lens.width_px
     sharpness, alike = _sharpness(*planes)
     mask = np.where(alike > ALIKE_MIN, 255, 0).astype(np.uint8)
     for outline in hidden:
@@ -164,6 +159,20 @@ def look_at(pictures: Sequence[Image], lens: CameraModel, hidden: Sequence[NDArr
         change = float(np.median(_sharpness(*blurred)[0][row, column] - features["sharpness"]))
         slope = min(change / TRIED_BLUR_PX2, -0.1)
     return BackgroundView(data=features.tobytes(), focal_px=small.fx_px, blur_slope=slope)
+
+
+def average_in_two(pictures: Sequence[Image], lens: CameraModel) -> tuple[list[Plane], CameraModel]:
+    """Return the means of every other picture, in grey as they are looked at, and of the rest; and the lens for them.
+
+    Args:
+        lens: The camera model at the pictures' resolution.
+    """
+    scale = min(1.0, WIDTH_MAX_PX / lens.width_px)
+    size = (round(lens.width_px * scale), round(lens.height_px * scale))
+    greys = [
+        cv2.resize(cv2.cvtColor(each, cv2.COLOR_BGR2GRAY), size, interpolation=cv2.INTER_AREA) for each in pictures
+    ]
+    return [np.asarray(np.mean(greys[half::2], axis=0), np.float32) for half in (0, 1)], lens.scaled_to(*size)
 
 
 def keep_still(views: Sequence[BackgroundView]) -> BackgroundView:
