@@ -99,6 +99,19 @@ def test_marks_that_some_rule_meets_are_never_refused(tmp_path, own):
     )
 
 
+@pytest.mark.parametrize(("around_s", "changed"), [(1.2, {"on_delay"}), (0.0, set())], ids=["spans", "moments"])
+def test_marks_that_the_rule_meets_already_change_it_only_if_spans_show_another_time(tmp_path, around_s, changed):
+    lesson = lesson_of(tmp_path, **{**HIDDEN, "on_delay": 0.0})
+    kept = lesson.recordings[NAME]
+    hidden = kept.decide_with(load(tmp_path, **HIDDEN).plan).rules["near"].spans
+    marks = [FiringMark(recording=NAME, from_s=at - around_s, to_s=at + around_s, should_fire=True) for at, _ in hidden]
+    found = lesson.propose("near", marks)
+    assert set(found.values) == changed
+    if changed:
+        raised = [begin for begin, _ in found.answers[0].after.rules["near"].spans]
+        assert all(min(abs(at - begin) for begin in raised) < 0.1 for at, _ in hidden)
+
+
 def test_two_opposite_marks_are_refused_and_both_are_named(tmp_path):
     lesson = lesson_of(tmp_path, **HIDDEN)
     begin, end = lesson.recordings[NAME].side.rules["near"].spans[0]
