@@ -12,11 +12,13 @@ from stadimeter.app.leased_output import MAX_WAIT_S, REST_S, LeasedOutput
 from stadimeter.bases.differential_drive import WheelSpeeds
 from stadimeter.bases.roomba_base import RoombaCodec, RoombaOptions
 from stadimeter.bases.serial_base import SerialBase
+from stadimeter.bases.serial_greeting import Greeting
 from stadimeter.config.plugins import SerialStop
 from stadimeter.core.command import TwistCommand
 from stadimeter.errors import DeviceOpenError, LinkLostError, ProtocolError
 from stadimeter.simulation.emulated_port import EmulatedPort
 from stadimeter.simulation.roomba_firmware import FULL, OFF, PASSIVE, SAFE, Create1Firmware, RoombaFirmware
+from stadimeter.testing.rig import ManualClock
 from support.base_bench import BaseBench, base_bench, opened
 from support.base_vectors import vectors, wire
 from support.each_case import each_case
@@ -105,6 +107,38 @@ def bench() -> Iterator[BaseBench]:
 def base(bench: BaseBench) -> Iterator[SerialBase]:
     with opened(bench, **TABLE) as base:
         yield base
+
+
+class LateLink:
+    """A port on which nothing comes before the robot was woken twice."""
+
+    path = "late"
+
+    def __init__(self, *reads: bytes) -> None:
+        self._reads, self._starts = [*reads], 0
+
+    def write(self, frame: bytes) -> None:
+        self._starts += frame == b"\x80"
+
+    def read(self) -> bytes:
+        return self._reads.pop(0) if self._starts > 1 and self._reads else b""
+
+
+def report(mode: int) -> bytes:
+    robot = started(mode)
+    robot.receive(RoombaCodec(is_create_1=False).question, 0.0)
+    return robot.receive(b"", 0.016)
+
+
+def test_a_robot_that_was_woken_twice_may_report_what_was_in_between() -> None:
+    def greet(*reads: bytes) -> None:
+        codec = RoombaCodec(is_create_1=False)
+        Greeting(link=LateLink(*reads), clock=ManualClock(), codec=codec, boot_wait_s=2.0).run()
+
+    late = report(SAFE) + report(PASSIVE)
+    greet(late, b"", report(SAFE))
+    with pytest.raises(ProtocolError, match="not in Safe mode"):
+        greet(late, report(PASSIVE))
 
 
 def test_it_is_driven_in_safe_mode(bench: BaseBench, base: SerialBase) -> None:

@@ -43,8 +43,11 @@ class Greeting(Struct, kw_only=True):
         if self.codec.answers is Answers.NEVER:
             self._stand_for(self.boot_wait_s)
             self.codec.feed(self.link.read())
-        elif self._identify() > 1 and self.codec.answers is Answers.EACH_COMMAND:
-            self._let_late_answers_pass()
+        elif self._identify() > 1:
+            if self.codec.answers is Answers.EACH_COMMAND:
+                self._let_late_answers_pass()
+            else:
+                self._hear_past_the_waking()
         self._check_trouble()
         for frame in (*self.codec.opening, self.codec.stop):
             self._send(frame)
@@ -86,6 +89,12 @@ class Greeting(Struct, kw_only=True):
         """Several tries may have been answered at once, after the boot. None of them shall pass for a later answer."""
         end_s = self.clock.now_s() + self.boot_wait_s  # something that is no base may talk for ever
         while self.clock.now_s() < end_s and any(True for _ in self._messages_for(_ANSWER_WITHIN_S)):
+            pass
+
+    def _hear_past_the_waking(self) -> None:
+        """Pass over what a base reports of its second waking, behind late reports from before it."""
+        reports = self._messages_for(_ASKED_EVERY_S)
+        while self.codec.trouble and next(reports, None) is not None:
             pass
 
     def _confirm(self, frame: bytes) -> None:
