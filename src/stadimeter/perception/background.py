@@ -56,6 +56,9 @@ NEAR, MIN_INLIERS_NEAR = 0.05, 8
 # of two features differ by 128 on average.
 HAMMING_MAX, HAMMING_MAX_NEAR = 64, 80
 
+# What is this near to a target is not background: its shadow, and its blur.
+RIM_PX = 10
+
 # What is seen beside a feature counts within this half width.
 SURROUNDINGS_PX = 6
 
@@ -144,9 +147,7 @@ def look_at(pictures: Sequence[Image], lens: CameraModel, hidden: Sequence[NDArr
     scale = small.width_px / lens.width_px
     sharpness, alike = _sharpness(*planes)
     mask = np.where(alike > ALIKE_MIN, 255, 0).astype(np.uint8)
-    for outline in hidden:
-        x, y, width, height = cv2.boundingRect((outline * scale).astype(np.float32))
-        cv2.rectangle(mask, (x - 10, y - 10), (x + width + 10, y + height + 10), 0, -1)
+    cover(mask, hidden, scale, 0)
     found, bits = _find_features(np.mean(planes, axis=0).astype(np.uint8), mask)
     features, slope = np.zeros(len(found), FEATURE), -1.0
     if found:
@@ -173,6 +174,13 @@ def average_in_two(pictures: Sequence[Image], lens: CameraModel) -> tuple[list[P
         cv2.resize(cv2.cvtColor(each, cv2.COLOR_BGR2GRAY), size, interpolation=cv2.INTER_AREA) for each in pictures
     ]
     return [np.asarray(np.mean(greys[half::2], axis=0), np.float32) for half in (0, 1)], lens.scaled_to(*size)
+
+
+def cover(plane: NDArray[Any], hidden: Sequence[NDArray[np.float64]], scale: float, value: float) -> None:
+    """Draw a value over what does not belong to the background, and over a rim around it: outlines times a scale."""
+    for outline in hidden:
+        x, y, width, height = cv2.boundingRect((outline * scale).astype(np.float32))
+        cv2.rectangle(plane, (x - RIM_PX, y - RIM_PX), (x + width + RIM_PX, y + height + RIM_PX), value, -1)
 
 
 def keep_still(views: Sequence[BackgroundView]) -> BackgroundView:

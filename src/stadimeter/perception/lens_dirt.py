@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.core.frame import Image
-from stadimeter.perception.background import Plane, average_in_two
+from stadimeter.perception.background import Plane, average_in_two, cover
 
 PART_PX = 16
 
@@ -49,9 +49,7 @@ def look_at_parts(pictures: Sequence[Image], lens: CameraModel, hidden: Sequence
     (one, other), small = average_in_two(pictures, lens)
     fine = [each - cv2.GaussianBlur(each, (0, 0), 1.0) for each in (one, other)]
     covered = np.where(one > WHITE_LEVEL, 1.0, 0.0).astype(np.float32)
-    for outline in hidden:
-        x, y, width, height = cv2.boundingRect((outline * small.width_px / lens.width_px).astype(np.float32))
-        cv2.rectangle(covered, (x - 10, y - 10), (x + width + 10, y + height + 10), 1.0, -1)
+    cover(covered, hidden, small.width_px / lens.width_px, 1)
     size = (small.width_px // PART_PX, small.height_px // PART_PX)
     planes = np.dstack([fine[0] * fine[1], one, covered])
     energy, level, share = cv2.split(cv2.resize(planes, size, interpolation=cv2.INTER_AREA))
