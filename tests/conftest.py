@@ -15,13 +15,15 @@ from hypothesis import settings
 
 import stadimeter  # noqa: F401 - before OpenCV, which asks only once how many pixels it may decode
 from stadimeter.app import ending
+from support.programs import left_out
 
-# Machines are shared and slow at times: how long an example takes says nothing. In CI the examples are always the same,
-# so that a change is judged by what it changes; everywhere else new ones are tried each time, and fewer of them.
-settings.register_profile("here", deadline=None, max_examples=60)
-settings.register_profile("ci", deadline=None, derandomize=True)
-settings.register_profile("quick", deadline=None, max_examples=10)  # `make quick`: for the inner loop of development
-PROFILE = os.environ.get("HYPOTHESIS_PROFILE") or ("ci" if os.environ.get("CI") else "here")
+# Machines are shared and slow at times: how long an example takes says nothing. The examples are the same everywhere
+# and each time, so that a change is judged by what it changes and a newcomer sees what CI saw; only `make nightly`
+# draws new ones, many, and prints how to repeat those that failed.
+settings.register_profile("here", deadline=None, derandomize=True, max_examples=60)
+settings.register_profile("quick", deadline=None, derandomize=True, max_examples=10)  # `make quick`
+settings.register_profile("nightly", deadline=None, max_examples=1000, print_blob=True)
+PROFILE = os.environ.get("HYPOTHESIS_PROFILE") or "here"
 settings.load_profile(PROFILE)
 
 # Programs that tests start find `support` as well.
@@ -40,15 +42,29 @@ REAL_PICTURES = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Cap the examples of tests that ask for more than the quick profile has; elsewhere what they ask for counts."""
-    if PROFILE != "quick":
+    """Fit the tests that state settings of their own to the profile: `quick` has fewer examples, `nightly` more."""
+    if PROFILE == "here":
         return
     for item in items:
         test = getattr(item, "obj", None)
         test = getattr(test, "__func__", test)  # of a method, the function that bears the settings
         own = getattr(test, "_hypothesis_internal_use_settings", None)
-        if own is not None and own.max_examples > settings.default.max_examples:
-            test._hypothesis_internal_use_settings = settings(own, max_examples=settings.default.max_examples)
+        if own is not None:
+            bound = min if PROFILE == "quick" else max
+            examples = bound(own.max_examples, settings.default.max_examples)
+            test._hypothesis_internal_use_settings = settings(
+                own, max_examples=examples, derandomize=settings.default.derandomize
+            )
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Say last how many tests were left out for want of programs, and how to have them."""
+    reporter = config.pluginmanager.get_plugin("terminalreporter")
+    if reporter is None or hasattr(config, "workerinput"):
+        return
+    skipped = [report.longrepr for report in reporter.stats.get("skipped", [])]
+    if line := left_out([str(each[2]) for each in skipped if isinstance(each, tuple)]):
+        reporter.write_line(line)
 
 
 @pytest.fixture

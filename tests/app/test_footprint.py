@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from support.broker import make_broker, mosquitto_program
+from support.broker import MosquittoBroker
+from support.programs import needs
 
 PEAK_MB = 100
 """In 10⁶ bytes. 91 were measured; a library that `run` does not need, or pictures that are kept, take more."""
@@ -52,7 +53,7 @@ cy_px = 239.5
 
 
 @pytest.mark.long
-@pytest.mark.skipif(mosquitto_program() is None, reason="mosquitto is not installed: apt install mosquitto")
+@needs("mosquitto")
 def test_a_run_with_a_target_a_broker_and_alarms_takes_little_memory(tmp_path):
     rng = np.random.default_rng(1)
     for number in range(PICTURES):
@@ -60,7 +61,7 @@ def test_a_run_with_a_target_a_broker_and_alarms_takes_little_memory(tmp_path):
         cv2.circle(picture, (150 + 2 * number, 240), 25 + number // 2, (60, 200, 120), -1, cv2.LINE_AA)
         cv2.imwrite(str(tmp_path / f"{number:03}.jpg"), cv2.GaussianBlur(picture, (5, 5), 1.0))
     paths = ", ".join(['"*.jpg"'] * 4)
-    broker = make_broker(tmp_path)
+    broker = MosquittoBroker(tmp_path)
     broker.start()
     try:
         (tmp_path / "run.toml").write_text(CAMERA.format(paths=paths) + RULES.format(port=broker.port))

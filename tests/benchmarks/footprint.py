@@ -23,7 +23,7 @@ import numpy as np
 import start_up
 from msgspec import Struct
 
-from support.broker import make_broker
+from support.broker import MosquittoBroker
 
 CONFIGURATION = """
 [camera]
@@ -155,7 +155,7 @@ def main() -> None:
         parser.error(f"--minutes: at least {MINUTES_MIN}, or there is nothing to fit a line to")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        broker = make_broker(folder)
+        broker = MosquittoBroker(folder)
         broker.start()
         try:
             (folder / "run.toml").write_text(CONFIGURATION.format(port=broker.port))

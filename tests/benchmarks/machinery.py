@@ -36,8 +36,9 @@ from stadimeter.core.decide import decide, initial_state
 from stadimeter.core.frame import Frame
 from stadimeter.core.observation import FrameStamp, Observation
 from stadimeter.core.plan import Plan
-from support.broker import HOST, make_broker, mosquitto_program
+from support.broker import HOST, MosquittoBroker
 from support.observing import measured
+from support.programs import path_of
 
 COUNTS = (1, 10, 100)
 FRAMES = 1200
@@ -193,7 +194,7 @@ def measure_all(counts: Sequence[int] = COUNTS, frames: int = FRAMES, rounds: in
             work["decide", count] = partial(decide_times_s, plan, seen)
             work["all but vision, no journal", count] = partial(cycle_times_s, path, frames, None)
             work[WHOLE, count] = partial(cycle_times_s, path, frames, folder / "run.jsonl")
-        if mosquitto_program():
+        if path_of("mosquitto"):
             path = _with_broker(max(counts), folder, closing_broker)
             work[WITH_BROKER, max(counts)] = partial(cycle_times_s, path, frames, folder / "run.jsonl")
         times_s: dict[tuple[str, int], list[list[float]]] = {key: [] for key in work}
@@ -209,7 +210,7 @@ def _with_broker(count: int, folder: Path, closing_broker: ExitStack) -> Path:
     """Start a broker, and return a configuration that sends its messages there."""
     own = folder / "mqtt"
     own.mkdir()
-    broker = make_broker(own)
+    broker = MosquittoBroker(own)
     broker.start()
     closing_broker.callback(broker.stop)
     return configuration(count, own, f'driver = "mqtt"\nhost = "{HOST}"\nport = {broker.port}')
@@ -230,7 +231,7 @@ def markdown(rows: Sequence[Row]) -> str:
     """Return the rows as a Markdown table."""
     lines = ["| what | rules | median µs | p95 µs | × json.dumps |", "| --- | ---: | ---: | ---: | ---: |"]
     lines += [f"| {r.what} | {r.rules} | {r.median_us:.1f} | {r.p95_us:.1f} | {r.yardsticks:.2f} |" for r in rows]
-    if not mosquitto_program():
+    if not path_of("mosquitto"):
         lines.append(f"\nNot measured: {WITH_BROKER}; mosquitto is not installed here.")
     return "\n".join(lines)
 

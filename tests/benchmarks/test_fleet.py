@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from support.broker import mosquitto_program
+from support.programs import needs
 
 
 @pytest.mark.long
-@pytest.mark.skipif(mosquitto_program() is None, reason="mosquitto is not installed")
+@needs("mosquitto")
 def test_nothing_that_fifty_devices_say_is_lost() -> None:
     from fleet import measure
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from stadimeter.config.loader import load_configuration
+from support.programs import path_of
 
 
 def _benchmark(name):
@@ -33,7 +34,7 @@ def start_up():
 def test_it_measures_every_row_and_prints_a_table(machinery):
     rows = machinery.measure_all(counts=(1, 30), frames=60, rounds=1)
     whats = ("decide", "all but vision, no journal", machinery.WHOLE)
-    with_broker = [(30, machinery.WITH_BROKER)] if machinery.mosquitto_program() else []
+    with_broker = [(30, machinery.WITH_BROKER)] if path_of("mosquitto") else []
     assert [(row.rules, row.what) for row in rows] == [
         *((count, what) for count in (1, 30) for what in whats),
         *with_broker,

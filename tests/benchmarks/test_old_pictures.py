@@ -1,8 +1,8 @@
 """Each way in which a stream fails, once, with the whole program: no robot moves on what it shows."""
 
-import shutil
-
 import pytest
+
+from support.programs import require
 
 STOOD_WITHIN_S = 1.0
 """The benchmark tells the true figure; a machine that does something else besides may take longer."""
@@ -32,8 +32,8 @@ def test_no_robot_moves_on_pictures_that_are_not_now(name, tmp_path):
     from old_pictures import FAILURES, run_once
 
     failure = {failure.name: failure for failure in FAILURES}[name]
-    if failure.loss is not None and not shutil.which("ffmpeg"):
-        pytest.skip("needs the program ffmpeg to send a stream")
+    if failure.loss is not None:
+        require("ffmpeg")
     outcome = run_once(failure, 0, tmp_path)
     assert outcome.followed is failure.moves, outcome.output
     assert outcome.stood_after_s <= (STOOD_WITHIN_S if failure.moves else 0.0), outcome.output

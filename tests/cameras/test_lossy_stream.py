@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import signal
 import socket
 import subprocess
@@ -14,10 +13,11 @@ import pytest
 
 from stadimeter.app.clock import MonotonicClock
 from stadimeter.cameras.opencv_device import OpenCvCamera, OpenCvOptions
+from support.programs import needs
 
 pytestmark = [
     pytest.mark.long,
-    pytest.mark.skipif(not shutil.which("ffmpeg"), reason="needs the program ffmpeg to send a stream"),
+    needs("ffmpeg"),
 ]
 
 PICTURES = "testsrc=size=320x240:rate=30,noise=alls=6:allf=t"

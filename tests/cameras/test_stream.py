@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import signal
 import socket
 import subprocess
@@ -19,8 +18,9 @@ from stadimeter.app.clock import MonotonicClock
 from stadimeter.cameras.opencv_device import OpenCvCamera, OpenCvOptions
 from stadimeter.core.frame import Frame
 from stadimeter.errors import CaptureTimeoutError, DeviceOpenError
+from support.programs import needs
 
-pytestmark = pytest.mark.skipif(not shutil.which("ffmpeg"), reason="needs the program ffmpeg to send a stream")
+pytestmark = needs("ffmpeg")
 
 PATIENCE_S = 120.0
 

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import struct
 import subprocess
 import sys
@@ -19,6 +18,7 @@ from stadimeter.config.plugins import CAMERAS, DriverContext, load_driver
 from stadimeter.core.frame import Frame
 from stadimeter.errors import DeviceClosedError, EndOfFramesError, PictureError
 from stadimeter.testing.rig import ManualClock
+from support.programs import needs
 
 CODECS = {"ramp.avi": "MJPG", "ramp.mp4": "mp4v"}
 
@@ -134,7 +134,7 @@ def test_nothing_but_our_own_error_is_printed_of_a_video_that_was_cut_off(tmp_pa
     assert ran.stderr == ""
 
 
-@pytest.mark.skipif(not shutil.which("ffmpeg"), reason="needs ffmpeg to move the index to the front")
+@needs("ffmpeg")
 def test_a_video_that_ends_long_before_its_header_says_is_damaged(tmp_path: Path) -> None:
     path = tmp_path / "cut.mp4"
     whole = write_ramp(tmp_path / "ramp.mp4")

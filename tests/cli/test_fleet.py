@@ -30,7 +30,7 @@ from stadimeter.messaging.mqtt import MqttOptions
 from stadimeter.messaging.protocol import Received
 from stadimeter.testing.rig import eventually
 from stadimeter.workbench.fleet.devices import STALE_S, Fleet
-from support.broker import HOST, BrokerAccess, LoopbackBroker, free_port, make_broker
+from support.broker import HOST, MosquittoBroker, free_port
 from support.command_line import Typed, typed
 from support.simulated_run import SIMULATED_BALL
 
@@ -50,15 +50,15 @@ loop = false
 
 
 @pytest.fixture
-def broker(tmp_path: Path, closing: ExitStack) -> LoopbackBroker:
-    made = make_broker(tmp_path, BrokerAccess())
+def broker(tmp_path: Path, closing: ExitStack) -> MosquittoBroker:
+    made = MosquittoBroker(tmp_path)
     made.start()
     closing.callback(made.stop)
     return made
 
 
 @pytest.fixture
-def device(broker: LoopbackBroker) -> Iterator[Client]:
+def device(broker: MosquittoBroker) -> Iterator[Client]:
     with client_at(broker.port) as client:
         yield client
 
@@ -123,7 +123,7 @@ def settled(port: int, condition: Callable[[dict[str, Any]], object]) -> dict[st
     return record
 
 
-def test_devices_and_alarms_are_one_object_and_one_screen(broker: LoopbackBroker, device: Client) -> None:
+def test_devices_and_alarms_are_one_object_and_one_screen(broker: MosquittoBroker, device: Client) -> None:
     say(device, "garage/info", {"v": 1, "version": "0.1.0", "configuration_sha256": "9f86", "boot_id": "6f1c"})
     rule = {"active": True, "severity": "warning", "acknowledged": False, "since": NOON, "reason": "0.48 m is near"}
     say(device, "garage/rule/near/state", rule)
@@ -147,7 +147,7 @@ def test_devices_and_alarms_are_one_object_and_one_screen(broker: LoopbackBroker
         assert words in screen
 
 
-def test_a_script_learns_from_the_exit_code_whether_all_is_well(broker: LoopbackBroker, device: Client) -> None:
+def test_a_script_learns_from_the_exit_code_whether_all_is_well(broker: MosquittoBroker, device: Client) -> None:
     with living(device, "garage", "attic"):
         say(device, "garage/rule/near/state", {"active": True, "severity": "warning", "reason": "near"})
         well = (0, "2 devices are online, and no serious alarm stands\n")
@@ -162,7 +162,7 @@ def checked(port: int) -> tuple[int, str]:
     return found.returncode, found.stdout
 
 
-def test_no_device_at_all_is_not_all_well(broker: LoopbackBroker) -> None:
+def test_no_device_at_all_is_not_all_well(broker: MosquittoBroker) -> None:
     found = fleet_at(broker.port, "--check")
     assert (found.returncode, found.stdout) == (1, "no device was heard below stadimeter/\n")
 
@@ -196,7 +196,7 @@ def test_what_cannot_be_meant_is_said_in_a_line(words: tuple[str, ...], error: s
 
 
 def test_the_broker_of_a_configuration_is_used_and_options_go_before_it(
-    broker: LoopbackBroker, device: Client, tmp_path: Path
+    broker: MosquittoBroker, device: Client, tmp_path: Path
 ) -> None:
     config = tmp_path / "here.toml"
     config.write_text(f'[messenger]\ndriver = "mqtt"\nport = {broker.port}\nbase_topic = "plant/hall/here"\n')
@@ -214,7 +214,7 @@ def test_a_messenger_without_a_broker_cannot_be_listened_to(tmp_path: Path) -> N
     assert "there is no broker to listen to: its messenger is 'simulated'" in typed("fleet", config).stderr
 
 
-def test_figures_of_what_was_heard_count_each_event_once(broker: LoopbackBroker) -> None:
+def test_figures_of_what_was_heard_count_each_event_once(broker: MosquittoBroker) -> None:
     raised = {"id": "6f1c-1", "event_type": "raised", "rule": "near"}
     stop = threading.Event()
 
@@ -240,7 +240,7 @@ def counted(figures: dict[str, Any]) -> dict[str, Any] | None:
     return figures if figures["alarms"] else None
 
 
-def test_an_alarm_that_stands_since_yesterday_is_stale_at_once(broker: LoopbackBroker, device: Client) -> None:
+def test_an_alarm_that_stands_since_yesterday_is_stale_at_once(broker: MosquittoBroker, device: Client) -> None:
     say(device, "garage/rule/near/state", {"active": True, "severity": "alarm", "since": "2020-06-01T12:00:00+00:00"})
     say(device, "garage/rule/far/state", {"active": True, "severity": "alarm", "since": "no time"})
     assert json.loads(fleet_at(broker.port, "--figures", "--json").stdout)["stale"] == ["garage/near"]
@@ -273,7 +273,7 @@ class Responder:
         client.publish(f"{self._base}/response/acknowledge", "nonsense", 1)
 
 
-def test_an_alarm_of_a_device_is_acknowledged(broker: LoopbackBroker, device: Client) -> None:
+def test_an_alarm_of_a_device_is_acknowledged(broker: MosquittoBroker, device: Client) -> None:
     responder = Responder(device, "stadimeter/hall/press")
     at = ("fleet", "--host", HOST, "--port", broker.port, "--wait", "100 s", "--by", "Ada")
     done = typed(*at, "--acknowledge", "hall/press/near")
@@ -290,7 +290,7 @@ def test_an_alarm_of_a_device_is_acknowledged(broker: LoopbackBroker, device: Cl
     assert len({each["transaction"] for each in responder.requests}) == 3
 
 
-def test_a_device_that_does_not_answer_is_exit_code_2(broker: LoopbackBroker) -> None:
+def test_a_device_that_does_not_answer_is_exit_code_2(broker: MosquittoBroker) -> None:
     found = fleet_at(broker.port, "--acknowledge", "garage/near")
     assert found.returncode == 2
     assert found.stderr.startswith("error: stadimeter/garage did not answer within 1 s; is it online")
@@ -310,7 +310,7 @@ def running(folder: Path, port: int) -> Iterator[subprocess.Popen[bytes]]:
         run.wait(WAIT_S)
 
 
-def test_a_real_run_is_seen_with_its_alarm_and_its_death(broker: LoopbackBroker, tmp_path: Path) -> None:
+def test_a_real_run_is_seen_with_its_alarm_and_its_death(broker: MosquittoBroker, tmp_path: Path) -> None:
     with running(tmp_path, broker.port) as run:
         record = settled(broker.port, lambda each: each["alarms"] and each["devices"][0]["targets"])
         (device,), (alarm,) = record["devices"], record["alarms"]
@@ -324,7 +324,7 @@ def test_a_real_run_is_seen_with_its_alarm_and_its_death(broker: LoopbackBroker,
 
 
 @pytest.mark.skipif("commands" not in MqttOptions.model_fields, reason="the program takes no commands over MQTT yet")
-def test_an_alarm_of_a_real_run_is_acknowledged(broker: LoopbackBroker, tmp_path: Path) -> None:
+def test_an_alarm_of_a_real_run_is_acknowledged(broker: MosquittoBroker, tmp_path: Path) -> None:
     with running(tmp_path, broker.port):
         settled(broker.port, lambda each: each["alarms"] and not each["alarms"][0]["is_acknowledged"])
         at = ("fleet", "--host", HOST, "--port", broker.port, "--wait", "100 s")
@@ -364,7 +364,7 @@ class Terminal:
 
 
 def test_the_screen_says_when_the_broker_is_gone_and_when_it_is_back(
-    broker: LoopbackBroker, closing: ExitStack
+    broker: MosquittoBroker, closing: ExitStack
 ) -> None:
     terminal = Terminal(broker.port)
     closing.callback(terminal.process.kill)

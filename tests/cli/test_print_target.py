@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 import subprocess
 import tomllib
 from pathlib import Path
@@ -21,6 +20,7 @@ from stadimeter.config.camera_file import save_camera_model
 from stadimeter.config.plugins import DETECTORS, load_driver
 from stadimeter.core.camera_model import CameraModel
 from stadimeter.ranging.board_calibration import BoardView
+from support.programs import needs
 
 POINTS_PER_M = 72 / 0.0254
 DPI = 150.0
@@ -170,7 +170,7 @@ def test_the_ruler_is_10_cm_and_4_in_long(tmp_path: Path) -> None:
         assert places.max() - places.min() == pytest.approx(length_m * POINTS_PER_M, abs=1e-3)
 
 
-@pytest.mark.skipif(shutil.which("pdftoppm") is None, reason="pdftoppm of poppler is not installed")
+@needs("pdftoppm")
 def test_another_program_reads_the_file_and_sees_the_same(tmp_path: Path) -> None:
     pdf = tmp_path / "disc.pdf"
     run("disc", "12cm", "-o", pdf)

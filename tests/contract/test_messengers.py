@@ -13,7 +13,7 @@ from stadimeter.messaging.back_off import Patience
 from stadimeter.messaging.mqtt import MqttOptions, PahoMessenger
 from stadimeter.testing.messaging_contract import GONE, SILENT, MessengerContract, MessengerRig
 from stadimeter.testing.rig import ManualClock, impossible
-from support.broker import AmqttBroker, BrokerAccess, LoopbackBroker, make_broker
+from support.broker import MosquittoBroker
 from support.mqtt_listener import MqttListener
 from support.tunnel import Tunnel
 
@@ -21,11 +21,10 @@ BASE = "stadimeter/contract"
 
 
 @contextmanager
-def paho_rig(broker: LoopbackBroker, answer_s: float) -> Iterator[MessengerRig]:
+def paho_rig(tunnel: Tunnel, broker: MosquittoBroker, answer_s: float) -> Iterator[MessengerRig]:
     with ExitStack() as closing:
         broker.start()
         closing.callback(broker.stop)
-        tunnel = Tunnel(broker.port)
         tunnel.mend()
         closing.callback(tunnel.cut)
         listener = closing.enter_context(MqttListener(broker.port))
@@ -48,21 +47,22 @@ def paho_rig(broker: LoopbackBroker, answer_s: float) -> Iterator[MessengerRig]:
 
 
 class TestPahoMessenger(MessengerContract):
-    """With mosquitto where it is installed, else with amqtt."""
+    """With mosquitto."""
 
     @pytest.fixture
     def make_rig(self, tmp_path: Path) -> Iterator[Callable[[], MessengerRig]]:
-        broker = make_broker(tmp_path)
-        with paho_rig(broker, answer_s=0.3 if isinstance(broker, AmqttBroker) else 10.0) as rig:
+        broker = MosquittoBroker(tmp_path)
+        with paho_rig(Tunnel(broker.port), broker, answer_s=10.0) as rig:
             yield lambda: rig
 
 
 class TestPahoMessengerWithABrokerOfMqtt311(MessengerContract):
-    """With amqtt, which does not answer MQTT 5."""
+    """With a broker that does not answer MQTT 5."""
 
     @pytest.fixture
     def make_rig(self, tmp_path: Path) -> Iterator[Callable[[], MessengerRig]]:
-        with paho_rig(AmqttBroker(tmp_path, BrokerAccess()), answer_s=0.3) as rig:
+        broker = MosquittoBroker(tmp_path)
+        with paho_rig(Tunnel(broker.port, is_mqtt_5_unanswered=True), broker, answer_s=0.3) as rig:
             yield lambda: rig
 
 

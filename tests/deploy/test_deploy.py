@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import subprocess
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -15,6 +14,7 @@ from stadimeter.app.control.places import socket_path
 from stadimeter.app.service import MAX_PAUSE_S
 from stadimeter.config.models import WebTable
 from stadimeter.web import passwords
+from support.programs import require
 
 SCRIPTS = (
     "safe-outputs",
@@ -26,11 +26,9 @@ SCRIPTS = (
 )
 
 
-def needs(program: str) -> str:
-    path = shutil.which(program)
-    if path is None:
-        pytest.skip(f"{program} is not installed")
-    return path
+def installed(program: str) -> str:
+    require(program)
+    return program
 
 
 def run(*command: str | Path, **options: object) -> subprocess.CompletedProcess[str]:
@@ -52,7 +50,7 @@ def test_the_scripts_are_executable_shell(deploy: Path, script: str) -> None:
 
 @pytest.mark.parametrize("script", SCRIPTS)
 def test_shellcheck_finds_nothing(deploy: Path, script: str) -> None:
-    result = run(needs("shellcheck"), deploy / script)
+    result = run(installed("shellcheck"), deploy / script)
     assert result.returncode == 0, result.stdout
 
 
@@ -66,11 +64,11 @@ class TestUnitOfTheFleet:
         return unit
 
     def test_systemd_accepts_it_without_a_warning(self, unit: Path) -> None:
-        result = run(needs("systemd-analyze"), "verify", "--man=no", unit)
+        result = run(installed("systemd-analyze"), "verify", "--man=no", unit)
         assert (result.returncode, result.stderr) == (0, "")
 
     def test_it_is_as_closed_as_what_serves_a_network_can_be(self, unit: Path) -> None:
-        result = run(needs("systemd-analyze"), "security", "--offline=yes", "--no-pager", unit)
+        result = run(installed("systemd-analyze"), "security", "--offline=yes", "--no-pager", unit)
         found = re.search(r"Overall exposure level for \S+: (\d+\.\d+)", result.stdout)
         if found is None:
             pytest.skip(f"systemd-analyze cannot judge a unit that is not running: {result.stderr.strip()}")
@@ -92,11 +90,11 @@ class TestUnitOfThePage:
         return unit
 
     def test_systemd_accepts_it_without_a_warning(self, unit: Path) -> None:
-        result = run(needs("systemd-analyze"), "verify", "--man=no", unit)
+        result = run(installed("systemd-analyze"), "verify", "--man=no", unit)
         assert (result.returncode, result.stderr) == (0, "")
 
     def test_it_is_as_closed_as_what_serves_a_network_can_be(self, unit: Path) -> None:
-        result = run(needs("systemd-analyze"), "security", "--offline=yes", "--no-pager", unit)
+        result = run(installed("systemd-analyze"), "security", "--offline=yes", "--no-pager", unit)
         found = re.search(r"Overall exposure level for \S+: (\d+\.\d+)", result.stdout)
         if found is None:
             pytest.skip(f"systemd-analyze cannot judge a unit that is not running: {result.stderr.strip()}")
@@ -152,11 +150,11 @@ class TestUnit:
         return unit
 
     def test_systemd_accepts_it_without_a_warning(self, unit: Path) -> None:
-        result = run(needs("systemd-analyze"), "verify", "--man=no", unit)
+        result = run(installed("systemd-analyze"), "verify", "--man=no", unit)
         assert (result.returncode, result.stderr) == (0, "")
 
     def test_it_is_as_closed_as_a_program_with_pins_cameras_and_a_network_can_be(self, unit: Path) -> None:
-        result = run(needs("systemd-analyze"), "security", "--offline=yes", "--no-pager", unit)
+        result = run(installed("systemd-analyze"), "security", "--offline=yes", "--no-pager", unit)
         found = re.search(r"Overall exposure level for \S+: (\d+\.\d+)", result.stdout)
         if found is None:
             pytest.skip(f"systemd-analyze cannot judge a unit that is not running: {result.stderr.strip()}")

@@ -26,13 +26,14 @@ from stadimeter.config.loader import load_configuration
 from stadimeter.core.home_assistant import Announcement
 from stadimeter.messaging import retained_topics
 from stadimeter.testing.rig import eventually
-from support.broker import HOST, BrokerAccess, MosquittoBroker, mosquitto_program
+from support.broker import HOST, MosquittoBroker
 from support.debian_root import DebianRoot, make_root, why_no_root
 from support.every_rule import EVERY_RULE, ORDERS, announced, every_rule
+from support.programs import why_missing
 from support.simulated_run import SIMULATED_BALL
 
 VERSION = "2026.2.3"
-WHY_NOT = why_no_root() or ("" if mosquitto_program() else "mosquitto is not installed")
+WHY_NOT = why_no_root() or why_missing("mosquitto")
 pytestmark = [
     pytest.mark.long,
     pytest.mark.timeout(1800),
@@ -120,7 +121,7 @@ class HomeAssistant:
 
 @pytest.fixture
 def broker(tmp_path: Path, closing: ExitStack) -> MosquittoBroker:
-    broker = MosquittoBroker(tmp_path, BrokerAccess())
+    broker = MosquittoBroker(tmp_path)
     broker.start()
     closing.callback(broker.stop)
     return broker

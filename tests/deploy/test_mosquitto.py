@@ -21,6 +21,7 @@ from stadimeter.config.plugins import DriverContext
 from stadimeter.messaging.mqtt import MqttOptions, PahoMessenger
 from stadimeter.messaging.protocol import RequestMessage
 from stadimeter.testing.rig import ManualClock, eventually
+from support.programs import path_of, require
 
 PASSWORD = "only for this test"
 USERS = ("garage", "attic", "homeassistant", "dashboard")
@@ -29,9 +30,7 @@ USERS = ("garage", "attic", "homeassistant", "dashboard")
 @pytest.fixture(params=["passwords", "certificates"])
 def site(request: pytest.FixtureRequest, deploy: Path, tmp_path: Path) -> Iterator[Site]:
     """Start the broker with the example's files, only moved elsewhere and to the loopback."""
-    for program in ("mosquitto", "mosquitto_passwd", "openssl"):
-        if shutil.which(program) is None and shutil.which(program, path="/usr/sbin") is None:
-            pytest.skip(f"{program} is not installed")
+    require("mosquitto", "mosquitto_passwd", "openssl")
     site = Site(free_port(), tmp_path, has_certificates=request.param == "certificates")
     shutil.copy(deploy / "mosquitto/stadimeter.acl", tmp_path / "stadimeter.acl")
     if site.has_certificates:
@@ -68,11 +67,10 @@ def moved(conf: str, site: Site) -> str:
 
 @contextmanager
 def running_broker(conf: str, site: Site) -> Iterator[None]:
-    mosquitto = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin")
     (site.folder / "mosquitto.conf").write_text(conf)
     log = site.folder / "log"
     with log.open("w") as output:
-        command = [str(mosquitto), "-c", str(site.folder / "mosquitto.conf")]
+        command = [str(path_of("mosquitto")), "-c", str(site.folder / "mosquitto.conf")]
         broker = subprocess.Popen(command, stdout=output, stderr=output)
     try:
         wait_for_port(site.port, broker, log)

@@ -15,7 +15,7 @@ from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 
 from stadimeter.testing.rig import eventually
-from support.broker import HOST, BrokerAccess, MosquittoBroker, mosquitto_program
+from support.broker import HOST, BrokerAccess, MosquittoBroker
 from support.command_line import typed
 from support.mqtt_listener import MqttListener
 
@@ -39,8 +39,6 @@ def closing() -> Iterator[ExitStack]:
 
 @pytest.fixture
 def centre(tmp_path: Path, deploy: Path, closing: ExitStack) -> MosquittoBroker:
-    if mosquitto_program() is None:
-        pytest.skip("mosquitto is not installed")
     acl = access_list((deploy / "mosquitto" / "bridge.conf").read_text())
     broker = MosquittoBroker(tmp_path, BrokerAccess(username="hall", password=PASSWORD, acl=acl))
     broker.start()
@@ -57,7 +55,7 @@ def site(tmp_path: Path, deploy: Path, centre: MosquittoBroker, closing: ExitSta
     conf, with_password = re.subn(r"(?m)^remote_password .+$", f"remote_password {PASSWORD}", conf)
     conf, without_tls = re.subn(r"(?m)^bridge_cafile .+\n", "", conf)
     assert (changed, with_password, without_tls) == (1, 1, 1)
-    broker = MosquittoBroker(tmp_path, BrokerAccess())
+    broker = MosquittoBroker(tmp_path)
     broker._file.write_text(broker._file.read_text() + conf)
     broker.start()
     closing.callback(broker.stop)

@@ -25,14 +25,13 @@ from stadimeter.web.passwords import PasswordFile
 from support.browser import ROOM, Served, served
 from support.metered_run import metered_run
 from support.page import OPERATE, served_page
+from support.programs import needs, path_of
 
-PROMETHEUS, PROMTOOL = shutil.which("prometheus"), shutil.which("promtool")
+PROMETHEUS, PROMTOOL = path_of("prometheus"), path_of("promtool")
 METRIC = re.compile(r"stadimeter_\w+")
 GUIDE = Path(__file__).parents[2] / "docs" / "metrics.md"
 
-needs_prometheus = pytest.mark.skipif(
-    PROMETHEUS is None or PROMTOOL is None, reason="Prometheus is not installed: apt install prometheus"
-)
+needs_prometheus = needs("prometheus", "promtool")
 
 
 class Prometheus(Struct):

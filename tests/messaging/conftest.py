@@ -13,29 +13,22 @@ from stadimeter.config.plugins import MESSENGERS, DriverContext, load_driver
 from stadimeter.messaging.back_off import Patience
 from stadimeter.messaging.mqtt import PahoMessenger
 from stadimeter.testing.rig import ManualClock
-from support.broker import (
-    BrokerAccess,
-    LoopbackBroker,
-    MosquittoBroker,
-    make_broker,
-    mosquitto_program,
-)
+from support.broker import BrokerAccess, MosquittoBroker
 from support.mqtt_listener import MqttListener
 from support.tunnel import Tunnel
 
-MakeBroker = Callable[..., LoopbackBroker]
+MakeBroker = Callable[..., MosquittoBroker]
 MakeMessenger = Callable[..., PahoMessenger]
 
-# Long enough for mosquitto on a busy computer; amqtt never answers MQTT 5, so waiting for it would only take time.
-ANSWER_S = 10.0 if mosquitto_program() else 0.3
+ANSWER_S = 10.0  # enough on a busy computer
 
 
 @pytest.fixture
 def start_broker(tmp_path: Path, closing: ExitStack) -> MakeBroker:
     """Return a function that starts a broker with the given access."""
 
-    def start(**access: Any) -> LoopbackBroker:
-        broker = make_broker(tmp_path, BrokerAccess(**access))
+    def start(**access: Any) -> MosquittoBroker:
+        broker = MosquittoBroker(tmp_path, BrokerAccess(**access))
         broker.start()
         closing.callback(broker.stop)
         return broker
@@ -44,20 +37,9 @@ def start_broker(tmp_path: Path, closing: ExitStack) -> MakeBroker:
 
 
 @pytest.fixture
-def broker(start_broker: MakeBroker) -> LoopbackBroker:
+def broker(start_broker: MakeBroker) -> MosquittoBroker:
     """Return a broker that lets everybody in."""
     return start_broker()
-
-
-@pytest.fixture
-def mosquitto(tmp_path: Path, closing: ExitStack) -> MosquittoBroker:
-    """Return a broker that speaks MQTT 5; skip where there is none."""
-    if mosquitto_program() is None:
-        pytest.skip("mosquitto is not installed, and amqtt does not speak MQTT 5")
-    broker = MosquittoBroker(tmp_path, BrokerAccess())
-    broker.start()
-    closing.callback(broker.stop)
-    return broker
 
 
 @pytest.fixture

@@ -27,7 +27,7 @@ from stadimeter.core.message import Message
 from stadimeter.messaging import retained_topics
 from stadimeter.messaging.mqtt import PahoMessenger
 from stadimeter.testing.rig import eventually
-from support.broker import HOST, LoopbackBroker
+from support.broker import HOST, MosquittoBroker
 from support.mqtt_listener import MqttListener
 
 CONFIG = "homeassistant/device/stadimeter_it/config"
@@ -78,7 +78,7 @@ def keys_of(listener: MqttListener, topic: str = CONFIG) -> list[list[str]]:
 
 @pytest.mark.parametrize("protocol", ["3.1.1", "auto"])
 def test_it_is_announced_once_connected_and_kept_for_a_home_assistant_that_starts_later(
-    protocol: str, broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+    protocol: str, broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
 ) -> None:
     ran(make_messenger(broker.port, protocol=protocol), announcement("near", "far"))
     listen(broker.port).wait_for(CONFIG)
@@ -90,7 +90,7 @@ def test_it_is_announced_once_connected_and_kept_for_a_home_assistant_that_start
 
 
 def test_what_is_no_more_after_a_restart_is_removed_by_one_message_and_then_left_out(
-    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
 ) -> None:
     first = ran(make_messenger(broker.port), announcement("near", "far"))
     witness = listen(broker.port)
@@ -103,7 +103,7 @@ def test_what_is_no_more_after_a_restart_is_removed_by_one_message_and_then_left
 
 
 def test_a_reload_removes_and_adds_at_once(
-    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
 ) -> None:
     messenger = ran(make_messenger(broker.port), announcement("near"))
     witness = listen(broker.port)
@@ -113,7 +113,7 @@ def test_a_reload_removes_and_adds_at_once(
 
 
 def test_an_entity_that_becomes_one_of_another_kind_is_removed_first(
-    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
 ) -> None:
     messenger = ran(make_messenger(broker.port), announcement("near"))
     witness = listen(broker.port)
@@ -128,7 +128,7 @@ def test_an_entity_that_becomes_one_of_another_kind_is_removed_first(
 
 @pytest.mark.parametrize("now", [{"home_assistant": False}, {"discovery_prefix": "other"}])
 def test_a_device_that_is_announced_elsewhere_or_no_more_leaves_no_ghost(
-    now: dict[str, Any], broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+    now: dict[str, Any], broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
 ) -> None:
     first = ran(make_messenger(broker.port), announcement("near"))
     witness = listen(broker.port)
@@ -144,7 +144,7 @@ def test_a_device_that_is_announced_elsewhere_or_no_more_leaves_no_ghost(
 
 
 def test_after_the_birth_of_home_assistant_it_is_announced_again_and_states_are_due(
-    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen, monkeypatch: pytest.MonkeyPatch
+    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(retained_topics, "BIRTH_SPREAD_S", 0.01)
     messenger = ran(make_messenger(broker.port), announcement("near"))
@@ -160,7 +160,7 @@ def test_after_the_birth_of_home_assistant_it_is_announced_again_and_states_are_
 
 
 def test_a_birth_that_the_broker_has_kept_is_none(
-    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen, monkeypatch: pytest.MonkeyPatch
+    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(retained_topics, "BIRTH_SPREAD_S", 0.0)
     publish.single(BIRTH, "online", qos=1, retain=True, hostname=HOST, port=broker.port)
@@ -171,7 +171,7 @@ def test_a_birth_that_the_broker_has_kept_is_none(
 
 
 def test_a_broker_that_forgot_all_gets_all_again(
-    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
 ) -> None:
     messenger = ran(make_messenger(broker.port), announcement("near"))
     listen(broker.port).wait_for(CONFIG)
@@ -182,7 +182,7 @@ def test_a_broker_that_forgot_all_gets_all_again(
 
 
 def test_it_is_announced_where_the_list_cannot_be_read_either(
-    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
 ) -> None:
     messenger = ran(make_messenger(broker.port, base_topic="b" * 1000), announcement("near"))
     listen(broker.port).wait_for(CONFIG)
@@ -191,9 +191,8 @@ def test_it_is_announced_where_the_list_cannot_be_read_either(
     eventually(lambda: keys_of(witness)[-1:] == [["far"]])
 
 
-@pytest.mark.usefixtures("mosquitto")
 def test_a_broker_that_forbids_the_topic_is_reported_with_its_name(
-    start_broker: Callable[..., LoopbackBroker], make_messenger: MakeMessenger, tmp_path: Path
+    start_broker: Callable[..., MosquittoBroker], make_messenger: MakeMessenger, tmp_path: Path
 ) -> None:
     acl = "user garage\ntopic readwrite stadimeter/#\n"
     strict = start_broker(username="garage", password="secret", acl=acl)
@@ -207,7 +206,7 @@ def test_a_broker_that_forbids_the_topic_is_reported_with_its_name(
 
 
 def test_a_list_that_somebody_else_wrote_removes_no_other_device(
-    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
 ) -> None:
     others = ["device#homeassistant/device/zigbee/config", "device#homeassistant/device/stadimeter_attic/config"]
     forged = [*others, "component#nonsense/x", "component#sensor/", "component#sensor/gone", "device#"]

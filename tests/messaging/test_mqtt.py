@@ -11,7 +11,7 @@ from stadimeter.core.message import Message
 from stadimeter.errors import ConfigError, DeviceOpenError
 from stadimeter.messaging.mqtt import PahoMessenger
 from stadimeter.testing.rig import eventually
-from support.broker import LoopbackBroker, MosquittoBroker, free_port
+from support.broker import MosquittoBroker, free_port
 from support.mqtt_listener import MqttListener
 from support.tunnel import Tunnel
 
@@ -35,7 +35,7 @@ def alert(payload: str) -> Message:
 
 
 def test_it_is_announced_online_then_offline(
-    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
 ) -> None:
     listener = listen(broker.port)
     messenger = connected(make_messenger(broker.port))
@@ -46,7 +46,7 @@ def test_it_is_announced_online_then_offline(
 
 @pytest.mark.parametrize("expected", ["online", "offline"])
 def test_whoever_subscribes_later_is_told_too(
-    expected: str, broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+    expected: str, broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
 ) -> None:
     messenger = connected(make_messenger(broker.port))
     listen(broker.port).wait_for(AVAILABILITY, "online")
@@ -57,7 +57,7 @@ def test_whoever_subscribes_later_is_told_too(
 
 
 def test_a_link_that_breaks_makes_the_broker_announce_us_offline(
-    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen, lay_tunnel: LayTunnel
+    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen, lay_tunnel: LayTunnel
 ) -> None:
     listener = listen(broker.port)
     tunnel = lay_tunnel(broker.port)
@@ -71,10 +71,10 @@ def test_a_link_that_breaks_makes_the_broker_announce_us_offline(
 
 
 def test_a_short_break_is_not_announced_with_mqtt_5(
-    mosquitto: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen, lay_tunnel: LayTunnel
+    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen, lay_tunnel: LayTunnel
 ) -> None:
-    listener = listen(mosquitto.port)
-    tunnel = lay_tunnel(mosquitto.port)
+    listener = listen(broker.port)
+    tunnel = lay_tunnel(broker.port)
     messenger = connected(make_messenger(tunnel.port, protocol="5"))
     listener.wait_for(AVAILABILITY, "online")
     tunnel.cut()
@@ -86,10 +86,10 @@ def test_a_short_break_is_not_announced_with_mqtt_5(
 
 @pytest.mark.long
 def test_a_long_break_is_announced_with_mqtt_5(
-    mosquitto: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen, lay_tunnel: LayTunnel
+    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen, lay_tunnel: LayTunnel
 ) -> None:
-    listener = listen(mosquitto.port)
-    tunnel = lay_tunnel(mosquitto.port)
+    listener = listen(broker.port)
+    tunnel = lay_tunnel(broker.port)
     connected(make_messenger(tunnel.port, protocol="5"))
     listener.wait_for(AVAILABILITY, "online")
     tunnel.cut()
@@ -97,7 +97,7 @@ def test_a_long_break_is_announced_with_mqtt_5(
 
 
 def test_alerts_are_sent_at_least_once_and_never_kept(
-    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
 ) -> None:
     listener = listen(broker.port)
     messenger = connected(make_messenger(broker.port))
@@ -108,28 +108,26 @@ def test_alerts_are_sent_at_least_once_and_never_kept(
     late.wait_for_payloads(f"{BASE}/event/alarm", ["cleared"])
 
 
-def test_states_are_sent_at_most_once(
-    mosquitto: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
-) -> None:
-    listener = listen(mosquitto.port)
-    connected(make_messenger(mosquitto.port)).publish(STATE)
+def test_states_are_sent_at_most_once(broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen) -> None:
+    listener = listen(broker.port)
+    connected(make_messenger(broker.port)).publish(STATE)
     assert listener.wait_for(f"{BASE}/{STATE.topic}", STATE.payload).qos == 0
 
 
 def test_a_state_is_kept_with_its_expiry_by_mqtt_5(
-    mosquitto: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
+    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
 ) -> None:
-    listener = listen(mosquitto.port, is_v5=True)
-    connected(make_messenger(mosquitto.port)).publish(STATE)
+    listener = listen(broker.port, is_v5=True)
+    connected(make_messenger(broker.port)).publish(STATE)
     assert listener.wait_for(f"{BASE}/{STATE.topic}").expires_s == 10
-    late = listen(mosquitto.port, is_v5=True).wait_for(f"{BASE}/{STATE.topic}")
+    late = listen(broker.port, is_v5=True).wait_for(f"{BASE}/{STATE.topic}")
     assert late.is_retained
     assert late.expires_s is not None
     assert 0 < late.expires_s <= 10
 
 
 def test_a_state_that_expires_is_not_kept_by_mqtt_311_where_it_would_never_expire(
-    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
 ) -> None:
     witness = listen(broker.port)
     messenger = connected(make_messenger(broker.port, protocol="3.1.1"))
@@ -145,7 +143,7 @@ def test_a_state_that_expires_is_not_kept_by_mqtt_311_where_it_would_never_expir
 
 
 def test_alerts_wait_for_a_broker_that_starts_late_and_states_are_dropped_and_counted(
-    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
 ) -> None:
     broker.stop()
     messenger = make_messenger(broker.port)
@@ -166,7 +164,7 @@ def test_alerts_wait_for_a_broker_that_starts_late_and_states_are_dropped_and_co
 
 
 def test_it_connects_again_to_a_broker_that_was_restarted(
-    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
 ) -> None:
     messenger = connected(make_messenger(broker.port))
     broker.stop()
@@ -177,7 +175,7 @@ def test_it_connects_again_to_a_broker_that_was_restarted(
 
 
 def test_alerts_that_nobody_acknowledged_are_sent_again_in_order(
-    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen, lay_tunnel: LayTunnel
+    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen, lay_tunnel: LayTunnel
 ) -> None:
     listener = listen(broker.port)
     tunnel = lay_tunnel(broker.port)
@@ -195,7 +193,7 @@ def test_alerts_that_nobody_acknowledged_are_sent_again_in_order(
 
 
 def test_a_link_that_takes_nothing_any_more_holds_neither_publishing_nor_memory(
-    broker: LoopbackBroker, make_messenger: MakeMessenger, lay_tunnel: LayTunnel
+    broker: MosquittoBroker, make_messenger: MakeMessenger, lay_tunnel: LayTunnel
 ) -> None:
     tunnel = lay_tunnel(broker.port)
     messenger = connected(make_messenger(tunnel.port))
@@ -207,7 +205,7 @@ def test_a_link_that_takes_nothing_any_more_holds_neither_publishing_nor_memory(
 
 
 def test_closing_over_a_link_that_takes_nothing_leaves_the_last_word_to_the_broker(
-    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen, lay_tunnel: LayTunnel
+    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen, lay_tunnel: LayTunnel
 ) -> None:
     listener = listen(broker.port)
     tunnel = lay_tunnel(broker.port)
@@ -230,7 +228,7 @@ def test_a_port_where_nobody_listens_is_said_in_words(make_messenger: MakeMessen
 
 
 def test_a_right_password_is_accepted(
-    start_broker: Callable[..., LoopbackBroker], make_messenger: MakeMessenger, tmp_path: Path
+    start_broker: Callable[..., MosquittoBroker], make_messenger: MakeMessenger, tmp_path: Path
 ) -> None:
     broker = start_broker(username="pi", password="open sesame")
     password_file = tmp_path / "password"
@@ -239,7 +237,7 @@ def test_a_right_password_is_accepted(
 
 
 def test_a_wrong_password_is_said_in_words_and_not_repeated_in_them(
-    start_broker: Callable[..., LoopbackBroker], make_messenger: MakeMessenger, tmp_path: Path
+    start_broker: Callable[..., MosquittoBroker], make_messenger: MakeMessenger, tmp_path: Path
 ) -> None:
     broker = start_broker(username="pi", password="open sesame")
     password_file = tmp_path / "password"
@@ -253,7 +251,7 @@ def test_a_wrong_password_is_said_in_words_and_not_repeated_in_them(
 
 
 def test_a_missing_login_is_said_in_words(
-    start_broker: Callable[..., LoopbackBroker], make_messenger: MakeMessenger
+    start_broker: Callable[..., MosquittoBroker], make_messenger: MakeMessenger
 ) -> None:
     messenger = make_messenger(start_broker(username="pi", password="open sesame").port)
     messenger.open()
@@ -280,7 +278,7 @@ def test_a_password_file_of_no_use_is_an_error_at_once(
 
 
 def test_a_message_that_the_access_list_forbids_is_said_in_words(
-    mosquitto: MosquittoBroker, start_broker: Callable[..., LoopbackBroker], make_messenger: MakeMessenger
+    broker: MosquittoBroker, start_broker: Callable[..., MosquittoBroker], make_messenger: MakeMessenger
 ) -> None:
     strict = start_broker(acl=f"topic readwrite {AVAILABILITY}\n")
     messenger = connected(make_messenger(strict.port))
@@ -289,15 +287,13 @@ def test_a_message_that_the_access_list_forbids_is_said_in_words(
     eventually(lambda: (messenger.given_up, messenger.undelivered()) == (1, ()))
 
 
-def test_two_programs_with_one_name_are_said_in_words(
-    mosquitto: MosquittoBroker, make_messenger: MakeMessenger
-) -> None:
-    first = connected(make_messenger(mosquitto.port))
-    connected(make_messenger(mosquitto.port))
+def test_two_programs_with_one_name_are_said_in_words(broker: MosquittoBroker, make_messenger: MakeMessenger) -> None:
+    first = connected(make_messenger(broker.port))
+    connected(make_messenger(broker.port))
     eventually(lambda: "does another program use the client id 'stadimeter-it'?" in first.trouble())
 
 
-def test_a_topic_with_a_wildcard_is_refused(broker: LoopbackBroker, make_messenger: MakeMessenger) -> None:
+def test_a_topic_with_a_wildcard_is_refused(broker: MosquittoBroker, make_messenger: MakeMessenger) -> None:
     messenger = connected(make_messenger(broker.port))
     for topic in ("", "rule/+/state", "#"):
         with pytest.raises(ConfigError, match="not a topic"):
@@ -305,7 +301,7 @@ def test_a_topic_with_a_wildcard_is_refused(broker: LoopbackBroker, make_messeng
     assert messenger.trouble() == ""
 
 
-def test_the_base_topic_can_be_chosen(broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen) -> None:
+def test_the_base_topic_can_be_chosen(broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen) -> None:
     listener = listen(broker.port)
     connected(make_messenger(broker.port, base_topic="home/garage/ranger"))
     listener.wait_for("home/garage/ranger/availability", "online")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -12,17 +11,17 @@ import pytest
 from stadimeter.errors import DeviceOpenError
 from stadimeter.messaging.mqtt import PahoMessenger
 from stadimeter.testing.rig import eventually
-from support.broker import LoopbackBroker, free_port, mosquitto_program
+from support.broker import MosquittoBroker, free_port
+from support.programs import require
 
 MakeMessenger = Callable[..., PahoMessenger]
-StartBroker = Callable[..., LoopbackBroker]
+StartBroker = Callable[..., MosquittoBroker]
 
 
 @pytest.fixture(scope="module")
 def certificate(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """Return a certificate for 127.0.0.1 that signs itself, and its key."""
-    if not (shutil.which("openssl") and mosquitto_program()):
-        pytest.skip("TLS is tested with openssl and mosquitto, which are not both installed")
+    require("openssl", "mosquitto")
     folder = tmp_path_factory.mktemp("tls")
     file, key = folder / "certificate.pem", folder / "key.pem"
     made = ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes"]
@@ -32,12 +31,12 @@ def certificate(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 @pytest.fixture
-def secure_broker(start_broker: StartBroker, certificate: tuple[Path, Path]) -> LoopbackBroker:
+def secure_broker(start_broker: StartBroker, certificate: tuple[Path, Path]) -> MosquittoBroker:
     return start_broker(certificate=certificate[0], key=certificate[1])
 
 
 def test_a_broker_with_a_trusted_certificate_is_accepted(
-    secure_broker: LoopbackBroker, make_messenger: MakeMessenger, certificate: tuple[Path, Path]
+    secure_broker: MosquittoBroker, make_messenger: MakeMessenger, certificate: tuple[Path, Path]
 ) -> None:
     messenger = make_messenger(secure_broker.port, tls=True, ca_file=str(certificate[0]))
     messenger.open()
@@ -45,7 +44,7 @@ def test_a_broker_with_a_trusted_certificate_is_accepted(
 
 
 def test_a_broker_with_an_unknown_certificate_is_refused_in_words(
-    secure_broker: LoopbackBroker, make_messenger: MakeMessenger
+    secure_broker: MosquittoBroker, make_messenger: MakeMessenger
 ) -> None:
     messenger = make_messenger(secure_broker.port, tls=True)
     messenger.open()
@@ -53,7 +52,7 @@ def test_a_broker_with_an_unknown_certificate_is_refused_in_words(
 
 
 def test_a_broker_under_another_name_than_its_certificates_is_refused_in_words(
-    secure_broker: LoopbackBroker, make_messenger: MakeMessenger, certificate: tuple[Path, Path]
+    secure_broker: MosquittoBroker, make_messenger: MakeMessenger, certificate: tuple[Path, Path]
 ) -> None:
     messenger = make_messenger(secure_broker.port, host="localhost", tls=True, ca_file=str(certificate[0]))
     messenger.open()
@@ -61,14 +60,14 @@ def test_a_broker_under_another_name_than_its_certificates_is_refused_in_words(
 
 
 def test_a_port_for_tls_without_tls_is_said_in_words(
-    secure_broker: LoopbackBroker, make_messenger: MakeMessenger
+    secure_broker: MosquittoBroker, make_messenger: MakeMessenger
 ) -> None:
     messenger = make_messenger(secure_broker.port)
     messenger.open()
     eventually(lambda: "with TLS as configured?" in messenger.trouble())
 
 
-def test_tls_to_a_port_without_it_is_said_in_words(broker: LoopbackBroker, make_messenger: MakeMessenger) -> None:
+def test_tls_to_a_port_without_it_is_said_in_words(broker: MosquittoBroker, make_messenger: MakeMessenger) -> None:
     messenger = make_messenger(broker.port, tls=True)
     messenger.open()
     eventually(lambda: "TLS" in messenger.trouble())

@@ -16,7 +16,7 @@ from stadimeter.messaging.mqtt import MqttOptions, PahoMessenger
 from stadimeter.messaging.protocol import RequestMessage
 from stadimeter.messaging.request_topics import RequestTopics
 from stadimeter.testing.rig import eventually
-from support.broker import HOST, BrokerAccess, LoopbackBroker, MosquittoBroker
+from support.broker import HOST, MosquittoBroker
 from support.mqtt_asker import MqttAsker
 from support.tunnel import Tunnel
 
@@ -61,12 +61,12 @@ def settle(inbox: Inbox, asker: MqttAsker) -> None:
 
 
 def test_what_came_while_the_link_was_down_is_stale_and_availability_does_not_flap(
-    mosquitto: MosquittoBroker, make_messenger: MakeMessenger, lay_tunnel: Callable[[int], Tunnel],
+    broker: MosquittoBroker, make_messenger: MakeMessenger, lay_tunnel: Callable[[int], Tunnel],
     ask: Callable[..., MqttAsker], listen: Callable[..., Any],
 ) -> None:  # fmt: skip
-    tunnel, asker = lay_tunnel(mosquitto.port), ask(mosquitto.port)
+    tunnel, asker = lay_tunnel(broker.port), ask(broker.port)
     inbox = connected(Inbox(make_messenger(tunnel.port, protocol="5")), asker)
-    witness = listen(mosquitto.port)
+    witness = listen(broker.port)
     tunnel.cut()
     eventually(inbox.messenger.trouble)
     for number in range(5):
@@ -83,17 +83,17 @@ def test_what_came_while_the_link_was_down_is_stale_and_availability_does_not_fl
 
 @pytest.mark.parametrize("ends", ["closed", "killed"])
 def test_what_came_between_two_runs_is_never_heeded_by_the_second(
-    ends: str, mosquitto: MosquittoBroker, make_messenger: MakeMessenger, lay_tunnel: Callable[[int], Tunnel],
+    ends: str, broker: MosquittoBroker, make_messenger: MakeMessenger, lay_tunnel: Callable[[int], Tunnel],
     ask: Callable[..., MqttAsker],
 ) -> None:  # fmt: skip
-    tunnel, asker = lay_tunnel(mosquitto.port), ask(mosquitto.port)
+    tunnel, asker = lay_tunnel(broker.port), ask(broker.port)
     first = connected(Inbox(make_messenger(tunnel.port, protocol="5")), asker)
     if ends == "killed":
         tunnel.cut()
     else:
         first.messenger.close()
     asker.send("reset", "in between").wait_for_publish(120)
-    second = Inbox(make_messenger(mosquitto.port, protocol="5"))
+    second = Inbox(make_messenger(broker.port, protocol="5"))
     second.messenger.open()
     eventually(lambda: not second.messenger.trouble())
     eventually(lambda: asker.send("reset", "now") and any(each.payload == b"now" for each in second.messages))
@@ -103,7 +103,7 @@ def test_what_came_between_two_runs_is_never_heeded_by_the_second(
 
 
 def test_a_session_of_311_keeps_nothing_while_we_are_away(
-    broker: LoopbackBroker, make_messenger: MakeMessenger, lay_tunnel: Callable[[int], Tunnel],
+    broker: MosquittoBroker, make_messenger: MakeMessenger, lay_tunnel: Callable[[int], Tunnel],
     ask: Callable[..., MqttAsker],
 ) -> None:  # fmt: skip
     tunnel, asker = lay_tunnel(broker.port), ask(broker.port, is_v5=False)
@@ -123,10 +123,10 @@ def patient_flood(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("patient_flood")
 def test_a_flooded_topic_is_left_for_a_while_and_the_others_are_heard(
-    mosquitto: MosquittoBroker, make_messenger: MakeMessenger, ask: Callable[..., MqttAsker]
+    broker: MosquittoBroker, make_messenger: MakeMessenger, ask: Callable[..., MqttAsker]
 ) -> None:
-    asker = ask(mosquitto.port)
-    inbox = connected(Inbox(make_messenger(mosquitto.port, protocol="5"), ACTION, "request/stop-outputs"), asker)
+    asker = ask(broker.port)
+    inbox = connected(Inbox(make_messenger(broker.port, protocol="5"), ACTION, "request/stop-outputs"), asker)
     flooded = "it is not listened to for"
     eventually(lambda: [asker.send("reset", "x") for _ in range(100)] and flooded in inbox.messenger.deafness())
     eventually(lambda: asker.send("stop-outputs", "{}") and any("stop" in each.topic for each in inbox.messages))
@@ -138,7 +138,7 @@ def test_a_flooded_topic_is_left_for_a_while_and_the_others_are_heard(
 
 
 def test_a_message_that_is_too_large_costs_a_311_connection_and_three_end_the_listening(
-    broker: LoopbackBroker, make_messenger: MakeMessenger, ask: Callable[..., MqttAsker]
+    broker: MosquittoBroker, make_messenger: MakeMessenger, ask: Callable[..., MqttAsker]
 ) -> None:
     asker = ask(broker.port, is_v5=False)
     inbox = connected(Inbox(make_messenger(broker.port, protocol="3.1.1")), asker)
@@ -149,10 +149,10 @@ def test_a_message_that_is_too_large_costs_a_311_connection_and_three_end_the_li
 
 
 def test_a_message_that_is_too_large_costs_nothing_with_mqtt_5(
-    mosquitto: MosquittoBroker, make_messenger: MakeMessenger, ask: Callable[..., MqttAsker]
+    broker: MosquittoBroker, make_messenger: MakeMessenger, ask: Callable[..., MqttAsker]
 ) -> None:
-    asker = ask(mosquitto.port)
-    inbox = connected(Inbox(make_messenger(mosquitto.port, protocol="5")), asker)
+    asker = ask(broker.port)
+    inbox = connected(Inbox(make_messenger(broker.port, protocol="5")), asker)
     asker.send("reset", b"x" * 1_000_000).wait_for_publish(120)
     asker.send("reset", b"y" * 5000).wait_for_publish(120)
     eventually(lambda: "too_large" in inbox.refusals())
@@ -170,14 +170,13 @@ STRICT = """
 
 
 @pytest.fixture
-def strict_broker(tmp_path: Path, mosquitto: MosquittoBroker) -> Iterator[MosquittoBroker]:
+def strict_broker(tmp_path: Path) -> Iterator[MosquittoBroker]:
     """Return a mosquitto that answers each subscription with "not authorised"."""
     found = sorted(Path("/usr/lib").glob("*/mosquitto_dynamic_security.so"))
     if not found:
         pytest.skip("this mosquitto comes without its plugin for roles")
-    del mosquitto
     (tmp_path / "roles.json").write_text(STRICT)
-    broker = MosquittoBroker(tmp_path, BrokerAccess())
+    broker = MosquittoBroker(tmp_path)
     lines = f"\nplugin {found[0]}\nplugin_opt_config_file {tmp_path / 'roles.json'}\n"
     broker._file.write_text(broker._file.read_text() + lines)
     broker.start()

@@ -14,7 +14,7 @@ from stadimeter.messaging.mqtt import MqttOptions, PahoMessenger
 from stadimeter.messaging.mqtt_client import PAGE_PACKET_MAX
 from stadimeter.messaging.outbox import RetainedList
 from stadimeter.testing.rig import eventually
-from support.broker import LoopbackBroker, MosquittoBroker
+from support.broker import MosquittoBroker
 from support.mqtt_listener import MqttListener
 from support.tunnel import Tunnel
 
@@ -54,7 +54,7 @@ def kept(listener: MqttListener) -> dict[str, str]:
 
 @pytest.mark.parametrize("protocol", ["3.1.1", "auto"])
 def test_a_rule_that_was_renamed_is_forgotten_by_the_broker_when_the_next_run_connects(
-    protocol: str, broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+    protocol: str, broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
 ) -> None:
     witness = listen(broker.port)
     ran(make_messenger(broker.port, protocol=protocol), "near", "far", also=("door/alert",)).close()
@@ -68,7 +68,7 @@ def test_a_rule_that_was_renamed_is_forgotten_by_the_broker_when_the_next_run_co
 
 
 def test_a_run_that_was_killed_leaves_a_list_too(
-    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen, lay_tunnel: Callable[[int], Tunnel]
+    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen, lay_tunnel: Callable[[int], Tunnel]
 ) -> None:
     tunnel = lay_tunnel(broker.port)
     ran(make_messenger(tunnel.port), "near")
@@ -80,7 +80,7 @@ def test_a_run_that_was_killed_leaves_a_list_too(
 
 
 def test_a_rule_that_was_renamed_while_the_broker_was_away_is_forgotten_when_it_is_back(
-    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen, lay_tunnel: Callable[[int], Tunnel]
+    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen, lay_tunnel: Callable[[int], Tunnel]
 ) -> None:
     tunnel = lay_tunnel(broker.port)
     messenger = ran(make_messenger(tunnel.port), "near")
@@ -95,7 +95,7 @@ def test_a_rule_that_was_renamed_while_the_broker_was_away_is_forgotten_when_it_
 
 
 def test_a_reload_while_connected_writes_the_list_anew(
-    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
 ) -> None:
     messenger = ran(make_messenger(broker.port), "near")
     witness = listen(broker.port)
@@ -105,7 +105,7 @@ def test_a_reload_while_connected_writes_the_list_anew(
 
 
 def test_the_list_is_written_though_the_broker_answers_before_the_run_knows_what_it_publishes(
-    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
 ) -> None:
     messenger = make_messenger(broker.port)
     messenger.open()
@@ -115,7 +115,7 @@ def test_the_list_is_written_though_the_broker_answers_before_the_run_knows_what
 
 
 def test_another_node_below_the_same_base_keeps_its_own(
-    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
 ) -> None:
     witness = listen(broker.port)
     ran(make_messenger(broker.port, node="one", base_topic="home"), "near")
@@ -126,7 +126,7 @@ def test_another_node_below_the_same_base_keeps_its_own(
 
 
 def test_a_list_that_somebody_else_wrote_clears_nothing_but_rules_and_messages_of_ours(
-    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
 ) -> None:
     writer = make_messenger(broker.port, node="writer", base_topic=BASE)
     evil = [
@@ -159,7 +159,7 @@ def test_a_list_that_somebody_else_wrote_clears_nothing_but_rules_and_messages_o
 
 @pytest.mark.parametrize("protocol", ["3.1.1", "auto"])
 def test_a_page_that_is_too_large_costs_one_connection_at_most(
-    protocol: str, broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+    protocol: str, broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
 ) -> None:
     writer = make_messenger(broker.port, node="writer", base_topic=BASE)
     writer.open()
@@ -176,8 +176,8 @@ def test_a_page_that_is_too_large_costs_one_connection_at_most(
 
 
 def test_a_login_that_may_write_only_publishes_as_before(
-    mosquitto: MosquittoBroker,
-    start_broker: Callable[..., LoopbackBroker],
+    broker: MosquittoBroker,
+    start_broker: Callable[..., MosquittoBroker],
     make_messenger: MakeMessenger,
     listen: Listen,
 ) -> None:
@@ -187,7 +187,7 @@ def test_a_login_that_may_write_only_publishes_as_before(
 
 
 def test_a_list_of_hundreds_of_rules_fits_into_packets_that_are_read(
-    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Listen
+    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
 ) -> None:
     names = [f"the-rule-of-number-{number}" for number in range(300)]
     ran(make_messenger(broker.port), *names).close()

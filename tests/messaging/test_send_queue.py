@@ -13,7 +13,7 @@ from stadimeter.core.message import Message
 from stadimeter.messaging.mqtt import PahoMessenger
 from stadimeter.messaging.send_queue import INCOMING_MAX
 from stadimeter.testing.rig import eventually
-from support.broker import LoopbackBroker
+from support.broker import MosquittoBroker
 from support.mqtt_listener import MqttListener
 
 ALARM = "stadimeter/it/event/alarm"
@@ -26,7 +26,7 @@ def alarm(number: int) -> Message:
 
 
 def test_publishing_does_not_wait_for_a_thread_that_is_in_paho(
-    broker: LoopbackBroker,
+    broker: MosquittoBroker,
     make_messenger: MakeMessenger,
     listen: Callable[..., MqttListener],
     monkeypatch: pytest.MonkeyPatch,
@@ -56,7 +56,7 @@ def test_publishing_does_not_wait_for_a_thread_that_is_in_paho(
 
 
 def test_a_message_that_cannot_be_packed_is_given_up_and_said_and_those_behind_it_go(
-    broker: LoopbackBroker, make_messenger: MakeMessenger, listen: Callable[..., MqttListener]
+    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Callable[..., MqttListener]
 ) -> None:
     listener = listen(broker.port)
     messenger = make_messenger(broker.port)

@@ -15,7 +15,7 @@ from stadimeter.messaging.mqtt import MqttOptions
 from stadimeter.messaging.mqtt_client import LISTENING_PACKET_MAX
 from stadimeter.messaging.protocol import Received
 from stadimeter.messaging.subscription import MqttSubscription
-from support.broker import HOST, LoopbackBroker, MosquittoBroker, free_port
+from support.broker import HOST, MosquittoBroker, free_port
 from support.mqtt_listener import MqttListener
 from support.tunnel import Tunnel
 
@@ -56,7 +56,7 @@ def listening(closing: ExitStack) -> Callable[..., Listening]:
 
 
 @pytest.fixture
-def device(broker: LoopbackBroker) -> Iterator[Client]:
+def device(broker: MosquittoBroker) -> Iterator[Client]:
     """Return another client of the broker, of the version that every broker speaks."""
     client = Client(CallbackAPIVersion.VERSION2, protocol=MQTTProtocolVersion.MQTTv311)
     client.connect(HOST, broker.port)
@@ -71,7 +71,7 @@ def say(device: Client, topic: str, payload: bytes, *, retain: bool = False) -> 
 
 
 def test_messages_come_with_whether_the_broker_had_kept_them(
-    broker: LoopbackBroker, device: Client, listening: Callable[..., Listening]
+    broker: MosquittoBroker, device: Client, listening: Callable[..., Listening]
 ) -> None:
     say(device, "stadimeter/garage/info", b"kept", retain=True)
     listener = listening(broker.port).connected()
@@ -83,14 +83,14 @@ def test_messages_come_with_whether_the_broker_had_kept_them(
 
 @pytest.mark.parametrize("protocol", ["5", "3.1.1"])
 def test_a_message_that_is_too_long_hides_no_other(
-    mosquitto: MosquittoBroker, listening: Callable[..., Listening], protocol: str
+    broker: MosquittoBroker, listening: Callable[..., Listening], protocol: str
 ) -> None:
     device = Client(CallbackAPIVersion.VERSION2, protocol=MQTTProtocolVersion.MQTTv311)
-    device.connect(HOST, mosquitto.port)
+    device.connect(HOST, broker.port)
     device.loop_start()
     huge = b"x" * 3_000_000
     say(device, "stadimeter/bad/target/ball/state", huge, retain=True)
-    listener = listening(mosquitto.port, protocol=protocol).connected()
+    listener = listening(broker.port, protocol=protocol).connected()
     say(device, "stadimeter/bad/event/alarm", huge)
     say(device, "stadimeter/garage/event/alarm", b"mine")
     listener.until(lambda: b"mine" in listener.payloads())
@@ -103,7 +103,7 @@ def test_a_message_that_is_too_long_hides_no_other(
 
 
 def test_it_listens_again_after_the_connection_was_lost(
-    broker: LoopbackBroker, device: Client, listening: Callable[..., Listening], lay_tunnel: Callable[[int], Tunnel]
+    broker: MosquittoBroker, device: Client, listening: Callable[..., Listening], lay_tunnel: Callable[[int], Tunnel]
 ) -> None:
     tunnel = lay_tunnel(broker.port)
     listener = listening(tunnel.port).connected()
@@ -116,15 +116,15 @@ def test_it_listens_again_after_the_connection_was_lost(
 
 
 def test_events_that_came_while_the_connection_was_away_arrive_once_it_is_back(
-    mosquitto: MosquittoBroker, listening: Callable[..., Listening], lay_tunnel: Callable[[int], Tunnel]
+    broker: MosquittoBroker, listening: Callable[..., Listening], lay_tunnel: Callable[[int], Tunnel]
 ) -> None:
-    tunnel = lay_tunnel(mosquitto.port)
+    tunnel = lay_tunnel(broker.port)
     listener = listening(tunnel.port).connected()
     tunnel.cut()
     listener.until(listener.subscription.trouble)
     sent = [f"{number}".encode() for number in range(300)]
     device = Client(CallbackAPIVersion.VERSION2, protocol=MQTTProtocolVersion.MQTTv311)
-    device.connect(HOST, mosquitto.port)
+    device.connect(HOST, broker.port)
     device.loop_start()
     for payload in sent:
         say(device, "stadimeter/garage/event/alarm", payload)
@@ -143,7 +143,7 @@ def test_a_broker_that_is_away_is_named_and_tried_again(listening: Callable[...,
 
 
 def test_a_wrong_password_is_said(
-    start_broker: Callable[..., LoopbackBroker], listening: Callable[..., Listening]
+    start_broker: Callable[..., MosquittoBroker], listening: Callable[..., Listening]
 ) -> None:
     broker = start_broker(username="pi", password="open sesame")
     listener = listening(broker.port)
@@ -151,7 +151,7 @@ def test_a_wrong_password_is_said(
 
 
 def test_others_see_no_device_come_or_go(
-    broker: LoopbackBroker, device: Client, listening: Callable[..., Listening], listen: Callable[..., MqttListener]
+    broker: MosquittoBroker, device: Client, listening: Callable[..., Listening], listen: Callable[..., MqttListener]
 ) -> None:
     everything = listen(broker.port)
     listener = listening(broker.port).connected()

@@ -21,13 +21,13 @@ from scenario.test_nothing_is_lost import BACK_AND_FORTH, KILLS, Site, alarms, n
 from stadimeter.core.message import Message
 from stadimeter.messaging.mqtt import MqttOptions, PahoMessenger
 from stadimeter.testing.rig import eventually
-from support.broker import mosquitto_program
 from support.mqtt_listener import MqttListener
+from support.programs import needs
 
 pytestmark = [
     pytest.mark.long,
     pytest.mark.timeout(1200),
-    pytest.mark.skipif(mosquitto_program() is None, reason="needs mosquitto"),
+    needs("mosquitto"),
 ]
 
 MANY = 5000

@@ -7,7 +7,6 @@ import os
 import random
 import re
 import shlex
-import shutil
 import subprocess
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -24,28 +23,29 @@ from stadimeter.messaging import request_topics
 from stadimeter.operator_actions import OperatorAction
 from stadimeter.testing.rig import eventually
 from stadimeter.workbench.replay.replay import read_recording, replay_run
-from support.broker import BrokerAccess, LoopbackBroker, MosquittoBroker, make_broker, mosquitto_program
+from support.broker import MosquittoBroker
 from support.commanded_run import CommandedRun
 from support.mqtt_asker import MqttAsker
 from support.mqtt_listener import MqttListener
+from support.programs import needs
 
 Start = Callable[..., tuple[CommandedRun, MqttAsker]]
 
 
 @pytest.fixture
-def broker(tmp_path: Path, closing: ExitStack) -> LoopbackBroker:
-    broker = make_broker(tmp_path, BrokerAccess())
+def broker(tmp_path: Path, closing: ExitStack) -> MosquittoBroker:
+    broker = MosquittoBroker(tmp_path)
     broker.start()
     closing.callback(broker.stop)
     return broker
 
 
 @pytest.fixture
-def start(tmp_path: Path, broker: LoopbackBroker, closing: ExitStack) -> Start:
+def start(tmp_path: Path, broker: MosquittoBroker, closing: ExitStack) -> Start:
     """Return a function that starts a run, and gives it with a program that may ask it."""
 
     def start(*, is_v5: bool = True, **options: str) -> tuple[CommandedRun, MqttAsker]:
-        asker = closing.enter_context(MqttAsker(broker.port, is_v5=is_v5 and mosquitto_program() is not None))
+        asker = closing.enter_context(MqttAsker(broker.port, is_v5=is_v5))
         with MqttListener(broker.port) as witness:
             run = CommandedRun(tmp_path, broker.port, closing, **options)
             witness.wait_for("stadimeter/it/rule/near/state")
@@ -68,8 +68,6 @@ def test_every_row_of_the_table_of_actions_can_be_asked_for_and_nothing_that_mov
 
 @pytest.mark.parametrize("protocol", ["5", "3.1.1"])
 def test_every_action_is_done_and_answered_and_journaled_with_who_asked(protocol: str, start: Start) -> None:
-    if protocol == "5" and mosquitto_program() is None:
-        pytest.skip("mosquitto is not installed, and amqtt does not speak MQTT 5")
     run, asker = start(commands="all", protocol=protocol, is_v5=protocol == "5")
     eventually(lambda: run.records and run.level() > 0)
     begun = asker.ask("record", do="start")
@@ -147,7 +145,7 @@ def test_by_default_nothing_that_lets_outputs_act_is_done_and_a_stop_is(start: S
     assert run.commands["refused"] == {"not_allowed": 5}
 
 
-def test_with_commands_off_nothing_is_listened_to(tmp_path: Path, broker: LoopbackBroker, closing: ExitStack) -> None:
+def test_with_commands_off_nothing_is_listened_to(tmp_path: Path, broker: MosquittoBroker, closing: ExitStack) -> None:
     witness = closing.enter_context(MqttListener(broker.port))
     asker = closing.enter_context(MqttAsker(broker.port, is_v5=False))
     run = CommandedRun(tmp_path, broker.port, closing, commands="off")
@@ -161,9 +159,7 @@ def test_with_commands_off_nothing_is_listened_to(tmp_path: Path, broker: Loopba
     assert asker.heard == []
 
 
-def test_whoever_asks_is_answered_where_they_listen(start: Start, broker: LoopbackBroker, closing: ExitStack) -> None:
-    if not isinstance(broker, MosquittoBroker):
-        pytest.skip("mosquitto is not installed, and amqtt does not speak MQTT 5")
+def test_whoever_asks_is_answered_where_they_listen(start: Start, broker: MosquittoBroker, closing: ExitStack) -> None:
     start()
     asker = closing.enter_context(MqttAsker(broker.port, also=("my/answers", "stadimeter/it/event/alarm")))
     asker.send("status", '{"transaction":1}', ResponseTopic="my/answers", CorrelationData=b"\x00\xff")
@@ -200,7 +196,7 @@ WRONG = {
 
 @pytest.mark.parametrize("is_v5", [True, False])
 def test_what_is_no_request_is_refused_with_a_reason_and_counted(start: Start, *, is_v5: bool) -> None:
-    run, asker = start(is_v5=is_v5, protocol="5" if is_v5 and mosquitto_program() else "3.1.1")
+    run, asker = start(is_v5=is_v5, protocol="5" if is_v5 else "3.1.1")
     for payload, words in WRONG.items():
         asker.heard.clear()
         asker.send("shelve", payload)
@@ -214,10 +210,8 @@ def test_what_is_no_request_is_refused_with_a_reason_and_counted(start: Start, *
 
 @pytest.mark.parametrize("protocol", ["5", "3.1.1"])
 def test_a_command_that_the_broker_keeps_is_never_done(
-    protocol: str, tmp_path: Path, broker: LoopbackBroker, closing: ExitStack, start: Start
+    protocol: str, tmp_path: Path, broker: MosquittoBroker, closing: ExitStack, start: Start
 ) -> None:
-    if protocol == "5" and mosquitto_program() is None:
-        pytest.skip("mosquitto is not installed, and amqtt does not speak MQTT 5")
     early = closing.enter_context(MqttAsker(broker.port, is_v5=False))
     early.send("shelve", '{"rule": "near"}', retain=True).wait_for_publish(120)
     run, asker = start(protocol=protocol, is_v5=protocol == "5", commands="all")
@@ -260,10 +254,8 @@ FLOOD = 40
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("action", OFFERS)
 def test_messages_of_any_kind_move_nothing_and_each_is_counted(
-    action: str, start: Start, broker: LoopbackBroker, closing: ExitStack, monkeypatch: pytest.MonkeyPatch
+    action: str, start: Start, broker: MosquittoBroker, closing: ExitStack, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if not isinstance(broker, MosquittoBroker):
-        pytest.skip("mosquitto is not installed, and amqtt does not speak MQTT 5")
     monkeypatch.setattr(request_topics, "RATE_HZ", 1e9)  # else most messages would not even be looked into
     monkeypatch.setattr(request_topics, "FLOOD", 10**9)
     run, asker = start(protocol="5", commands="alarms")
@@ -318,10 +310,8 @@ def make_payload(rng: random.Random) -> bytes:
 
 @pytest.mark.long
 def test_a_flood_holds_up_neither_the_loop_nor_a_stop(
-    start: Start, broker: LoopbackBroker, monkeypatch: pytest.MonkeyPatch
+    start: Start, broker: MosquittoBroker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if not isinstance(broker, MosquittoBroker):
-        pytest.skip("mosquitto is not installed, and amqtt does not speak MQTT 5")
     monkeypatch.setattr(request_topics, "RATE_HZ", 0.1)  # else a slow machine sends no more than is taken
     run, asker = start(protocol="5")
     before, flooded = len(run.records), OFFERS.keys() - {"stop-outputs", "status"}
@@ -341,9 +331,8 @@ def shown_commands() -> list[str]:
     return re.findall(r"^    (mosquitto_.*)$", orders, re.MULTILINE)
 
 
-def test_the_orders_of_the_page_work_as_they_stand_there(start: Start, broker: LoopbackBroker) -> None:
-    if shutil.which("mosquitto_rr") is None or not isinstance(broker, MosquittoBroker):
-        pytest.skip("mosquitto and its clients are not installed")
+@needs("mosquitto_rr")
+def test_the_orders_of_the_page_work_as_they_stand_there(start: Start, broker: MosquittoBroker) -> None:
     run, _ = start()
     commands = shown_commands()
     assert len(commands) == 5

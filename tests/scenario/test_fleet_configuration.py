@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from stadimeter.testing.rig import eventually
-from support.broker import HOST, BrokerAccess, make_broker
+from support.broker import HOST, BrokerAccess, MosquittoBroker
 from support.command_line import Typed, typed
 from support.signing import Repository, allow, make_key
 from support.simulated_run import SIMULATED_BALL
@@ -47,7 +47,7 @@ class Garage:
     """A device whose run and receiver are processes, and the centre that sends it configurations."""
 
     def __init__(self, folder: Path, closing: ExitStack) -> None:
-        broker = make_broker(folder, BrokerAccess())
+        broker = MosquittoBroker(folder, BrokerAccess())
         broker.start()
         closing.callback(broker.stop)
         key = make_key(folder, "ada")

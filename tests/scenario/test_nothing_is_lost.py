@@ -15,12 +15,13 @@ from contextlib import ExitStack, contextmanager
 import pytest
 
 from stadimeter.testing.rig import eventually
-from support.broker import BrokerAccess, MosquittoBroker, mosquitto_program
+from support.broker import BrokerAccess, MosquittoBroker
 from support.mqtt_listener import MqttListener
+from support.programs import needs
 from support.simulated_run import SIMULATED_BALL
 from support.tunnel import Tunnel
 
-pytestmark = pytest.mark.skipif(mosquitto_program() is None, reason="needs mosquitto")
+pytestmark = needs("mosquitto")
 
 KILLS = int(os.environ.get("STADIMETER_KILLS", "3"))
 # A last resort: the figure that is printed is that of the documentation, at a machine that is not busy.

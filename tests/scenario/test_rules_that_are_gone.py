@@ -9,11 +9,12 @@ from contextlib import contextmanager
 import pytest
 
 from stadimeter.testing.rig import eventually
-from support.broker import BrokerAccess, MosquittoBroker, mosquitto_program
+from support.broker import MosquittoBroker
 from support.mqtt_listener import MqttListener
+from support.programs import needs
 from support.simulated_run import SIMULATED_BALL
 
-pytestmark = pytest.mark.skipif(mosquitto_program() is None, reason="needs mosquitto")
+pytestmark = needs("mosquitto")
 
 BASE = "stadimeter/it"
 RULE = """
@@ -65,7 +66,7 @@ class Site:
 
 @pytest.fixture
 def site(tmp_path):
-    broker = MosquittoBroker(tmp_path, BrokerAccess())
+    broker = MosquittoBroker(tmp_path)
     broker.start()
     try:
         with MqttListener(broker.port) as listener:

@@ -22,7 +22,7 @@ from typer.testing import CliRunner
 from stadimeter.cli.main import app
 from stadimeter.testing.rig import eventually
 from stadimeter.workbench.replay.replay import read_recording
-from support.broker import make_broker
+from support.broker import MosquittoBroker
 from support.mqtt_listener import MqttListener
 from support.recordings import records_of
 from support.simulated_run import LENS
@@ -109,7 +109,7 @@ def test_the_password_of_a_camera_is_in_nothing_that_a_run_says_writes_or_sends(
     secret.mkdir()
     (secret / "camera.txt").write_text(address + "\n")
     device = f'device = "{address}"' if key == "device" else 'device_file = "camera.txt"'
-    broker = make_broker(tmp_path)
+    broker = MosquittoBroker(tmp_path)
     config = secret / "run.toml"
     config.write_text(CONFIG.format(device=device, lens=LENS, port=broker.port, link="http://wall/?panel=3"))
     env = {**os.environ, "XDG_RUNTIME_DIR": str(tmp_path / "r"), "XDG_STATE_HOME": str(tmp_path / "s")}

@@ -1,20 +1,15 @@
-"""Real MQTT brokers for tests, on a free port of the loopback interface.
-
-mosquitto where it is installed; else amqtt, which is written in Python and speaks MQTT 3.1.1 only.
-"""
+"""A real broker for tests: mosquitto on a free port of the loopback interface. Without one, its tests are skipped."""
 
 from __future__ import annotations
 
-import asyncio
-import shutil
 import socket
 import subprocess
-import threading
 import time
 from pathlib import Path
-from typing import Any, Protocol
 
 from msgspec import Struct
+
+from support.programs import path_of, require
 
 HOST = "127.0.0.1"
 START_S = 120.0
@@ -25,8 +20,8 @@ class BrokerAccess(Struct, frozen=True, kw_only=True):
 
     Attributes:
         username: The only user; None lets everybody in.
-        acl: Lines of a mosquitto access list; empty for none. Only mosquitto heeds it.
-        certificate: The broker's certificate, for TLS; None for none. Only mosquitto heeds it.
+        acl: Lines of an access list; empty for none.
+        certificate: The broker's certificate, for TLS; None for none.
     """
 
     username: str | None = None
@@ -36,41 +31,12 @@ class BrokerAccess(Struct, frozen=True, kw_only=True):
     key: Path | None = None
 
 
-class LoopbackBroker(Protocol):
-    """A broker that can be stopped, and started again on the same port. It forgets everything in between."""
-
-    port: int
-
-    def start(self) -> None:
-        """Start; return when it accepts connections."""
-        ...
-
-    def stop(self) -> None:
-        """Stop. Does nothing if it does not run."""
-        ...
-
-
-def mosquitto_program() -> str | None:
-    """Return the path of mosquitto, or None where it is not installed."""
-    return shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin:/usr/local/sbin")
-
-
 def free_port() -> int:
     """Return a port of the loopback interface that nobody listens on."""
     with socket.socket() as probe:
         probe.bind((HOST, 0))
         port: int = probe.getsockname()[1]
     return port
-
-
-def make_broker(folder: Path, access: BrokerAccess | None = None) -> LoopbackBroker:
-    """Make the best broker that this machine has; it is not started yet.
-
-    Args:
-        access: Who may do what; everybody everything if not given.
-    """
-    access = access or BrokerAccess()
-    return MosquittoBroker(folder, access) if mosquitto_program() else AmqttBroker(folder, access)
 
 
 def _wait_for(port: int) -> None:
@@ -87,9 +53,16 @@ def _wait_for(port: int) -> None:
 
 
 class MosquittoBroker:
-    """A mosquitto of our own."""
+    """A mosquitto of our own. It can be started again on the same port, and forgets everything in between.
 
-    def __init__(self, folder: Path, access: BrokerAccess) -> None:
+    Args:
+        folder: Where its files are written.
+        access: Who may do what; everybody everything if not given.
+    """
+
+    def __init__(self, folder: Path, access: BrokerAccess | None = None) -> None:
+        require("mosquitto")
+        access = access or BrokerAccess()
         self.port = free_port()
         self._file = folder / f"mosquitto-{self.port}.conf"
         self._log = folder / f"mosquitto-{self.port}.log"
@@ -98,7 +71,7 @@ class MosquittoBroker:
 
     def start(self) -> None:
         """Start; return when it accepts connections."""
-        program = mosquitto_program()
+        program = path_of("mosquitto")
         assert program is not None
         with self._log.open("ab") as log:
             self._process = subprocess.Popen([program, "-c", str(self._file)], stdout=log, stderr=log)
@@ -132,80 +105,3 @@ class MosquittoBroker:
         if access.certificate is not None:
             lines += [f"certfile {access.certificate}", f"keyfile {access.key}"]
         return lines
-
-
-class AmqttBroker:
-    """An amqtt broker in a thread.
-
-    Args:
-        access: Who may do what; without access list and TLS.
-    """
-
-    def __init__(self, folder: Path, access: BrokerAccess) -> None:
-        if access.acl or access.certificate:
-            raise ValueError("the amqtt broker is set up here without access lists and TLS; this needs mosquitto")
-        self.port = free_port()
-        self._plugins = self._login(folder, access)
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._thread: threading.Thread | None = None
-        self._broker: Any = None
-        self._connections: set[asyncio.StreamWriter] = set()
-
-    def start(self) -> None:
-        """Start; return when it accepts connections."""
-        self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._loop.run_forever, name="amqtt", daemon=True)
-        self._thread.start()
-        asyncio.run_coroutine_threadsafe(self._start(), self._loop).result(START_S)
-
-    def stop(self) -> None:
-        """Stop. Does nothing if it does not run."""
-        if self._loop is None or self._thread is None:
-            return
-        asyncio.run_coroutine_threadsafe(self._stop(), self._loop).result(START_S)
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join(START_S)
-        self._loop.close()
-        self._loop = self._thread = self._broker = None
-
-    async def _start(self) -> None:
-        # A library for tests only, and only where mosquitto is missing.
-        from amqtt.broker import Broker  # type: ignore[import-untyped]
-
-        connections = self._connections
-
-        class TidyBroker(Broker):  # type: ignore[misc] # a class of that library
-            """Knows every connection, also those that did not get as far as a session."""
-
-            async def stream_connected(
-                self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, listener_name: str
-            ) -> None:
-                connections.add(writer)
-                try:
-                    await super().stream_connected(reader, writer, listener_name)
-                finally:
-                    writer.transport.abort()
-                    connections.discard(writer)
-
-        listeners = {"default": {"type": "tcp", "bind": f"{HOST}:{self.port}"}}
-        self._broker = TidyBroker({"listeners": listeners, "plugins": self._plugins})
-        await self._broker.start()
-
-    async def _stop(self) -> None:
-        # Without this, amqtt now and then waits for ever for a connection that swallowed its cancellation.
-        for writer in list(self._connections):
-            writer.transport.abort()
-        await self._broker.shutdown()
-        others = asyncio.all_tasks() - {asyncio.current_task()}
-        for task in others:
-            task.cancel()
-        await asyncio.gather(*others, return_exceptions=True)
-
-    def _login(self, folder: Path, access: BrokerAccess) -> dict[str, dict[str, Any]]:
-        if access.username is None:
-            return {"amqtt.plugins.authentication.AnonymousAuthPlugin": {"allow_anonymous": True}}
-        from pwdlib.hashers.argon2 import Argon2Hasher
-
-        passwords = folder / f"amqtt-{self.port}.passwords"
-        passwords.write_text(f"{access.username}:{Argon2Hasher(time_cost=1).hash(access.password)}\n")
-        return {"amqtt.plugins.authentication.FileAuthPlugin": {"password_file": str(passwords)}}

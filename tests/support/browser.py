@@ -20,9 +20,9 @@ from msgspec import Struct
 from stadimeter.app.control.client import ask
 from stadimeter.errors import ControlError
 from stadimeter.testing.rig import eventually
+from support.programs import path_of, require
 from support.simulated_run import LENS
 
-CHROMIUM = shutil.which("chromium") or "/usr/bin/chromium"
 PHONE, TABLET, DESKTOP = (360, 640), (768, 1024), (1440, 900)
 """The sizes that the page is made for, in CSS pixels."""
 
@@ -179,10 +179,9 @@ def _end(process: subprocess.Popen[str] | None) -> None:
 def chromium() -> Iterator[Any]:
     """A real Chromium without a window; skips where there is none, or nothing to drive it."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: no browser is driven")
-    if not Path(CHROMIUM).exists():
-        pytest.skip("Chromium is not on this machine: apt install chromium")
+    require("chromium")
     with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        browser = driver.chromium.launch(executable_path=path_of("chromium"), args=["--no-sandbox"])
         try:
             yield browser
         finally:

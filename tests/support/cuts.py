@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -21,6 +20,7 @@ from typing import Self
 import pytest
 from msgspec import Struct
 
+from support.programs import needs, path_of
 from support.saves import SAVINGS
 
 TRACED = (
@@ -44,9 +44,10 @@ class Call(Struct, frozen=True):
 
 def needs_strace() -> pytest.MarkDecorator:
     """Skip a test where there is no strace, or where it may trace nothing."""
-    strace = shutil.which("strace")
-    usable = strace and subprocess.run([strace, "-qq", "true"], capture_output=True, check=False).returncode == 0
-    return pytest.mark.skipif(not usable, reason="strace is not installed, or may not trace: apt install strace")
+    if path_of("strace") is None:
+        return needs("strace")
+    traced = subprocess.run(["strace", "-qq", "true"], capture_output=True, check=False)
+    return pytest.mark.skipif(traced.returncode != 0, reason="strace may not trace here")
 
 
 class Savers:

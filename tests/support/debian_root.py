@@ -12,6 +12,8 @@ from pathlib import Path
 import pytest
 from msgspec import Struct
 
+from support.programs import why_missing
+
 MIRROR = "http://deb.debian.org/debian"
 
 Done = subprocess.CompletedProcess[str]
@@ -60,8 +62,7 @@ def why_no_root() -> str:
     """Return why no root file system can be made here, or an empty string."""
     if os.geteuid() != 0:
         return "only root may make root file systems"
-    missing = [name for name in ("debootstrap", "dpkg-deb", "mount", "chroot") if shutil.which(name) is None]
-    return f"{' and '.join(missing)} not installed" if missing else ""
+    return why_missing("debootstrap", "dpkg-deb")
 
 
 def make_root(folder: Path, release: str, architecture: str) -> DebianRoot:

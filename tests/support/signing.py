@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 import time
 from collections.abc import Mapping
 from pathlib import Path
 
-import pytest
-
 from stadimeter.config.untrusted_file import sha256_of
 from stadimeter.workbench.fleet.desired import sign
 from stadimeter.workbench.fleet.reports import Desired
+from support.programs import require
 
 
 def make_key(folder: Path, name: str) -> Path:
-    if shutil.which("ssh-keygen") is None:
-        pytest.skip("ssh-keygen is not installed")
+    require("ssh-keygen")
     key = folder / name
     subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-C", name, "-f", str(key)], check=True)
     return key

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-import shutil
 import struct
 import subprocess
 from pathlib import Path
@@ -12,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from stadimeter.watchdog import gpio
+from support.programs import require
 
 HEADER = """
 #include <stdio.h>
@@ -69,8 +69,9 @@ def kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Kernel:
 
 
 def test_what_it_asks_of_the_kernel_is_what_the_kernels_header_says(kernel: Kernel, tmp_path: Path) -> None:
-    if shutil.which("gcc") is None or not Path("/usr/include/linux/gpio.h").exists():
-        pytest.skip("gcc or linux/gpio.h is not installed")
+    require("gcc")
+    if not Path("/usr/include/linux/gpio.h").exists():
+        pytest.skip("not installed: linux/gpio.h; sudo apt install linux-libc-dev")
     (tmp_path / "header.c").write_text(HEADER)
     subprocess.run(["gcc", "-o", tmp_path / "header", tmp_path / "header.c"], check=True)
     said = subprocess.check_output([tmp_path / "header"], text=True).split()

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from stadimeter.web.passwords import PasswordFile
-from support.broker import BrokerAccess, MosquittoBroker, mosquitto_program
+from support.broker import MosquittoBroker
 from support.browser import DESKTOP, PHONE, ROOM, SILENT_AFTER_ONE, STILL, Served, served, tab, until
 
 
@@ -285,9 +285,7 @@ def test_a_run_that_must_be_armed_acts_once_a_person_arms_it(browser, tmp_path):
 
 
 def test_where_messages_go_and_what_is_published_is_shown(browser, tmp_path):
-    if mosquitto_program() is None:
-        pytest.skip("mosquitto is not installed")
-    broker = MosquittoBroker(tmp_path, BrokerAccess())
+    broker = MosquittoBroker(tmp_path)
     broker.start()
     messenger = f'[messenger]\ndriver = "mqtt"\nport = {broker.port}\nnode = "garage"\n'
     try:

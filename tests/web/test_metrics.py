@@ -4,7 +4,6 @@ import asyncio
 import json
 import math
 import re
-import shutil
 import subprocess
 import sys
 import threading
@@ -26,9 +25,9 @@ from stadimeter.web.passwords import PasswordFile
 from support.cycle_records import tracked
 from support.metered_run import metered_run
 from support.page import OPERATE, READ, quicken, served_page
+from support.programs import needs
 
 GUIDE = Path(__file__).parents[2] / "docs" / "metrics.md"
-PROMTOOL = shutil.which("promtool")
 
 
 @pytest.fixture
@@ -75,11 +74,13 @@ def test_the_guide_names_every_metric_and_no_other(run, site):
     assert set(re.findall(r"^# TYPE (\w+)", text, re.MULTILINE)) == told
 
 
-@pytest.mark.skipif(PROMTOOL is None, reason="promtool is not installed: apt install prometheus")
+@needs("promtool")
 def test_names_and_descriptions_are_as_prometheus_wants_them(run, site):
     fresh(run, site)
     text = site.get("/metrics").body
-    checked = subprocess.run([PROMTOOL, "check", "metrics"], input=text, capture_output=True, check=False, timeout=120)
+    checked = subprocess.run(
+        ["promtool", "check", "metrics"], input=text, capture_output=True, check=False, timeout=120
+    )
     assert (checked.returncode, checked.stdout, checked.stderr) == (0, b"", b"")
 
 

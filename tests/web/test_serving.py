@@ -25,6 +25,7 @@ from stadimeter.web.serving import EVERYWHERE, check_certificate, listen
 from support.browser import ROOM, served
 from support.page import OPERATE, quicken, served_page
 from support.processes import children, is_running
+from support.programs import require
 
 
 def test_without_a_password_others_cannot_reach_it(tmp_path):
@@ -97,14 +98,12 @@ app(["web", {str(tmp_path / "room.toml")!r}])"""
 @pytest.fixture(scope="module")
 def pairs(tmp_path_factory):
     """Two certificates, each with its key."""
+    require("openssl")
     folder = tmp_path_factory.mktemp("certificates")
     for name in ("one", "two"):
         command = ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes"]
         files = ["-keyout", folder / f"{name}.key", "-out", folder / f"{name}.pem"]
-        try:
-            subprocess.run([*command, *files, "-subj", "/CN=localhost"], check=True, capture_output=True)
-        except FileNotFoundError:
-            pytest.skip("openssl is not installed, which makes certificates: apt install openssl")
+        subprocess.run([*command, *files, "-subj", "/CN=localhost"], check=True, capture_output=True)
     return folder
 
 

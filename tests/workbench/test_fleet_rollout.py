@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from stadimeter.errors import ConfigError
 from stadimeter.workbench.fleet.rollout import make_cohorts, read_committed, signing_key
-from support.broker import HOST, BrokerAccess, LoopbackBroker, make_broker
+from support.broker import HOST, MosquittoBroker
 from support.command_line import Typed, typed
 from support.fleet_devices import OWN, RULES, FleetOfReceivers
 from support.signing import Repository, allow, make_key
@@ -73,22 +73,22 @@ def test_a_configuration_is_read_from_git_and_from_nowhere_else(repository: Repo
 
 
 @pytest.fixture
-def broker(tmp_path: Path) -> Iterator[LoopbackBroker]:
-    made = make_broker(tmp_path, BrokerAccess())
+def broker(tmp_path: Path) -> Iterator[MosquittoBroker]:
+    made = MosquittoBroker(tmp_path)
     made.start()
     yield made
     made.stop()
 
 
 @pytest.fixture
-def centre(tmp_path: Path, broker: LoopbackBroker) -> Path:
+def centre(tmp_path: Path, broker: MosquittoBroker) -> Path:
     """Return a file that names the broker, and nothing else."""
     file = tmp_path / "centre.toml"
     file.write_text(f'[messenger]\ndriver = "mqtt"\nhost = "{HOST}"\nport = {broker.port}\nnode = "centre"\n')
     return file
 
 
-def devices(folder: Path, ada: Path, broker: LoopbackBroker, *names: str) -> FleetOfReceivers:
+def devices(folder: Path, ada: Path, broker: MosquittoBroker, *names: str) -> FleetOfReceivers:
     (folder / "devices").mkdir()
     return FleetOfReceivers(folder / "devices", allow(ada, folder / "signers"), broker.port, names)
 
@@ -98,7 +98,7 @@ def apply(file: Path, centre: Path, *words: object) -> Typed:
 
 
 def test_a_good_configuration_reaches_every_device_and_a_bad_one_none(
-    tmp_path: Path, ada: Path, broker: LoopbackBroker, centre: Path, repository: Repository
+    tmp_path: Path, ada: Path, broker: MosquittoBroker, centre: Path, repository: Repository
 ) -> None:
     fleet = devices(tmp_path, ada, broker, "garage", "hall/press", "hall/lathe", "attic")
     bad = repository.commit("bad.toml", FAILING, "Too eager")
@@ -129,7 +129,7 @@ def test_a_good_configuration_reaches_every_device_and_a_bad_one_none(
 
 
 def test_a_device_that_does_not_answer_stops_it_and_does_not_apply_it_later(
-    tmp_path: Path, ada: Path, broker: LoopbackBroker, centre: Path, repository: Repository
+    tmp_path: Path, ada: Path, broker: MosquittoBroker, centre: Path, repository: Repository
 ) -> None:
     fleet = devices(tmp_path, ada, broker, "garage")
     file = repository.commit("rules.toml", RULES, "Warn from 2 m on")
@@ -148,7 +148,7 @@ def test_a_device_that_does_not_answer_stops_it_and_does_not_apply_it_later(
 
 
 def test_what_cannot_be_sent_is_said_in_a_line(
-    tmp_path: Path, ada: Path, broker: LoopbackBroker, centre: Path, repository: Repository
+    tmp_path: Path, ada: Path, broker: MosquittoBroker, centre: Path, repository: Repository
 ) -> None:
     file = repository.commit("rules.toml", RULES, "Warn from 2 m on")
     wrong = {
@@ -174,7 +174,7 @@ def test_a_computer_whose_clock_was_never_set_sends_nothing(
 
 @pytest.mark.long
 def test_a_bad_configuration_for_five_hundred_devices_is_stopped_in_the_first_cohort_and_nobody_runs_it(
-    tmp_path: Path, ada: Path, broker: LoopbackBroker, centre: Path, repository: Repository
+    tmp_path: Path, ada: Path, broker: MosquittoBroker, centre: Path, repository: Repository
 ) -> None:
     fleet = devices(tmp_path, ada, broker, *(f"site-{number % 10}/node-{number}" for number in range(500)))
     bad = repository.commit("bad.toml", FAILING, "Too eager")
