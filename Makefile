@@ -11,14 +11,15 @@ ARGS ?=
 # Bytecode is kept whatever the environment says: else each program that a test starts compiles all of it again, and
 # pytest rewrites the assertions of every test file each time.
 unexport PYTHONDONTWRITEBYTECODE
-# On every core, the tests of one file together: they share what is costly to prepare. A worker that crashed is not
-# replaced: with files kept together, the new one is given the test that crashed the last one, again and again.
-SPREAD := -n auto --dist loadfile --max-worker-restart 0
-# The quick ones wait much for processes and servers: one worker more than there are cores.
-ONE_MORE = -n $(shell expr $$(getconf _NPROCESSORS_ONLN) + 1)
+# The tests of one file together: they share what is costly to prepare. A worker that crashed is not replaced: with
+# files kept together, the new one is given the test that crashed the last one, again and again. Two workers for each
+# core: one computes while the other waits for processes and servers.
+CORES := $(shell getconf _NPROCESSORS_ONLN)
+WORKERS := $(shell expr 2 \* $(CORES))
+SPREAD = -n $(WORKERS) --dist loadfile --no-loadscope-reorder --max-worker-restart 0
 UNIT := tests/core tests/config tests/ranging
 
-.PHONY: help demo quick test test-long test-opencv-4.10 check check-javascript gate bench bench-rules bench-safety bench-stopping bench-liveness pictures wheel deb docs format format-javascript clean
+.PHONY: help demo quick test test-long test-sample test-opencv-4.10 nightly mutants check check-javascript gate bench bench-rules bench-safety bench-stopping bench-liveness pictures wheel deb docs format format-javascript clean
 
 help: ## say what there is
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -29,14 +30,25 @@ demo: $(VENV)/.app ## a simulated world: watch a ball being measured, followed a
 quick: $(VENV)/.dev ## run the unit tests of core, config and ranging with few examples: half a minute
 	HYPOTHESIS_PROFILE=quick $(BIN)/pytest $(SPREAD) -m "not long and not hardware" $(UNIT) $(ARGS)
 
-test: $(VENV)/.dev ## run the tests; ARGS="-k name" passes arguments to pytest
-	$(BIN)/pytest $(SPREAD) $(ONE_MORE) -m "not long and not hardware" $(ARGS)
+test: $(VENV)/.collected ## run the tests; ARGS="-k name" passes arguments to pytest
+	$(BIN)/pytest $(SPREAD) -m "not long and not hardware" $(ARGS)
 
-test-long: $(VENV)/.dev ## run the tests that take longer
+test-long: $(VENV)/.collected ## run the tests that take longer
 	$(BIN)/pytest $(SPREAD) -m "long and not hardware" $(ARGS)
 
-test-opencv-4.10: $(OLD_VENV)/.dev ## run the vision tests with the oldest OpenCV that is supported
+test-sample: $(VENV)/.collected ## run long tests for ten minutes: of the folders that the change touches, and a sample
+	$(BIN)/pytest $(SPREAD) -p support.long_sample -m "long and not hardware" $(ARGS)
+
+test-opencv-4.10: $(OLD_VENV)/.dev ## run what differs between versions with the oldest OpenCV that is supported
+	$(OLD_VENV)/bin/pytest $(SPREAD) -m "oldest_opencv and not long" $(ARGS)
+
+nightly: $(VENV)/.nightly $(OLD_VENV)/.dev ## run everything, with a thousand new examples of each property: hours
+	HYPOTHESIS_PROFILE=nightly $(BIN)/pytest $(SPREAD) -m "not hardware" --timeout 7200 $(ARGS)
 	$(OLD_VENV)/bin/pytest $(SPREAD) -m vision $(ARGS)
+
+mutants: $(VENV)/.nightly ## count which of 500 small mistakes in the code that guards people the tests notice: an hour
+	$(BIN)/pytest $(SPREAD) -m "not long and not hardware" --cov=stadimeter --cov-context=test --cov-report=
+	$(BIN)/python tests/benchmarks/mutants.py -o mutants.json $(ARGS)
 
 check: $(VENV)/.dev check-javascript ## style, types and structure
 	$(BIN)/ruff check
@@ -115,6 +127,15 @@ $(VENV)/.pip: $(VENV)/.app
 
 $(VENV)/.dev: $(VENV)/.pip
 	$(BIN)/python -m pip install --quiet --group dev
+	@touch $@
+
+# pytest rewrites the assertions of each file once and keeps the result; else each worker would do it for all files.
+$(VENV)/.collected: $(VENV)/.dev
+	@find tests -name 'test_*.py' | xargs -P $(CORES) -n 150 $(BIN)/pytest --collect-only -qq >/dev/null 2>&1 || true
+	@touch $@
+
+$(VENV)/.nightly: $(VENV)/.collected
+	$(BIN)/python -m pip install --quiet --group nightly
 	@touch $@
 
 $(BIOME): | $(VENV)/.python

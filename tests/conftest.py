@@ -41,17 +41,26 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 REAL_PICTURES = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
+# These start programs and wait for them. They begin first: else one worker waits at the end when the others are done.
+WAITING = ("web", "cli", "scenario", "messaging", "contract", "workbench", "app")
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Fit the tests that state settings of their own to the profile: `quick` has fewer examples, `nightly` more."""
-    if PROFILE == "here":
-        return
+    """Order the folders, and fit hypothesis's settings of single tests to the profile."""
+    folder = Path(__file__).parent
+    items.sort(key=lambda item: item.path.relative_to(folder).parts[0] not in WAITING)
+    if PROFILE != "here":
+        _fit_examples(items)
+
+
+def _fit_examples(items: list[pytest.Item]) -> None:
+    """Give tests that state settings of their own fewer examples in the profile `quick`, and more in `nightly`."""
     for item in items:
         test = getattr(item, "obj", None)
         test = getattr(test, "__func__", test)  # of a method, the function that bears the settings
         own = getattr(test, "_hypothesis_internal_use_settings", None)
         if own is not None:
-            bound = min if PROFILE == "quick" else max
-            examples = bound(own.max_examples, settings.default.max_examples)
+            examples = (min if PROFILE == "quick" else max)(own.max_examples, settings.default.max_examples)
             test._hypothesis_internal_use_settings = settings(
                 own, max_examples=examples, derandomize=settings.default.derandomize
             )
