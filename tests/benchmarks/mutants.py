@@ -28,7 +28,7 @@ from coverage import CoverageData
 GUARDED = ("core", "ranging", "watchdog", "app/guard.py", "app/leased_output.py")
 """What stands between a mistake and a wheel that turns, or a number that is wrong."""
 
-FIRST, MORE = 25, 150
+FIRST, MORE = 20, 60
 """How many of the tests that cover a line are run: if the first notice nothing, this many more."""
 
 SECONDS = 120.0
