@@ -77,7 +77,7 @@ format: $(VENV)/.dev format-javascript ## put the code in order
 bench: $(VENV)/.bench ## measure accuracy and speed on rendered pictures; ARGS="--only ball --frames 60" for a part
 	PYTHONPATH=tests $(BIN)/python tests/benchmarks/run.py $(ARGS)
 
-bench-rules: $(VENV)/.dev ## measure rules: on noise, by the thousand, and an hour replayed
+bench-rules: $(VENV)/.dev ## measure rules on noise: false raises, lateness, following
 	PYTHONPATH=tests $(BIN)/python tests/benchmarks/rules_report.py $(ARGS)
 
 bench-safety: $(VENV)/.dev ## run the program on streams that fail, and time how long its robot moves

@@ -1,6 +1,6 @@
-"""Measures rules: on noise, by the thousand, and over an hour that is replayed. Writes a report: ``make bench-rules``.
+"""Measures rules on noise: false raises, lateness, following. Writes a report: ``make bench-rules``.
 
-``python tests/benchmarks/rules_report.py --only scale`` runs a part and prints it.
+``python tests/benchmarks/rules_report.py --only raises`` runs a part and prints it.
 """
 
 from __future__ import annotations
@@ -15,10 +15,7 @@ import closing_speeds
 import false_raises
 import following
 import numpy as np
-import replay_speed
-import rule_delays
 import rule_policies
-import rule_scale
 from goal import Facts, Goal, at_most, percent, plain
 from part import Part, commit, table
 
@@ -77,41 +74,16 @@ GOALS = (
         plain(3, "s"),
         {"rules late 2 m": 0.1, "rules late 8 m": 0.1},
     ),
-    at_most(
-        "10,000 thresholds on one distance, none crosses, a cycle",
-        "≤ 10 µs",
-        plain(1, "µs"),
-        {"10,000 thresholds us": 10.0},
-    ),
-    at_most("100 rules of all kinds, amid their limits, a cycle", "≤ 50 µs", plain(1, "µs"), {"100 mixed us": 50.0}),
-    at_most(
-        "replay of an hour at 30 frames a second, no pictures: 3 / 10 rules",
-        "≤ 10 s",
-        plain(1, "s"),
-        {"replay 3 s": 10.0, "replay 10 s": 10.0},
-    ),
 )
 
 
-def replays(*, is_whole_hour: bool) -> Part:
-    """Return the part of the report on replays."""
-    frames = replay_speed.HOUR_FRAMES if is_whole_hour else replay_speed.TENTH_FRAMES
-    rows = replay_speed.measure_all(frames=frames)
-    facts = {f"replay {row.rules} s": row.hour_s for row in rows if row.what == "journal"}
-    return Part(title="An hour replayed", text=replay_speed.markdown(rows) + "\n", facts=facts)
-
-
-def jobs(*, is_whole_hour: bool) -> dict[str, Callable[[], Part]]:
-    """Return the parts by name, in the order of the report."""
-    return {
-        "policies": lambda: rule_policies.run(rule_policies.RUNS, draw.REPORT_SEEDS.start),
-        "delays": lambda: rule_delays.run(draw.REPORT_SEEDS.start),
-        "speeds": lambda: closing_speeds.run(closing_speeds.RUNS, draw.REPORT_SEEDS.start),
-        "raises": lambda: false_raises.run(false_raises.MINUTES, draw.REPORT_SEEDS.start),
-        "following": lambda: following.run(following.RUNS, draw.REPORT_SEEDS.start),
-        "scale": rule_scale.part,
-        "replay": lambda: replays(is_whole_hour=is_whole_hour),
-    }
+JOBS: dict[str, Callable[[], Part]] = {
+    "policies": lambda: rule_policies.run(rule_policies.RUNS, draw.REPORT_SEEDS.start),
+    "speeds": lambda: closing_speeds.run(closing_speeds.RUNS, draw.REPORT_SEEDS.start),
+    "raises": lambda: false_raises.run(false_raises.MINUTES, draw.REPORT_SEEDS.start),
+    "following": lambda: following.run(following.RUNS, draw.REPORT_SEEDS.start),
+}
+"""The parts by name, in the order of the report."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -124,10 +96,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         0.
     """
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", nargs="+", choices=list(jobs(is_whole_hour=False)), help="parts to run and print")
-    parser.add_argument("--hour", action="store_true", help="record and replay a whole hour, not a tenth")
+    parser.add_argument("--only", nargs="+", choices=list(JOBS), help="parts to run and print")
     asked = parser.parse_args(arguments)
-    parts = [job() for name, job in jobs(is_whole_hour=asked.hour).items() if not asked.only or name in asked.only]
+    parts = [job() for name, job in JOBS.items() if not asked.only or name in asked.only]
     text = report(parts)
     if asked.only:
         print(text)

@@ -246,13 +246,3 @@ def test_a_report_names_the_commit_as_it_was_before_its_own_charts(tmp_path, mon
     written = report.write_report(parts, tmp_path, 60.0, plots=True).read_text(encoding="utf-8")
     assert len(list(tmp_path.glob("*.svg"))) == 2
     assert (written.count("ommit abc"), written.count("dirty")) == (3, 0)
-
-
-def test_what_a_command_costs_is_measured() -> None:
-    import time
-
-    from command_cost import measure
-
-    found = measure(20, time.thread_time_ns)
-    assert found["cycle_without_us"] > 0
-    assert found["p99_us"] >= found["median_us"]
