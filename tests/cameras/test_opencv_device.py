@@ -99,7 +99,7 @@ def test_a_device_that_another_program_has_open_is_in_use_by_that_program(tmp_pa
     node = tmp_path / "video0"
     node.touch()
     assert in_use(str(node)) == f"another program is using it; close that one (`sudo fuser -v {node}` names it)"
-    waits = [sys.executable, "-c", f"file = open({str(node)!r}); print(); import sys; sys.stdin.read()"]
+    waits = [sys.executable, "-c", f"file = open({str(node)!r}); print(flush=True); import sys; sys.stdin.read()"]
     with subprocess.Popen(waits, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
         assert other.stdout is not None
         other.stdout.readline()

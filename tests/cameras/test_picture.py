@@ -192,7 +192,7 @@ def test_a_file_that_may_not_be_read_says_so(tmp_path: Path, scene: Image) -> No
     path = tmp_path / "secret.png"
     path.write_bytes(encode(scene, ".png"))
     path.chmod(0)
-    assert "Permission denied" in refusal(path)
+    assert "permission denied" in refusal(path)
 
 
 @pytest.mark.vision

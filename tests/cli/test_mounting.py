@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 
 import cv2
@@ -127,10 +128,12 @@ def test_the_thread_of_a_run_judges_its_pictures(site) -> None:
     assert not why
     loop.parts.cycle.mounting_watch = watch
     loop.listeners.append(watch)
-    loop.run()
-    assert watch._check.result(60).status is MountingStatus.AS_SAVED, "one finding is none"
+    with closing(watch):
+        loop.run()
+        # The last cycle has taken in what the thread found, or it is still at it.
+        found = watch.mounting if watch._check is None else watch._check.result(60)
+    assert found.status is MountingStatus.AS_SAVED, "one finding is none"
     assert [*watch._judge._in_a_row] == ["moved"]
-    watch.close()
     assert load_reference(site) is not None
 
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 import json
 import socket
 import struct
+from contextlib import ExitStack
 from typing import Annotated, Any, ClassVar
 
 from pydantic import Field
@@ -75,6 +76,7 @@ class RosbridgeLink:
         )
         self._battery_v: float | None = None
         self._socket: Any = None
+        self._closing = ExitStack()
 
     def open(self) -> None:
         """Connect, ask rosapi for the type and the subscribers of the topic, and advertise it."""
@@ -115,9 +117,8 @@ class RosbridgeLink:
 
     def close(self) -> None:
         """Let go of the connection."""
-        if self._socket:
-            self._socket.close()
-            self._socket = None
+        self._socket = None
+        self._closing.close()
 
     def _connect(self) -> Any:
         try:
@@ -126,14 +127,17 @@ class RosbridgeLink:
         except ImportError as error:
             raise DriverUnavailableError(f"ros2-rosbridge needs websockets: {missing('ros2') or error}") from error
         try:
-            return connect(
-                self._url,
-                compression=None,
-                proxy=None,
-                open_timeout=_CONNECTED_WITHIN_S,
-                close_timeout=_CLOSED_WITHIN_S,
-                ping_interval=_PINGED_EVERY_S,
-                ping_timeout=_PONG_WITHIN_S,
+            # As a context manager: what `connect` returns without one is no connection since websockets 17.
+            return self._closing.enter_context(
+                connect(
+                    self._url,
+                    compression=None,
+                    proxy=None,
+                    open_timeout=_CONNECTED_WITHIN_S,
+                    close_timeout=_CLOSED_WITHIN_S,
+                    ping_interval=_PINGED_EVERY_S,
+                    ping_timeout=_PONG_WITHIN_S,
+                )
             )
         except (OSError, WebSocketException, _RACE) as error:
             raise DeviceOpenError(
