@@ -110,18 +110,18 @@ def base(bench: BaseBench) -> Iterator[SerialBase]:
 
 
 class LateLink:
-    """A port on which nothing comes before the robot was woken twice."""
+    """A port on which nothing comes before the robot was woken so often."""
 
     path = "late"
 
-    def __init__(self, *reads: bytes) -> None:
-        self._reads, self._starts = [*reads], 0
+    def __init__(self, *reads: bytes, wakings: int) -> None:
+        self._reads, self._starts, self._wakings = [*reads], 0, wakings
 
     def write(self, frame: bytes) -> None:
         self._starts += frame == b"\x80"
 
     def read(self) -> bytes:
-        return self._reads.pop(0) if self._starts > 1 and self._reads else b""
+        return self._reads.pop(0) if self._starts >= self._wakings and self._reads else b""
 
 
 def report(mode: int) -> bytes:
@@ -130,10 +130,11 @@ def report(mode: int) -> bytes:
     return robot.receive(b"", 0.016)
 
 
-def test_a_robot_that_was_woken_twice_may_report_what_was_in_between() -> None:
+@pytest.mark.parametrize("wakings", [1, 2])
+def test_a_robot_that_is_woken_may_report_what_was_in_between(wakings: int) -> None:
     def greet(*reads: bytes) -> None:
         codec = RoombaCodec(is_create_1=False)
-        Greeting(link=LateLink(*reads), clock=ManualClock(), codec=codec, boot_wait_s=2.0).run()
+        Greeting(link=LateLink(*reads, wakings=wakings), clock=ManualClock(), codec=codec, boot_wait_s=2.0).run()
 
     late = report(SAFE) + report(PASSIVE)
     greet(late, b"", report(SAFE))

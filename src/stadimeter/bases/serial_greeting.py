@@ -43,11 +43,8 @@ class Greeting(Struct, kw_only=True):
         if self.codec.answers is Answers.NEVER:
             self._stand_for(self.boot_wait_s)
             self.codec.feed(self.link.read())
-        elif self._identify() > 1:
-            if self.codec.answers is Answers.EACH_COMMAND:
-                self._let_late_answers_pass()
-            else:
-                self._hear_past_the_waking()
+        elif self._identify() > 1 and self.codec.answers is Answers.EACH_COMMAND:
+            self._let_late_answers_pass()
         self._check_trouble()
         for frame in (*self.codec.opening, self.codec.stop):
             self._send(frame)
@@ -67,7 +64,8 @@ class Greeting(Struct, kw_only=True):
             if self.codec.question:
                 self._pause(self.codec.gap_s)
                 self._send(self.codec.question)
-            if any(message.is_identity for message in self._messages_for(_ASKED_EVERY_S)):
+            is_known = any(message.is_identity for message in self._messages_for(_ASKED_EVERY_S))
+            if is_known and (self.codec.answers is Answers.EACH_COMMAND or self._is_awake()):
                 return tries
             if self.clock.now_s() >= deadline_s:
                 break
@@ -91,11 +89,16 @@ class Greeting(Struct, kw_only=True):
         while self.clock.now_s() < end_s and any(True for _ in self._messages_for(_ANSWER_WITHIN_S)):
             pass
 
-    def _hear_past_the_waking(self) -> None:
-        """Pass over what a base reports of its second waking, behind late reports from before it."""
+    def _is_awake(self) -> bool:
+        """Return whether a base that has shown what it is will drive; wait for that while it is woken.
+
+        It may have shown it by late reports from before, of a former connection too; what follows says that it does not
+        drive, until it does. If it does not, what woke it was lost, and it must be woken again.
+        """
         reports = self._messages_for(_ASKED_EVERY_S)
         while self.codec.trouble and next(reports, None) is not None:
             pass
+        return not self.codec.trouble
 
     def _confirm(self, frame: bytes) -> None:
         for message in self._messages_for(_ANSWER_WITHIN_S):
