@@ -96,7 +96,7 @@ def span_of(path: Path) -> tuple[float, float]:
     return times[0], times[-1]
 
 
-def test_an_alarm_is_in_a_clip_with_what_came_before_and_after_and_nothing_else_is_written(tmp_path: Path) -> None:
+def test_an_alarm_is_in_a_clip_with_what_came_before_and_after_and_nothing_else_is_written(tmp_path):
     room = Room(tmp_path, 'before = "3 s"\nafter = "2 s"')
     written: dict[float, bool] = {}
     (clip,) = room.run(9, lambda now_s, _box: written.__setitem__(now_s, room.clips_folder.exists()))
@@ -111,21 +111,21 @@ def test_an_alarm_is_in_a_clip_with_what_came_before_and_after_and_nothing_else_
     assert room.told == []
 
 
-def test_a_run_in_which_nothing_happens_writes_nothing(tmp_path: Path) -> None:
+def test_a_run_in_which_nothing_happens_writes_nothing(tmp_path):
     assert Room(tmp_path, "").run(3) == []
     assert [path.name for path in tmp_path.iterdir()] == ["room.toml"]
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("seed", range(1000, 1000 + RUNS))
-def test_clips_are_whole_after_alarms_faults_a_full_disk_and_the_end_of_the_page(seed: int) -> None:
+def test_clips_are_whole_after_alarms_faults_a_full_disk_and_the_end_of_the_page(seed):
     try:
         assert black_box_runs.try_seed(seed) == []
     except PermissionError as error:
         pytest.skip(str(error))
 
 
-def test_what_happens_during_a_clip_makes_it_longer_and_after_a_minute_another_one_begins(tmp_path: Path) -> None:
+def test_what_happens_during_a_clip_makes_it_longer_and_after_a_minute_another_one_begins(tmp_path):
     room = Room(tmp_path, 'before = "2 s"\nafter = "10.5 s"\nrate = "1 Hz"')
     first, second = room.run(85)
     began_s, ended_s = span_of(first)
@@ -135,7 +135,7 @@ def test_what_happens_during_a_clip_makes_it_longer_and_after_a_minute_another_o
     assert room.loop.reporter.clips == {"near": second.name}
 
 
-def test_an_order_is_answered_with_the_name_of_its_clip_and_an_alarm_meanwhile_has_the_same(tmp_path: Path) -> None:
+def test_an_order_is_answered_with_the_name_of_its_clip_and_an_alarm_meanwhile_has_the_same(tmp_path):
     room = Room(tmp_path, 'before = "1 s"\nafter = "3 s"')
     (clip,) = room.run(9, lambda now_s, box: room.order(box) if now_s == pytest.approx(2.5) else None)
     (answer,) = room.answers
@@ -152,21 +152,21 @@ PRESS = '\n[buttons.front]\ndriver = "simulated"\npresses = [{ at = "2 s", for =
 @pytest.mark.parametrize(
     ("on", "press", "count"), [("[]", "clip", 1), ('["button"]', "acknowledge", 1), ("[]", "acknowledge", 0)]
 )
-def test_a_button_of_its_own_writes_a_clip_and_any_other_if_that_is_wanted(tmp_path, on, press, count) -> None:
+def test_a_button_of_its_own_writes_a_clip_and_any_other_if_that_is_wanted(tmp_path, on, press, count):
     room = Room(tmp_path, f"on = {on}", f'{PRESS}press = "{press}"\n')
     clips = room.run(4)
     told = [read_mcap(clip).clip_of for clip in clips]
     assert told == [{"kind": "button", "source": "button front", "reason": press}] * count
 
 
-def test_an_alarm_that_is_only_observed_writes_no_clip(tmp_path: Path) -> None:
+def test_an_alarm_that_is_only_observed_writes_no_clip(tmp_path):
     room = Room(tmp_path, "")
     room.path.write_text(room.path.read_text().replace("on_delay", "observe = true\non_delay"))
     room.loop.parts.configuration = load_configuration(room.path)
     assert Room.run(room, 9) == []
 
 
-def test_what_the_memory_has_no_room_for_is_missing_at_the_beginning_and_said(tmp_path: Path) -> None:
+def test_what_the_memory_has_no_room_for_is_missing_at_the_beginning_and_said(tmp_path):
     memory, feed = feeding(tmp_path, memory="4 MB", before="60 s")
     feed(1, 19)
     memory.begin_clip(tmp_path / "clips" / "room.mcap", {"kind": "order"}, 0)
@@ -178,7 +178,7 @@ def test_what_the_memory_has_no_room_for_is_missing_at_the_beginning_and_said(tm
     assert times[-1] == pytest.approx(21.9)
 
 
-def test_a_full_disk_is_said_and_the_next_clip_is_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_said_and_the_next_clip_is_whole(tmp_path, monkeypatch):
     monkeypatch.setattr(black_box_module, "FREE_MIN_BYTES", 1e15)
     room = Room(tmp_path, 'after = "1 s"')
 
@@ -194,7 +194,7 @@ def test_a_full_disk_is_said_and_the_next_clip_is_whole(tmp_path: Path, monkeypa
     assert room.loop.trouble() == ""
 
 
-def test_the_oldest_clips_go_and_those_of_others_stay(tmp_path: Path) -> None:
+def test_the_oldest_clips_go_and_those_of_others_stay(tmp_path):
     memory, feed = feeding(tmp_path, memory="4 MB", before="1 s", max_total="10 MB")
     clips = tmp_path / "clips"
     clips.mkdir()
@@ -213,7 +213,7 @@ def test_the_oldest_clips_go_and_those_of_others_stay(tmp_path: Path) -> None:
     assert memory.trouble() == ""
 
 
-def test_a_clip_ends_where_it_is_as_large_as_all_may_be(tmp_path: Path) -> None:
+def test_a_clip_ends_where_it_is_as_large_as_all_may_be(tmp_path):
     memory, feed = feeding(tmp_path, max_total="10 MB")
     path = tmp_path / "clips" / "room-20261127T000000.000Z.mcap"
     memory.begin_clip(path, {"kind": "order"}, 0)
@@ -254,7 +254,7 @@ def times_of(clip: McapRecording) -> list[float]:
     return [cycle.now_s() for cycle in clip.cycles()]
 
 
-def test_a_broken_memory_refuses_orders_and_the_run_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_broken_memory_refuses_orders_and_the_run_goes_on(tmp_path, monkeypatch):
     def fail(*_: object) -> None:
         raise ZeroDivisionError("a defect")
 

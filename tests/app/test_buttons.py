@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from pathlib import Path
 
 import pytest
 
@@ -60,7 +59,7 @@ def front() -> Iterable[Front]:
     assert not front.pins.is_held()
 
 
-def test_a_short_press_and_a_long_one_ask_for_different_things(front: Front) -> None:
+def test_a_short_press_and_a_long_one_ask_for_different_things(front):
     front.press(0.1)
     front.press(1.9)
     front.press(2.1)
@@ -71,7 +70,7 @@ def test_a_short_press_and_a_long_one_ask_for_different_things(front: Front) -> 
     assert front.button.commands() == ()
 
 
-def test_without_a_long_press_every_press_is_a_short_one() -> None:
+def test_without_a_long_press_every_press_is_a_short_one():
     front = Front(press="put-back", rule="near")
     front.button.open()
     front.press(5.0)
@@ -79,32 +78,32 @@ def test_without_a_long_press_every_press_is_a_short_one() -> None:
     assert (command.action, command.rule) == (OperatorAction.PUT_BACK, "near")
 
 
-def test_contacts_that_bounce_are_one_press(front: Front) -> None:
+def test_contacts_that_bounce_are_one_press(front):
     for is_down, seconds in [(True, 0.02), (False, 0.02), (True, 0.02), (False, 0.02), (True, 0.3), (False, 0.02),
                              (True, 0.02), (False, 0.3)]:  # fmt: skip
         front.touch(is_down, seconds)
     assert front.actions() == ["acknowledge"]
 
 
-def test_a_spike_on_the_wire_is_no_press(front: Front) -> None:
+def test_a_spike_on_the_wire_is_no_press(front):
     for _ in range(20):
         front.press(PERIOD_S)
     assert front.actions() == []
 
 
-def test_presses_between_two_cycles_are_all_kept_in_their_order(front: Front) -> None:
+def test_presses_between_two_cycles_are_all_kept_in_their_order(front):
     front.press(2.5)
     front.press(0.1)
     front.press(0.1)
     assert front.actions() == ["shelve", "acknowledge", "acknowledge"]
 
 
-def test_nothing_happens_before_it_is_let_go(front: Front) -> None:
+def test_nothing_happens_before_it_is_let_go(front):
     front.touch(True, 3.0)
     assert front.actions() == []
 
 
-def test_a_button_that_is_never_let_go_does_nothing_and_is_told(front: Front) -> None:
+def test_a_button_that_is_never_let_go_does_nothing_and_is_told(front):
     front.touch(True, STUCK_S)
     assert front.button.trouble() == ""
     front.clock.advance_s(0.1)
@@ -115,7 +114,7 @@ def test_a_button_that_is_never_let_go_does_nothing_and_is_told(front: Front) ->
     assert front.actions() == ["acknowledge"]
 
 
-def test_a_button_that_is_down_when_the_run_begins_does_nothing_and_is_told() -> None:
+def test_a_button_that_is_down_when_the_run_begins_does_nothing_and_is_told():
     front = Front()
     front.pins.ground(PIN, begins=True)
     front.button.open()
@@ -125,7 +124,7 @@ def test_a_button_that_is_down_when_the_run_begins_does_nothing_and_is_told() ->
     assert (front.actions(), front.button.trouble()) == ([], "")
 
 
-def test_a_press_over_a_pause_in_which_nobody_looked_is_none() -> None:
+def test_a_press_over_a_pause_in_which_nobody_looked_is_none():
     presses = Presses(is_down=False, now_s=0.0)
     assert presses.look(is_down=True, now_s=0.02) is None
     assert presses.look(is_down=True, now_s=0.06) is None
@@ -135,7 +134,7 @@ def test_a_press_over_a_pause_in_which_nobody_looked_is_none() -> None:
     assert lasted_s > STUCK_S
 
 
-def test_a_button_that_stops_outputs_does_so_as_soon_as_it_is_down_and_once() -> None:
+def test_a_button_that_stops_outputs_does_so_as_soon_as_it_is_down_and_once():
     front = Front(press="stop-outputs")
     front.button.open()
     front.clock.advance_s(1.0)
@@ -147,7 +146,7 @@ def test_a_button_that_stops_outputs_does_so_as_soon_as_it_is_down_and_once() ->
     front.button.close()
 
 
-def test_one_that_is_down_when_the_run_begins_stops_them_too() -> None:
+def test_one_that_is_down_when_the_run_begins_stops_them_too():
     front = Front(press="stop-outputs")
     front.pins.ground(PIN, begins=True)
     front.button.open()
@@ -165,19 +164,19 @@ def test_one_that_is_down_when_the_run_begins_stops_them_too() -> None:
         {"hold": "release-outputs", "rule": "near"},
     ],
 )
-def test_a_button_that_stops_outputs_does_nothing_else(table: dict[str, str]) -> None:
+def test_a_button_that_stops_outputs_does_nothing_else(table):
     with pytest.raises(ValueError, match="outputs"):
         ButtonTable.model_validate(table)
 
 
-def test_a_button_that_cannot_be_opened_keeps_a_run_from_beginning() -> None:
+def test_a_button_that_cannot_be_opened_keeps_a_run_from_beginning():
     front = Front()
     front.pins.occupy(PIN, begins=True)
     with pytest.raises(DeviceOpenError, match="front: cannot open GPIO27"):
         front.button.open()
 
 
-def test_a_service_begins_without_a_button_and_opens_it_later() -> None:
+def test_a_service_begins_without_a_button_and_opens_it_later():
     front = Front()
     front.pins.occupy(PIN, begins=True)
     with pytest.raises(DeviceOpenError) as caught:
@@ -190,7 +189,7 @@ def test_a_service_begins_without_a_button_and_opens_it_later() -> None:
     assert (front.button.trouble(), front.actions()) == ("", ["acknowledge"])
 
 
-def test_a_button_that_fails_is_told_opened_again_and_works(front: Front) -> None:
+def test_a_button_that_fails_is_told_opened_again_and_works(front):
     front.pins.ground(PIN, begins=True)
     front.pins.fail(PIN, begins=True)
     front.clock.advance_s(0.1)
@@ -204,7 +203,7 @@ def test_a_button_that_fails_is_told_opened_again_and_works(front: Front) -> Non
 
 
 @pytest.mark.parametrize("defect", [ZeroDivisionError, SystemExit])
-def test_a_driver_with_a_defect_does_not_end_the_looking(defect: type[BaseException]) -> None:
+def test_a_driver_with_a_defect_does_not_end_the_looking(defect):
     class Broken(SimulatedButton):
         is_broken = False
 
@@ -251,7 +250,7 @@ shelve_for = "2 s"
 )
 
 
-def test_presses_operate_the_alarms_of_a_run_and_replay_from_its_journal(tmp_path: Path) -> None:
+def test_presses_operate_the_alarms_of_a_run_and_replay_from_its_journal(tmp_path):
     path = tmp_path / "run.toml"
     path.write_text(RUN)
     configuration = load_configuration(path)
@@ -272,7 +271,7 @@ def test_presses_operate_the_alarms_of_a_run_and_replay_from_its_journal(tmp_pat
     assert result.events == result.recorded_events
 
 
-def test_trouble_with_a_button_is_told_by_the_run(tmp_path: Path) -> None:
+def test_trouble_with_a_button_is_told_by_the_run(tmp_path):
     path = tmp_path / "run.toml"
     path.write_text(RUN.replace('for = "3 s"', 'for = "60 s"'))
     loop = Loop(build(load_configuration(path), speed=None))

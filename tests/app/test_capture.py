@@ -131,7 +131,7 @@ def gate(capture_it: threading.Event) -> Callable[[], None]:
     return wait
 
 
-def test_the_newest_frame_wins(clock: ManualClock, waits: Waits) -> None:
+def test_the_newest_frame_wins(clock, waits):
     with opened(ScriptedCamera(clock, 1, 2, 3), waits) as capture:
         frame = capture.latest(PATIENCE_S)
         assert level_of(frame) == 3
@@ -139,14 +139,14 @@ def test_the_newest_frame_wins(clock: ManualClock, waits: Waits) -> None:
         assert capture.trouble() == ""
 
 
-def test_a_frame_is_never_delivered_twice(clock: ManualClock, waits: Waits) -> None:
+def test_a_frame_is_never_delivered_twice(clock, waits):
     with opened(ScriptedCamera(clock, 1), waits) as capture:
         capture.latest(PATIENCE_S)
         with pytest.raises(CaptureTimeoutError):
             capture.latest(0.0)
 
 
-def test_latest_waits_for_the_next_frame(clock: ManualClock, waits: Waits) -> None:
+def test_latest_waits_for_the_next_frame(clock, waits):
     go_on = threading.Event()
     camera = ScriptedCamera(clock, 1, gate(go_on), 2)
     capture = LiveCapture(camera, clock)
@@ -157,7 +157,7 @@ def test_latest_waits_for_the_next_frame(clock: ManualClock, waits: Waits) -> No
     capture.close()
 
 
-def test_a_camera_that_hangs_is_noticed(clock: ManualClock, waits: Waits) -> None:
+def test_a_camera_that_hangs_is_noticed(clock, waits):
     with opened(ScriptedCamera(clock, 1), waits) as capture:
         capture.latest(PATIENCE_S)
         clock.advance_s(0.4)
@@ -166,7 +166,7 @@ def test_a_camera_that_hangs_is_noticed(clock: ManualClock, waits: Waits) -> Non
             capture.latest(0.01)
 
 
-def test_a_camera_that_is_missing_at_the_start_is_an_error_at_once(clock: ManualClock) -> None:
+def test_a_camera_that_is_missing_at_the_start_is_an_error_at_once(clock):
     camera = ScriptedCamera(clock, opening=(DeviceOpenError("there is no camera"),))
     capture = LiveCapture(camera, clock)
     with pytest.raises(DeviceOpenError, match="there is no camera"):
@@ -176,7 +176,7 @@ def test_a_camera_that_is_missing_at_the_start_is_an_error_at_once(clock: Manual
     assert camera.opened == 1
 
 
-def test_a_lost_camera_is_opened_again_by_itself(clock: ManualClock, waits: Waits) -> None:
+def test_a_lost_camera_is_opened_again_by_itself(clock, waits):
     camera = ScriptedCamera(clock, 1, LinkLostError("/dev/video0 is gone"), 2)
     with opened(camera, waits) as capture:
         assert level_of(capture.latest(PATIENCE_S)) == 2
@@ -186,7 +186,7 @@ def test_a_lost_camera_is_opened_again_by_itself(clock: ManualClock, waits: Wait
     assert waits.words == ["/dev/video0 is gone; opening the camera again after 0.25 s"]
 
 
-def test_the_wait_before_opening_again_doubles_up_to_three_seconds(clock: ManualClock, waits: Waits) -> None:
+def test_the_wait_before_opening_again_doubles_up_to_three_seconds(clock, waits):
     absent = DeviceOpenError("there is no /dev/video0")
     camera = ScriptedCamera(clock, 1, LinkLostError("gone"), 2, opening=(None, *[absent] * 7))
     with opened(camera, waits) as capture:
@@ -196,7 +196,7 @@ def test_the_wait_before_opening_again_doubles_up_to_three_seconds(clock: Manual
     assert camera.opened == 9
 
 
-def test_a_new_frame_makes_the_next_wait_short_again(clock: ManualClock, waits: Waits) -> None:
+def test_a_new_frame_makes_the_next_wait_short_again(clock, waits):
     lost = LinkLostError("gone")
     camera = ScriptedCamera(clock, lost, lost, lost, 1, lost, 2)
     with opened(camera, waits):
@@ -204,7 +204,7 @@ def test_a_new_frame_makes_the_next_wait_short_again(clock: ManualClock, waits: 
     assert waits.seconds == [0.25, 0.5, 1.0, 0.25]
 
 
-def test_a_camera_that_opens_but_stays_silent_is_waited_for_longer_and_longer(clock: ManualClock, waits: Waits) -> None:
+def test_a_camera_that_opens_but_stays_silent_is_waited_for_longer_and_longer(clock, waits):
     silent = CaptureTimeoutError("no picture for 1.0 s")
     with opened(ScriptedCamera(clock, silent, silent, silent), waits) as capture:
         expected = "no picture for 1.0 s; the camera was opened again and has given no new frame yet"
@@ -214,7 +214,7 @@ def test_a_camera_that_opens_but_stays_silent_is_waited_for_longer_and_longer(cl
     assert waits.seconds == [0.25, 0.5, 1.0]
 
 
-def test_a_frozen_picture_is_noticed_and_the_camera_opened_again(clock: ManualClock, waits: Waits) -> None:
+def test_a_frozen_picture_is_noticed_and_the_camera_opened_again(clock, waits):
     camera = ScriptedCamera(clock, 1, *[7] * 12, 8)
     with opened(camera, waits) as capture:
         assert level_of(capture.latest(PATIENCE_S)) == 8
@@ -222,7 +222,7 @@ def test_a_frozen_picture_is_noticed_and_the_camera_opened_again(clock: ManualCl
     assert waits.words == ["the picture has not changed for 1.1 s; opening the camera again after 0.25 s"]
 
 
-def test_a_repeated_picture_is_never_delivered_as_new(clock: ManualClock, waits: Waits) -> None:
+def test_a_repeated_picture_is_never_delivered_as_new(clock, waits):
     with opened(ScriptedCamera(clock, *[7] * 5), waits) as capture:
         assert capture.latest(0.0).sequence == 0
         assert capture.trouble() == "no new frame for over 0.3 s"
@@ -230,7 +230,7 @@ def test_a_repeated_picture_is_never_delivered_as_new(clock: ManualClock, waits:
             capture.latest(0.0)
 
 
-def test_a_picture_that_stays_frozen_after_opening_again_is_still_not_new(clock: ManualClock, waits: Waits) -> None:
+def test_a_picture_that_stays_frozen_after_opening_again_is_still_not_new(clock, waits):
     camera = ScriptedCamera(clock, *[7] * 40)
     with opened(camera, waits) as capture:
         assert capture.latest(0.0).sequence == 0
@@ -240,7 +240,7 @@ def test_a_picture_that_stays_frozen_after_opening_again_is_still_not_new(clock:
     assert waits.seconds == [0.25, 0.5, 1.0]
 
 
-def test_a_capture_time_that_stands_still_counts_as_frozen(clock: ManualClock, waits: Waits) -> None:
+def test_a_capture_time_that_stands_still_counts_as_frozen(clock, waits):
     camera = ScriptedCamera(clock, *range(1, 13))
     camera.has_stale_times = True
     with opened(camera, waits) as capture:
@@ -250,9 +250,7 @@ def test_a_capture_time_that_stands_still_counts_as_frozen(clock: ManualClock, w
 
 
 @pytest.mark.parametrize("mistake", [ZeroDivisionError, SystemExit, KeyboardInterrupt, MemoryError])
-def test_a_mistake_in_a_driver_reaches_whoever_asks_for_frames(
-    clock: ManualClock, mistake: type[BaseException]
-) -> None:
+def test_a_mistake_in_a_driver_reaches_whoever_asks_for_frames(clock, mistake):
     camera = ScriptedCamera(clock, mistake("a mistake"))
     capture = LiveCapture(camera, clock)
     capture.open()
@@ -264,7 +262,7 @@ def test_a_mistake_in_a_driver_reaches_whoever_asks_for_frames(
     assert camera.opened == 1
 
 
-def test_a_driver_that_never_comes_back_from_a_read_is_said_to_hang(clock: ManualClock, waits: Waits) -> None:
+def test_a_driver_that_never_comes_back_from_a_read_is_said_to_hang(clock, waits):
     with opened(ScriptedCamera(clock, 1), waits) as capture:
         clock.advance_s(HUNG_AFTER_S)
         assert (capture.hung(), capture.trouble()) == ("", "no new frame for over 0.3 s")
@@ -272,7 +270,7 @@ def test_a_driver_that_never_comes_back_from_a_read_is_said_to_hang(clock: Manua
         assert capture.hung() == capture.trouble() == "the camera's driver hangs: it has not answered for over 70 s"
 
 
-def test_a_camera_that_its_driver_cannot_let_go_hangs_until_it_opens_again(clock: ManualClock, waits: Waits) -> None:
+def test_a_camera_that_its_driver_cannot_let_go_hangs_until_it_opens_again(clock, waits):
     hung = list[str]()
     camera = ScriptedCamera(
         clock,
@@ -289,7 +287,7 @@ def test_a_camera_that_its_driver_cannot_let_go_hangs_until_it_opens_again(clock
     assert waits.hung == ["", "", "still being closed"]
 
 
-def test_closing_while_the_camera_is_read_ends_the_thread(clock: ManualClock, waits: Waits) -> None:
+def test_closing_while_the_camera_is_read_ends_the_thread(clock, waits):
     camera = ScriptedCamera(clock)
     with opened(camera, waits) as capture:
         assert "camera" in {thread.name for thread in threading.enumerate()}
@@ -300,7 +298,7 @@ def test_closing_while_the_camera_is_read_ends_the_thread(clock: ManualClock, wa
     assert capture.trouble() == "the camera is not open"
 
 
-def test_closing_ends_the_wait_before_opening_again(clock: ManualClock) -> None:
+def test_closing_ends_the_wait_before_opening_again(clock):
     waiting = threading.Event()
 
     def wait(event: threading.Event, timeout_s: float) -> bool:
@@ -316,7 +314,7 @@ def test_closing_ends_the_wait_before_opening_again(clock: ManualClock) -> None:
     assert camera.opened == 1
 
 
-def test_closing_lets_whoever_waits_for_a_frame_go(clock: ManualClock, waits: Waits) -> None:
+def test_closing_lets_whoever_waits_for_a_frame_go(clock, waits):
     errors: list[Exception] = []
 
     def ask(capture: LiveCapture) -> None:
@@ -332,9 +330,7 @@ def test_closing_lets_whoever_waits_for_a_frame_go(clock: ManualClock, waits: Wa
     assert len(errors) == 1
 
 
-def test_a_driver_that_never_lets_go_does_not_hold_up_closing(
-    clock: ManualClock, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_driver_that_never_lets_go_does_not_hold_up_closing(clock, monkeypatch):
     monkeypatch.setattr("stadimeter.app.capture.STOP_WAIT_S", 0.01)
     stuck, let_go = threading.Event(), threading.Event()
     camera = ScriptedCamera(clock, lambda: stuck.set() or gate(let_go)(), 1)
@@ -349,7 +345,7 @@ def test_a_driver_that_never_lets_go_does_not_hold_up_closing(
     assert not left.is_alive()
 
 
-def test_a_closed_capture_opens_again(clock: ManualClock, waits: Waits) -> None:
+def test_a_closed_capture_opens_again(clock, waits):
     camera = ScriptedCamera(clock, 1)
     with opened(camera, waits) as capture:
         assert level_of(capture.latest(PATIENCE_S)) == 1
@@ -367,9 +363,7 @@ def recording(tmp_path: Path, clock: ManualClock) -> ImageFilesCamera:
     return ImageFilesCamera((str(tmp_path),), 1.0, clock)
 
 
-def test_every_frame_of_a_recording_is_delivered_in_the_caller_s_thread(
-    recording: ImageFilesCamera, clock: ManualClock
-) -> None:
+def test_every_frame_of_a_recording_is_delivered_in_the_caller_s_thread(recording, clock):
     before = threading.active_count()
     capture = capture_for(recording, clock)
     capture.open()
@@ -384,16 +378,16 @@ def test_every_frame_of_a_recording_is_delivered_in_the_caller_s_thread(
         capture.latest(0.0)
 
 
-def test_the_way_to_get_frames_follows_from_the_camera(recording: ImageFilesCamera, clock: ManualClock) -> None:
+def test_the_way_to_get_frames_follows_from_the_camera(recording, clock):
     assert isinstance(capture_for(ScriptedCamera(clock), clock), LiveCapture)
     assert not isinstance(capture_for(recording, clock), LiveCapture)
 
 
-def test_what_the_device_did_not_take_can_be_told(clock: ManualClock, waits: Waits) -> None:
+def test_what_the_device_did_not_take_can_be_told(clock, waits):
     with opened(ScriptedCamera(clock, 1, 2), waits) as capture:
         assert capture.remarks() == ("it would not switch its autofocus off",)
 
 
-def test_why_nothing_may_move_on_a_camera_s_frames_is_known(recording: ImageFilesCamera, clock: ManualClock) -> None:
+def test_why_nothing_may_move_on_a_camera_s_frames_is_known(recording, clock):
     assert capture_for(ScriptedCamera(clock), clock).not_for_motion() == "its pictures are of unknown age"
     assert capture_for(recording, clock).not_for_motion() == ""

@@ -77,11 +77,11 @@ def near_of(configuration: Configuration, made: Certificate) -> Reliance:
     return found
 
 
-def test_without_a_certificate_there_is_nothing_to_say(tmp_path: Path) -> None:
+def test_without_a_certificate_there_is_nothing_to_say(tmp_path):
     assert warnings(loaded(tmp_path)) == ()
 
 
-def test_a_threshold_within_what_was_measured_is_carried(tmp_path: Path) -> None:
+def test_a_threshold_within_what_was_measured_is_carried(tmp_path):
     configuration = loaded(tmp_path)
     made = certified(configuration)
     assert warnings(configuration) == ()
@@ -97,7 +97,7 @@ def test_a_threshold_within_what_was_measured_is_carried(tmp_path: Path) -> None
         'ramp = { from = "1 m", to = "6 m" }',
     ],
 )
-def test_a_threshold_beyond_the_farthest_placement_is_not_carried(tmp_path: Path, rule: str) -> None:
+def test_a_threshold_beyond_the_farthest_placement_is_not_carried(tmp_path, rule):
     configuration = loaded(tmp_path, f'[rules.far]\nactuator = "motor"\n{rule}\n')
     certified(configuration)
     (far,) = warnings(configuration)
@@ -108,7 +108,7 @@ def test_a_threshold_beyond_the_farthest_placement_is_not_carried(tmp_path: Path
     assert far.line > 0
 
 
-def test_a_deadband_smaller_than_the_scatter_is_not_carried(tmp_path: Path) -> None:
+def test_a_deadband_smaller_than_the_scatter_is_not_carried(tmp_path):
     rule = 'when = { below = "1 m", deadband = "1 cm", deadband_sigmas = 0 }'
     configuration = loaded(tmp_path, f'[rules.near]\nactuator = "motor"\n{rule}\n')
     certified(configuration, noise_m=0.02)
@@ -116,7 +116,7 @@ def test_a_deadband_smaller_than_the_scatter_is_not_carried(tmp_path: Path) -> N
     assert "the deadband of 1.0 cm is smaller than the scatter, ± 2.0 cm" in narrow.message
 
 
-def test_another_lens_makes_it_out_of_date_and_another_rule_does_not(tmp_path: Path) -> None:
+def test_another_lens_makes_it_out_of_date_and_another_rule_does_not(tmp_path):
     certified(loaded(tmp_path))
     assert warnings(loaded(tmp_path, NEAR.replace("1 m", "2 m"))) == ()
     (outdated,) = warnings(loaded(tmp_path, text=BALL.replace("fx_px = 600.0", "fx_px = 610.0")))
@@ -124,14 +124,14 @@ def test_another_lens_makes_it_out_of_date_and_another_rule_does_not(tmp_path: P
     assert "out of date: the camera model changed since" in outdated.message
 
 
-def test_another_size_makes_it_out_of_date(tmp_path: Path) -> None:
+def test_another_size_makes_it_out_of_date(tmp_path):
     certified(loaded(tmp_path))
     assert warnings(loaded(tmp_path, text=BALL.replace("29,86,6", "30,86,6"))) == ()
     (outdated,) = warnings(loaded(tmp_path, text=BALL.replace("20 cm", "21 cm")))
     assert "the size of the target changed since" in outdated.message
 
 
-def test_a_target_that_is_gone_makes_it_useless(tmp_path: Path) -> None:
+def test_a_target_that_is_gone_makes_it_useless(tmp_path):
     configuration = loaded(tmp_path)
     save_certificate(configuration.path, replace(certified(configuration), target="cube"), CERTIFICATE, {})
     (gone,) = warnings(configuration)
@@ -139,21 +139,21 @@ def test_a_target_that_is_gone_makes_it_useless(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", [b"{", b"\xff", b"[]", b'{"target": 5}', b""])
-def test_a_damaged_certificate_is_a_warning_and_no_crash(tmp_path: Path, text: bytes) -> None:
+def test_a_damaged_certificate_is_a_warning_and_no_crash(tmp_path, text):
     configuration = loaded(tmp_path)
     configuration.path.with_suffix(CERTIFICATE).write_bytes(text)
     (damaged,) = warnings(configuration)
     assert "cannot be read" in damaged.message
 
 
-def test_a_certificate_that_cannot_be_written_says_where(tmp_path: Path) -> None:
+def test_a_certificate_that_cannot_be_written_says_where(tmp_path):
     configuration = loaded(tmp_path)
     configuration.path.with_suffix(CERTIFICATE).mkdir()
     with pytest.raises(ConfigError, match="the certificate cannot be written beside"):
         certified(configuration)
 
 
-def test_a_deadband_of_many_sigmas_leaves_no_false_alarm_and_no_miss(tmp_path: Path) -> None:
+def test_a_deadband_of_many_sigmas_leaves_no_false_alarm_and_no_miss(tmp_path):
     configuration = loaded(tmp_path)
     odds = near_of(configuration, certified(configuration)).odds
     assert odds is not None
@@ -161,7 +161,7 @@ def test_a_deadband_of_many_sigmas_leaves_no_false_alarm_and_no_miss(tmp_path: P
     assert max(odds[1:]) < 1e-6
 
 
-def test_readings_that_are_too_short_raise_false_alarms_and_too_long_ones_miss(tmp_path: Path) -> None:
+def test_readings_that_are_too_short_raise_false_alarms_and_too_long_ones_miss(tmp_path):
     configuration = loaded(tmp_path)
     short, long = (
         near_of(configuration, certified(configuration, scale=scale, noise_m=0.02)) for scale in (-0.08, 0.08)
@@ -173,9 +173,7 @@ def test_readings_that_are_too_short_raise_false_alarms_and_too_long_ones_miss(t
     assert short.bias_m == pytest.approx(-0.08, abs=0.001)
 
 
-def test_without_a_deadband_a_reading_at_the_threshold_begins_it_as_rarely_as_its_probability_says(
-    tmp_path: Path,
-) -> None:
+def test_without_a_deadband_a_reading_at_the_threshold_begins_it_as_rarely_as_its_probability_says(tmp_path):
     rule = 'when = { below = "1 m", deadband_sigmas = 0, probability = 0.9, probability_off = 0.5 }'
     configuration = loaded(tmp_path, f'[rules.near]\nactuator = "motor"\n{rule}\n')
     odds = near_of(configuration, certified(configuration)).odds

@@ -65,7 +65,7 @@ def listening(loop: Loop) -> Listening:
     return detector
 
 
-def test_a_tracked_target_is_expected_where_it_then_is(loop: Loop) -> None:
+def test_a_tracked_target_is_expected_where_it_then_is(loop):
     detector = listening(loop)
     loop.run(Limits(seconds=3))
     told = [(expected, found) for _, expected, found in detector.asked if expected is not None]
@@ -75,14 +75,14 @@ def test_a_tracked_target_is_expected_where_it_then_is(loop: Loop) -> None:
         assert abs(expected.size_px - found.width_px) < 3 * expected.sigma_px
 
 
-def test_about_once_a_second_the_whole_frame_is_searched(loop: Loop) -> None:
+def test_about_once_a_second_the_whole_frame_is_searched(loop):
     detector = listening(loop)
     loop.run(Limits(seconds=5))
     searched_s = [at_s for at_s, expected, _ in detector.asked if expected is None and at_s > 0.5]
     assert 3 <= len(searched_s) <= 5
 
 
-def test_expecting_changes_no_decision_where_the_detector_finds_the_same(tmp_path: Path, loop: Loop) -> None:
+def test_expecting_changes_no_decision_where_the_detector_finds_the_same(tmp_path, loop):
     other = Loop(build(load_configuration(tmp_path / "run.toml"), speed=None))
     other.parts.cycle.perceiver.expectations.of = lambda *_: None  # type: ignore[method-assign]
     decisions = [recorded(each) for each in (loop, other)]
@@ -96,7 +96,7 @@ def recorded(loop: Loop) -> list[object]:
     return [record.decision for record in records]
 
 
-def test_what_was_rejected_is_told_with_the_cycle(loop: Loop) -> None:
+def test_what_was_rejected_is_told_with_the_cycle(loop):
     loop.parts.cycle.perceiver.detectors = {"ball": Blind()}
     records: list[CycleRecord] = []
     loop.listeners.append(lambda record, _frame: records.append(record))

@@ -41,7 +41,7 @@ def message(tmp_path: Path) -> dict[str, Any]:
     return payload(tmp_path)
 
 
-def test_the_message_has_the_form_that_home_assistant_takes(message: dict[str, Any], tmp_path: Path) -> None:
+def test_the_message_has_the_form_that_home_assistant_takes(message, tmp_path):
     assert faults(message) == []
     assert faults(payload(tmp_path, orders=frozenset())) == []
     assert faults(json.loads(announced(load_configuration(APPLIANCE)).message().payload)) == []
@@ -88,9 +88,7 @@ def change(*path: str, to: object) -> Callable[[dict[str, Any]], None]:
         change("components", "threshold_below_near", "min", to=1e9),
     ],
 )
-def test_every_mutation_that_home_assistant_refuses_or_misreads_is_noticed(
-    mutation: Callable[[dict[str, Any]], None], tmp_path: Path
-) -> None:
+def test_every_mutation_that_home_assistant_refuses_or_misreads_is_noticed(mutation, tmp_path):
     message = payload(tmp_path)
     mutated = copy.deepcopy(message)
     mutation(mutated)
@@ -98,7 +96,7 @@ def test_every_mutation_that_home_assistant_refuses_or_misreads_is_noticed(
     assert faults(mutated) != []
 
 
-def test_identifiers_stay_as_they_are(message: dict[str, Any], tmp_path: Path) -> None:
+def test_identifiers_stay_as_they_are(message, tmp_path):
     """If this fails, every user gets each of these entities twice: the old one as a ghost."""
     found = announced(every_rule(tmp_path), orders=ORDERS)
     assert found.place.topic == "homeassistant/device/stadimeter_Dock-3/config"
@@ -126,7 +124,7 @@ NAMES = st.text("abA-_0", min_size=1, max_size=6)
 
 
 @given(targets=st.sets(NAMES, max_size=6), rules=st.sets(NAMES, max_size=6))
-def test_no_two_entities_are_the_same_however_targets_and_rules_are_called(targets: set[str], rules: set[str]) -> None:
+def test_no_two_entities_are_the_same_however_targets_and_rules_are_called(targets, rules):
     kinds = ["rule", "sigma", "in_service", "threshold", "closing_speed", "take"]
     names = {f"{kind}_{name}" for kind in kinds for name in rules} | rules
     plan = Plan(
@@ -142,7 +140,7 @@ def test_no_two_entities_are_the_same_however_targets_and_rules_are_called(targe
     assert len(found.components) == 5 * len(targets) + per_rule * len(names) + 9
 
 
-def test_nothing_is_offered_that_the_run_would_not_take(tmp_path: Path) -> None:
+def test_nothing_is_offered_that_the_run_would_not_take(tmp_path):
     platforms = {each["platform"] for each in payload(tmp_path, orders=frozenset())["components"].values()}
     assert platforms == {"sensor", "binary_sensor", "event", "update"}
     some = payload(tmp_path, orders=frozenset({"request/acknowledge"}))["components"]
@@ -150,7 +148,7 @@ def test_nothing_is_offered_that_the_run_would_not_take(tmp_path: Path) -> None:
     assert "snapshot" not in some
 
 
-def test_orders_are_json_for_the_actions_that_operators_have(message: dict[str, Any]) -> None:
+def test_orders_are_json_for_the_actions_that_operators_have(message):
     components = message["components"]
     assert json.loads(components["acknowledge_near"]["payload_press"]) == {"rule": "near"}
     assert json.loads(components["shelve_near"]["payload_press"]) == {"rule": "near", "for_s": 1800.0}
@@ -166,18 +164,18 @@ def test_orders_are_json_for_the_actions_that_operators_have(message: dict[str, 
     assert json.loads(switch["payload_off"]) == {"rule": "near", "value": False}
 
 
-def test_a_safety_rule_has_no_button_that_makes_it_quiet(message: dict[str, Any]) -> None:
+def test_a_safety_rule_has_no_button_that_makes_it_quiet(message):
     of_it = {key for key in message["components"] if key.endswith("_too-close")}
     assert of_it == {"rule_too-close", "reset_too-close"}
     assert message["components"]["rule_too-close"]["device_class"] == "safety"
 
 
-def test_only_diagnostics_are_hidden_until_they_are_asked_for(message: dict[str, Any]) -> None:
+def test_only_diagnostics_are_hidden_until_they_are_asked_for(message):
     hidden = {key for key, each in message["components"].items() if each.get("enabled_by_default") is False}
     assert hidden == {"frame_rate", "latency", "temperature", "undelivered"}
 
 
-def test_every_kind_of_event_of_a_rule_is_known_beforehand(message: dict[str, Any]) -> None:
+def test_every_kind_of_event_of_a_rule_is_known_beforehand(message):
     """Home Assistant logs an error for one that is not, and passes it over."""
     reporter = Reporter("boot")
     for kind in EventKind:
@@ -230,15 +228,11 @@ GONE = Track(target="ball", status=TrackStatus.LOST, distance_m=1.5, sigma_m=0.0
         ("rule_near", GONE, None, "None"),
     ],
 )
-def test_what_is_unknown_is_neither_a_figure_nor_off(
-    key: str, track: Track, active: bool | None, expected: str, tmp_path: Path
-) -> None:
+def test_what_is_unknown_is_neither_a_figure_nor_off(key, track, active, expected, tmp_path):
     assert shown(payload(tmp_path), key, track, active) == expected
 
 
-def test_a_rule_is_available_only_while_it_is_known_and_a_target_while_the_camera_delivers(
-    message: dict[str, Any],
-) -> None:
+def test_a_rule_is_available_only_while_it_is_known_and_a_target_while_the_camera_delivers(message):
     def needs(key: str) -> list[str]:
         each = message["components"][key]
         assert each["availability_mode"] == "all"
@@ -248,7 +242,7 @@ def test_a_rule_is_available_only_while_it_is_known_and_a_target_while_the_camer
     assert needs("presence_ball") == ["availability", "camera/state"]
 
 
-def test_the_reason_is_an_attribute_of_the_rule(message: dict[str, Any]) -> None:
+def test_the_reason_is_an_attribute_of_the_rule(message):
     component = message["components"]["rule_near"]
     state = {key: f"its {key}" for key in ("reason", "status", "since", "acknowledged", "latched", "first_out")}
     state |= {"inhibits": ["shelved"], "chattering": False, "data_lost": False, "v": 1, "ts": "now"}
@@ -259,12 +253,12 @@ def test_the_reason_is_an_attribute_of_the_rule(message: dict[str, Any]) -> None
 
 
 @each_case("value", ["home assistant", "/ha", "ha/#", "", "ha/"])
-def test_a_prefix_that_can_be_no_topic_is_refused(value: str) -> None:
+def test_a_prefix_that_can_be_no_topic_is_refused(value):
     for key in ("discovery_prefix", "birth_topic"):
         with pytest.raises(ValueError, match="not a topic"):
             MqttOptions.model_validate({key: value})
 
 
-def test_it_is_on_unless_it_is_switched_off() -> None:
+def test_it_is_on_unless_it_is_switched_off():
     assert MqttOptions(node="it").discovery_place == PLACE
     assert MqttOptions(node="it", home_assistant=False).discovery_place is None

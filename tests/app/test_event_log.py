@@ -52,7 +52,7 @@ def rig(tmp_path: Path) -> Rig:
     return Rig(tmp_path)
 
 
-def test_it_says_when_and_what_in_words(rig: Rig) -> None:
+def test_it_says_when_and_what_in_words(rig):
     rig.event(EventKind.RAISED, reason="0.45 m, below 0.50 m")
     rig.event(EventKind.ACKNOWLEDGED, by="zoe")
     rig.log.close()
@@ -62,7 +62,7 @@ def test_it_says_when_and_what_in_words(rig: Rig) -> None:
     ]
 
 
-def test_what_rules_do_is_written_once_a_minute_and_a_quiet_hour_writes_nothing(rig: Rig) -> None:
+def test_what_rules_do_is_written_once_a_minute_and_a_quiet_hour_writes_nothing(rig):
     rig.event(EventKind.RAISED)
     rig.pass_s(BATCH_EVERY_S - 1)
     rig.event(EventKind.CLEARED)
@@ -74,7 +74,7 @@ def test_what_rules_do_is_written_once_a_minute_and_a_quiet_hour_writes_nothing(
     assert not rig.path.exists()
 
 
-def test_a_fault_is_on_the_disk_within_a_second(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fault_is_on_the_disk_within_a_second(rig, monkeypatch):
     flushed: list[int] = []
     monkeypatch.setattr(os, "fdatasync", flushed.append)
     rig.event(EventKind.RAISED)
@@ -87,7 +87,7 @@ def test_a_fault_is_on_the_disk_within_a_second(rig: Rig, monkeypatch: pytest.Mo
     assert (len(rig.lines()), len(flushed)) == (3, 1)
 
 
-def test_a_loose_contact_does_not_wear_out_the_disk(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_loose_contact_does_not_wear_out_the_disk(rig, monkeypatch):
     writes: list[bytes] = []
     monkeypatch.setattr(event_log, "_append_whole", lambda _path, data, **_: writes.append(data))
     for _ in range(120):
@@ -98,20 +98,20 @@ def test_a_loose_contact_does_not_wear_out_the_disk(rig: Rig, monkeypatch: pytes
     assert b"".join(writes).count(b"\n") == 120
 
 
-def test_targets_that_come_and_go_are_no_events_of_a_rule(rig: Rig) -> None:
+def test_targets_that_come_and_go_are_no_events_of_a_rule(rig):
     rig.event(EventKind.TARGET_SEEN)
     rig.event(EventKind.TARGET_LOST)
     rig.log.close()
     assert rig.lines() == []
 
 
-def test_a_reason_makes_no_line_and_commands_no_terminal(rig: Rig) -> None:
+def test_a_reason_makes_no_line_and_commands_no_terminal(rig):
     rig.event(EventKind.FAULT, reason="gone\n2026-07-01 12:00:00 \x1b[2Jeverything is fine µ")
     rig.log.close()
     assert rig.lines()[0].endswith("gone 2026-07-01 12:00:00 [2Jeverything is fine µ")
 
 
-def test_a_clock_that_nobody_vouches_for_is_marked_and_it_is_said_by_how_much_it_was_set(rig: Rig) -> None:
+def test_a_clock_that_nobody_vouches_for_is_marked_and_it_is_said_by_how_much_it_was_set(rig):
     rig.is_right = False
     log = EventLog(rig.path, now=rig.now, is_right=lambda: rig.is_right, clock=rig.clock.now_s)
     log.say("started")
@@ -126,7 +126,7 @@ def test_a_clock_that_nobody_vouches_for_is_marked_and_it_is_said_by_how_much_it
     ]
 
 
-def test_a_run_that_was_killed_is_noticed_by_the_next(rig: Rig) -> None:
+def test_a_run_that_was_killed_is_noticed_by_the_next(rig):
     rig.log.start("first")
     rig.pass_s(1)
     killed, ended = Rig(rig.path.parent), Rig(rig.path.parent)
@@ -144,7 +144,7 @@ def test_a_run_that_was_killed_is_noticed_by_the_next(rig: Rig) -> None:
     ]
 
 
-def test_a_camera_that_gives_nothing_from_the_start_on_is_noted_once_and_its_first_frames_too(rig: Rig) -> None:
+def test_a_camera_that_gives_nothing_from_the_start_on_is_noted_once_and_its_first_frames_too(rig):
     def cycle(safety: SafetyMode) -> None:
         decision = SimpleNamespace(events=(), safety=safety, safety_reason="there is no camera")
         rig.log(SimpleNamespace(decision=decision))  # type: ignore[arg-type]
@@ -159,7 +159,7 @@ def test_a_camera_that_gives_nothing_from_the_start_on_is_noted_once_and_its_fir
     ]
 
 
-def test_it_never_grows_beyond_its_bound(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_never_grows_beyond_its_bound(rig, monkeypatch):
     monkeypatch.setattr(event_log, "FILE_BYTES_MAX", 1000)
     for number in range(300):
         rig.log.say(f"number {number}")
@@ -184,7 +184,7 @@ def full_disk(tmp_path: Path) -> Iterator[Path]:
     os.system(f"umount '{tmp_path}'")  # noqa: S605
 
 
-def test_a_full_disk_is_told_and_nothing_is_cut_in_half_or_lost_when_there_is_room(full_disk: Path) -> None:
+def test_a_full_disk_is_told_and_nothing_is_cut_in_half_or_lost_when_there_is_room(full_disk):
     rig = Rig(full_disk)
     rig.log.say("first")
     rig.pass_s(1)
@@ -199,9 +199,7 @@ def test_a_full_disk_is_told_and_nothing_is_cut_in_half_or_lost_when_there_is_ro
     assert rig.log.trouble() == ""
 
 
-def test_of_what_a_disk_never_takes_the_newest_is_kept_and_the_rest_is_counted(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_of_what_a_disk_never_takes_the_newest_is_kept_and_the_rest_is_counted(rig, monkeypatch):
     monkeypatch.setattr(event_log, "WAITING_MAX", 3)
     rig.path.mkdir()
     for number in range(10):
@@ -215,7 +213,7 @@ def test_of_what_a_disk_never_takes_the_newest_is_kept_and_the_rest_is_counted(
 
 
 @pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("/etc/hostname")])
-def test_only_a_file_is_written(rig: Rig, make: object) -> None:
+def test_only_a_file_is_written(rig, make):
     make(rig.path)  # type: ignore[operator]
     before = Path("/etc/hostname").read_bytes()
     rig.log.say("started")
@@ -224,13 +222,13 @@ def test_only_a_file_is_written(rig: Rig, make: object) -> None:
     assert Path("/etc/hostname").read_bytes() == before
 
 
-def test_a_disk_that_hangs_holds_up_neither_the_loop_nor_the_end(rig: Rig) -> None:
+def test_a_disk_that_hangs_holds_up_neither_the_loop_nor_the_end(rig):
     with rig.log._disk:  # the thread that writes hangs in it
         rig.event(EventKind.RAISED)
         rig.log.close()
 
 
-def test_the_loop_tells_it_of_reloads(rig: Rig) -> None:
+def test_the_loop_tells_it_of_reloads(rig):
     assert isinstance(rig.log, RecordingSink)
     rig.log.note_reload(0.0, None)  # type: ignore[arg-type]
     rig.log.close()

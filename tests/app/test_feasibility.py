@@ -38,31 +38,31 @@ def warnings(folder: Path, rule: str, sigma: float = 0.01) -> tuple[Problem, ...
     return feasibility_warnings(load_configuration(file))
 
 
-def test_a_rule_on_ten_metres_with_a_tennis_ball_is_told_its_four_pixels_and_what_helps(tmp_path: Path) -> None:
+def test_a_rule_on_ten_metres_with_a_tennis_ball_is_told_its_four_pixels_and_what_helps(tmp_path):
     (small,) = warnings(tmp_path, 'when = { above = "10 m" }')
     assert "at 10.00 m (32.8 ft) 'ball' will be 4 px wide in a picture of 640x480" in small.message
     assert "3.0 times as large would do, or a limit within 3.35 m" in small.hint
     assert (small.key, small.line) == ("rules.far.when", 17)
 
 
-def test_the_larger_end_of_a_ramp_counts(tmp_path: Path) -> None:
+def test_the_larger_end_of_a_ramp_counts(tmp_path):
     (small,) = warnings(tmp_path, 'ramp = { from = "1 m", to = "8 m" }')
     assert "at 8.00 m" in small.message
     assert small.key == "rules.far.ramp"
 
 
-def test_a_deadband_in_which_the_noise_leaves_no_end_is_told(tmp_path: Path) -> None:
+def test_a_deadband_in_which_the_noise_leaves_no_end_is_told(tmp_path):
     (noisy,) = warnings(tmp_path, 'when = { above = "3 m", deadband_sigmas = 60 }')
     assert "at 3.00 m (9.8 ft) the distance differs by ± 0.03 m from frame to frame" in noisy.message
     assert "60 standard deviations, 1.83 m, an alarm may not end" in noisy.message
 
 
-def test_a_scale_that_is_not_known_well_keeps_no_alarm_from_ending(tmp_path: Path) -> None:
+def test_a_scale_that_is_not_known_well_keeps_no_alarm_from_ending(tmp_path):
     assert warnings(tmp_path, 'when = { above = "1 m" }', sigma=0.2) == ()
     assert warnings(tmp_path, 'when = { below = "3 m" }', sigma=0.2) == ()
 
 
-def test_limits_between_which_a_distance_is_never_likely_enough_to_be_are_told(tmp_path: Path) -> None:
+def test_limits_between_which_a_distance_is_never_likely_enough_to_be_are_told(tmp_path):
     (narrow,) = warnings(tmp_path, 'when = { between = ["1 m", "1.2 m"] }', sigma=0.1)
     assert "the distance is sure to ± 0.11 m only" in narrow.message
     assert "with a probability of 64% at most, and 70% is asked for: this may never begin" in narrow.message
@@ -73,10 +73,10 @@ def test_limits_between_which_a_distance_is_never_likely_enough_to_be_are_told(t
 @pytest.mark.parametrize(
     "rule", ['when = { above = "2 m" }', "when = { seen = true }", 'ramp = { from = "1 m", to = "3 m" }']
 )
-def test_what_can_be_done_gives_no_warning(tmp_path: Path, rule: str) -> None:
+def test_what_can_be_done_gives_no_warning(tmp_path, rule):
     assert warnings(tmp_path, rule) == ()
 
 
 @pytest.mark.parametrize("name", ["appliance", "follow-ball", "distance-alert", "demo"])
-def test_the_examples_ask_for_nothing_that_cannot_be_done(name: str) -> None:
+def test_the_examples_ask_for_nothing_that_cannot_be_done(name):
     assert feasibility_warnings(load_configuration(EXAMPLES / f"{name}.toml")) == ()

@@ -19,20 +19,20 @@ def image() -> np.ndarray:
     return np.random.default_rng(3).integers(0, 256, (48, 64, 3), dtype=np.uint8)
 
 
-def test_pictures_that_differ_are_new(image: np.ndarray) -> None:
+def test_pictures_that_differ_are_new(image):
     freeze = FreezeDetector()
     assert freeze.is_new(frame(1.0, image), 1.0)
     assert freeze.is_new(frame(1.1, image + 1), 1.1)
 
 
-def test_a_picture_with_the_same_bytes_is_not_new_whatever_its_time(image: np.ndarray) -> None:
+def test_a_picture_with_the_same_bytes_is_not_new_whatever_its_time(image):
     freeze = FreezeDetector()
     freeze.is_new(frame(1.0, image), 1.0)
     assert not freeze.is_new(frame(1.1, image.copy()), 1.1)
 
 
 @pytest.mark.parametrize("row", [0, 1, 17, 47])
-def test_one_byte_anywhere_makes_a_picture_new(image: np.ndarray, row: int) -> None:
+def test_one_byte_anywhere_makes_a_picture_new(image, row):
     freeze = FreezeDetector()
     freeze.is_new(frame(1.0, image), 1.0)
     other = image.copy()
@@ -41,19 +41,19 @@ def test_one_byte_anywhere_makes_a_picture_new(image: np.ndarray, row: int) -> N
 
 
 @pytest.mark.parametrize("captured_at_s", [1.0, 0.9])
-def test_a_capture_time_that_does_not_advance_is_not_new(image: np.ndarray, captured_at_s: float) -> None:
+def test_a_capture_time_that_does_not_advance_is_not_new(image, captured_at_s):
     freeze = FreezeDetector()
     freeze.is_new(frame(1.0, image), 1.0)
     assert not freeze.is_new(frame(captured_at_s, image + 1), 1.1)
 
 
-def test_a_picture_of_another_size_is_new(image: np.ndarray) -> None:
+def test_a_picture_of_another_size_is_new(image):
     freeze = FreezeDetector()
     freeze.is_new(frame(1.0, image), 1.0)
     assert freeze.is_new(frame(1.1, image[:24]), 1.1)
 
 
-def test_a_camera_is_frozen_when_nothing_new_came_for_longer_than_allowed(image: np.ndarray) -> None:
+def test_a_camera_is_frozen_when_nothing_new_came_for_longer_than_allowed(image):
     freeze = FreezeDetector(frozen_after_s=0.5)
     freeze.is_new(frame(1.0, image), 1.0)
     freeze.is_new(frame(1.4, image), 1.4)
@@ -61,7 +61,7 @@ def test_a_camera_is_frozen_when_nothing_new_came_for_longer_than_allowed(image:
     assert freeze.frozen(1.6) == "the picture has not changed for 0.6 s"
 
 
-def test_an_opened_camera_gets_its_time_again_but_the_old_picture_stays_old(image: np.ndarray) -> None:
+def test_an_opened_camera_gets_its_time_again_but_the_old_picture_stays_old(image):
     freeze = FreezeDetector(frozen_after_s=0.5)
     freeze.is_new(frame(1.0, image), 1.0)
     freeze.restart(5.0)
@@ -98,27 +98,27 @@ def numbered(number: int, height_px: int = 48) -> np.ndarray:
 
 @each_case("rate_hz", [5, 30, 60])
 @each_case("cycle_s", [0.2, 1.0, 20.0])
-def test_old_pictures_that_come_again_in_turn_are_not_new(cycle_s: float, rate_hz: int) -> None:
+def test_old_pictures_that_come_again_in_turn_are_not_new(cycle_s, rate_hz):
     freeze, count = FreezeDetector(), max(2, round(cycle_s * rate_hz))
     new = [freeze.is_new(frame(at / rate_hz, numbered(at % count)), at / rate_hz) for at in range(3 * count + 1)]
     assert new == [True] * count + [False] * (2 * count + 1)
     assert freeze.frozen(4 * cycle_s + 2).startswith("old pictures have come again in turn for")
 
 
-def test_old_pictures_of_several_sizes_that_come_again_in_turn_are_not_new() -> None:
+def test_old_pictures_of_several_sizes_that_come_again_in_turn_are_not_new():
     freeze = FreezeDetector()
     new = [freeze.is_new(frame(at / 30, numbered(at % 5, 40 + 8 * (at % 2))), at / 30) for at in range(300)]
     assert new == [True] * 10 + [False] * 290
 
 
-def test_old_pictures_are_known_again_after_a_break_of_an_hour() -> None:
+def test_old_pictures_are_known_again_after_a_break_of_an_hour():
     freeze = FreezeDetector()
     for at in range(30):
         freeze.is_new(frame(at / 30, numbered(at)), at / 30)
     assert not any(freeze.is_new(frame(3600 + at / 30, numbered(at)), 3600 + at / 30) for at in range(30))
 
 
-def test_the_memory_for_pictures_is_bounded() -> None:
+def test_the_memory_for_pictures_is_bounded():
     freeze = FreezeDetector()
     image = np.zeros((8, 64, 3), np.uint8)
     for at in range(3 * MAX_REMEMBERED):
@@ -128,7 +128,7 @@ def test_the_memory_for_pictures_is_bounded() -> None:
 
 
 @pytest.mark.parametrize("kept", [0.1, 0.4, 0.7, 0.95])
-def test_a_picture_whose_lower_part_is_old_is_not_new(scene: np.ndarray, kept: float) -> None:
+def test_a_picture_whose_lower_part_is_old_is_not_new(scene, kept):
     freeze = FreezeDetector()
     whole = noisy(scene, 0)
     assert freeze.is_new(frame(0.0, whole), 0.0)
@@ -143,14 +143,14 @@ def test_a_picture_whose_lower_part_is_old_is_not_new(scene: np.ndarray, kept: f
 @pytest.mark.parametrize("sigma", [0.5, 2.0])
 @pytest.mark.parametrize("gain", [0.15, 1.0, 2.0])
 @pytest.mark.parametrize("quality", [30, 60, 90])
-def test_good_pictures_of_a_still_scene_are_new(scene: np.ndarray, sigma: float, gain: float, quality: int) -> None:
+def test_good_pictures_of_a_still_scene_are_new(scene, sigma, gain, quality):
     freeze = FreezeDetector()
     for number in range(6):
         image = as_jpeg(noisy(gain * scene, number, sigma), quality)
         assert freeze.is_new(frame(number / 10, image), number / 10)
 
 
-def test_a_rendered_picture_in_which_only_the_target_moves_is_new(scene: np.ndarray) -> None:
+def test_a_rendered_picture_in_which_only_the_target_moves_is_new(scene):
     freeze = FreezeDetector()
     for number in range(10):
         image = np.clip(scene, 0, 255).astype(np.uint8)
@@ -166,7 +166,7 @@ def with_clock(image: np.ndarray, number: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("quality", "sigma"), [(100, 0.5), (90, 0.25), (60, 1.0), (30, 2.0)])
-def test_a_frozen_picture_under_a_clock_that_goes_on_is_not_new(scene: np.ndarray, quality: int, sigma: float) -> None:
+def test_a_frozen_picture_under_a_clock_that_goes_on_is_not_new(scene, quality, sigma):
     freeze = FreezeDetector()
     for number in range(70):
         image = as_jpeg(with_clock(noisy(scene, number, sigma), number), quality)
@@ -179,7 +179,7 @@ def test_a_frozen_picture_under_a_clock_that_goes_on_is_not_new(scene: np.ndarra
     assert freeze.is_new(frame(5.3, as_jpeg(noisy(scene, 240, sigma), quality)), 5.3)
 
 
-def test_a_camera_whose_noise_comes_and_goes_is_believed_after_one_picture(scene: np.ndarray) -> None:
+def test_a_camera_whose_noise_comes_and_goes_is_believed_after_one_picture(scene):
     freeze, image = FreezeDetector(), noisy(scene, 0)
     new = []
     for number in range(150):

@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from stadimeter.app.live.health import peak_memory_mb
 from stadimeter.app.live.history import program_age_s
 
@@ -27,6 +29,7 @@ def test_the_age_of_a_program_counts_what_python_itself_took():
     assert told.stdout.strip() == "True"
 
 
+@pytest.mark.long
 def test_the_memory_of_a_program_is_its_own_and_not_that_of_the_one_that_started_it():
     large = bytes(LARGE_MB * 1_000_000)  # zeros that nobody touches take no memory
     large = large.replace(b"\0", b"\1")

@@ -71,7 +71,7 @@ def run(tmp_path: Any) -> Run:
     return Run(tmp_path)
 
 
-def test_health_is_published_every_half_minute_with_what_is_known(run: Run) -> None:
+def test_health_is_published_every_half_minute_with_what_is_known(run):
     messages = run.for_s(70.0)
     told = [json.loads(payload) for payload in run.on("health")]
     assert len(told) == 3
@@ -88,7 +88,7 @@ def test_health_is_published_every_half_minute_with_what_is_known(run: Run) -> N
     assert first == (0, False)
 
 
-def test_the_camera_is_offline_until_its_first_picture_and_while_it_is_silent(run: Run) -> None:
+def test_the_camera_is_offline_until_its_first_picture_and_while_it_is_silent(run):
     faults = run.loop.parts.world.faults  # type: ignore[union-attr]
 
     def fail(record: Any, _frame: Any) -> None:
@@ -100,14 +100,14 @@ def test_the_camera_is_offline_until_its_first_picture_and_while_it_is_silent(ru
     assert all(each.qos == 1 and each.retain for each in run.messenger.messages if each.topic == "camera/state")
 
 
-def test_a_run_is_announced_with_what_its_messenger_takes(run: Run) -> None:
+def test_a_run_is_announced_with_what_its_messenger_takes(run):
     run.for_s(1.0)
     (announced,) = run.messenger.announcements
     assert {"distance_ball", "rule_near", "stop_outputs"} <= set(announced.components)
     assert not any(key.startswith("shelve") for key in announced.components)
 
 
-def test_all_states_are_published_again_when_they_are_due(run: Run) -> None:
+def test_all_states_are_published_again_when_they_are_due(run):
     def ask(record: Any, _frame: Any) -> None:
         if not self_asked and record.observation.now_s > 5.2:
             self_asked.append(len(run.messenger.messages))

@@ -72,7 +72,7 @@ def device(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_one_recording_follows_another_without_pictures_and_each_replays_to_the_same_decisions(device: Path) -> None:
+def test_one_recording_follows_another_without_pictures_and_each_replays_to_the_same_decisions(device):
     files = list(last_folder(device).iterdir())
     assert len(files) == 4
     times_s: list[float] = []
@@ -84,7 +84,7 @@ def test_one_recording_follows_another_without_pictures_and_each_replays_to_the_
     assert len(set(times_s)) == len(times_s) > 950
 
 
-def test_a_fleet_tries_a_configuration_on_it_across_recordings(device: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fleet_tries_a_configuration_on_it_across_recordings(device, monkeypatch):
     policy = load_policy(device.with_name("fleet.toml"))
     monkeypatch.setattr(trial, "LAST_S", 120.0)
     found = trial.try_out(device, policy, OWN.replace('"1 m"', '"3 m"')).differences
@@ -94,7 +94,7 @@ def test_a_fleet_tries_a_configuration_on_it_across_recordings(device: Path, mon
     assert found.differing > 0.9 * found.cycles
 
 
-def test_what_is_too_old_goes_and_a_wrong_clock_fills_no_disk(tmp_path: Path) -> None:
+def test_what_is_too_old_goes_and_a_wrong_clock_fills_no_disk(tmp_path):
     for number, (ago_s, size) in enumerate([(10, 400), (50, 400), (-9e8, 150), (70, 1)]):
         file = tmp_path / f"{number}.mcap"
         file.write_bytes(bytes(size))
@@ -104,13 +104,13 @@ def test_what_is_too_old_goes_and_a_wrong_clock_fills_no_disk(tmp_path: Path) ->
     assert sorted(file.name for file in tmp_path.iterdir()) == ["0.mcap", "2.mcap", "mine.jsonl"]
 
 
-def test_a_run_that_cannot_keep_it_says_so_once_and_goes_on(tmp_path: Path) -> None:
+def test_a_run_that_cannot_keep_it_says_so_once_and_goes_on(tmp_path):
     (tmp_path / "recordings").write_text("in the way")
     _, told = run_room(tmp_path, 300)
     assert [words.partition("recorded: ")[0] for words in told] == ["warning: the last 1 min: nothing is "]
 
 
-def test_a_change_of_it_needs_a_restart_and_less_than_a_minute_is_refused(tmp_path: Path) -> None:
+def test_a_change_of_it_needs_a_restart_and_less_than_a_minute_is_refused(tmp_path):
     path = tmp_path / "room.toml"
     path.write_text(OWN)
     old = load_configuration(path)

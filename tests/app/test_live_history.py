@@ -17,7 +17,7 @@ def event(number: int) -> Event:
     )
 
 
-def test_distances_older_than_the_window_are_forgotten() -> None:
+def test_distances_older_than_the_window_are_forgotten():
     history = RunHistory()
     for number in range(4000):
         history.add(cycle_record(number * 0.1, tracks=(tracked(number / 100),)))
@@ -27,7 +27,7 @@ def test_distances_older_than_the_window_are_forgotten() -> None:
     assert times_s[-1] == pytest.approx(399.9)
 
 
-def test_a_fast_loop_does_not_fill_the_memory_but_a_loss_is_always_kept() -> None:
+def test_a_fast_loop_does_not_fill_the_memory_but_a_loss_is_always_kept():
     history = RunHistory()
     for number in range(5000):
         status = TrackStatus.LOST if number == 4000 else TrackStatus.TRACKING
@@ -37,14 +37,14 @@ def test_a_fast_loop_does_not_fill_the_memory_but_a_loss_is_always_kept() -> Non
     assert [sample.at_s for sample in kept if sample.distance_m is None] == [8.0]
 
 
-def test_the_newest_event_comes_first_and_old_ones_go() -> None:
+def test_the_newest_event_comes_first_and_old_ones_go():
     history = RunHistory()
     for number in range(0, 1000, 2):
         history.add(cycle_record(float(number), events=(event(number), event(number + 1))))
     assert [one.sequence for one in history.events] == list(range(999, 999 - EVENTS_MAX, -1))
 
 
-def test_the_rate_and_the_age_are_those_of_frames_not_of_cycles() -> None:
+def test_the_rate_and_the_age_are_those_of_frames_not_of_cycles():
     history = RunHistory()
     assert (history.frame_rate_hz, history.frame_age_s) == (0.0, None)
     for number in range(100):
@@ -54,7 +54,7 @@ def test_the_rate_and_the_age_are_those_of_frames_not_of_cycles() -> None:
     assert history.frame_age_s == pytest.approx(0.05)
 
 
-def test_the_rate_falls_to_zero_when_frames_stop() -> None:
+def test_the_rate_falls_to_zero_when_frames_stop():
     history = RunHistory()
     for number in range(20):
         history.add(cycle_record(number * 0.1))

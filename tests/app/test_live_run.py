@@ -54,6 +54,7 @@ class Supervised:
     reloading = reloaded = stopping = __call__
 
 
+@pytest.mark.long
 def test_a_service_begins_without_its_devices_and_opens_them_when_they_are_there(rig):
     rig.loop.services.service = Supervised()
     open_camera = rig.camera.open

@@ -12,7 +12,7 @@ def frame(sequence: int) -> Frame:
     return Frame(np.zeros((2, 2, 3), np.uint8), float(sequence), sequence)
 
 
-def test_the_newest_frame_wins() -> None:
+def test_the_newest_frame_wins():
     mailbox = Mailbox()
     for sequence in range(3):
         mailbox.put(frame(sequence))
@@ -21,7 +21,7 @@ def test_the_newest_frame_wins() -> None:
     assert taken.sequence == 2
 
 
-def test_a_frame_is_delivered_once() -> None:
+def test_a_frame_is_delivered_once():
     mailbox = Mailbox()
     mailbox.put(frame(0))
     assert mailbox.take(0.0) is not None
@@ -30,7 +30,7 @@ def test_a_frame_is_delivered_once() -> None:
     assert mailbox.take(0.0) is not None
 
 
-def test_whoever_waits_gets_the_next_frame() -> None:
+def test_whoever_waits_gets_the_next_frame():
     mailbox = Mailbox()
     taken: list[Frame | None] = []
     waiter = threading.Thread(target=lambda: taken.append(mailbox.take(10.0)))
@@ -40,7 +40,7 @@ def test_whoever_waits_gets_the_next_frame() -> None:
     assert [item.sequence for item in taken if item] == [5]
 
 
-def test_closing_lets_whoever_waits_go_and_ends_deliveries() -> None:
+def test_closing_lets_whoever_waits_go_and_ends_deliveries():
     mailbox = Mailbox()
     taken: list[Frame | None] = []
     waiter = threading.Thread(target=lambda: taken.append(mailbox.take(30.0)))

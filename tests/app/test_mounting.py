@@ -122,7 +122,7 @@ class Rig:
         return self.cycle(images[0])
 
 
-def test_a_camera_that_stays_is_as_saved(tmp_path, pictures, reference) -> None:
+def test_a_camera_that_stays_is_as_saved(tmp_path, pictures, reference):
     rig = Rig(tmp_path, reference)
     assert rig.watch.mounting.status is MountingStatus.NOT_JUDGED, "before the first check nothing is known"
     rig.check(pictures["saved"])
@@ -131,7 +131,7 @@ def test_a_camera_that_stays_is_as_saved(tmp_path, pictures, reference) -> None:
     assert rig.watch.trouble() == ""
 
 
-def test_a_turned_camera_marks_distances_until_a_person_confirms_it(tmp_path, pictures, reference) -> None:
+def test_a_turned_camera_marks_distances_until_a_person_confirms_it(tmp_path, pictures, reference):
     rig = Rig(tmp_path, reference)
     assert rig.check(pictures["turned"]).mark == ""
     assert rig.check(pictures["turned"]).mark == "unconfirmed"
@@ -148,7 +148,7 @@ def test_a_turned_camera_marks_distances_until_a_person_confirms_it(tmp_path, pi
     assert rig.watch.mounting.status is MountingStatus.AS_SAVED
 
 
-def test_a_confirmation_of_a_view_that_cannot_be_saved_leaves_it_unconfirmed(tmp_path, pictures, reference) -> None:
+def test_a_confirmation_of_a_view_that_cannot_be_saved_leaves_it_unconfirmed(tmp_path, pictures, reference):
     rig = Rig(tmp_path, reference)
     rig.check(pictures["turned"])
     rig.check(pictures["turned"])
@@ -161,7 +161,7 @@ def test_a_confirmation_of_a_view_that_cannot_be_saved_leaves_it_unconfirmed(tmp
     assert load_reference(rig.configuration).saved_unix_s == reference.saved_unix_s
 
 
-def test_what_was_found_before_a_confirmation_does_not_come_after_it(tmp_path, pictures, reference) -> None:
+def test_what_was_found_before_a_confirmation_does_not_come_after_it(tmp_path, pictures, reference):
     rig = Rig(tmp_path, reference)
     rig.check(pictures["turned"])
     rig.check(pictures["turned"])
@@ -173,7 +173,7 @@ def test_what_was_found_before_a_confirmation_does_not_come_after_it(tmp_path, p
     assert not rig.watch.mounting.is_unconfirmed
 
 
-def test_between_checks_nothing_is_handed_over_and_after_a_gap_it_is_at_once(tmp_path, pictures, reference) -> None:
+def test_between_checks_nothing_is_handed_over_and_after_a_gap_it_is_at_once(tmp_path, pictures, reference):
     rig = Rig(tmp_path, reference)
     rig.check(pictures["saved"])
     for _ in range(50):
@@ -186,7 +186,7 @@ def test_between_checks_nothing_is_handed_over_and_after_a_gap_it_is_at_once(tmp
     assert rig.attend() == 1
 
 
-def test_outputs_stand_only_where_the_configuration_says_so(tmp_path, pictures, reference) -> None:
+def test_outputs_stand_only_where_the_configuration_says_so(tmp_path, pictures, reference):
     for when_moved, stops in (("mark", False), ("stop", True)):
         rig = Rig(tmp_path, reference, when_moved)
         rig.check(pictures["turned"])
@@ -194,7 +194,8 @@ def test_outputs_stand_only_where_the_configuration_says_so(tmp_path, pictures, 
         assert bool(rig.watch.why_not_for_motion()) is stops
 
 
-def test_dirt_is_a_fault_of_the_lens_and_a_trouble_and_marks_no_distance(tmp_path, pictures, reference) -> None:
+@pytest.mark.long
+def test_dirt_is_a_fault_of_the_lens_and_a_trouble_and_marks_no_distance(tmp_path, pictures, reference):
     rig = Rig(tmp_path, reference, when_moved="stop")
     clean = pictures["saved"][:PICTURES]
     for _ in range(HALF_HOURS):
@@ -214,7 +215,7 @@ def test_dirt_is_a_fault_of_the_lens_and_a_trouble_and_marks_no_distance(tmp_pat
     assert rig.watch.trouble() == ""
 
 
-def test_a_view_that_is_saved_anew_lets_dirt_be_learnt_anew(tmp_path, pictures, reference) -> None:
+def test_a_view_that_is_saved_anew_lets_dirt_be_learnt_anew(tmp_path, pictures, reference):
     rig = Rig(tmp_path, reference)
     rig.watch._dirt.words = "dirt"
     later = msgspec.structs.replace(reference, saved_unix_s=reference.saved_unix_s + 1)
@@ -223,14 +224,14 @@ def test_a_view_that_is_saved_anew_lets_dirt_be_learnt_anew(tmp_path, pictures, 
     assert rig.watch.mounting.dirt == ""
 
 
-def test_pictures_of_another_size_are_not_judged_and_the_reason_names_both(tmp_path, pictures, reference) -> None:
+def test_pictures_of_another_size_are_not_judged_and_the_reason_names_both(tmp_path, pictures, reference):
     rig = Rig(tmp_path, reference)
     rig.check([image[::2, ::2].copy() for image in pictures["saved"]])
     assert "640x480" in rig.watch.mounting.reason
     assert "320x240" in rig.watch.mounting.reason
 
 
-def test_another_camera_and_another_camera_file_are_refused_in_words(pictures, reference) -> None:
+def test_another_camera_and_another_camera_file_are_refused_in_words(pictures, reference):
     wide, tele = (
         Optics(sensor=name, sensor_size_px=(1640, 1232), crop_px=(0, 0, 3280, 2464)) for name in ("imx219", "imx708")
     )
@@ -244,7 +245,7 @@ def test_another_camera_and_another_camera_file_are_refused_in_words(pictures, r
     assert "another camera file" in saved.why_not_for(frame, other)
 
 
-def test_a_damaged_file_is_refused_with_its_path_and_the_remedy(tmp_path, reference) -> None:
+def test_a_damaged_file_is_refused_with_its_path_and_the_remedy(tmp_path, reference):
     path = save_reference(tmp_path / "run.toml", reference)
     whole = path.read_bytes()
     for damaged in (b"", whole[: len(whole) // 2], b"\xc1" + whole, whole.replace(b"views", b"vuews")):
@@ -257,19 +258,19 @@ def test_a_damaged_file_is_refused_with_its_path_and_the_remedy(tmp_path, refere
         load_reference(tmp_path / "run.toml")
 
 
-def test_a_view_that_does_not_fit_the_camera_file_is_refused_when_it_is_saved(pictures) -> None:
+def test_a_view_that_does_not_fit_the_camera_file_is_refused_when_it_is_saved(pictures):
     with pytest.raises(CalibrationError, match="another aspect"):
         make_reference(frames([image[:300] for image in pictures["saved"]]), LENS)
 
 
-def test_the_file_holds_no_picture(tmp_path, reference) -> None:
+def test_the_file_holds_no_picture(tmp_path, reference):
     path = save_reference(tmp_path / "run.toml", reference)
     assert path.stat().st_size < 60 * 480, "less than 60 bytes for each feature there can be"
 
 
 def test_where_the_folder_of_the_configuration_cannot_be_written_it_goes_to_the_state_of_the_service(
     tmp_path, reference, monkeypatch
-) -> None:
+):
     state = tmp_path / "state"
     state.mkdir()
     monkeypatch.setenv("STATE_DIRECTORY", str(state))

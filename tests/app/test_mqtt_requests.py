@@ -77,11 +77,11 @@ def desk() -> Iterator[Desk]:
     desk.requests.close()
 
 
-def test_a_topic_is_listened_to_for_each_offer(desk: Desk) -> None:
+def test_a_topic_is_listened_to_for_each_offer(desk):
     assert set(desk.messenger.topics) == {f"request/{name}" for name in OFFERS}
 
 
-def test_what_needs_more_trust_is_listened_to_for_an_answer_and_offered_to_no_one() -> None:
+def test_what_needs_more_trust_is_listened_to_for_an_answer_and_offered_to_no_one():
     messenger = RememberingMessenger("alarms")
     requests = MqttRequests(messenger, lambda _: Reply(), lambda _: None)
     requests.open()
@@ -92,7 +92,7 @@ def test_what_needs_more_trust_is_listened_to_for_an_answer_and_offered_to_no_on
     }  # fmt: skip
 
 
-def test_a_switch_sends_both_of_its_states_to_one_topic(desk: Desk) -> None:
+def test_a_switch_sends_both_of_its_states_to_one_topic(desk):
     for topic, value in (("in-service", False), ("in-service", True), ("observed", True), ("observed", False)):
         desk.send(topic, json.dumps({"rule": "near", "value": value, "by": "zoe"}))
     taken = desk.take(4)
@@ -103,7 +103,7 @@ def test_a_switch_sends_both_of_its_states_to_one_topic(desk: Desk) -> None:
 @pytest.mark.parametrize(
     "payload", ["", "[]", "{}", '{"value": 1}', '{"value": "true"}', "[" * 3000, '{"value": null}']
 )
-def test_a_switch_without_a_state_does_nothing(desk: Desk, payload: str) -> None:
+def test_a_switch_without_a_state_does_nothing(desk, payload):
     desk.send("observed", payload)
     (answer,) = desk.answers(1)
     assert answer["status"] == "error"
@@ -111,7 +111,7 @@ def test_a_switch_without_a_state_does_nothing(desk: Desk, payload: str) -> None
     assert desk.requests.take() == []
 
 
-def test_what_the_loop_takes_too_late_is_not_done(desk: Desk) -> None:
+def test_what_the_loop_takes_too_late_is_not_done(desk):
     desk.send("reset", '{"transaction": "old"}')
     eventually(lambda: desk.requests._asked)
     desk.now_s = AGE_MAX_S + 0.1
@@ -123,7 +123,7 @@ def test_what_the_loop_takes_too_late_is_not_done(desk: Desk) -> None:
     eventually(lambda: desk.requests.figures()["refused"] == {"stale": 1})
 
 
-def test_no_more_than_a_few_of_an_action_wait_and_the_others_have_room(desk: Desk) -> None:
+def test_no_more_than_a_few_of_an_action_wait_and_the_others_have_room(desk):
     for _ in range(WAITING_MAX + 5):
         desk.send("reset")
     desk.send("stop-outputs")
@@ -139,7 +139,7 @@ def test_no_more_than_a_few_of_an_action_wait_and_the_others_have_room(desk: Des
     assert len(desk.take()) == 1
 
 
-def test_a_sender_of_too_many_hears_so_once_a_second(desk: Desk) -> None:
+def test_a_sender_of_too_many_hears_so_once_a_second(desk):
     for at_s in (0.0, 0.5, 0.9, 1.1):
         desk.now_s = at_s
         desk.send("reset", refusal="too_many")
@@ -147,7 +147,7 @@ def test_a_sender_of_too_many_hears_so_once_a_second(desk: Desk) -> None:
     assert desk.requests.figures()["refused"] == {"too_many": 4}
 
 
-def test_an_answer_that_cannot_be_put_into_words_is_an_error_and_costs_no_other_its_answer(desk: Desk) -> None:
+def test_an_answer_that_cannot_be_put_into_words_is_an_error_and_costs_no_other_its_answer(desk):
     nan, long = Reply({"figure": float("nan")}), Reply({"words": "x" * 70_000})
     for reply in (nan, lambda: 1 / 0, long, Reply({"words": "done"})):
         desk.send("status")
@@ -159,7 +159,7 @@ def test_an_answer_that_cannot_be_put_into_words_is_an_error_and_costs_no_other_
     assert "too large for a message" in answers[2]["error"]
 
 
-def test_a_picture_is_sent_if_there_is_one_and_the_connection_takes_it(desk: Desk) -> None:
+def test_a_picture_is_sent_if_there_is_one_and_the_connection_takes_it(desk):
     desk.send("snapshot")
     assert desk.answers(1)[0]["data"] == {"topic": "snapshot", "bytes": 4, "width_px": 640}
     desk.picture = Reply(error="there is no picture yet")
@@ -174,13 +174,13 @@ def test_a_picture_is_sent_if_there_is_one_and_the_connection_takes_it(desk: Des
     assert desk.messenger.pictures == [b"jpeg"]
 
 
-def test_who_asks_is_named_with_the_way_it_came(desk: Desk) -> None:
+def test_who_asks_is_named_with_the_way_it_came(desk):
     desk.send("acknowledge", '{"by": "zoe"}')
     desk.send("acknowledge")
     assert [each.request.args.by for each in desk.take(2)] == ["mqtt (zoe)", "mqtt"]
 
 
-def test_the_status_says_what_was_refused_and_why_commands_cannot_come(desk: Desk) -> None:
+def test_the_status_says_what_was_refused_and_why_commands_cannot_come(desk):
     assert [*_commands_lines(None)] == [*_commands_lines(desk.requests.figures())] == []
     desk.send("reset", refusal="retained")
     desk.send("reset", "PRESS")

@@ -66,13 +66,13 @@ def sent(rule: AlarmRule, made: Decision) -> tuple[tuple[Message, ...], tuple[tu
     return messages, tuple((name, item) for name, item in items if isinstance(item, Notification))
 
 
-def test_a_notification_tells_of_the_rules_own_target() -> None:
+def test_a_notification_tells_of_the_rules_own_target():
     _, notifications = sent(alarm(to_phone("{target}: {distance_m} m", "{rule} at {time_of_day}")), decision(0))
     note = Notification(title="near at 22:14:03", body="ball: 0.41 m", severity=Severity.ALARM, time=TIME, at_s=1.0)
     assert notifications == (("phone", note),)
 
 
-def test_a_message_goes_to_its_topic_at_least_once() -> None:
+def test_a_message_goes_to_its_topic_at_least_once():
     template = Template(text='{"d": "{distance_m}", "why": "{reason}"}', is_json=True)
     messages, _ = sent(alarm(None, Send(template=template, topic="door/alert", retain=True)), decision(1))
     (message,) = messages
@@ -80,16 +80,16 @@ def test_a_message_goes_to_its_topic_at_least_once() -> None:
     assert json.loads(message.payload) == {"d": 0.41, "why": "0.41 m is below 0.50 m"}
 
 
-def test_what_several_rules_send_keeps_its_order() -> None:
+def test_what_several_rules_send_keeps_its_order():
     _, notifications = sent(alarm(to_phone("first"), to_phone("second")), decision(1, 0, 1))
     assert [note.body for _, note in notifications] == ["second", "first", "second"]
 
 
-def test_without_anything_to_send_nobody_is_asked_for_the_time() -> None:
+def test_without_anything_to_send_nobody_is_asked_for_the_time():
     assert [*outgoing(decision(), [alarm()], lambda: pytest.fail("the time"))] == []
 
 
-def test_a_title_is_one_short_line_and_a_text_is_never_empty() -> None:
+def test_a_title_is_one_short_line_and_a_text_is_never_empty():
     rule = alarm(to_phone("{by}", "{reason}"))
     _, ((_, note),) = sent(rule, decision(0, reason="a\nb\t" + "c" * 500))
     assert note.title.startswith("a b ccc")
@@ -97,7 +97,7 @@ def test_a_title_is_one_short_line_and_a_text_is_never_empty() -> None:
     assert note.body == note.title
 
 
-def test_without_a_title_it_is_the_rules_name() -> None:
+def test_without_a_title_it_is_the_rules_name():
     _, ((_, note),) = sent(alarm(to_phone("x")), decision(0))
     assert note.title == "near"
 
@@ -146,7 +146,7 @@ def run(tmp_path: Path, driver: str = "simulated", url: str = "") -> Loop:
     return Loop(build(load_configuration(path), speed=None))
 
 
-def test_a_run_tells_people_and_programs_when_it_is_due(tmp_path: Path) -> None:
+def test_a_run_tells_people_and_programs_when_it_is_due(tmp_path):
     loop = run(tmp_path)
     loop.run(Limits(seconds=8))
     phone = loop.parts.notifiers["phone"]
@@ -162,7 +162,7 @@ def test_a_run_tells_people_and_programs_when_it_is_due(tmp_path: Path) -> None:
     assert not loop.troubles
 
 
-def test_a_notifier_that_cannot_work_is_told_before_anything_moves(tmp_path: Path) -> None:
+def test_a_notifier_that_cannot_work_is_told_before_anything_moves(tmp_path):
     loop = run(tmp_path, "apprise", 'url_file = "nowhere.txt"')
     with pytest.raises(DriverError, match=r"phone: the file with its address, .*nowhere.txt, cannot be read"):
         loop.run(Limits(seconds=1))
@@ -176,7 +176,7 @@ def service() -> Iterator[WebhookListener]:
         yield listener
 
 
-def test_a_real_notification_reaches_a_real_service(tmp_path: Path, service: WebhookListener) -> None:
+def test_a_real_notification_reaches_a_real_service(tmp_path, service):
     (tmp_path / "phone.txt").write_text(f"json://{HOST}:{service.port}/hook")
     loop = run(tmp_path, "apprise", 'url_file = "phone.txt"')
     loop.run(Limits(seconds=8))
@@ -184,9 +184,7 @@ def test_a_real_notification_reaches_a_real_service(tmp_path: Path, service: Web
     assert not loop.troubles
 
 
-def test_a_service_that_hangs_does_not_hold_up_a_run_and_what_was_lost_is_told(
-    tmp_path: Path, service: WebhookListener
-) -> None:
+def test_a_service_that_hangs_does_not_hold_up_a_run_and_what_was_lost_is_told(tmp_path, service):
     service.is_free.clear()
     loop = run(tmp_path)
     options = AppriseOptions(url=f"json://{HOST}:{service.port}/hook")
@@ -196,7 +194,7 @@ def test_a_service_that_hangs_does_not_hold_up_a_run_and_what_was_lost_is_told(
     assert loop.troubles == ["given up: 2 notifications for phone"]
 
 
-def test_a_service_that_refuses_is_said_while_running(tmp_path: Path, service: WebhookListener) -> None:
+def test_a_service_that_refuses_is_said_while_running(tmp_path, service):
     service.status = 403
     loop = run(tmp_path)
     options = AppriseOptions(url=f"json://{HOST}:{service.port}/hook")
@@ -213,7 +211,7 @@ def test_a_service_that_refuses_is_said_while_running(tmp_path: Path, service: W
     assert "403" in said[0]
 
 
-def test_a_message_names_the_clip_of_its_alarm_and_says_where_there_is_none() -> None:
+def test_a_message_names_the_clip_of_its_alarm_and_says_where_there_is_none():
     rule, clips = alarm(to_phone("see {clip}")), ({"near": "a.mcap"}, {"far": "b.mcap"})
     found = [item for each in clips for _, item in outgoing(decision(0), [rule], lambda: TIME, (), each)]
     assert [item.body for item in found if isinstance(item, Notification)] == ["see a.mcap", "see unknown"]

@@ -80,7 +80,7 @@ def lamp(tmp_path: Path) -> Iterator[Lamp]:
         lamp.program.wait()
 
 
-def test_a_pin_keeps_its_level_while_the_program_is_stopped_and_when_it_is_killed(lamp: Lamp) -> None:
+def test_a_pin_keeps_its_level_while_the_program_is_stopped_and_when_it_is_killed(lamp):
     lamp.program.send_signal(signal.SIGSTOP)
     time.sleep(0.5)  # longer than the lease: what is not running ends no lease
     assert lamp.is_on
@@ -92,13 +92,13 @@ def test_a_pin_keeps_its_level_while_the_program_is_stopped_and_when_it_is_kille
 @pytest.mark.parametrize(
     "number", [signal.SIGTERM, signal.SIGINT, signal.SIGQUIT, pytest.param(signal.SIGUSR2, marks=pytest.mark.long)]
 )
-def test_a_pin_is_off_when_the_program_was_asked_to_end(lamp: Lamp, number: signal.Signals) -> None:
+def test_a_pin_is_off_when_the_program_was_asked_to_end(lamp, number):
     lamp.program.send_signal(number)
     lamp.program.wait(timeout=120)
     assert not lamp.is_on
 
 
-def test_a_pin_is_off_while_the_program_is_suspended_by_its_shell_and_on_again_after_it(lamp: Lamp) -> None:
+def test_a_pin_is_off_while_the_program_is_suspended_by_its_shell_and_on_again_after_it(lamp):
     lamp.program.send_signal(signal.SIGTSTP)
     assert eventually(lambda: is_suspended(lamp.program.pid))
     assert not lamp.is_on
@@ -106,7 +106,7 @@ def test_a_pin_is_off_while_the_program_is_suspended_by_its_shell_and_on_again_a
     assert eventually(lambda: lamp.is_on)
 
 
-def test_a_status_led_blinks_while_the_program_runs_and_is_dark_when_it_was_asked_to_end(tmp_path: Path) -> None:
+def test_a_status_led_blinks_while_the_program_runs_and_is_dark_when_it_was_asked_to_end(tmp_path):
     table = '[actuators.lamp]\ndriver = "led"\npin = 17\n'
     assert table in CONFIGURATION
     tables = table.replace("17", "18") + table.replace("actuators.lamp", "status_led")

@@ -110,7 +110,7 @@ class Listener:
         return [json.loads(message.payload) for _, message in self.told]
 
 
-def test_the_state_of_a_target_is_a_fixed_form() -> None:
+def test_the_state_of_a_target_is_a_fixed_form():
     (message,) = Listener().cycle(ball(distance_m=2.00049, sigma_m=0.01249, bearing_rad=-0.0001))
     assert message == Message(
         topic="target/ball/state",
@@ -123,21 +123,21 @@ def test_the_state_of_a_target_is_a_fixed_form() -> None:
 
 
 @pytest.mark.parametrize("status", [TrackStatus.SEARCHING, TrackStatus.LOST])
-def test_a_target_that_is_not_in_sight_has_no_figures(status: TrackStatus) -> None:
+def test_a_target_that_is_not_in_sight_has_no_figures(status):
     listener = Listener()
     listener.cycle(ball(status=status))
     assert listener.payloads[0]["status"] == status.value
     assert [listener.payloads[0][key] for key in ("distance_m", "sigma_m", "closing_mps", "bearing_rad")] == [None] * 4
 
 
-def test_a_target_that_moves_all_the_time_is_told_twice_a_second() -> None:
+def test_a_target_that_moves_all_the_time_is_told_twice_a_second():
     listener = Listener()
     for frame in range(300):
         listener.cycle(ball(distance_m=2.0 + 0.05 * frame))
     assert 19 <= len(listener.told) <= 21
 
 
-def test_a_change_of_status_is_told_at_once() -> None:
+def test_a_change_of_status_is_told_at_once():
     listener = Listener()
     for status in (TrackStatus.SEARCHING, TrackStatus.TRACKING, TrackStatus.COASTING, TrackStatus.LOST):
         listener.cycle(ball(status=status))
@@ -157,13 +157,13 @@ def test_a_change_of_status_is_told_at_once() -> None:
         (ball(distance_m=None), True),
     ],
 )
-def test_a_move_is_told_when_it_is_more_than_a_centimetre_and_half_a_sigma(moved: Track, *, is_told: bool) -> None:
+def test_a_move_is_told_when_it_is_more_than_a_centimetre_and_half_a_sigma(moved, *, is_told):
     listener = Listener()
     listener.cycle(ball())
     assert bool(listener.cycle(moved, step_s=0.6)) is is_told
 
 
-def test_a_target_that_stands_still_is_told_every_five_seconds() -> None:
+def test_a_target_that_stands_still_is_told_every_five_seconds():
     listener = Listener()
     for _ in range(61 * 10):
         listener.cycle(ball(), step_s=0.1)
@@ -171,7 +171,7 @@ def test_a_target_that_stands_still_is_told_every_five_seconds() -> None:
     assert [round(later - earlier) for earlier, later in pairwise(times_s)] == [5] * 12
 
 
-def test_what_was_held_back_is_told_at_the_end() -> None:
+def test_what_was_held_back_is_told_at_the_end():
     listener = Listener()
     listener.cycle(ball(distance_m=2.0))
     listener.cycle(ball(distance_m=3.0))
@@ -180,7 +180,7 @@ def test_what_was_held_back_is_told_at_the_end() -> None:
     assert listener.reporter.last_messages(LATER) == ()
 
 
-def test_targets_do_not_wait_for_each_other() -> None:
+def test_targets_do_not_wait_for_each_other():
     listener = Listener()
     cup = Track(target="cup", status=TrackStatus.TRACKING, distance_m=1.0)
     listener.cycle(ball())
@@ -198,9 +198,7 @@ def test_targets_do_not_wait_for_each_other() -> None:
         max_size=60,
     )
 )
-def test_no_second_has_more_than_two_states_that_are_no_change_of_status(
-    steps: list[tuple[float, TrackStatus, float, float]],
-) -> None:
+def test_no_second_has_more_than_two_states_that_are_no_change_of_status(steps):
     listener = Listener()
     for step_s, status, distance_m, sigma_m in steps:
         listener.cycle(ball(distance_m, sigma_m, status), step_s=step_s)
@@ -215,9 +213,7 @@ def test_no_second_has_more_than_two_states_that_are_no_change_of_status(
     step_s=st.floats(0.01, 1.0),
     sigma_m=st.floats(0.0, 1.0),
 )
-def test_the_last_value_is_told_within_five_seconds_of_standing_still(
-    distances_m: list[float], step_s: float, sigma_m: float
-) -> None:
+def test_the_last_value_is_told_within_five_seconds_of_standing_still(distances_m, step_s, sigma_m):
     listener = Listener()
     for distance_m in distances_m:
         listener.cycle(ball(distance_m, sigma_m), step_s=step_s)
@@ -229,9 +225,7 @@ def test_the_last_value_is_told_within_five_seconds_of_standing_still(
 @given(
     distance_m=anything, sigma_m=anything, bearing_rad=anything, status=st.sampled_from(TrackStatus), event_m=anything
 )
-def test_no_payload_ever_holds_what_json_has_not(
-    distance_m: float | None, sigma_m: float | None, bearing_rad: float | None, status: TrackStatus, event_m: float
-) -> None:
+def test_no_payload_ever_holds_what_json_has_not(distance_m, sigma_m, bearing_rad, status, event_m):
     listener = Listener()
     event = Event(
         kind=EventKind.FAULT, source="camera", at_s=0.0, severity=Severity.WARNING, reason="x", distance_m=event_m
@@ -246,7 +240,7 @@ def test_no_payload_ever_holds_what_json_has_not(
         json.loads(message.payload, parse_constant=refuse)
 
 
-def test_an_alarm_is_an_event_that_is_never_retained_and_has_an_id_of_its_own() -> None:
+def test_an_alarm_is_an_event_that_is_never_retained_and_has_an_id_of_its_own():
     listener = Listener()
     (message,) = listener.decided(decision(events=[happened(EventKind.RAISED, sequence=7)]))
     assert message == Message(
@@ -262,7 +256,7 @@ def test_an_alarm_is_an_event_that_is_never_retained_and_has_an_id_of_its_own() 
 
 
 @each_case("kind", list(EventKind))
-def test_every_kind_of_event_is_told(kind: EventKind) -> None:
+def test_every_kind_of_event_is_told(kind):
     (message,) = Listener().decided(decision(events=[happened(kind, source="it")]))
     payload = json.loads(message.payload)
     of_outputs = {EventKind.FAULT, EventKind.FAULT_CLEARED, EventKind.STOPPED, EventKind.RELEASED}
@@ -274,13 +268,13 @@ def test_every_kind_of_event_is_told(kind: EventKind) -> None:
     assert (message.qos, message.retain) == (1, False)
 
 
-def test_a_refusal_to_arm_is_about_all_outputs() -> None:
+def test_a_refusal_to_arm_is_about_all_outputs():
     (message,) = Listener().decided(decision(events=[happened(EventKind.REFUSED, source="outputs")]))
     assert message.topic == "event/system"
     assert json.loads(message.payload)["source"] == "outputs"
 
 
-def test_a_rule_is_told_when_it_changes_and_not_when_only_its_figures_do() -> None:
+def test_a_rule_is_told_when_it_changes_and_not_when_only_its_figures_do():
     listener = Listener()
     for number in range(100):
         figures = f"{2 + number / 100:.2f} m is not below 0.50 m"
@@ -307,14 +301,14 @@ def test_a_rule_is_told_when_it_changes_and_not_when_only_its_figures_do() -> No
     }
 
 
-def test_a_rule_that_flickers_between_idle_and_pending_is_told_twice_a_second() -> None:
+def test_a_rule_that_flickers_between_idle_and_pending_is_told_twice_a_second():
     listener = Listener()
     for frame in range(300):
         listener.decided(decision(rules=[near(RuleStatus.PENDING if frame % 2 else RuleStatus.IDLE)]))
     assert len(listener.told) <= 21
 
 
-def test_a_rule_that_is_on_its_way_to_clear_is_still_active_since_it_was_raised() -> None:
+def test_a_rule_that_is_on_its_way_to_clear_is_still_active_since_it_was_raised():
     listener = Listener()
     listener.decided(decision(rules=[near(RuleStatus.ACTIVE)], events=[happened(EventKind.RAISED)]))
     listener.decided(decision(rules=[near(RuleStatus.CLEARING)]), step_s=1.0, wall_clock=LATER)
@@ -322,7 +316,7 @@ def test_a_rule_that_is_on_its_way_to_clear_is_still_active_since_it_was_raised(
     assert (payload["status"], payload["active"], payload["since"], payload["ts"]) == ("clearing", True, NOON, LATER)
 
 
-def test_an_alarm_that_lost_its_target_stands_and_says_that_it_is_blind() -> None:
+def test_an_alarm_that_lost_its_target_stands_and_says_that_it_is_blind():
     listener = Listener()
     listener.decided(decision(rules=[near(RuleStatus.ACTIVE)], events=[happened(EventKind.RAISED)]))
     listener.decided(
@@ -345,7 +339,7 @@ def test_an_alarm_that_lost_its_target_stands_and_says_that_it_is_blind() -> Non
         {"status": RuleStatus.LATCHED},
     ],
 )
-def test_what_somebody_may_have_to_act_on_is_told_at_once(change: dict[str, Any]) -> None:
+def test_what_somebody_may_have_to_act_on_is_told_at_once(change):
     listener = Listener()
     trace = near(RuleStatus.ACTIVE)
     listener.decided(decision(rules=[trace], events=[happened(EventKind.RAISED)]))
@@ -356,19 +350,19 @@ def test_what_somebody_may_have_to_act_on_is_told_at_once(change: dict[str, Any]
     assert listener.payloads[-1]["active"] is True
 
 
-def test_an_alarm_that_latched_stands_and_says_so() -> None:
+def test_an_alarm_that_latched_stands_and_says_so():
     listener = Listener()
     listener.decided(decision(rules=[near(RuleStatus.LATCHED)]))
     assert (listener.payloads[-1]["active"], listener.payloads[-1]["latched"]) == (True, True)
 
 
-def test_an_alarm_that_returned_unacknowledged_is_over_and_waits_for_somebody() -> None:
+def test_an_alarm_that_returned_unacknowledged_is_over_and_waits_for_somebody():
     listener = Listener()
     listener.decided(decision(rules=[replace(near(RuleStatus.RETURNED), acknowledged=False)]))
     assert (listener.payloads[-1]["active"], listener.payloads[-1]["acknowledged"]) == (False, False)
 
 
-def test_who_did_something_to_an_alarm_is_told() -> None:
+def test_who_did_something_to_an_alarm_is_told():
     listener = Listener()
     event = replace(happened(EventKind.ACKNOWLEDGED), by="ann", notify=False, first_out=True)
     listener.decided(decision(events=[event]))
@@ -376,14 +370,14 @@ def test_who_did_something_to_an_alarm_is_told() -> None:
     assert (told["by"], told["notify"], told["first_out"]) == ("ann", False, True)
 
 
-def test_a_rule_that_cannot_be_judged_is_neither_active_nor_not() -> None:
+def test_a_rule_that_cannot_be_judged_is_neither_active_nor_not():
     listener = Listener()
     for active in (None, False):  # False where it treats a target that is lost as one that is far away
         listener.decided(decision(rules=[replace(near(RuleStatus.UNKNOWN), active=active)]), step_s=1.0)
         assert (listener.payloads[-1]["active"], listener.payloads[-1]["status"]) == (None, "unknown")
 
 
-def test_a_rule_is_unavailable_before_its_state_is_unknown_and_available_after_it_is_known() -> None:
+def test_a_rule_is_unavailable_before_its_state_is_unknown_and_available_after_it_is_known():
     listener = Listener()
     unknown, idle = replace(near(RuleStatus.UNKNOWN), active=None), near(RuleStatus.IDLE)
     for trace in (unknown, idle, near(RuleStatus.PENDING), unknown, near(RuleStatus.ACTIVE)):
@@ -394,7 +388,7 @@ def test_a_rule_is_unavailable_before_its_state_is_unknown_and_available_after_i
     assert seen == ["offline", None, False, "online", False, "offline", None, True, "online"]
 
 
-def test_an_alarm_that_stands_without_its_target_is_available() -> None:
+def test_an_alarm_that_stands_without_its_target_is_available():
     listener = Listener()
     listener.decided(decision(rules=[near(RuleStatus.ACTIVE)], events=[happened(EventKind.RAISED)]))
     listener.decided(decision(rules=[near(RuleStatus.UNKNOWN, active=True)]), step_s=1.0)
@@ -402,7 +396,7 @@ def test_an_alarm_that_stands_without_its_target_is_available() -> None:
     assert listener.payloads[-1]["active"] is True
 
 
-def test_a_target_on_the_edge_of_sight_makes_its_rule_flicker_twice_a_second_at_most() -> None:
+def test_a_target_on_the_edge_of_sight_makes_its_rule_flicker_twice_a_second_at_most():
     listener = Listener()
     unknown = replace(near(RuleStatus.UNKNOWN), active=None)
     for frame in range(300):
@@ -410,7 +404,7 @@ def test_a_target_on_the_edge_of_sight_makes_its_rule_flicker_twice_a_second_at_
     assert len(listener.told) <= 21
 
 
-def test_no_rule_is_available_before_the_first_cycle_of_a_run() -> None:
+def test_no_rule_is_available_before_the_first_cycle_of_a_run():
     rules = [AlarmRule(name="near", target="ball", condition=FAR), Rule(name="follow", target="ball")]
     messages = Reporter(boot_id="boot").opening(rules)
     assert [(each.topic, each.payload, each.qos, each.retain) for each in messages] == [
@@ -419,7 +413,7 @@ def test_no_rule_is_available_before_the_first_cycle_of_a_run() -> None:
     ]
 
 
-def test_an_event_names_the_newest_clip_of_its_rule_or_source() -> None:
+def test_an_event_names_the_newest_clip_of_its_rule_or_source():
     listener = Listener()
     listener.reporter.clips = {"near": "a.mcap", "camera": "b.mcap"}
     events = [
@@ -431,12 +425,12 @@ def test_an_event_names_the_newest_clip_of_its_rule_or_source() -> None:
     assert clips == ["a.mcap", "b.mcap", None]
 
 
-def test_text_that_is_not_ascii_stays_readable() -> None:
+def test_text_that_is_not_ascii_stays_readable():
     (message,) = Listener().decided(decision(rules=[near(RuleStatus.IDLE)], reason="2.00 m ± 0.01 m"))
     assert "±" in message.payload
 
 
-def test_the_documentation_shows_the_real_forms() -> None:
+def test_the_documentation_shows_the_real_forms():
     listener = Listener()
     events = [happened(EventKind.RAISED), happened(EventKind.TARGET_LOST, source="ball")]
     listener.decided(decision([ball()], [near(RuleStatus.ACTIVE)], events))
@@ -453,7 +447,7 @@ def test_the_documentation_shows_the_real_forms() -> None:
     ]
 
 
-def test_a_rule_says_its_severity_and_says_it_again_when_a_reload_changes_only_that() -> None:
+def test_a_rule_says_its_severity_and_says_it_again_when_a_reload_changes_only_that():
     def rules(severity: Severity) -> tuple[AlarmRule | Rule, ...]:
         return AlarmRule(name="near", target="ball", condition=FAR, severity=severity), Rule(name="go", target="ball")
 
@@ -468,7 +462,7 @@ def test_a_rule_says_its_severity_and_says_it_again_when_a_reload_changes_only_t
     assert listener.decided(quiet, step_s=1.0) == []
 
 
-def test_what_runs_is_kept_by_the_broker_and_is_no_event_that_a_later_run_sends_again() -> None:
+def test_what_runs_is_kept_by_the_broker_and_is_no_event_that_a_later_run_sends_again():
     message = Reporter(boot_id="boot").info("9f86")
     assert (message.topic, message.qos, message.retain, message.expires_s) == ("info", 1, True, None)
     assert read(message) == {
@@ -507,7 +501,7 @@ def test_what_a_changed_configuration_publishes_no_more_is_forgotten_by_the_brok
     assert (back.topic, available.payload) == (told.topic, "online")
 
 
-def test_distances_of_an_unconfirmed_mounting_are_marked_at_once_and_the_mark_goes_at_once() -> None:
+def test_distances_of_an_unconfirmed_mounting_are_marked_at_once_and_the_mark_goes_at_once():
     reporter = Reporter(boot_id="1")
     marks = [
         [

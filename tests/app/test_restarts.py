@@ -89,6 +89,7 @@ def program(tmp_path):
         each.systemd.close()
 
 
+@pytest.mark.long
 def test_it_goes_on_as_the_same_process_with_what_no_reload_takes_over(program):
     run = program()
     before = run.hello()

@@ -47,9 +47,7 @@ def file(tmp_path: Path) -> Path:
     return tmp_path / "safe-outputs.conf"
 
 
-def test_each_pin_has_the_level_at_which_it_is_off_and_a_base_the_bytes_that_stop_it(
-    tmp_path: Path, file: Path
-) -> None:
+def test_each_pin_has_the_level_at_which_it_is_off_and_a_base_the_bytes_that_stop_it(tmp_path, file):
     found = loaded(tmp_path, ACTUATORS + BASE.format(port="/dev/robot-base"))
     assert write_safe_outputs(found, file) == []
     assert file.read_text().splitlines() == [
@@ -60,12 +58,12 @@ def test_each_pin_has_the_level_at_which_it_is_off_and_a_base_the_bytes_that_sto
     ]
 
 
-def test_what_is_simulated_needs_nothing(tmp_path: Path, file: Path) -> None:
+def test_what_is_simulated_needs_nothing(tmp_path, file):
     assert write_safe_outputs(loaded(tmp_path, BASE.format(port="emulated-ros-arduino-bridge")), file) == []
     assert file.read_text() == ""
 
 
-def test_a_list_that_is_right_is_not_written_again(tmp_path: Path, file: Path) -> None:
+def test_a_list_that_is_right_is_not_written_again(tmp_path, file):
     found = loaded(tmp_path, ACTUATORS)
     write_safe_outputs(found, file)
     before = file.stat().st_ino
@@ -78,18 +76,14 @@ def test_a_list_that_is_right_is_not_written_again(tmp_path: Path, file: Path) -
 @pytest.mark.parametrize(
     "port", ["/dev/two words", "/dev/x\npin 4 high", "robot", "../dev/ttyUSB0", "/dev/$(id)", "/dev/"]
 )
-def test_a_port_that_would_be_another_line_or_no_device_is_left_out_and_said(
-    tmp_path: Path, file: Path, port: str
-) -> None:
+def test_a_port_that_would_be_another_line_or_no_device_is_left_out_and_said(tmp_path, file, port):
     found = loaded(tmp_path, BASE.format(port=port.replace("\n", "\\n")))
     assert write_safe_outputs(found, file) == []
     assert [words.split(":")[0] for words in without_stop_from_outside(found)] == ["base"]
     assert file.read_text() == ""
 
 
-def test_a_base_whose_driver_does_not_say_how_it_stops_is_told_of(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_base_whose_driver_does_not_say_how_it_stops_is_told_of(tmp_path, monkeypatch):
     found = loaded(tmp_path, BASE.format(port="/dev/robot-base"))
     assert found.base is not None
     for stop in (None, SerialStop(port="/dev/robot-base", baud=9600, frame=b"")):
@@ -102,16 +96,16 @@ class OverI2c(DriverOptions):
         return I2cStop(bus=1, address=0x40, writes=(b"\xfd\x10", b"\x00\x11"))
 
 
-def test_an_output_on_an_i2c_bus_has_the_writes_that_stop_it() -> None:
+def test_an_output_on_an_i2c_bus_has_the_writes_that_stop_it():
     choice = DriverChoice(name="base", driver="over-i2c", options=OverI2c())
     assert list(safe_lines(choice)) == ["i2c 1 0x40 fd10,0011"]
 
 
-def test_a_list_that_cannot_be_written_is_told_of_and_the_run_goes_on(tmp_path: Path) -> None:
+def test_a_list_that_cannot_be_written_is_told_of_and_the_run_goes_on(tmp_path):
     trouble = write_safe_outputs(loaded(tmp_path, ACTUATORS), tmp_path / "absent" / "safe-outputs.conf")
     assert "nothing is switched off if this process is killed" in trouble[0]
 
 
-def test_only_a_service_has_a_list() -> None:
+def test_only_a_service_has_a_list():
     assert safe_outputs_path({}) is None
     assert safe_outputs_path({"RUNTIME_DIRECTORY": "/run/a:/run/b"}) == Path("/run/a/safe-outputs.conf")

@@ -29,6 +29,7 @@ from support.two_cameras import BESIDE, Watched, load
 GONE = 'faults = [{ at = "1 s", for = "1 s", kind = "block-second-camera" }]'
 
 
+@pytest.mark.long
 def test_a_run_measures_with_both_cameras_and_says_so(tmp_path):
     run = Watched(load(tmp_path), 3.0).run()
     errors, _ = run.errors()
@@ -38,6 +39,7 @@ def test_a_run_measures_with_both_cameras_and_says_so(tmp_path):
     assert run.cycles[-1][0].decision.tracks[0].reason == TOGETHER_AND_SIZE
 
 
+@pytest.mark.long
 def test_explain_says_which_cameras_measured_the_distance_in_the_run_and_from_its_recording(tmp_path):
     configuration = load(tmp_path, world=GONE)
     run = Watched(configuration, 2.5)

@@ -94,9 +94,7 @@ def seen(cycles: list[tuple[CycleRecord, Frame | None]]) -> tuple[CycleRecord, F
     return cycles[-1]
 
 
-def test_it_is_ready_with_the_first_cycle_and_not_before(
-    system: System, seen: tuple[CycleRecord, Frame | None]
-) -> None:
+def test_it_is_ready_with_the_first_cycle_and_not_before(system, seen):
     rig = Rig(system, seen, watchdog_s=2.0)
     assert system.heard() == []
     rig.run(0.05)
@@ -105,9 +103,7 @@ def test_it_is_ready_with_the_first_cycle_and_not_before(
     assert system.heard() == []
 
 
-def test_the_watchdog_is_fed_by_cycles_four_times_a_period_and_by_nothing_else(
-    system: System, seen: tuple[CycleRecord, Frame | None]
-) -> None:
+def test_the_watchdog_is_fed_by_cycles_four_times_a_period_and_by_nothing_else(system, seen):
     rig = Rig(system, seen, watchdog_s=2.0)
     rig.run(4.0)
     assert 7 <= system.heard().count("WATCHDOG=1") <= 9
@@ -115,14 +111,12 @@ def test_the_watchdog_is_fed_by_cycles_four_times_a_period_and_by_nothing_else(
     assert system.heard() == []
 
 
-def test_without_a_watchdog_none_is_fed(system: System, seen: tuple[CycleRecord, Frame | None]) -> None:
+def test_without_a_watchdog_none_is_fed(system, seen):
     Rig(system, seen).run(10.0)
     assert "WATCHDOG=1" not in system.heard()
 
 
-def test_the_status_is_told_once_a_second_at_most_and_only_when_it_changes(
-    system: System, seen: tuple[CycleRecord, Frame | None]
-) -> None:
+def test_the_status_is_told_once_a_second_at_most_and_only_when_it_changes(system, seen):
     rig = Rig(system, seen)
     rig.run(10.0)
     status = [line for line in system.heard() if line.startswith("STATUS=")]
@@ -132,9 +126,7 @@ def test_the_status_is_told_once_a_second_at_most_and_only_when_it_changes(
     assert system.heard() == ["STATUS=ball 2.00 m, 20 fps; the broker WATCHDOG=1 is away"]
 
 
-def test_what_systemd_was_too_busy_to_take_is_sent_again(
-    system: System, seen: tuple[CycleRecord, Frame | None]
-) -> None:
+def test_what_systemd_was_too_busy_to_take_is_sent_again(system, seen):
     other = NotifySocket(system.address)
     while other.send("STATUS=from another"):
         pass
@@ -145,16 +137,14 @@ def test_what_systemd_was_too_busy_to_take_is_sent_again(
     assert "READY=1" in system.heard()
 
 
-def test_nobody_who_listens_is_no_trouble(tmp_path: Path, seen: tuple[CycleRecord, Frame | None]) -> None:
+def test_nobody_who_listens_is_no_trouble(tmp_path, seen):
     system = System(str(tmp_path / "notify"))
     rig = Rig(system, seen, watchdog_s=2.0)
     system.close()
     rig.run(5.0)
 
 
-def test_a_camera_without_pictures_feeds_the_watchdog_until_only_a_new_process_can_help(
-    system: System, seen: tuple[CycleRecord, Frame | None]
-) -> None:
+def test_a_camera_without_pictures_feeds_the_watchdog_until_only_a_new_process_can_help(system, seen):
     rig = Rig(system, seen, watchdog_s=2.0)
     rig.run(1.0)
     rig.service.trouble = lambda: "there is no camera"
@@ -167,7 +157,7 @@ def test_a_camera_without_pictures_feeds_the_watchdog_until_only_a_new_process_c
         rig.run(3.0, has_frame=False)
 
 
-def test_a_driver_that_hangs_is_given_less_time(system: System, seen: tuple[CycleRecord, Frame | None]) -> None:
+def test_a_driver_that_hangs_is_given_less_time(system, seen):
     rig = Rig(system, seen, hung=lambda: "libcamera hangs")
     rig.run(patience_s(0, is_hung=True) - 1.0, has_frame=False)
     with pytest.raises(CaptureTimeoutError, match="libcamera hangs"):
@@ -185,13 +175,13 @@ def test_a_driver_that_hangs_is_given_less_time(system: System, seen: tuple[Cycl
         (999, 30, 3600, 3600),
     ],
 )
-def test_waits_grow_with_each_start_in_a_row(failed: int, pause: float, hung_s: float, silent_s: float) -> None:
+def test_waits_grow_with_each_start_in_a_row(failed, pause, hung_s, silent_s):
     waits = (pause_s(failed), patience_s(failed, is_hung=True), patience_s(failed, is_hung=False))
     assert waits == (pause, hung_s, silent_s)
 
 
 class TestCameraWait:
-    def test_a_while_of_pictures_makes_the_next_restart_the_first_again(self) -> None:
+    def test_a_while_of_pictures_makes_the_next_restart_the_first_again(self):
         wait = CameraWait(failed=5)
         now_s = 0.0
         while now_s < PROVEN_S + 1:
@@ -200,14 +190,14 @@ class TestCameraWait:
         assert wait.is_proven(now_s)
         assert wait.is_over(now_s + patience_s(0, is_hung=False) + 1, has_frame=False)
 
-    def test_pictures_with_gaps_prove_nothing(self) -> None:
+    def test_pictures_with_gaps_prove_nothing(self):
         wait = CameraWait(failed=5)
         for now_s in range(0, int(2 * PROVEN_S), 5):
             assert not wait.is_over(now_s, has_frame=True)
         assert not wait.is_proven(2 * PROVEN_S)
         assert not wait.is_over(2 * PROVEN_S + MAX_PATIENCE_S - 10, has_frame=False)
 
-    def test_one_that_never_gave_a_picture_is_waited_for_from_the_first_cycle_on(self) -> None:
+    def test_one_that_never_gave_a_picture_is_waited_for_from_the_first_cycle_on(self):
         wait = CameraWait(failed=0)
         assert not wait.is_over(1000.0, has_frame=False)
         assert not wait.is_over(1299.0, has_frame=False)
@@ -221,29 +211,27 @@ class TestFailedStarts:
         path.write_text("# first")
         return path
 
-    def test_each_start_counts_until_one_was_good(self, tmp_path: Path, configuration: Path) -> None:
+    def test_each_start_counts_until_one_was_good(self, tmp_path, configuration):
         assert [FailedStarts(tmp_path, configuration).begin() for _ in range(3)] == [0, 1, 2]
         FailedStarts(tmp_path, configuration).forget()
         assert FailedStarts(tmp_path, configuration).begin() == 0
 
-    def test_a_configuration_that_was_edited_begins_anew(self, tmp_path: Path, configuration: Path) -> None:
+    def test_a_configuration_that_was_edited_begins_anew(self, tmp_path, configuration):
         assert [FailedStarts(tmp_path, configuration).begin() for _ in range(3)] == [0, 1, 2]
         os.utime(configuration, (1, 1))
         assert FailedStarts(tmp_path, configuration).begin() == 0
 
     @pytest.mark.parametrize("text", ["", "x", "1", "1 2 3", "9 \0"])
-    def test_a_damaged_count_is_none(self, tmp_path: Path, configuration: Path, text: str) -> None:
+    def test_a_damaged_count_is_none(self, tmp_path, configuration, text):
         (tmp_path / "failed-starts").write_text(text)
         assert FailedStarts(tmp_path, configuration).begin() == 0
 
-    def test_a_folder_that_cannot_be_written_counts_nothing(self, tmp_path: Path, configuration: Path) -> None:
+    def test_a_folder_that_cannot_be_written_counts_nothing(self, tmp_path, configuration):
         starts = FailedStarts(tmp_path / "absent", configuration)
         assert [starts.begin(), starts.begin()] == [0, 0]
         starts.forget()
 
-    def test_a_good_start_is_forgotten_while_it_runs(
-        self, system: System, seen: tuple[CycleRecord, Frame | None], tmp_path: Path, configuration: Path
-    ) -> None:
+    def test_a_good_start_is_forgotten_while_it_runs(self, system, seen, tmp_path, configuration):
         starts = FailedStarts(tmp_path, configuration)
         starts.begin()
         rig = Rig(system, seen, starts=starts)
@@ -253,7 +241,7 @@ class TestFailedStarts:
         assert FailedStarts(tmp_path, configuration).begin() == 0
 
 
-def test_it_waits_before_it_opens_anything_and_says_so(system: System, tmp_path: Path) -> None:
+def test_it_waits_before_it_opens_anything_and_says_so(system, tmp_path):
     environ = {"NOTIFY_SOCKET": system.address, "RUNTIME_DIRECTORY": str(tmp_path)}
     slept: list[float] = []
     for _ in range(5):
@@ -262,9 +250,7 @@ def test_it_waits_before_it_opens_anything_and_says_so(system: System, tmp_path:
     assert system.heard()[-1] == "STATUS=4 starts in a row failed: waiting 4 s"
 
 
-def test_a_watchdog_that_is_meant_for_another_process_is_not_fed(
-    system: System, seen: tuple[CycleRecord, Frame | None]
-) -> None:
+def test_a_watchdog_that_is_meant_for_another_process_is_not_fed(system, seen):
     environ = {"NOTIFY_SOCKET": system.address, "WATCHDOG_USEC": "2000000"}
     for process, is_fed in ((str(os.getpid()), True), ("1", False), ("", True)):
         service(Path("run.toml"), {**environ, "WATCHDOG_PID": process})(*seen)

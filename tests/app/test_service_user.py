@@ -11,7 +11,7 @@ import pytest
 from stadimeter.app import this_computer
 
 
-def test_groups_are_those_of_the_unit_and_its_drop_ins(tmp_path: Path, deploy: Path) -> None:
+def test_groups_are_those_of_the_unit_and_its_drop_ins(tmp_path, deploy):
     units = tmp_path / "usr/lib/systemd/system"
     units.mkdir(parents=True)
     (units / "stadimeter.service").write_text((deploy / "stadimeter.service").read_text())
@@ -34,7 +34,7 @@ def deploy() -> Path:
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root becomes another user")
-def test_whoever_root_becomes_may_no_longer_read_what_is_roots(tmp_path: Path) -> None:
+def test_whoever_root_becomes_may_no_longer_read_what_is_roots(tmp_path):
     secret = tmp_path / "secret"
     secret.write_text("x")
     secret.chmod(0o600)
@@ -48,7 +48,7 @@ def test_whoever_root_becomes_may_no_longer_read_what_is_roots(tmp_path: Path) -
     assert os.waitstatus_to_exitcode(status) == 0
 
 
-def test_whoever_is_not_root_or_has_no_packaged_service_stays_who_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_whoever_is_not_root_or_has_no_packaged_service_stays_who_they_are(monkeypatch):
     before = os.getresuid()
     installed = Path("/etc/stadimeter/appliance.toml")
     assert not this_computer.become_service_user(installed)

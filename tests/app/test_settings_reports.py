@@ -26,7 +26,7 @@ def told_settings(reporter: Reporter, run: Rehearsal, rule: str = "near") -> lis
     return [json.loads(each.payload) for each in found]
 
 
-def test_the_documentation_shows_the_real_form() -> None:
+def test_the_documentation_shows_the_real_form():
     run = rehearse(replace(NEAR, condition=DistanceCondition(below_m=0.5)))
     run.see(3.0)
     run.tell("set-threshold", "near", by="zoe", value=0.6)
@@ -37,7 +37,7 @@ def test_the_documentation_shows_the_real_form() -> None:
     assert payload in shown
 
 
-def test_what_is_set_of_an_alarm_is_published_at_the_start_and_when_it_changes() -> None:
+def test_what_is_set_of_an_alarm_is_published_at_the_start_and_when_it_changes():
     run, reporter = rehearse(NEAR, FAR), Reporter(boot_id="boot")
     run.see(3.0)
     threshold = {"value": 1.0, "configured": 1.0, "unit": "m", "min": 0.001, "max": 1e9, "set_by": None}
@@ -62,7 +62,7 @@ def test_what_is_set_of_an_alarm_is_published_at_the_start_and_when_it_changes()
     assert told_settings(reporter, run) == [as_configured]
 
 
-def test_what_is_set_is_published_anew_when_a_reload_changes_it_and_cleared_with_its_rule() -> None:
+def test_what_is_set_is_published_anew_when_a_reload_changes_it_and_cleared_with_its_rule():
     run, reporter = rehearse(NEAR, FAR), Reporter(boot_id="boot")
     reporter.opening(run.state.plan.rules)
     run.see(3.0)
@@ -84,7 +84,7 @@ def test_what_is_set_is_published_anew_when_a_reload_changes_it_and_cleared_with
     assert told_settings(reporter, run) == [payload]
 
 
-def test_what_is_set_of_a_ramp_is_published_as_of_an_alarm() -> None:
+def test_what_is_set_of_a_ramp_is_published_as_of_an_alarm():
     run, reporter = rehearse(NEAR, FAR), Reporter(boot_id="boot")
     run.see(3.0)
     as_configured = {"v": 1, "thresholds": {}, "in_service": True, "observed": False}
@@ -93,7 +93,7 @@ def test_what_is_set_of_a_ramp_is_published_as_of_an_alarm() -> None:
     assert told_settings(reporter, run, "far") == [{**as_configured, "in_service": False}]
 
 
-def test_published_bounds_are_taken_although_they_are_rounded() -> None:
+def test_published_bounds_are_taken_although_they_are_rounded():
     band = replace(NEAR, condition=DistanceCondition(above_m=1.00004, below_m=2.00004))
     run = rehearse(band)
     run.see(3.0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import groupby, pairwise
-from pathlib import Path
 
 import pytest
 
@@ -64,7 +63,7 @@ BROKEN = (OutputFault(output="motor", reason="unplugged"),)
         ({**GONE, "safety": SafetyMode.STARTING, "safety_reason": "1 of 3 fresh frames in a row"}, Status.STARTING),
     ],
 )
-def test_of_several_things_it_shows_what_matters_most(known: dict[str, object], status: Status) -> None:
+def test_of_several_things_it_shows_what_matters_most(known, status):
     assert status_of(cycle(**known)) is status
 
 
@@ -74,14 +73,14 @@ def rhythm(status: Status) -> list[tuple[bool, int]]:
     return [(is_lit, len(list(ticks))) for is_lit, ticks in groupby(lit)][1:-1]
 
 
-def test_no_state_looks_like_a_light_that_is_stuck() -> None:
+def test_no_state_looks_like_a_light_that_is_stuck():
     for status in Status:
         stretches = rhythm(status)
         assert max(ticks for _, ticks in stretches) * TICK_S <= 2.0
         assert min(ticks for _, ticks in stretches) * TICK_S >= 0.1, "shorter flashes are easily missed"
 
 
-def test_every_two_states_differ_in_their_rhythm_alone() -> None:
+def test_every_two_states_differ_in_their_rhythm_alone():
     def kind(status: Status) -> tuple[str, int, bool]:
         """Return what an eye goes by: mostly dark or lit, how often it flashes between pauses, fast or slow."""
         period_s = sum(for_s for _, for_s in status.value.steps)
@@ -93,7 +92,7 @@ def test_every_two_states_differ_in_their_rhythm_alone() -> None:
     assert len({kind(status) for status in Status}) == len(Status) == 8
 
 
-def test_what_is_well_is_mostly_dark_and_what_is_wrong_mostly_lit() -> None:
+def test_what_is_well_is_mostly_dark_and_what_is_wrong_mostly_lit():
     share = {status: sum(status.value.level(0.01 * step) for step in range(1200)) / 1200 for status in Status}
     assert all(share[status] < 0.25 for status in (Status.WATCHING, Status.TRACKING, Status.QUIET))
     assert all(share[status] > 0.6 for status in (Status.HELD, Status.BLIND, Status.FAULT))
@@ -131,24 +130,24 @@ def flashes(lit: list[bool]) -> int:
     return sum(now and not before for before, now in pairwise(lit))
 
 
-def test_it_is_dark_until_the_first_cycle(light: Light) -> None:
+def test_it_is_dark_until_the_first_cycle(light):
     assert not any(light.lit(3.0))
 
 
-def test_it_keeps_its_rhythm_between_cycles(light: Light) -> None:
+def test_it_keeps_its_rhythm_between_cycles(light):
     light.lit(0.1, cycle())
     assert flashes(light.lit(20.0, cycle())) == 10
     light.lit(0.1, cycle(tracks=BALL))
     assert flashes(light.lit(24.0, cycle(tracks=BALL))) == 20
 
 
-def test_a_state_that_begins_shows_at_once(light: Light) -> None:
+def test_a_state_that_begins_shows_at_once(light):
     light.lit(1.0, cycle())
     light.led.show(cycle(light.clock.now_s(), rules=(WAITS,)))
     assert light.pins.state(PIN) == 1.0
 
 
-def test_it_goes_dark_when_the_loop_hangs(light: Light) -> None:
+def test_it_goes_dark_when_the_loop_hangs(light):
     alarm = cycle(rules=(WAITS,))
     assert any(light.lit(1.0, alarm))
     light.lit(LEASE_S + 0.1)
@@ -156,12 +155,12 @@ def test_it_goes_dark_when_the_loop_hangs(light: Light) -> None:
     assert any(light.lit(1.0, alarm))
 
 
-def test_it_shows_nothing_on_a_cycle_that_is_too_old(light: Light) -> None:
+def test_it_shows_nothing_on_a_cycle_that_is_too_old(light):
     light.led.show(cycle(light.clock.now_s() - LEASE_S - 0.1, rules=(WAITS,)))
     assert not any(light.lit(1.0))
 
 
-def test_it_is_off_after_a_stop_whatever_comes_later(light: Light) -> None:
+def test_it_is_off_after_a_stop_whatever_comes_later(light):
     light.lit(1.0, cycle(rules=(WAITS,)))
     light.led.retire()
     assert not any(light.lit(3.0, cycle(rules=(WAITS,))))
@@ -169,7 +168,7 @@ def test_it_is_off_after_a_stop_whatever_comes_later(light: Light) -> None:
     assert not light.pins.is_held()
 
 
-def test_one_that_failed_blinks_again_when_its_pin_answers(light: Light) -> None:
+def test_one_that_failed_blinks_again_when_its_pin_answers(light):
     light.lit(1.0, cycle(rules=(WAITS,)))
     light.pins.fail(PIN, begins=True)
     light.lit(1.0, cycle(rules=(WAITS,)))
@@ -197,7 +196,7 @@ ack = "required"
 )
 
 
-def test_in_a_run_it_blinks_and_is_off_at_the_end(tmp_path: Path) -> None:
+def test_in_a_run_it_blinks_and_is_off_at_the_end(tmp_path):
     path = tmp_path / "run.toml"
     path.write_text(RUN)
     loop = Loop(build(load_configuration(path), speed=None))
@@ -209,7 +208,7 @@ def test_in_a_run_it_blinks_and_is_off_at_the_end(tmp_path: Path) -> None:
     assert changes[-1].level == 0.0
 
 
-def test_trouble_with_it_is_told_by_the_run(tmp_path: Path) -> None:
+def test_trouble_with_it_is_told_by_the_run(tmp_path):
     path = tmp_path / "run.toml"
     path.write_text(RUN)
     loop = Loop(build(load_configuration(path), speed=None))

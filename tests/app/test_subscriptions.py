@@ -251,6 +251,7 @@ def test_a_frame_is_looked_for_when_the_loop_is_expected_to_be_done_with_it(watc
     assert watched.subscriptions._after_frame_s(99.0) == pytest.approx(100.0, abs=0.003)
 
 
+@pytest.mark.long
 def test_connections_that_say_nothing_do_not_push_out_a_subscription_that_is_slow_to_read(watched):
     watched.image = np.random.default_rng(1).integers(0, 255, (480, 640, 3), np.uint8)  # it is written for long
     with running(watched):

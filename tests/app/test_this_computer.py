@@ -34,22 +34,18 @@ def mock_pins(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("mock_pins")
-def test_with_pins_in_memory_a_simulation_lacks_nothing(tmp_path: Path) -> None:
+def test_with_pins_in_memory_a_simulation_lacks_nothing(tmp_path):
     assert lacking(tmp_path, SIMULATED_BALL, SIREN, RULE, "[world]") == []
 
 
-def test_pins_of_another_library_than_ours_are_told_before_a_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_pins_of_another_library_than_ours_are_told_before_a_run(tmp_path, monkeypatch):
     monkeypatch.setenv("GPIOZERO_PIN_FACTORY", "pigpio")
     ((code, key, message),) = lacking(tmp_path, SIMULATED_BALL, SIREN, RULE, "[world]")
     assert (code, key) == ("driver-lacks", "actuators.siren")
     assert "GPIOZERO_PIN_FACTORY=pigpio" in message
 
 
-def test_a_library_that_is_missing_comes_with_the_line_for_this_python(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_library_that_is_missing_comes_with_the_line_for_this_python(tmp_path, monkeypatch):
     monkeypatch.setattr("stadimeter.config.extras.find_spec", lambda _name: None)
     monkeypatch.delenv("GPIOZERO_PIN_FACTORY", raising=False)
     phone = '[notifiers.phone]\ndriver = "apprise"\nurl_file = "phone.txt"\n'
@@ -61,7 +57,7 @@ def test_a_library_that_is_missing_comes_with_the_line_for_this_python(
 
 
 @pytest.mark.usefixtures("mock_pins")
-def test_a_camera_and_a_serial_port_that_are_not_there_are_told(tmp_path: Path) -> None:
+def test_a_camera_and_a_serial_port_that_are_not_there_are_told(tmp_path):
     camera = f'[camera]\ndriver = "opencv"\ndevice = "{tmp_path / "video7"}"\n'
     model = "[camera.model]\nwidth_px = 640\nheight_px = 480\nfx_px = 600.0\n"
     target = '[targets.ball]\ndetector = "ball"\ndiameter = "7 cm"\nhsv = "29,86,6:64,255,255"\n'
@@ -77,13 +73,13 @@ def test_a_camera_and_a_serial_port_that_are_not_there_are_told(tmp_path: Path) 
     assert [key for _, key, _ in found] == ["camera"]
 
 
-def test_what_a_run_refuses_for_want_of_a_camera_model_is_told(tmp_path: Path) -> None:
+def test_what_a_run_refuses_for_want_of_a_camera_model_is_told(tmp_path):
     text = '[camera]\ndriver = "simulated"\n[targets.ball]\ndetector = "ideal"\n[world]\n'
     assert [code for code, _, _ in lacking(tmp_path, text)] == ["camera-model-missing"]
 
 
 @pytest.mark.usefixtures("mock_pins")
-def test_a_live_camera_too_slow_for_outputs_is_warned_of_until_the_hint_is_followed(tmp_path: Path) -> None:
+def test_a_live_camera_too_slow_for_outputs_is_warned_of_until_the_hint_is_followed(tmp_path):
     camera = '[camera]\ndriver = "opencv"\ndevice = 0\nrate = "4 Hz"\n'
     model = "[camera.model]\nwidth_px = 640\nheight_px = 480\nfx_px = 600.0\n"
     target = '[targets.ball]\ndetector = "ball"\ndiameter = "20 cm"\nhsv = "29,86,6:64,255,255"\n'
@@ -100,7 +96,7 @@ BALL = '[targets.ball]\ndetector = "ball"\ndiameter = "20 cm"\nhsv = "29,86,6:64
 NEAR = '[rules.near]\nwhen = { below = "1 m" }\n'
 
 
-def test_each_file_that_is_named_and_not_there_is_found_with_its_key(tmp_path: Path) -> None:
+def test_each_file_that_is_named_and_not_there_is_found_with_its_key(tmp_path):
     camera = f'[camera]\ndriver = "video"\npath = "gone.mp4"\n{LENS}'
     broker = '[messenger]\ndriver = "mqtt"\nusername = "zoe"\npassword_file = "secret.txt"\n'
     page = '[web]\npassword_file = "page.passwords"\n'
@@ -118,7 +114,7 @@ def test_each_file_that_is_named_and_not_there_is_found_with_its_key(tmp_path: P
 
 
 @pytest.mark.parametrize(("paths", "is_there"), [("shots", True), ("shots/*.jpg", True), ("shots/*.png", False)])
-def test_pictures_may_be_a_folder_or_a_pattern(tmp_path: Path, paths: str, is_there: bool) -> None:
+def test_pictures_may_be_a_folder_or_a_pattern(tmp_path, paths, is_there):
     (tmp_path / "shots").mkdir()
     (tmp_path / "shots" / "1.jpg").touch()
     camera = f'[camera]\ndriver = "images"\npaths = "{paths}"\n{LENS}'

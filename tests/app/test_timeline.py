@@ -69,7 +69,7 @@ def rig(tmp_path: Path) -> Rig:
     return Rig(tmp_path / "timeline" / "room")
 
 
-def test_a_second_keeps_mean_extremes_and_the_state_that_matters_most(rig: Rig) -> None:
+def test_a_second_keeps_mean_extremes_and_the_state_that_matters_most(rig):
     rig.see(1.0, for_s=0.25)
     rig.see(0.4, RuleStatus.ACTIVE, for_s=0.25)
     rig.see(1.6, for_s=0.25)
@@ -81,7 +81,7 @@ def test_a_second_keeps_mean_extremes_and_the_state_that_matters_most(rig: Rig) 
     assert STATES[row["states"][0]] == RuleStatus.ACTIVE
 
 
-def test_what_is_not_seen_has_no_figures(rig: Rig) -> None:
+def test_what_is_not_seen_has_no_figures(rig):
     rig.see(None, RuleStatus.UNKNOWN)
     rig.keeper.close()
     (row,) = rig.rows()
@@ -89,7 +89,7 @@ def test_what_is_not_seen_has_no_figures(rig: Rig) -> None:
     assert row["figures"][0][SEEN] == 0
 
 
-def test_the_loop_writes_nothing_and_the_thread_once_a_minute(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_loop_writes_nothing_and_the_thread_once_a_minute(rig, monkeypatch):
     writes: list[str] = []
     append = keeper.append_whole
 
@@ -110,7 +110,7 @@ def test_the_loop_writes_nothing_and_the_thread_once_a_minute(rig: Rig, monkeypa
     assert [writes.count(suffix) for suffix in (".1", ".10", ".60", ".600")] == [11, 1, 1, 1]
 
 
-def test_a_night_is_read_by_each_level_and_a_glimpse_of_a_second_is_in_all(rig: Rig) -> None:
+def test_a_night_is_read_by_each_level_and_a_glimpse_of_a_second_is_in_all(rig):
     for second in range(4000):
         rig.see(0.3 if second == 2000 else 2.0, RuleStatus.ACTIVE if second == 2000 else RuleStatus.IDLE, for_s=1.0)
         rig.keeper.step()
@@ -124,7 +124,7 @@ def test_a_night_is_read_by_each_level_and_a_glimpse_of_a_second_is_in_all(rig: 
     assert len(rig.rows(60, NOON_S + 600, NOON_S + 1200)) == 10
 
 
-def test_a_run_that_was_killed_lacks_a_minute_and_nothing_before_it(rig: Rig) -> None:
+def test_a_run_that_was_killed_lacks_a_minute_and_nothing_before_it(rig):
     """Nothing is closed: the coarser files end before the seconds do, and are continued by these when they are read."""
     for _ in range(1000):
         rig.see(2.0, for_s=1.0)
@@ -134,9 +134,7 @@ def test_a_run_that_was_killed_lacks_a_minute_and_nothing_before_it(rig: Rig) ->
 
 
 @given(cut=st.integers(0, 400))
-def test_a_file_that_a_power_cut_shortened_is_read_up_to_there(
-    tmp_path_factory: pytest.TempPathFactory, cut: int
-) -> None:
+def test_a_file_that_a_power_cut_shortened_is_read_up_to_there(tmp_path_factory, cut):
     rig = Rig(tmp_path_factory.mktemp("cut"))
     for number in range(10):
         rig.see(1.0 + number, for_s=1.0)
@@ -153,7 +151,7 @@ def test_a_file_that_a_power_cut_shortened_is_read_up_to_there(
     assert all((rows["figures"][:, 0, MEAN] == np.arange(1, 1 + expected)).all() for _, rows in found)
 
 
-def test_zeros_that_a_power_cut_left_at_the_end_are_no_rows(rig: Rig) -> None:
+def test_zeros_that_a_power_cut_left_at_the_end_are_no_rows(rig):
     for _ in range(5):
         rig.see(1.0, for_s=1.0)
     rig.keeper.close()
@@ -164,7 +162,7 @@ def test_zeros_that_a_power_cut_left_at_the_end_are_no_rows(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("jump_s", [-3600.0, 0.0, DAY_S])
-def test_another_target_a_new_day_or_a_clock_that_is_set_back_begins_a_segment(rig: Rig, jump_s: float) -> None:
+def test_another_target_a_new_day_or_a_clock_that_is_set_back_begins_a_segment(rig, jump_s):
     rig.see(1.0, for_s=1.0)
     rig.now_s += jump_s
     if not jump_s:
@@ -177,9 +175,7 @@ def test_another_target_a_new_day_or_a_clock_that_is_set_back_begins_a_segment(r
     assert [len(rows) for _, rows in rig.read()] == [1, 1]
 
 
-def test_a_full_disk_is_said_and_what_it_did_not_take_is_written_later(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_full_disk_is_said_and_what_it_did_not_take_is_written_later(rig, monkeypatch):
     append = keeper.append_whole
 
     def refuse(path: Path, _data: bytes, **_: bool) -> None:
@@ -196,7 +192,7 @@ def test_a_full_disk_is_said_and_what_it_did_not_take_is_written_later(
     assert len(rig.rows()) == 100
 
 
-def test_a_disk_that_is_full_between_two_levels_costs_no_peak(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_is_full_between_two_levels_costs_no_peak(rig, monkeypatch):
     append, count = keeper.append_whole, itertools.count()
 
     def refuse_some(path: Path, data: bytes, *, is_lasting: bool) -> None:
@@ -215,7 +211,7 @@ def test_a_disk_that_is_full_between_two_levels_costs_no_peak(rig: Rig, monkeypa
     assert sum(len(rows) for _, rows in rig.read()) == 3000
 
 
-def test_a_disk_that_stays_full_costs_the_oldest_seconds(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_stays_full_costs_the_oldest_seconds(rig, monkeypatch):
     append = keeper.append_whole
     monkeypatch.setattr(keeper, "SECONDS_MAX", 50)
     monkeypatch.setattr(keeper, "append_whole", lambda *_args, **_: (_ for _ in ()).throw(OSError(errno.EIO, "broken")))
@@ -227,14 +223,14 @@ def test_a_disk_that_stays_full_costs_the_oldest_seconds(rig: Rig, monkeypatch: 
     assert list(rig.rows()["unix_s"]) == list(range(NOON_S + 150, NOON_S + 200))
 
 
-def test_a_disk_that_hangs_costs_the_oldest_and_not_the_memory(rig: Rig) -> None:
+def test_a_disk_that_hangs_costs_the_oldest_and_not_the_memory(rig):
     for _ in range(CYCLES_MAX + 100):
         rig.see(1.0, for_s=1.0)
     rig.keeper.close()
     assert list(rig.rows()["unix_s"]) == list(range(NOON_S + 100, NOON_S + 100 + CYCLES_MAX))
 
 
-def test_what_is_too_old_goes_when_a_segment_begins(rig: Rig) -> None:
+def test_what_is_too_old_goes_when_a_segment_begins(rig):
     rig.see(1.0, for_s=1.0)
     rig.keeper.close()
     for file in rig.folder.iterdir():
@@ -246,7 +242,7 @@ def test_what_is_too_old_goes_when_a_segment_begins(rig: Rig) -> None:
     assert later.rows()["figures"][0, 0, MEAN] == 2.0
 
 
-def test_a_file_of_something_else_is_passed_over(rig: Rig) -> None:
+def test_a_file_of_something_else_is_passed_over(rig):
     rig.see(1.0, for_s=1.0)
     rig.keeper.close()
     (rig.folder / "mine.1").write_text("no timeline\n")
@@ -255,7 +251,7 @@ def test_a_file_of_something_else_is_passed_over(rig: Rig) -> None:
     assert len(rig.read()) == 1
 
 
-def test_it_is_a_sink_of_the_loop_whose_trouble_is_told(rig: Rig) -> None:
+def test_it_is_a_sink_of_the_loop_whose_trouble_is_told(rig):
     assert isinstance(rig.keeper, RecordingSink)
 
 
@@ -265,9 +261,7 @@ SECONDS = st.tuples(
 
 
 @given(seconds=st.lists(SECONDS, min_size=1, max_size=80))
-def test_merging_loses_no_extreme_and_no_state_and_keeps_means_between(
-    seconds: list[tuple[int, float | None, int]],
-) -> None:
+def test_merging_loses_no_extreme_and_no_state_and_keeps_means_between(seconds):
     rows = np.zeros(len(seconds), Names(("ball",), ("near",)).row)
     rows["unix_s"] = NOON_S + np.cumsum([gap for gap, _, _ in seconds])
     for row, (_, metres, state) in zip(rows, seconds, strict=True):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
@@ -57,7 +56,7 @@ def run(monkeypatch: pytest.MonkeyPatch) -> Iterator[Run]:
     run.link.close(is_safe=True)
 
 
-def test_a_cycle_tells_how_old_the_data_is_that_an_output_acts_on(run: Run) -> None:
+def test_a_cycle_tells_how_old_the_data_is_that_an_output_acts_on(run):
     run.link.note_cycle()
     assert run.told == []
     run.act()
@@ -66,7 +65,7 @@ def test_a_cycle_tells_how_old_the_data_is_that_an_output_acts_on(run: Run) -> N
     assert run.last == ["acts", "0.125"]
 
 
-def test_a_lease_that_runs_out_tells_that_the_output_rests_and_nothing_but_a_cycle_that_it_acts(run: Run) -> None:
+def test_a_lease_that_runs_out_tells_that_the_output_rests_and_nothing_but_a_cycle_that_it_acts(run):
     run.act()
     run.link.note_cycle()
     run.clock.advance_s(0.5)
@@ -78,14 +77,14 @@ def test_a_lease_that_runs_out_tells_that_the_output_rests_and_nothing_but_a_cyc
 
 
 @pytest.mark.parametrize("stop", ["make_safe", "retire"])
-def test_a_stop_from_outside_the_loop_tells_that_the_output_rests(run: Run, stop: str) -> None:
+def test_a_stop_from_outside_the_loop_tells_that_the_output_rests(run, stop):
     run.act()
     run.link.note_cycle()
     getattr(run.output, stop)()
     assert run.last == ["rests"]
 
 
-def test_when_the_process_is_gone_nothing_moves_until_a_release_has_started_a_new_one(run: Run) -> None:
+def test_when_the_process_is_gone_nothing_moves_until_a_release_has_started_a_new_one(run):
     run.link.start()
     run.act()
     first = run.link.pid
@@ -107,7 +106,7 @@ def test_when_the_process_is_gone_nothing_moves_until_a_release_has_started_a_ne
     assert run.output.acts_since_s() is not None
 
 
-def test_a_release_that_can_start_none_is_followed_by_another_stop(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_release_that_can_start_none_is_followed_by_another_stop(run, monkeypatch):
     run.link.start()
     os.kill(run.link.pid or 0, signal.SIGKILL)
     assert eventually(lambda: run.output.is_held)
@@ -118,7 +117,7 @@ def test_a_release_that_can_start_none_is_followed_by_another_stop(run: Run, mon
     assert run.output.is_held
 
 
-def test_a_process_that_answers_nothing_is_as_good_as_gone(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_process_that_answers_nothing_is_as_good_as_gone(run, monkeypatch):
     run.link.start()
     os.kill(run.link.pid or 0, signal.SIGSTOP)
     monkeypatch.setattr(watchdog, "ANSWERS_WITHIN_S", 0.05)
@@ -133,7 +132,7 @@ def test_a_process_that_answers_nothing_is_as_good_as_gone(run: Run, monkeypatch
     assert run.output.acts_since_s() is None
 
 
-def test_a_run_does_not_begin_without_it(run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_run_does_not_begin_without_it(run, monkeypatch, tmp_path):
     program = tmp_path / "silent.py"
     program.write_text("")
     monkeypatch.setattr(watchdog, "PROGRAM", str(program))
@@ -141,7 +140,7 @@ def test_a_run_does_not_begin_without_it(run: Run, monkeypatch: pytest.MonkeyPat
         run.link.start()
 
 
-def test_an_output_that_was_not_stopped_is_left_to_the_process(run: Run) -> None:
+def test_an_output_that_was_not_stopped_is_left_to_the_process(run):
     run.link.start()
     run.link.close(is_safe=False)
     assert run.link._process is not None

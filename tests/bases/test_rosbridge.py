@@ -202,6 +202,7 @@ def test_a_bridge_that_ends_is_a_lost_link_and_can_be_opened_again(
     base.close()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", ["clog", "cut"])
 def test_a_bridge_that_hangs_or_vanishes_is_a_lost_link(bridge: RosbridgeServer, fault: str) -> None:
     tunnel = Tunnel(int(bridge.url.rpartition(":")[2]))

@@ -84,6 +84,7 @@ def test_a_subscriber_that_ends_is_a_lost_link_and_can_come_back(robot: ZenohRob
     base.close()
 
 
+@pytest.mark.long
 def test_a_bridge_that_ends_is_a_lost_link_and_cannot_be_opened(robot: ZenohRobot) -> None:
     base = base_at(robot.endpoint)
     base.open()

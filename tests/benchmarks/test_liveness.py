@@ -17,6 +17,7 @@ def test_in_rooms_with_texture_a_robot_that_follows_is_not_stopped(number: int) 
     assert walked.drove_s > 60
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", ["frozen_under_clock", "frozen_under_noise"])
 def test_a_frozen_sensor_stops_the_wheels_within_half_a_second(fault: str) -> None:
     from liveness import freeze, row

@@ -9,6 +9,7 @@ from support.scenes import draw
 pytestmark = pytest.mark.vision
 
 
+@pytest.mark.long
 def test_people_are_measured_within_what_people_and_boxes_differ() -> None:
     import objects
 

@@ -39,6 +39,7 @@ def test_no_robot_moves_on_pictures_that_are_not_now(name, tmp_path):
     assert outcome.stood_after_s <= (STOOD_WITHIN_S if failure.moves else 0.0), outcome.output
 
 
+@pytest.mark.long
 def test_the_test_knows_every_failure_of_the_benchmark():
     from old_pictures import FAILURES
 

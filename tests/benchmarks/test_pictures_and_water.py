@@ -8,6 +8,7 @@ import pytest
 from support.scenes import draw
 
 
+@pytest.mark.long
 @pytest.mark.vision
 def test_posters_are_counted_by_size_and_another_one_is_not_found() -> None:
     import picture_accuracy
@@ -17,6 +18,7 @@ def test_posters_are_counted_by_size_and_another_one_is_not_found() -> None:
     assert rows["another poster"].measured_m is None
 
 
+@pytest.mark.long
 @pytest.mark.vision
 def test_circles_are_counted_by_size_and_those_of_another_spacing_are_not_found() -> None:
     import circles_accuracy

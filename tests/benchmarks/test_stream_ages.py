@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("has_begun", [False, None])
 @given(drain=st.floats(1.1, 20.0), seed=st.integers(0, 2**32), jitter=st.floats(0.0, 0.2))
 def test_no_stall_that_drains_a_tenth_too_fast_is_driven_on(

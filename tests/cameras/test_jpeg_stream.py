@@ -67,6 +67,7 @@ def test_filling_in_a_stream_that_has_none_is_damage(scene: Image) -> None:
     assert not is_refused(stream, data)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("subsampling", [0x411111, 0x211111, 0x221111], ids=["4:4:4", "4:2:2", "4:2:0"])
 def test_a_picture_that_lacks_a_byte_and_is_much_brighter_or_darker_from_there_on_is_refused(subsampling: int) -> None:
     noise = np.random.default_rng(7).normal(0, 1, (480, 640, 3))
@@ -94,6 +95,7 @@ def test_an_edge_along_blocks_that_stays_is_refused_once_at_most() -> None:
 
 
 @pytest.mark.vision
+@pytest.mark.oldest_opencv
 def test_whole_pictures_of_a_camera_that_turns_are_hardly_ever_refused(real_pictures: Path) -> None:
     paths = sorted(path for path in real_pictures.rglob("*") if path.suffix.lower() in {".jpg", ".jpeg"})[:40]
     refused = []

@@ -169,6 +169,7 @@ def frames_of(camera: OpenCvCamera, count: int) -> list[Frame]:
     return [camera.read() for _ in range(count)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("is_chunked", [False, True])
 @pytest.mark.parametrize("part", [part_with_length, part_without_length])
 @pytest.mark.parametrize("boundary", ["frame", '"frame"', "--frame"])
@@ -200,6 +201,7 @@ DAMAGES = [
 ]
 
 
+@pytest.mark.long
 def test_pictures_that_were_cut_are_never_frames(server: Server, open_camera: Callable[..., OpenCvCamera]) -> None:
     def damaged_part(jpeg: bytes, number: int) -> bytes:
         if number < 30 or number % 5 == 0:
@@ -223,6 +225,7 @@ def test_a_stream_that_stays_damaged_is_said_to_be(server: Server, open_camera: 
         frames_of(camera, 100)
 
 
+@pytest.mark.long
 def test_two_old_pictures_in_turn_are_never_delivered_as_new(server: Server) -> None:
     camera = OpenCvCamera(OpenCvOptions(device=f"http://{server.place}/cam"), MonotonicClock())
     capture = LiveCapture(camera, MonotonicClock())
@@ -240,6 +243,7 @@ def test_two_old_pictures_in_turn_are_never_delivered_as_new(server: Server) -> 
     assert len(numbers) == len(set(numbers)), "0 and 1 are delivered once at most"
 
 
+@pytest.mark.long
 def test_old_pictures_that_were_passed_over_are_known_again(
     server: Server, open_camera: Callable[..., OpenCvCamera]
 ) -> None:
@@ -257,6 +261,7 @@ def test_old_pictures_that_were_passed_over_are_known_again(
     assert all(frame.captured_at_s <= newest for frame in old), "none of them is taken for a later one"
 
 
+@pytest.mark.long
 def test_what_came_while_nobody_read_is_passed_over(server: Server, open_camera: Callable[..., OpenCvCamera]) -> None:
     camera = open_camera()
     frames_of(camera, 20)
@@ -267,6 +272,7 @@ def test_what_came_while_nobody_read_is_passed_over(server: Server, open_camera:
     assert number_of(camera.read().image) >= reached - 1
 
 
+@pytest.mark.long
 def test_the_lag_of_the_sender_s_time_stamps_counts_into_the_age(
     server: Server, open_camera: Callable[..., OpenCvCamera]
 ) -> None:

@@ -47,6 +47,7 @@ def refusal(path: Path) -> str:
 
 
 @pytest.mark.vision
+@pytest.mark.oldest_opencv
 @pytest.mark.parametrize("suffix", [".png", ".bmp", ".tif", ".ppm"])
 def test_a_picture_without_loss_comes_back_as_it_was(tmp_path: Path, scene: Image, suffix: str) -> None:
     path = tmp_path / f"scene{suffix}"
@@ -55,6 +56,7 @@ def test_a_picture_without_loss_comes_back_as_it_was(tmp_path: Path, scene: Imag
 
 
 @pytest.mark.vision
+@pytest.mark.oldest_opencv
 @pytest.mark.parametrize("name", KINDS)
 def test_a_whole_file_is_read(tmp_path: Path, scene: Image, name: str) -> None:
     path = tmp_path / name
@@ -63,6 +65,7 @@ def test_a_whole_file_is_read(tmp_path: Path, scene: Image, name: str) -> None:
 
 
 @pytest.mark.vision
+@pytest.mark.oldest_opencv
 @pytest.mark.parametrize("name", KINDS)
 @given(part=st.floats(0.01, 1, exclude_max=True))
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -74,6 +77,7 @@ def test_a_file_that_was_cut_anywhere_is_refused(tmp_path: Path, scene: Image, n
 
 
 @pytest.mark.vision
+@pytest.mark.oldest_opencv
 @pytest.mark.parametrize("name", KINDS)
 def test_a_file_that_lost_its_last_byte_is_said_to_be_cut_short(tmp_path: Path, scene: Image, name: str) -> None:
     path = tmp_path / name
@@ -82,6 +86,7 @@ def test_a_file_that_lost_its_last_byte_is_said_to_be_cut_short(tmp_path: Path, 
 
 
 @pytest.mark.vision
+@pytest.mark.oldest_opencv
 @pytest.mark.parametrize("suffix", [".bmp", ".tif", ".ppm", ".webp"])
 @pytest.mark.parametrize("part", [0.3, 0.9])
 def test_other_kinds_that_were_cut_are_refused_too(tmp_path: Path, scene: Image, suffix: str, part: float) -> None:
@@ -92,6 +97,7 @@ def test_other_kinds_that_were_cut_are_refused_too(tmp_path: Path, scene: Image,
 
 
 @pytest.mark.vision
+@pytest.mark.oldest_opencv
 def test_the_end_of_a_thumbnail_is_not_taken_for_the_end_of_the_picture(tmp_path: Path, scene: Image) -> None:
     path = tmp_path / "camera.jpg"
     thumbnail = encode(scene[::4, ::4], ".jpg")
@@ -103,6 +109,7 @@ def test_the_end_of_a_thumbnail_is_not_taken_for_the_end_of_the_picture(tmp_path
 
 
 @pytest.mark.vision
+@pytest.mark.oldest_opencv
 def test_bytes_after_the_end_of_a_jpeg_do_no_harm(tmp_path: Path, scene: Image) -> None:
     path = tmp_path / "phone.jpg"
     path.write_bytes(encode(scene, ".jpg") + b"MotionPhoto\xff\x00" * 20)
@@ -110,6 +117,7 @@ def test_bytes_after_the_end_of_a_jpeg_do_no_harm(tmp_path: Path, scene: Image) 
 
 
 @pytest.mark.vision
+@pytest.mark.oldest_opencv
 def test_a_turned_camera_s_picture_is_turned_upright(tmp_path: Path, scene: Image) -> None:
     path = tmp_path / "turned.jpg"
     upright = tmp_path / "upright.jpg"
@@ -119,6 +127,7 @@ def test_a_turned_camera_s_picture_is_turned_upright(tmp_path: Path, scene: Imag
 
 
 @pytest.mark.vision
+@pytest.mark.oldest_opencv
 def test_grey_becomes_three_equal_channels(tmp_path: Path, scene: Image) -> None:
     path = tmp_path / "grey.png"
     grey = scene[..., 1]
@@ -127,6 +136,7 @@ def test_grey_becomes_three_equal_channels(tmp_path: Path, scene: Image) -> None
 
 
 @pytest.mark.vision
+@pytest.mark.oldest_opencv
 @pytest.mark.parametrize("channels", [1, 3])
 def test_the_upper_8_of_16_bits_are_kept(tmp_path: Path, channels: int) -> None:
     path = tmp_path / "deep.png"
@@ -138,6 +148,7 @@ def test_the_upper_8_of_16_bits_are_kept(tmp_path: Path, channels: int) -> None:
 
 
 @pytest.mark.vision
+@pytest.mark.oldest_opencv
 def test_transparency_is_dropped(tmp_path: Path, scene: Image) -> None:
     path = tmp_path / "glass.png"
     path.write_bytes(encode(np.dstack([scene, np.full(scene.shape[:2], 77, np.uint8)]), ".png"))
@@ -179,6 +190,7 @@ def test_a_video_is_said_to_be_one(tmp_path: Path, data: bytes) -> None:
 
 
 @pytest.mark.vision
+@pytest.mark.oldest_opencv
 @pytest.mark.parametrize("suffix", [".jpg", ".png"])
 def test_a_picture_with_its_end_but_a_broken_middle_does_not_crash(tmp_path: Path, scene: Image, suffix: str) -> None:
     path = tmp_path / f"broken{suffix}"
@@ -196,6 +208,7 @@ def test_a_file_that_may_not_be_read_says_so(tmp_path: Path, scene: Image) -> No
 
 
 @pytest.mark.vision
+@pytest.mark.oldest_opencv
 @pytest.mark.parametrize("folder", ["chessboard", "seed_sheet", "tags", "charuco"])
 def test_pictures_of_real_cameras_are_whole(real_pictures: Path, folder: str) -> None:
     paths = [path for path in (real_pictures / folder).rglob("*") if path.suffix.lower() in {".jpg", ".jpeg", ".png"}]

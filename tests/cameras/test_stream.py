@@ -133,6 +133,7 @@ def frame_when_they_come_again(capture: LiveCapture, sender: Sender) -> Frame:
             sender.start_if_ended()
 
 
+@pytest.mark.long
 def test_frames_come_one_after_the_other_at_the_sender_s_pace(capture: LiveCapture) -> None:
     frames = [capture.latest(PATIENCE_S) for _ in range(5)]
     assert all(frame.image.shape == (480, 640, 3) for frame in frames)
@@ -141,6 +142,7 @@ def test_frames_come_one_after_the_other_at_the_sender_s_pace(capture: LiveCaptu
     assert capture.trouble() == ""
 
 
+@pytest.mark.long
 def test_a_sender_that_is_stopped_is_told_and_frames_come_again_when_it_is_back(
     sender: Sender, capture: LiveCapture
 ) -> None:
@@ -154,6 +156,7 @@ def test_a_sender_that_is_stopped_is_told_and_frames_come_again_when_it_is_back(
     assert capture.trouble() == ""
 
 
+@pytest.mark.long
 def test_a_sender_that_hangs_is_told_and_frames_come_again_when_it_is_replaced(
     sender: Sender, capture: LiveCapture
 ) -> None:

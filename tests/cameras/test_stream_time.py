@@ -132,6 +132,7 @@ LINKS = [
 ]
 
 
+@pytest.mark.long
 @each_case(("share", "period_s", "known"), LINKS)
 def test_no_picture_of_a_link_that_is_too_slow_looks_fresh(share: float, period_s: float, known: str) -> None:
     stream_time = StreamTime(WAY_S)

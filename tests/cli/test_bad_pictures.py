@@ -79,7 +79,9 @@ def _is_ordinary(detection: Detection) -> bool:
     return bool(detection.reason) and "\n" not in detection.reason and all(map(math.isfinite, figures))
 
 
+@pytest.mark.long
 @pytest.mark.vision
+@pytest.mark.oldest_opencv
 @pytest.mark.parametrize("target", TARGETS)
 def test_a_picture_with_nothing_in_it_has_a_reason(target: str) -> None:
     for make in PICTURES.values():
@@ -90,6 +92,7 @@ def test_a_picture_with_nothing_in_it_has_a_reason(target: str) -> None:
 
 
 @pytest.mark.vision
+@pytest.mark.oldest_opencv
 @pytest.mark.parametrize("target", TARGETS)
 def test_a_tiny_or_thin_picture_has_a_reason(target: str) -> None:
     for shape in SHAPES:
@@ -101,6 +104,7 @@ def test_a_tiny_or_thin_picture_has_a_reason(target: str) -> None:
 
 
 @pytest.mark.vision
+@pytest.mark.oldest_opencv
 def test_a_picture_need_not_lie_in_one_piece_of_memory() -> None:
     for turn in [np.s_[:, ::-1], np.s_[::-1], np.s_[:, :, ::-1], np.s_[::2, ::2]]:
         scene = _scene() if turn != np.s_[::2, ::2] else cv2.resize(_scene(), None, fx=2, fy=2, interpolation=0)
@@ -109,6 +113,7 @@ def test_a_picture_need_not_lie_in_one_piece_of_memory() -> None:
 
 
 @pytest.mark.vision
+@pytest.mark.oldest_opencv
 @pytest.mark.long
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("target", TARGETS)
@@ -120,6 +125,7 @@ def test_fifty_megapixels_of_nothing_have_a_reason(picture: str, target: str) ->
 
 
 @pytest.mark.vision
+@pytest.mark.oldest_opencv
 @pytest.mark.long
 def test_fifty_megapixels_with_a_sheet_are_measured() -> None:
     image = cv2.resize(_scene(), (8000, 6000), interpolation=cv2.INTER_NEAREST)

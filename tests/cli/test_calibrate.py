@@ -240,6 +240,7 @@ def test_the_help_reads_like_a_manual_page() -> None:
         assert words in result.stdout
 
 
+@pytest.mark.long
 def test_the_real_sheet_from_calibration_to_measurement(real_pictures: Path, output: Path) -> None:
     folder = real_pictures / "seed_sheet"
     assert _run("calibrate", "distance", f"{folder / '2ft.png'}@24in", *SHEET, "-o", output).exit_code == 0

@@ -91,6 +91,7 @@ def given(site: Path, *names: str) -> list[str]:
     return [option for name in names for option in ("--pictures", str(site.parent / name))]
 
 
+@pytest.mark.long
 def test_pictures_at_three_distances_give_a_certificate(site: Path) -> None:
     result = run(site, "--at", "60cm,1m,2m", *given(site, "near", "middle", "far"))
     assert result.exit_code == 0, result.output
@@ -139,6 +140,7 @@ def test_a_target_that_is_not_seen_at_one_distance_leaves_the_rest_and_exit_code
     assert "it is seen in fewer than 95% of frames" in result.stdout
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("options", "words"),
     [

@@ -123,6 +123,7 @@ def settled(port: int, condition: Callable[[dict[str, Any]], object]) -> dict[st
     return record
 
 
+@pytest.mark.long
 def test_devices_and_alarms_are_one_object_and_one_screen(broker: MosquittoBroker, device: Client) -> None:
     say(device, "garage/info", {"v": 1, "version": "0.1.0", "configuration_sha256": "9f86", "boot_id": "6f1c"})
     rule = {"active": True, "severity": "warning", "acknowledged": False, "since": NOON, "reason": "0.48 m is near"}
@@ -147,6 +148,7 @@ def test_devices_and_alarms_are_one_object_and_one_screen(broker: MosquittoBroke
         assert words in screen
 
 
+@pytest.mark.long
 def test_a_script_learns_from_the_exit_code_whether_all_is_well(broker: MosquittoBroker, device: Client) -> None:
     with living(device, "garage", "attic"):
         say(device, "garage/rule/near/state", {"active": True, "severity": "warning", "reason": "near"})
@@ -167,6 +169,7 @@ def test_no_device_at_all_is_not_all_well(broker: MosquittoBroker) -> None:
     assert (found.returncode, found.stdout) == (1, "no device was heard below stadimeter/\n")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("what", [("--check",), ("--json",), ("--figures",), (), ("--acknowledge", "garage/near")])
 def test_no_answer_of_the_broker_is_exit_code_2(what: tuple[str, ...]) -> None:
     port = free_port()
@@ -195,6 +198,7 @@ def test_what_cannot_be_meant_is_said_in_a_line(words: tuple[str, ...], error: s
     assert found.stdout == ""
 
 
+@pytest.mark.long
 def test_the_broker_of_a_configuration_is_used_and_options_go_before_it(
     broker: MosquittoBroker, device: Client, tmp_path: Path
 ) -> None:
@@ -214,6 +218,7 @@ def test_a_messenger_without_a_broker_cannot_be_listened_to(tmp_path: Path) -> N
     assert "there is no broker to listen to: its messenger is 'simulated'" in typed("fleet", config).stderr
 
 
+@pytest.mark.long
 def test_figures_of_what_was_heard_count_each_event_once(broker: MosquittoBroker) -> None:
     raised = {"id": "6f1c-1", "event_type": "raised", "rule": "near"}
     stop = threading.Event()
@@ -310,6 +315,7 @@ def running(folder: Path, port: int) -> Iterator[subprocess.Popen[bytes]]:
         run.wait(WAIT_S)
 
 
+@pytest.mark.long
 def test_a_real_run_is_seen_with_its_alarm_and_its_death(broker: MosquittoBroker, tmp_path: Path) -> None:
     with running(tmp_path, broker.port) as run:
         record = settled(broker.port, lambda each: each["alarms"] and each["devices"][0]["targets"])
@@ -323,6 +329,7 @@ def test_a_real_run_is_seen_with_its_alarm_and_its_death(broker: MosquittoBroker
         assert dead["troubles"][0] == "garage: offline"
 
 
+@pytest.mark.long
 @pytest.mark.skipif("commands" not in MqttOptions.model_fields, reason="the program takes no commands over MQTT yet")
 def test_an_alarm_of_a_real_run_is_acknowledged(broker: MosquittoBroker, tmp_path: Path) -> None:
     with running(tmp_path, broker.port):
@@ -363,6 +370,7 @@ class Terminal:
         return self.process.wait(WAIT_S)
 
 
+@pytest.mark.long
 def test_the_screen_says_when_the_broker_is_gone_and_when_it_is_back(
     broker: MosquittoBroker, closing: ExitStack
 ) -> None:

@@ -75,6 +75,7 @@ def _distances(output: str) -> list[float]:
     return [float(each) for each in re.findall(r"([\d.]+) m ±", output)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", TARGETS)
 def test_one_command_leads_to_a_measured_target_and_a_rule_that_acts(tmp_path: Path, kind: str) -> None:
     for at_m in (0.8, 2.0):
@@ -118,6 +119,7 @@ def test_a_real_tennis_ball_is_measured_with_the_colour_that_was_found(tmp_path:
     assert _distances(measured.stdout)[0] == pytest.approx(0.858, rel=0.02)
 
 
+@pytest.mark.long
 def test_a_real_ball_before_a_live_camera_is_measured_and_a_rule_acts(
     tmp_path: Path, real_pictures: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -313,6 +315,7 @@ class Terminal:
         return self._process.wait(120)
 
 
+@pytest.mark.long
 @pytest.mark.timeout(180)
 def test_it_is_left_with_ctrl_c_and_taken_up_again_in_a_narrow_terminal(tmp_path: Path) -> None:
     _picture(tmp_path / "1m.png", "disc", 1.0)

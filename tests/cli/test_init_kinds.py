@@ -213,6 +213,7 @@ def test_what_is_known_of_floor_water_and_places_is_asked_for_and_written(tmp_pa
     assert configuration.camera_model.fx_px == pytest.approx(1.334 * 600, rel=0.01)
 
 
+@pytest.mark.long
 def test_a_second_camera_is_asked_for_and_measures_in_the_run_that_follows(tmp_path: Path) -> None:
     (tmp_path / "stereo.toml").write_text(stereo_file_text(two_cameras.BESIDE))
     given = {

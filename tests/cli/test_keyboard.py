@@ -16,6 +16,8 @@ from contextlib import contextmanager
 from fcntl import ioctl
 from typing import Any
 
+import pytest
+
 from stadimeter.app.bootstrap import build, demo_configuration
 from stadimeter.app.loop import Limits, Loop
 from stadimeter.cli.demo import fault_keys
@@ -87,6 +89,7 @@ def terminal(*command: str, **how: Any) -> Iterator[Terminal]:
         os.close(it.there)
 
 
+@pytest.mark.long
 def test_keys_pause_and_explain_the_demonstration_make_things_go_wrong_and_end_it() -> None:
     with terminal("demo") as it:
         it.wait_for(" unplug robot ")
@@ -108,6 +111,7 @@ def test_keys_pause_and_explain_the_demonstration_make_things_go_wrong_and_end_i
         assert it.is_as_before()
 
 
+@pytest.mark.long
 def test_a_signal_gives_the_terminal_back_also_while_the_demonstration_is_paused() -> None:
     for number, keys in [(signal.SIGINT, ""), (signal.SIGTERM, " ")]:
         with terminal("demo") as it:
@@ -181,6 +185,7 @@ def test_each_key_again_undoes_what_it_did() -> None:
             assert world.goes_wrong(fault) is is_wrong
 
 
+@pytest.mark.long
 def test_the_robot_that_is_unplugged_by_a_key_stops_and_is_in_order_after_a_rest() -> None:
     loop = Loop(build(demo_configuration(), speed=None))
     keys = RunKeys(loop, fault_keys(loop), keyboard=Pressed(*[""] * 60, "u", *[""] * 60, "u"))

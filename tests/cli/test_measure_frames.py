@@ -20,7 +20,7 @@ from stadimeter.errors import CaptureTimeoutError
 from stadimeter.workbench import frame_source
 from stadimeter.workbench.frame_source import Source
 
-pytestmark = pytest.mark.vision
+pytestmark = [pytest.mark.vision, pytest.mark.oldest_opencv]
 
 TAG = ("--tag", "10cm", "--family", "36h11")
 SIDE_PX = 80

@@ -150,6 +150,7 @@ def test_stopped_outputs_stay_stopped_over_a_kill_until_they_are_released(termin
     assert terminal.type("status").stdout.splitlines()[1] == "outputs may act"
 
 
+@pytest.mark.long
 def test_a_stop_without_a_name_stops_every_instance_even_if_another_was_killed(terminal):
     other, killed = terminal.folder / "garage.toml", terminal.folder / "killed.toml"
     for config in (other, killed):
@@ -246,6 +247,7 @@ def test_the_status_says_when_the_site_was_certified_and_whether_the_configurati
     assert "cannot be read" in terminal.type("status").stdout
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("words", [("status",), ("explain", "near"), ("alarm", "ack", "near")])
 def test_no_other_instance_answers_for_one_that_was_killed(terminal, words):
     other = terminal.folder / "garage.toml"
@@ -273,6 +275,7 @@ def test_a_socket_of_another_configuration_than_the_named_one_is_not_asked(termi
     assert f"the instance there runs {terminal.config}, and not " in done.stderr
 
 
+@pytest.mark.long
 def test_the_status_says_what_waits_for_a_broker_that_is_away(terminal):
     terminal.write(NEAR, f'[messenger]\ndriver = "mqtt"\nport = {free_port()}\n')
     terminal.start()
@@ -283,6 +286,7 @@ def test_the_status_says_what_waits_for_a_broker_that_is_away(terminal):
     assert "an alarm has not reached broker or service" in terminal.type("status").stdout
 
 
+@pytest.mark.long
 def test_two_instances_of_one_configuration_listen_at_two_places(terminal):
     first, second = terminal.start(), terminal.start()
     names = sorted(path.name for path in (terminal.folder / "r" / "stadimeter").iterdir())
@@ -378,6 +382,7 @@ def test_alarms_go_on_after_a_kill(terminal):
     assert again.stderr == ""
 
 
+@pytest.mark.long
 def test_a_threshold_is_moved_while_it_runs_and_stays_so_over_a_kill_and_a_reload_until_the_configuration_changes_it(
     terminal,
 ):

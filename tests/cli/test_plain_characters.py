@@ -34,6 +34,7 @@ def test_what_cannot_be_read_stays_an_error() -> None:
         codecs.decode(b"\xff", "ascii", PLAIN_ERRORS)
 
 
+@pytest.mark.long
 def test_commands_print_no_more_than_ascii_where_there_is_no_more(tmp_path: Path, pytestconfig: pytest.Config) -> None:
     def written(*command: str) -> str:
         done = subprocess.run(

@@ -43,6 +43,7 @@ def config(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("option", "name"), OPTIONS)
 def test_a_disk_that_fills_up_ends_the_file_intact_and_the_run_goes_on(
     config: Path, tmp_path: Path, option: str, name: str
@@ -125,6 +126,7 @@ def stuck() -> Iterator[str]:
     os.close(theirs)
 
 
+@pytest.mark.long
 def test_a_disk_that_hangs_does_not_keep_a_run_from_ending_on_sigterm(config: Path, stuck: str) -> None:
     words = command(config, "--speed", 0, "--journal", stuck)
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:

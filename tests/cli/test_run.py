@@ -87,6 +87,7 @@ def test_a_journal_that_was_cut_off_is_used_as_far_as_it_goes_and_said_so(simula
     assert "the last line is cut off; the 29 whole cycles are used" in done.stderr
 
 
+@pytest.mark.long
 def test_the_demo_shows_rules_acting_without_hardware():
     done = typed("demo", "--plain", "--seconds", 10, "--speed", 0)
     assert done.returncode == 0, done.stderr

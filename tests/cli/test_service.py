@@ -171,6 +171,7 @@ def test_a_process_that_hangs_as_a_whole_is_killed_and_its_pins_are_switched_off
     assert system.stop_post() == ["set 18 op dl", "set 5 op dh"]
 
 
+@pytest.mark.long
 def test_a_loop_that_hangs_starves_the_watchdog_and_says_where_it_hangs(system: System) -> None:
     system.config.write_text(SEEN)
     hanging = """

@@ -49,6 +49,7 @@ def test_marks_are_met_and_saved_with_a_test_that_passes(invoked):
     assert CliRunner().invoke(app, ["test", "stadimeter.toml"]).exit_code == 0
 
 
+@pytest.mark.long
 def test_what_was_taught_before_keeps_its_test_when_the_same_recording_teaches_again(invoked):
     invoked("teach", "near", *MARKS, "--write")
     first = set(Path("tests").iterdir())
@@ -76,6 +77,7 @@ def test_the_object_has_the_alarms_before_and_after(invoked):
     assert len(told["recordings"][0]["before"]) == 4
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [

@@ -35,6 +35,7 @@ def start(folder: Path, table: str, **environ: str) -> subprocess.Popen[bytes]:
     return subprocess.Popen(command, env={**own, **environ}, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("is_service", [True, False])
 def test_a_run_that_is_killed_has_kept_its_first_second_and_its_events(tmp_path: Path, is_service: bool) -> None:
     state = tmp_path / "state"

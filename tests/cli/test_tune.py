@@ -63,6 +63,7 @@ def run(*arguments):
     return CliRunner().invoke(app, ["tune", *(str(each) for each in arguments)])
 
 
+@pytest.mark.long
 def test_where_no_setting_keeps_to_what_was_asked_for_none_is_proposed(config, tmp_path, quick):
     hovering = write_noisy_journal(tmp_path / "hovering.jsonl", lambda _: 2.0, KnownNoise(), seconds=40)
     done = run("near", hovering, "--config", config)
@@ -103,6 +104,7 @@ def test_what_is_proposed_can_be_put_into_the_rule(config, recording, quick):
     assert near.off_delay_s == told["proposed"]["off_delay_s"]
 
 
+@pytest.mark.long
 def test_a_target_that_is_noisier_than_stated_gets_a_noise_factor_proposed(config, recording, tmp_path, quick):
     from stadimeter.config.loader import load_configuration
 

@@ -144,6 +144,7 @@ def method_calls() -> list[tuple[str, ast.Call]]:
     ]
 
 
+@pytest.mark.long
 def test_every_file_is_saved_in_one_place(method_calls: list[tuple[str, ast.Call]]) -> None:
     """A call that writes a file in another way would leave half of it after a cut."""
     found = {

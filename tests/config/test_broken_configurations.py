@@ -80,6 +80,7 @@ def problems_in(file: Path) -> tuple[Problem, ...]:
     return ()
 
 
+@pytest.mark.long
 @settings(max_examples=60, deadline=None)
 @given(table=broken())
 def test_what_is_broken_is_told_and_what_is_not_fits_the_schema(

@@ -67,6 +67,7 @@ def test_a_wrong_size_is_one_error_that_says_what_to_write(tmp_path: Path, size:
     assert said in problem.message
 
 
+@pytest.mark.long
 def test_editors_are_told_that_a_name_stands_for_both_sides() -> None:
     validator = Draft202012Validator(configuration_schema())
     camera = {"driver": "opencv", "device": 0}

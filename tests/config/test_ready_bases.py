@@ -40,6 +40,7 @@ def schema() -> jsonschema.Draft202012Validator:
     return jsonschema.Draft202012Validator(configuration_schema())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("driver", READY)
 def test_one_line_of_the_example_chooses_the_base(
     tmp_path: Path, driver: str, schema: jsonschema.Draft202012Validator

@@ -43,6 +43,7 @@ def complaints(schema: dict[str, Any], table: dict[str, Any]) -> list[str]:
     return [error.message for error in Validator(schema).iter_errors(table)]
 
 
+@pytest.mark.long
 def test_it_is_a_schema_of_draft_2020_12(schema: dict[str, Any]) -> None:
     Validator.check_schema(schema)
     assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema"
@@ -158,6 +159,7 @@ def test_editors_that_know_no_conditions_complete_from_the_alternatives(schema: 
     assert set(actuator["properties"]["driver"]["enum"]) == set(plugins.driver_names(plugins.ACTUATORS))
 
 
+@pytest.mark.long
 def test_a_driver_whose_library_is_missing_may_have_any_keys(monkeypatch: pytest.MonkeyPatch) -> None:
     load = plugins.load_driver
 

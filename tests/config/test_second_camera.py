@@ -17,6 +17,7 @@ def problems(folder, **lines):
     return [(problem.key, problem.code, problem.message) for problem in raised.value.problems]
 
 
+@pytest.mark.long
 def test_the_lens_of_the_camera_is_that_of_the_stereo_file(tmp_path):
     configuration = load(tmp_path)
     assert configuration.rig == BESIDE

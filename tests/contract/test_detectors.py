@@ -11,7 +11,7 @@ from stadimeter.config.plugins import DETECTORS, driver_names
 from stadimeter.testing.detector_contract import DetectorContract, DetectorRig
 from support.detector_rigs import detector_rig
 
-pytestmark = pytest.mark.vision
+pytestmark = [pytest.mark.vision, pytest.mark.oldest_opencv]
 
 
 class TestEveryDetector(DetectorContract):

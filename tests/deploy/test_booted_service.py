@@ -125,20 +125,20 @@ def pins(computer: Booted) -> list[str]:
     return (computer.root / "root/pins").read_text().splitlines()
 
 
-def test_it_is_ready_and_says_how_it_is(running: Booted) -> None:
+def test_it_is_ready_and_says_how_it_is(running):
     assert told(running, "ActiveState") == "active"
     assert eventually(lambda: told(running, "StatusText").startswith("ball 2.0"))
 
 
 @pytest.mark.parametrize("signal", ["STOP", "KILL"])
-def test_a_process_that_hangs_or_is_killed_is_switched_off_and_started_again(running: Booted, signal: str) -> None:
+def test_a_process_that_hangs_or_is_killed_is_switched_off_and_started_again(running, signal):
     process = told(running, "MainPID")
     running.run(f"kill -{signal} {process}")
     assert eventually(lambda: pins(running) == OFF)
     assert eventually(lambda: told(running, "ActiveState") == "active" and told(running, "MainPID") != process)
 
 
-def test_a_reload_keeps_the_process_and_a_wrong_file_is_refused(running: Booted) -> None:
+def test_a_reload_keeps_the_process_and_a_wrong_file_is_refused(running):
     process = told(running, "MainPID")
     file = running.root / "etc/stadimeter/appliance.toml"
     for text, is_taken in ((CONFIGURATION.replace("3 m", "4 m"), True), ("nonsense", False), (CONFIGURATION, True)):
@@ -147,7 +147,7 @@ def test_a_reload_keeps_the_process_and_a_wrong_file_is_refused(running: Booted)
         assert (told(running, "ActiveState"), told(running, "MainPID")) == ("active", process)
 
 
-def test_a_stop_switches_off_and_leaves_the_event_log_and_nothing_in_run(running: Booted) -> None:
+def test_a_stop_switches_off_and_leaves_the_event_log_and_nothing_in_run(running):
     running.run("systemctl stop stadimeter")
     assert told(running, "Result") == "success"
     assert pins(running) == OFF

@@ -43,13 +43,13 @@ def run(*command: str | Path, **options: object) -> subprocess.CompletedProcess[
 
 
 @pytest.mark.parametrize("script", SCRIPTS)
-def test_the_scripts_are_executable_shell(deploy: Path, script: str) -> None:
+def test_the_scripts_are_executable_shell(deploy, script):
     assert os.access(deploy / script, os.X_OK)
     assert run("sh", "-n", deploy / script).stderr == ""
 
 
 @pytest.mark.parametrize("script", SCRIPTS)
-def test_shellcheck_finds_nothing(deploy: Path, script: str) -> None:
+def test_shellcheck_finds_nothing(deploy, script):
     result = run(installed("shellcheck"), deploy / script)
     assert result.returncode == 0, result.stdout
 
@@ -63,18 +63,18 @@ class TestUnitOfTheFleet:
         unit.write_text(text.replace("/opt/stadimeter/bin/stadimeter", "/bin/true"))
         return unit
 
-    def test_systemd_accepts_it_without_a_warning(self, unit: Path) -> None:
+    def test_systemd_accepts_it_without_a_warning(self, unit):
         result = run(installed("systemd-analyze"), "verify", "--man=no", unit)
         assert (result.returncode, result.stderr) == (0, "")
 
-    def test_it_is_as_closed_as_what_serves_a_network_can_be(self, unit: Path) -> None:
+    def test_it_is_as_closed_as_what_serves_a_network_can_be(self, unit):
         result = run(installed("systemd-analyze"), "security", "--offline=yes", "--no-pager", unit)
         found = re.search(r"Overall exposure level for \S+: (\d+\.\d+)", result.stdout)
         if found is None:
             pytest.skip(f"systemd-analyze cannot judge a unit that is not running: {result.stderr.strip()}")
         assert float(found[1]) <= 1.8
 
-    def test_it_may_use_no_device(self, unit: Path) -> None:
+    def test_it_may_use_no_device(self, unit):
         lines = unit.read_text().splitlines()
         assert "PrivateDevices=yes" in lines
         assert not [line for line in lines if line.startswith(("DeviceAllow=", "SupplementaryGroups="))]
@@ -89,40 +89,36 @@ class TestUnitOfThePage:
         unit.write_text(text.replace("/opt/stadimeter/bin/stadimeter", "/bin/true"))
         return unit
 
-    def test_systemd_accepts_it_without_a_warning(self, unit: Path) -> None:
+    def test_systemd_accepts_it_without_a_warning(self, unit):
         result = run(installed("systemd-analyze"), "verify", "--man=no", unit)
         assert (result.returncode, result.stderr) == (0, "")
 
-    def test_it_is_as_closed_as_what_serves_a_network_can_be(self, unit: Path) -> None:
+    def test_it_is_as_closed_as_what_serves_a_network_can_be(self, unit):
         result = run(installed("systemd-analyze"), "security", "--offline=yes", "--no-pager", unit)
         found = re.search(r"Overall exposure level for \S+: (\d+\.\d+)", result.stdout)
         if found is None:
             pytest.skip(f"systemd-analyze cannot judge a unit that is not running: {result.stderr.strip()}")
         assert float(found[1]) <= 1.8
 
-    def test_it_holds_no_pin_and_no_base(self, deploy: Path) -> None:
+    def test_it_holds_no_pin_and_no_base(self, deploy):
         lines = (deploy / "stadimeter-web.service").read_text().splitlines()
         allowed = {line.split("=")[1].split()[0] for line in lines if line.startswith("DeviceAllow=")}
         assert allowed == {"char-video4linux", "char-media", "char-dma_heap"}
         assert "SupplementaryGroups=video" in lines
 
-    def test_its_options_are_those_of_the_command_and_its_passwords_where_the_command_sets_them(
-        self, deploy: Path
-    ) -> None:
+    def test_its_options_are_those_of_the_command_and_its_passwords_where_the_command_sets_them(self, deploy):
         text = (deploy / "stadimeter-web.service").read_text()
         (words,) = re.findall("^ExecStart=(.*)$", text, re.MULTILINE)
         _, command, configuration, option, file = words.split()
         assert (command, configuration) == ("web", "/etc/stadimeter/appliance.toml")
         assert (option, Path(file)) == ("--password-file", passwords.SERVICE_FOLDER / "page.passwords")
 
-    def test_avahi_tells_of_the_port_that_it_listens_at(self, deploy: Path) -> None:
+    def test_avahi_tells_of_the_port_that_it_listens_at(self, deploy):
         (service,) = ET.parse(deploy / "avahi/stadimeter.service").iter("service")  # noqa: S314 - our own
         port = WebTable.model_fields["port"].default
         assert (service.findtext("type"), service.findtext("port")) == ("_http._tcp", str(port))
 
-    def test_avahi_tells_of_it_only_if_it_has_a_password_and_so_can_be_reached(
-        self, deploy: Path, tmp_path: Path
-    ) -> None:
+    def test_avahi_tells_of_it_only_if_it_has_a_password_and_so_can_be_reached(self, deploy, tmp_path):
         text = (deploy / "stadimeter-web.service").read_text()
         (script,) = re.findall("^ExecStartPost=-[+]/usr/bin/sh -c '(.*)'$", text, re.MULTILINE)
         (tmp_path / "avahi.service").write_text("told")
@@ -149,49 +145,47 @@ class TestUnit:
         unit.write_text(text)
         return unit
 
-    def test_systemd_accepts_it_without_a_warning(self, unit: Path) -> None:
+    def test_systemd_accepts_it_without_a_warning(self, unit):
         result = run(installed("systemd-analyze"), "verify", "--man=no", unit)
         assert (result.returncode, result.stderr) == (0, "")
 
-    def test_it_is_as_closed_as_a_program_with_pins_cameras_and_a_network_can_be(self, unit: Path) -> None:
+    def test_it_is_as_closed_as_a_program_with_pins_cameras_and_a_network_can_be(self, unit):
         result = run(installed("systemd-analyze"), "security", "--offline=yes", "--no-pager", unit)
         found = re.search(r"Overall exposure level for \S+: (\d+\.\d+)", result.stdout)
         if found is None:
             pytest.skip(f"systemd-analyze cannot judge a unit that is not running: {result.stderr.strip()}")
         assert float(found[1]) <= 1.8
 
-    def test_it_is_watched_and_has_time_for_the_longest_wait_before_devices_are_opened(self, deploy: Path) -> None:
+    def test_it_is_watched_and_has_time_for_the_longest_wait_before_devices_are_opened(self, deploy):
         lines = (deploy / "stadimeter.service").read_text().splitlines()
         assert {"Type=notify", "WatchdogSec=3s", "RuntimeDirectoryPreserve=restart", "Restart=always"} <= set(lines)
         assert "TimeoutStartSec=2min" in lines
         assert MAX_PAUSE_S <= 120 / 2, "a small Pi needs the rest for loading and for its camera"
 
-    def test_safe_outputs_may_use_the_devices_it_needs(self, deploy: Path) -> None:
+    def test_safe_outputs_may_use_the_devices_it_needs(self, deploy):
         lines = (deploy / "stadimeter.service").read_text().splitlines()
         assert "ExecStopPost=+/usr/lib/stadimeter/safe-outputs" in lines
         allowed = {line.split("=")[1].split()[0] for line in lines if line.startswith("DeviceAllow=")}
         assert {"char-*gpiomem*", "char-gpiochip", "char-ttyUSB", "char-ttyACM", "char-video4linux"} <= allowed
 
-    def test_it_may_use_motor_boards_and_range_sensors_on_i2c_whose_module_is_there_when_it_starts(
-        self, deploy: Path
-    ) -> None:
+    def test_it_may_use_motor_boards_and_range_sensors_on_i2c_whose_module_is_there_when_it_starts(self, deploy):
         lines = (deploy / "stadimeter.service").read_text().splitlines()
         groups = next(line.split("=")[1].split() for line in lines if line.startswith("SupplementaryGroups="))
         assert ("DeviceAllow=char-i2c rw" in lines, "i2c" in groups) == (True, True)
         assert "i2c_dev" in (deploy / "modules-load.conf").read_text().splitlines()
 
-    def test_a_reload_asks_the_program_that_runs_and_state_and_socket_have_their_folders(self, deploy: Path) -> None:
+    def test_a_reload_asks_the_program_that_runs_and_state_and_socket_have_their_folders(self, deploy):
         lines = (deploy / "stadimeter.service").read_text().splitlines()
         assert "ExecReload=/opt/stadimeter/bin/stadimeter reload --socket /run/stadimeter/appliance.sock" in lines
         assert {"StateDirectory=stadimeter", "RuntimeDirectory=stadimeter"} <= set(lines)
         run_it = next(line for line in lines if line.startswith("ExecStart="))
         assert socket_path(Path(run_it.split()[-1]), Path("/run/stadimeter")) == Path("/run/stadimeter/appliance.sock")
 
-    def test_what_gpiozero_reads_to_recognise_the_pi_is_not_hidden(self, deploy: Path) -> None:
+    def test_what_gpiozero_reads_to_recognise_the_pi_is_not_hidden(self, deploy):
         assert "\nProcSubset" not in (deploy / "stadimeter.service").read_text()
 
 
-def test_the_udev_rules_name_a_tty_by_vendor_and_product(deploy: Path) -> None:
+def test_the_udev_rules_name_a_tty_by_vendor_and_product(deploy):
     rule = re.compile(
         r'SUBSYSTEM=="tty", ATTRS\{idVendor\}=="[0-9a-f]{4}", ATTRS\{idProduct\}=="[0-9a-f]{4}", '
         r'SYMLINK\+="robot-base", TAG\+="systemd", ENV\{ID_MM_DEVICE_IGNORE\}="1"'
@@ -202,7 +196,7 @@ def test_the_udev_rules_name_a_tty_by_vendor_and_product(deploy: Path) -> None:
     assert [line for line in rules if not rule.fullmatch(line)] == []
 
 
-def test_the_module_list_names_the_drivers_of_cameras_and_of_serial_adapters(deploy: Path) -> None:
+def test_the_module_list_names_the_drivers_of_cameras_and_of_serial_adapters(deploy):
     lines = (deploy / "modules-load.conf").read_text().splitlines()
     modules = [line for line in lines if line and not line.startswith("#")]
     assert {"uvcvideo", "cdc_acm", "ch341"} <= set(modules)

@@ -140,9 +140,7 @@ def send(broker: MosquittoBroker, announcement: Announcement) -> None:
 
 
 @pytest.mark.parametrize("orders", [frozenset(), ORDERS])
-def test_every_entity_of_the_appliance_is_accepted(
-    orders: frozenset[str], home: HomeAssistant, broker: MosquittoBroker
-) -> None:
+def test_every_entity_of_the_appliance_is_accepted(orders, home, broker):
     announcement = announced(load_configuration(APPLIANCE), orders=orders)
     send(broker, announcement)
     eventually(lambda: home.states().keys() == announcement.components.keys())
@@ -150,9 +148,7 @@ def test_every_entity_of_the_appliance_is_accepted(
 
 
 @pytest.mark.parametrize("orders", [frozenset(), ORDERS])
-def test_every_entity_of_every_kind_of_rule_is_accepted(
-    orders: frozenset[str], home: HomeAssistant, broker: MosquittoBroker, tmp_path: Path
-) -> None:
+def test_every_entity_of_every_kind_of_rule_is_accepted(orders, home, broker, tmp_path):
     announcement = announced(every_rule(tmp_path), orders=orders)
     send(broker, announcement)
     eventually(lambda: home.states().keys() == announcement.components.keys())
@@ -206,8 +202,8 @@ class Run:
 
 
 def test_home_assistant_shows_what_a_run_publishes_from_its_start_to_its_end(
-    home: HomeAssistant, broker: MosquittoBroker, tmp_path: Path, closing: ExitStack, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    home, broker, tmp_path, closing, monkeypatch
+):
     monkeypatch.setattr(retained_topics, "BIRTH_SPREAD_S", 0.1)
     run = Run(tmp_path, broker.port)
     closing.callback(run.close)
@@ -245,9 +241,7 @@ def test_home_assistant_shows_what_a_run_publishes_from_its_start_to_its_end(
     assert home.complaints() == []
 
 
-def test_a_rule_that_is_renamed_goes_from_home_assistant(
-    home: HomeAssistant, broker: MosquittoBroker, tmp_path: Path, closing: ExitStack
-) -> None:
+def test_a_rule_that_is_renamed_goes_from_home_assistant(home, broker, tmp_path, closing):
     run = Run(tmp_path, broker.port, '[rules.far]\nwhen = { above = "3 m" }')
     eventually(lambda: "rule_far" in home.states())
     run.close()
@@ -259,9 +253,7 @@ def test_a_rule_that_is_renamed_goes_from_home_assistant(
     assert home.complaints() == []
 
 
-def test_a_press_of_a_button_is_an_order_in_json(
-    home: HomeAssistant, broker: MosquittoBroker, tmp_path: Path, closing: ExitStack
-) -> None:
+def test_a_press_of_a_button_is_an_order_in_json(home, broker, tmp_path, closing):
     from support.mqtt_listener import MqttListener
 
     send(broker, announced(every_rule(tmp_path), orders=ORDERS))
@@ -283,12 +275,12 @@ def test_a_press_of_a_button_is_an_order_in_json(
     assert order == {"rule": "near", "value": False}
 
 
-def test_the_blueprints_are_automations(home: HomeAssistant) -> None:
+def test_the_blueprints_are_automations(home):
     files = sorted(BLUEPRINTS.glob("*.yaml"))
     assert len(files) == 3
     for file in files:
         assert home.ask("blueprint", text=file.read_text())["name"].startswith("Stadimeter: ")
 
 
-def test_the_configuration_with_every_rule_is_one(tmp_path: Path) -> None:
+def test_the_configuration_with_every_rule_is_one(tmp_path):
     assert EVERY_RULE.count("[rules.") == len(every_rule(tmp_path).plan.rules) == 12

@@ -154,7 +154,7 @@ def connect(site: Site) -> Iterator[Connect]:
         client.close()
 
 
-def test_a_device_is_heard_below_its_own_name_and_nowhere_else(connect: Connect) -> None:
+def test_a_device_is_heard_below_its_own_name_and_nowhere_else(connect):
     listener, garage, attic = connect("homeassistant"), connect("garage"), connect("attic")
     listener.listen()
     attic.listen()
@@ -168,9 +168,7 @@ def test_a_device_is_heard_below_its_own_name_and_nowhere_else(connect: Connect)
     assert attic.heard == [], "a device does not listen to the others"
 
 
-def test_a_device_reads_its_commands_and_its_own_list_of_what_the_broker_keeps_and_nothing_else(
-    connect: Connect,
-) -> None:
+def test_a_device_reads_its_commands_and_its_own_list_of_what_the_broker_keeps_and_nothing_else(connect):
     operator, garage = connect("homeassistant"), connect("garage")
     garage.listen()
     operator.publish("stadimeter/attic/request/acknowledge", "{}")
@@ -187,7 +185,7 @@ def test_a_device_reads_its_commands_and_its_own_list_of_what_the_broker_keeps_a
     ]
 
 
-def test_an_operator_gives_commands_and_cannot_publish_as_a_device(connect: Connect) -> None:
+def test_an_operator_gives_commands_and_cannot_publish_as_a_device(connect):
     reader, operator, garage = connect("dashboard"), connect("homeassistant"), connect("garage")
     reader.listen()
     for topic in ("event/alarm", "availability", "configuration", "response/acknowledge", "retained/garage/0"):
@@ -201,7 +199,7 @@ def test_an_operator_gives_commands_and_cannot_publish_as_a_device(connect: Conn
     ]
 
 
-def test_a_reader_hears_alarms_and_no_pictures_and_gives_no_commands(connect: Connect) -> None:
+def test_a_reader_hears_alarms_and_no_pictures_and_gives_no_commands(connect):
     reader, garage = connect("dashboard"), connect("garage")
     reader.listen()
     garage.listen()
@@ -218,7 +216,7 @@ def test_a_reader_hears_alarms_and_no_pictures_and_gives_no_commands(connect: Co
     assert garage.heard == [("stadimeter/garage/desired", b"signed"), ("stadimeter/garage/retained/garage/0", b"[]")]
 
 
-def test_the_program_itself_takes_commands_and_answers_within_its_role(site: Site, connect: Connect) -> None:
+def test_the_program_itself_takes_commands_and_answers_within_its_role(site, connect):
     table: dict[str, Any] = {"host": "127.0.0.1", "port": site.port, "node": "garage", "protocol": "5"}
     if site.has_certificates:
         files = {name: site.file(f"garage.{name[:3]}") for name in ("crt", "key")}
@@ -243,9 +241,7 @@ def test_the_program_itself_takes_commands_and_answers_within_its_role(site: Sit
         assert (messenger.deafness(), messenger.given_up, requests[0].refusal) == ("", 0, None)
 
 
-def test_an_appliance_announces_itself_only_and_hears_that_home_assistant_has_started(
-    connect: Callable[..., Client],
-) -> None:
+def test_an_appliance_announces_itself_only_and_hears_that_home_assistant_has_started(connect):
     home, garage = connect("homeassistant"), connect("garage")
     home.listen("homeassistant/device/#")
     garage.listen("homeassistant/#")
@@ -261,12 +257,12 @@ def test_an_appliance_announces_itself_only_and_hears_that_home_assistant_has_st
 
 @pytest.mark.parametrize(("user", "password"), [(None, ""), ("garage", "wrong"), ("stranger", PASSWORD)])
 @pytest.mark.parametrize("site", ["passwords"], indirect=True)
-def test_who_has_no_password_is_refused(connect: Connect, user: str | None, password: str) -> None:
+def test_who_has_no_password_is_refused(connect, user, password):
     assert connect(user, password).refusal == "Not authorized"
 
 
 @pytest.mark.parametrize("site", ["certificates"], indirect=True)
-def test_who_has_no_certificate_of_the_authority_is_refused(site: Site, deploy: Path) -> None:
+def test_who_has_no_certificate_of_the_authority_is_refused(site, deploy):
     elsewhere = site.folder / "elsewhere"
     subprocess.run([deploy / "mosquitto/make-certificates", elsewhere, "127.0.0.1", "garage"], check=True, timeout=120)
     base: dict[str, Any] = {"host": "127.0.0.1", "port": site.port, "node": "garage", "tls": True, "protocol": "5"}
@@ -279,7 +275,7 @@ def test_who_has_no_certificate_of_the_authority_is_refused(site: Site, deploy: 
 
 
 @pytest.mark.parametrize("site", ["certificates"], indirect=True)
-def test_more_users_get_certificates_later_and_the_first_keep_theirs(site: Site, deploy: Path) -> None:
+def test_more_users_get_certificates_later_and_the_first_keep_theirs(site, deploy):
     before = Path(site.file("garage.crt")).read_bytes(), Path(site.file("ca.crt")).read_bytes()
     make = [deploy / "mosquitto/make-certificates", site.folder / "stadimeter", "127.0.0.1", "garage", "cellar"]
     subprocess.run(make, check=True, timeout=120)

@@ -80,9 +80,7 @@ def say(device: Client, topic: str, payload: object, qos: int = 1, *, retain: bo
     device.publish(f"{NAME}/{topic}", text, qos, retain, properties).wait_for_publish(WAIT_S)
 
 
-def test_the_centre_sees_the_devices_of_a_site_and_for_how_long_their_states_are_valid(
-    centre: MosquittoBroker, device: Client
-) -> None:
+def test_the_centre_sees_the_devices_of_a_site_and_for_how_long_their_states_are_valid(centre, device):
     say(device, "availability", "online", retain=True)
     say(device, "info", {"version": "0.1.0"}, retain=True)
     with MqttListener(centre.port, ("hall", PASSWORD), is_v5=True) as listener:
@@ -105,7 +103,8 @@ def test_the_centre_sees_the_devices_of_a_site_and_for_how_long_their_states_are
         assert state.expires_s <= 10
 
 
-def test_fleet_at_the_centre_shows_the_site(centre: MosquittoBroker, device: Client, tmp_path: Path) -> None:
+@pytest.mark.long
+def test_fleet_at_the_centre_shows_the_site(centre, device, tmp_path):
     (tmp_path / "password").write_text(PASSWORD)
     login = ("--host", HOST, "--port", centre.port, "--username", "hall", "--password-file", tmp_path / "password")
     say(device, "availability", "online", retain=True)
@@ -120,9 +119,7 @@ def test_fleet_at_the_centre_shows_the_site(centre: MosquittoBroker, device: Cli
     assert (alarm["device"], alarm["rule"], alarm["severity"]) == ("hall/press", "near", "alarm")
 
 
-def test_a_request_of_the_centre_reaches_a_device_and_its_answer_comes_back(
-    centre: MosquittoBroker, device: Client, tmp_path: Path
-) -> None:
+def test_a_request_of_the_centre_reaches_a_device_and_its_answer_comes_back(centre, device, tmp_path):
     (tmp_path / "password").write_text(PASSWORD)
 
     def answer(client: Client, _data: object, message: object) -> None:

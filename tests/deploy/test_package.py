@@ -219,13 +219,13 @@ def status(root: DebianRoot) -> str:
 
 
 class TestInstallation:
-    def test_it_is_whole_and_small_enough(self, root: DebianRoot) -> None:
+    def test_it_is_whole_and_small_enough(self, root):
         assert status(root) == f"install ok installed {full('1.0')}"
         assert root.run("stadimeter", "--version").startswith("stadimeter ")
         occupied_mb = sum(path.lstat().st_size for path in (root / HOME).rglob("*")) / 1e6
         assert occupied_mb < 300
 
-    def test_libraries_are_its_own_and_the_systems_are_seen_behind_them(self, root: DebianRoot) -> None:
+    def test_libraries_are_its_own_and_the_systems_are_seen_behind_them(self, root):
         for module in ("libcamera", "numpy"):
             (root / "/usr/lib/python3/dist-packages").mkdir(exist_ok=True)
             (root / f"/usr/lib/python3/dist-packages/{module}.py").write_text("")
@@ -236,17 +236,17 @@ class TestInstallation:
         assert theirs == "/usr/lib/python3/dist-packages/libcamera.py"
         assert ours.startswith(f"{HOME}/current/lib/")
 
-    def test_numpy_is_the_one_that_the_pi_cameras_package_was_built_for(self, root: DebianRoot) -> None:
+    def test_numpy_is_the_one_that_the_pi_cameras_package_was_built_for(self, root):
         found = root.run(f"{HOME}/current/bin/python3", "-c", "import numpy; print(numpy.__version__)")
         assert found.startswith("1." if RELEASE == "bookworm" else "2.")
 
-    def test_user_groups_and_configuration_are_there_and_the_example_can_be_used(self, root: DebianRoot) -> None:
+    def test_user_groups_and_configuration_are_there_and_the_example_can_be_used(self, root):
         for group in ("stadimeter", "gpio", "video", "dialout", "i2c"):
             root.run("getent", "group", group)
         assert root.run("stat", "--format=%a %U %G", CONFIGURATION) == "640 root stadimeter\n"
         root.run("stadimeter", "check", "--elsewhere", CONFIGURATION)
 
-    def test_it_needs_no_documentation(self, bare: DebianRoot, first: Path, folder: Path) -> None:
+    def test_it_needs_no_documentation(self, bare, first, folder):
         with layered(bare.path, folder / "without-documentation") as root:
             (root / "/etc/dpkg/dpkg.cfg.d/no-documentation").write_text(
                 "path-exclude=/usr/share/doc/*\npath-exclude=/usr/share/man/*\n"
@@ -258,7 +258,7 @@ class TestInstallation:
             root.run("stadimeter", "check", "--elsewhere", CONFIGURATION)
             root.run("stadimeter", "check", "--elsewhere", "/usr/share/stadimeter/examples/demo.toml")
 
-    def test_it_has_what_debian_asks_of_a_package(self, root: DebianRoot) -> None:
+    def test_it_has_what_debian_asks_of_a_package(self, root):
         share = root / "/usr/share"
         page = gzip.decompress((share / "man/man1/stadimeter.1.gz").read_bytes()).decode()
         assert '.SS "stadimeter calibrate distance"' in page
@@ -269,7 +269,7 @@ class TestInstallation:
         assert (share / "doc/stadimeter/examples/demo.toml").exists()
         assert f"{CONFIGURATION} " in root.run("dpkg-query", "--show", "--showformat=${Conffiles}", "stadimeter")
 
-    def test_root_is_told_what_the_user_of_the_service_may_not_read(self, root: DebianRoot) -> None:
+    def test_root_is_told_what_the_user_of_the_service_may_not_read(self, root):
         check = ("stadimeter", "check", "--elsewhere")
         assert "can be used by the user stadimeter" in root.run(*check, CONFIGURATION)
         root.run("cp", CONFIGURATION, "/root/mine.toml")
@@ -281,14 +281,14 @@ class TestInstallation:
         (configuration,) = (each for each in found if each["check"] == "configuration")
         assert configuration["seen"].startswith(f"the service cannot use {CONFIGURATION}")
 
-    def test_bash_completes_its_commands(self, root: DebianRoot) -> None:
+    def test_bash_completes_its_commands(self, root):
         script = (
             ". /usr/share/bash-completion/completions/stadimeter; COMP_WORDS=(stadimeter ca); COMP_CWORD=1;"
             ' _stadimeter_completion stadimeter; echo "${COMPREPLY[*]}"'
         )
         assert root.run("bash", "-c", script).split() == ["cameras", "calibrate"]
 
-    def test_a_picture_is_measured(self, root: DebianRoot, tmp_path: Path) -> None:
+    def test_a_picture_is_measured(self, root, tmp_path):
         model = CameraModel.with_focal_length(600.0, 640, 480)
         picture = Renderer(model, camera_height_m=0.3, seed=1, noise=2.0).render((0.0, 0.0, 1.2), 0.1, 0.0)
         cv2.imwrite(str(root / "/root/ball.png"), picture)
@@ -299,9 +299,7 @@ class TestInstallation:
         )
         assert json.loads(line)["distance_m"] == pytest.approx(1.2, abs=0.02)
 
-    def test_its_page_finds_the_run_and_checks_the_configuration(
-        self, root: DebianRoot, running: subprocess.Popen[str]
-    ) -> None:
+    def test_its_page_finds_the_run_and_checks_the_configuration(self, root, running):
         command = root.command("stadimeter", "web", CONFIGURATION, "--port", "0")
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as page:
             try:
@@ -317,7 +315,7 @@ class TestInstallation:
                 page.terminate()
                 page.communicate()
 
-    def test_a_driver_of_ones_own_is_found_and_survives_an_upgrade(self, root: DebianRoot, second: Path) -> None:
+    def test_a_driver_of_ones_own_is_found_and_survives_an_upgrade(self, root, second):
         (root / HOME / "drivers").mkdir()
         (root / HOME / "drivers/my_driver.py").write_text("NAME = 'mine'")
         assert root.install(second).returncode == 0
@@ -325,7 +323,7 @@ class TestInstallation:
 
 
 class TestUpgrade:
-    def test_configuration_and_state_are_kept_and_the_old_version_goes(self, root: DebianRoot, second: Path) -> None:
+    def test_configuration_and_state_are_kept_and_the_old_version_goes(self, root, second):
         (root / CONFIGURATION).write_text("# mine\n" + (root / CONFIGURATION).read_text())
         before = (root / CONFIGURATION).read_text()
         done = root.install(second)
@@ -336,26 +334,22 @@ class TestUpgrade:
         assert (root / CONFIGURATION).read_text() == before
         assert left_in(root) == [full("1.1"), "bin", "current"]
 
-    def test_the_service_is_stopped_only_for_the_moment_of_the_change(
-        self, root: DebianRoot, with_systemd: Path, second: Path
-    ) -> None:
+    def test_the_service_is_stopped_only_for_the_moment_of_the_change(self, root, with_systemd, second):
         assert root.install(second).returncode == 0
         orders = [line for line in with_systemd.read_text().splitlines() if "is-" not in line and "udev" not in line]
         assert orders[0] == f"stop stadimeter.service with {full('1.0')}"
         assert orders[-1] == f"start --no-block stadimeter.service with {full('1.1')}"
         assert f"daemon-reload with {full('1.1')}" in orders
 
-    def test_a_service_that_was_stopped_by_hand_is_not_started(
-        self, root: DebianRoot, with_systemd: Path, second: Path
-    ) -> None:
+    def test_a_service_that_was_stopped_by_hand_is_not_started(self, root, with_systemd, second):
         (root / "/root/is-active").unlink()
         assert root.install(second).returncode == 0
         orders = with_systemd.read_text().splitlines()
         assert [line for line in orders if line.startswith(("start", "stop", "try-restart"))] == []
 
     def test_a_version_that_fails_its_self_test_is_not_run_and_what_runs_does_not_notice(
-        self, root: DebianRoot, running: subprocess.Popen[str], with_systemd: Path, broken: Path
-    ) -> None:
+        self, root, running, with_systemd, broken
+    ):
         unit = root / "/usr/lib/systemd/system/stadimeter.service"
         before = unit.read_bytes()
         done = root.install(broken)
@@ -369,33 +363,27 @@ class TestUpgrade:
         root.run("stadimeter", "status", "--socket", "/run/stadimeter/appliance.sock")
         root.run("stadimeter", "reload", "--socket", "/run/stadimeter/appliance.sock")
 
-    def test_after_a_failed_upgrade_a_version_that_works_mends_it(
-        self, root: DebianRoot, broken: Path, second: Path
-    ) -> None:
+    def test_after_a_failed_upgrade_a_version_that_works_mends_it(self, root, broken, second):
         assert root.install(broken).returncode != 0
         done = root.install(second)
         assert done.returncode == 0, done.stderr
         assert status(root) == f"install ok installed {full('1.1')}"
         assert left_in(root) == [full("1.1"), "bin", "current"]
 
-    def test_a_configuration_that_only_the_old_version_can_use_keeps_the_old_version(
-        self, root: DebianRoot, package: Package
-    ) -> None:
+    def test_a_configuration_that_only_the_old_version_can_use_keeps_the_old_version(self, root, package):
         narrower = rewrite("stadimeter-*.dist-info/entry_points.txt", "led = stadimeter", "lamp = stadimeter")
         done = root.install(package("1.3", narrower))
         assert done.returncode != 0
         assert f"it cannot use {CONFIGURATION}, and the version that runs can" in done.stderr
         assert version(root) == full("1.0")
 
-    def test_a_configuration_that_no_version_can_use_is_a_warning(self, root: DebianRoot, second: Path) -> None:
+    def test_a_configuration_that_no_version_can_use_is_a_warning(self, root, second):
         (root / CONFIGURATION).write_text("[camera]\n")
         done = root.install(second)
         assert done.returncode == 0, done.stderr
         assert "the configuration cannot be used" in done.stderr
 
-    def test_a_package_that_is_cut_short_leaves_the_old_version_as_it_was(
-        self, root: DebianRoot, second: Path, tmp_path: Path
-    ) -> None:
+    def test_a_package_that_is_cut_short_leaves_the_old_version_as_it_was(self, root, second, tmp_path):
         cut = tmp_path / second.name
         shutil.copy(second, cut)
         os.truncate(cut, second.stat().st_size * 2 // 3)
@@ -405,7 +393,7 @@ class TestUpgrade:
         assert root.run("dpkg", "--verify", "stadimeter") == ""
         root.run("stadimeter", "--version")
 
-    def test_a_full_disk_is_said_before_anything_is_touched(self, root: DebianRoot, second: Path) -> None:
+    def test_a_full_disk_is_said_before_anything_is_touched(self, root, second):
         with small_disk(root, "/opt", "380m"):
             done = root.install(second)
             assert done.returncode != 0
@@ -415,9 +403,7 @@ class TestUpgrade:
             assert left_in(root) == [full("1.0"), "bin", "current"]
             root.run("stadimeter", "--version")
 
-    def test_a_version_that_would_forget_the_alarms_of_a_later_one_is_refused(
-        self, root: DebianRoot, package: Package, first: Path, request: pytest.FixtureRequest
-    ) -> None:
+    def test_a_version_that_would_forget_the_alarms_of_a_later_one_is_refused(self, root, package, first, request):
         assert root.install(package("2.0", LATER_STATE)).returncode == 0
         running = request.getfixturevalue("running")
         done = root.install(first)
@@ -438,7 +424,7 @@ class TestRemoval:
         (root / "/etc/stadimeter/safe-outputs.conf").write_text("pin 18\n")
         return root / "/root/pins.log"
 
-    def test_outputs_are_switched_off_and_what_is_the_users_is_left(self, root: DebianRoot, pins: Path) -> None:
+    def test_outputs_are_switched_off_and_what_is_the_users_is_left(self, root, pins):
         (root / STATE).parent.mkdir(exist_ok=True)
         (root / STATE).touch()
         done = root.try_to("apt-get", "remove", "--yes", "stadimeter")
@@ -449,7 +435,7 @@ class TestRemoval:
         assert (root / STATE).exists()
         assert not os.path.lexists(root / HOME)
 
-    def test_a_purge_leaves_nothing(self, root: DebianRoot, pins: Path) -> None:
+    def test_a_purge_leaves_nothing(self, root, pins):
         root.run("apt-get", "purge", "--yes", "stadimeter")
         left = root.run("find", "/", "-xdev", "-path", "/root", "-prune", "-o", "-iname", "*stadimeter*", "-print")
         assert left == ""

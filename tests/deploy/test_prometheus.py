@@ -69,7 +69,7 @@ def queries_of(dashboard: Any) -> dict[str, str]:
     }
 
 
-def test_the_panels_do_not_overlap_and_each_asks_the_chosen_rangefinder(dashboard: Any) -> None:
+def test_the_panels_do_not_overlap_and_each_asks_the_chosen_rangefinder(dashboard):
     taken: set[tuple[int, int]] = set()
     for panel in dashboard["panels"]:
         at = panel["gridPos"]
@@ -82,7 +82,7 @@ def test_the_panels_do_not_overlap_and_each_asks_the_chosen_rangefinder(dashboar
         assert len(METRIC.findall(query)) == query.count('{instance=~"$instance"'), panel
 
 
-def test_dashboard_and_alerts_name_metrics_that_there_are(deploy: Path, dashboard: Any) -> None:
+def test_dashboard_and_alerts_name_metrics_that_there_are(deploy, dashboard):
     known = set(re.findall(r"^\| `(stadimeter_\w+)`", GUIDE.read_text(), re.MULTILINE))
     known |= {f"stadimeter_{name}_seconds_{part}" for name in ("cycle", "latency") for part in ("sum", "count")}
     alerts = (deploy / "prometheus" / "stadimeter-alerts.yml").read_text()
@@ -90,14 +90,14 @@ def test_dashboard_and_alerts_name_metrics_that_there_are(deploy: Path, dashboar
         assert set(METRIC.findall(text)) <= known
 
 
-def test_the_guide_shows_the_configuration_that_comes_with_it(deploy: Path) -> None:
+def test_the_guide_shows_the_configuration_that_comes_with_it(deploy):
     (shown,) = re.findall(r"^```yaml\n(.*?)^```", GUIDE.read_text(), re.MULTILINE | re.DOTALL)
     whole = (deploy / "prometheus" / "prometheus.yml").read_text()
     assert [line for line in shown.splitlines() if line not in whole.splitlines()] == []
 
 
 @needs_prometheus
-def test_each_alert_fires_when_it_shall_and_only_then(deploy: Path) -> None:
+def test_each_alert_fires_when_it_shall_and_only_then(deploy):
     tests = Path(__file__).with_name("stadimeter-alerts.test.yml")
     promtool("test", "rules", tests)
     named = re.findall(r"alert: (\w+)", (deploy / "prometheus" / "stadimeter-alerts.yml").read_text())
@@ -158,9 +158,7 @@ def make_events(here: Served) -> None:
 @needs_prometheus
 @pytest.mark.long
 @pytest.mark.timeout(900)
-def test_every_panel_has_data_of_a_real_run_and_none_when_it_has_ended(
-    deploy: Path, dashboard: Any, tmp_path: Path
-) -> None:
+def test_every_panel_has_data_of_a_real_run_and_none_when_it_has_ended(deploy, dashboard, tmp_path):
     room, board = tmp_path / "room", tmp_path / "board"
     for folder in (room, board):
         folder.mkdir()
@@ -199,7 +197,7 @@ def test_every_panel_has_data_of_a_real_run_and_none_when_it_has_ended(
 
 @needs_prometheus
 @pytest.mark.long
-def test_without_the_token_it_gets_nothing(deploy: Path, tmp_path: Path) -> None:
+def test_without_the_token_it_gets_nothing(deploy, tmp_path):
     with metered_run(tmp_path) as run, served_page(tmp_path, OPERATE, socket=run.control.path) as site:
         with prometheus(deploy, tmp_path, (f"127.0.0.1:{site.port}", "a guess")) as server:
             eventually(lambda: [each for each in server.get("targets")["activeTargets"] if "401" in each["lastError"]])

@@ -95,14 +95,14 @@ def bench(deploy: Path, tmp_path: Path) -> Bench:
     return Bench(deploy / "safe-outputs", tmp_path)
 
 
-def test_pins_are_driven_to_their_safe_level(bench: Bench) -> None:
+def test_pins_are_driven_to_their_safe_level(bench):
     bench.add("pinctrl")
     assert bench.run("# the motor\npin 18\n\npin 5 high\npin 27 low") == ""
     assert bench.calls == ["pinctrl set 18,27 op dl", "pinctrl set 5 op dh"]
 
 
 @pytest.mark.parametrize("pinctrl_is_there", [True, False])
-def test_where_pinctrl_is_missing_or_fails_its_forerunner_is_used(bench: Bench, pinctrl_is_there: bool) -> None:
+def test_where_pinctrl_is_missing_or_fails_its_forerunner_is_used(bench, pinctrl_is_there):
     if pinctrl_is_there:
         bench.add("pinctrl", ends_with=1)
     bench.add("raspi-gpio")
@@ -110,25 +110,25 @@ def test_where_pinctrl_is_missing_or_fails_its_forerunner_is_used(bench: Bench, 
     assert bench.calls[-1] == "raspi-gpio set 18 op dl"
 
 
-def test_a_base_is_sent_a_stop_at_its_speed(bench: Bench, port: Port) -> None:
+def test_a_base_is_sent_a_stop_at_its_speed(bench, port):
     assert bench.run(f"serial {port.path} 57600\n") == ""
     assert port.received() == b"\rm 0 0\r"
     assert termios.tcgetattr(port.slave)[4:6] == [termios.B57600, termios.B57600]
 
 
-def test_the_stop_is_not_lost_in_a_command_that_was_cut_off(bench: Bench, port: Port) -> None:
+def test_the_stop_is_not_lost_in_a_command_that_was_cut_off(bench, port):
     os.write(port.slave, b"m 300 30")
     bench.run(f"serial {port.path} 57600\n")
     commands = port.received().split(b"\r")
     assert commands == [b"m 300 30", b"m 0 0", b""]
 
 
-def test_the_speed_of_a_base_may_be_left_out_and_the_last_line_may_be_unfinished(bench: Bench, port: Port) -> None:
+def test_the_speed_of_a_base_may_be_left_out_and_the_last_line_may_be_unfinished(bench, port):
     assert bench.run(f"serial {port.path}") == ""
     assert port.received() == b"\rm 0 0\r"
 
 
-def test_a_line_that_fails_does_not_keep_the_others_from_being_tried(bench: Bench, port: Port) -> None:
+def test_a_line_that_fails_does_not_keep_the_others_from_being_tried(bench, port):
     bench.add("pinctrl")
     complaints = bench.run(
         "pin 99\npin x\npin\npin 18 sideways\nservo 3\n"
@@ -143,7 +143,7 @@ def test_a_line_that_fails_does_not_keep_the_others_from_being_tried(bench: Benc
     assert all(line.startswith("safe-outputs: ") for line in complaints)
 
 
-def test_a_port_that_is_full_holds_up_no_pin_and_takes_the_stop_before_what_it_held(bench: Bench, port: Port) -> None:
+def test_a_port_that_is_full_holds_up_no_pin_and_takes_the_stop_before_what_it_held(bench, port):
     bench.add("pinctrl")
     port.fill()
     assert bench.run(f"serial {port.path} 57600\npin 18\n") == ""
@@ -161,18 +161,18 @@ def test_a_port_that_is_full_holds_up_no_pin_and_takes_the_stop_before_what_it_h
     ],
     ids=["CRLF", "CR", "BOM", "UTF-16"],
 )
-def test_a_list_from_any_editor_is_read(bench: Bench, conf: bytes) -> None:
+def test_a_list_from_any_editor_is_read(bench, conf):
     bench.add("pinctrl")
     assert bench.run(conf) == ""
     assert bench.calls == ["pinctrl set 18 op dl", "pinctrl set 5 op dh"]
 
 
-def test_a_port_of_a_list_with_crlf_is_stopped(bench: Bench, port: Port) -> None:
+def test_a_port_of_a_list_with_crlf_is_stopped(bench, port):
     assert bench.run(f"serial {port.path} 57600\r\nserial {port.path}\r\n") == ""
     assert port.received() == b"\rm 0 0\r"
 
 
-def test_however_many_lines_there_are_each_pin_is_driven_once_and_none_is_left_out(bench: Bench) -> None:
+def test_however_many_lines_there_are_each_pin_is_driven_once_and_none_is_left_out(bench):
     bench.add("pinctrl")
     lines = [f"pin {number % 20}" for number in range(5000)]
     complaints = bench.run("\n".join([*lines, "pin 27 high", "nonsense\n" * 3000]))
@@ -181,24 +181,24 @@ def test_however_many_lines_there_are_each_pin_is_driven_once_and_none_is_left_o
     assert complaints.splitlines()[-1] == "safe-outputs: and so on, for 2980 more lines"
 
 
-def test_two_stops_for_one_port_are_sent_one_after_the_other(bench: Bench, port: Port) -> None:
+def test_two_stops_for_one_port_are_sent_one_after_the_other(bench, port):
     assert bench.run(f"serial {port.path} 57600 0d\nserial {port.path} 115200 0a\n") == ""
     assert port.received() == b"\r\n"
 
 
-def test_of_two_lines_on_a_pin_the_last_counts_and_that_is_said(bench: Bench) -> None:
+def test_of_two_lines_on_a_pin_the_last_counts_and_that_is_said(bench):
     bench.add("pinctrl")
     assert "pin 18: two levels; the last, high, counts" in bench.run("pin 18\npin 18 high\n")
     assert bench.calls == ["pinctrl set 18 op dh"]
 
 
-def test_a_list_without_end_is_cut_at_a_line_and_that_is_said(bench: Bench) -> None:
+def test_a_list_without_end_is_cut_at_a_line_and_that_is_said(bench):
     bench.add("pinctrl")
     assert "what is beyond them is NOT switched off" in bench.run("pin 5\n" + "# the garden\n" * 80_000 + "pin 18\n")
     assert bench.calls == ["pinctrl set 5 op dl"]
 
 
-def test_of_a_list_with_too_many_ports_the_pins_and_the_first_ports_are_switched_off(bench: Bench, port: Port) -> None:
+def test_of_a_list_with_too_many_ports_the_pins_and_the_first_ports_are_switched_off(bench, port):
     bench.add("pinctrl")
     lines = [f"serial {port.path} 57600", *(f"serial /dev/ttyUSB{number + 100}" for number in range(16)), "pin 18"]
     complaints = bench.run("\n".join(lines))
@@ -207,7 +207,7 @@ def test_of_a_list_with_too_many_ports_the_pins_and_the_first_ports_are_switched
     assert port.received() == b"\rm 0 0\r"
 
 
-def test_it_says_what_would_drive_the_pins_and_drives_none(bench: Bench) -> None:
+def test_it_says_what_would_drive_the_pins_and_drives_none(bench):
     assert bench.check("serial /dev/ttyUSB0\n") == "no pins"
     bench.add("raspi-gpio")
     assert bench.check("pin 18\n") == "raspi-gpio"
@@ -216,22 +216,22 @@ def test_it_says_what_would_drive_the_pins_and_drives_none(bench: Bench) -> None
     assert [call for call in bench.calls if " set " in call] == []
 
 
-def test_without_a_configuration_it_says_that_nothing_was_done(bench: Bench) -> None:
+def test_without_a_configuration_it_says_that_nothing_was_done(bench):
     assert "nothing was switched off" in bench.run(None)
 
 
-def test_a_run_may_say_which_bytes_stop_its_base(bench: Bench, port: Port) -> None:
+def test_a_run_may_say_which_bytes_stop_its_base(bench, port):
     assert bench.run(f"serial {port.path} 115200 005c25ff410a\n") == ""
     assert port.received() == b"\0\\%\xffA\n"
 
 
 @pytest.mark.parametrize("frame", ["0d6", "0D", "zz", "0d" * 65, "$(id)", "-e"])
-def test_what_are_no_bytes_is_refused(bench: Bench, port: Port, frame: str) -> None:
+def test_what_are_no_bytes_is_refused(bench, port, frame):
     assert "hexadecimal" in bench.run(f"serial {port.path} 57600 {frame}\n")
     assert port.received() == b""
 
 
-def test_root_writes_to_serial_ports_only_whatever_link_the_service_made(bench: Bench, port: Port) -> None:
+def test_root_writes_to_serial_ports_only_whatever_link_the_service_made(bench, port):
     link = bench._folder / "link"
     link.symlink_to("/dev/null")
     complaints = bench.run(f"serial {link} 57600 0d\nserial /dev/null 57600 0d\nserial /dev/tty 57600 0d\n")
@@ -242,13 +242,13 @@ def test_root_writes_to_serial_ports_only_whatever_link_the_service_made(bench: 
     assert port.received() == b"\r"
 
 
-def test_a_number_that_no_shell_can_count_is_no_pin(bench: Bench) -> None:
+def test_a_number_that_no_shell_can_count_is_no_pin(bench):
     bench.add("pinctrl")
     assert "not the number of a GPIO" in bench.run("pin 99999999999999999999\n")
     assert bench.calls == []
 
 
-def test_the_lists_of_the_run_and_of_the_user_both_count(bench: Bench) -> None:
+def test_the_lists_of_the_run_and_of_the_user_both_count(bench):
     bench.add("pinctrl")
     second = bench._folder / "mine.conf"
     second.write_text("pin 6 high\n")
@@ -256,12 +256,12 @@ def test_the_lists_of_the_run_and_of_the_user_both_count(bench: Bench) -> None:
     assert bench.calls == ["pinctrl set 18 op dl", "pinctrl set 6 op dh"]
 
 
-def test_a_list_that_is_no_file_is_not_waited_for(bench: Bench) -> None:
+def test_a_list_that_is_no_file_is_not_waited_for(bench):
     os.mkfifo(bench._folder / "safe-outputs.conf")
     assert "nothing was switched off" in bench.run(None)
 
 
-def test_without_the_code_it_says_that_nothing_was_switched_off(bench: Bench, deploy: Path, tmp_path: Path) -> None:
+def test_without_the_code_it_says_that_nothing_was_switched_off(bench, deploy, tmp_path):
     alone = tmp_path / "alone" / "safe-outputs"
     alone.parent.mkdir()
     alone.write_bytes((deploy / "safe-outputs").read_bytes())

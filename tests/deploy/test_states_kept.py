@@ -146,7 +146,7 @@ def process(computer: Booted, unit: str) -> str:
 
 
 @pytest.mark.parametrize(("of_run", "of_page"), list(zip(STATES, STATES[::-1], strict=True)))
-def test_an_upgrade_keeps_the_state_of_both_services(installed: Booted, of_run: State, of_page: State) -> None:
+def test_an_upgrade_keeps_the_state_of_both_services(installed, of_run, of_page):
     states = {RUN: of_run, PAGE: of_page}
     for unit, state in states.items():
         put(installed, unit, state)
@@ -158,9 +158,7 @@ def test_an_upgrade_keeps_the_state_of_both_services(installed: Booted, of_run: 
 
 
 @pytest.mark.parametrize(("of_run", "of_page"), list(zip(STATES, STATES[::-1], strict=True)))
-def test_a_removal_and_an_installation_after_it_keep_the_state_of_both(
-    installed: Booted, of_run: State, of_page: State
-) -> None:
+def test_a_removal_and_an_installation_after_it_keep_the_state_of_both(installed, of_run, of_page):
     states = {RUN: of_run, PAGE: of_page}
     for unit, state in states.items():
         put(installed, unit, state)
@@ -169,7 +167,7 @@ def test_a_removal_and_an_installation_after_it_keep_the_state_of_both(
     assert {unit: found(installed, unit) for unit in states} == states
 
 
-def test_what_was_stopped_after_a_first_installation_is_not_started_by_the_second_upgrade(installed: Booted) -> None:
+def test_what_was_stopped_after_a_first_installation_is_not_started_by_the_second_upgrade(installed):
     put(installed, RUN, ("enabled", True))
     installed.run("dpkg --remove stadimeter", timeout_s=120)
     install(installed, "1.0")
@@ -178,7 +176,7 @@ def test_what_was_stopped_after_a_first_installation_is_not_started_by_the_secon
     assert found(installed, RUN) == ("enabled", False)
 
 
-def test_one_that_crashes_and_waits_for_its_next_start_is_tried_with_the_new_version(installed: Booted) -> None:
+def test_one_that_crashes_and_waits_for_its_next_start_is_tried_with_the_new_version(installed):
     configuration = installed.root / "etc/stadimeter/appliance.toml"
     text = configuration.read_text()
     configuration.write_text(f"{text}\n# crashes\n")
@@ -189,12 +187,12 @@ def test_one_that_crashes_and_waits_for_its_next_start_is_tried_with_the_new_ver
     assert eventually(lambda: found(installed, RUN) == ("disabled", True))
 
 
-def test_a_first_installation_starts_and_enables_nothing(installed: Booted) -> None:
+def test_a_first_installation_starts_and_enables_nothing(installed):
     assert {found(installed, unit) for unit in (RUN, PAGE)} == {("disabled", False)}
 
 
 @pytest.mark.parametrize("is_edited", [True, False])
-def test_an_edited_configuration_survives_an_upgrade_with_another_example(installed: Booted, is_edited: bool) -> None:
+def test_an_edited_configuration_survives_an_upgrade_with_another_example(installed, is_edited):
     configuration = installed.root / "etc/stadimeter/appliance.toml"
     assert installed.run("stat --format='%a %U %G' /etc/stadimeter/appliance.toml") == "640 root stadimeter\n"
     text = configuration.read_text()

@@ -18,7 +18,7 @@ from stadimeter.detectors.ball import BallDetector, BallOptions
 from stadimeter.ranging.ball import BallShape
 from stadimeter.ranging.measure import measure
 
-pytestmark = pytest.mark.vision
+pytestmark = [pytest.mark.vision, pytest.mark.oldest_opencv]
 
 RED, GREEN = (40, 30, 200), (40, 200, 80)
 GREEN_HSV = "29,86,6:64,255,255"

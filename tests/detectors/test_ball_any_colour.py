@@ -25,6 +25,7 @@ def test_a_ball_of_any_colour_is_measured_without_one(ball_detector, draw, wall,
     assert abs(found.width_px - 2 * radius) < max(3 * found.size_sigma_px, 0.5)
 
 
+@pytest.mark.long
 def test_most_silver_balls_are_found_and_hardly_one_is_far_off(ball_detector, draw) -> None:
     errors = []
     for seed in range(20):

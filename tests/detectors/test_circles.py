@@ -35,6 +35,7 @@ def frame_of(made):
     return Frame(made.image, 0.0, 0, subsampling=made.subsampling)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("seed", "spacing_px", "tilt_deg"), [(1, 60, 0), (2, 100, 30), (3, 200, 50)])
 def test_circles_are_measured_to_a_tenth_of_a_percent_and_within_their_interval(seed, spacing_px, tilt_deg):
     scene = circles_scene(seed, spacing_px, math.radians(tilt_deg))
@@ -47,6 +48,7 @@ def test_circles_are_measured_to_a_tenth_of_a_percent_and_within_their_interval(
     assert measured.tilt_rad == pytest.approx(tilt_rad, abs=math.radians(1))
 
 
+@pytest.mark.long
 def test_a_lens_that_bends_lines_changes_nothing():
     made = render(circles_scene(4, 150, math.radians(20), BENT))
     assert detector(BENT).measure(frame_of(made)).distance_m == pytest.approx(made.truth.distance_m, rel=0.001)
@@ -69,6 +71,7 @@ def made_scene():
     return replace(circles_scene(5, 150, 0.3), backdrop=PlainBackdrop(bgr=(70, 75, 80)))
 
 
+@pytest.mark.long
 def test_noise_is_in_the_standard_deviation_and_blur_does_not_shift_the_distance():
     scene = circles_scene(6, 100, 0.4)
     clean, noisy, blurred = (

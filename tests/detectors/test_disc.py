@@ -28,7 +28,7 @@ from support.scenes.render import render
 from support.scenes.tone import Tone, encode
 from support.through_lens import ThroughLens
 
-pytestmark = pytest.mark.vision
+pytestmark = [pytest.mark.vision, pytest.mark.oldest_opencv]
 
 FINER = 4
 ROWS, COLUMNS = np.indices((480 * FINER, 640 * FINER), dtype=np.float32)
@@ -116,6 +116,7 @@ def test_the_outline_is_found_to_a_few_hundredths_of_a_pixel(seed: int, tilt_deg
     assert 0.5 < found.quality <= 1
 
 
+@pytest.mark.long
 @settings(max_examples=12, deadline=None)
 @given(
     a=st.floats(20, 90),

@@ -119,6 +119,7 @@ def test_the_size_is_continuous_in_the_edge_bias(seed: int, grey: int, bias_px: 
     assert sizes[0].straight_radius_px == pytest.approx(sizes[1].straight_radius_px, abs=0.05)
 
 
+@pytest.mark.long
 @each_case("bias_px", [-1e4, -60.0, -7.0, 7.0, 60.0, 1e4])
 def test_an_absurd_edge_bias_gives_a_limb_or_none(bias_px: float) -> None:
     limb = _find(

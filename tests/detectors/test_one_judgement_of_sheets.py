@@ -118,6 +118,7 @@ def test_clutter_is_no_sheet_before_the_lens_is_known_either(seed: int, options:
     assert seen(sheet(**options), render(empty_scene(seed + 40)).image).status is not FOUND
 
 
+@pytest.mark.long
 def test_real_sheets_that_calibrate_are_measured(real_pictures: Path) -> None:
     choice = sheet(size="letter")
     for feet in (2, 3, 4):

@@ -25,7 +25,7 @@ from support.scenes.poster import poster_scene
 from support.scenes.render import render
 from support.through_lens import ThroughLens
 
-pytestmark = pytest.mark.vision
+pytestmark = [pytest.mark.vision, pytest.mark.oldest_opencv]
 
 BENT = replace(draw.CAMERA, distortion=(-0.15, 0.03, 0.0, 0.0, 0.0))
 
@@ -61,6 +61,7 @@ def test_a_lens_that_bends_lines_changes_nothing():
     assert measured.distance_m == pytest.approx(made.truth.distance_m, rel=0.003)
 
 
+@pytest.mark.long
 def test_a_poster_of_which_a_tenth_is_hidden_is_measured():
     scene = replace(poster_scene(5, 200, 0.3), occluder=Occluder(share=0.1))
     made = render(scene)
@@ -68,6 +69,7 @@ def test_a_poster_of_which_a_tenth_is_hidden_is_measured():
     assert measured.distance_m == pytest.approx(made.truth.distance_m, rel=0.01)
 
 
+@pytest.mark.long
 def test_another_poster_is_not_taken_for_it():
     for seed in range(10, 16):
         found = detector(5).detect(frame_of(render(poster_scene(seed, 250, 0.2))))
@@ -89,6 +91,7 @@ def test_a_small_one_is_refused_with_its_size():
     assert "too small: 6" in measured.reason
 
 
+@pytest.mark.long
 def test_noise_is_in_the_standard_deviation():
     scene = poster_scene(7, 120, 0.3)
     clean, noisy = (detector(7).measure(frame_of(render(each))) for each in (scene, noise(12)(scene)))

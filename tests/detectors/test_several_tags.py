@@ -39,6 +39,7 @@ def frame(number: int = 0) -> Frame:
     return Frame(render(scene).image, number / 30, number)
 
 
+@pytest.mark.long
 def test_each_named_tag_is_measured_under_its_number() -> None:
     several = detector(ids=[9, 3])
     perceiver = Perceiver({"tags-9": several, "tags-3": several}, CAMERA)

@@ -30,7 +30,7 @@ from support.scenes.render import render
 from support.scenes.scene import Scene
 from support.through_lens import ThroughLens
 
-pytestmark = pytest.mark.vision
+pytestmark = [pytest.mark.vision, pytest.mark.oldest_opencv]
 
 LETTER_M = np.array((0.2794, 0.2159))
 A4 = {"width": "29.7 cm", "height": "21 cm"}
@@ -223,6 +223,7 @@ def test_the_real_sheet_is_found_at_both_sizes_and_they_agree(
     assert large.height_px / small.height_px == pytest.approx(2448 / 600, rel=0.002)
 
 
+@pytest.mark.long
 def test_no_real_picture_of_a_ball_holds_a_sheet(real_pictures: Path, sheet_detector, draw) -> None:
     names = ("44.5_0", "89_0", "89_60", "116_0", "116_60")
     for name in names:
@@ -345,6 +346,7 @@ def test_what_else_was_looked_at_is_told_with_the_sheet(draw, wall) -> None:
     assert len(found.rejected) <= 8
 
 
+@pytest.mark.long
 def test_clutter_without_a_sheet_is_refused_with_a_reason() -> None:
     # Of so many shapes one may look just like a sheet that is tilted; it is seed 30.
     every = [with_camera().detect(Frame(render(empty_scene(seed)).image, 0.0, 0)) for seed in range(23, 33)]

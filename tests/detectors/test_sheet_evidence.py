@@ -62,6 +62,7 @@ def test_the_tolerance_reaches_the_test_of_the_shape(draw, wall) -> None:
     assert taken.status is DetectionStatus.FOUND
 
 
+@pytest.mark.long
 @each_case("seed", range(6))
 def test_clutter_is_neither_a_sheet_of_one_known_side_nor_one_that_is_cut_off(seed: int) -> None:
     image = render(empty_scene(seed + 40)).image
@@ -140,6 +141,7 @@ def test_of_two_strips_on_a_wall_that_is_turned_away_one_is_measured(draw) -> No
     assert seen.status is DetectionStatus.FOUND, seen.reason
 
 
+@pytest.mark.long
 @each_case("seed", [1, 3, 8, 12, 13, 18])
 def test_tape_on_a_carpet_is_found_by_how_it_stands_out(seed: int) -> None:
     flat = hard_tape(seed, sizes_px=(36.0, 60.0), backdrop=TEXTURE, pairs=0.0)

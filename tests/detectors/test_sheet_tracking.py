@@ -113,6 +113,7 @@ def test_a_lock_on_something_of_another_shape_is_left_at_once() -> None:
     assert worst_px(found.outline_px, made.truth.outline_px) < 0.15
 
 
+@pytest.mark.long
 def test_where_the_sheet_has_gone_nothing_is_followed() -> None:
     size = detector().target_shape
     for seed in range(8):

@@ -27,7 +27,7 @@ from support.scenes.render import render
 from support.scenes.tone import Tone, encode
 from support.through_lens import ThroughLens
 
-pytestmark = pytest.mark.vision
+pytestmark = [pytest.mark.vision, pytest.mark.oldest_opencv]
 
 
 def detector(camera: CameraModel | None = None, **options: object) -> ThroughLens:

@@ -57,6 +57,7 @@ def test_the_reason_names_the_size_below_which_a_very_large_picture_was_not_sear
     assert reason.endswith("smaller ones were not looked for: the picture is searched at a smaller size")
 
 
+@pytest.mark.long
 def test_fifty_megapixels_of_noise_are_searched_in_bounded_memory() -> None:
     peak = subprocess.run([sys.executable, "-c", MEASURE_PEAK], check=True, capture_output=True, text=True).stdout
     assert int(peak) < MAX_MEGABYTES

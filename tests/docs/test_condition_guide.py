@@ -61,6 +61,7 @@ def run(sources, *arguments):
     )
 
 
+@pytest.mark.long
 def test_the_condition_of_the_guide_passes_its_tests(sources):
     done = run(sources, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--rootdir", ".", "tests/core/test_unsure.py")
     assert done.returncode == 0, done.stdout
@@ -72,6 +73,7 @@ def test_the_condition_of_the_guide_can_be_written_and_is_described(sources):
     assert "the standard deviation of `ball` is above 0.05 m" in " ".join(done.stdout.split())
 
 
+@pytest.mark.long
 def test_the_condition_of_the_guide_is_in_the_schema_and_runs(sources):
     assert "unsure" in run(sources, "-m", "stadimeter", "schema").stdout
     done = run(sources, "-m", "stadimeter", "run", "dim.toml", "--frames", "5", "--speed", "0")

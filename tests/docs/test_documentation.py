@@ -128,6 +128,7 @@ RECIPE = re.compile(r"^<!-- recipe -->\n```toml\n(.*?)^```", re.MULTILINE | re.D
 RECIPES = RECIPE.findall((ROOT / "docs" / "rules.md").read_text())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("recipe", RECIPES, ids=lambda recipe: re.search(r"rules\.(\w+)", recipe)[1])
 def test_every_recipe_keeps_what_its_tests_promise(recipe, tmp_path):
     path = tmp_path / "recipe.toml"
@@ -158,6 +159,7 @@ def test_the_reference_names_every_field_of_a_template():
     assert set(templates.FIELDS) <= words_shown()
 
 
+@pytest.mark.long
 def test_the_list_of_checks_names_every_code():
     shown = set(re.findall(r"`([a-z-]+)`", (ROOT / "docs" / "checks.md").read_text()))
     assert codes_in_the_source() - shown == set()
@@ -197,6 +199,7 @@ def commands():
                 yield page.name, shlex.split(shown[1])
 
 
+@pytest.mark.long
 def test_every_command_that_is_shown_exists_with_its_options():
     unknown = [(page, words) for page, words in commands() if not exists_with_its_options(words)]
     assert unknown == []

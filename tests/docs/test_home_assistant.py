@@ -66,7 +66,7 @@ ACTIVE, BLIND = trace(RuleStatus.ACTIVE, True), trace(RuleStatus.UNKNOWN, True)
         ((ACTIVE, BLIND), "ON"),
     ],
 )
-def test_a_rule_that_cannot_be_judged_is_neither_on_nor_off(traces: tuple[RuleTrace, ...], expected: str) -> None:
+def test_a_rule_that_cannot_be_judged_is_neither_on_nor_off(traces, expected):
     entity = json.loads(announced(APPLIANCE).message().payload)["components"]["rule_too-close"]
     assert entity["availability_mode"] == "all"
     assert shown(entity, published(*traces)) == expected
@@ -74,7 +74,7 @@ def test_a_rule_that_cannot_be_judged_is_neither_on_nor_off(traces: tuple[RuleTr
         assert shown({**entity, "availability": []}, published(UNKNOWN)) == "None", "who goes by the state alone"
 
 
-def test_the_page_names_every_entity_of_the_appliance() -> None:
+def test_the_page_names_every_entity_of_the_appliance():
     (table,) = re.findall(r"\| entity \| what it shows \|\n(.*?)\n\n", PAGE, re.DOTALL)
     named = set(re.findall(r"`(\w+\.shelf_\w+)`", table)) | {
         f"sensor.shelf{end}" for end in re.findall(r"`…(_\w+)`", table)
@@ -104,7 +104,7 @@ def inputs_used(value: object) -> set[str]:
 
 
 @pytest.mark.parametrize("file", BLUEPRINTS, ids=lambda file: file.stem)
-def test_a_blueprint_is_an_automation_that_uses_each_of_its_inputs(file: Path) -> None:
+def test_a_blueprint_is_an_automation_that_uses_each_of_its_inputs(file):
     found = yaml.load(file.read_text(encoding="utf-8"), _Loader)
     about = found["blueprint"]
     assert about["domain"] == "automation"
@@ -115,7 +115,7 @@ def test_a_blueprint_is_an_automation_that_uses_each_of_its_inputs(file: Path) -
     assert f"`{file.name}`" in PAGE
 
 
-def test_no_blueprint_takes_unknown_for_off() -> None:
+def test_no_blueprint_takes_unknown_for_off():
     """Nothing happens because an entity became `off` that was not `on` before."""
     assert len(BLUEPRINTS) == 3
     for file in BLUEPRINTS:

@@ -20,34 +20,34 @@ from stadimeter.workbench.wiring import wiring_picture
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def test_the_tables_of_cameras_are_those_that_are_computed_now() -> None:
+def test_the_tables_of_cameras_are_those_that_are_computed_now():
     page = camera_table.PAGE.read_text(encoding="utf-8")
     assert page.count("<!-- table: ") == len(camera_table.TABLES)
     assert camera_table.with_tables(page) == page, "run python docs/pictures/camera_table.py"
 
 
-def test_the_tables_of_boards_are_those_of_the_files_beside_them() -> None:
+def test_the_tables_of_boards_are_those_of_the_files_beside_them():
     page = boards_table.PAGE.read_text(encoding="utf-8")
     figures = boards_table.all_figures()
     assert page.count("<!-- table: ") == len(boards_table.TABLES)
     assert boards_table.with_tables(page, figures) == page, "run python docs/pictures/boards_table.py"
 
 
-def test_a_limited_processor_is_marked_in_the_tables_of_boards() -> None:
+def test_a_limited_processor_is_marked_in_the_tables_of_boards():
     limited = [each for each in boards_table.all_figures().values() if each.computer.processor_limit is not None]
     table = boards_table.computers_table(boards_table.all_figures())
     assert 0 < len(limited) == table.count("**limited to ")
     assert all("emulated" in each.note for each in limited)
 
 
-def test_what_somebody_writes_into_a_file_of_a_board_stays_text() -> None:
+def test_what_somebody_writes_into_a_file_of_a_board_stays_text():
     name, figures = next(iter(boards_table.all_figures().items()))
     hostile = replace(figures, note="a | b <script>[x](javascript:y)\n# z")
     row = boards_table.computers_table({name: hostile}).splitlines()[-1]
     assert r"a \| b \<script\>\[x\](javascript:y) \# z" in row
 
 
-def test_a_camera_by_its_angle_by_its_diagonal_and_by_its_lens_is_the_same() -> None:
+def test_a_camera_by_its_angle_by_its_diagonal_and_by_its_lens_is_the_same():
     lens = camera_table.by_lens("", 6.0, (6.4, 4.8))
     assert lens.model(1280).fx_px == pytest.approx(1280 * 6.0 / 6.4)
     angle = camera_table.by_angle("", 56.145, 0.75)
@@ -56,18 +56,18 @@ def test_a_camera_by_its_angle_by_its_diagonal_and_by_its_lens_is_the_same() -> 
     assert diagonal.across_rad == pytest.approx(lens.across_rad, abs=1e-4)
 
 
-def test_the_drawing_of_the_example_is_that_of_its_configuration() -> None:
+def test_the_drawing_of_the_example_is_that_of_its_configuration():
     drawn = svg_of(wiring_picture(load_configuration(ROOT / "config" / "distance-alert.toml").actuators))
     kept = (ROOT / "docs" / "pictures" / "wiring-distance-alert.svg").read_text(encoding="utf-8")
     assert kept == drawn, "run make pictures"
 
 
-def test_the_drawing_of_the_first_beep_is_that_of_the_configuration_on_its_page() -> None:
+def test_the_drawing_of_the_first_beep_is_that_of_the_configuration_on_its_page():
     kept = (ROOT / "docs" / "pictures" / "wiring-first-beep.svg").read_text(encoding="utf-8")
     assert kept == svg_of(wiring_picture(make_pictures.first_beep())), "run make pictures"
 
 
-def test_the_buzzer_of_the_first_beep_is_on_the_pin_that_init_offers() -> None:
+def test_the_buzzer_of_the_first_beep_is_on_the_pin_that_init_offers():
     wishes = tomllib.loads((ROOT / "src" / "stadimeter" / "workbench" / "setup" / "wishes.toml").read_text("utf-8"))
     (buzzer,) = [part for part in make_pictures.first_beep() if part.driver == "buzzer"]
     offered = wishes["near"]["output"]
@@ -75,13 +75,13 @@ def test_the_buzzer_of_the_first_beep_is_on_the_pin_that_init_offers() -> None:
     assert f"`{offered}`" in (ROOT / "docs" / "raspberry-pi.md").read_text("utf-8")
 
 
-def test_the_view_of_a_fleet_is_what_the_program_shows_now(tmp_path: Path) -> None:
+def test_the_view_of_a_fleet_is_what_the_program_shows_now(tmp_path):
     fleet_picture.draw(tmp_path / "fleet-view.svg")
     kept = (ROOT / "docs" / "pictures" / "fleet-view.svg").read_text(encoding="utf-8")
     assert kept == (tmp_path / "fleet-view.svg").read_text(encoding="utf-8"), "run make pictures"
 
 
-def test_each_way_of_measuring_has_a_section_and_a_picture_that_a_script_makes() -> None:
+def test_each_way_of_measuring_has_a_section_and_a_picture_that_a_script_makes():
     page = (ROOT / "docs" / "how-it-measures.md").read_text(encoding="utf-8")
     sections = dict(part.split("\n", 1) for part in page.split("\n## ")[1:])
     scripts = "".join(each.read_text(encoding="utf-8") for each in (ROOT / "docs" / "pictures").glob("*.py"))

@@ -25,7 +25,7 @@ def pole(height_m: float) -> TargetShape:
     return made
 
 
-def test_the_shape_of_the_page_is_measured_and_has_expectations() -> None:
+def test_the_shape_of_the_page_is_measured_and_has_expectations():
     seen = Detection(
         target="pole",
         status=DetectionStatus.FOUND,
@@ -40,7 +40,7 @@ def test_the_shape_of_the_page_is_measured_and_has_expectations() -> None:
     assert expect(pole(2.0), CAMERA, 4.0).size_px == pytest.approx(300.0)
 
 
-def test_the_page_names_every_member_of_a_shape() -> None:
+def test_the_page_names_every_member_of_a_shape():
     members = {name for name in vars(TargetShape) if not name.startswith("_")}
     text = PAGE.read_text(encoding="utf-8")
     assert all(f"`{name}" in text for name in members)

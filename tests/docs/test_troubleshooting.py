@@ -30,6 +30,7 @@ def source_texts():
     ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("symptom", sorted(set(symptoms()) - OF_OTHERS))
 def test_every_message_that_is_quoted_stands_in_the_source(symptom, source_texts):
     assert any(symptom in text for text in source_texts)

@@ -131,6 +131,7 @@ def test_documentation_uses_words_that_readers_know():
     assert {page: words for page, words in found.items() if words} == {}
 
 
+@pytest.mark.long
 def test_messages_use_words_that_readers_know():
     found = {path: unwanted("\n".join(messages(path))) for path in SOURCES}
     assert {path: words for path, words in found.items() if words} == {}

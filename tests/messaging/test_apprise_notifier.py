@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from pydantic import ValidationError
@@ -33,7 +32,7 @@ def notifier(url: str, patience: Patience = PATIENCE) -> AppriseNotifier:
     return AppriseNotifier(AppriseOptions(url=url), "phone", patience)
 
 
-def test_without_the_library_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_library_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "apprise", None)
     with pytest.raises(DriverUnavailableError, match=r"'phone' needs apprise: .*stadimeter\[notify\]"):
         notifier("json://127.0.0.1/").open()
@@ -48,7 +47,7 @@ def test_without_the_library_it_says_what_to_install(monkeypatch: pytest.MonkeyP
         (Severity.SAFETY, "failure"),
     ],
 )
-def test_the_severity_reaches_the_service(service: WebhookListener, severity: Severity, kind: str) -> None:
+def test_the_severity_reaches_the_service(service, severity, kind):
     phone = notifier(f"json://{HOST}:{service.port}")
     phone.open()
     phone.notify(Notification(title="t", body="b", severity=severity))
@@ -56,7 +55,7 @@ def test_the_severity_reaches_the_service(service: WebhookListener, severity: Se
     assert [posted["type"] for posted in service.posted] == [kind]
 
 
-def test_the_url_may_stand_in_a_file_of_its_own(service: WebhookListener, tmp_path: Path) -> None:
+def test_the_url_may_stand_in_a_file_of_its_own(service, tmp_path):
     file = tmp_path / "phone.txt"
     file.write_text(f"json://{HOST}:{service.port}/hook\n\n# the hall\n")
     phone = AppriseNotifier(AppriseOptions(url_file=file), "phone", PATIENCE)
@@ -75,9 +74,7 @@ def test_the_url_may_stand_in_a_file_of_its_own(service: WebhookListener, tmp_pa
         (b"json://\xff\xfe", "it is not UTF-8 text"),
     ],
 )
-def test_a_file_without_a_url_is_refused_without_repeating_what_it_holds(
-    tmp_path: Path, text: bytes | None, words: str
-) -> None:
+def test_a_file_without_a_url_is_refused_without_repeating_what_it_holds(tmp_path, text, words):
     file = tmp_path / "phone.txt"
     if text is not None:
         file.write_bytes(text)
@@ -89,9 +86,7 @@ def test_a_file_without_a_url_is_refused_without_repeating_what_it_holds(
 
 
 @pytest.mark.parametrize("url", ["nosuchservice://top-secret", "tgram://top-secret"])
-def test_a_url_that_apprise_does_not_understand_is_refused_without_repeating_it(
-    url: str, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_url_that_apprise_does_not_understand_is_refused_without_repeating_it(url, capfd):
     pytest.importorskip("apprise")
     with pytest.raises(DeviceOpenError) as raised:
         notifier(url).open()
@@ -100,20 +95,18 @@ def test_a_url_that_apprise_does_not_understand_is_refused_without_repeating_it(
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_url_that_was_taken_out_of_a_recording_is_asked_for() -> None:
+def test_a_url_that_was_taken_out_of_a_recording_is_asked_for():
     with pytest.raises(DeviceOpenError, match="taken out when the configuration was recorded"):
         notifier("hidden://").open()
 
 
 @pytest.mark.parametrize("table", [{}, {"url": "json://a", "url_file": "b"}])
-def test_a_notifier_has_its_url_in_one_place(table: dict[str, str]) -> None:
+def test_a_notifier_has_its_url_in_one_place(table):
     with pytest.raises(ValidationError, match="either url or url_file"):
         AppriseOptions(**table)
 
 
-def test_a_refusal_is_told_with_its_reason_and_without_secrets(
-    service: WebhookListener, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_refusal_is_told_with_its_reason_and_without_secrets(service, capfd):
     service.status = 403
     phone = notifier(f"json://me:top%2Dsecret@{HOST}:{service.port}/hook-4711")
     phone.open()
@@ -127,7 +120,7 @@ def test_a_refusal_is_told_with_its_reason_and_without_secrets(
     assert capfd.readouterr() == ("", "")
 
 
-def test_nobody_listening_is_told_and_tried_again(service: WebhookListener) -> None:
+def test_nobody_listening_is_told_and_tried_again(service):
     port = service.port
     service.close()
     phone = notifier(f"json://{HOST}:{port}")
@@ -138,7 +131,7 @@ def test_nobody_listening_is_told_and_tried_again(service: WebhookListener) -> N
     assert phone.undelivered() == (NOTE,)
 
 
-def test_a_service_that_hangs_holds_up_neither_the_run_nor_its_end(service: WebhookListener) -> None:
+def test_a_service_that_hangs_holds_up_neither_the_run_nor_its_end(service):
     service.is_free.clear()
     phone = notifier(f"json://{HOST}:{service.port}", Patience(goodbye_s=0.01))
     phone.open()

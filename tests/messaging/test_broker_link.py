@@ -92,7 +92,7 @@ def play() -> Iterator[Callable[..., ScriptedBroker]]:
         yield start
 
 
-def test_a_broker_that_refuses_mqtt_5_is_spoken_to_in_311_at_once(play: Play, make_messenger: MakeMessenger) -> None:
+def test_a_broker_that_refuses_mqtt_5_is_spoken_to_in_311_at_once(play, make_messenger):
     broker = play((NO_SUCH_VERSION, True), (ACCEPTED_311, False))
     messenger = make_messenger(broker.port)
     messenger.open()
@@ -100,9 +100,7 @@ def test_a_broker_that_refuses_mqtt_5_is_spoken_to_in_311_at_once(play: Play, ma
     assert broker.versions == [5, 4]
 
 
-def test_a_broker_that_hangs_up_on_mqtt_5_is_spoken_to_in_311_at_once(
-    play: Play, make_messenger: MakeMessenger
-) -> None:
+def test_a_broker_that_hangs_up_on_mqtt_5_is_spoken_to_in_311_at_once(play, make_messenger):
     broker = play((b"", True), (ACCEPTED_311, False))
     messenger = make_messenger(broker.port)
     messenger.open()
@@ -110,7 +108,7 @@ def test_a_broker_that_hangs_up_on_mqtt_5_is_spoken_to_in_311_at_once(
     assert broker.versions == [5, 4]
 
 
-def test_a_broker_that_never_answers_mqtt_5_is_spoken_to_in_311(play: Play, make_messenger: MakeMessenger) -> None:
+def test_a_broker_that_never_answers_mqtt_5_is_spoken_to_in_311(play, make_messenger):
     broker = play((b"", False), (ACCEPTED_311, False))
     messenger = make_messenger(broker.port, answer_s=0.1)
     messenger.open()
@@ -118,7 +116,7 @@ def test_a_broker_that_never_answers_mqtt_5_is_spoken_to_in_311(play: Play, make
     assert broker.versions == [5, 4]
 
 
-def test_a_version_that_is_set_is_never_changed(play: Play, make_messenger: MakeMessenger) -> None:
+def test_a_version_that_is_set_is_never_changed(play, make_messenger):
     broker = play((NO_SUCH_VERSION, True))
     messenger = make_messenger(broker.port, protocol="5")
     messenger.open()
@@ -127,9 +125,7 @@ def test_a_version_that_is_set_is_never_changed(play: Play, make_messenger: Make
     assert set(broker.versions) == {5}
 
 
-def test_a_version_that_worked_is_kept_when_the_broker_hangs_up_later(
-    play: Play, make_messenger: MakeMessenger
-) -> None:
+def test_a_version_that_worked_is_kept_when_the_broker_hangs_up_later(play, make_messenger):
     broker = play((ACCEPTED_5, True), (b"", True), (b"", True), (ACCEPTED_5, False))
     messenger = make_messenger(broker.port)
     messenger.open()
@@ -137,7 +133,7 @@ def test_a_version_that_worked_is_kept_when_the_broker_hangs_up_later(
     assert broker.versions == [5, 5, 5, 5]
 
 
-def test_both_versions_are_tried_in_turn_while_neither_is_answered(play: Play, make_messenger: MakeMessenger) -> None:
+def test_both_versions_are_tried_in_turn_while_neither_is_answered(play, make_messenger):
     broker = play((b"", True))
     messenger = make_messenger(broker.port)
     messenger.open()
@@ -158,9 +154,7 @@ def test_both_versions_are_tried_in_turn_while_neither_is_answered(play: Play, m
     ],
 )
 @pytest.mark.parametrize("hangs_up", [True, False])
-def test_a_server_that_is_no_broker_is_said_in_words(
-    greeting: bytes, *, hangs_up: bool, play: Play, make_messenger: MakeMessenger
-) -> None:
+def test_a_server_that_is_no_broker_is_said_in_words(greeting, *, hangs_up, play, make_messenger):
     broker = play((greeting, hangs_up))
     messenger = make_messenger(broker.port, answer_s=0.2)
     messenger.open()
@@ -169,26 +163,26 @@ def test_a_server_that_is_no_broker_is_said_in_words(
     assert "answer" in words
 
 
-def test_a_server_that_says_nothing_is_said_in_words(play: Play, make_messenger: MakeMessenger) -> None:
+def test_a_server_that_says_nothing_is_said_in_words(play, make_messenger):
     messenger = make_messenger(play((b"", False)).port, answer_s=0.05)
     messenger.open()
     eventually(lambda: "does not answer" in messenger.trouble())
 
 
-def test_any_other_refusal_is_said_in_the_brokers_words(play: Play, make_messenger: MakeMessenger) -> None:
+def test_any_other_refusal_is_said_in_the_brokers_words(play, make_messenger):
     messenger = make_messenger(play((BANNED_5, True)).port)
     messenger.open()
     eventually(lambda: "refused the client 'stadimeter-it' (Banned)" in messenger.trouble())
 
 
-def test_a_broker_that_says_why_it_goes_is_quoted(play: Play, make_messenger: MakeMessenger) -> None:
+def test_a_broker_that_says_why_it_goes_is_quoted(play, make_messenger):
     broker = play((ACCEPTED_5 + SHUTTING_DOWN_5, True), (b"", False))
     messenger = make_messenger(broker.port)
     messenger.open()
     eventually(lambda: "ended the connection (Server shutting down)" in messenger.trouble())
 
 
-def test_after_a_take_over_the_longest_pause_is_kept(play: Play, make_messenger: MakeMessenger) -> None:
+def test_after_a_take_over_the_longest_pause_is_kept(play, make_messenger):
     messenger = make_messenger(play((ACCEPTED_5 + TAKEN_OVER_5, True)).port)
     messenger.open()
     words = eventually(lambda: "another program uses the client id 'stadimeter-it'" in messenger.trouble())
@@ -196,14 +190,14 @@ def test_after_a_take_over_the_longest_pause_is_kept(play: Play, make_messenger:
     eventually(lambda: messenger.trouble().endswith("give each its own node; trying again in 0.2 s"))
 
 
-def test_the_pauses_between_attempts_double(play: Play, make_messenger: MakeMessenger) -> None:
+def test_the_pauses_between_attempts_double(play, make_messenger):
     messenger = make_messenger(play((BANNED_5, True)).port)
     messenger.open()
     for pause in ("0.05", "0.1", "0.2"):
         eventually(lambda pause=pause: messenger.trouble().endswith(f"trying again in {pause} s"))
 
 
-def test_no_pause_is_longer_than_an_alarm_may_wait(play: Play) -> None:
+def test_no_pause_is_longer_than_an_alarm_may_wait(play):
     broker = play((BANNED_5, True))
     patience = Patience(first_pause_s=60.0, alarm_pause_s=0.1)
     messenger = PahoMessenger(MqttOptions(port=broker.port, node="it"), patience)
@@ -224,9 +218,7 @@ def packet(kind: int, length: int, announced: int) -> bytes:
 
 
 @pytest.mark.parametrize(("protocol", "accepted"), [("5", ACCEPTED_5), ("3.1.1", ACCEPTED_311)])
-def test_a_huge_message_is_refused_before_there_is_memory_for_it(
-    protocol: str, accepted: bytes, play: Play, make_messenger: MakeMessenger
-) -> None:
+def test_a_huge_message_is_refused_before_there_is_memory_for_it(protocol, accepted, play, make_messenger):
     bomb = packet(0x30, 64 * 2**20, announced=2**28 - 1)
     messenger = make_messenger(play((accepted + bomb, False)).port, protocol=protocol)
     tracemalloc.start()
@@ -238,23 +230,21 @@ def test_a_huge_message_is_refused_before_there_is_memory_for_it(
 
 
 @pytest.mark.parametrize(("commands", "size"), [("off", 1024), ("alarms", 8192), ("all", 8192)])
-def test_a_broker_is_told_how_little_we_read(
-    commands: str, size: int, play: Play, make_messenger: MakeMessenger
-) -> None:
+def test_a_broker_is_told_how_little_we_read(commands, size, play, make_messenger):
     broker = play((ACCEPTED_5, False))
     make_messenger(broker.port, protocol="5", commands=commands).open()
     (greeting,) = eventually(lambda: broker.greetings)
     assert b"\x27" + size.to_bytes(4, "big") in greeting  # property 39, maximum packet size
 
 
-def test_messages_that_are_never_completed_fill_no_memory(play: Play, make_messenger: MakeMessenger) -> None:
+def test_messages_that_are_never_completed_fill_no_memory(play, make_messenger):
     parts = [b"\x34\x07\x00\x01t" + number.to_bytes(2, "big") + b"\x00x" for number in range(1, 2000)]  # QoS 2
     messenger = make_messenger(play((ACCEPTED_5 + b"".join(parts), False)).port, protocol="5")
     messenger.open()
     eventually(lambda: "sent a message that is too large to be an answer" in messenger.trouble())
 
 
-def test_closing_in_the_middle_of_a_pause_does_not_wait_for_its_end(play: Play, make_messenger: MakeMessenger) -> None:
+def test_closing_in_the_middle_of_a_pause_does_not_wait_for_its_end(play, make_messenger):
     messenger = make_messenger(play((BANNED_5, True)).port)
     messenger.open()
     eventually(lambda: "trying again" in messenger.trouble())
@@ -262,7 +252,7 @@ def test_closing_in_the_middle_of_a_pause_does_not_wait_for_its_end(play: Play, 
     assert messenger.trouble().endswith("is not open")
 
 
-def test_closing_while_the_broker_has_not_answered_yet_returns(play: Play, make_messenger: MakeMessenger) -> None:
+def test_closing_while_the_broker_has_not_answered_yet_returns(play, make_messenger):
     broker = play((b"", False))
     messenger = make_messenger(broker.port, answer_s=60.0)
     messenger.open()

@@ -49,7 +49,7 @@ def started(service: Service, retry_s: float = 600.0, patience: Patience = PATIE
     return delivery
 
 
-def test_adding_never_waits_for_the_service(service: Service) -> None:
+def test_adding_never_waits_for_the_service(service):
     service.is_free.clear()
     delivery = started(service)
     for number in range(QUEUE_MAX):
@@ -61,7 +61,7 @@ def test_adding_never_waits_for_the_service(service: Service) -> None:
     assert delivery.delivered == QUEUE_MAX
 
 
-def test_what_failed_is_tried_again_before_what_comes_behind_it(service: Service) -> None:
+def test_what_failed_is_tried_again_before_what_comes_behind_it(service):
     service.refuses = lambda _body: len(service.asked) < 4
     delivery = started(service)
     delivery.add(note("first"))
@@ -72,7 +72,7 @@ def test_what_failed_is_tried_again_before_what_comes_behind_it(service: Service
     assert delivery.given_up == 0
 
 
-def test_what_is_refused_for_too_long_is_given_up_and_makes_way(service: Service) -> None:
+def test_what_is_refused_for_too_long_is_given_up_and_makes_way(service):
     service.refuses = lambda body: body == "poison"
     delivery = started(service, retry_s=0.0)
     delivery.add(note("poison"))
@@ -82,7 +82,7 @@ def test_what_is_refused_for_too_long_is_given_up_and_makes_way(service: Service
     assert (delivery.delivered, delivery.given_up) == (1, 1)
 
 
-def test_trouble_says_why_what_waits_and_what_was_given_up_until_the_next_success(service: Service) -> None:
+def test_trouble_says_why_what_waits_and_what_was_given_up_until_the_next_success(service):
     service.refuses = lambda _body: True
     delivery = started(service, patience=Patience(first_pause_s=30.0, longest_pause_s=30.0, goodbye_s=10.0))
     delivery.add(note("one"))
@@ -96,7 +96,7 @@ def test_trouble_says_why_what_waits_and_what_was_given_up_until_the_next_succes
     assert delivery.undelivered() == (note("one"),)
 
 
-def test_the_end_does_not_wait_for_a_pause(service: Service) -> None:
+def test_the_end_does_not_wait_for_a_pause(service):
     service.refuses = lambda _body: len(service.asked) < 2
     delivery = started(service, patience=Patience(first_pause_s=1e6, longest_pause_s=1e6, goodbye_s=10.0))
     delivery.add(note("now"))
@@ -105,7 +105,7 @@ def test_the_end_does_not_wait_for_a_pause(service: Service) -> None:
     assert service.taken == ["now"]
 
 
-def test_a_service_that_does_not_answer_does_not_hold_up_the_end(service: Service) -> None:
+def test_a_service_that_does_not_answer_does_not_hold_up_the_end(service):
     service.is_free.clear()
     delivery = started(service, patience=Patience(goodbye_s=0.01))
     delivery.add(note("on its way"))
@@ -117,7 +117,7 @@ def test_a_service_that_does_not_answer_does_not_hold_up_the_end(service: Servic
     eventually(lambda: threading.active_count() == 1 or service.taken)
 
 
-def test_no_pause_is_longer_than_a_notification_may_wait(service: Service) -> None:
+def test_no_pause_is_longer_than_a_notification_may_wait(service):
     service.refuses = lambda _body: True
     delivery = started(service, patience=Patience(first_pause_s=60.0, alarm_pause_s=0.01, goodbye_s=10.0))
     delivery.add(note("urgent"))
@@ -125,7 +125,7 @@ def test_no_pause_is_longer_than_a_notification_may_wait(service: Service) -> No
     delivery.stop()
 
 
-def test_the_oldest_make_way_when_too_many_wait(service: Service) -> None:
+def test_the_oldest_make_way_when_too_many_wait(service):
     service.is_free.clear()
     delivery = started(service)
     delivery.add(note("on its way"))

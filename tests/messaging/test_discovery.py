@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -27,7 +26,7 @@ from stadimeter.core.message import Message
 from stadimeter.messaging import retained_topics
 from stadimeter.messaging.mqtt import PahoMessenger
 from stadimeter.testing.rig import eventually
-from support.broker import HOST, MosquittoBroker
+from support.broker import HOST
 from support.mqtt_listener import MqttListener
 
 CONFIG = "homeassistant/device/stadimeter_it/config"
@@ -78,8 +77,8 @@ def keys_of(listener: MqttListener, topic: str = CONFIG) -> list[list[str]]:
 
 @pytest.mark.parametrize("protocol", ["3.1.1", "auto"])
 def test_it_is_announced_once_connected_and_kept_for_a_home_assistant_that_starts_later(
-    protocol: str, broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
-) -> None:
+    protocol, broker, make_messenger, listen
+):
     ran(make_messenger(broker.port, protocol=protocol), announcement("near", "far"))
     listen(broker.port).wait_for(CONFIG)
     heard = listen(broker.port).wait_for(CONFIG)
@@ -89,9 +88,7 @@ def test_it_is_announced_once_connected_and_kept_for_a_home_assistant_that_start
     assert json.loads(heard.payload)["components"]["near"]["platform"] == "sensor"
 
 
-def test_what_is_no_more_after_a_restart_is_removed_by_one_message_and_then_left_out(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
-) -> None:
+def test_what_is_no_more_after_a_restart_is_removed_by_one_message_and_then_left_out(broker, make_messenger, listen):
     first = ran(make_messenger(broker.port), announcement("near", "far"))
     witness = listen(broker.port)
     witness.wait_for("stadimeter/it/retained/it/0")
@@ -102,9 +99,7 @@ def test_what_is_no_more_after_a_restart_is_removed_by_one_message_and_then_left
     assert components(witness)[-2]["near"] == {"platform": "sensor"}
 
 
-def test_a_reload_removes_and_adds_at_once(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
-) -> None:
+def test_a_reload_removes_and_adds_at_once(broker, make_messenger, listen):
     messenger = ran(make_messenger(broker.port), announcement("near"))
     witness = listen(broker.port)
     witness.wait_for("stadimeter/it/retained/it/0")
@@ -112,9 +107,7 @@ def test_a_reload_removes_and_adds_at_once(
     eventually(lambda: keys_of(witness)[-2:] == [["far", "near"], ["far"]])
 
 
-def test_an_entity_that_becomes_one_of_another_kind_is_removed_first(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
-) -> None:
+def test_an_entity_that_becomes_one_of_another_kind_is_removed_first(broker, make_messenger, listen):
     messenger = ran(make_messenger(broker.port), announcement("near"))
     witness = listen(broker.port)
     witness.wait_for("stadimeter/it/retained/it/0")
@@ -127,9 +120,7 @@ def test_an_entity_that_becomes_one_of_another_kind_is_removed_first(
 
 
 @pytest.mark.parametrize("now", [{"home_assistant": False}, {"discovery_prefix": "other"}])
-def test_a_device_that_is_announced_elsewhere_or_no_more_leaves_no_ghost(
-    now: dict[str, Any], broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
-) -> None:
+def test_a_device_that_is_announced_elsewhere_or_no_more_leaves_no_ghost(now, broker, make_messenger, listen):
     first = ran(make_messenger(broker.port), announcement("near"))
     witness = listen(broker.port)
     witness.wait_for("stadimeter/it/retained/it/0")
@@ -143,9 +134,10 @@ def test_a_device_that_is_announced_elsewhere_or_no_more_leaves_no_ghost(
         witness.wait_for("other/device/stadimeter_it/config")
 
 
+@pytest.mark.long
 def test_after_the_birth_of_home_assistant_it_is_announced_again_and_states_are_due(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    broker, make_messenger, listen, monkeypatch
+):
     monkeypatch.setattr(retained_topics, "BIRTH_SPREAD_S", 0.01)
     messenger = ran(make_messenger(broker.port), announcement("near"))
     witness = listen(broker.port)
@@ -159,9 +151,7 @@ def test_after_the_birth_of_home_assistant_it_is_announced_again_and_states_are_
     assert not messenger.take_states_due()
 
 
-def test_a_birth_that_the_broker_has_kept_is_none(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_birth_that_the_broker_has_kept_is_none(broker, make_messenger, listen, monkeypatch):
     monkeypatch.setattr(retained_topics, "BIRTH_SPREAD_S", 0.0)
     publish.single(BIRTH, "online", qos=1, retain=True, hostname=HOST, port=broker.port)
     messenger = ran(make_messenger(broker.port), announcement("near"))
@@ -170,9 +160,8 @@ def test_a_birth_that_the_broker_has_kept_is_none(
     assert not messenger.take_states_due()
 
 
-def test_a_broker_that_forgot_all_gets_all_again(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
-) -> None:
+@pytest.mark.long
+def test_a_broker_that_forgot_all_gets_all_again(broker, make_messenger, listen):
     messenger = ran(make_messenger(broker.port), announcement("near"))
     listen(broker.port).wait_for(CONFIG)
     broker.stop()
@@ -181,9 +170,7 @@ def test_a_broker_that_forgot_all_gets_all_again(
     listen(broker.port).wait_for(CONFIG)
 
 
-def test_it_is_announced_where_the_list_cannot_be_read_either(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
-) -> None:
+def test_it_is_announced_where_the_list_cannot_be_read_either(broker, make_messenger, listen):
     messenger = ran(make_messenger(broker.port, base_topic="b" * 1000), announcement("near"))
     listen(broker.port).wait_for(CONFIG)
     ran(messenger, announcement("far"), opens=False)
@@ -191,9 +178,7 @@ def test_it_is_announced_where_the_list_cannot_be_read_either(
     eventually(lambda: keys_of(witness)[-1:] == [["far"]])
 
 
-def test_a_broker_that_forbids_the_topic_is_reported_with_its_name(
-    start_broker: Callable[..., MosquittoBroker], make_messenger: MakeMessenger, tmp_path: Path
-) -> None:
+def test_a_broker_that_forbids_the_topic_is_reported_with_its_name(start_broker, make_messenger, tmp_path):
     acl = "user garage\ntopic readwrite stadimeter/#\n"
     strict = start_broker(username="garage", password="secret", acl=acl)
     (tmp_path / "password").write_text("secret")
@@ -205,9 +190,7 @@ def test_a_broker_that_forbids_the_topic_is_reported_with_its_name(
     assert "access list" in messenger.trouble()
 
 
-def test_a_list_that_somebody_else_wrote_removes_no_other_device(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
-) -> None:
+def test_a_list_that_somebody_else_wrote_removes_no_other_device(broker, make_messenger, listen):
     others = ["device#homeassistant/device/zigbee/config", "device#homeassistant/device/stadimeter_attic/config"]
     forged = [*others, "component#nonsense/x", "component#sensor/", "component#sensor/gone", "device#"]
     publish.single(
@@ -224,7 +207,7 @@ def test_a_list_that_somebody_else_wrote_removes_no_other_device(
     now=st.sets(st.sampled_from("abcd")),
     events=st.sets(st.sampled_from("abcd")),
 )
-def test_exactly_what_is_gone_is_removed(before: set[str], now: set[str], events: set[str]) -> None:
+def test_exactly_what_is_gone_is_removed(before, now, events):
     event = {key: entity(EventEntity, key, state_topic="x", event_types=("y",)) for key in events}
     earlier, later = announcement(*before), announcement(*now, **event)
     assert all(map(is_entry, earlier.entries | later.entries))

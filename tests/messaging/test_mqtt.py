@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
@@ -11,7 +10,7 @@ from stadimeter.core.message import Message
 from stadimeter.errors import ConfigError, DeviceOpenError
 from stadimeter.messaging.mqtt import PahoMessenger
 from stadimeter.testing.rig import eventually
-from support.broker import MosquittoBroker, free_port
+from support.broker import free_port
 from support.mqtt_listener import MqttListener
 from support.tunnel import Tunnel
 
@@ -34,9 +33,7 @@ def alert(payload: str) -> Message:
     return Message(topic="event/alarm", payload=payload, qos=1)
 
 
-def test_it_is_announced_online_then_offline(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
-) -> None:
+def test_it_is_announced_online_then_offline(broker, make_messenger, listen):
     listener = listen(broker.port)
     messenger = connected(make_messenger(broker.port))
     assert listener.wait_for(AVAILABILITY, "online").qos == 1
@@ -45,9 +42,7 @@ def test_it_is_announced_online_then_offline(
 
 
 @pytest.mark.parametrize("expected", ["online", "offline"])
-def test_whoever_subscribes_later_is_told_too(
-    expected: str, broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
-) -> None:
+def test_whoever_subscribes_later_is_told_too(expected, broker, make_messenger, listen):
     messenger = connected(make_messenger(broker.port))
     listen(broker.port).wait_for(AVAILABILITY, "online")
     if expected == "offline":
@@ -56,9 +51,7 @@ def test_whoever_subscribes_later_is_told_too(
     assert (heard.payload, heard.is_retained) == (expected, True)
 
 
-def test_a_link_that_breaks_makes_the_broker_announce_us_offline(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen, lay_tunnel: LayTunnel
-) -> None:
+def test_a_link_that_breaks_makes_the_broker_announce_us_offline(broker, make_messenger, listen, lay_tunnel):
     listener = listen(broker.port)
     tunnel = lay_tunnel(broker.port)
     connected(make_messenger(tunnel.port, protocol="3.1.1"))
@@ -70,9 +63,7 @@ def test_a_link_that_breaks_makes_the_broker_announce_us_offline(
     eventually(lambda: listener.payloads(AVAILABILITY)[2:3] == ["online"])  # and again if the first was not confirmed
 
 
-def test_a_short_break_is_not_announced_with_mqtt_5(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen, lay_tunnel: LayTunnel
-) -> None:
+def test_a_short_break_is_not_announced_with_mqtt_5(broker, make_messenger, listen, lay_tunnel):
     listener = listen(broker.port)
     tunnel = lay_tunnel(broker.port)
     messenger = connected(make_messenger(tunnel.port, protocol="5"))
@@ -85,9 +76,7 @@ def test_a_short_break_is_not_announced_with_mqtt_5(
 
 
 @pytest.mark.long
-def test_a_long_break_is_announced_with_mqtt_5(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen, lay_tunnel: LayTunnel
-) -> None:
+def test_a_long_break_is_announced_with_mqtt_5(broker, make_messenger, listen, lay_tunnel):
     listener = listen(broker.port)
     tunnel = lay_tunnel(broker.port)
     connected(make_messenger(tunnel.port, protocol="5"))
@@ -96,9 +85,7 @@ def test_a_long_break_is_announced_with_mqtt_5(
     listener.wait_for_payloads(AVAILABILITY, ["online", "offline"])
 
 
-def test_alerts_are_sent_at_least_once_and_never_kept(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
-) -> None:
+def test_alerts_are_sent_at_least_once_and_never_kept(broker, make_messenger, listen):
     listener = listen(broker.port)
     messenger = connected(make_messenger(broker.port))
     messenger.publish(alert("raised"))
@@ -108,15 +95,13 @@ def test_alerts_are_sent_at_least_once_and_never_kept(
     late.wait_for_payloads(f"{BASE}/event/alarm", ["cleared"])
 
 
-def test_states_are_sent_at_most_once(broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen) -> None:
+def test_states_are_sent_at_most_once(broker, make_messenger, listen):
     listener = listen(broker.port)
     connected(make_messenger(broker.port)).publish(STATE)
     assert listener.wait_for(f"{BASE}/{STATE.topic}", STATE.payload).qos == 0
 
 
-def test_a_state_is_kept_with_its_expiry_by_mqtt_5(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
-) -> None:
+def test_a_state_is_kept_with_its_expiry_by_mqtt_5(broker, make_messenger, listen):
     listener = listen(broker.port, is_v5=True)
     connected(make_messenger(broker.port)).publish(STATE)
     assert listener.wait_for(f"{BASE}/{STATE.topic}").expires_s == 10
@@ -126,9 +111,7 @@ def test_a_state_is_kept_with_its_expiry_by_mqtt_5(
     assert 0 < late.expires_s <= 10
 
 
-def test_a_state_that_expires_is_not_kept_by_mqtt_311_where_it_would_never_expire(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
-) -> None:
+def test_a_state_that_expires_is_not_kept_by_mqtt_311_where_it_would_never_expire(broker, make_messenger, listen):
     witness = listen(broker.port)
     messenger = connected(make_messenger(broker.port, protocol="3.1.1"))
     messenger.publish(STATE)
@@ -142,9 +125,7 @@ def test_a_state_that_expires_is_not_kept_by_mqtt_311_where_it_would_never_expir
     assert late.payloads(f"{BASE}/{STATE.topic}") == []
 
 
-def test_alerts_wait_for_a_broker_that_starts_late_and_states_are_dropped_and_counted(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
-) -> None:
+def test_alerts_wait_for_a_broker_that_starts_late_and_states_are_dropped_and_counted(broker, make_messenger, listen):
     broker.stop()
     messenger = make_messenger(broker.port)
     messenger.open()
@@ -163,9 +144,7 @@ def test_alerts_wait_for_a_broker_that_starts_late_and_states_are_dropped_and_co
     assert messenger.dropped == 40
 
 
-def test_it_connects_again_to_a_broker_that_was_restarted(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
-) -> None:
+def test_it_connects_again_to_a_broker_that_was_restarted(broker, make_messenger, listen):
     messenger = connected(make_messenger(broker.port))
     broker.stop()
     eventually(messenger.trouble)
@@ -174,9 +153,7 @@ def test_it_connects_again_to_a_broker_that_was_restarted(
     assert listen(broker.port).wait_for(AVAILABILITY).payload == "online"
 
 
-def test_alerts_that_nobody_acknowledged_are_sent_again_in_order(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen, lay_tunnel: LayTunnel
-) -> None:
+def test_alerts_that_nobody_acknowledged_are_sent_again_in_order(broker, make_messenger, listen, lay_tunnel):
     listener = listen(broker.port)
     tunnel = lay_tunnel(broker.port)
     messenger = connected(make_messenger(tunnel.port))
@@ -192,9 +169,7 @@ def test_alerts_that_nobody_acknowledged_are_sent_again_in_order(
     assert list(dict.fromkeys(arrived)) == numbers
 
 
-def test_a_link_that_takes_nothing_any_more_holds_neither_publishing_nor_memory(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, lay_tunnel: LayTunnel
-) -> None:
+def test_a_link_that_takes_nothing_any_more_holds_neither_publishing_nor_memory(broker, make_messenger, lay_tunnel):
     tunnel = lay_tunnel(broker.port)
     messenger = connected(make_messenger(tunnel.port))
     tunnel.clog()
@@ -205,8 +180,8 @@ def test_a_link_that_takes_nothing_any_more_holds_neither_publishing_nor_memory(
 
 
 def test_closing_over_a_link_that_takes_nothing_leaves_the_last_word_to_the_broker(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen, lay_tunnel: LayTunnel
-) -> None:
+    broker, make_messenger, listen, lay_tunnel
+):
     listener = listen(broker.port)
     tunnel = lay_tunnel(broker.port)
     messenger = connected(make_messenger(tunnel.port, protocol="3.1.1"))
@@ -219,7 +194,7 @@ def test_closing_over_a_link_that_takes_nothing_leaves_the_last_word_to_the_brok
     listener.wait_for_payloads(AVAILABILITY, ["online", "offline"])
 
 
-def test_a_port_where_nobody_listens_is_said_in_words(make_messenger: MakeMessenger) -> None:
+def test_a_port_where_nobody_listens_is_said_in_words(make_messenger):
     port = free_port()
     messenger = make_messenger(port)
     messenger.open()
@@ -227,18 +202,14 @@ def test_a_port_where_nobody_listens_is_said_in_words(make_messenger: MakeMessen
     assert words.startswith(f"127.0.0.1:{port} refused the connection (is a broker running there?); trying again in ")
 
 
-def test_a_right_password_is_accepted(
-    start_broker: Callable[..., MosquittoBroker], make_messenger: MakeMessenger, tmp_path: Path
-) -> None:
+def test_a_right_password_is_accepted(start_broker, make_messenger, tmp_path):
     broker = start_broker(username="pi", password="open sesame")
     password_file = tmp_path / "password"
     password_file.write_text("open sesame\n")
     connected(make_messenger(broker.port, username="pi", password_file=str(password_file)))
 
 
-def test_a_wrong_password_is_said_in_words_and_not_repeated_in_them(
-    start_broker: Callable[..., MosquittoBroker], make_messenger: MakeMessenger, tmp_path: Path
-) -> None:
+def test_a_wrong_password_is_said_in_words_and_not_repeated_in_them(start_broker, make_messenger, tmp_path):
     broker = start_broker(username="pi", password="open sesame")
     password_file = tmp_path / "password"
     password_file.write_text("open barley\n")
@@ -250,9 +221,7 @@ def test_a_wrong_password_is_said_in_words_and_not_repeated_in_them(
     assert "barley" not in words
 
 
-def test_a_missing_login_is_said_in_words(
-    start_broker: Callable[..., MosquittoBroker], make_messenger: MakeMessenger
-) -> None:
+def test_a_missing_login_is_said_in_words(start_broker, make_messenger):
     messenger = make_messenger(start_broker(username="pi", password="open sesame").port)
     messenger.open()
     eventually(lambda: "refused a connection without a login" in messenger.trouble())
@@ -266,9 +235,7 @@ def test_a_missing_login_is_said_in_words(
         ("\nsecond line", "no password on its first line"),
     ],
 )
-def test_a_password_file_of_no_use_is_an_error_at_once(
-    text: str | None, expected: str, make_messenger: MakeMessenger, tmp_path: Path
-) -> None:
+def test_a_password_file_of_no_use_is_an_error_at_once(text, expected, make_messenger, tmp_path):
     password_file = tmp_path / "password"
     if text is not None:
         password_file.write_text(text)
@@ -277,9 +244,7 @@ def test_a_password_file_of_no_use_is_an_error_at_once(
         messenger.open()
 
 
-def test_a_message_that_the_access_list_forbids_is_said_in_words(
-    broker: MosquittoBroker, start_broker: Callable[..., MosquittoBroker], make_messenger: MakeMessenger
-) -> None:
+def test_a_message_that_the_access_list_forbids_is_said_in_words(broker, start_broker, make_messenger):
     strict = start_broker(acl=f"topic readwrite {AVAILABILITY}\n")
     messenger = connected(make_messenger(strict.port))
     messenger.publish(alert("raised"))
@@ -287,13 +252,13 @@ def test_a_message_that_the_access_list_forbids_is_said_in_words(
     eventually(lambda: (messenger.given_up, messenger.undelivered()) == (1, ()))
 
 
-def test_two_programs_with_one_name_are_said_in_words(broker: MosquittoBroker, make_messenger: MakeMessenger) -> None:
+def test_two_programs_with_one_name_are_said_in_words(broker, make_messenger):
     first = connected(make_messenger(broker.port))
     connected(make_messenger(broker.port))
     eventually(lambda: "does another program use the client id 'stadimeter-it'?" in first.trouble())
 
 
-def test_a_topic_with_a_wildcard_is_refused(broker: MosquittoBroker, make_messenger: MakeMessenger) -> None:
+def test_a_topic_with_a_wildcard_is_refused(broker, make_messenger):
     messenger = connected(make_messenger(broker.port))
     for topic in ("", "rule/+/state", "#"):
         with pytest.raises(ConfigError, match="not a topic"):
@@ -301,7 +266,7 @@ def test_a_topic_with_a_wildcard_is_refused(broker: MosquittoBroker, make_messen
     assert messenger.trouble() == ""
 
 
-def test_the_base_topic_can_be_chosen(broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen) -> None:
+def test_the_base_topic_can_be_chosen(broker, make_messenger, listen):
     listener = listen(broker.port)
     connected(make_messenger(broker.port, base_topic="home/garage/ranger"))
     listener.wait_for("home/garage/ranger/availability", "online")

@@ -15,22 +15,20 @@ def options(**table: object) -> MqttOptions:
     return MqttOptions.model_validate(table)
 
 
-def test_an_empty_table_means_the_broker_on_this_computer() -> None:
+def test_an_empty_table_means_the_broker_on_this_computer():
     assert (options().place, options().base) == ("127.0.0.1:1883", f"stadimeter/{default_node()}")
 
 
 @pytest.mark.parametrize(
     ("host_name", "expected"), [("garage", "garage"), ("my pi.local", "my-pi"), ("ürgö", "rg"), ("...", "node")]
 )
-def test_the_default_node_is_the_computers_name_in_plain_characters(
-    host_name: str, expected: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_default_node_is_the_computers_name_in_plain_characters(host_name, expected, monkeypatch):
     monkeypatch.setattr("socket.gethostname", lambda: host_name)
     assert options().node == expected
     assert re.fullmatch(r"stadimeter-[a-zA-Z0-9_-]+", options().client_id)
 
 
-def test_the_port_follows_tls_unless_it_is_given() -> None:
+def test_the_port_follows_tls_unless_it_is_given():
     assert options(tls=True).broker_port == 8883
     assert options(tls=True, port=1884).broker_port == 1884
 
@@ -62,12 +60,12 @@ def test_the_port_follows_tls_unless_it_is_given() -> None:
         ({"hots": "broker"}, "hots"),
     ],
 )
-def test_a_wrong_option_is_named(table: dict[str, object], expected: str) -> None:
+def test_a_wrong_option_is_named(table, expected):
     with pytest.raises(ValidationError, match=re.escape(expected)):
         options(**table)
 
 
-def test_paths_are_relative_to_the_configuration() -> None:
+def test_paths_are_relative_to_the_configuration():
     checked = MqttOptions.model_validate(
         {"username": "pi", "password_file": "password"}, context={"folder": Path("/etc/stadimeter")}
     )

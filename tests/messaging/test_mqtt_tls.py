@@ -35,48 +35,40 @@ def secure_broker(start_broker: StartBroker, certificate: tuple[Path, Path]) -> 
     return start_broker(certificate=certificate[0], key=certificate[1])
 
 
-def test_a_broker_with_a_trusted_certificate_is_accepted(
-    secure_broker: MosquittoBroker, make_messenger: MakeMessenger, certificate: tuple[Path, Path]
-) -> None:
+def test_a_broker_with_a_trusted_certificate_is_accepted(secure_broker, make_messenger, certificate):
     messenger = make_messenger(secure_broker.port, tls=True, ca_file=str(certificate[0]))
     messenger.open()
     eventually(lambda: not messenger.trouble())
 
 
-def test_a_broker_with_an_unknown_certificate_is_refused_in_words(
-    secure_broker: MosquittoBroker, make_messenger: MakeMessenger
-) -> None:
+def test_a_broker_with_an_unknown_certificate_is_refused_in_words(secure_broker, make_messenger):
     messenger = make_messenger(secure_broker.port, tls=True)
     messenger.open()
     eventually(lambda: "is not trusted" in messenger.trouble() and "ca_file" in messenger.trouble())
 
 
 def test_a_broker_under_another_name_than_its_certificates_is_refused_in_words(
-    secure_broker: MosquittoBroker, make_messenger: MakeMessenger, certificate: tuple[Path, Path]
-) -> None:
+    secure_broker, make_messenger, certificate
+):
     messenger = make_messenger(secure_broker.port, host="localhost", tls=True, ca_file=str(certificate[0]))
     messenger.open()
     eventually(lambda: "is not trusted" in messenger.trouble())
 
 
-def test_a_port_for_tls_without_tls_is_said_in_words(
-    secure_broker: MosquittoBroker, make_messenger: MakeMessenger
-) -> None:
+def test_a_port_for_tls_without_tls_is_said_in_words(secure_broker, make_messenger):
     messenger = make_messenger(secure_broker.port)
     messenger.open()
     eventually(lambda: "with TLS as configured?" in messenger.trouble())
 
 
-def test_tls_to_a_port_without_it_is_said_in_words(broker: MosquittoBroker, make_messenger: MakeMessenger) -> None:
+def test_tls_to_a_port_without_it_is_said_in_words(broker, make_messenger):
     messenger = make_messenger(broker.port, tls=True)
     messenger.open()
     eventually(lambda: "TLS" in messenger.trouble())
 
 
 @pytest.mark.parametrize(("text", "expected"), [(None, "no such file"), ("not a certificate", "no certificate")])
-def test_a_certificate_file_of_no_use_is_an_error_at_once(
-    text: str | None, expected: str, make_messenger: MakeMessenger, tmp_path: Path
-) -> None:
+def test_a_certificate_file_of_no_use_is_an_error_at_once(text, expected, make_messenger, tmp_path):
     file = tmp_path / "ca.pem"
     if text is not None:
         file.write_text(text)
@@ -85,9 +77,7 @@ def test_a_certificate_file_of_no_use_is_an_error_at_once(
         messenger.open()
 
 
-def test_a_certificate_of_our_own_that_is_of_no_use_is_said_in_words(
-    tmp_path: Path, make_messenger: MakeMessenger, certificate: tuple[Path, Path]
-) -> None:
+def test_a_certificate_of_our_own_that_is_of_no_use_is_said_in_words(tmp_path, make_messenger, certificate):
     file, key = certificate
     (tmp_path / "locked.key").write_bytes(_locked(key))
     (tmp_path / "no.crt").write_text("no certificate")

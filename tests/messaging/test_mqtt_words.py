@@ -23,12 +23,12 @@ OPTIONS = MqttOptions(host="broker.local", node="garage")
         (ssl.SSLError(1, "[SSL: WRONG_VERSION_NUMBER]"), "broker.local:1883 does not speak TLS as expected"),
     ],
 )
-def test_why_there_is_no_connection_is_said_in_one_line(error: OSError, expected: str) -> None:
+def test_why_there_is_no_connection_is_said_in_one_line(error, expected):
     said = words.describe_connect_error(OPTIONS, error)
     assert expected in said
     assert "\n" not in said
 
 
 @pytest.mark.parametrize("error", [TimeoutError("handshake"), ConnectionResetError(), ssl.SSLEOFError(8, "EOF")])
-def test_with_tls_the_port_is_suspected(error: OSError) -> None:
+def test_with_tls_the_port_is_suspected(error):
     assert "is this its port for TLS?" in words.describe_connect_error(OPTIONS.model_copy(update={"tls": True}), error)

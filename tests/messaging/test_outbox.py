@@ -29,7 +29,7 @@ def payloads(outbox: MemoryOutbox, now_s: float = 0.0) -> list[str]:
     return [message.payload for message in taken(outbox, now_s)]
 
 
-def test_no_more_than_the_window_is_on_the_wire() -> None:
+def test_no_more_than_the_window_is_on_the_wire():
     outbox = MemoryOutbox(window=2)
     for number in range(4):
         outbox.add(alert(number), 0.0)
@@ -38,14 +38,14 @@ def test_no_more_than_the_window_is_on_the_wire() -> None:
     assert payloads(outbox) == ["2"]
 
 
-def test_a_full_outbox_gives_up_its_oldest_message_and_counts_it() -> None:
+def test_a_full_outbox_gives_up_its_oldest_message_and_counts_it():
     outbox = MemoryOutbox(capacity=2)
     for number in range(3):
         outbox.add(alert(number), 0.0)
     assert (payloads(outbox), outbox.given_up) == (["1", "2"], 1)
 
 
-def test_a_full_outbox_drops_a_state_that_a_newer_one_replaced_before_it_gives_up_an_alarm() -> None:
+def test_a_full_outbox_drops_a_state_that_a_newer_one_replaced_before_it_gives_up_an_alarm():
     outbox = MemoryOutbox(capacity=3)
     first, second = (Message(topic="rule/near/state", payload=each, qos=1, retain=True) for each in ("100", "101"))
     for message in (alert(0), first, second, alert(1)):
@@ -57,7 +57,7 @@ def test_a_full_outbox_drops_a_state_that_a_newer_one_replaced_before_it_gives_u
     assert (outbox.given_up, outbox.dropped) == (1, 1)
 
 
-def test_a_full_outbox_gives_up_what_matters_least_and_never_what_is_about_safety() -> None:
+def test_a_full_outbox_gives_up_what_matters_least_and_never_what_is_about_safety():
     outbox = MemoryOutbox(capacity=4)
     said = [alert(each, severity=each) for each in (Severity.SAFETY, Severity.ALARM, Severity.INFO, Severity.WARNING)]
     for message in said:
@@ -70,7 +70,7 @@ def test_a_full_outbox_gives_up_what_matters_least_and_never_what_is_about_safet
         assert outbox.given_up == min(number + 1, 3)
 
 
-def test_an_event_that_goes_out_late_says_that_it_is_history_also_when_it_is_sent_again() -> None:
+def test_an_event_that_goes_out_late_says_that_it_is_history_also_when_it_is_sent_again():
     outbox = MemoryOutbox(window=2)
     for number in range(3):
         outbox.add(Message(topic="event/alarm", payload=f'{{"id":"{number}"}}', qos=1), 100.0)
@@ -92,7 +92,7 @@ def test_an_event_that_goes_out_late_says_that_it_is_history_also_when_it_is_sen
     assert payloads_at(200.0) == ['{"mine":1}']
 
 
-def test_after_a_week_only_what_is_about_safety_and_what_the_broker_is_to_keep_is_still_sent() -> None:
+def test_after_a_week_only_what_is_about_safety_and_what_the_broker_is_to_keep_is_still_sent():
     outbox = MemoryOutbox()
     for message in (alert(0), alert(1, severity=Severity.SAFETY), replace(alert(2), retain=True)):
         outbox.add(message, 0.0)
@@ -101,7 +101,7 @@ def test_after_a_week_only_what_is_about_safety_and_what_the_broker_is_to_keep_i
     assert outbox.given_up == 1
 
 
-def test_a_message_that_waited_too_long_is_dropped_and_a_younger_one_keeps_what_is_left_of_its_life() -> None:
+def test_a_message_that_waited_too_long_is_dropped_and_a_younger_one_keeps_what_is_left_of_its_life():
     outbox = MemoryOutbox()
     outbox.add(alert(0, expires_s=2), 100.0)
     outbox.add(alert(1, expires_s=10), 100.0)
@@ -109,13 +109,13 @@ def test_a_message_that_waited_too_long_is_dropped_and_a_younger_one_keeps_what_
     assert (message.payload, message.expires_s, outbox.given_up) == ("1", 7, 1)
 
 
-def test_a_message_that_expires_right_now_is_not_sent_with_an_expiry_of_zero() -> None:
+def test_a_message_that_expires_right_now_is_not_sent_with_an_expiry_of_zero():
     outbox = MemoryOutbox()
     outbox.add(alert(0, expires_s=2), 100.0)
     assert payloads(outbox, 102.0) == []
 
 
-def test_messages_of_qos_0_that_were_not_written_are_lost_with_the_connection() -> None:
+def test_messages_of_qos_0_that_were_not_written_are_lost_with_the_connection():
     outbox = MemoryOutbox(unwritten_max=2)
     for number in range(2):
         assert outbox.has_room_on_wire
@@ -126,7 +126,7 @@ def test_messages_of_qos_0_that_were_not_written_are_lost_with_the_connection() 
     assert (outbox.dropped, outbox.has_room_on_wire, outbox.is_empty) == (1, True, True)
 
 
-def test_messages_go_in_their_order_but_those_of_qos_0_do_not_wait_for_acknowledgements() -> None:
+def test_messages_go_in_their_order_but_those_of_qos_0_do_not_wait_for_acknowledgements():
     outbox = MemoryOutbox(window=1)
     for message in (state(0), alert(1), state(2), alert(3), state(4)):
         outbox.add(message, 0.0)
@@ -135,7 +135,7 @@ def test_messages_go_in_their_order_but_those_of_qos_0_do_not_wait_for_acknowled
     assert payloads(outbox) == ["3"]
 
 
-def test_a_message_of_qos_0_is_dropped_and_counted_when_as_many_wait_to_be_written() -> None:
+def test_a_message_of_qos_0_is_dropped_and_counted_when_as_many_wait_to_be_written():
     outbox = MemoryOutbox(unwritten_max=2)
     for number in range(3):
         outbox.add(state(number), 0.0)
@@ -146,7 +146,7 @@ def test_a_message_of_qos_0_is_dropped_and_counted_when_as_many_wait_to_be_writt
     assert (payloads(outbox, now_s=3.0), outbox.dropped) == ([], 3)  # too late
 
 
-def test_a_message_that_was_taken_is_undelivered_before_it_is_on_the_wire() -> None:
+def test_a_message_that_was_taken_is_undelivered_before_it_is_on_the_wire():
     outbox = MemoryOutbox()
     for number in (1, 2):
         outbox.add(alert(number), 0.0)
@@ -157,7 +157,7 @@ def test_a_message_that_was_taken_is_undelivered_before_it_is_on_the_wire() -> N
     assert (outbox.undelivered(), outbox.given_up) == ((alert(2),), 1)
 
 
-def test_starting_over_sends_everything_again_in_the_same_order() -> None:
+def test_starting_over_sends_everything_again_in_the_same_order():
     outbox = MemoryOutbox(window=3)
     for number in range(5):
         outbox.add(alert(number), 0.0)
@@ -167,7 +167,7 @@ def test_starting_over_sends_everything_again_in_the_same_order() -> None:
     assert payloads(outbox) == ["0", "2", "3"]
 
 
-def test_what_is_on_the_wire_and_what_waits_is_undelivered_until_it_is_answered() -> None:
+def test_what_is_on_the_wire_and_what_waits_is_undelivered_until_it_is_answered():
     outbox = MemoryOutbox(window=2)
     for number in range(3):
         outbox.add(alert(number), 0.0)
@@ -183,9 +183,7 @@ def test_what_is_on_the_wire_and_what_waits_is_undelivered_until_it_is_answered(
     capacity=st.integers(1, 5),
     window=st.integers(1, 5),
 )
-def test_every_message_is_acknowledged_or_counted_or_still_there_in_its_order(
-    steps: list[str], capacity: int, window: int
-) -> None:
+def test_every_message_is_acknowledged_or_counted_or_still_there_in_its_order(steps, capacity, window):
     outbox = MemoryOutbox(capacity=capacity, window=window)
     added = 0
     safety, acknowledged, on_wire = set(), set(), list[int]()

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import socket
-from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
 from stadimeter.messaging import mqtt
-from stadimeter.messaging.mqtt import MqttOptions, PahoMessenger
+from stadimeter.messaging.mqtt import MqttOptions
 from stadimeter.testing.rig import eventually
-from support.broker import HOST, MosquittoBroker, free_port
-from support.mqtt_listener import MqttListener
+from support.broker import HOST, free_port
 
 
 @pytest.fixture(autouse=True)
@@ -24,9 +21,7 @@ def options(port: int, **more: object) -> MqttOptions:
     return MqttOptions.model_validate({"host": HOST, "port": port, "node": "it", **more})
 
 
-def test_a_running_instance_keeps_its_connection_and_no_one_hears_of_the_question(
-    broker: MosquittoBroker, make_messenger: Callable[..., PahoMessenger], listen: Callable[..., MqttListener]
-) -> None:
+def test_a_running_instance_keeps_its_connection_and_no_one_hears_of_the_question(broker, make_messenger, listen):
     listener = listen(broker.port)
     messenger = make_messenger(broker.port)
     messenger.open()
@@ -42,9 +37,7 @@ def test_a_running_instance_keeps_its_connection_and_no_one_hears_of_the_questio
 
 
 @pytest.mark.parametrize(("password", "words"), [("open sesame", ""), ("sesame", "refused the login of 'pi'")])
-def test_the_login_of_the_configuration_is_tried(
-    start_broker: Callable[..., MosquittoBroker], tmp_path: Path, password: str, words: str
-) -> None:
+def test_the_login_of_the_configuration_is_tried(start_broker, tmp_path, password, words):
     broker = start_broker(username="pi", password="open sesame")
     (tmp_path / "password").write_text(password)
     trouble = options(broker.port, username="pi", password_file=str(tmp_path / "password")).reach()
@@ -53,7 +46,7 @@ def test_the_login_of_the_configuration_is_tried(
     assert "sesame" not in trouble
 
 
-def test_each_way_not_to_answer_has_its_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_way_not_to_answer_has_its_words(tmp_path, monkeypatch):
     monkeypatch.setattr(mqtt, "ASKED_S", 0.2)
     assert "is a broker running there?" in options(free_port()).reach()
     missing = options(free_port(), username="pi", password_file=str(tmp_path / "none"))

@@ -18,7 +18,6 @@ from stadimeter.messaging.request_topics import RequestTopics
 from stadimeter.testing.rig import eventually
 from support.broker import HOST, MosquittoBroker
 from support.mqtt_asker import MqttAsker
-from support.tunnel import Tunnel
 
 MakeMessenger = Callable[..., PahoMessenger]
 ACTION = "request/reset"
@@ -61,9 +60,8 @@ def settle(inbox: Inbox, asker: MqttAsker) -> None:
 
 
 def test_what_came_while_the_link_was_down_is_stale_and_availability_does_not_flap(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, lay_tunnel: Callable[[int], Tunnel],
-    ask: Callable[..., MqttAsker], listen: Callable[..., Any],
-) -> None:  # fmt: skip
+    broker, make_messenger, lay_tunnel, ask, listen
+):
     tunnel, asker = lay_tunnel(broker.port), ask(broker.port)
     inbox = connected(Inbox(make_messenger(tunnel.port, protocol="5")), asker)
     witness = listen(broker.port)
@@ -82,10 +80,7 @@ def test_what_came_while_the_link_was_down_is_stale_and_availability_does_not_fl
 
 
 @pytest.mark.parametrize("ends", ["closed", "killed"])
-def test_what_came_between_two_runs_is_never_heeded_by_the_second(
-    ends: str, broker: MosquittoBroker, make_messenger: MakeMessenger, lay_tunnel: Callable[[int], Tunnel],
-    ask: Callable[..., MqttAsker],
-) -> None:  # fmt: skip
+def test_what_came_between_two_runs_is_never_heeded_by_the_second(ends, broker, make_messenger, lay_tunnel, ask):
     tunnel, asker = lay_tunnel(broker.port), ask(broker.port)
     first = connected(Inbox(make_messenger(tunnel.port, protocol="5")), asker)
     if ends == "killed":
@@ -102,10 +97,7 @@ def test_what_came_between_two_runs_is_never_heeded_by_the_second(
     assert between == ["stale"] or (ends == "closed" and between == [])
 
 
-def test_a_session_of_311_keeps_nothing_while_we_are_away(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, lay_tunnel: Callable[[int], Tunnel],
-    ask: Callable[..., MqttAsker],
-) -> None:  # fmt: skip
+def test_a_session_of_311_keeps_nothing_while_we_are_away(broker, make_messenger, lay_tunnel, ask):
     tunnel, asker = lay_tunnel(broker.port), ask(broker.port, is_v5=False)
     inbox = connected(Inbox(make_messenger(tunnel.port, protocol="3.1.1")), asker)
     tunnel.cut()
@@ -122,9 +114,7 @@ def patient_flood(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("patient_flood")
-def test_a_flooded_topic_is_left_for_a_while_and_the_others_are_heard(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, ask: Callable[..., MqttAsker]
-) -> None:
+def test_a_flooded_topic_is_left_for_a_while_and_the_others_are_heard(broker, make_messenger, ask):
     asker = ask(broker.port)
     inbox = connected(Inbox(make_messenger(broker.port, protocol="5"), ACTION, "request/stop-outputs"), asker)
     flooded = "it is not listened to for"
@@ -137,9 +127,7 @@ def test_a_flooded_topic_is_left_for_a_while_and_the_others_are_heard(
     assert inbox.messenger.trouble() == ""
 
 
-def test_a_message_that_is_too_large_costs_a_311_connection_and_three_end_the_listening(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, ask: Callable[..., MqttAsker]
-) -> None:
+def test_a_message_that_is_too_large_costs_a_311_connection_and_three_end_the_listening(broker, make_messenger, ask):
     asker = ask(broker.port, is_v5=False)
     inbox = connected(Inbox(make_messenger(broker.port, protocol="3.1.1")), asker)
     asker.send("reset", b"x" * 1_000_000, retain=True).wait_for_publish(120)
@@ -148,9 +136,7 @@ def test_a_message_that_is_too_large_costs_a_311_connection_and_three_end_the_li
     assert b"x" * 100 not in b"".join(each.payload for each in inbox.messages)
 
 
-def test_a_message_that_is_too_large_costs_nothing_with_mqtt_5(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, ask: Callable[..., MqttAsker]
-) -> None:
+def test_a_message_that_is_too_large_costs_nothing_with_mqtt_5(broker, make_messenger, ask):
     asker = ask(broker.port)
     inbox = connected(Inbox(make_messenger(broker.port, protocol="5")), asker)
     asker.send("reset", b"x" * 1_000_000).wait_for_publish(120)
@@ -186,8 +172,8 @@ def strict_broker(tmp_path: Path) -> Iterator[MosquittoBroker]:
 
 @pytest.mark.parametrize("protocol", ["5", "3.1.1"])
 def test_a_subscription_that_is_refused_is_said_in_words_and_keeps_nothing_else_from_working(
-    protocol: str, strict_broker: MosquittoBroker, make_messenger: MakeMessenger
-) -> None:
+    protocol, strict_broker, make_messenger
+):
     messenger = make_messenger(strict_broker.port, protocol=protocol)
     Inbox(messenger, ACTION, "request/arm")
     messenger.open()
@@ -224,7 +210,7 @@ class FakeMessage(MQTTMessage):
         ("", ""),
     ],
 )
-def test_a_response_goes_to_no_topic_of_ours_and_to_none_that_cannot_be_published_to(wanted: str, heeded: str) -> None:
+def test_a_response_goes_to_no_topic_of_ours_and_to_none_that_cannot_be_published_to(wanted, heeded):
     received: list[RequestMessage] = []
     topics = RequestTopics(MqttOptions(node="it"), [ACTION], received.append)
     topics.begin(is_v5=True)
@@ -234,7 +220,7 @@ def test_a_response_goes_to_no_topic_of_ours_and_to_none_that_cannot_be_publishe
     assert [(each.response_topic, each.refusal) for each in received] == [(heeded, None)]
 
 
-def test_a_broker_that_cannot_mark_messages_is_not_listened_to_with_mqtt_5() -> None:
+def test_a_broker_that_cannot_mark_messages_is_not_listened_to_with_mqtt_5():
     topics = RequestTopics(MqttOptions(node="it"), [ACTION], lambda _message: None)
     topics.begin(is_v5=True, trouble="it cannot mark old messages")
     assert (topics.due(0.0), topics.trouble()) == (([], []), "it cannot mark old messages")

@@ -14,9 +14,7 @@ from stadimeter.messaging.mqtt import MqttOptions, PahoMessenger
 from stadimeter.messaging.mqtt_client import PAGE_PACKET_MAX
 from stadimeter.messaging.outbox import RetainedList
 from stadimeter.testing.rig import eventually
-from support.broker import MosquittoBroker
 from support.mqtt_listener import MqttListener
-from support.tunnel import Tunnel
 
 BASE = "stadimeter/it"
 PAGE = f"{BASE}/retained/it/0"
@@ -54,8 +52,8 @@ def kept(listener: MqttListener) -> dict[str, str]:
 
 @pytest.mark.parametrize("protocol", ["3.1.1", "auto"])
 def test_a_rule_that_was_renamed_is_forgotten_by_the_broker_when_the_next_run_connects(
-    protocol: str, broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
-) -> None:
+    protocol, broker, make_messenger, listen
+):
     witness = listen(broker.port)
     ran(make_messenger(broker.port, protocol=protocol), "near", "far", also=("door/alert",)).close()
     ran(make_messenger(broker.port, protocol=protocol), "nearer", "far")
@@ -67,9 +65,7 @@ def test_a_rule_that_was_renamed_is_forgotten_by_the_broker_when_the_next_run_co
     assert witness.payloads(f"{BASE}/rule/far/state") == ["far", "far"]
 
 
-def test_a_run_that_was_killed_leaves_a_list_too(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen, lay_tunnel: Callable[[int], Tunnel]
-) -> None:
+def test_a_run_that_was_killed_leaves_a_list_too(broker, make_messenger, listen, lay_tunnel):
     tunnel = lay_tunnel(broker.port)
     ran(make_messenger(tunnel.port), "near")
     witness = listen(broker.port)
@@ -80,8 +76,8 @@ def test_a_run_that_was_killed_leaves_a_list_too(
 
 
 def test_a_rule_that_was_renamed_while_the_broker_was_away_is_forgotten_when_it_is_back(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen, lay_tunnel: Callable[[int], Tunnel]
-) -> None:
+    broker, make_messenger, listen, lay_tunnel
+):
     tunnel = lay_tunnel(broker.port)
     messenger = ran(make_messenger(tunnel.port), "near")
     witness = listen(broker.port)
@@ -94,9 +90,7 @@ def test_a_rule_that_was_renamed_while_the_broker_was_away_is_forgotten_when_it_
     witness.wait_for(PAGE, json.dumps(["rule/far/state"]))
 
 
-def test_a_reload_while_connected_writes_the_list_anew(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
-) -> None:
+def test_a_reload_while_connected_writes_the_list_anew(broker, make_messenger, listen):
     messenger = ran(make_messenger(broker.port), "near")
     witness = listen(broker.port)
     witness.wait_for(PAGE)
@@ -105,8 +99,8 @@ def test_a_reload_while_connected_writes_the_list_anew(
 
 
 def test_the_list_is_written_though_the_broker_answers_before_the_run_knows_what_it_publishes(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
-) -> None:
+    broker, make_messenger, listen
+):
     messenger = make_messenger(broker.port)
     messenger.open()
     eventually(lambda: not messenger.trouble())
@@ -114,9 +108,7 @@ def test_the_list_is_written_though_the_broker_answers_before_the_run_knows_what
     listen(broker.port).wait_for(PAGE, json.dumps(["rule/near/state"]))
 
 
-def test_another_node_below_the_same_base_keeps_its_own(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
-) -> None:
+def test_another_node_below_the_same_base_keeps_its_own(broker, make_messenger, listen):
     witness = listen(broker.port)
     ran(make_messenger(broker.port, node="one", base_topic="home"), "near")
     witness.wait_for("home/retained/one/0")
@@ -125,9 +117,7 @@ def test_another_node_below_the_same_base_keeps_its_own(
     assert witness.payloads("home/rule/near/state") == ["near"]
 
 
-def test_a_list_that_somebody_else_wrote_clears_nothing_but_rules_and_messages_of_ours(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
-) -> None:
+def test_a_list_that_somebody_else_wrote_clears_nothing_but_rules_and_messages_of_ours(broker, make_messenger, listen):
     writer = make_messenger(broker.port, node="writer", base_topic=BASE)
     evil = [
         "availability",
@@ -158,9 +148,7 @@ def test_a_list_that_somebody_else_wrote_clears_nothing_but_rules_and_messages_o
 
 
 @pytest.mark.parametrize("protocol", ["3.1.1", "auto"])
-def test_a_page_that_is_too_large_costs_one_connection_at_most(
-    protocol: str, broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
-) -> None:
+def test_a_page_that_is_too_large_costs_one_connection_at_most(protocol, broker, make_messenger, listen):
     writer = make_messenger(broker.port, node="writer", base_topic=BASE)
     writer.open()
     writer.publish(Message(topic="retained/it/0", payload="x" * 50_000, qos=1, retain=True))
@@ -175,20 +163,13 @@ def test_a_page_that_is_too_large_costs_one_connection_at_most(
     eventually(lambda: not messenger.trouble() and not messenger.undelivered())
 
 
-def test_a_login_that_may_write_only_publishes_as_before(
-    broker: MosquittoBroker,
-    start_broker: Callable[..., MosquittoBroker],
-    make_messenger: MakeMessenger,
-    listen: Listen,
-) -> None:
+def test_a_login_that_may_write_only_publishes_as_before(broker, start_broker, make_messenger, listen):
     strict = start_broker(acl=f"topic write {BASE}/#\n")
     messenger = ran(make_messenger(strict.port), "near")
     assert (messenger.trouble(), messenger.given_up) == ("", 0)
 
 
-def test_a_list_of_hundreds_of_rules_fits_into_packets_that_are_read(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Listen
-) -> None:
+def test_a_list_of_hundreds_of_rules_fits_into_packets_that_are_read(broker, make_messenger, listen):
     names = [f"the-rule-of-number-{number}" for number in range(300)]
     ran(make_messenger(broker.port), *names).close()
     witness = listen(broker.port)
@@ -201,7 +182,7 @@ def test_a_list_of_hundreds_of_rules_fits_into_packets_that_are_read(
     names=st.sets(st.text(st.characters(codec="utf-8", exclude_characters="+#\0"), min_size=1), max_size=60),
     room_bytes=st.integers(20, 900),
 )
-def test_what_fits_on_pages_is_read_back_from_them(names: set[str], room_bytes: int) -> None:
+def test_what_fits_on_pages_is_read_back_from_them(names, room_bytes):
     written = RetainedList("retained/it", room_bytes, "it")
     written.retain_only(frozenset(f"my/{name}" for name in names))
     read = RetainedList("retained/it", room_bytes, "it")
@@ -215,7 +196,7 @@ def test_what_fits_on_pages_is_read_back_from_them(names: set[str], room_bytes: 
     assert cleared == short
 
 
-def test_a_rule_that_is_gone_becomes_unavailable_before_it_is_forgotten() -> None:
+def test_a_rule_that_is_gone_becomes_unavailable_before_it_is_forgotten():
     sent = [(each.topic, each.payload, each.retain) for each in clearing({"rule/near/availability", "rule/near/state"})]
     assert sent == [
         ("rule/near/availability", "offline", False),
@@ -224,7 +205,7 @@ def test_a_rule_that_is_gone_becomes_unavailable_before_it_is_forgotten() -> Non
     ]
 
 
-def test_the_settings_of_a_rule_that_is_gone_are_forgotten() -> None:
+def test_the_settings_of_a_rule_that_is_gone_are_forgotten():
     written = RetainedList("retained/it", 1000, "it")
     written.retain_only(frozenset({"rule/near/settings", "rule/near/whatever"}))
     read = RetainedList("retained/it", 1000, "it")
@@ -235,7 +216,7 @@ def test_the_settings_of_a_rule_that_is_gone_are_forgotten() -> None:
     assert not any("whatever" in message.topic for message in read.finish())
 
 
-def test_a_base_topic_of_any_length_leaves_no_page_larger_than_what_is_read() -> None:
+def test_a_base_topic_of_any_length_leaves_no_page_larger_than_what_is_read():
     for length in (1, 500, 5000):
         options = MqttOptions(node="it", base_topic="b" * length)
         pages = RetainedList(options.retained_topic, options.retained_page_bytes, options.node)

@@ -6,15 +6,12 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-import pytest
 from paho.mqtt.client import Client, MQTTMessageInfo
 
 from stadimeter.core.message import Message
 from stadimeter.messaging.mqtt import PahoMessenger
 from stadimeter.messaging.send_queue import INCOMING_MAX
 from stadimeter.testing.rig import eventually
-from support.broker import MosquittoBroker
-from support.mqtt_listener import MqttListener
 
 ALARM = "stadimeter/it/event/alarm"
 
@@ -25,12 +22,7 @@ def alarm(number: int) -> Message:
     return Message(topic="event/alarm", payload=str(number), qos=1)
 
 
-def test_publishing_does_not_wait_for_a_thread_that_is_in_paho(
-    broker: MosquittoBroker,
-    make_messenger: MakeMessenger,
-    listen: Callable[..., MqttListener],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_publishing_does_not_wait_for_a_thread_that_is_in_paho(broker, make_messenger, listen, monkeypatch):
     listener = listen(broker.port)
     messenger = make_messenger(broker.port)
     messenger.open()
@@ -55,9 +47,7 @@ def test_publishing_does_not_wait_for_a_thread_that_is_in_paho(
     listener.wait_for_payloads(ALARM, [str(number) for number in range(count)])
 
 
-def test_a_message_that_cannot_be_packed_is_given_up_and_said_and_those_behind_it_go(
-    broker: MosquittoBroker, make_messenger: MakeMessenger, listen: Callable[..., MqttListener]
-) -> None:
+def test_a_message_that_cannot_be_packed_is_given_up_and_said_and_those_behind_it_go(broker, make_messenger, listen):
     listener = listen(broker.port)
     messenger = make_messenger(broker.port)
     messenger.open()

@@ -16,8 +16,6 @@ from stadimeter.messaging.mqtt_client import LISTENING_PACKET_MAX
 from stadimeter.messaging.protocol import Received
 from stadimeter.messaging.subscription import MqttSubscription
 from support.broker import HOST, MosquittoBroker, free_port
-from support.mqtt_listener import MqttListener
-from support.tunnel import Tunnel
 
 WAIT_S = 120.0
 IMPATIENT = Patience(answer_s=10.0, first_pause_s=0.05, longest_pause_s=0.2)
@@ -70,9 +68,7 @@ def say(device: Client, topic: str, payload: bytes, *, retain: bool = False) -> 
     device.publish(topic, payload, qos=1, retain=retain).wait_for_publish(WAIT_S)
 
 
-def test_messages_come_with_whether_the_broker_had_kept_them(
-    broker: MosquittoBroker, device: Client, listening: Callable[..., Listening]
-) -> None:
+def test_messages_come_with_whether_the_broker_had_kept_them(broker, device, listening):
     say(device, "stadimeter/garage/info", b"kept", retain=True)
     listener = listening(broker.port).connected()
     listener.until(lambda: listener.received)
@@ -82,9 +78,7 @@ def test_messages_come_with_whether_the_broker_had_kept_them(
 
 
 @pytest.mark.parametrize("protocol", ["5", "3.1.1"])
-def test_a_message_that_is_too_long_hides_no_other(
-    broker: MosquittoBroker, listening: Callable[..., Listening], protocol: str
-) -> None:
+def test_a_message_that_is_too_long_hides_no_other(broker, listening, protocol):
     device = Client(CallbackAPIVersion.VERSION2, protocol=MQTTProtocolVersion.MQTTv311)
     device.connect(HOST, broker.port)
     device.loop_start()
@@ -102,9 +96,7 @@ def test_a_message_that_is_too_long_hides_no_other(
     assert listener.subscription.trouble() == ""
 
 
-def test_it_listens_again_after_the_connection_was_lost(
-    broker: MosquittoBroker, device: Client, listening: Callable[..., Listening], lay_tunnel: Callable[[int], Tunnel]
-) -> None:
+def test_it_listens_again_after_the_connection_was_lost(broker, device, listening, lay_tunnel):
     tunnel = lay_tunnel(broker.port)
     listener = listening(tunnel.port).connected()
     tunnel.cut()
@@ -115,9 +107,7 @@ def test_it_listens_again_after_the_connection_was_lost(
     listener.until(lambda: b"after" in listener.payloads())
 
 
-def test_events_that_came_while_the_connection_was_away_arrive_once_it_is_back(
-    broker: MosquittoBroker, listening: Callable[..., Listening], lay_tunnel: Callable[[int], Tunnel]
-) -> None:
+def test_events_that_came_while_the_connection_was_away_arrive_once_it_is_back(broker, listening, lay_tunnel):
     tunnel = lay_tunnel(broker.port)
     listener = listening(tunnel.port).connected()
     tunnel.cut()
@@ -135,24 +125,20 @@ def test_events_that_came_while_the_connection_was_away_arrive_once_it_is_back(
     assert listener.payloads() == sent
 
 
-def test_a_broker_that_is_away_is_named_and_tried_again(listening: Callable[..., Listening]) -> None:
+def test_a_broker_that_is_away_is_named_and_tried_again(listening):
     port = free_port()
     listener = listening(port)
     listener.until(lambda: "is a broker running there?" in listener.subscription.trouble())
     assert f"{HOST}:{port}" in listener.subscription.trouble()
 
 
-def test_a_wrong_password_is_said(
-    start_broker: Callable[..., MosquittoBroker], listening: Callable[..., Listening]
-) -> None:
+def test_a_wrong_password_is_said(start_broker, listening):
     broker = start_broker(username="pi", password="open sesame")
     listener = listening(broker.port)
     listener.until(lambda: "refused a connection without a login" in listener.subscription.trouble())
 
 
-def test_others_see_no_device_come_or_go(
-    broker: MosquittoBroker, device: Client, listening: Callable[..., Listening], listen: Callable[..., MqttListener]
-) -> None:
+def test_others_see_no_device_come_or_go(broker, device, listening, listen):
     everything = listen(broker.port)
     listener = listening(broker.port).connected()
     listener.subscription.close()

@@ -139,6 +139,7 @@ def test_on_a_robot_another_place_is_no_finding_and_standing_still_counts_as_non
     assert "stands where it stood" in judge.judge(looks[1]).not_judged
 
 
+@pytest.mark.long
 def test_on_a_robot_a_blur_is_found_against_what_its_first_views_were_like(saved) -> None:
     looks = {
         blur_px: [look_at(WatchedRoom(seed).pictures(NOON, Pose(blur_px=blur_px)), LENS) for seed in (40, 41)]

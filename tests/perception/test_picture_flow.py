@@ -53,6 +53,7 @@ def add_noise(picture: Image, sigma: float, number: int) -> Image:
     return np.clip(picture + sigma * noise[:, :, np.newaxis], 0, 255).astype(np.uint8)
 
 
+@pytest.mark.long
 @each_case("seed", [1, 2, 3])
 @each_case(("linear_mps", "angular_radps"), [(0.1, 0.0), (0.3, 0.0), (0.0, 0.1), (0.0, 1.0), (0.3, 0.3)])
 def test_a_robot_that_moves_makes_the_picture_of_a_room_flow(

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from stadimeter.ranging.circle_pose import circle_poses, cone_through
 from support.scenes.plane import Pose
 
-pytestmark = pytest.mark.vision
+pytestmark = [pytest.mark.vision, pytest.mark.oldest_opencv]
 
 DIAMETER_M = 0.12
 ANGLES = np.linspace(0, 2 * math.pi, 48, endpoint=False)

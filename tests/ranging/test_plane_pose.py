@@ -21,7 +21,7 @@ from stadimeter.ranging.plane_pose import (
 )
 from support.scenes.plane import Pose
 
-pytestmark = pytest.mark.vision
+pytestmark = [pytest.mark.vision, pytest.mark.oldest_opencv]
 
 A4 = rectangle(0.297, 0.210)
 SIGMA = 0.05 / 600

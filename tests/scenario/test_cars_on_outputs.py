@@ -51,6 +51,7 @@ class Car:
             self.stood_s = now_s - self._wrong_s
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("car", CARS)
 def test_the_car_drives_to_one_metre_from_the_ball_and_faces_it(scenario: Callable[..., Any], car: str) -> None:
     run = scenario(text=CARS[car]).run(15)

@@ -66,6 +66,7 @@ def test_every_row_of_the_table_of_actions_can_be_asked_for_and_nothing_that_mov
     }  # fmt: skip
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("protocol", ["5", "3.1.1"])
 def test_every_action_is_done_and_answered_and_journaled_with_who_asked(protocol: str, start: Start) -> None:
     run, asker = start(commands="all", protocol=protocol, is_v5=protocol == "5")
@@ -194,6 +195,7 @@ WRONG = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("is_v5", [True, False])
 def test_what_is_no_request_is_refused_with_a_reason_and_counted(start: Start, *, is_v5: bool) -> None:
     run, asker = start(is_v5=is_v5, protocol="5" if is_v5 else "3.1.1")

@@ -126,6 +126,7 @@ def speed_mps(record: Any) -> float:
     return max((abs(command.linear_mps) for command in record.applied), default=0.0)
 
 
+@pytest.mark.long
 def test_a_robot_that_follows_through_a_room_drives_on(scenario: Run) -> None:
     run = scenario(AHEAD, text=ROOM).run(12.0)
     assert reasons(run, EventKind.DISARMED) == []

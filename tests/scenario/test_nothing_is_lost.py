@@ -149,6 +149,7 @@ def test_alarms_from_before_a_sudden_end_without_a_broker_arrive_with_their_own_
     assert seconds <= ARRIVAL_MAX_S
 
 
+@pytest.mark.long
 def test_what_a_run_without_a_state_file_could_not_deliver_is_counted_and_said_at_its_end(site):
     with site.running("first.jsonl") as process:
         eventually(lambda: len(alarms(site.events("first.jsonl"))) > 3)

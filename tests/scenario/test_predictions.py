@@ -80,6 +80,7 @@ def distances_m(loop: Loop) -> list[float | None]:
     return [measured.distance_m for record in records for measured in record.observation.measurements]
 
 
+@pytest.mark.long
 def test_a_tag_that_moves_and_jumps_is_measured_in_every_frame_as_without_expecting_it(configuration: Path) -> None:
     loop, other = (Loop(build(load_configuration(configuration), speed=None)) for _ in range(2))
     detector = Listening(loop)

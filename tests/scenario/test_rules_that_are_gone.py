@@ -84,6 +84,7 @@ def run_until_raised(site, end):
         process.wait()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGTERM])
 def test_a_rule_that_is_renamed_between_two_runs_leaves_nothing_at_the_broker(site, end):
     site.write("near")
@@ -118,6 +119,7 @@ def test_a_rule_that_never_saw_its_target_is_unknown_and_unavailable_at_the_brok
         assert set(site.heard("near", "availability")) == {"offline"}
 
 
+@pytest.mark.long
 def test_a_state_of_an_earlier_run_is_not_shown_as_known_while_the_next_one_opens_its_camera(site):
     site.write("near")
     run_until_raised(site, signal.SIGKILL)

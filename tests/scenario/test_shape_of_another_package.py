@@ -213,6 +213,7 @@ def test_an_unknown_key_of_it_is_named_with_the_likely_one(folder: Path) -> None
     assert "did you mean 'side'" in result.stderr
 
 
+@pytest.mark.long
 def test_its_speed_is_measured_on_its_own_exercise() -> None:
     speeds = {speed.detector: speed for speed in measure_this_computer(0.3, sizes_px=((640, 480),)).detectors}
     assert speeds["triangle"].found == 1.0

@@ -186,6 +186,7 @@ def test_distractors_have_the_targets_colour_and_keep_away_from_it(seed) -> None
     assert off[more].min() > 1.2 * np.ptp(outline[:, 0]) / 2
 
 
+@pytest.mark.long
 @each_case("name", list(BALL_NUISANCES) + list(HARDER_NUISANCES))
 def test_every_trouble_of_a_ball_changes_the_picture_but_not_the_truth(name) -> None:
     scene = ball_scene(11)

@@ -74,6 +74,7 @@ def demonstration() -> Loop:
     return Loop(build(replace(configuration, drivers=drivers, camera_model=lens), speed=None))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "presses",
     [((8.0, "freeze-camera"), (12.0, "freeze-camera")), ((7.5, "unplug-base"),), ((6.5, "hide-target"),)],
@@ -101,6 +102,7 @@ def test_whatever_a_person_makes_go_wrong_ends_and_the_ball_is_found_again(
     assert unseen <= 3, "the story goes on while the ball is not seen"
 
 
+@pytest.mark.long
 def test_in_the_demonstration_the_outputs_do_what_is_said_when_it_is_said() -> None:
     loop = demonstration()
     done: dict[str, list[dict[str, float]]] = {}

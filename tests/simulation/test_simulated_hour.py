@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 
+import pytest
+
 from stadimeter.config.plugins import CAMERAS, DETECTORS
 from stadimeter.core.detection import DetectionStatus
 
 
+@pytest.mark.long
 def test_an_hour_of_following_a_ball_passes_in_seconds_and_measures_true(make_run) -> None:
     run = make_run(faults=[{"at": "30 min", "for": "1 min", "kind": "hide-target"}])
     camera, detector = run.build(CAMERAS, rate="5 Hz", render=False), run.build(DETECTORS, "ideal", noise_px=0.1)

@@ -313,6 +313,7 @@ def test_where_it_cannot_be_known_which_sessions_were_ended_none_goes_on(tmp_pat
         assert (site.get("/api/v1/session").status, site.get("/api/v1/session").error) == (503, "no-sessions")
 
 
+@pytest.mark.long
 def test_more_ended_sessions_than_are_remembered_end_others_of_their_right_and_revive_none(tmp_path):
     now_s = 1000
     ended = EndedSessions(tmp_path / "ended", lambda: now_s)
@@ -346,6 +347,7 @@ def from_address(site, address, password):
         connection.close()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("is_known", [True, False])
 def test_thirty_wrong_passwords_from_thirty_addresses_do_not_keep_the_right_one_out(stranger, is_known):
     if is_known:

@@ -56,6 +56,7 @@ def garage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
         yield there
 
 
+@pytest.mark.long
 def test_the_alarms_of_another_page_are_known_and_one_that_hangs_holds_no_answer_up(garage, tmp_path):
     with closing(socket.create_server(("127.0.0.1", 0))) as hanging:  # takes connections, and says nothing
         hangs = f"http://127.0.0.1:{hanging.getsockname()[1]}"
@@ -71,6 +72,7 @@ def test_the_alarms_of_another_page_are_known_and_one_that_hangs_holds_no_answer
             assert "refused" in wait_for(here, nobody, "silent")["words"]
 
 
+@pytest.mark.long
 def test_a_page_that_has_no_run_says_so(tmp_path):
     (tmp_path / "there").mkdir()
     with served(tmp_path / "there", runs=False) as there, served(tmp_path, naming(there.url), runs=False) as here:
@@ -107,6 +109,7 @@ def test_an_answer_that_is_none_is_told_from_silence(answer):
     assert page.words
 
 
+@pytest.mark.long
 def test_a_page_with_a_password_wants_its_token_which_opens_alarms_and_nothing_else(tmp_path):
     for name in ("there", "here"):
         (tmp_path / name).mkdir()

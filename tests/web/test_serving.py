@@ -124,6 +124,7 @@ def test_a_certificate_that_does_not_fit_is_a_sentence(pairs, certificate, key, 
         check_certificate(pairs / certificate, key and pairs / key)
 
 
+@pytest.mark.long
 def test_with_a_certificate_it_serves_https(pairs, tmp_path):
     options = ("--certificate", str(pairs / "one.pem"), "--key", str(pairs / "one.key"))
     with served(tmp_path, None, *options, runs=False) as here:
@@ -137,6 +138,7 @@ def test_with_a_certificate_it_serves_https(pairs, tmp_path):
         connection.close()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_it_ends_at_once_also_with_streams_that_are_open(tmp_path, number):
     """A grace of uvicorn's would be cut short only by its time-out; here the streams end by themselves."""
@@ -151,6 +153,7 @@ def test_it_ends_at_once_also_with_streams_that_are_open(tmp_path, number):
         connection.close()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_it_ends_in_silence_while_the_workbench_hangs_and_a_download_is_slow(tmp_path, number, capfd):
     with served(tmp_path, runs=False) as here:
@@ -174,6 +177,7 @@ def test_it_ends_in_silence_while_the_workbench_hangs_and_a_download_is_slow(tmp
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.long
 def test_the_workbench_ends_with_a_page_that_is_killed_and_frees_its_camera(tmp_path):
     with served(tmp_path, runs=False) as here:
         assert asked(here, "POST", "/api/v1/setup/begin", {"anew": True})[0] == 200
@@ -263,6 +267,7 @@ when = { below = "1 m" }
 """
 
 
+@pytest.mark.long
 def test_a_run_that_ends_after_its_start_is_told_with_its_last_words(tmp_path, monkeypatch):
     monkeypatch.setenv("GPIOZERO_PIN_FACTORY", "none-of-these")
     with served(tmp_path, ROOM + PINS, runs=False) as here:
@@ -394,6 +399,7 @@ def test_room_is_shared_by_addresses(tmp_path, monkeypatch):
             assert each.recv(1000).startswith(b"HTTP/1.1 200")
 
 
+@pytest.mark.long
 def test_who_comes_for_tls_and_says_nothing_keeps_no_other_address_out(pairs, tmp_path):
     options = ("--certificate", str(pairs / "one.pem"), "--key", str(pairs / "one.key"))
     with served(tmp_path, None, *options, runs=False) as here, contextlib.ExitStack() as held:

@@ -16,6 +16,7 @@ def figures():
     return measure(0.5, sizes_px=((320, 240), (640, 480)))
 
 
+@pytest.mark.long
 def test_every_detector_of_ours_is_measured_at_every_size(figures):
     assert [(speed.width_px, speed.detector) for speed in figures.detectors] == [
         (width, name) for width in (320, 640) for name in exercises()

@@ -103,6 +103,7 @@ def test_distances_are_proposed_from_near_to_the_farthest_that_a_rule_uses(path:
     assert (proposed_m[0], proposed_m[-1]) == (0.5, 4.0)
 
 
+@pytest.mark.long
 def test_a_further_distance_is_proposed_only_while_an_error_of_the_scale_might_go_unnoticed(measured: Path) -> None:
     edges_known(measured, 0.1)
     assert session_of(measured).propose_further_m() == [], "a ball of 20 cm to 4 m says enough"

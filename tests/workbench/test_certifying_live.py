@@ -116,6 +116,7 @@ def measure_at_three(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         assert placed.latency_s > 0
 
 
+@pytest.mark.long
 def test_a_kept_view_that_is_damaged_is_not_saved_and_the_certificate_says_so(
     site: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -129,6 +130,7 @@ def test_a_kept_view_that_is_damaged_is_not_saved_and_the_certificate_says_so(
     assert load_reference(site) is None
 
 
+@pytest.mark.long
 def test_a_live_camera_is_certified_on_the_page_its_view_is_saved_and_a_correction_keeps_that_view_valid(
     site: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

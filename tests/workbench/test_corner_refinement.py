@@ -9,7 +9,7 @@ import pytest
 from stadimeter.ranging.board_calibration import BoardView, calibrate_board
 from stadimeter.workbench.calibration.board_session import Chessboard, scatter_px
 
-pytestmark = pytest.mark.vision
+pytestmark = [pytest.mark.vision, pytest.mark.oldest_opencv]
 
 COLUMNS, ROWS, SQUARE_M = 9, 6, 0.025
 FOCAL_PX, CENTRE_PX = 612.0, np.array((319.5, 239.5))

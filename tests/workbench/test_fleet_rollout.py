@@ -97,6 +97,7 @@ def apply(file: Path, centre: Path, *words: object) -> Typed:
     return typed("fleet", "apply", file, "--config", centre, "--wait", "2 s", *words)
 
 
+@pytest.mark.long
 def test_a_good_configuration_reaches_every_device_and_a_bad_one_none(
     tmp_path: Path, ada: Path, broker: MosquittoBroker, centre: Path, repository: Repository
 ) -> None:
@@ -128,6 +129,7 @@ def test_a_good_configuration_reaches_every_device_and_a_bad_one_none(
         assert "stopped: garage refused: no instance of stadimeter is running" in halted.stderr
 
 
+@pytest.mark.long
 def test_a_device_that_does_not_answer_stops_it_and_does_not_apply_it_later(
     tmp_path: Path, ada: Path, broker: MosquittoBroker, centre: Path, repository: Repository
 ) -> None:
@@ -147,6 +149,7 @@ def test_a_device_that_does_not_answer_stops_it_and_does_not_apply_it_later(
     assert fleet.running == []
 
 
+@pytest.mark.long
 def test_what_cannot_be_sent_is_said_in_a_line(
     tmp_path: Path, ada: Path, broker: MosquittoBroker, centre: Path, repository: Repository
 ) -> None:

@@ -170,6 +170,7 @@ def test_a_run_that_arms_itself_again_is_found(monkeypatch: pytest.MonkeyPatch) 
     assert "without being armed again" in found.violation.words
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("plant", "shown_by"), DEFECTS, ids=[plant.__name__ for plant, _ in DEFECTS])
 def test_a_planted_defect_is_found(plant: Plant, shown_by: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     path = CONFIG / "demo.toml" if plant is never_repeat_a_stop else ROBOT
@@ -180,6 +181,7 @@ def test_a_planted_defect_is_found(plant: Plant, shown_by: tuple[str, ...], monk
     assert {planned.fault for planned in found.sequence} == set(shown_by)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("plant", "base", "shown_by"), DEFECTS_OF_BASES, ids=[shown[-1] for *_, shown in DEFECTS_OF_BASES]
 )
@@ -206,6 +208,7 @@ def test_a_proof_that_ends_early_counts_what_it_tried() -> None:
     assert (proof.trials, proof.planned) == (1, len(list(sequences(["hide-target", "end-process"], 2))))
 
 
+@pytest.mark.long
 def test_on_pins_no_sequence_has_the_program_and_its_watchdog_process_die_at_once() -> None:
     write_robot("gpio-motors")
     proof = proven(2, "kill-process", "kill-watchdog")
@@ -214,6 +217,7 @@ def test_on_pins_no_sequence_has_the_program_and_its_watchdog_process_die_at_onc
     assert proven(2, "kill-process", "kill-watchdog").planned == proof.planned + 1
 
 
+@pytest.mark.long
 def test_one_fault_of_any_kind_keeps_no_limit_from_holding() -> None:
     proof = proven(1)
     assert proof.counter_example is None
@@ -295,6 +299,7 @@ def write_camera_on_servos(is_tilted: bool = True) -> None:
     ROBOT.write_text(head + servos, encoding="utf-8")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("is_tilted", [True, False], ids=["pan and tilt", "pan"])
 def test_one_fault_of_any_kind_keeps_no_servo_turning(is_tilted: bool) -> None:
     write_camera_on_servos(is_tilted)

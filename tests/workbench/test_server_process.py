@@ -59,6 +59,7 @@ def asked(tmp_path: Path) -> Iterator[Asked]:
     assert process.end() == 0
 
 
+@pytest.mark.long
 def test_the_process_asks_the_questions_of_init_and_shows_what_the_camera_sees(asked: Asked) -> None:
     assert asked("setup_operations.state")[0]["data"]["question"] is None
     assert asked("setup_operations.begin")[0]["data"]["question"]["kind"] == "camera"

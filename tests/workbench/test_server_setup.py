@@ -151,6 +151,7 @@ def test_an_answer_that_cannot_be_kept_is_not_gone_on_from(setup: Setup, monkeyp
     assert setup.question() == "size"
 
 
+@pytest.mark.long
 def test_from_nothing_to_files_that_can_be_used(calibrated: Setup) -> None:
     assert calibrated.question() == "wish"
     calibrated("answer", answer="near")
@@ -177,6 +178,7 @@ def test_from_nothing_to_files_that_can_be_used(calibrated: Setup) -> None:
     assert configuration.camera_model.fx_px == pytest.approx(600, rel=0.01)
 
 
+@pytest.mark.long
 def test_a_set_up_that_was_left_goes_on_with_its_answers(in_room: Setup) -> None:
     left = in_room("leave")
     assert (left["begun"], left["left"]) == (False, True)
@@ -189,6 +191,7 @@ def test_a_set_up_that_was_left_goes_on_with_its_answers(in_room: Setup) -> None
         in_room("back")
 
 
+@pytest.mark.long
 def test_a_click_beside_the_ball_does_not_spoil_the_one_on_it(in_room: Setup) -> None:
     in_room("picture", draw="plain")
     assert in_room("colour")["range"] == ""
@@ -202,6 +205,7 @@ def test_a_click_beside_the_ball_does_not_spoil_the_one_on_it(in_room: Setup) ->
     assert again["range"] == on_it["range"]
 
 
+@pytest.mark.long
 def test_a_click_is_taken_back_by_itself_and_the_others_still_count(in_room: Setup) -> None:
     in_room("picture", draw="plain")
     first = in_room("colour", clicks=[BALL_AT])
@@ -240,6 +244,7 @@ def test_a_wider_range_lights_more_of_the_mask_and_the_picture_says_what_it_give
     assert given[2]["ball_share"] == given[2]["elsewhere_share"] == 1.0
 
 
+@pytest.mark.long
 def test_where_a_range_finds_no_ball_the_last_one_that_did_says_where_it_is(in_room: Setup) -> None:
     in_room("picture", draw="plain")
     in_room("colour", clicks=[BALL_AT])
@@ -257,6 +262,7 @@ def _lit(jpeg: bytes) -> float:
     return float(np.mean(image.max(axis=2) > 100))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("args", "words"),
     [
@@ -271,6 +277,7 @@ def test_bad_clicks_and_ranges_are_refused_in_a_sentence(in_room: Setup, args: d
         in_room("colour", **args)
 
 
+@pytest.mark.long
 def test_the_same_distance_twice_is_refused_and_nothing_is_lost(calibrated: Setup) -> None:
     calibrated("back")
     assert calibrated.question() == "proof"
@@ -311,6 +318,7 @@ def test_the_table_of_distances_begins_where_the_target_fills_the_picture(
     assert [row["sigma_m"] for row in rows] == sorted(row["sigma_m"] for row in rows)
 
 
+@pytest.mark.long
 def test_a_wish_that_counts_names_a_time_or_compares_is_shown_acting_on_what_is_made_up(calibrated: Setup) -> None:
     for wish in ("often", "daily", "visits", "night", "dark", "mute", "side", "order", "closer", "permit"):
         calibrated("answer", answer=wish)
@@ -420,6 +428,7 @@ def test_a_distance_may_say_how_well_it_is_known(text: str, share: float) -> Non
     assert parse_distance(text)[1] == pytest.approx(share)
 
 
+@pytest.mark.long
 def test_the_camera_of_a_run_is_seen_through_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     configuration = tmp_path / "room.toml"
     configuration.write_text(ROOM)
@@ -522,6 +531,7 @@ def test_no_other_file_than_one_of_its_pictures_is_shown(setup: Setup, pictures:
         setup("picture", file=name)
 
 
+@pytest.mark.long
 def test_a_set_up_with_a_folder_ends_in_a_run_that_goes_on(setup: Setup, pictures: Any) -> None:
     setup("begin")
     for answer in ("'my shots'", "ball", "20 cm"):

@@ -121,6 +121,7 @@ def test_what_cannot_be_set_is_said(desk: Desk, changes: dict[str, Any], says: s
     assert says in str(refused.value)
 
 
+@pytest.mark.long
 def test_a_recording_that_holds_a_moment_is_found(tmp_path: Path) -> None:
     record(tmp_path, time.time() - 1000)
     desk = Desk(configuration=tmp_path / "stadimeter.toml", run_socket=tmp_path / "none.sock")

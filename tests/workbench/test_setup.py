@@ -87,6 +87,7 @@ def test_a_script_guesses_the_lens_rather_than_where_the_ball_is(tmp_path: Path,
     assert "proof" not in answered
 
 
+@pytest.mark.long
 def test_a_second_distance_that_contradicts_the_first_is_refused(interview: Interview, device: V4l2Double) -> None:
     interview.answer("1 m")
     device.show(ball_at(2.0))
@@ -109,6 +110,7 @@ def test_a_size_of_two_sides_that_is_not_known_is_refused_with_how_to_find_it_ou
     assert "How large is the sheet?" in begun.question().text
 
 
+@pytest.mark.long
 def test_a_size_that_is_not_known_is_learnt_by_moving_the_camera(tmp_path: Path, device: V4l2Double) -> None:
     save_camera_model(tmp_path / "camera.toml", LENS)
     begun = Interview(tmp_path)

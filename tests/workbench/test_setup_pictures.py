@@ -46,6 +46,7 @@ def at_sheet(tmp_path: Path) -> Interview:
     return interview
 
 
+@pytest.mark.long
 def test_the_size_of_a_sheet_that_is_not_flat_is_asked_again_with_a_tolerance(at_sheet: Interview) -> None:
     accepted = at_sheet.answer("A4")
     assert accepted.doubt

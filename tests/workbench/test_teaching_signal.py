@@ -78,6 +78,7 @@ def test_frames_that_the_tracker_refused_cost_the_signal_no_more_time_than_the_r
     assert raised == pytest.approx([begin for begin, _ in kept.side.rules["near"].spans])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "own",
     [{"below": 0.7}, {"on_delay": 3.5, "below": 2.0}, {"off_delay": 20.0, "deadband": 1.0}, {"deadband": 2.5}],

@@ -201,6 +201,7 @@ def test_a_target_that_stands_close_gets_stricter_settings_than_one_far_away(tmp
     assert close.end.flaps_a_minute <= tuning.FLAPS_A_MINUTE
 
 
+@pytest.mark.long
 def test_what_ten_minutes_support_is_never_called_once_a_day(tmp_path, configuration, quick):
     proposal = tune(
         rule_to_tune(configuration, "near"),
@@ -223,6 +224,7 @@ def test_the_same_seed_gives_the_same_proposal(tmp_path, configuration, quick):
     assert first.endings == again.endings
 
 
+@pytest.mark.long
 def test_an_alarm_on_a_target_that_goes_away_is_tuned_too(tmp_path, configuration, quick):
     proposal = tune(
         rule_to_tune(configuration, "far"),

@@ -98,6 +98,7 @@ def without_counts(diff: ReplayDiff) -> list[str]:
     return sorted(repr(replace(each, event=replace(each.event, sequence=0))) for each in diff.changes)
 
 
+@pytest.mark.long
 @settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     below=st.sampled_from([0.6, 0.9, 1.0, 1.3, 2.0]),
@@ -123,6 +124,7 @@ def test_only_what_depends_on_a_changed_rule_is_judged_again(kept: KeptRecording
     assert names == ["near", "first", "long"], "itself, one of its group, and one that asks for it"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "more",
     [
