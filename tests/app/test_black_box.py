@@ -125,6 +125,7 @@ def test_clips_are_whole_after_alarms_faults_a_full_disk_and_the_end_of_the_page
         pytest.skip(str(error))
 
 
+@pytest.mark.long
 def test_what_happens_during_a_clip_makes_it_longer_and_after_a_minute_another_one_begins(tmp_path):
     room = Room(tmp_path, 'before = "2 s"\nafter = "10.5 s"\nrate = "1 Hz"')
     first, second = room.run(85)

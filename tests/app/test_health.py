@@ -39,6 +39,7 @@ def test_the_memory_of_a_program_is_its_own_and_not_that_of_the_one_that_started
     assert large[-1] == 1
 
 
+@pytest.mark.long
 def test_a_run_tells_its_first_command_and_its_memory():
     told = subprocess.run(
         [sys.executable, "-m", "stadimeter", "run", str(DEMO), "--frames", "2", "--speed", "0", "--json"],

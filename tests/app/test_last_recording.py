@@ -72,6 +72,7 @@ def device(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_one_recording_follows_another_without_pictures_and_each_replays_to_the_same_decisions(device):
     files = list(last_folder(device).iterdir())
     assert len(files) == 4

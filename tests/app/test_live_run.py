@@ -102,6 +102,7 @@ def _failing(error):
     return fail
 
 
+@pytest.mark.long
 def test_a_pi_camera_that_hangs_stops_the_output_and_drives_it_again_with_its_settings_when_it_is_back(tmp_path):
     sensors = []
 
@@ -154,6 +155,7 @@ def test_being_asked_to_end_before_anything_is_open_opens_nothing(rig):
     assert rig.loop.history.cycles == 0
 
 
+@pytest.mark.long
 def test_a_camera_that_does_not_let_go_is_left_behind_and_the_output_is_closed(rig, monkeypatch):
     monkeypatch.setattr(ending, "END_WITHIN_S", 1.5)
     let_go = threading.Event()

@@ -53,6 +53,7 @@ def as_data(feed):
     return json.loads(shared + "}", parse_constant=pytest.fail)
 
 
+@pytest.mark.long
 def test_it_tells_every_target_rule_and_output_of_the_run(demonstration):
     loop, feed = demonstration
     data, plan = as_data(feed), loop.parts.configuration.plan

@@ -372,6 +372,7 @@ except JournalError as error:
 """
 
 
+@pytest.mark.long
 def test_a_disk_that_fills_up_leaves_a_recording_of_whole_records(tmp_path):
     """A limit on the size of files stands in for the disk: the system cuts a write short in the same way."""
     path = tmp_path / "run.mcap"

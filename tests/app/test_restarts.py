@@ -110,6 +110,7 @@ def test_it_goes_on_as_the_same_process_with_what_no_reload_takes_over(program):
     assert run.heard[-1] == "STOPPING=1"
 
 
+@pytest.mark.long
 def test_nothing_ends_if_the_file_is_wrong_and_the_answer_names_each_problem(program):
     run = program()
     assert eventually(lambda: ask(run.socket, "status")["safety"] == "active")
@@ -121,6 +122,7 @@ def test_nothing_ends_if_the_file_is_wrong_and_the_answer_names_each_problem(pro
     assert ask(run.socket, "restart", wait_s=20) == {"words": "restarting"}
 
 
+@pytest.mark.long
 def test_a_run_says_how_to_open_its_page_and_starts_none(program):
     run = program(f"{ROOM}\n[web]\n")
     assert eventually(lambda: "the page: sudo systemctl enable --now stadimeter-web" in run.said()), run.said()

@@ -61,6 +61,7 @@ def test_explain_says_which_cameras_measured_the_distance_in_the_run_and_from_it
     assert alone in explain_recording(replay_run(recording, None), "near", "1.5 s")[0].sentence
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("guess", ["8 cm", "19 cm"])
 def test_a_target_of_unknown_size_is_measured_whatever_size_is_written(tmp_path, guess):
     size = f'=detector = "ball"\nhsv = "29,86,6:64,255,255"\ndiameter = "{guess}"\ntolerance = "unknown"'
@@ -80,6 +81,7 @@ def test_a_wrong_size_is_said_and_the_interval_holds_all_the_same(tmp_path):
     assert max(run.errors()[1]) < 1.96
 
 
+@pytest.mark.long
 def test_when_the_second_camera_goes_distances_go_on_in_the_next_cycle(tmp_path):
     run = Watched(load(tmp_path, world=GONE), 3.0).run()
     times_s = [record.observation.frame.captured_at_s for record, _ in run.cycles]
@@ -102,6 +104,7 @@ def test_when_the_second_camera_goes_distances_go_on_in_the_next_cycle(tmp_path)
     assert max(run.errors()[1]) < 4
 
 
+@pytest.mark.long
 def test_a_target_of_unknown_size_has_no_distance_while_the_second_camera_is_gone(tmp_path):
     run = Watched(load(tmp_path, targets_ball='tolerance = "unknown"', world=GONE), 2.5).run()
     blind = [record.observation for record, _ in run.cycles if record.observation.second_camera_fault]
@@ -125,6 +128,7 @@ def test_a_second_camera_that_is_not_there_stops_no_run(tmp_path):
     assert run.remarks()[-1] == "without the second camera: it gives no picture"
 
 
+@pytest.mark.long
 def test_a_recording_decides_the_same_again_to_the_last_bit(tmp_path):
     configuration = load(tmp_path, world=GONE)
     recorded = to_be_recorded(configuration)

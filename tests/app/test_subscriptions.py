@@ -173,6 +173,7 @@ def test_a_snapshot_says_how_old_its_cycle_is_while_the_loop_hangs(watched):
     eventually(lambda: watched.cycle() or client.answer()["data"]["cycle_age_s"] < second)
 
 
+@pytest.mark.long
 def test_whoever_does_not_read_loses_snapshots_and_no_event_and_costs_the_others_nothing(watched):
     watched.image = np.random.default_rng(1).integers(0, 255, (480, 640, 3), np.uint8)  # too large for what waits
     with running(watched):
@@ -197,6 +198,7 @@ def test_a_reader_that_comes_late_gets_the_newest_hundred_events_oldest_first(wa
     assert first["events"][0]["by"] == "zoe"
 
 
+@pytest.mark.long
 def test_one_that_never_reads_is_hung_up_on_and_nothing_of_it_stays(tmp_path):
     watched = Watched(tmp_path / "run.sock")
     watched.control.idle_max_s = 0.2
@@ -235,6 +237,7 @@ def test_those_who_want_the_same_picture_get_the_same_bytes_and_it_is_encoded_on
     assert len(pictures) == len(encoded) == 1
 
 
+@pytest.mark.long
 def test_a_lower_rate_gets_fewer_snapshots(watched):
     with running(watched):
         client = watched.connect(rate_hz=2)

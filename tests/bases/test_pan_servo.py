@@ -131,6 +131,7 @@ def test_a_stop_ends_the_pulses_at_once_and_one_on_the_way_to_the_middle_begins_
     assert set(bench.turn(0.5, 0.1)) == {0.5}
 
 
+@pytest.mark.long
 @given(st.lists(st.tuples(st.floats(-3.0, 3.0), st.sampled_from([0.05, 0.4, 2.0])), max_size=8))
 def test_whatever_is_commanded_it_stays_within_its_travel_and_says_so_at_its_ends(
     turns: list[tuple[float, float]],

@@ -101,6 +101,7 @@ def test_things_of_unknown_size_have_a_row_for_every_start_and_way_and_figures_f
     assert not any("not measured" in line for line in goals)
 
 
+@pytest.mark.long
 def test_a_chart_is_drawn_the_same_byte_for_byte(tmp_path) -> None:
     pytest.importorskip("matplotlib")
     from part import Chart

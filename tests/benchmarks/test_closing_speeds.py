@@ -1,10 +1,12 @@
 """A safety rule about speed stops for what is too fast, and hardly ever for what is not."""
 
 import numpy as np
+import pytest
 
 SEED = 7
 
 
+@pytest.mark.long
 def test_a_target_below_the_limit_hardly_ever_stops_the_robot_and_a_fast_one_is_not_found_much_later():
     import closing_speeds
     from closing_speeds import BEFORE, DEFAULT

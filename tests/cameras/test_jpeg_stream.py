@@ -94,6 +94,7 @@ def test_an_edge_along_blocks_that_stays_is_refused_once_at_most() -> None:
     assert [is_refused(stream, coded(scene)) for _ in range(4)] == [True, False, False, False]
 
 
+@pytest.mark.long
 @pytest.mark.vision
 @pytest.mark.oldest_opencv
 def test_whole_pictures_of_a_camera_that_turns_are_hardly_ever_refused(real_pictures: Path) -> None:

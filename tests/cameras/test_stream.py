@@ -168,6 +168,7 @@ def test_a_sender_that_hangs_is_told_and_frames_come_again_when_it_is_replaced(
     assert frame_when_they_come_again(capture, sender).image.shape == (480, 640, 3)
 
 
+@pytest.mark.long
 def test_closing_while_the_sender_hangs_ends_the_thread(sender: Sender, capture: LiveCapture) -> None:
     capture.latest(PATIENCE_S)
     sender.hang()

@@ -177,6 +177,7 @@ def test_what_a_sender_kept_while_its_stream_was_opened_again_is_passed_over() -
     assert found_s == arrived_s
 
 
+@pytest.mark.long
 @each_case("step_s", [-3600.0, -5.0, -0.2, -0.01, 0.2, 2.0, 5.0, 3600.0])
 @each_case("lag_s", [0.0, 0.5, 3.0])
 def test_a_step_of_the_sender_s_clock_makes_no_old_picture_fresh(step_s: float, lag_s: float) -> None:

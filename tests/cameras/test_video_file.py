@@ -166,6 +166,7 @@ def test_options_that_make_no_sense_are_refused(table: dict[str, object]) -> Non
         VideoFileOptions.model_validate(table)
 
 
+@pytest.mark.long
 def test_the_ball_video_plays_to_its_end(real_pictures: Path) -> None:
     clock = ManualClock()
     camera = VideoFileCamera(real_pictures / "ball_video" / "green_ball.mp4", None, clock)

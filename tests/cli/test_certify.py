@@ -108,6 +108,7 @@ def test_pictures_at_three_distances_give_a_certificate(site: Path) -> None:
     assert [each["code"] for each in json.loads(strict.stdout)["warnings"]] == ["not-carried"]
 
 
+@pytest.mark.long
 def test_further_distances_are_asked_for_while_a_small_error_might_go_unnoticed_until_one_is_skipped(
     site: Path,
 ) -> None:
@@ -125,6 +126,7 @@ def test_further_distances_are_asked_for_while_a_small_error_might_go_unnoticed_
     assert "% on is found in 95 of 100 cases" in result.stdout
 
 
+@pytest.mark.long
 def test_a_wrong_focal_length_is_significant_and_named(site: Path) -> None:
     site.write_text(site.read_text().replace("fx_px = 600.0", "fx_px = 630.0"))
     result = run(site, "--at", "60cm,1m,2m", *given(site, "near", "middle", "far"))
@@ -133,6 +135,7 @@ def test_a_wrong_focal_length_is_significant_and_named(site: Path) -> None:
     assert "its size may be -4." in result.stdout
 
 
+@pytest.mark.long
 def test_a_target_that_is_not_seen_at_one_distance_leaves_the_rest_and_exit_code_1(site: Path) -> None:
     result = run(site, "--at", "60cm,1m,2m,3m", *given(site, "near", "middle", "far", "nothing"))
     assert result.exit_code == 1
@@ -159,6 +162,7 @@ def test_bad_options_are_one_clear_error_each(site: Path, options: tuple[str, ..
     assert words in result.stderr
 
 
+@pytest.mark.long
 def test_two_distances_are_too_few_and_the_third_goes_on_with_them(site: Path) -> None:
     few = run(site, "--at", "60cm,1m", *given(site, "near", "middle"))
     assert few.exit_code == 2
@@ -187,6 +191,7 @@ def test_a_target_that_is_not_there_is_asked_for_again(site: Path) -> None:
     assert result.stderr.count("seen in 0 of 6 frames") == 2
 
 
+@pytest.mark.long
 def test_the_view_of_a_fixed_camera_is_saved_or_the_certificate_says_why_it_cannot_be(site: Path) -> None:
     options = ("--at", "60cm,1m,2m", *given(site, "near", "middle", "far"))
     plain = run(site, *options)

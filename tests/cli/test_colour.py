@@ -53,6 +53,7 @@ def _measured(picture: Path, colour: str) -> Result:
     return _run("measure", picture, "--camera", camera, "--ball", "6.4cm", "--hsv", colour)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("at", [[], ["--at", "310,190"], ["--at", "290,210", "--at", "315,205"]])
 def test_a_ball_is_measured_with_the_range_that_is_proposed_for_it(green_ball: Path, at: list[str]) -> None:
     told = _run("colour", green_ball, *at, "--annotate", green_ball.parent)

@@ -104,6 +104,7 @@ def test_a_report_names_no_secret_no_computer_and_no_user(tmp_path: Path, monkey
     assert "…/password.txt cannot be read" in found(result, "broker")[0]["seen"]
 
 
+@pytest.mark.long
 def test_this_computer_is_examined_as_it_is() -> None:
     result = CliRunner().invoke(app, ["doctor", "--json"])
     record = json.loads(result.stdout)

@@ -164,6 +164,7 @@ def checked(port: int) -> tuple[int, str]:
     return found.returncode, found.stdout
 
 
+@pytest.mark.long
 def test_no_device_at_all_is_not_all_well(broker: MosquittoBroker) -> None:
     found = fleet_at(broker.port, "--check")
     assert (found.returncode, found.stdout) == (1, "no device was heard below stadimeter/\n")
@@ -245,6 +246,7 @@ def counted(figures: dict[str, Any]) -> dict[str, Any] | None:
     return figures if figures["alarms"] else None
 
 
+@pytest.mark.long
 def test_an_alarm_that_stands_since_yesterday_is_stale_at_once(broker: MosquittoBroker, device: Client) -> None:
     say(device, "garage/rule/near/state", {"active": True, "severity": "alarm", "since": "2020-06-01T12:00:00+00:00"})
     say(device, "garage/rule/far/state", {"active": True, "severity": "alarm", "since": "no time"})
@@ -295,6 +297,7 @@ def test_an_alarm_of_a_device_is_acknowledged(broker: MosquittoBroker, device: C
     assert len({each["transaction"] for each in responder.requests}) == 3
 
 
+@pytest.mark.long
 def test_a_device_that_does_not_answer_is_exit_code_2(broker: MosquittoBroker) -> None:
     found = fleet_at(broker.port, "--acknowledge", "garage/near")
     assert found.returncode == 2

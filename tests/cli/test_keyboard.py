@@ -125,6 +125,7 @@ def test_a_signal_gives_the_terminal_back_also_while_the_demonstration_is_paused
             assert "\x1b[?1049l" in it.shown
 
 
+@pytest.mark.long
 def test_a_run_that_is_watched_has_keys_too_and_no_others() -> None:
     with terminal("run", "config/demo.toml", "--watch", "--no-state") as it:
         shown = it.wait_for(" help ")

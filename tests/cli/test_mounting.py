@@ -58,6 +58,7 @@ def write(shots: Path, pose: Pose) -> None:
             cv2.imwrite(str(shots / f"{4 * at + each:02}.png"), image)
 
 
+@pytest.mark.long
 def test_a_view_is_saved_beside_the_configuration_and_compared_with(site) -> None:
     saved = typed("mounting", "save", site)
     assert saved.returncode == 0, saved.stderr
@@ -119,6 +120,7 @@ def test_a_run_without_a_live_camera_watches_nothing(site) -> None:
     assert loop.parts.cycle.mounting_watch is None
 
 
+@pytest.mark.long
 def test_the_thread_of_a_run_judges_its_pictures(site) -> None:
     """The whole way with the real thread: pictures of a run, a check, a mark in the observation."""
     typed("mounting", "save", site)

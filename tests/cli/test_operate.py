@@ -121,6 +121,7 @@ def terminal(tmp_path_factory):
             instance.wait()
 
 
+@pytest.mark.long
 def test_an_alarm_is_acknowledged_shelved_and_taken_out_while_it_runs(terminal):
     instance = terminal.start()
     done = terminal.type("alarm", "ack", "near", "--by", "Zoë", "--why", "seen")
@@ -135,6 +136,7 @@ def test_an_alarm_is_acknowledged_shelved_and_taken_out_while_it_runs(terminal):
     assert "by Zoë: seen" in instance.said["out"]
 
 
+@pytest.mark.long
 def test_stopped_outputs_stay_stopped_over_a_kill_until_they_are_released(terminal):
     state = ("--state", terminal.folder / "door.sqlite3")
     instance = terminal.start(None, *state)
@@ -167,6 +169,7 @@ def test_a_stop_without_a_name_stops_every_instance_even_if_another_was_killed(t
     assert terminal.type("stop-outputs", "--release").returncode == 2
 
 
+@pytest.mark.long
 def test_what_is_refused_is_one_clear_line_and_2(terminal):
     terminal.start()
     for words, expected in [
@@ -197,6 +200,7 @@ def test_without_a_running_instance_it_says_so(terminal, command):
     assert done.stderr == ("error: no instance of stadimeter is running; start one with `stadimeter run CONFIG`\n")
 
 
+@pytest.mark.long
 def test_of_several_instances_one_must_be_named(terminal):
     other = terminal.folder / "garage.toml"
     other.write_text(terminal.config.read_text())
@@ -215,6 +219,7 @@ def test_of_several_instances_one_must_be_named(terminal):
     assert "no instance runs with" in done.stderr
 
 
+@pytest.mark.long
 def test_an_answer_names_the_configuration_its_age_and_whether_the_file_has_changed_since(terminal):
     terminal.start()
     for words in (("status",), ("explain", "near")):
@@ -232,6 +237,7 @@ def test_an_answer_names_the_configuration_its_age_and_whether_the_file_has_chan
     assert not told["is_file_changed"]
 
 
+@pytest.mark.long
 def test_the_status_says_when_the_site_was_certified_and_whether_the_configuration_changed_since(terminal):
     terminal.start()
     assert json.loads(terminal.type("status", "--json").stdout)["certificate"] is None
@@ -295,6 +301,7 @@ def test_two_instances_of_one_configuration_listen_at_two_places(terminal):
     assert list((terminal.folder / "r" / "stadimeter").iterdir()) == []
 
 
+@pytest.mark.long
 def test_a_reload_applies_changed_rules_and_keeps_the_state_of_the_others(terminal):
     instance = terminal.start()
     terminal.type("alarm", "ack", "near")
@@ -322,6 +329,7 @@ def test_rules_that_came_and_went_with_a_reload_are_explained_while_they_were_th
     assert (done.returncode, done.stderr) == (2, "error: there is no rule 'near' (known are: far)\n")
 
 
+@pytest.mark.long
 def test_a_bad_file_is_refused_with_its_line_and_the_running_one_stays(terminal):
     instance = terminal.start()
     terminal.config.write_text(terminal.config.read_text().replace('"3 m"', '"3 metres"'))
@@ -334,6 +342,7 @@ def test_a_bad_file_is_refused_with_its_line_and_the_running_one_stays(terminal)
     assert instance.end() == 0
 
 
+@pytest.mark.long
 def test_a_hang_up_reloads_a_service_and_says_what_came_of_it(terminal):
     instance = terminal.start()
     terminal.write(NEAR, FAR)
@@ -346,6 +355,7 @@ def test_a_hang_up_reloads_a_service_and_says_what_came_of_it(terminal):
     assert instance.end() == 0
 
 
+@pytest.mark.long
 def test_a_word_that_is_no_text_is_refused_in_words_and_ends_nothing(terminal):
     """What a shell passes on may be no UTF-8; in Python that is half of a surrogate pair."""
     instance = terminal.start()
@@ -358,6 +368,7 @@ def test_a_word_that_is_no_text_is_refused_in_words_and_ends_nothing(terminal):
     assert instance.end() == 0
 
 
+@pytest.mark.long
 def test_a_killed_run_leaves_a_socket_that_the_next_one_takes_over(terminal):
     instance = terminal.start()
     instance.process.kill()

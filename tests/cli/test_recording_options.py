@@ -88,6 +88,7 @@ def test_a_restart_replaces_no_record_of_an_earlier_run_and_says_where_that_is(
     assert lengths == [20, 30, 40]
 
 
+@pytest.mark.long
 def test_the_journal_of_a_run_that_was_killed_is_still_there_after_the_restart(config: Path, tmp_path: Path) -> None:
     path = tmp_path / "run.jsonl"
     with subprocess.Popen(command(config, "--journal", path), stdout=subprocess.DEVNULL) as killed:

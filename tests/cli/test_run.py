@@ -215,6 +215,7 @@ def test_a_serial_port_that_is_already_open_is_one_clear_line_and_2(tmp_path):
     assert "another program" in line
 
 
+@pytest.mark.long
 def test_a_broker_that_is_away_is_said_in_words_and_does_not_stop_the_run(tmp_path):
     path = tmp_path / "simulated.toml"
     path.write_text(SIMULATED + '[messenger]\ndriver = "mqtt"\nhost = "127.0.0.1"\nport = 9\n')

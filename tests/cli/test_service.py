@@ -197,6 +197,7 @@ main()
     assert "raised" in system.log()
 
 
+@pytest.mark.long
 def test_asked_to_end_it_says_so_and_its_next_start_has_nothing_to_wait_for(system: System) -> None:
     system.config.write_text(SEEN)
     system.start()

@@ -34,6 +34,7 @@ RUN = "recordings/evening.mcap"
 MARKS = ("--mark", f"{RUN}@{BY_S}s no", "--mark", f"{RUN}@{STAYED_S}s fire")
 
 
+@pytest.mark.long
 def test_another_threshold_is_tried_and_nothing_is_changed(invoked):
     done = invoked("what-if", "near", RUN, "--set", 'below="80 cm"')
     assert done.exit_code == 0, done.output
@@ -42,6 +43,7 @@ def test_another_threshold_is_tried_and_nothing_is_changed(invoked):
     assert Path("stadimeter.toml").read_text() == CONFIGURATION
 
 
+@pytest.mark.long
 def test_marks_are_met_and_saved_with_a_test_that_passes(invoked):
     done = invoked("teach", "near", *MARKS, "--write")
     assert done.exit_code == 0, done.output

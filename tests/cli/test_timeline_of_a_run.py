@@ -58,6 +58,7 @@ def test_a_run_that_is_killed_has_kept_its_first_second_and_its_events(tmp_path:
     assert [each.reason[:7] for each in read_events(log, 0, 2**32)][-1] == "started"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("table", "environ"), [("", {}), ('[timeline]\nkeep = "0 s"\n', {"STATE_DIRECTORY": "state"})])
 def test_a_run_at_a_desk_without_a_table_and_one_that_shall_keep_nothing_leave_no_folder(
     tmp_path: Path, table: str, environ: dict[str, str]

@@ -187,6 +187,7 @@ def test_a_recording_without_a_frame_is_refused(config, tmp_path, quick):
     assert "no frame was recorded" in done.output
 
 
+@pytest.mark.long
 def test_without_a_configuration_it_takes_that_of_the_recording(config, recording, quick):
     head, _, rest = recording.read_bytes().partition(b"\n")
     header = json.loads(head) | {"configuration": CONFIGURATION}

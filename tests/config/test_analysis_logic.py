@@ -124,12 +124,14 @@ def situations(draw: st.DrawFn) -> RuleInputs:
     )
 
 
+@pytest.mark.long
 @given(condition=trees(), inputs=situations())
 def test_what_can_never_hold_is_never_judged_to_hold(condition: Condition, inputs: RuleInputs) -> None:
     if judge(condition, inputs, (), is_active=False).value is True:
         assert Logic(targets=TARGETS).can_be((beginning_of(condition), Wanted.TRUE))
 
 
+@pytest.mark.long
 @given(first=trees(), second=trees(), inputs=situations())
 def test_two_that_were_judged_together_can_be_so_together(
     first: Condition, second: Condition, inputs: RuleInputs
@@ -147,6 +149,7 @@ def _has_deadband_below_not(condition: Condition) -> bool:
     return beginning_of(condition) != condition
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("goal", "opposite"), [(Wanted.TRUE, Wanted.NOT_TRUE), (Wanted.FALSE, Wanted.NOT_FALSE)])
 @settings(max_examples=50, deadline=None)
 @given(condition=trees())
@@ -162,6 +165,7 @@ def test_an_analysis_that_gives_up_says_that_everything_is_possible() -> None:
     assert Logic(targets=TARGETS, steps_left=1).can_be((impossible, Wanted.TRUE))
 
 
+@pytest.mark.long
 def test_twenty_thousand_parts_are_looked_at_without_deep_recursion() -> None:
     near = DistanceCondition(below_m=1.0, target="ball")
     many = AllOf(conditions=(*[near] * 20_000, PresenceCondition(seen=False, target="ball")))

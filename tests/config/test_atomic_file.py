@@ -204,6 +204,7 @@ LOOKS = {
 """Where a file is looked up, and why nothing depends on it being the same a moment later."""
 
 
+@pytest.mark.long
 def test_nothing_looks_a_file_up_before_it_acts_on_it(method_calls: list[tuple[str, ast.Call]]) -> None:
     """Another program may rename or remove it in between. Act, and handle the error of the act."""
     assert {file for file, call in method_calls if call.func.attr in ASKS} == {*LOOKS}

@@ -50,6 +50,7 @@ def test_it_is_a_schema_of_draft_2020_12(schema: dict[str, Any]) -> None:
     assert json.loads(json.dumps(schema, allow_nan=False)) == schema
 
 
+@pytest.mark.long
 def test_every_section_is_in_it(schema: dict[str, Any]) -> None:
     assert tuple(schema["properties"]) == SECTIONS
 
@@ -82,6 +83,7 @@ def tables(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
         yield from tables(entry, (*path, key))
 
 
+@pytest.mark.long
 def test_a_misspelt_key_is_told_in_whatever_table_it_stands(schema: dict[str, Any]) -> None:
     for file in SHIPPED:
         sound = tomllib.loads(file.read_text(encoding="utf-8"))

@@ -255,6 +255,7 @@ def test_an_appliance_announces_itself_only_and_hears_that_home_assistant_has_st
     assert garage.heard == [("homeassistant/status", b"online")]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("user", "password"), [(None, ""), ("garage", "wrong"), ("stranger", PASSWORD)])
 @pytest.mark.parametrize("site", ["passwords"], indirect=True)
 def test_who_has_no_password_is_refused(connect, user, password):

@@ -295,6 +295,7 @@ def _tennis_errors(real_pictures: Path, detector: BallDetector) -> list[float]:
     return errors
 
 
+@pytest.mark.long
 def test_the_real_tennis_ball_is_measured_at_every_place_in_the_picture(real_pictures: Path, ball_detector) -> None:
     errors = _tennis_errors(real_pictures, ball_detector(hsv=GREEN_HSV, camera=TENNIS_CAMERA))
     assert np.median(errors) < 0.008
@@ -302,6 +303,7 @@ def test_the_real_tennis_ball_is_measured_at_every_place_in_the_picture(real_pic
     assert max(errors) < 0.025
 
 
+@pytest.mark.long
 def test_without_a_camera_model_the_real_tennis_ball_is_found_as_well(real_pictures: Path, ball_detector) -> None:
     errors = _tennis_errors(real_pictures, ball_detector(hsv=GREEN_HSV))
     assert np.median(errors) < 0.012

@@ -54,6 +54,7 @@ def test_a_lens_that_bends_lines_changes_nothing():
     assert detector(BENT).measure(frame_of(made)).distance_m == pytest.approx(made.truth.distance_m, rel=0.001)
 
 
+@pytest.mark.long
 def test_circles_larger_than_stated_measure_the_same_where_one_disc_is_nearer_by_as_much():
     made = render(circles_scene(5, 150, 0.3))
     frame, true_m = frame_of(made), made.truth.distance_m

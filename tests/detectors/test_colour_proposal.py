@@ -32,7 +32,7 @@ ALL_BUT_ONE = (0, 1, *range(3, 12))
 @pytest.mark.parametrize(
     ("is_pointed_at", "seeds", "missed"),
     [
-        (True, ALL_BUT_ONE, 1),
+        pytest.param(True, ALL_BUT_ONE, 1, marks=pytest.mark.long),
         (False, FEW, 1),
         pytest.param(True, range(12), 1, marks=[pytest.mark.long, pytest.mark.timeout(300)]),
         pytest.param(False, range(12), 2, marks=[pytest.mark.long, pytest.mark.timeout(300)]),

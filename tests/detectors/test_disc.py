@@ -413,6 +413,7 @@ def test_clutter_holds_nothing_round_that_is_no_ellipse() -> None:
         assert found.status is not DetectionStatus.FOUND or found.height_px < 0.85 * found.width_px
 
 
+@pytest.mark.long
 def test_most_discs_are_found_before_clutter() -> None:
     made = [render(disc_scene(seed, 0.4)) for seed in range(60, 68)]
     true = [

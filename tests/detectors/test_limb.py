@@ -106,6 +106,7 @@ def test_a_circle_outside_the_picture_has_no_colours() -> None:
     assert learn_colours(np.zeros((50, 50, 3), np.uint8), ImageCircle(x_px=900.0, y_px=-900.0, radius_px=20.0)) is None
 
 
+@pytest.mark.long
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 40), grey=st.integers(20, 235), bias_px=st.floats(-0.6, 0.6))
 def test_the_size_is_continuous_in_the_edge_bias(seed: int, grey: int, bias_px: float) -> None:
@@ -128,6 +129,7 @@ def test_an_absurd_edge_bias_gives_a_limb_or_none(bias_px: float) -> None:
     assert limb is None or math.isfinite(limb.radius_sigma_px)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_the_grain_of_a_floor_makes_the_radius_less_sure(seed: int) -> None:
     smooth, grained = _limb(_picture(seed=seed)), _limb(_picture(speckle=60.0, seed=seed))

@@ -172,6 +172,7 @@ def test_a_sheet_that_is_not_flat_is_found_with_the_tolerance_that_is_proposed(d
         agree(mended, image, 1.62, lens)
 
 
+@pytest.mark.long
 def test_what_is_said_of_a_sheet_that_does_not_calibrate_makes_it_calibrate(draw) -> None:
     image, choice = curled(draw), sheet(size="A4")
     frame = Frame(image, 0.0, 0)

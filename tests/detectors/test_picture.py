@@ -41,6 +41,7 @@ def frame_of(made):
     return Frame(made.image, 0.0, 0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("seed", "side_px", "tilt_deg"), [(1, 80, 0), (2, 120, 30), (3, 250, 50)])
 def test_a_poster_is_measured_to_half_a_percent_and_within_its_interval(seed, side_px, tilt_deg):
     made = render(poster_scene(seed, side_px, math.radians(tilt_deg)))
@@ -55,6 +56,7 @@ def test_a_small_poster_is_found_where_a_place_of_the_clutter_is_like_many_of_it
     assert measured.distance_m == pytest.approx(made.truth.distance_m, rel=0.01)
 
 
+@pytest.mark.long
 def test_a_lens_that_bends_lines_changes_nothing():
     made = render(poster_scene(4, 200, math.radians(20), BENT))
     measured = detector(4, BENT).measure(frame_of(made))
@@ -110,6 +112,7 @@ def test_a_table_without_a_size_is_refused():
         PictureOptions.model_validate({"file": "poster.png"})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("make", "said"),
     [

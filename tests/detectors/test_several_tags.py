@@ -49,6 +49,7 @@ def test_each_named_tag_is_measured_under_its_number() -> None:
         assert depths_m == {"tags-9": pytest.approx(1.1, rel=0.01), "tags-3": pytest.approx(1.0, rel=0.01)}
 
 
+@pytest.mark.long
 def test_a_named_tag_that_is_not_there_is_missing_and_no_other_one_stands_in() -> None:
     several = detector(ids=[3, 4])
     perceiver = Perceiver({"tags-3": several, "tags-4": several}, CAMERA)

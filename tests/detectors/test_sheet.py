@@ -143,6 +143,7 @@ def test_an_even_wall_has_no_contour_of_four_corners(sheet_detector, draw, wall)
     assert len(found.outline_px) == 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(6))
 def test_noise_is_no_sheet(sheet_detector, draw, seed: int) -> None:
     noise = np.random.default_rng(seed).integers(0, 256, (480, 640, 3), np.uint8)
@@ -211,6 +212,7 @@ def _read(path: Path) -> Image:
     return cv2.imread(str(path))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["2ft", "3ft", "4ft"])
 def test_the_real_sheet_is_found_at_both_sizes_and_they_agree(
     real_pictures: Path, sheet_detector, draw, name: str
@@ -241,6 +243,7 @@ def worst_px(found: np.ndarray, truth: np.ndarray) -> float:
     return float(np.abs(found[:, None] - truth[None]).max(axis=2).min(axis=0).max())
 
 
+@pytest.mark.long
 @each_case("plain", [True, False], ids=["plain", "clutter"])
 @each_case("seed", [1, 2, 4])
 def test_corners_of_rendered_sheets_are_right_to_a_fraction_of_a_pixel(seed: int, plain: bool) -> None:
@@ -386,6 +389,7 @@ def test_where_the_search_starts_does_not_matter(draw, wall) -> None:
     assert worst_px(again.outline_px + np.array((13, 7)), whole.outline_px) < 0.02
 
 
+@pytest.mark.long
 @each_case("value", [0, 255])
 @each_case("shape", [(1, 1), (3, 200), (480, 640), (5000, 7000)])
 def test_an_even_picture_of_any_size_holds_no_sheet_and_gives_no_warning(value: int, shape) -> None:

@@ -81,6 +81,7 @@ def test_lit_strips_side_by_side_are_measured_by_one_side(seed: int) -> None:
     assert measure(seen, detector.target_shape, CAMERA, 0.0).distance_m == pytest.approx(made.truth.distance_m, rel=0.1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("board", [False, True])
 def test_squares_on_a_board_are_drawn_and_the_truth_is_of_what_was_asked_for(board: bool) -> None:
     flat = cut_square(1000, board=board)

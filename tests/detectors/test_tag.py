@@ -137,6 +137,7 @@ def test_tags_of_another_family_are_not_taken() -> None:
     assert found.reason.startswith("no tag of apriltag-36h11 of at least 16 px among ")
 
 
+@pytest.mark.long
 @each_case("family", sorted(DICTIONARIES))
 def test_every_family_is_read_whichever_way_it_is_turned(family: str) -> None:
     first = []

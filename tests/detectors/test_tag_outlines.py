@@ -26,6 +26,7 @@ def test_an_outline_is_left_unless_an_earlier_one_is_the_same(seed: int, count: 
     assert np.array_equal(distinct(outlines), left)
 
 
+@pytest.mark.long
 def test_a_chequered_floor_has_tens_of_thousands_of_outlines_and_each_counts_once() -> None:
     places = np.stack(np.meshgrid(np.arange(200.0), np.arange(200.0)), axis=-1).reshape(-1, 1, 2) * 20
     floor = SQUARE + places

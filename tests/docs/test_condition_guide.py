@@ -67,6 +67,7 @@ def test_the_condition_of_the_guide_passes_its_tests(sources):
     assert done.returncode == 0, done.stdout
 
 
+@pytest.mark.long
 def test_the_condition_of_the_guide_can_be_written_and_is_described(sources):
     done = run(sources, "-m", "stadimeter", "check", "dim.toml")
     assert done.returncode == 0, done.stdout + done.stderr

@@ -108,6 +108,7 @@ def is_configuration(text):
     return "entry-points" not in text and "kernel-led" not in text
 
 
+@pytest.mark.long
 def test_every_configuration_that_is_shown_can_be_loaded(tmp_path):
     path = tmp_path / "shown.toml"
     (tmp_path / "stereo.toml").write_text(stereo_file_text(BESIDE))
@@ -303,6 +304,7 @@ def test_the_drivers_of_the_guide_pass_their_contract_suites(driver_package):
     assert [test for test in tests if not re.search(rf"^{test}::.* PASSED", done.stdout, re.MULTILINE)] == []
 
 
+@pytest.mark.long
 def test_the_drivers_of_the_guide_are_found_by_their_entry_points(driver_package):
     (driver_package / "config.toml").write_text(
         '[actuators.lamp]\ndriver = "kernel-led"\nbrightness_file = "x"\nbright = 3\n'

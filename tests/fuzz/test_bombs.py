@@ -157,6 +157,7 @@ def test_a_camera_file_that_asks_for_too_much_is_refused(tmp_path: Path, run_mea
     assert_refused(run_measured, path, "measure", "picture.png", "--camera", path, "--sheet", "11in,8.5in", lines=101)
 
 
+@pytest.mark.long
 @pytest.mark.vision
 @pytest.mark.parametrize("kind", sorted(PICTURES))
 def test_a_picture_that_asks_for_too_much_is_refused_or_harmless(tmp_path: Path, kind: str) -> None:

@@ -176,6 +176,7 @@ def run(configuration: Configuration) -> None:
         Loop(build(configuration, speed=None)).run(Limits(frames=20))
 
 
+@pytest.mark.long
 @given(st.integers(0, 1000), st.sampled_from(EXTREME))
 @example(0, "1e-12")  # the camera's rate
 def test_a_configuration_with_an_extreme_number_is_refused_by_key_or_runs(
@@ -241,6 +242,7 @@ def remembered(folder: Path) -> tuple[Plan, str]:
     return configuration.plan, state_text(loop.state)
 
 
+@pytest.mark.long
 @given(st.integers(0, 1000), st.sampled_from(EXTREME))
 def test_what_a_run_restores_with_an_extreme_number_is_restored_or_refused(
     remembered: tuple[Plan, str], which: int, number: str

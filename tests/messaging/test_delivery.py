@@ -96,15 +96,6 @@ def test_trouble_says_why_what_waits_and_what_was_given_up_until_the_next_succes
     assert delivery.undelivered() == (note("one"),)
 
 
-def test_the_end_does_not_wait_for_a_pause(service):
-    service.refuses = lambda _body: len(service.asked) < 2
-    delivery = started(service, patience=Patience(first_pause_s=1e6, longest_pause_s=1e6, goodbye_s=10.0))
-    delivery.add(note("now"))
-    eventually(delivery.trouble)
-    delivery.stop()
-    assert service.taken == ["now"]
-
-
 def test_a_service_that_does_not_answer_does_not_hold_up_the_end(service):
     service.is_free.clear()
     delivery = started(service, patience=Patience(goodbye_s=0.01))

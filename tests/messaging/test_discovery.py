@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -13,7 +12,6 @@ from paho.mqtt import publish
 
 from stadimeter.core.home_assistant import (
     Announcement,
-    ButtonEntity,
     DiscoveryDevice,
     DiscoveryPlace,
     EventEntity,
@@ -32,9 +30,6 @@ from support.mqtt_listener import MqttListener
 CONFIG = "homeassistant/device/stadimeter_it/config"
 BIRTH = "homeassistant/status"
 RULE = Message(topic="rule/near/state", payload="near", qos=1, retain=True)
-
-Listen = Callable[..., MqttListener]
-MakeMessenger = Callable[..., PahoMessenger]
 
 
 def entity(kind: type[Any], key: str, **more: Any) -> Any:
@@ -88,6 +83,7 @@ def test_it_is_announced_once_connected_and_kept_for_a_home_assistant_that_start
     assert json.loads(heard.payload)["components"]["near"]["platform"] == "sensor"
 
 
+@pytest.mark.long
 def test_what_is_no_more_after_a_restart_is_removed_by_one_message_and_then_left_out(broker, make_messenger, listen):
     first = ran(make_messenger(broker.port), announcement("near", "far"))
     witness = listen(broker.port)
@@ -107,18 +103,7 @@ def test_a_reload_removes_and_adds_at_once(broker, make_messenger, listen):
     eventually(lambda: keys_of(witness)[-2:] == [["far", "near"], ["far"]])
 
 
-def test_an_entity_that_becomes_one_of_another_kind_is_removed_first(broker, make_messenger, listen):
-    messenger = ran(make_messenger(broker.port), announcement("near"))
-    witness = listen(broker.port)
-    witness.wait_for("stadimeter/it/retained/it/0")
-    button = entity(ButtonEntity, "near", command_topic="x", payload_press="{}")
-    ran(messenger, announcement(near=button), opens=False)
-    eventually(
-        lambda: [each.get("near", {}).get("platform") for each in components(witness)][-2:] == ["sensor", "button"]
-    )
-    assert components(witness)[-2]["near"] == {"platform": "sensor"}
-
-
+@pytest.mark.long
 @pytest.mark.parametrize("now", [{"home_assistant": False}, {"discovery_prefix": "other"}])
 def test_a_device_that_is_announced_elsewhere_or_no_more_leaves_no_ghost(now, broker, make_messenger, listen):
     first = ran(make_messenger(broker.port), announcement("near"))

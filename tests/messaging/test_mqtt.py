@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import pytest
 
 from stadimeter.core.message import Message
@@ -11,16 +9,10 @@ from stadimeter.errors import ConfigError, DeviceOpenError
 from stadimeter.messaging.mqtt import PahoMessenger
 from stadimeter.testing.rig import eventually
 from support.broker import free_port
-from support.mqtt_listener import MqttListener
-from support.tunnel import Tunnel
 
 BASE = "stadimeter/it"
 AVAILABILITY = f"{BASE}/availability"
 STATE = Message(topic="target/ball/state", payload='{"v":1}', qos=0, retain=True, expires_s=10)
-
-Listen = Callable[..., MqttListener]
-LayTunnel = Callable[[int], Tunnel]
-MakeMessenger = Callable[..., PahoMessenger]
 
 
 def connected(messenger: PahoMessenger) -> PahoMessenger:
@@ -39,16 +31,6 @@ def test_it_is_announced_online_then_offline(broker, make_messenger, listen):
     assert listener.wait_for(AVAILABILITY, "online").qos == 1
     messenger.close()
     listener.wait_for_payloads(AVAILABILITY, ["online", "offline"])
-
-
-@pytest.mark.parametrize("expected", ["online", "offline"])
-def test_whoever_subscribes_later_is_told_too(expected, broker, make_messenger, listen):
-    messenger = connected(make_messenger(broker.port))
-    listen(broker.port).wait_for(AVAILABILITY, "online")
-    if expected == "offline":
-        messenger.close()
-    heard = listen(broker.port).wait_for(AVAILABILITY)
-    assert (heard.payload, heard.is_retained) == (expected, True)
 
 
 def test_a_link_that_breaks_makes_the_broker_announce_us_offline(broker, make_messenger, listen, lay_tunnel):
@@ -95,16 +77,11 @@ def test_alerts_are_sent_at_least_once_and_never_kept(broker, make_messenger, li
     late.wait_for_payloads(f"{BASE}/event/alarm", ["cleared"])
 
 
-def test_states_are_sent_at_most_once(broker, make_messenger, listen):
-    listener = listen(broker.port)
-    connected(make_messenger(broker.port)).publish(STATE)
-    assert listener.wait_for(f"{BASE}/{STATE.topic}", STATE.payload).qos == 0
-
-
 def test_a_state_is_kept_with_its_expiry_by_mqtt_5(broker, make_messenger, listen):
     listener = listen(broker.port, is_v5=True)
     connected(make_messenger(broker.port)).publish(STATE)
-    assert listener.wait_for(f"{BASE}/{STATE.topic}").expires_s == 10
+    heard = listener.wait_for(f"{BASE}/{STATE.topic}", STATE.payload)
+    assert (heard.qos, heard.expires_s) == (0, 10)
     late = listen(broker.port, is_v5=True).wait_for(f"{BASE}/{STATE.topic}")
     assert late.is_retained
     assert late.expires_s is not None
@@ -169,16 +146,18 @@ def test_alerts_that_nobody_acknowledged_are_sent_again_in_order(broker, make_me
     assert list(dict.fromkeys(arrived)) == numbers
 
 
+@pytest.mark.long
 def test_a_link_that_takes_nothing_any_more_holds_neither_publishing_nor_memory(broker, make_messenger, lay_tunnel):
     tunnel = lay_tunnel(broker.port)
     messenger = connected(make_messenger(tunnel.port))
     tunnel.clog()
-    for _ in range(10_000):
+    for _ in range(4000):
         messenger.publish(Message(topic="target/ball/state", payload="x" * 10_000))
     assert messenger.trouble() == ""
     assert messenger.dropped > 0
 
 
+@pytest.mark.long
 def test_closing_over_a_link_that_takes_nothing_leaves_the_last_word_to_the_broker(
     broker, make_messenger, listen, lay_tunnel
 ):
@@ -202,13 +181,6 @@ def test_a_port_where_nobody_listens_is_said_in_words(make_messenger):
     assert words.startswith(f"127.0.0.1:{port} refused the connection (is a broker running there?); trying again in ")
 
 
-def test_a_right_password_is_accepted(start_broker, make_messenger, tmp_path):
-    broker = start_broker(username="pi", password="open sesame")
-    password_file = tmp_path / "password"
-    password_file.write_text("open sesame\n")
-    connected(make_messenger(broker.port, username="pi", password_file=str(password_file)))
-
-
 def test_a_wrong_password_is_said_in_words_and_not_repeated_in_them(start_broker, make_messenger, tmp_path):
     broker = start_broker(username="pi", password="open sesame")
     password_file = tmp_path / "password"
@@ -219,12 +191,6 @@ def test_a_wrong_password_is_said_in_words_and_not_repeated_in_them(start_broker
     assert "refused the login of 'pi'" in words
     assert "check username and password_file" in words
     assert "barley" not in words
-
-
-def test_a_missing_login_is_said_in_words(start_broker, make_messenger):
-    messenger = make_messenger(start_broker(username="pi", password="open sesame").port)
-    messenger.open()
-    eventually(lambda: "refused a connection without a login" in messenger.trouble())
 
 
 @pytest.mark.parametrize(
@@ -264,9 +230,3 @@ def test_a_topic_with_a_wildcard_is_refused(broker, make_messenger):
         with pytest.raises(ConfigError, match="not a topic"):
             messenger.publish(Message(topic=topic, payload="x"))
     assert messenger.trouble() == ""
-
-
-def test_the_base_topic_can_be_chosen(broker, make_messenger, listen):
-    listener = listen(broker.port)
-    connected(make_messenger(broker.port, base_topic="home/garage/ranger"))
-    listener.wait_for("home/garage/ranger/availability", "online")

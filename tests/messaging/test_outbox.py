@@ -29,22 +29,6 @@ def payloads(outbox: MemoryOutbox, now_s: float = 0.0) -> list[str]:
     return [message.payload for message in taken(outbox, now_s)]
 
 
-def test_no_more_than_the_window_is_on_the_wire():
-    outbox = MemoryOutbox(window=2)
-    for number in range(4):
-        outbox.add(alert(number), 0.0)
-    assert payloads(outbox) == ["0", "1"]
-    outbox.done(0)
-    assert payloads(outbox) == ["2"]
-
-
-def test_a_full_outbox_gives_up_its_oldest_message_and_counts_it():
-    outbox = MemoryOutbox(capacity=2)
-    for number in range(3):
-        outbox.add(alert(number), 0.0)
-    assert (payloads(outbox), outbox.given_up) == (["1", "2"], 1)
-
-
 def test_a_full_outbox_drops_a_state_that_a_newer_one_replaced_before_it_gives_up_an_alarm():
     outbox = MemoryOutbox(capacity=3)
     first, second = (Message(topic="rule/near/state", payload=each, qos=1, retain=True) for each in ("100", "101"))

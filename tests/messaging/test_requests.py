@@ -113,6 +113,7 @@ def patient_flood(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(request_topics, "LEFT_FOR_S", 1.0)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("patient_flood")
 def test_a_flooded_topic_is_left_for_a_while_and_the_others_are_heard(broker, make_messenger, ask):
     asker = ask(broker.port)

@@ -65,6 +65,7 @@ def test_a_rule_that_was_renamed_is_forgotten_by_the_broker_when_the_next_run_co
     assert witness.payloads(f"{BASE}/rule/far/state") == ["far", "far"]
 
 
+@pytest.mark.long
 def test_a_run_that_was_killed_leaves_a_list_too(broker, make_messenger, listen, lay_tunnel):
     tunnel = lay_tunnel(broker.port)
     ran(make_messenger(tunnel.port), "near")
@@ -75,6 +76,7 @@ def test_a_run_that_was_killed_leaves_a_list_too(broker, make_messenger, listen,
     witness.wait_for(f"{BASE}/rule/near/state", "")
 
 
+@pytest.mark.long
 def test_a_rule_that_was_renamed_while_the_broker_was_away_is_forgotten_when_it_is_back(
     broker, make_messenger, listen, lay_tunnel
 ):
@@ -108,6 +110,7 @@ def test_the_list_is_written_though_the_broker_answers_before_the_run_knows_what
     listen(broker.port).wait_for(PAGE, json.dumps(["rule/near/state"]))
 
 
+@pytest.mark.long
 def test_another_node_below_the_same_base_keeps_its_own(broker, make_messenger, listen):
     witness = listen(broker.port)
     ran(make_messenger(broker.port, node="one", base_topic="home"), "near")

@@ -15,7 +15,7 @@ from stadimeter.messaging.mqtt import MqttOptions
 from stadimeter.messaging.mqtt_client import LISTENING_PACKET_MAX
 from stadimeter.messaging.protocol import Received
 from stadimeter.messaging.subscription import MqttSubscription
-from support.broker import HOST, MosquittoBroker, free_port
+from support.broker import HOST, MosquittoBroker
 
 WAIT_S = 120.0
 IMPATIENT = Patience(answer_s=10.0, first_pause_s=0.05, longest_pause_s=0.2)
@@ -78,18 +78,13 @@ def test_messages_come_with_whether_the_broker_had_kept_them(broker, device, lis
 
 
 @pytest.mark.parametrize("protocol", ["5", "3.1.1"])
-def test_a_message_that_is_too_long_hides_no_other(broker, listening, protocol):
-    device = Client(CallbackAPIVersion.VERSION2, protocol=MQTTProtocolVersion.MQTTv311)
-    device.connect(HOST, broker.port)
-    device.loop_start()
+def test_a_message_that_is_too_long_hides_no_other(broker, device, listening, protocol):
     huge = b"x" * 3_000_000
     say(device, "stadimeter/bad/target/ball/state", huge, retain=True)
     listener = listening(broker.port, protocol=protocol).connected()
     say(device, "stadimeter/bad/event/alarm", huge)
     say(device, "stadimeter/garage/event/alarm", b"mine")
     listener.until(lambda: b"mine" in listener.payloads())
-    device.disconnect()
-    device.loop_stop()
     rest = [payload for payload in listener.payloads() if payload != b"mine"]
     assert len(rest) == (0 if protocol == "5" else 2)  # a broker of MQTT 5 is told not to send them
     assert all(len(payload) <= 3 * LISTENING_PACKET_MAX for payload in rest)
@@ -107,29 +102,17 @@ def test_it_listens_again_after_the_connection_was_lost(broker, device, listenin
     listener.until(lambda: b"after" in listener.payloads())
 
 
-def test_events_that_came_while_the_connection_was_away_arrive_once_it_is_back(broker, listening, lay_tunnel):
+def test_events_that_came_while_the_connection_was_away_arrive_once_it_is_back(broker, device, listening, lay_tunnel):
     tunnel = lay_tunnel(broker.port)
     listener = listening(tunnel.port).connected()
     tunnel.cut()
     listener.until(listener.subscription.trouble)
     sent = [f"{number}".encode() for number in range(300)]
-    device = Client(CallbackAPIVersion.VERSION2, protocol=MQTTProtocolVersion.MQTTv311)
-    device.connect(HOST, broker.port)
-    device.loop_start()
     for payload in sent:
         say(device, "stadimeter/garage/event/alarm", payload)
-    device.disconnect()
-    device.loop_stop()
     tunnel.mend()
     listener.until(lambda: len(listener.received) >= len(sent))
     assert listener.payloads() == sent
-
-
-def test_a_broker_that_is_away_is_named_and_tried_again(listening):
-    port = free_port()
-    listener = listening(port)
-    listener.until(lambda: "is a broker running there?" in listener.subscription.trouble())
-    assert f"{HOST}:{port}" in listener.subscription.trouble()
 
 
 def test_a_wrong_password_is_said(start_broker, listening):

@@ -98,6 +98,7 @@ def test_a_camera_that_saw_nothing_for_a_day_and_a_night_is_darkened(saved) -> N
         judge.judge(saved)
 
 
+@pytest.mark.long
 def test_a_turn_is_found_as_soon_as_there_is_light_again(room, saved) -> None:
     judge, pose = MountingJudge([saved]), Pose(tilt_deg=0.2)
     assert judged(judge, room, LIGHT_AGAIN_AT - 3, pose, 3).not_judged
@@ -131,6 +132,7 @@ def test_no_feature_of_a_target_is_kept(room) -> None:
     assert not inside.any()
 
 
+@pytest.mark.long
 def test_on_a_robot_another_place_is_no_finding_and_standing_still_counts_as_none(saved) -> None:
     limits = MountingLimits(judges_place=False)
     judge = MountingJudge([saved], limits)
@@ -154,6 +156,7 @@ def test_on_a_robot_a_blur_is_found_against_what_its_first_views_were_like(saved
     assert "out of focus" in judged[-1].settled["refocused"]
 
 
+@pytest.mark.long
 def test_a_view_is_learnt_as_seen_from_the_saved_place(room, saved) -> None:
     sparse = replace(saved, data=saved.features[::3].tobytes())  # too little of it is in sight to decide alone
     judge = MountingJudge([sparse], MountingLimits(rotation_rad=math.radians(1), zoom=0.002))

@@ -50,6 +50,7 @@ def partly_hidden(seed: int) -> Frame:
     return Frame(render(BALL_NUISANCES["hidden 40 %"](ball_scene(seed))).image, 0.0, 0)
 
 
+@pytest.mark.long
 def test_a_ball_is_as_far_away_whatever_resolution_the_camera_was_calibrated_at() -> None:
     for seed in (3, 5, 8):
         frame = partly_hidden(seed)

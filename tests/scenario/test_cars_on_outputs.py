@@ -61,6 +61,7 @@ def test_the_car_drives_to_one_metre_from_the_ball_and_faces_it(scenario: Callab
     assert max(map(abs, run.world.robot.wheels_mps)) < STANDS_MPS
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("car", CARS)
 @pytest.mark.parametrize("fault", ["camera_blocked", "camera_frozen", "target_hidden"])
 def test_the_wheels_of_a_car_stand_within_half_a_second_after_something_went_wrong(

@@ -146,6 +146,7 @@ def test_by_default_nothing_that_lets_outputs_act_is_done_and_a_stop_is(start: S
     assert run.commands["refused"] == {"not_allowed": 5}
 
 
+@pytest.mark.long
 def test_with_commands_off_nothing_is_listened_to(tmp_path: Path, broker: MosquittoBroker, closing: ExitStack) -> None:
     witness = closing.enter_context(MqttListener(broker.port))
     asker = closing.enter_context(MqttAsker(broker.port, is_v5=False))

@@ -221,6 +221,7 @@ def test_8_nor_does_it_end_an_alarm(run: Run) -> None:
 CONFIGURATION = load_configuration(Path(__file__).with_name("eight_sequences.toml"))
 
 
+@pytest.mark.long
 @each_case("test", CONFIGURATION.tests)
 @each_case("seed", [1, 2, 3])
 def test_they_hold_as_tests_of_a_configuration_too_with_the_cameras_own_noise(test: RuleTest, seed: int) -> None:

@@ -42,6 +42,7 @@ def test_behind_a_ball_that_walks_away_it_stays_within_5_cm(base, latency_ms, tm
     assert rms([each.gap_m - 1 for each in moments if each.at_s > 5]) <= 0.05
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("latency_ms", [30, 190])
 def test_a_ball_that_goes_to_and_fro_and_sways_is_kept_within_10_cm_and_never_at_half_the_distance(
     base, latency_ms, tmp_path

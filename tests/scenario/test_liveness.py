@@ -78,6 +78,7 @@ def reasons(run: Any, kind: EventKind) -> list[str]:
 KNOBS = pytest.mark.parametrize("knob", ["frozen_under_clock", "frozen_under_noise"])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("path", [AHEAD, ASIDE], ids=["ahead", "aside"])
 @KNOBS
 def test_the_wheels_stand_half_a_second_after_the_sensor_froze(scenario: Run, knob: str, path: str) -> None:

@@ -91,6 +91,7 @@ def test_a_tag_that_moves_and_jumps_is_measured_in_every_frame_as_without_expect
     assert sum(expected is not None for expected in detector.expected) > 0.8 * FRAMES
 
 
+@pytest.mark.long
 def test_before_the_jump_the_tag_is_expected_within_some_pixels(configuration: Path) -> None:
     loop = Loop(build(load_configuration(configuration), speed=None))
     detector = Listening(loop)

@@ -55,6 +55,7 @@ def test_every_tone_curve_rises_from_black_to_white(tone) -> None:
     assert (np.diff(codes) >= 0).all()
 
 
+@pytest.mark.long
 def test_the_same_scene_gives_the_same_picture_and_another_seed_another_one() -> None:
     scene = BALL_NUISANCES["all in one"](ball_scene(3))
     first = render(scene).image

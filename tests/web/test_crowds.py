@@ -73,6 +73,7 @@ def read_some(connection, size):
         size -= len(got)
 
 
+@pytest.mark.long
 def test_one_who_never_reads_holds_nobody_up_and_is_hung_up_on(tmp_path, talkative, monkeypatch):
     monkeypatch.setattr(serving, "STUCK_MAX_S", 0.5)
     with served_page(tmp_path, socket=talkative) as site:

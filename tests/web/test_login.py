@@ -229,6 +229,7 @@ def test_a_session_outlives_the_process_and_a_new_password_ends_it(tmp_path, mon
         assert again.get("/api/v1/session").status == 401
 
 
+@pytest.mark.long
 def test_a_new_password_ends_what_is_being_watched(tmp_path, monkeypatch):
     quicken(monkeypatch)
     with served_page(tmp_path, OPERATE) as site:
@@ -282,6 +283,7 @@ def test_a_session_that_was_ended_stays_so_in_another_process_and_after_a_restar
         assert again.page.access.ended.path.stat().st_mode & 0o077 == 0
 
 
+@pytest.mark.long
 def test_logging_out_ends_what_is_being_watched(operator):
     connection = http.client.HTTPConnection("127.0.0.1", operator.port, timeout=120)
     connection.request("GET", "/api/v1/live?image=none", headers=copied(operator))

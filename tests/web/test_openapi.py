@@ -78,6 +78,7 @@ def ask(here, path):
         connection.close()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("path", "name"),
     [

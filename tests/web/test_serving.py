@@ -207,6 +207,7 @@ def asked(here, method, path, body=None):
         connection.close()
 
 
+@pytest.mark.long
 def test_it_starts_the_run_and_ends_it_with_itself(tmp_path):
     with served(tmp_path, runs=False) as here:
         assert asked(here, "POST", "/api/v1/run/start")[0] == 200
@@ -219,6 +220,7 @@ def test_it_starts_the_run_and_ends_it_with_itself(tmp_path):
             os.kill(told["pid"], 0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("number", "ended"),
     [(signal.SIGHUP, True), (signal.SIGKILL, False)],
@@ -250,6 +252,7 @@ def test_no_second_run_is_started_beside_one_that_answers_nothing_for_a_while(tm
         assert asked(here, "POST", "/api/v1/run/start")[0] == 200  # now there is none
 
 
+@pytest.mark.long
 def test_a_run_that_does_not_start_says_why(tmp_path):
     with served(tmp_path, "[camera\n", runs=False) as here:
         status, told = asked(here, "POST", "/api/v1/run/start")
@@ -275,6 +278,7 @@ def test_a_run_that_ends_after_its_start_is_told_with_its_last_words(tmp_path, m
         eventually(lambda: told_of_the_run(here)["words"].startswith("the run has ended: lamp: "))
 
 
+@pytest.mark.long
 def test_before_anything_is_set_up_that_is_what_is_told(tmp_path):
     with served(tmp_path, None, runs=False) as here:
         assert told_of_the_run(here)["words"] == "Nothing is set up yet."
@@ -412,6 +416,7 @@ def test_who_comes_for_tls_and_says_nothing_keeps_no_other_address_out(pairs, tm
             assert other.recv(1000).startswith(b"HTTP/1.1 200")
 
 
+@pytest.mark.long
 def test_who_comes_for_tls_and_says_nothing_takes_no_more_room(pairs, tmp_path):
     options = ("--certificate", str(pairs / "one.pem"), "--key", str(pairs / "one.key"))
     with served(tmp_path, None, *options, runs=False) as here, contextlib.ExitStack() as held:

@@ -23,6 +23,7 @@ def test_every_detector_of_ours_is_measured_at_every_size(figures):
     ]
 
 
+@pytest.mark.long
 def test_every_detector_finds_what_it_is_measured_on(figures):
     assert {speed.detector: speed.found for speed in figures.detectors if speed.width_px == 640} == dict.fromkeys(
         exercises(), 1.0

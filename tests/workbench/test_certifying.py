@@ -128,6 +128,7 @@ def test_a_simulated_target_is_put_where_it_belongs_and_read_there(path: Path) -
     assert placed.rate_hz is None, "a stepped clock says nothing of a camera's pace"
 
 
+@pytest.mark.long
 def test_a_certificate_and_its_pages_are_written_and_checked(measured: Path) -> None:
     made = session_of(measured).finish()
     assert made.fit is not None

@@ -301,6 +301,7 @@ def test_a_name_below_the_root_can_fill_its_own_room_only(heard: Heard, monkeypa
     assert heard.fleet._entry_count == 50
 
 
+@pytest.mark.long
 def test_the_memory_of_a_fleet_that_is_flooded_is_bounded() -> None:
     heard, figures = Heard(), AlarmFigures(0.0)
     heard.fleet = Fleet(
@@ -343,6 +344,7 @@ topics = st.builds(lambda above, ending: "/".join([*above, ending]), levels, end
 messages = st.tuples(topics, payloads, st.booleans(), st.none() | st.integers(0, 2**32 - 1))
 
 
+@pytest.mark.long
 @given(st.lists(messages, max_size=60))
 def test_whatever_devices_send_the_others_are_shown(sent) -> None:
     heard = Heard()

@@ -64,6 +64,7 @@ def test_only_the_last_of_a_long_recording_is_replayed(device: Path, monkeypatch
     assert found.minutes == pytest.approx(4 / 60, abs=0.01)
 
 
+@pytest.mark.long
 def test_a_trial_in_a_process_of_its_own_gives_the_same_and_its_end_is_a_refusal(
     device: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

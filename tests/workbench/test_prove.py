@@ -196,6 +196,7 @@ def test_a_planted_defect_of_a_base_is_found(
     assert {planned.fault for planned in found.sequence} == set(shown_by)
 
 
+@pytest.mark.long
 def test_wrong_bits_on_a_line_without_a_checksum_are_a_counter_example() -> None:
     found = proven(2, "mute-base", "flip-bits").counter_example
     assert found is not None
@@ -324,6 +325,7 @@ def tilt_without_a_target(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(follow, "_requests", lambda rule, base, twist, _, **how: requests(rule, base, twist, 0.3, **how))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("plant", "shown_by"),
     [

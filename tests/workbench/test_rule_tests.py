@@ -229,6 +229,7 @@ def test_a_test_ends_when_it_says_though_no_frame_comes_at_its_end(run: Run, sec
     assert f"{result.took_s:.4g} s" in {seconds, "0.01 s"}
 
 
+@pytest.mark.long
 def test_the_same_test_gives_the_same_result_and_another_seed_another(run: Run) -> None:
     def once(seed: int) -> RuleTestResult:
         text = hovering("50 cm", "30 s", "near = { raised = 5 }", f", dropouts = 0.1, outliers = 0.02, seed = {seed}")
@@ -438,6 +439,7 @@ def test_a_rule_about_a_range_sensor_is_tested_without_it(load: Load) -> None:
     assert not run_rule_test(configuration, configuration.tests[0]).failures
 
 
+@pytest.mark.long
 @pytest.mark.vision
 def test_two_cameras_are_as_sure_of_a_ball_of_unknown_size_in_a_test_as_in_a_run(tmp_path: Path) -> None:
     configuration = two_cameras.load(tmp_path, targets_ball='tolerance = "unknown"')

@@ -46,6 +46,7 @@ def ask(desk: Desk, op: str, **args: object) -> DeskReply:
     return find_operation(f"colours.{op}")(desk, {"target": "ball", **args})
 
 
+@pytest.mark.long
 def test_the_saved_range_is_shown_with_what_the_ball_and_the_rest_give(desk: Desk) -> None:
     reply = ask(desk, "picture", width_px=320)
     values = reply.data

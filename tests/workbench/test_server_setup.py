@@ -221,6 +221,7 @@ def test_a_click_is_taken_back_by_itself_and_the_others_still_count(in_room: Set
     assert none["range"] == ""
 
 
+@pytest.mark.long
 def test_what_stands_out_is_tried_without_a_click(in_room: Setup) -> None:
     in_room("picture", draw="plain")
     found = in_room("colour", look=True)
@@ -228,6 +229,7 @@ def test_what_stands_out_is_tried_without_a_click(in_room: Setup) -> None:
     assert found["centre_px"] == pytest.approx(BALL_AT, abs=5)
 
 
+@pytest.mark.long
 def test_a_wider_range_lights_more_of_the_mask_and_the_picture_says_what_it_gives(in_room: Setup) -> None:
     in_room("picture", draw="plain")
     fitted = in_room("colour", clicks=[BALL_AT])["range"]
@@ -307,6 +309,7 @@ def test_sizes_of_nothing_and_cameras_that_are_not_there_are_refused_in_a_senten
         setup("world", x_m=1e9)
 
 
+@pytest.mark.long
 def test_the_table_of_distances_begins_where_the_target_fills_the_picture(
     calibrated: Setup,
 ) -> None:
@@ -329,6 +332,7 @@ def test_a_wish_that_counts_names_a_time_or_compares_is_shown_acting_on_what_is_
         calibrated("back")
 
 
+@pytest.mark.long
 def test_the_pin_of_a_button_is_taken_on_the_header(calibrated: Setup) -> None:
     for answer in ("mute", "2 m", "30 cm", "22", "10 min"):
         calibrated("answer", answer=answer)
@@ -338,6 +342,7 @@ def test_the_pin_of_a_button_is_taken_on_the_header(calibrated: Setup) -> None:
         calibrated("answer", answer="buzzer 22")
 
 
+@pytest.mark.long
 def test_what_the_camera_saw_is_tried_with_a_wish(calibrated: Setup) -> None:
     seen = setup_of(calibrated.desk)
     for number in range(300):  # from 2 m to 0.6 m and back, twice
@@ -359,6 +364,7 @@ def test_what_the_camera_saw_is_tried_with_a_wish(calibrated: Setup) -> None:
     assert len(lane["active"]) == 2
 
 
+@pytest.mark.long
 def test_pins_are_named_with_what_takes_them_and_the_circuit_is_drawn(calibrated: Setup) -> None:
     reply = calibrated.reply("wiring", output="vibration-motor 18")
     pins = {pin["gpio"]: pin for pin in reply.data["pins"] if pin["gpio"] is not None}
@@ -464,6 +470,7 @@ def _listening(configuration: Path, run: subprocess.Popen[bytes]) -> Path:
     raise AssertionError("the run did not begin to listen")
 
 
+@pytest.mark.long
 def test_a_real_chessboard_moved_before_the_camera_gives_its_lens(
     setup: Setup, tmp_path: Path, real_pictures: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -37,6 +37,7 @@ def ask(desk: Desk, op: str, **args: object) -> Any:
     return find_operation(f"teaching.{op}")(desk, {"rule": "near", **waits, **args}).data
 
 
+@pytest.mark.long
 def test_a_dragged_threshold_says_how_many_alarms_come_and_go(desk: Desk) -> None:
     found = ask(desk, "what_if", changes={"below": 0.8})
     assert found["words"] == (
@@ -55,6 +56,7 @@ def test_what_is_asked_again_reads_no_recording_again(desk: Desk, monkeypatch: p
     assert "1 of them new" not in ask(desk, "what_if", changes={"below": "70 cm", "off_delay": 3.0})["words"]
 
 
+@pytest.mark.long
 def test_a_desk_at_rest_keeps_no_recording_and_reads_it_again_when_it_is_asked(desk: Desk) -> None:
     for _ in range(2):
         told = ask(desk, "what_if", changes={"below": 0.8})["words"]
@@ -70,6 +72,7 @@ def test_before_anything_is_read_the_answer_says_that_more_is_to_come(desk: Desk
     assert found["recordings"][0]["before"] == []
 
 
+@pytest.mark.long
 def test_marks_are_met_by_one_setting_that_leaves_all_other_alarms(desk: Desk) -> None:
     found = ask(desk, "teach", marks=[BY, STAYED])
     assert len(found["changes"]) == 1
@@ -78,6 +81,7 @@ def test_marks_are_met_by_one_setting_that_leaves_all_other_alarms(desk: Desk) -
     assert any(begin <= STAYED_S <= end for begin, end in recording["after"])
 
 
+@pytest.mark.long
 def test_the_change_is_saved_with_a_test_that_fails_without_it(desk: Desk) -> None:
     changes = ask(desk, "teach", marks=[BY, STAYED])["changes"]
     saved = ask(desk, "save", changes=changes, marks=[BY, STAYED])
@@ -92,12 +96,14 @@ def test_the_change_is_saved_with_a_test_that_fails_without_it(desk: Desk) -> No
     assert not run_rule_test(before, before.tests[0]).passed
 
 
+@pytest.mark.long
 def test_a_dragged_threshold_is_saved_with_the_alarms_that_went(desk: Desk) -> None:
     saved = ask(desk, "save", changes={"below": 0.8})
     assert [each["ok"] for each in saved["tests"]] == [True]
     assert "inactive_at" in desk.configuration.read_text()
 
 
+@pytest.mark.long
 def test_marks_that_contradict_each_other_are_refused_by_name(desk: Desk) -> None:
     with pytest.raises(ConfigError) as refused:
         ask(desk, "teach", marks=["evening.mcap@92s no", "evening.mcap@31.5s fire"])
@@ -107,6 +113,7 @@ def test_marks_that_contradict_each_other_are_refused_by_name(desk: Desk) -> Non
     assert "the distance reached 0.4" in words or "the distance reached 0.5" in words
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("changes", "says"),
     [

@@ -61,6 +61,7 @@ def interview(tmp_path: Path, device: V4l2Double) -> Interview:
     return begun
 
 
+@pytest.mark.long
 def test_a_ball_before_a_camera_takes_nine_answers(interview: Interview, device: V4l2Double) -> None:
     interview.answer("1 m")
     device.show(ball_at(3.0))
@@ -140,6 +141,7 @@ def test_a_size_that_is_not_known_is_learnt_by_moving_the_camera(tmp_path: Path,
     assert begun.next_key == "way_3", "the way is asked again, though the size is known meanwhile"
 
 
+@pytest.mark.long
 def test_a_target_that_moves_while_its_size_is_learnt_is_refused_at_the_last_place(
     tmp_path: Path, device: V4l2Double
 ) -> None:
@@ -170,6 +172,7 @@ def test_a_distance_in_the_wrong_unit_shows_by_what_the_camera_would_see(intervi
     assert interview.next_key == "calibration"
 
 
+@pytest.mark.long
 def test_another_interview_goes_on_where_one_was_left(interview: Interview, tmp_path: Path) -> None:
     interview.answer("1 m")
     again = Interview(tmp_path)
@@ -217,6 +220,7 @@ def test_a_black_picture_is_taken_when_it_is_given_twice(tmp_path: Path, device:
     assert interview.next_key == "target"
 
 
+@pytest.mark.long
 def test_two_things_of_one_colour_are_both_named(interview: Interview, device: V4l2Double) -> None:
     image = ball_at(1.0).copy()
     x_px, y_px = 320, 240

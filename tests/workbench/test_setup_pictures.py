@@ -72,6 +72,7 @@ def test_the_size_of_a_sheet_that_is_not_flat_is_asked_again_with_a_tolerance(at
     assert 'sheet is found with tolerance = "2 mm"' in refused.stderr
 
 
+@pytest.mark.long
 def test_a_lens_through_which_nothing_is_measured_is_asked_again(at_sheet: Interview) -> None:
     at_sheet.answer("A4", confirm=False)
     with pytest.raises(CalibrationError, match=r'it is found with tolerance = "2 mm"$'):

@@ -127,6 +127,7 @@ def test_a_target_that_sways_all_the_time_tells_nothing_of_noise(tmp_path):
         noise_of([seen(tmp_path, lambda at_s: 2.5 + 0.4 * np.sin(1.3 * at_s), seconds=120)])
 
 
+@pytest.mark.long
 def test_outliers_of_a_target_at_rest_are_still_found(tmp_path):
     noise = KnownNoise(correlation=0.8, gross=0.1)
     found = noise_of([seen(tmp_path, lambda _: 2.0, noise, seconds=200, frames_per_s=30)])
