@@ -101,11 +101,8 @@ def print_walks(folder: Path, walks: int) -> None:
         gone_s += [seen_again_s(moments, at_s) for at_s in walk.leaves_s]
         nearest_m.append(min(each.gap_m for each in moments))
         spans_s = [round(span_s, 2) for span_s in out_of_sight_s(moments)]
-        faults = sum(each.events.count("fault") for each in moments)
         limits = "within limits" if is_within_limits(moments) else "OVER A LIMIT"
-        print(
-            f"walk {seed}: nearest {nearest_m[-1]:.2f} m, {limits}, {faults} faults, out of sight {spans_s}", flush=True
-        )
+        print(f"walk {seed}: nearest {nearest_m[-1]:.2f} m, {limits}, out of sight {spans_s}", flush=True)
     print(f"nearest: median {median(nearest_m):.2f} m, worst {min(nearest_m):.2f} m")
     for name, spans_s, limit_s in (("hidden for 1 s", hidden_s, 1.5), ("left the view", gone_s, 8.0)):
         share = sum(span_s <= limit_s for span_s in spans_s) / len(spans_s)
