@@ -10,7 +10,6 @@ import boards_table
 import camera_table
 import fleet_picture
 import make_pictures
-import pytest
 from msgspec.structs import replace
 
 from stadimeter.config.loader import load_configuration
@@ -33,27 +32,11 @@ def test_the_tables_of_boards_are_those_of_the_files_beside_them():
     assert boards_table.with_tables(page, figures) == page, "run python docs/pictures/boards_table.py"
 
 
-def test_a_limited_processor_is_marked_in_the_tables_of_boards():
-    limited = [each for each in boards_table.all_figures().values() if each.computer.processor_limit is not None]
-    table = boards_table.computers_table(boards_table.all_figures())
-    assert 0 < len(limited) == table.count("**limited to ")
-    assert all("emulated" in each.note for each in limited)
-
-
 def test_what_somebody_writes_into_a_file_of_a_board_stays_text():
     name, figures = next(iter(boards_table.all_figures().items()))
     hostile = replace(figures, note="a | b <script>[x](javascript:y)\n# z")
     row = boards_table.computers_table({name: hostile}).splitlines()[-1]
     assert r"a \| b \<script\>\[x\](javascript:y) \# z" in row
-
-
-def test_a_camera_by_its_angle_by_its_diagonal_and_by_its_lens_is_the_same():
-    lens = camera_table.by_lens("", 6.0, (6.4, 4.8))
-    assert lens.model(1280).fx_px == pytest.approx(1280 * 6.0 / 6.4)
-    angle = camera_table.by_angle("", 56.145, 0.75)
-    diagonal = camera_table.by_diagonal("", 67.380, 0.75)
-    assert angle.across_rad == pytest.approx(lens.across_rad, abs=1e-4)
-    assert diagonal.across_rad == pytest.approx(lens.across_rad, abs=1e-4)
 
 
 def test_the_drawing_of_the_example_is_that_of_its_configuration():

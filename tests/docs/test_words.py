@@ -32,12 +32,18 @@ def unwanted(text):
 
 
 def prose(source):
-    """Return the docstrings and other strings of a source; names are no prose. Most have nothing to look for."""
+    """Return the docstrings and messages of a source; names and notes on attributes are none. Most need no look."""
     text = source.read_text()
     if not unwanted(text):
         return ""
-    constants = (node.value for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Constant))
-    return "\n".join(value for value in constants if isinstance(value, str))
+    nodes = list(ast.walk(ast.parse(text)))
+    notes = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+    strings = (each for each in nodes if isinstance(each, ast.Constant) and isinstance(each.value, str))
+    documented = (each for each in nodes if isinstance(each, ast.Module | ast.ClassDef | ast.FunctionDef))
+    return "\n".join(
+        [each.value for each in strings if id(each) not in notes]
+        + [ast.get_docstring(each) or "" for each in documented]
+    )
 
 
 def test_no_page_message_or_docstring_uses_words_that_readers_stumble_over():
