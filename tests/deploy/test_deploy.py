@@ -54,52 +54,40 @@ def test_shellcheck_finds_nothing(deploy, script):
     assert result.returncode == 0, result.stdout
 
 
-class TestUnitOfTheFleet:
-    @pytest.fixture
-    def unit(self, deploy: Path, tmp_path: Path) -> Path:
-        """Return the unit with a program that exists on any machine in place of ours."""
-        unit = tmp_path / "stadimeter-fleet.service"
-        text = (deploy / "stadimeter-fleet.service").read_text()
-        unit.write_text(text.replace("/opt/stadimeter/bin/stadimeter", "/bin/true"))
-        return unit
+UNITS = ("stadimeter.service", "stadimeter-web.service", "stadimeter-fleet.service")
 
-    def test_systemd_accepts_it_without_a_warning(self, unit):
-        result = run(installed("systemd-analyze"), "verify", "--man=no", unit)
-        assert (result.returncode, result.stderr) == (0, "")
 
-    def test_it_is_as_closed_as_what_serves_a_network_can_be(self, unit):
-        result = run(installed("systemd-analyze"), "security", "--offline=yes", "--no-pager", unit)
-        found = re.search(r"Overall exposure level for \S+: (\d+\.\d+)", result.stdout)
-        if found is None:
-            pytest.skip(f"systemd-analyze cannot judge a unit that is not running: {result.stderr.strip()}")
-        assert float(found[1]) <= 1.8
+@pytest.fixture(params=UNITS)
+def unit(request: pytest.FixtureRequest, deploy: Path, tmp_path: Path) -> Path:
+    """Return a unit with programs that exist on any machine in place of ours."""
+    text = (deploy / request.param).read_text()
+    for program in ("/opt/stadimeter/bin/stadimeter", "/usr/lib/stadimeter/safe-outputs"):
+        text = text.replace(program, "/bin/true")
+    unit = tmp_path / request.param
+    unit.write_text(text)
+    return unit
 
-    def test_it_may_use_no_device(self, unit):
-        lines = unit.read_text().splitlines()
-        assert "PrivateDevices=yes" in lines
-        assert not [line for line in lines if line.startswith(("DeviceAllow=", "SupplementaryGroups="))]
+
+def test_systemd_accepts_each_unit_without_a_warning(unit):
+    result = run(installed("systemd-analyze"), "verify", "--man=no", unit)
+    assert (result.returncode, result.stderr) == (0, "")
+
+
+def test_each_unit_is_as_closed_as_what_serves_a_network_can_be(unit):
+    result = run(installed("systemd-analyze"), "security", "--offline=yes", "--no-pager", unit)
+    found = re.search(r"Overall exposure level for \S+: (\d+\.\d+)", result.stdout)
+    if found is None:
+        pytest.skip(f"systemd-analyze cannot judge a unit that is not running: {result.stderr.strip()}")
+    assert float(found[1]) <= 1.8
+
+
+def test_the_unit_of_the_fleet_may_use_no_device(deploy):
+    lines = (deploy / "stadimeter-fleet.service").read_text().splitlines()
+    assert "PrivateDevices=yes" in lines
+    assert not [line for line in lines if line.startswith(("DeviceAllow=", "SupplementaryGroups="))]
 
 
 class TestUnitOfThePage:
-    @pytest.fixture
-    def unit(self, deploy: Path, tmp_path: Path) -> Path:
-        """Return the unit with a program that exists on any machine in place of ours."""
-        text = (deploy / "stadimeter-web.service").read_text()
-        unit = tmp_path / "stadimeter-web.service"
-        unit.write_text(text.replace("/opt/stadimeter/bin/stadimeter", "/bin/true"))
-        return unit
-
-    def test_systemd_accepts_it_without_a_warning(self, unit):
-        result = run(installed("systemd-analyze"), "verify", "--man=no", unit)
-        assert (result.returncode, result.stderr) == (0, "")
-
-    def test_it_is_as_closed_as_what_serves_a_network_can_be(self, unit):
-        result = run(installed("systemd-analyze"), "security", "--offline=yes", "--no-pager", unit)
-        found = re.search(r"Overall exposure level for \S+: (\d+\.\d+)", result.stdout)
-        if found is None:
-            pytest.skip(f"systemd-analyze cannot judge a unit that is not running: {result.stderr.strip()}")
-        assert float(found[1]) <= 1.8
-
     def test_it_holds_no_pin_and_no_base(self, deploy):
         lines = (deploy / "stadimeter-web.service").read_text().splitlines()
         allowed = {line.split("=")[1].split()[0] for line in lines if line.startswith("DeviceAllow=")}
@@ -134,28 +122,6 @@ class TestUnitOfThePage:
 
 
 class TestUnit:
-    @pytest.fixture
-    def unit(self, deploy: Path, tmp_path: Path) -> Path:
-        """Return the unit with programs that exist on any machine in place of ours."""
-        text = (deploy / "stadimeter.service").read_text()
-        for program in ("/opt/stadimeter/bin/stadimeter", "/usr/lib/stadimeter/safe-outputs"):
-            assert program in text
-            text = text.replace(program, "/bin/true")
-        unit = tmp_path / "stadimeter.service"
-        unit.write_text(text)
-        return unit
-
-    def test_systemd_accepts_it_without_a_warning(self, unit):
-        result = run(installed("systemd-analyze"), "verify", "--man=no", unit)
-        assert (result.returncode, result.stderr) == (0, "")
-
-    def test_it_is_as_closed_as_a_program_with_pins_cameras_and_a_network_can_be(self, unit):
-        result = run(installed("systemd-analyze"), "security", "--offline=yes", "--no-pager", unit)
-        found = re.search(r"Overall exposure level for \S+: (\d+\.\d+)", result.stdout)
-        if found is None:
-            pytest.skip(f"systemd-analyze cannot judge a unit that is not running: {result.stderr.strip()}")
-        assert float(found[1]) <= 1.8
-
     def test_it_is_watched_and_has_time_for_the_longest_wait_before_devices_are_opened(self, deploy):
         lines = (deploy / "stadimeter.service").read_text().splitlines()
         assert {"Type=notify", "WatchdogSec=3s", "RuntimeDirectoryPreserve=restart", "Restart=always"} <= set(lines)

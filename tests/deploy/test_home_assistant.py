@@ -28,7 +28,7 @@ from stadimeter.messaging import retained_topics
 from stadimeter.testing.rig import eventually
 from support.broker import HOST, MosquittoBroker
 from support.debian_root import DebianRoot, make_root, why_no_root
-from support.every_rule import EVERY_RULE, ORDERS, announced, every_rule
+from support.every_rule import ORDERS, announced, every_rule
 from support.programs import why_missing
 from support.simulated_run import SIMULATED_BALL
 
@@ -41,7 +41,6 @@ pytestmark = [
 ]
 
 PROGRAM = Path(__file__).parents[1] / "support/in_home_assistant.py"
-APPLIANCE = Path(__file__).parents[2] / "config/appliance.toml"
 BLUEPRINTS = Path(__file__).parents[2] / "deploy/homeassistant"
 PYTHON = "/opt/ha/bin/python"
 INSTALL = (
@@ -137,14 +136,6 @@ def home(root: DebianRoot, broker: MosquittoBroker, tmp_path: Path, closing: Exi
 def send(broker: MosquittoBroker, announcement: Announcement) -> None:
     message = announcement.message()
     publish.single(message.topic, message.payload, 1, retain=True, hostname=HOST, port=broker.port)
-
-
-@pytest.mark.parametrize("orders", [frozenset(), ORDERS])
-def test_every_entity_of_the_appliance_is_accepted(orders, home, broker):
-    announcement = announced(load_configuration(APPLIANCE), orders=orders)
-    send(broker, announcement)
-    eventually(lambda: home.states().keys() == announcement.components.keys())
-    assert home.complaints() == []
 
 
 @pytest.mark.parametrize("orders", [frozenset(), ORDERS])
@@ -280,7 +271,3 @@ def test_the_blueprints_are_automations(home):
     assert len(files) == 3
     for file in files:
         assert home.ask("blueprint", text=file.read_text())["name"].startswith("Stadimeter: ")
-
-
-def test_the_configuration_with_every_rule_is_one(tmp_path):
-    assert EVERY_RULE.count("[rules.") == len(every_rule(tmp_path).plan.rules) == 12

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import re
 import shutil
-import socket
 import subprocess
 import threading
-import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +19,8 @@ from stadimeter.config.plugins import DriverContext
 from stadimeter.messaging.mqtt import MqttOptions, PahoMessenger
 from stadimeter.messaging.protocol import RequestMessage
 from stadimeter.testing.rig import ManualClock, eventually
-from support.programs import path_of, require
+from support.broker import MosquittoBroker
+from support.programs import require
 
 PASSWORD = "only for this test"
 USERS = ("garage", "attic", "homeassistant", "dashboard")
@@ -31,7 +30,8 @@ USERS = ("garage", "attic", "homeassistant", "dashboard")
 def site(request: pytest.FixtureRequest, deploy: Path, tmp_path: Path) -> Iterator[Site]:
     """Start the broker with the example's files, only moved elsewhere and to the loopback."""
     require("mosquitto", "mosquitto_passwd", "openssl")
-    site = Site(free_port(), tmp_path, has_certificates=request.param == "certificates")
+    broker = MosquittoBroker(tmp_path)
+    site = Site(broker.port, tmp_path, has_certificates=request.param == "certificates")
     shutil.copy(deploy / "mosquitto/stadimeter.acl", tmp_path / "stadimeter.acl")
     if site.has_certificates:
         make = [deploy / "mosquitto/make-certificates", tmp_path / "stadimeter", "127.0.0.1", *USERS]
@@ -42,8 +42,10 @@ def site(request: pytest.FixtureRequest, deploy: Path, tmp_path: Path) -> Iterat
             made = ["mosquitto_passwd", "-b", str(tmp_path / "stadimeter.passwd"), user, PASSWORD]
             subprocess.run(made, check=True, timeout=120)
     conf = (deploy / "mosquitto" / ("stadimeter-tls.conf" if site.has_certificates else "stadimeter.conf")).read_text()
-    with running_broker(moved(conf, site), site):
-        yield site
+    broker._file.write_text(moved(conf, site))
+    broker.start()
+    yield site
+    broker.stop()
 
 
 class Site:
@@ -63,40 +65,6 @@ def moved(conf: str, site: Site) -> str:
     conf, renamed = re.subn(r"(?m)^(\w+file) /etc/mosquitto/", rf"\1 {site.folder}/", conf)
     assert (listeners, renamed) == (1, 4 if site.has_certificates else 2)
     return conf
-
-
-@contextmanager
-def running_broker(conf: str, site: Site) -> Iterator[None]:
-    (site.folder / "mosquitto.conf").write_text(conf)
-    log = site.folder / "log"
-    with log.open("w") as output:
-        command = [str(path_of("mosquitto")), "-c", str(site.folder / "mosquitto.conf")]
-        broker = subprocess.Popen(command, stdout=output, stderr=output)
-    try:
-        wait_for_port(site.port, broker, log)
-        yield
-    finally:
-        broker.terminate()
-        broker.wait(timeout=120)
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-def wait_for_port(port: int, broker: subprocess.Popen[bytes], log: Path) -> None:
-    deadline_s = time.monotonic() + 120.0
-    while time.monotonic() < deadline_s:
-        assert broker.poll() is None, log.read_text()
-        try:
-            socket.create_connection(("127.0.0.1", port), timeout=1.0).close()
-        except ConnectionRefusedError:
-            time.sleep(0.02)
-        else:
-            return
-    raise AssertionError(log.read_text())
 
 
 class Client:
